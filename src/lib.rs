@@ -1,0 +1,3 @@
+//! Lapwing.
+pub mod protocol;
+pub mod units;

@@ -1,0 +1,70 @@
+//! The forks of the simulator and what gives each away.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Which simulator speaks. Told by the fields of its first telemetry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Dialect {
+    /// The stock simulator of Udacity's term 1: 2016 and 2017 builds and their ports to Unity 2019 and 2020.
+    Term1,
+    /// Term 2's PID project: adds the cross-track error, wants numbers, adds a bias of one degree itself.
+    Term2Pid,
+    /// SelfOracle and its successors: laps, waypoints and crashes.
+    SelfOracle,
+    /// The forks of maxitwo and steflamb: position and collisions, sent by a timer at 20 Hz.
+    Positioned,
+    /// udacity-gym: `car_telemetry`, sent by a timer; answered with `action`.
+    UdacityGym,
+}
+
+/// What the fields of a first telemetry say.
+pub(super) enum Detected {
+    Known(Dialect),
+    /// Not a simulator that Lapwing can drive, and why.
+    Unsupported(&'static str),
+}
+
+impl Dialect {
+    /// Reads the dialect off an event's name and the fields of its payload.
+    pub(super) fn detect(event: &str, has: impl Fn(&str) -> bool) -> Detected {
+        Detected::Known(match () {
+            () if event == "car_telemetry" => Self::UdacityGym,
+            () if has("ptsx") => {
+                return Detected::Unsupported(
+                    "this is the term 2 MPC simulator (telemetry with ptsx): it sends waypoints and no camera image, \
+                     and Lapwing drives by the camera. Start the term 1 simulator in autonomous mode",
+                );
+            }
+            () if has("pos_x") => Self::Positioned,
+            () if has("lapNumber") => Self::SelfOracle,
+            () if has("cte") && has("image") => Self::Term2Pid,
+            () if has("image") => Self::Term1,
+            () => {
+                return Detected::Unsupported(
+                    "this telemetry has no image: no simulator that Lapwing knows sends it so. Is it the term 1 \
+                     simulator in autonomous mode?",
+                );
+            }
+        })
+    }
+
+    /// Whether telemetry comes by a timer, whatever is answered, instead of one for each answer.
+    pub fn is_timer_driven(self) -> bool {
+        matches!(self, Self::Positioned | Self::UdacityGym)
+    }
+}
+
+impl fmt::Display for Dialect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Term1 => "term 1 (stock)",
+            Self::Term2Pid => "term 2 PID",
+            Self::SelfOracle => "SelfOracle-style",
+            Self::Positioned => "pos_x-style (maxitwo, steflamb)",
+            Self::UdacityGym => "udacity-gym",
+        })
+    }
+}

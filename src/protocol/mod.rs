@@ -1,0 +1,25 @@
+//! What goes over the wire, both ends of it, as text and nothing else: no
+//! socket, no clock, no picture is opened here.
+//!
+//! A simulator's text comes in as a [`Packet`]; its event's payload becomes a
+//! [`Telemetry`] in a [`Dialect`] that the first one gives away; a [`Command`]
+//! goes out in the same dialect. The other end, for worlds of our own that
+//! speak to any bridge, writes telemetry with [`number::Culture`] as Unity's C#
+//! does and reads commands as its `float.Parse` does.
+//!
+//! Source: the simulator's public C# sources, and its client code run against
+//! servers. The names on the wire (`steering_angle`, `tot_obes`) end in this
+//! module; the rest of the crate knows typed values with units.
+
+mod command;
+mod dialect;
+pub mod number;
+mod packet;
+mod telemetry;
+mod world;
+
+pub use command::{Answer, Command, MAX_LAPS, SteerError};
+pub use dialect::Dialect;
+pub use packet::{Event, Packet, PacketError};
+pub use telemetry::{CameraImage, SpeedUnit, Telemetry, TelemetryError, Truth, decode_telemetry, encode_telemetry};
+pub use world::{Observation, Sight, World};

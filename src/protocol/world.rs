@@ -1,0 +1,37 @@
+//! The seam between what drives and what is driven.
+
+use std::time::Duration;
+
+use super::{Answer, Telemetry, TelemetryError};
+
+/// What a world shows at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation {
+    /// Time since the run began.
+    pub at: Duration,
+    /// What was seen.
+    pub sight: Sight,
+}
+
+/// What was seen.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Sight {
+    /// A telemetry that could be read; its image may yet be broken.
+    Telemetry(Telemetry),
+    /// The simulator says that a human drives.
+    HumanDrives,
+    /// A telemetry that could not be read.
+    Unreadable(TelemetryError),
+}
+
+/// Something that yields telemetry and takes commands: a recording, the headless simulator.
+pub trait World {
+    /// The next moment, or `None` at the end.
+    ///
+    /// # Errors
+    /// What keeps the world from going on, in words for a person.
+    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>>;
+
+    /// Takes the answer to the last observation.
+    fn apply(&mut self, answer: Answer);
+}
