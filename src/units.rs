@@ -61,6 +61,12 @@ macro_rules! quantity {
                 }
             }
 
+            /// A value written in the source; out of range it does not compile.
+            pub const fn constant(value: f64) -> Self {
+                assert!(value >= $min && value <= $max);
+                Self(value)
+            }
+
             /// The nearest value of the quantity; NaN becomes nought.
             pub fn saturating(value: f64) -> Self {
                 if value.is_nan() { Self::ZERO } else { Self(value.clamp(Self::MIN.0, Self::MAX.0) + 0.0) }
@@ -145,6 +151,18 @@ impl Degrees {
     pub fn steering(self) -> Steering {
         Steering::saturating(self.0 / FULL_STEERING_DEG)
     }
+}
+
+/// What a fork means by `speed`: the stock build mph, some `pos_x` forks metres per second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum SpeedUnit {
+    /// Miles per hour.
+    #[default]
+    #[serde(rename = "mph")]
+    Mph,
+    /// Metres per second.
+    #[serde(rename = "m/s")]
+    MetresPerSecond,
 }
 
 #[cfg(test)]

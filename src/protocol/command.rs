@@ -35,32 +35,37 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// The whole text message, in the dialect of a simulator. `None` is a
-    /// dialect not yet known; it is answered as the stock simulator is.
-    pub fn encode(self, dialect: Option<Dialect>) -> String {
+    /// The event's name and its payload as JSON, in the dialect of a simulator.
+    /// `None` is a dialect not yet known; it is answered as the stock simulator is.
+    pub fn event(self, dialect: Option<Dialect>) -> (&'static str, String) {
         let Self::Steer(Command { steering, throttle }) = self else {
-            return r#"42["manual",{}]"#.into();
+            return ("manual", "{}".into());
         };
         let dialect = dialect.unwrap_or(Dialect::Term1);
-        let event = if dialect == Dialect::UdacityGym { "action" } else { "steer" };
         // Term 2 wants bare numbers; the notation is valid JSON, too.
         let quote = if dialect == Dialect::Term2Pid { "" } else { "\"" };
-        let mut text = String::with_capacity(128);
-        let mut field = |lead: &str, name: &str, value: f64| {
-            write!(text, "{lead}\"{name}\":{quote}").expect("writing to a String cannot fail");
-            number::write_universal(&mut text, value);
-            text.push_str(quote);
+        let mut json = String::with_capacity(128);
+        let mut field = |lead: char, name: &str, value: f64| {
+            write!(json, "{lead}\"{name}\":{quote}").expect("writing to a String cannot fail");
+            number::write_universal(&mut json, value);
+            json.push_str(quote);
         };
-        field(&format!("42[\"{event}\",{{"), "steering_angle", steering.get());
-        field(",", "throttle", throttle.get());
+        field('{', "steering_angle", steering.get());
+        field(',', "throttle", throttle.get());
         if dialect == Dialect::SelfOracle {
             // No anomaly detector runs here: full confidence, no loss.
-            field(",", "confidence", 1.0);
-            field(",", "loss", 0.0);
-            write!(text, ",\"max_laps\":\"{MAX_LAPS}\"").expect("writing to a String cannot fail");
+            field(',', "confidence", 1.0);
+            field(',', "loss", 0.0);
+            write!(json, ",\"max_laps\":\"{MAX_LAPS}\"").expect("writing to a String cannot fail");
         }
-        text.push_str("}]");
-        text
+        json.push('}');
+        (if dialect == Dialect::UdacityGym { "action" } else { "steer" }, json)
+    }
+
+    /// The whole text message, `42["name",{…}]`.
+    pub fn encode(self, dialect: Option<Dialect>) -> String {
+        let (name, payload) = self.event(dialect);
+        format!(r#"42["{name}",{payload}]"#)
     }
 }
 

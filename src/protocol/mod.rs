@@ -21,5 +21,5 @@ mod world;
 pub use command::{Answer, Command, MAX_LAPS, SteerError};
 pub use dialect::Dialect;
 pub use packet::{Event, Packet, PacketError};
-pub use telemetry::{CameraImage, SpeedUnit, Telemetry, TelemetryError, Truth, decode_telemetry, encode_telemetry};
+pub use telemetry::{CameraImage, Telemetry, TelemetryError, Truth, decode_telemetry, encode_telemetry};
 pub use world::{Observation, Sight, World};

@@ -14,7 +14,7 @@ use super::{
     dialect::{Detected, Dialect},
     number::{self, Culture, NotANumber},
 };
-use crate::units::{Degrees, Metres, MetresPerSecond, Mph, OutOfRange, Throttle};
+use crate::units::{Degrees, Metres, MetresPerSecond, Mph, OutOfRange, SpeedUnit, Throttle};
 
 /// One message from a simulator, decoded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -119,18 +119,6 @@ impl Truth {
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
-}
-
-/// What a fork means by `speed`: the stock build mph, some `pos_x` forks metres per second.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum SpeedUnit {
-    /// Miles per hour.
-    #[default]
-    #[serde(rename = "mph")]
-    Mph,
-    /// Metres per second.
-    #[serde(rename = "m/s")]
-    MetresPerSecond,
 }
 
 /// A telemetry that cannot be read. The bridge answers it with a safe command.

@@ -1,0 +1,325 @@
+//! Settings: defaults < `lapwing.toml` < environment < flags, resolved once.
+//!
+//! Every layer is a TOML table of the same shape; unknown keys and impossible
+//! values are refused with the layer that holds them. The resolved whole goes
+//! into every run, so that a run says how it was driven.
+
+use std::{
+    fs, io,
+    net::{IpAddr, Ipv4Addr},
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::units::{Mph, SpeedUnit};
+
+/// The settings file looked for in the working directory.
+pub const FILE: &str = "lapwing.toml";
+
+/// The environment's prefix: `LAPWING_CONTROL__SPEED_MPH=12` is `control.speed_mph`.
+pub const PREFIX: &str = "LAPWING_";
+
+/// All settings, resolved.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// The server.
+    pub bridge: Bridge,
+    /// The network that drives.
+    pub model: Model,
+    /// Throttle and hand-over.
+    pub control: Control,
+    /// What is kept of a drive.
+    pub recording: Recording,
+}
+
+/// `[bridge]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Bridge {
+    /// Address to listen on. Default 127.0.0.1: this machine only.
+    pub bind: IpAddr,
+    /// Port to listen on. Default 4567, the only one that the simulator dials; 0 takes a free one.
+    pub port: u16,
+    /// What the simulator means by `speed`. Default `mph`; some `pos_x` forks send `m/s`.
+    pub speed_unit: SpeedUnit,
+}
+
+/// `[model]`
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Model {
+    /// A checkpoint (`.safetensors`) or TorchScript (`.pt` with a side `.toml`). Default: the PilotNet built in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub path: Option<PathBuf>,
+    /// Threads that libtorch may use for one forward pass; 0, the default, leaves the choice to the network.
+    pub threads: u16,
+}
+
+/// `[control]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Control {
+    /// Which law makes throttle. Default `pi`.
+    pub speed_law: SpeedLaw,
+    /// The PI controller's set speed and the quadratic law's limit, mph. Default 9, as `drive.py`.
+    pub speed_mph: Mph,
+    /// Proportional gain, throttle per mph. Default 0.1, as `drive.py`.
+    pub kp: f64,
+    /// Integral gain, throttle per mph and telemetry. Default 0.002, as `drive.py`.
+    pub ki: f64,
+    /// What happens when a human lets go. Default `resume`.
+    pub takeover: Takeover,
+}
+
+/// Which law makes throttle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SpeedLaw {
+    /// `drive.py`'s PI controller.
+    #[default]
+    Pi,
+    /// Lu's `1 - steering² - (speed / limit)²`.
+    Quadratic,
+}
+
+/// What happens when a human lets go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Takeover {
+    /// The pilot goes on.
+    #[default]
+    Resume,
+    /// The pilot stays off until it is armed again.
+    Latch,
+}
+
+/// `[recording]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recording {
+    /// Whether runs are recorded. Default yes.
+    pub enabled: bool,
+    /// Folder of the runs. Default `recordings`.
+    pub dir: PathBuf,
+    /// Items that may wait for the disk before frames are left out. Default 512, about 10 s of one simulator.
+    pub queue: usize,
+}
+
+impl Default for Bridge {
+    fn default() -> Self {
+        Self { bind: Ipv4Addr::LOCALHOST.into(), port: 4567, speed_unit: SpeedUnit::Mph }
+    }
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            speed_law: SpeedLaw::Pi,
+            speed_mph: Mph::constant(9.0),
+            kp: 0.1,
+            ki: 0.002,
+            takeover: Takeover::Resume,
+        }
+    }
+}
+
+impl Default for Recording {
+    fn default() -> Self {
+        Self { enabled: true, dir: "recordings".into(), queue: 512 }
+    }
+}
+
+/// Settings that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file is there and cannot be read, or was named and is not there.
+    #[error("{path}: cannot be read: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is not TOML.
+    #[error("{path}: {why}")]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// What the TOML reader says, with line and column.
+        why: String,
+    },
+    /// A key that does not exist, or a value of the wrong kind or range.
+    #[error("{layer}: {why}")]
+    Value {
+        /// Which layer: the file, an environment variable, a flag.
+        layer: String,
+        /// What is wrong, with expected and got.
+        why: String,
+    },
+}
+
+/// Settings on their way to being resolved, layer upon layer.
+#[derive(Debug, Clone, Default)]
+pub struct Layers {
+    merged: Table,
+}
+
+impl Layers {
+    /// Adds a settings file. `None` looks for [`FILE`] in the working directory and is content without.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the file cannot be read or holds something unknown.
+    pub fn file(self, path: Option<&Path>) -> Result<Self, ConfigError> {
+        let named = path.is_some();
+        let path = path.unwrap_or(Path::new(FILE));
+        let text = match fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if !named && e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            Err(source) => return Err(ConfigError::Read { path: path.into(), source }),
+        };
+        let table =
+            text.parse::<Table>().map_err(|e| ConfigError::Syntax { path: path.into(), why: e.to_string() })?;
+        self.layer(&path.display().to_string(), table)
+    }
+
+    /// Adds the variables that begin with [`PREFIX`] and a known section.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming the variable.
+    pub fn environment(mut self, variables: impl Iterator<Item = (String, String)>) -> Result<Self, ConfigError> {
+        // Other variables with the prefix (a test's, say) hold no section and are none of ours.
+        let sections = Table::try_from(Settings::default()).expect("settings are a table");
+        for (name, value) in variables {
+            let Some(key) = name.strip_prefix(PREFIX).map(|k| k.to_lowercase().replace("__", ".")) else { continue };
+            if key.split_once('.').is_some_and(|(section, _)| sections.contains_key(section)) {
+                self = self.set(&format!("environment variable {name}"), &key, text(&value))?;
+            }
+        }
+        Ok(self)
+    }
+
+    /// Sets one dotted key, as flags do.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming `layer`.
+    pub fn set(self, layer: &str, key: &str, value: impl Into<Value>) -> Result<Self, ConfigError> {
+        let mut value = value.into();
+        for part in key.rsplit('.') {
+            value = Value::Table(Table::from_iter([(part.to_owned(), value)]));
+        }
+        let Value::Table(table) = value else { unreachable!("a key has at least one part") };
+        self.layer(layer, table)
+    }
+
+    /// The settings.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for values that do not go together.
+    pub fn resolve(self) -> Result<Settings, ConfigError> {
+        check("settings", &self.merged)
+    }
+
+    fn layer(mut self, name: &str, table: Table) -> Result<Self, ConfigError> {
+        merge(&mut self.merged, table);
+        check(name, &self.merged)?; // the layers below passed: what is wrong now is this one's
+        Ok(self)
+    }
+}
+
+fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
+    let error = |why: String| ConfigError::Value { layer: layer.into(), why };
+    let settings: Settings = table.clone().try_into().map_err(|e: toml::de::Error| error(e.to_string().trim().into()))?;
+    let Control { speed_mph, kp, ki, .. } = settings.control;
+    if speed_mph <= Mph::ZERO {
+        return Err(error(format!("control.speed_mph: expected a speed above 0 mph, got {speed_mph}")));
+    }
+    for (key, gain) in [("kp", kp), ("ki", ki)] {
+        if !(0.0..=100.0).contains(&gain) {
+            return Err(error(format!("control.{key}: expected a gain from 0 to 100, got {gain}")));
+        }
+    }
+    if settings.recording.queue < 16 {
+        return Err(error(format!("recording.queue: expected at least 16, got {}", settings.recording.queue)));
+    }
+    Ok(settings)
+}
+
+fn merge(below: &mut Table, above: Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => drop(below.insert(key, value)),
+        }
+    }
+}
+
+/// A variable's text as the TOML value that it looks like, else as a string.
+fn text(value: &str) -> Value {
+    format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v")).unwrap_or_else(|| value.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn environment(pairs: &[(&str, &str)]) -> Result<Layers, ConfigError> {
+        Layers::default().environment(pairs.iter().map(|(k, v)| ((*k).into(), (*v).into())))
+    }
+
+    fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        fs::write(&path, text).unwrap();
+        (dir, path)
+    }
+
+    #[test]
+    fn each_layer_wins_over_the_one_below() {
+        let (_dir, path) = file("[control]\nspeed_mph = 12\nkp = 0.2\n");
+        let variables = [("LAPWING_CONTROL__SPEED_MPH".to_owned(), "15.5".to_owned())];
+        let layers = Layers::default().file(Some(&path)).unwrap().environment(variables.into_iter()).unwrap();
+        let settings = layers.clone().resolve().unwrap();
+        assert_eq!((settings.control.speed_mph.get(), settings.control.kp, settings.control.ki), (15.5, 0.2, 0.002));
+        let settings = layers.set("--speed", "control.speed_mph", 20.0).unwrap().resolve().unwrap();
+        assert_eq!(settings.control.speed_mph.get(), 20.0);
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused_with_the_layer_that_holds_it() {
+        let (_dir, path) = file("[control]\nsped = 12\n");
+        let error = Layers::default().file(Some(&path)).unwrap_err().to_string();
+        assert!(error.contains("lapwing.toml") && error.contains("unknown field `sped`"), "{error}");
+        let error = environment(&[("LAPWING_BRIDGE__PROT", "1")]).unwrap_err().to_string();
+        assert!(error.contains("environment variable LAPWING_BRIDGE__PROT"), "{error}");
+    }
+
+    #[test]
+    fn an_impossible_value_is_refused_with_expected_and_got() {
+        let error = |key: &str, value: Value| Layers::default().set("--flag", key, value).unwrap_err().to_string();
+        assert_eq!(error("control.speed_mph", 0.into()), "--flag: control.speed_mph: expected a speed above 0 mph, got 0 mph");
+        assert!(error("control.speed_mph", 5000.into()).contains("from -1000 to 1000 mph, got 5000"));
+        assert!(error("control.kp", f64::NAN.into()).contains("from 0 to 100, got NaN"));
+        assert!(error("bridge.port", 70000.into()).contains("70000"));
+        assert!(error("control.takeover", "never".into()).contains("expected `resume` or `latch`"));
+    }
+
+    #[test]
+    fn variables_without_a_section_are_not_ours() {
+        assert_eq!(environment(&[("LAPWING_SHARED", "x"), ("PATH", "y")]).unwrap().resolve().unwrap(), Settings::default());
+    }
+
+    #[test]
+    fn a_missing_file_is_fine_unless_it_was_named() {
+        let error = Layers::default().file(Some(Path::new("/nowhere/lapwing.toml"))).unwrap_err();
+        assert!(matches!(error, ConfigError::Read { .. }));
+    }
+
+    #[test]
+    fn settings_survive_the_way_into_a_run_and_back() {
+        let json = serde_json::to_value(Settings::default()).unwrap();
+        assert_eq!(serde_json::from_value::<Settings>(json).unwrap(), Settings::default());
+    }
+}

@@ -1,0 +1,169 @@
+//! The driver: perception, pilot and controllers as one synchronous function.
+//!
+//! ```text
+//! Observation ─▶ base64 ▶ JPEG ▶ Frame ▶ Pilot ▶ steering ─┐
+//!      └────────▶ speed ───────────────▶ SpeedController ──┴─▶ Answer + Trace
+//! ```
+//! No I/O, no thread, no clock but the one handed in. The live bridge, the
+//! offline replay, the tests and the benches call [`Driver::drive`], so what is
+//! measured is what drives. It always answers: what cannot be seen or computed
+//! gets a safe command.
+
+mod trace;
+
+pub use trace::{By, Happening, Trace};
+
+use std::time::Duration;
+
+use crate::{
+    config::{self, SpeedLaw, Takeover},
+    control::{Change, Handover, Pi, PiGains, Quadratic, SpeedController, Standstill},
+    perception::{self, Frame, ImageError},
+    pilot::{Pilot, PilotError},
+    protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
+    units::{Clock, Mph, Steering, Throttle},
+};
+
+/// After this many bad frames in a row the car is braked to a standstill.
+pub const BAD_FRAMES_TO_BRAKE: u32 = 5;
+
+/// An observation in, an answer and its trace out.
+pub struct Driver {
+    pilot: Box<dyn Pilot>,
+    speed: SpeedController,
+    handover: Handover,
+    clock: Clock,
+    frame: Frame,
+    last: Command,
+    bad: BadFrames,
+}
+
+/// How long the driver has been without a frame that it could use.
+#[derive(Default)]
+struct BadFrames {
+    in_a_row: u32,
+    standstill: Standstill,
+}
+
+/// Why a frame could not be used.
+#[derive(Debug, thiserror::Error)]
+enum Unusable {
+    #[error("image: {0}")]
+    Image(#[from] ImageError),
+    #[error("pilot: {0}")]
+    Pilot(#[from] PilotError),
+}
+
+impl Driver {
+    /// A driver at rest.
+    pub fn new(pilot: Box<dyn Pilot>, settings: &config::Control, clock: Clock) -> Self {
+        let config::Control { speed_law, speed_mph, kp, ki, takeover } = *settings;
+        Self {
+            pilot,
+            speed: match speed_law {
+                SpeedLaw::Pi => SpeedController::Pi(Pi::new(PiGains { kp, ki }, speed_mph)),
+                SpeedLaw::Quadratic => SpeedController::Quadratic(Quadratic::new(speed_mph)),
+            },
+            handover: Handover::new(takeover == Takeover::Latch),
+            clock,
+            frame: Frame::default(),
+            last: Command::default(),
+            bad: BadFrames::default(),
+        }
+    }
+
+    /// Answers one observation.
+    pub fn drive(&mut self, observation: &Observation) -> (Answer, Trace) {
+        let began = (self.clock)();
+        let mut trace = Trace::default();
+        let at = observation.at;
+        let answer = match &observation.sight {
+            Sight::HumanDrives => {
+                if self.handover.human_drives(at).is_some() {
+                    trace.happenings.push(Happening::TakeoverBegan);
+                }
+                // Pilot and integral are held, not reset: they go on when the human lets go.
+                trace.by = By::Human;
+                Answer::Manual
+            }
+            Sight::Telemetry(telemetry) => {
+                self.human_let_go(at, &mut trace);
+                let command = match self.steer(telemetry, &mut trace) {
+                    Ok(command) => {
+                        self.bad = BadFrames::default();
+                        command
+                    }
+                    Err(why) => self.safe(at, Some(telemetry.speed), &why.to_string(), &mut trace),
+                };
+                Answer::Steer(command)
+            }
+            Sight::Unreadable(why) => {
+                self.human_let_go(at, &mut trace);
+                Answer::Steer(self.safe(at, None, &why.to_string(), &mut trace))
+            }
+        };
+        if let Answer::Steer(command) = answer {
+            self.last = command;
+        }
+        trace.total = (self.clock)() - began;
+        (answer, trace)
+    }
+
+    /// Arms a pilot that a human's takeover has put off; says whether it was off.
+    pub fn arm(&mut self) -> bool {
+        self.handover.arm()
+    }
+
+    /// Back to rest, between runs.
+    pub fn reset(&mut self) {
+        self.pilot.reset();
+        self.speed.reset();
+        self.bad = BadFrames::default();
+        self.last = Command::default();
+    }
+
+    fn human_let_go(&mut self, at: Duration, trace: &mut Trace) {
+        if let Some(Change::TakeoverEnded(after)) = self.handover.command_asked(at) {
+            trace.happenings.push(Happening::TakeoverEnded { after, pilot_off: self.handover.is_off() });
+        }
+    }
+
+    /// The way of a good frame.
+    fn steer(&mut self, telemetry: &Telemetry, trace: &mut Trace) -> Result<Command, Unusable> {
+        let began = (self.clock)();
+        let jpeg = match &telemetry.image {
+            CameraImage::Jpeg(jpeg) => jpeg.clone(),
+            CameraImage::Base64(text) => perception::decode_base64(text)?,
+        };
+        trace.jpeg = Some(jpeg.clone());
+        if self.handover.is_off() {
+            trace.by = By::Nobody;
+            return Ok(Command::default()); // wheels straight, the car rolls out
+        }
+        perception::decode_jpeg(&jpeg, &mut self.frame)?;
+        trace.decode = (self.clock)() - began;
+        let prediction = self.pilot.steer(&self.frame, telemetry.speed)?;
+        trace.preprocess = prediction.preprocess;
+        trace.forward = prediction.forward;
+        trace.prediction = Some(prediction.steering);
+        let steering = Steering::saturating(prediction.steering);
+        let output = self.speed.update(steering, telemetry.speed);
+        trace.throttle = Some(output);
+        trace.by = By::Pilot;
+        Ok(Command { steering, throttle: output.throttle })
+    }
+
+    /// The way of a bad one: roll on straight as steered last, and stop if it stays bad.
+    fn safe(&mut self, at: Duration, speed: Option<Mph>, why: &str, trace: &mut Trace) -> Command {
+        trace.by = By::Safety;
+        self.bad.in_a_row += 1;
+        let in_a_row = self.bad.in_a_row;
+        trace.happenings.push(Happening::BadFrame { why: why.to_owned(), in_a_row });
+        if in_a_row == BAD_FRAMES_TO_BRAKE {
+            trace.happenings.push(Happening::BrakingToStandstill);
+        }
+        let throttle =
+            if in_a_row < BAD_FRAMES_TO_BRAKE { Throttle::ZERO } else { self.bad.standstill.update(at, speed) };
+        Command { steering: self.last.steering, throttle }
+    }
+}
