@@ -1,3 +1,4 @@
 //! Lapwing.
+pub mod perception;
 pub mod protocol;
 pub mod units;
