@@ -1,4 +1,5 @@
 //! Lapwing.
+pub mod nn;
 pub mod perception;
 pub mod protocol;
 pub mod units;
