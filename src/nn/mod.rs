@@ -16,4 +16,5 @@ pub mod pilotnet;
 
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, encode, save, sha256_hex};
 pub use error::NnError;
+pub(crate) use error::first_line;
 pub use network::{Architecture, Network, TensorSource, in_variable_store};
