@@ -1,3 +1,6 @@
 //! Lapwing.
+pub mod nn;
+pub mod perception;
+pub mod pilot;
 pub mod protocol;
 pub mod units;

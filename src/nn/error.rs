@@ -1,0 +1,144 @@
+//! What can be wrong with a checkpoint or a forward pass.
+
+use std::path::PathBuf;
+
+use super::{Architecture, FORMAT};
+use crate::perception::PreprocessError;
+
+/// Why there is no network, no answer of one, or no file of one.
+#[derive(Debug, thiserror::Error)]
+pub enum NnError {
+    /// The file cannot be read.
+    #[error("{path} cannot be read: {source}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{path} cannot be written: {source}", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// The bytes are not the format, cut off, or their header lies.
+    #[error("expected a safetensors file: {0}")]
+    NotSafetensors(safetensors::SafeTensorError),
+    /// A metadata key is not there.
+    #[error("expected the metadata key {0}, got none")]
+    MissingKey(&'static str),
+    /// Another format, or a later one.
+    #[error("expected the format {FORMAT:?}, got {0:?}")]
+    Format(String),
+    /// A network that this build does not have.
+    #[error("expected one of the architectures {known}, got {got:?}", known = Architecture::names())]
+    UnknownArchitecture {
+        /// What the file names.
+        got: String,
+    },
+    /// A metadata key holds text that is not the JSON it should be.
+    #[error("metadata key {key}: {why}")]
+    Metadata {
+        /// The key.
+        key: &'static str,
+        /// What the JSON reader says.
+        why: serde_json::Error,
+    },
+    /// Preprocessing that cannot be.
+    #[error("metadata key preprocess: {0}")]
+    Preprocess(#[from] PreprocessError),
+    /// Preprocessing for another network.
+    #[error(
+        "expected preprocessing to {expected} for {architecture}, got {got}",
+        expected = times(expected), got = times(got), architecture = architecture.name()
+    )]
+    InputShape {
+        /// The network.
+        architecture: Architecture,
+        /// Channels, rows and columns that it takes.
+        expected: [usize; 3],
+        /// Those that the preprocessing makes.
+        got: [usize; 3],
+    },
+    /// As many names as the network has outputs are wanted.
+    #[error("expected {expected} outputs for {architecture}, got {got:?}", architecture = architecture.name())]
+    Outputs {
+        /// The network.
+        architecture: Architecture,
+        /// How many it has.
+        expected: usize,
+        /// The names in the file.
+        got: Vec<String>,
+    },
+    /// A tensor of the architecture is not in the file.
+    #[error("expected the tensor {name} of shape {expected:?}, got none")]
+    MissingTensor {
+        /// Its name.
+        name: String,
+        /// Its shape.
+        expected: Vec<i64>,
+    },
+    /// A tensor in the file is not of the architecture.
+    #[error("expected only the tensors of {architecture}, got {name} as well", architecture = architecture.name())]
+    SurplusTensor {
+        /// The network.
+        architecture: Architecture,
+        /// The tensor's name, the first in the alphabet.
+        name: String,
+    },
+    /// A tensor of another shape.
+    #[error("tensor {name}: expected shape {expected:?}, got {got:?}")]
+    Shape {
+        /// Its name.
+        name: String,
+        /// The architecture's.
+        expected: Vec<i64>,
+        /// The file's.
+        got: Vec<usize>,
+    },
+    /// A tensor of numbers that are not floating-point, or wider than 32 bits.
+    #[error("tensor {name}: expected F32, F16 or BF16, got {got:?}")]
+    Dtype {
+        /// Its name.
+        name: String,
+        /// The file's.
+        got: safetensors::Dtype,
+    },
+    /// A network was given a tensor that it does not take.
+    #[error("expected an input of shape (B, {expected}), got {got:?}", expected = comma(expected))]
+    Input {
+        /// Channels, rows and columns that it takes.
+        expected: [usize; 3],
+        /// All that it was given.
+        got: Vec<i64>,
+    },
+    /// libtorch refuses; the first line of what it says.
+    #[error("libtorch: {0}")]
+    Torch(String),
+}
+
+impl From<tch::TchError> for NnError {
+    fn from(error: tch::TchError) -> Self {
+        Self::Torch(first_line(&error))
+    }
+}
+
+/// What libtorch says without the stack of C++ calls behind it.
+pub(crate) fn first_line(error: &tch::TchError) -> String {
+    let text = match error {
+        tch::TchError::Torch(text) => text.clone(),
+        other => other.to_string(),
+    };
+    text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("no reason given").to_owned()
+}
+
+fn times(shape: &[usize; 3]) -> String {
+    shape.map(|n| n.to_string()).join("x")
+}
+
+fn comma(shape: &[usize; 3]) -> String {
+    shape.map(|n| n.to_string()).join(", ")
+}

@@ -1,0 +1,304 @@
+//! Base64 to JPEG bytes, JPEG bytes to a [`Frame`]. Both come over a wire: what
+//! is broken is an error that says how, and never a picture.
+
+use std::io::Cursor;
+
+use base64::{
+    DecodeError, Engine, alphabet,
+    engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig},
+};
+use bytes::Bytes;
+use image::{ColorType, ImageDecoder, codecs::jpeg::JpegDecoder};
+
+use super::Frame;
+
+/// Longest base64 text that is decoded, in bytes. The stock simulator sends about 16 KiB.
+pub const MAX_BASE64_LEN: usize = 16 << 20;
+
+/// Most pixels that a JPEG may have a side: a picture of 50 MB. The stock simulator sends 320 x 160.
+pub const MAX_SIDE: usize = 4096;
+
+/// Why there is no picture.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ImageError {
+    /// Text beyond [`MAX_BASE64_LEN`].
+    #[error("expected an image of at most {MAX_BASE64_LEN} bytes of base64, got {0}")]
+    TooLong(usize),
+    /// Text that is not base64 in the standard alphabet, and where.
+    #[error("expected base64, got {0}")]
+    Base64(String),
+    /// No bytes at all.
+    #[error("expected a JPEG, got an empty image")]
+    Empty,
+    /// Bytes of something else; its first few are told.
+    #[error("expected a JPEG (ff d8 ff), got bytes that begin with {0}")]
+    NotJpeg(String),
+    /// The end-of-image marker never comes.
+    #[error("expected a whole JPEG, got {0} bytes without an end-of-image marker: it is cut off")]
+    Truncated(usize),
+    /// A side of nought, or beyond [`MAX_SIDE`].
+    #[error("expected a JPEG of 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
+    Size {
+        /// Pixels in a row, as the header claims.
+        width: usize,
+        /// Rows, as the header claims.
+        height: usize,
+    },
+    /// Whole, and yet the decoder does not read it; in its words.
+    #[error("this JPEG cannot be decoded: {0}")]
+    Broken(String),
+}
+
+/// Standard alphabet; senders differ in whether they pad, and in what they leave in the last bits.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &alphabet::STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true),
+);
+
+/// The bytes that a base64 text stands for. Padding may be left out.
+///
+/// # Errors
+/// [`ImageError::TooLong`] before anything is allocated, [`ImageError::Base64`].
+pub fn decode_base64(text: &[u8]) -> Result<Bytes, ImageError> {
+    if text.len() > MAX_BASE64_LEN {
+        return Err(ImageError::TooLong(text.len()));
+    }
+    BASE64.decode(text).map(Bytes::from).map_err(|e| {
+        ImageError::Base64(match e {
+            DecodeError::InvalidByte(at, byte) => format!("byte {byte:#04x} at offset {at}"),
+            DecodeError::InvalidLength(length) => format!("{length} symbols, which end inside a byte"),
+            other => other.to_string(),
+        })
+    })
+}
+
+/// Decodes a JPEG into `frame`, whose memory is reused. A grey picture becomes
+/// an RGB one of equal channels.
+///
+/// Bytes after the end-of-image marker are taken for padding and ignored. A
+/// picture without that marker is refused: the decoder would fill what is
+/// missing with grey and say nothing, and a car would be driven by it.
+///
+/// # Errors
+/// [`ImageError`]; sizes are checked before a pixel is allocated. `frame` then
+/// shows anything.
+pub fn decode_jpeg(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
+    check_markers(bytes)?;
+    let broken = |e: image::ImageError| ImageError::Broken(e.to_string());
+    let decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    let (width, height) = check_size(width as usize, height as usize)?;
+    frame.resize(width, height);
+    match decoder.color_type() {
+        ColorType::Rgb8 => decoder.read_image(frame.rgb_mut()).map_err(broken),
+        ColorType::L8 => {
+            let rgb = frame.rgb_mut();
+            decoder.read_image(&mut rgb[..width * height]).map_err(broken)?;
+            // From the end, where each triple lies beyond the greys that are still to be read.
+            for i in (0..width * height).rev() {
+                let grey = rgb[i];
+                rgb[3 * i..][..3].fill(grey);
+            }
+            Ok(())
+        }
+        other => Err(ImageError::Broken(format!("expected grey or RGB pixels, got {other:?}"))),
+    }
+}
+
+fn check_size(width: usize, height: usize) -> Result<(usize, usize), ImageError> {
+    let side = 1..=MAX_SIDE;
+    if side.contains(&width) && side.contains(&height) {
+        Ok((width, height))
+    } else {
+        Err(ImageError::Size { width, height })
+    }
+}
+
+/// Walks the markers from the first to the end-of-image, without decoding.
+///
+/// Inside segments lengths are followed, so that the end marker of a thumbnail
+/// or of chance does not count; inside a scan every FF that is not stuffed (00)
+/// and no restart (D0-D7) is a marker. ITU-T T.81, annex B.
+fn check_markers(bytes: &[u8]) -> Result<(), ImageError> {
+    const SOI: u8 = 0xd8;
+    const EOI: u8 = 0xd9;
+    const TEM: u8 = 0x01;
+    if bytes.is_empty() {
+        return Err(ImageError::Empty);
+    }
+    if !bytes.starts_with(&[0xff, SOI]) || !matches!(bytes.get(2), None | Some(0xff)) {
+        let head: Vec<String> = bytes.iter().take(4).map(|b| format!("{b:02x}")).collect();
+        return Err(ImageError::NotJpeg(head.join(" ")));
+    }
+    let mut rest = &bytes[2..];
+    // Where no marker stands the decoder skips to the next one, and so does this: one loop for scans and garbage.
+    while let Some(at) = rest.windows(2).position(|w| w[0] == 0xff && !matches!(w[1], 0x00 | 0xff | TEM | 0xd0..=SOI)) {
+        let marker = rest[at + 1];
+        rest = &rest[at + 2..];
+        if marker == EOI {
+            return Ok(());
+        }
+        let Some(length) = rest.first_chunk().map(|b| usize::from(u16::from_be_bytes(*b))) else { break };
+        // A start of frame, but not DHT (C4), JPG (C8) or DAC (CC), which share its numbers.
+        if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
+            let &[_, _, _, h1, h0, w1, w0, ..] = rest else { break };
+            check_size(u16::from_be_bytes([w1, w0]).into(), u16::from_be_bytes([h1, h0]).into())?;
+        }
+        let Some(next) = rest.get(length.max(2)..) else { break };
+        rest = next;
+    }
+    Err(ImageError::Truncated(bytes.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::codecs::jpeg::JpegEncoder;
+
+    use super::*;
+
+    /// A drawn 64 x 32 picture with some edges in it, as RGB.
+    fn picture() -> Vec<u8> {
+        (0..64 * 32)
+            .flat_map(|i: u32| {
+                let (x, y) = (i % 64, i / 64);
+                [(x * 4) as u8, (y * 8) as u8, if (x / 8 + y / 8) % 2 == 0 { 200 } else { 20 }]
+            })
+            .collect()
+    }
+
+    fn jpeg() -> Vec<u8> {
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, 90).encode(&picture(), 64, 32, ColorType::Rgb8.into()).unwrap();
+        bytes
+    }
+
+    fn decode(bytes: &[u8]) -> Result<Frame, ImageError> {
+        let mut frame = Frame::default();
+        decode_jpeg(bytes, &mut frame).map(|()| frame)
+    }
+
+    /// Numerical Recipes' generator: tests want the same bytes every time, not good ones.
+    fn random(state: &mut u32) -> usize {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (*state >> 8) as usize
+    }
+
+    #[test]
+    fn base64_is_decoded_with_and_without_padding() {
+        assert_eq!(decode_base64(b"/9j/4A==").unwrap(), &[0xff, 0xd8, 0xff, 0xe0][..]);
+        assert_eq!(decode_base64(b"/9j/4A").unwrap(), &[0xff, 0xd8, 0xff, 0xe0][..]);
+        assert_eq!(decode_base64(b"").unwrap(), &[][..]);
+    }
+
+    #[test]
+    fn what_is_not_base64_or_too_long_is_an_error() {
+        assert_eq!(decode_base64(b"/9j/4A_-").unwrap_err().to_string(), "expected base64, got byte 0x5f at offset 6");
+        assert_eq!(
+            decode_base64(b"/9j/4").unwrap_err().to_string(),
+            "expected base64, got 5 symbols, which end inside a byte"
+        );
+        assert_eq!(
+            decode_base64(&vec![b'A'; 50_000_000]).unwrap_err().to_string(),
+            "expected an image of at most 16777216 bytes of base64, got 50000000"
+        );
+    }
+
+    #[test]
+    fn a_jpeg_becomes_a_frame_close_to_what_was_encoded() {
+        let frame = decode(&jpeg()).unwrap();
+        assert_eq!((frame.width(), frame.height(), frame.rgb().len()), (64, 32, 64 * 32 * 3));
+        let off: u64 = frame.rgb().iter().zip(picture()).map(|(a, b)| u64::from(a.abs_diff(b))).sum();
+        assert!(off / (64 * 32 * 3) < 5, "mean difference {off} / 6144");
+    }
+
+    #[test]
+    fn the_frames_memory_is_reused() {
+        let mut frame = Frame::default();
+        decode_jpeg(&jpeg(), &mut frame).unwrap();
+        let before = frame.rgb().as_ptr();
+        decode_jpeg(&jpeg(), &mut frame).unwrap();
+        assert_eq!(before, frame.rgb().as_ptr());
+    }
+
+    #[test]
+    fn a_grey_jpeg_becomes_rgb_with_equal_channels() {
+        let grey: Vec<u8> = (0..64 * 32).map(|i| (i % 64 * 4) as u8).collect();
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, 95).encode(&grey, 64, 32, ColorType::L8.into()).unwrap();
+        let frame = decode(&bytes).unwrap();
+        assert_eq!(frame.rgb().len(), 64 * 32 * 3);
+        for (pixel, grey) in frame.rgb().chunks_exact(3).zip(grey) {
+            assert!(pixel.iter().all(|c| *c == pixel[0] && c.abs_diff(grey) < 8), "{pixel:?} {grey}");
+        }
+    }
+
+    #[test]
+    fn an_empty_image_and_a_png_are_no_jpegs() {
+        assert_eq!(decode(b"").unwrap_err(), ImageError::Empty);
+        assert_eq!(
+            decode(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").unwrap_err().to_string(),
+            "expected a JPEG (ff d8 ff), got bytes that begin with 89 50 4e 47"
+        );
+        assert!(matches!(decode(b"not an image").unwrap_err(), ImageError::NotJpeg(_)));
+    }
+
+    #[test]
+    fn every_truncation_is_an_error() {
+        let whole = jpeg();
+        for length in 1..whole.len() {
+            assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes", whole.len());
+        }
+        assert_eq!(decode(&whole[..whole.len() - 2]).unwrap_err(), ImageError::Truncated(whole.len() - 2));
+    }
+
+    #[test]
+    fn a_thumbnails_end_marker_does_not_make_a_cut_jpeg_whole() {
+        let mut bytes = jpeg();
+        bytes.splice(2..2, [0xff, 0xe1, 0x00, 0x06, 0xff, 0xd8, 0xff, 0xd9]);
+        assert!(decode(&bytes).is_ok());
+        for length in 1..bytes.len() {
+            assert!(decode(&bytes[..length]).is_err(), "{length}");
+        }
+    }
+
+    #[test]
+    fn padding_behind_the_end_marker_is_allowed() {
+        let expected = decode(&jpeg()).unwrap();
+        for padding in [&[0; 7][..], b"\n", &[0xff; 3]] {
+            assert_eq!(decode(&[&jpeg(), padding].concat()).unwrap(), expected);
+        }
+    }
+
+    #[test]
+    fn a_header_that_claims_30000_x_30000_is_refused() {
+        let mut bytes = jpeg();
+        let sof = bytes.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();
+        // Marker, length (2), precision (1), then height and width.
+        for at in [sof + 5, sof + 7] {
+            bytes[at..at + 2].copy_from_slice(&30_000u16.to_be_bytes());
+        }
+        assert_eq!(
+            decode(&bytes).unwrap_err().to_string(),
+            "expected a JPEG of 1 to 4096 pixels a side, got 30000x30000"
+        );
+        bytes[sof + 5..sof + 7].fill(0);
+        assert_eq!(decode(&bytes).unwrap_err(), ImageError::Size { width: 30_000, height: 0 });
+    }
+
+    #[test]
+    fn flipped_bytes_never_panic_and_leave_a_frame_that_is_one() {
+        let whole = jpeg();
+        let (mut seed, mut frame) = (1, Frame::default());
+        for _ in 0..4000 {
+            let mut bytes = whole.clone();
+            for _ in 0..1 + random(&mut seed) % 4 {
+                let at = random(&mut seed) % bytes.len();
+                bytes[at] = random(&mut seed) as u8;
+            }
+            let _ = decode_jpeg(&bytes, &mut frame);
+            assert_eq!(frame.rgb().len(), frame.width() * frame.height() * 3);
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! A network of this crate, out of a checkpoint.
+
+use std::fmt;
+
+use tch::Tensor;
+
+use super::{Pilot, PilotError, Prediction};
+use crate::{
+    nn::{Checkpoint, Network, NnError},
+    perception::{Frame, Preprocess, Preprocessor},
+    units::{Clock, Mph},
+};
+
+/// What the first output of a driving network is called.
+const STEERING: &str = "steering";
+
+/// Steers by the first output of a [`Network`].
+#[derive(Debug)]
+pub struct NetworkPilot {
+    eye: Eye,
+    network: Network,
+}
+
+impl NetworkPilot {
+    /// Makes a pilot of a checkpoint and warms it up.
+    ///
+    /// # Errors
+    /// [`PilotError::NotSteering`], [`PilotError::Network`].
+    pub fn new(checkpoint: Checkpoint, clock: Clock) -> Result<Self, PilotError> {
+        let Checkpoint { metadata, network, .. } = checkpoint;
+        let mut eye = Eye::new(metadata.preprocess, &metadata.outputs, clock)?;
+        eye.warm_up(|input| network.forward(input))?;
+        Ok(Self { eye, network })
+    }
+
+    /// Another pilot with the same weights and nothing else in common.
+    pub fn share(&self) -> Self {
+        Self { eye: self.eye.clone(), network: self.network.share() }
+    }
+}
+
+impl Pilot for NetworkPilot {
+    fn steer(&mut self, frame: &Frame, _: Mph) -> Result<Prediction, PilotError> {
+        self.eye.steer(frame, |input| self.network.forward(input))
+    }
+
+    fn reset(&mut self) {}
+}
+
+/// What pilots of every kind of network have in common: from a frame through any forward pass to a prediction.
+#[derive(Clone)]
+pub(super) struct Eye {
+    preprocessor: Preprocessor,
+    /// (3, H, W) f32, flat.
+    input: Vec<f32>,
+    clock: Clock,
+}
+
+impl fmt::Debug for Eye {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Eye").field("preprocess", self.preprocessor.preprocess()).finish_non_exhaustive()
+    }
+}
+
+impl Eye {
+    pub(super) fn new(preprocess: Preprocess, outputs: &[String], clock: Clock) -> Result<Self, PilotError> {
+        if outputs.first().is_none_or(|first| first != STEERING) {
+            return Err(PilotError::NotSteering(outputs.to_vec()));
+        }
+        Ok(Self { preprocessor: Preprocessor::new(preprocess)?, input: Vec::new(), clock })
+    }
+
+    pub(super) fn preprocess(&self) -> &Preprocess {
+        self.preprocessor.preprocess()
+    }
+
+    /// Passes naught through the network until libtorch has chosen and compiled
+    /// its kernels (TorchScript does so on the second pass), so that the first
+    /// frame is answered as fast as the others, and what cannot run is told now.
+    pub(super) fn warm_up(&mut self, forward: impl Fn(&Tensor) -> Result<Tensor, NnError>) -> Result<(), PilotError> {
+        self.input.clear();
+        self.input.resize(self.preprocess().shape().iter().product(), 0.0);
+        for _ in 0..3 {
+            self.answer(&forward)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn steer(
+        &mut self,
+        frame: &Frame,
+        forward: impl Fn(&Tensor) -> Result<Tensor, NnError>,
+    ) -> Result<Prediction, PilotError> {
+        let begin = (self.clock)();
+        self.preprocessor.apply(frame, &mut self.input)?;
+        let preprocessed = (self.clock)();
+        let steering = self.answer(forward)?;
+        Ok(Prediction { steering, preprocess: preprocessed - begin, forward: (self.clock)() - preprocessed })
+    }
+
+    /// The first number that `forward` makes of the input.
+    fn answer(&self, forward: impl Fn(&Tensor) -> Result<Tensor, NnError>) -> Result<f64, PilotError> {
+        let [channels, height, width] = self.preprocess().shape().map(|n| n as i64);
+        let steering = tch::no_grad(|| {
+            // (1, C, H, W) f32
+            let input = torch(Tensor::f_from_slice(&self.input).and_then(|t| t.f_view([1, channels, height, width])))?;
+            let output = forward(&input)?;
+            if output.numel() == 0 {
+                return Err(PilotError::NoOutput(output.size()));
+            }
+            torch(output.f_reshape([-1]).and_then(|t| t.f_double_value(&[0])))
+        })?;
+        if steering.is_finite() { Ok(steering) } else { Err(PilotError::NotFinite(steering)) }
+    }
+}
+
+fn torch<T>(result: Result<T, tch::TchError>) -> Result<T, PilotError> {
+    result.map_err(|e| PilotError::Network(e.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use tch::{Device, Kind};
+
+    use super::*;
+
+    fn eye() -> Eye {
+        let preprocess = serde_json::from_str(
+            r#"{"resize":{"height":2,"width":2,"filter":"bilinear-antialiased"},"colour":"rgb","scale":"x/255","layout":"nchw"}"#,
+        );
+        Eye::new(preprocess.unwrap(), &["steering".into()], Instant::now).unwrap()
+    }
+
+    fn frame() -> Frame {
+        Frame::new(2, 2, vec![51; 12]).unwrap()
+    }
+
+    #[test]
+    fn the_first_number_of_an_output_of_any_shape_is_the_steering() {
+        for shape in [vec![], vec![1], vec![1, 3], vec![1, 1, 1]] {
+            let output = |input: &Tensor| Ok(input.mean(Kind::Float).expand(shape.clone(), false));
+            let prediction = eye().steer(&frame(), output).unwrap();
+            assert!((prediction.steering - 0.2).abs() < 1e-6, "{shape:?} {prediction:?}");
+        }
+    }
+
+    #[test]
+    fn an_answer_that_is_no_number_is_an_error() {
+        let error = |value: f64| eye().steer(&frame(), |_| Ok(Tensor::from(value))).unwrap_err().to_string();
+        assert_eq!(error(f64::NAN), "expected a finite steering from the network, got NaN");
+        assert_eq!(error(f64::INFINITY), "expected a finite steering from the network, got inf");
+        let empty = |_: &Tensor| Ok(Tensor::zeros([1, 0], (Kind::Float, Device::Cpu)));
+        assert_eq!(
+            eye().steer(&frame(), empty).unwrap_err().to_string(),
+            "expected at least one number from the network, got a tensor of shape [1, 0]"
+        );
+    }
+
+    #[test]
+    fn a_network_for_something_else_does_not_drive() {
+        let preprocess = eye().preprocess().clone();
+        let error = Eye::new(preprocess, &["brake".into()], Instant::now).unwrap_err();
+        assert_eq!(error.to_string(), r#"expected a network whose first output is steering, got ["brake"]"#);
+    }
+}
