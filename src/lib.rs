@@ -1,3 +1,4 @@
 //! Lapwing.
 pub mod protocol;
+pub mod recording;
 pub mod units;
