@@ -22,6 +22,7 @@ pub struct Step {
 
 /// What a replay takes one after the other.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "nearly every moment is a step")]
 pub enum Moment {
     /// The simulator spoke.
     Step(Step),

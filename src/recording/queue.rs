@@ -78,6 +78,7 @@ pub(super) struct State {
 }
 
 /// What the writer's thread is to do.
+#[expect(clippy::large_enum_variant, reason = "nearly always an item, and never stored")]
 pub(super) enum Next {
     Item(Duration, Item),
     Due,

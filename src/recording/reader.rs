@@ -19,6 +19,9 @@ use super::{
     format::{Channel, CompressedImage, RUN},
 };
 
+/// An item and the time since the run began.
+type Yield = Result<(Duration, Item), RecordingError>;
+
 /// Where and how a file ends before its orderly end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Truncation {
@@ -123,7 +126,7 @@ impl RunReader {
     }
 
     /// The next record that may matter: from the open chunk, else from the file.
-    fn step(&mut self) -> Result<Option<Result<(Duration, Item), RecordingError>>, Broken> {
+    fn step(&mut self) -> Result<Option<Yield>, Broken> {
         loop {
             let Self { chunk, container, channels, .. } = self;
             let in_chunk = chunk.is_some();
@@ -179,7 +182,7 @@ impl RunReader {
 }
 
 impl Iterator for RunReader {
-    type Item = Result<(Duration, Item), RecordingError>;
+    type Item = Yield;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.done {
