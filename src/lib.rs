@@ -3,4 +3,5 @@ pub mod nn;
 pub mod perception;
 pub mod pilot;
 pub mod protocol;
+pub mod recording;
 pub mod units;

@@ -1,3 +1,5 @@
-//! All integration tests in one binary: every further one would link libtorch again.
+//! The integration tests, one binary: every further one would link libtorch again.
 
+mod driving_logs;
 mod parity;
+mod recording;

@@ -1,0 +1,332 @@
+//! What a run is made of: its header, and the items that happen in it.
+
+use std::{collections::BTreeMap, path::Path};
+
+use bytes::Bytes;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::{FORMAT_VERSION, RecordingError};
+use crate::{
+    protocol::{CameraImage, Dialect, Telemetry},
+    units::{Steering, Throttle},
+};
+
+/// How a run was made, all that is known when it begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunHeader {
+    /// What a person calls this run; part of the file's name.
+    pub name_hint: Option<String>,
+    /// Which simulator speaks.
+    pub dialect: Option<Dialect>,
+    /// Which checkpoint drives.
+    pub model: Option<ModelId>,
+    /// The seed of everything random in the run.
+    pub seed: Option<u64>,
+    /// The settings in force, resolved.
+    pub config: serde_json::Value,
+    /// Version of the program.
+    pub lapwing: String,
+    /// The wall clock when the run began; every item's time counts from here.
+    pub started: jiff::Timestamp,
+}
+
+/// Which checkpoint drives.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelId {
+    /// Its name or file name.
+    pub name: String,
+    /// SHA-256 of its file, hexadecimal.
+    pub sha256: String,
+}
+
+/// One thing that is recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Item {
+    /// What the simulator told. Its picture is not recorded with it but as a [`Frame`](Self::Frame).
+    Telemetry(Telemetry),
+    /// The JPEG bytes of the telemetry with the same time.
+    Frame(Bytes),
+    /// What the simulator was answered.
+    Command(CommandRecord),
+    /// What happened besides.
+    Event(EventRecord),
+}
+
+/// Who decided a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum By {
+    /// The model.
+    Pilot,
+    /// A person at the simulator's keyboard.
+    Human,
+    /// Nobody: the safe answer to a frame that cannot be driven by.
+    Safe,
+    /// Nobody: the pilot is switched off.
+    Off,
+}
+
+/// An answer to the simulator and how it came about.
+///
+/// JSON has no NaN: a number here that is not finite reads back as `None`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CommandRecord {
+    /// Who decided.
+    pub by: By,
+    /// The steering sent.
+    pub steering: Steering,
+    /// The throttle sent.
+    pub throttle: Throttle,
+    /// What the network said, before anything was made of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prediction: Option<f64>,
+    /// The proportional part of the speed controller's output.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p: Option<f64>,
+    /// Its integral part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub i: Option<f64>,
+    /// Whether the speed controller's output was cut to the throttle's range.
+    pub saturated: bool,
+    /// Time to decode base64 and JPEG.
+    pub decode_ns: u64,
+    /// Time to crop, scale and normalise.
+    pub preprocess_ns: u64,
+    /// Time in the network.
+    pub forward_ns: u64,
+    /// Time in the driver altogether.
+    pub driver_ns: u64,
+    /// From message in to answer out, as far as it is known when this is recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency_ns: Option<u64>,
+}
+
+/// What happens in a run besides telemetry and commands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum EventRecord {
+    /// A person took the wheel.
+    TakeoverBegan,
+    /// And gave it back.
+    TakeoverEnded {
+        /// How long they had it.
+        duration_s: f64,
+    },
+    /// A telemetry or picture that could not be driven by.
+    BadFrame {
+        /// What was wrong.
+        why: String,
+        /// The how-manieth in a row.
+        count_in_row: u32,
+    },
+    /// The car stands although it is told to go.
+    Standstill {
+        /// For how long so far.
+        duration_s: f64,
+        /// The throttle it is given.
+        throttle: Throttle,
+    },
+    /// The disk was too slow; written by the recorder itself once there was room again.
+    FramesNotRecorded {
+        /// How many frames are missing before this.
+        count: u64,
+    },
+    /// An answer was sent without a telemetry, to wake a simulator that waits for one.
+    Kick,
+    /// The pilot was switched off.
+    PilotOff {
+        /// By what.
+        why: String,
+    },
+    /// The pilot was switched on.
+    PilotArmed,
+    /// An event of the simulator that is no telemetry.
+    Simulator {
+        /// Its name on the wire.
+        name: String,
+        /// Its payload, as text; cut to [`MAX_TEXT`] characters.
+        payload: String,
+    },
+    /// Words of a person or a script.
+    Note {
+        /// The words.
+        text: String,
+    },
+    /// The run ended in an orderly way.
+    RunEnded {
+        /// By what.
+        why: String,
+    },
+}
+
+/// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
+pub(super) const MAX_TEXT: usize = 2000;
+
+impl Item {
+    /// The item without what is not recorded: no picture inside telemetry, no endless text.
+    pub(super) fn lean(mut self) -> Self {
+        match &mut self {
+            // It would keep the whole message of the wire in memory until it is written.
+            Self::Telemetry(telemetry) => telemetry.image = CameraImage::default(),
+            Self::Event(event) => event.shorten(),
+            Self::Frame(_) | Self::Command(_) => {}
+        }
+        self
+    }
+}
+
+impl EventRecord {
+    fn shorten(&mut self) {
+        let cut = |text: &mut String| {
+            if let Some((end, _)) = text.char_indices().nth(MAX_TEXT) {
+                text.truncate(end);
+                text.shrink_to_fit();
+            }
+        };
+        match self {
+            Self::BadFrame { why: text, .. }
+            | Self::PilotOff { why: text }
+            | Self::RunEnded { why: text }
+            | Self::Note { text } => cut(text),
+            Self::Simulator { name, payload } => {
+                cut(name);
+                cut(payload);
+            }
+            Self::TakeoverBegan
+            | Self::TakeoverEnded { .. }
+            | Self::Standstill { .. }
+            | Self::FramesNotRecorded { .. }
+            | Self::Kick
+            | Self::PilotArmed => {}
+        }
+    }
+}
+
+impl RunHeader {
+    /// Nanoseconds since 1970, what log times count from.
+    pub(super) fn started_ns(&self) -> u64 {
+        u64::try_from(self.started.as_nanosecond()).unwrap_or(0)
+    }
+
+    /// As the text fields of `lapwing.run`.
+    pub(super) fn to_metadata(&self) -> BTreeMap<String, String> {
+        let mut fields = BTreeMap::from([
+            ("format_version".into(), FORMAT_VERSION.to_string()),
+            ("lapwing".into(), self.lapwing.clone()),
+            ("started".into(), self.started.to_string()),
+            ("config".into(), self.config.to_string()),
+        ]);
+        let mut optional = |name: &str, value: Option<String>| fields.extend(value.map(|v| (name.to_owned(), v)));
+        optional("name", self.name_hint.clone());
+        optional("dialect", self.dialect.and_then(|d| Some(serde_json::to_value(d).ok()?.as_str()?.to_owned())));
+        optional("model_name", self.model.as_ref().map(|m| m.name.clone()));
+        optional("model_sha256", self.model.as_ref().map(|m| m.sha256.clone()));
+        optional("seed", self.seed.map(|s| s.to_string()));
+        fields
+    }
+
+    /// From the text fields of `lapwing.run`; those it does not know are left alone.
+    pub(super) fn from_metadata(path: &Path, mut fields: BTreeMap<String, String>) -> Result<Self, RecordingError> {
+        let bad = |field, expected, got: Option<String>| RecordingError::Header {
+            path: path.to_owned(),
+            field,
+            expected,
+            got: got.unwrap_or_default().chars().take(80).collect(),
+        };
+        // The version first: a later format may mean something else by everything that follows.
+        let version = fields.remove("format_version");
+        let version: u32 = match version.as_deref().and_then(|v| v.parse().ok()) {
+            Some(version) => version,
+            None => return Err(bad("format_version", "a whole number", version)),
+        };
+        if version > FORMAT_VERSION {
+            return Err(RecordingError::Newer { path: path.to_owned(), got: version });
+        }
+        let mut required = |field: &'static str| fields.remove(field).ok_or_else(|| bad(field, "a text", None));
+        let (lapwing, started, config) = (required("lapwing")?, required("started")?, required("config")?);
+        let quoted = |text: String| serde_json::Value::String(text);
+        Ok(Self {
+            name_hint: fields.remove("name"),
+            dialect: parsed(fields.remove("dialect"), |t| from_value(quoted(t.into())))
+                .map_err(|got| bad("dialect", "a dialect that this lapwing knows", Some(got)))?,
+            model: fields
+                .remove("model_name")
+                .map(|name| ModelId { name, sha256: fields.remove("model_sha256").unwrap_or_default() }),
+            seed: parsed(fields.remove("seed"), |t| t.parse().ok())
+                .map_err(|got| bad("seed", "a whole number", Some(got)))?,
+            config: serde_json::from_str(&config).map_err(|_| bad("config", "JSON", Some(config)))?,
+            lapwing,
+            started: started.parse().map_err(|_| bad("started", "a time (RFC 3339)", Some(started)))?,
+        })
+    }
+}
+
+fn from_value<T: DeserializeOwned>(value: serde_json::Value) -> Option<T> {
+    serde_json::from_value(value).ok()
+}
+
+/// Reads an optional field; what is there and cannot be read comes back as the error.
+fn parsed<T>(text: Option<String>, read: impl Fn(&str) -> Option<T>) -> Result<Option<T>, String> {
+    text.map(|text| read(&text).ok_or(text)).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header() -> RunHeader {
+        RunHeader {
+            name_hint: Some("lake".into()),
+            dialect: Some(Dialect::Term1),
+            model: Some(ModelId { name: "pilotnet".into(), sha256: "00ff".into() }),
+            seed: Some(u64::MAX),
+            config: serde_json::json!({"speed_mph": 15}),
+            lapwing: "0.1.0".into(),
+            started: "2026-11-21T08:15:30.123456789Z".parse().unwrap(),
+        }
+    }
+
+    #[test]
+    fn a_header_comes_back_from_its_metadata() {
+        let read = |header: &RunHeader| RunHeader::from_metadata(Path::new("a.mcap"), header.to_metadata()).unwrap();
+        assert_eq!(read(&header()), header());
+        let bare = RunHeader { name_hint: None, dialect: None, model: None, seed: None, ..header() };
+        assert_eq!(read(&bare), bare);
+    }
+
+    #[test]
+    fn a_header_that_cannot_be_read_says_which_field() {
+        let with = |field: &str, text: &str| {
+            let mut fields = header().to_metadata();
+            fields.insert(field.into(), text.into());
+            RunHeader::from_metadata(Path::new("a.mcap"), fields).unwrap_err().to_string()
+        };
+        assert_eq!(
+            with("format_version", "2"),
+            "a.mcap: expected a run of format version 1 or older, got 2: update lapwing to read it"
+        );
+        assert_eq!(with("seed", "-1"), r#"a.mcap: seed in lapwing.run: expected a whole number, got "-1""#);
+        assert_eq!(with("started", "now"), r#"a.mcap: started in lapwing.run: expected a time (RFC 3339), got "now""#);
+        assert!(with("dialect", "klingon").contains("expected a dialect that this lapwing knows"));
+        let missing = RunHeader::from_metadata(Path::new("a.mcap"), BTreeMap::new()).unwrap_err();
+        assert_eq!(missing.to_string(), r#"a.mcap: format_version in lapwing.run: expected a whole number, got """#);
+    }
+
+    #[test]
+    fn an_event_is_one_json_object_told_apart_by_kind() {
+        let text = |event: EventRecord| serde_json::to_string(&event).unwrap();
+        assert_eq!(text(EventRecord::Kick), r#"{"kind":"kick"}"#);
+        assert_eq!(
+            text(EventRecord::BadFrame { why: "no JPEG".into(), count_in_row: 2 }),
+            r#"{"kind":"bad-frame","why":"no JPEG","count_in_row":2}"#
+        );
+        assert_eq!(text(EventRecord::FramesNotRecorded { count: 3 }), r#"{"kind":"frames-not-recorded","count":3}"#);
+    }
+
+    #[test]
+    fn a_simulators_payload_is_cut_between_characters() {
+        let event = EventRecord::Simulator { name: "x".into(), payload: "é".repeat(MAX_TEXT + 1) };
+        let Item::Event(EventRecord::Simulator { payload, .. }) = Item::Event(event).lean() else { panic!() };
+        assert_eq!(payload, "é".repeat(MAX_TEXT));
+    }
+}

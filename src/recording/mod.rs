@@ -1,0 +1,146 @@
+//! Runs on disk: one drive is one MCAP file, written while driving and read
+//! back for scoring and replay; and Udacity's own folders, read as they are.
+//!
+//! A [`Recorder`] takes [`Item`]s from the driving loop and never holds it up;
+//! its own thread writes them. A [`RunReader`] yields the same items again, a
+//! file cut off by a crash up to its last whole chunk, and joins them into
+//! [`Moment`]s for replay. [`udacity`] reads `driving_log.csv` in all the
+//! shapes that simulators, locales and scripts leave it in.
+//!
+//! Nothing here decodes a picture, judges a run or knows a model: frames are
+//! JPEG bytes as received.
+//!
+//! # The run file
+//! | what | where | form |
+//! |---|---|---|
+//! | how the run was made | metadata `lapwing.run`, the file's first record after its header | [`RunHeader`] as text |
+//! | the picture | `/camera/center` | protobuf `foxglove.CompressedImage` |
+//! | what the simulator told | `/telemetry` | JSON, [`Telemetry`](crate::protocol::Telemetry) |
+//! | what it was answered | `/command` | JSON, [`CommandRecord`] |
+//! | what happened besides | `/event` | JSON, [`EventRecord`] |
+//! | what was counted | metadata `lapwing.summary`, after a clean end only | numbers as text |
+//!
+//! A message's log time is the wall clock at the run's start plus the time
+//! since then, so it never jumps with the wall clock.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+mod container;
+mod format;
+mod items;
+mod moments;
+mod queue;
+mod reader;
+mod recorder;
+pub mod udacity;
+mod writer;
+
+pub use format::FORMAT_VERSION;
+pub use items::{By, CommandRecord, EventRecord, Item, ModelId, RunHeader};
+pub use moments::{Moment, Moments, Step};
+pub use reader::{RunReader, Truncation};
+pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
+
+/// What keeps a run or a data set from being written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file system says no.
+    #[error("cannot {doing} {}: {source}", path.display())]
+    Io {
+        /// What was tried, a verb.
+        doing: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The run's file could not be written to its end; what is in it up to then can be read.
+    #[error("{}: the run is recorded up to here only: {source}", path.display())]
+    Write {
+        /// The run's file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Not an MCAP file at all.
+    #[error("{}: expected a run (an MCAP file), got {got}", path.display())]
+    NotARun {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead, and what to do with such a thing.
+        got: &'static str,
+    },
+    /// An MCAP file that does not say how it was made.
+    #[error("{}: expected the metadata record lapwing.run, got none: {why}", path.display())]
+    NoHeader {
+        /// The file.
+        path: PathBuf,
+        /// Why it may be missing.
+        why: String,
+    },
+    /// A run of a later Lapwing.
+    #[error("{}: expected a run of format version {FORMAT_VERSION} or older, got {got}: update lapwing to read it", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its format version.
+        got: u32,
+    },
+    /// A field of `lapwing.run` that cannot be read.
+    #[error("{}: {field} in lapwing.run: expected {expected}, got {got:?}", path.display())]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// The field.
+        field: &'static str,
+        /// What it should hold.
+        expected: &'static str,
+        /// What it holds; empty where it is not there.
+        got: String,
+    },
+    /// A message that does not parse.
+    #[error("{}: {channel} at {:.3} s: {why}", path.display(), at.as_secs_f64())]
+    Message {
+        /// The file.
+        path: PathBuf,
+        /// The channel's topic.
+        channel: String,
+        /// Time since the run began.
+        at: Duration,
+        /// What was expected, and what came.
+        why: String,
+    },
+    /// A field of a driving log that cannot be read.
+    #[error("{}, line {line}, {field}: expected {expected}, got {got:?}: {help}", path.display())]
+    Log {
+        /// The CSV file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: usize,
+        /// Column, or what else the line is judged by.
+        field: String,
+        /// What should be there.
+        expected: String,
+        /// What is there, cut to a length fit for a message.
+        got: String,
+        /// What to do.
+        help: &'static str,
+    },
+    /// A driving log without a row.
+    #[error("{}: expected rows of a driving log, got none", path.display())]
+    NoRows {
+        /// The CSV file.
+        path: PathBuf,
+    },
+}
+
+impl RecordingError {
+    /// For `map_err`.
+    fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { doing, path: path.to_owned(), source }
+    }
+}

@@ -1,0 +1,149 @@
+//! Items joined into the steps of a drive.
+
+use std::{collections::VecDeque, time::Duration};
+
+use bytes::Bytes;
+
+use super::{CommandRecord, EventRecord, Item, RecordingError, RunReader, Truncation};
+use crate::protocol::{CameraImage, Telemetry};
+
+/// A telemetry with its picture, and what it was answered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// Time since the run began.
+    pub at: Duration,
+    /// What the simulator told. The picture is empty where [`frame_recorded`](Self::frame_recorded) is false.
+    pub telemetry: Telemetry,
+    /// Whether the picture is in the run.
+    pub frame_recorded: bool,
+    /// The answer, where one was recorded.
+    pub command: Option<CommandRecord>,
+}
+
+/// What a replay takes one after the other.
+#[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "nearly every moment is a step")]
+pub enum Moment {
+    /// The simulator spoke.
+    Step(Step),
+    /// Something happened besides.
+    Event {
+        /// Time since the run began.
+        at: Duration,
+        /// What happened.
+        event: EventRecord,
+    },
+}
+
+/// How many events wait for the answer to the telemetry before them. A person
+/// who drives is answered nothing for long, and memory is to stay flat.
+const WAITING: usize = 64;
+
+/// Joins a run's items: a telemetry, the frame with the same time, and the
+/// first command before the next telemetry make a [`Step`]. Events stay where
+/// they are between the steps.
+#[derive(Debug)]
+pub struct Moments {
+    run: RunReader,
+    /// The step that may yet get its frame or command, then events after it.
+    open: Option<Step>,
+    /// A frame that came before its telemetry: of equal times, tools that sort keep no order.
+    early: Option<(Duration, Bytes)>,
+    events: VecDeque<Moment>,
+    ready: VecDeque<Moment>,
+    without_frame: u64,
+    unanswered: u64,
+}
+
+impl Moments {
+    pub(super) fn new(run: RunReader) -> Self {
+        let (events, ready) = Default::default();
+        Self { run, open: None, early: None, events, ready, without_frame: 0, unanswered: 0 }
+    }
+
+    /// The run that is read.
+    pub fn run(&self) -> &RunReader {
+        &self.run
+    }
+
+    /// How the file ended, once the iterator has: `None` is in good order.
+    pub fn truncated(&self) -> Option<&Truncation> {
+        self.run.truncated()
+    }
+
+    /// Steps so far whose picture was not recorded.
+    pub fn without_frame(&self) -> u64 {
+        self.without_frame
+    }
+
+    /// Steps so far without a recorded answer: a person drove, or the file ends there.
+    pub fn unanswered(&self) -> u64 {
+        self.unanswered
+    }
+
+    fn take(&mut self, at: Duration, item: Item) {
+        match item {
+            Item::Telemetry(telemetry) => {
+                self.close();
+                let mut step = Step { at, telemetry, frame_recorded: false, command: None };
+                if let Some((_, jpeg)) = self.early.take().filter(|(early, _)| *early == at) {
+                    step.show(jpeg);
+                }
+                self.open = Some(step);
+            }
+            Item::Frame(jpeg) => match &mut self.open {
+                Some(step) if step.at == at && !step.frame_recorded => step.show(jpeg),
+                _ => self.early = Some((at, jpeg)),
+            },
+            Item::Command(command) => {
+                if let Some(step) = &mut self.open {
+                    step.command.get_or_insert(command);
+                }
+            }
+            Item::Event(event) => {
+                self.events.push_back(Moment::Event { at, event });
+                let answered = self.open.as_ref().is_none_or(|step| step.command.is_some());
+                if answered || self.events.len() >= WAITING {
+                    self.close();
+                }
+            }
+        }
+    }
+
+    /// Nothing more belongs to the open step.
+    fn close(&mut self) {
+        if let Some(step) = self.open.take() {
+            self.without_frame += u64::from(!step.frame_recorded);
+            self.unanswered += u64::from(step.command.is_none());
+            self.ready.push_back(Moment::Step(step));
+        }
+        self.ready.append(&mut self.events);
+    }
+}
+
+impl Step {
+    fn show(&mut self, jpeg: Bytes) {
+        self.telemetry.image = CameraImage::Jpeg(jpeg);
+        self.frame_recorded = true;
+    }
+}
+
+impl Iterator for Moments {
+    type Item = Result<Moment, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(moment) = self.ready.pop_front() {
+                return Some(Ok(moment));
+            }
+            match self.run.next() {
+                Some(Ok((at, item))) => self.take(at, item),
+                Some(Err(error)) => return Some(Err(error)),
+                None => {
+                    self.close();
+                    return self.ready.pop_front().map(Ok);
+                }
+            }
+        }
+    }
+}

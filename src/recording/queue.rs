@@ -1,0 +1,292 @@
+//! What waits for the disk: the bounded queue between the driving loop and the
+//! recorder's thread, and the patience with a full disk.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    io::{self, Seek, Write},
+    path::PathBuf,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use super::{EventRecord, Item};
+
+/// How often a full disk is asked again.
+const RETRY_EVERY: Duration = Duration::from_secs(1);
+/// Driving time between two warnings of a slow disk.
+const WARN_EVERY: Duration = Duration::from_secs(10);
+
+/// Items by kind.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Counts {
+    pub(super) telemetries: u64,
+    pub(super) frames: u64,
+    commands: u64,
+    events: u64,
+}
+
+impl Counts {
+    fn add(&mut self, item: &Item) {
+        *match item {
+            Item::Telemetry(_) => &mut self.telemetries,
+            Item::Frame(_) => &mut self.frames,
+            Item::Command(_) => &mut self.commands,
+            Item::Event(_) => &mut self.events,
+        } += 1;
+    }
+
+    fn add_all(&mut self, other: Self) {
+        self.telemetries += other.telemetries;
+        self.frames += other.frames;
+        self.commands += other.commands;
+        self.events += other.events;
+    }
+
+    /// All but the frames.
+    pub(super) fn others(self) -> u64 {
+        self.telemetries + self.commands + self.events
+    }
+}
+
+/// What the driving loop and the writer's thread share. The lock is held for
+/// a few moves in memory only, never while the disk is at work.
+#[derive(Debug)]
+pub(super) struct Queue {
+    path: PathBuf,
+    state: Mutex<State>,
+    /// Something was queued, or the recorder closes.
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+pub(super) struct State {
+    waiting: VecDeque<(Duration, Item)>,
+    capacity: usize,
+    /// No patience with a full disk: the recorder is being made or being closed.
+    closing: bool,
+    /// The writer is gone for good.
+    dead: bool,
+    pub(super) failed: Option<String>,
+    pub(super) written: Counts,
+    /// In the chunk in memory.
+    unflushed: Counts,
+    pub(super) lost: Counts,
+    /// Frames lost since the last one that was not.
+    gap: u64,
+    warned: Option<Duration>,
+    last: Duration,
+}
+
+/// What the writer's thread is to do.
+#[expect(clippy::large_enum_variant, reason = "nearly always an item, and never stored")]
+pub(super) enum Next {
+    Item(Duration, Item),
+    Due,
+    Closed,
+}
+
+impl State {
+    /// Queues the item or counts it as lost; the losses so far if it is time to warn of them.
+    fn take(&mut self, at: Duration, item: Item) -> Option<Counts> {
+        self.last = at;
+        let is_frame = matches!(item, Item::Frame(_));
+        let room = if is_frame { self.capacity / 4 * 3 } else { self.capacity };
+        if self.dead {
+            self.lost.add(&item);
+            return None;
+        }
+        if self.waiting.len() < room {
+            if is_frame {
+                self.tell_gap(at);
+            }
+            self.waiting.push_back((at, item));
+            return None;
+        }
+        self.lost.add(&item);
+        self.gap += u64::from(is_frame);
+        let again = self.warned.is_none_or(|warned| at.saturating_sub(warned) >= WARN_EVERY);
+        // A full disk was said already, and says itself when it is over.
+        (again && self.failed.is_none()).then(|| {
+            self.warned = Some(at);
+            self.lost
+        })
+    }
+
+    /// Nothing waits.
+    #[cfg(test)]
+    pub(super) fn is_idle(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    fn tell_gap(&mut self, at: Duration) {
+        if self.gap > 0 {
+            self.waiting.push_back((at, Item::Event(EventRecord::FramesNotRecorded { count: self.gap })));
+            self.gap = 0;
+        }
+    }
+
+    pub(super) fn summary(&self) -> BTreeMap<String, String> {
+        [
+            ("telemetries", self.written.telemetries),
+            ("frames", self.written.frames),
+            ("commands", self.written.commands),
+            ("events", self.written.events),
+            ("frames_not_recorded", self.lost.frames),
+            ("items_not_recorded", self.lost.others()),
+        ]
+        .into_iter()
+        .map(|(name, count)| (name.to_owned(), count.to_string()))
+        .collect()
+    }
+}
+
+impl Queue {
+    pub(super) fn new(capacity: usize, path: PathBuf) -> Self {
+        let state = State {
+            waiting: VecDeque::new(),
+            // Below four, a quarter of the queue is nothing.
+            capacity: capacity.max(4),
+            closing: true,
+            dead: false,
+            failed: None,
+            written: Counts::default(),
+            unflushed: Counts::default(),
+            lost: Counts::default(),
+            gap: 0,
+            warned: None,
+            last: Duration::ZERO,
+        };
+        Self { path, state: Mutex::new(state), changed: Condvar::new() }
+    }
+
+    pub(super) fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing that holds the lock can leave the state half changed.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// From here on a full disk is waited for.
+    pub(super) fn open(&self) {
+        self.lock().closing = false;
+    }
+
+    /// Ends the writer's thread once it has written what waits.
+    pub(super) fn close(&self) {
+        self.lock().closing = true;
+        self.changed.notify_one();
+    }
+
+    /// Queues the item or counts it as lost; the losses so far if it is time to warn of them.
+    pub(super) fn push(&self, at: Duration, item: Item) -> Option<Counts> {
+        let warn = self.lock().take(at, item);
+        self.changed.notify_one();
+        warn
+    }
+
+    /// Waits for an item, for `due`, or for the end.
+    pub(super) fn next(&self, due: Option<Instant>) -> Next {
+        let mut state = self.lock();
+        loop {
+            if state.closing && state.waiting.is_empty() {
+                let last = state.last;
+                state.tell_gap(last);
+            }
+            if let Some((at, item)) = state.waiting.pop_front() {
+                state.unflushed.add(&item);
+                return Next::Item(at, item);
+            }
+            if state.closing {
+                return Next::Closed;
+            }
+            state = match due.map(|due| due.saturating_duration_since(Instant::now())) {
+                None => self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+                Some(Duration::ZERO) => return Next::Due,
+                Some(wait) => self.changed.wait_timeout(state, wait).unwrap_or_else(PoisonError::into_inner).0,
+            };
+        }
+    }
+
+    pub(super) fn flushed(&self) {
+        let mut state = self.lock();
+        let unflushed = std::mem::take(&mut state.unflushed);
+        state.written.add_all(unflushed);
+    }
+
+    /// The writer ends here: all that it holds and all that will come is lost.
+    pub(super) fn give_up(&self, error: &io::Error) {
+        let mut state = self.lock();
+        state.dead = true;
+        let unflushed = std::mem::take(&mut state.unflushed);
+        state.lost.add_all(unflushed);
+        for (_, item) in std::mem::take(&mut state.waiting) {
+            state.lost.add(&item);
+        }
+        if state.failed.is_none() {
+            state.failed = Some(error.to_string());
+            drop(state);
+            tracing::error!(
+                run = %self.path.display(),
+                "cannot write the run: {error}. Driving goes on without recording; what was written so far can be read. Record to another disk with the next run"
+            );
+        }
+    }
+
+    /// Waits until a full disk may be asked again. False when there is no time to wait.
+    fn wait_for_room(&self, error: &io::Error) -> bool {
+        let mut state = self.lock();
+        if !state.closing && state.failed.is_none() {
+            state.failed = Some(error.to_string());
+            drop(state);
+            tracing::error!(
+                run = %self.path.display(),
+                "cannot write the run: {error}. Driving goes on; free some space and recording goes on, too"
+            );
+            state = self.lock();
+        }
+        let wait = self.changed.wait_timeout_while(state, RETRY_EVERY, |state| !state.closing);
+        !wait.unwrap_or_else(PoisonError::into_inner).0.closing
+    }
+
+    fn has_room_again(&self) {
+        if self.lock().failed.take().is_some() {
+            tracing::info!(run = %self.path.display(), "the disk has room again, recording goes on");
+        }
+    }
+}
+
+/// A sink that waits for room on a full disk, so that a chunk goes on where it stopped.
+pub(super) struct Patient<W> {
+    pub(super) sink: W,
+    pub(super) queue: Arc<Queue>,
+}
+
+impl<W: Write> Write for Patient<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut waited = false;
+        loop {
+            match self.sink.write(bytes) {
+                Err(e) if matches!(e.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
+                    if !self.queue.wait_for_room(&e) {
+                        return Err(e);
+                    }
+                    waited = true;
+                }
+                result => {
+                    if waited && result.is_ok() {
+                        self.queue.has_room_again();
+                    }
+                    return result;
+                }
+            }
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.sink.flush()
+    }
+}
+
+impl<W: Seek> Seek for Patient<W> {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.sink.seek(to)
+    }
+}

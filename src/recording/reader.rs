@@ -1,0 +1,262 @@
+//! A run read back, item by item, in memory for one chunk.
+
+use std::{
+    collections::HashMap,
+    fmt,
+    fs::File,
+    io::{BufReader, Read},
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use mcap::{MAGIC, records::op};
+use prost::Message;
+use serde::de::DeserializeOwned;
+
+use super::{
+    Item, Moments, RecordingError, RunHeader,
+    container::{Broken, Chunk, Container, Fields},
+    format::{Channel, CompressedImage, RUN},
+};
+
+/// An item and the time since the run began.
+type Yield = Result<(Duration, Item), RecordingError>;
+
+/// Where and how a file ends before its orderly end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Truncation {
+    /// Length of the part that was read.
+    pub read: u64,
+    /// Length of the part that was not.
+    pub unread: u64,
+    /// What was expected there, and what came.
+    pub why: String,
+}
+
+impl fmt::Display for Truncation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "cut off or damaged at byte {}: {}; {} bytes are not read", self.read, self.why, self.unread)
+    }
+}
+
+/// Reads a run: its header at once, its items as an iterator.
+///
+/// Files that other tools have rewritten (with compressed chunks, without
+/// chunks, with channels of their own) read as well; channels that are not a
+/// run's are passed over. A file cut off or damaged somewhere reads up to the
+/// last whole chunk before that place, and [`truncated`](Self::truncated) tells.
+///
+/// The iterator yields [`RecordingError::Message`] for a message that does not
+/// parse and goes on behind it, [`RecordingError::Io`] where the file cannot be
+/// read any more and ends.
+pub struct RunReader {
+    path: PathBuf,
+    header: RunHeader,
+    container: Container<BufReader<File>>,
+    /// Those of a run, by id; `None` is somebody else's.
+    channels: HashMap<u16, Option<Channel>>,
+    chunk: Option<Chunk>,
+    /// Where the record begins that is being read.
+    at: u64,
+    truncation: Option<Truncation>,
+    done: bool,
+}
+
+impl fmt::Debug for RunReader {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("RunReader").field("path", &self.path).field("at", &self.at).finish_non_exhaustive()
+    }
+}
+
+impl RunReader {
+    /// Opens a run and reads its header.
+    ///
+    /// # Errors
+    /// [`RecordingError::Io`], [`RecordingError::NotARun`] for anything that is
+    /// not MCAP, [`RecordingError::NoHeader`] for an MCAP file of another
+    /// program, [`RecordingError::Newer`] and [`RecordingError::Header`] for a
+    /// header that cannot be understood.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
+        let path = path.as_ref();
+        let io = |e| RecordingError::io("read", path)(e);
+        if path.is_dir() {
+            let got = "a folder; a run is one file in it, and a folder with driving_log.csv is a data set";
+            return Err(RecordingError::NotARun { path: path.to_owned(), got });
+        }
+        let mut file = BufReader::new(File::open(path).map_err(io)?);
+        let len = file.get_ref().metadata().map_err(io)?.len();
+        let mut start = Vec::new();
+        file.by_ref().take(64).read_to_end(&mut start).map_err(io)?;
+        if !start.starts_with(MAGIC) {
+            return Err(RecordingError::NotARun { path: path.to_owned(), got: what_is(&start) });
+        }
+        let mut container = Container::new(file, len).map_err(io)?;
+        let header = find_header(path, &mut container)?;
+        let container = Container::new(container.into_inner(), len).map_err(io)?;
+        Ok(Self {
+            path: path.to_owned(),
+            header,
+            container,
+            channels: HashMap::new(),
+            chunk: None,
+            at: 0,
+            truncation: None,
+            done: false,
+        })
+    }
+
+    /// How the run was made.
+    pub fn header(&self) -> &RunHeader {
+        &self.header
+    }
+
+    /// The run's file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How the file ends, once the iterator has: `None` is in good order.
+    pub fn truncated(&self) -> Option<&Truncation> {
+        self.truncation.as_ref()
+    }
+
+    /// The items joined into what a replay takes.
+    pub fn moments(self) -> Moments {
+        Moments::new(self)
+    }
+
+    /// The next record that may matter: from the open chunk, else from the file.
+    fn step(&mut self) -> Result<Option<Yield>, Broken> {
+        loop {
+            let Self { chunk, container, channels, .. } = self;
+            let in_chunk = chunk.is_some();
+            let (opcode, body) = match chunk {
+                Some(open) => match open.next()? {
+                    Some(record) => record,
+                    None => {
+                        self.chunk = None;
+                        continue;
+                    }
+                },
+                None => {
+                    self.at = container.at();
+                    match container.next(|opcode| matches!(opcode, op::CHUNK | op::CHANNEL | op::MESSAGE))? {
+                        Some(record) => record,
+                        None => {
+                            self.done = true;
+                            return Ok(None);
+                        }
+                    }
+                }
+            };
+            match opcode {
+                op::CHUNK if !in_chunk => self.chunk = Some(Chunk::new(body)?),
+                op::CHANNEL => {
+                    let (id, topic, encoding) = Fields(body)
+                        .channel()
+                        .ok_or_else(|| Broken::Damaged("expected a channel, got a piece of one".into()))?;
+                    let ours = |c: &Channel| c.topic() == topic && c.message_encoding() == encoding;
+                    channels.insert(id, Channel::ALL.into_iter().find(ours));
+                }
+                op::MESSAGE => {
+                    let (id, log_time, data) = Fields(body)
+                        .message()
+                        .ok_or_else(|| Broken::Damaged("expected a message, got a piece of one".into()))?;
+                    let at = Duration::from_nanos(log_time.saturating_sub(self.header.started_ns()));
+                    let (topic, item) = match channels.get(&id) {
+                        Some(None) => continue,
+                        Some(Some(channel)) => (channel.topic().to_owned(), parse(*channel, data)),
+                        None => (format!("channel {id}"), Err("expected a channel declared before, got none".into())),
+                    };
+                    return Ok(Some(item.map(|item| (at, item)).map_err(|why| RecordingError::Message {
+                        path: self.path.clone(),
+                        channel: topic,
+                        at,
+                        why,
+                    })));
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+impl Iterator for RunReader {
+    type Item = Yield;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.done {
+            return None;
+        }
+        match self.step() {
+            Ok(item) => item,
+            Err(Broken::Damaged(why)) => {
+                self.done = true;
+                let unread = self.container.len().saturating_sub(self.at);
+                self.truncation = Some(Truncation { read: self.at, unread, why });
+                None
+            }
+            Err(Broken::Io(e)) => {
+                self.done = true;
+                Some(Err(RecordingError::io("read", &self.path)(e)))
+            }
+        }
+    }
+}
+
+/// The metadata record `lapwing.run`. It comes first in what the recorder
+/// writes; tools that rewrite files may put it elsewhere.
+fn find_header(path: &Path, container: &mut Container<BufReader<File>>) -> Result<RunHeader, RecordingError> {
+    let none = |why: String| Err(RecordingError::NoHeader { path: path.to_owned(), why });
+    loop {
+        match container.next(|opcode| opcode == op::METADATA) {
+            Ok(Some((op::METADATA, body))) => match Fields(body).metadata() {
+                Some((RUN, fields)) => return RunHeader::from_metadata(path, fields),
+                Some(_) => {}
+                None => return none("a metadata record is damaged".into()),
+            },
+            Ok(Some(_)) => {}
+            Ok(None) => return none("another program made this file".into()),
+            Err(Broken::Damaged(why)) => {
+                return none(format!("another program made this file, or it is cut off before: {why}"));
+            }
+            Err(Broken::Io(e)) => return Err(RecordingError::io("read", path)(e)),
+        }
+    }
+}
+
+/// What a file is that is not MCAP, by its first bytes.
+fn what_is(start: &[u8]) -> &'static str {
+    let is_text = std::str::from_utf8(start).is_ok_and(|t| !t.contains('\0'));
+    match start {
+        [] => "an empty file: the disk was full, or whatever made it ended too early",
+        _ if MAGIC.starts_with(start) => "its first bytes only: it is cut off",
+        _ if start.iter().all(|b| *b == 0) => "zeros: the machine went down before the file was on disk",
+        _ if is_text && start.contains(&b',') => "comma-separated text; a driving log is a data set, not a run",
+        _ if is_text => "text",
+        _ => "another kind of file",
+    }
+}
+
+/// One message of a run.
+fn parse(channel: Channel, data: &[u8]) -> Result<Item, String> {
+    match channel {
+        Channel::Camera => {
+            let image = CompressedImage::decode(data).map_err(|e| format!("expected a CompressedImage: {e}"))?;
+            if image.format != "jpeg" {
+                return Err(format!("expected a picture in the format jpeg, got {:?}", image.format));
+            }
+            Ok(Item::Frame(image.data))
+        }
+        Channel::Telemetry => json(data).map(Item::Telemetry),
+        Channel::Command => json(data).map(Item::Command),
+        Channel::Event => json(data).map(Item::Event),
+    }
+}
+
+fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
+    serde_json::from_slice(data).map_err(|e| {
+        let got: String = String::from_utf8_lossy(&data[..data.len().min(240)]).chars().take(60).collect();
+        format!("{e}, got {got:?}")
+    })
+}

@@ -1,0 +1,472 @@
+//! The recorder: takes items from the driving loop without ever holding it up,
+//! and writes them on a thread of its own.
+
+use std::{
+    fs,
+    io::{self, Seek, Write},
+    path::{Path, PathBuf},
+    sync::Arc,
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
+
+use jiff::tz::TimeZone;
+
+use super::{
+    Item, RecordingError, RunHeader,
+    queue::{Next, Patient, Queue},
+    writer::RunWriter,
+};
+
+/// How old an item in memory may get. Half of the second that a crash may cost
+/// at most, the other half being for a busy disk.
+const FLUSH_EVERY: Duration = Duration::from_millis(500);
+/// A chunk of this size is written before its time.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// How a recorder works.
+#[derive(Debug, Clone, Copy)]
+pub struct RecorderOptions {
+    /// How many items may wait for the disk. Default 512: eight seconds of a
+    /// simulator that sends 20 telemetries a second, about 4 MB of JPEG.
+    pub queue: usize,
+}
+
+impl Default for RecorderOptions {
+    fn default() -> Self {
+        Self { queue: 512 }
+    }
+}
+
+/// How a recorder fares.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecorderStatus {
+    /// Items that the file holds for good: they would outlive this process.
+    pub items_written: u64,
+    /// Frames that the disk was too slow or too full for.
+    pub frames_not_recorded: u64,
+    /// Telemetries, commands and events likewise.
+    pub items_not_recorded: u64,
+    /// What is wrong at the moment, in words. A full disk that has room again is forgotten.
+    pub failed: Option<String>,
+}
+
+/// What became of a run.
+#[derive(Debug)]
+pub struct RecordingReport {
+    /// The run's file.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// Telemetries in it.
+    pub telemetries: u64,
+    /// Frames in it.
+    pub frames: u64,
+    /// Frames that are not.
+    pub frames_not_recorded: u64,
+    /// Telemetries, commands and events that are not.
+    pub items_not_recorded: u64,
+    /// Why the file ends before the run did, if it does.
+    pub error: Option<RecordingError>,
+}
+
+/// Records one run.
+///
+/// Items wait in a bounded queue. Where the disk does not keep up, frames are
+/// dropped as soon as three quarters of it are taken and everything else only
+/// when it is full; all of it is counted, and the file gets one
+/// [`EventRecord::FramesNotRecorded`] once there is room again.
+///
+/// A full disk is a slow disk that may be waited for: the writer holds the chunk
+/// it is at and asks again every second, so that once somebody frees space the
+/// recording goes on without a gap but for what the queue could not hold. Any
+/// other error ends the recording, not the drive. What is on disk then stays
+/// readable up to the last whole chunk.
+///
+/// Chunks go to the operating system at least every second, which a crash of
+/// this program cannot undo; a crash of the machine may (nothing is synced).
+#[derive(Debug)]
+pub struct Recorder {
+    path: PathBuf,
+    queue: Arc<Queue>,
+    thread: Option<JoinHandle<Result<(), io::Error>>>,
+}
+
+impl Recorder {
+    /// Makes the folder and a new file in it, named by local time and the header's hint.
+    ///
+    /// # Errors
+    /// [`RecordingError::Io`] where the folder or the file cannot be made,
+    /// [`RecordingError::Write`] where the file does not take the header.
+    pub fn create(dir: &Path, header: RunHeader, options: RecorderOptions) -> Result<Self, RecordingError> {
+        fs::create_dir_all(dir).map_err(RecordingError::io("make the folder", dir))?;
+        let (file, path) = new_file(dir, &header)?;
+        Self::with_sink(file, path, &header, options)
+    }
+
+    /// Records into any sink; `path` is what messages call it.
+    fn with_sink<W: Write + Seek + Send + 'static>(
+        sink: W,
+        path: PathBuf,
+        header: &RunHeader,
+        options: RecorderOptions,
+    ) -> Result<Self, RecordingError> {
+        let queue = Arc::new(Queue::new(options.queue, path.clone()));
+        let writer = RunWriter::new(Patient { sink, queue: Arc::clone(&queue) }, header)
+            .map_err(|source| RecordingError::Write { path: path.clone(), source })?;
+        queue.open();
+        let thread = std::thread::Builder::new()
+            .name("recorder".into())
+            .spawn({
+                let queue = Arc::clone(&queue);
+                move || {
+                    let result = write_all(writer, &queue);
+                    if let Err(error) = &result {
+                        queue.give_up(error);
+                    }
+                    result
+                }
+            })
+            .map_err(RecordingError::io("start a thread to write", &path))?;
+        Ok(Self { path, queue, thread: Some(thread) })
+    }
+
+    /// The run's file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Hands over an item that happened `at` this time since the run began.
+    ///
+    /// Never waits for the disk and never fails; what cannot be recorded is
+    /// counted. The telemetry, the frame and the command of one step are handed
+    /// over in this order, the frame with the very time of its telemetry: that
+    /// is how [`Moments`](super::Moments) joins them.
+    pub fn record(&self, at: Duration, item: Item) {
+        if let Some(lost) = self.queue.push(at, item.lean()) {
+            tracing::warn!(
+                run = %self.path.display(),
+                frames_not_recorded = lost.frames,
+                items_not_recorded = lost.others(),
+                "the disk is too slow for this run: frames are dropped first, driving goes on"
+            );
+        }
+    }
+
+    /// How the recording fares. Cheap.
+    pub fn status(&self) -> RecorderStatus {
+        let state = self.queue.lock();
+        RecorderStatus {
+            items_written: state.written.frames + state.written.others(),
+            frames_not_recorded: state.lost.frames,
+            items_not_recorded: state.lost.others(),
+            failed: state.failed.clone(),
+        }
+    }
+
+    /// Writes what still waits, ends the file and says what became of it. Waits
+    /// for a slow disk; a full one is asked one last time.
+    pub fn finish(mut self) -> RecordingReport {
+        let error = self.close().err().map(|source| RecordingError::Write { path: self.path.clone(), source });
+        let state = self.queue.lock();
+        RecordingReport {
+            path: self.path.clone(),
+            bytes: fs::metadata(&self.path).map_or(0, |m| m.len()),
+            telemetries: state.written.telemetries,
+            frames: state.written.frames,
+            frames_not_recorded: state.lost.frames,
+            items_not_recorded: state.lost.others(),
+            error,
+        }
+    }
+
+    fn close(&mut self) -> Result<(), io::Error> {
+        self.queue.close();
+        match self.thread.take().map(JoinHandle::join) {
+            None => Ok(()),
+            Some(Ok(result)) => result,
+            Some(Err(_)) => Err(io::Error::other("the thread that writes it panicked")),
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // Said already, by the thread that found it.
+        let _ = self.close();
+    }
+}
+
+/// Opens a file that was not there before, so that no run is ever overwritten.
+fn new_file(dir: &Path, header: &RunHeader) -> Result<(fs::File, PathBuf), RecordingError> {
+    let mut name = header.started.to_zoned(TimeZone::system()).strftime("%Y-%m-%dT%H-%M-%S").to_string();
+    if let Some(hint) = &header.name_hint {
+        let clean = |c: char| if c.is_alphanumeric() || c == '_' { c } else { '-' };
+        name.extend(std::iter::once('-').chain(hint.chars().take(60).map(clean)));
+    }
+    let mut number = 1;
+    loop {
+        let count = if number == 1 { String::new() } else { format!("-{number}") };
+        let path = dir.join(format!("{name}{count}.mcap"));
+        match fs::File::create_new(&path) {
+            Ok(file) => return Ok((file, path)),
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && number < 10_000 => number += 1,
+            Err(e) => return Err(RecordingError::io("create", &path)(e)),
+        }
+    }
+}
+
+/// The writer's thread: from the queue to the sink until the recorder closes.
+fn write_all<W: Write + Seek>(mut writer: RunWriter<W>, queue: &Queue) -> Result<(), io::Error> {
+    let mut due: Option<Instant> = None;
+    loop {
+        match queue.next(due) {
+            Next::Item(at, item) => {
+                writer.write(at, &item)?;
+                due.get_or_insert_with(|| Instant::now() + FLUSH_EVERY);
+            }
+            Next::Due => {}
+            Next::Closed => break,
+        }
+        if writer.unflushed() >= CHUNK_BYTES || due.is_some_and(|due| due <= Instant::now()) {
+            writer.flush()?;
+            queue.flushed();
+            due = None;
+        }
+    }
+    writer.flush()?;
+    queue.flushed();
+    let summary = queue.lock().summary();
+    writer.finish(summary)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Condvar, Mutex};
+
+    use super::{
+        super::{EventRecord, RunReader},
+        *,
+    };
+    use crate::protocol::Telemetry;
+
+    /// A disk in memory that can be made to stand still, to fill up and to break.
+    #[derive(Clone, Default)]
+    struct Disk(Arc<(Mutex<Platter>, Condvar)>);
+
+    #[derive(Default)]
+    struct Platter {
+        bytes: Vec<u8>,
+        stands: bool,
+        /// A write is waiting for the disk to turn again.
+        waits: bool,
+        room: Option<usize>,
+        broken: bool,
+    }
+
+    impl Disk {
+        fn set(&self, change: impl FnOnce(&mut Platter)) {
+            change(&mut self.0.0.lock().unwrap());
+            self.0.1.notify_all();
+        }
+
+        fn await_a_waiting_write(&self) {
+            let platter = self.0.0.lock().unwrap();
+            drop(self.0.1.wait_while(platter, |p| !p.waits).unwrap());
+        }
+
+        /// The items on the disk and how its file ends.
+        fn read(&self) -> (Vec<Item>, bool) {
+            let file = tempfile::NamedTempFile::new().unwrap();
+            fs::write(file.path(), &self.0.0.lock().unwrap().bytes).unwrap();
+            let mut run = RunReader::open(file.path()).unwrap();
+            let items = run.by_ref().map(|item| item.unwrap().1).collect();
+            (items, run.truncated().is_none())
+        }
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let mut platter = self.0.0.lock().unwrap();
+            while platter.stands {
+                platter.waits = true;
+                self.0.1.notify_all();
+                platter = self.0.1.wait(platter).unwrap();
+            }
+            platter.waits = false;
+            if platter.broken {
+                return Err(io::Error::other("it broke"));
+            }
+            let count = bytes.len().min(platter.room.unwrap_or(usize::MAX));
+            if count == 0 && !bytes.is_empty() {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            platter.bytes.extend(&bytes[..count]);
+            platter.room = platter.room.map(|room| room - count);
+            Ok(count)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Seek for Disk {
+        fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+            assert_eq!(to, io::SeekFrom::Current(0), "a recorder only asks where it is");
+            Ok(self.0.0.lock().unwrap().bytes.len() as u64)
+        }
+    }
+
+    fn header() -> RunHeader {
+        RunHeader {
+            name_hint: Some("a/b".into()),
+            dialect: None,
+            model: None,
+            seed: None,
+            config: serde_json::Value::Null,
+            lapwing: "0.1.0".into(),
+            started: "2026-11-21T08:15:30Z".parse().unwrap(),
+        }
+    }
+
+    fn record_on(disk: &Disk, queue: usize) -> Recorder {
+        Recorder::with_sink(disk.clone(), "run.mcap".into(), &header(), RecorderOptions { queue }).unwrap()
+    }
+
+    fn telemetry() -> Item {
+        Item::Telemetry(serde_json::from_str::<Telemetry>(r#"{"steering_deg":0,"throttle":0,"speed_mph":1}"#).unwrap())
+    }
+
+    fn frame(bytes: usize) -> Item {
+        Item::Frame(vec![7; bytes].into())
+    }
+
+    /// A frame that fills a chunk alone, so that it is written at once.
+    fn large() -> Item {
+        frame(CHUNK_BYTES)
+    }
+
+    fn until(what: impl Fn() -> bool) {
+        let end = Instant::now() + Duration::from_secs(20);
+        while !what() {
+            assert!(Instant::now() < end, "waited in vain");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn a_slow_disk_drops_frames_first_and_keeps_all_telemetry() {
+        let disk = Disk::default();
+        let recorder = record_on(&disk, 40);
+        disk.set(|p| p.stands = true);
+        recorder.record(Duration::ZERO, large());
+        disk.await_a_waiting_write();
+        // The disk stands still from here on; that `record` returns shows that it does not wait for it.
+        for i in 0..25 {
+            recorder.record(Duration::from_millis(i), telemetry());
+            recorder.record(Duration::from_millis(i), frame(10));
+        }
+        // 15 telemetries and 15 frames fill three quarters, 10 telemetries the rest.
+        let status = recorder.status();
+        assert_eq!((status.frames_not_recorded, status.items_not_recorded, status.items_written), (10, 0, 0));
+        recorder.record(Duration::from_millis(25), telemetry());
+        assert_eq!(recorder.status().items_not_recorded, 1);
+
+        disk.set(|p| p.stands = false);
+        until(|| recorder.queue.lock().is_idle());
+        recorder.record(Duration::from_millis(26), frame(10));
+        let report = recorder.finish();
+        assert!(report.error.is_none());
+        assert_eq!((report.telemetries, report.frames, report.frames_not_recorded), (25, 17, 10));
+        let (items, in_order) = disk.read();
+        assert!(in_order);
+        assert_eq!(items.iter().filter(|item| **item == telemetry()).count(), 25);
+        let gap = Item::Event(EventRecord::FramesNotRecorded { count: 10 });
+        assert_eq!(items[items.len() - 2..], [gap, frame(10)]);
+    }
+
+    #[test]
+    fn frames_lost_at_the_very_end_are_told_in_the_file_too() {
+        let disk = Disk::default();
+        let recorder = record_on(&disk, 4);
+        disk.set(|p| p.stands = true);
+        recorder.record(Duration::ZERO, large());
+        disk.await_a_waiting_write();
+        (0..5).for_each(|_| recorder.record(Duration::ZERO, frame(1)));
+        disk.set(|p| p.stands = false);
+        drop(recorder);
+        let (items, in_order) = disk.read();
+        assert!(in_order, "dropping a recorder ends its file");
+        assert_eq!(items.last(), Some(&Item::Event(EventRecord::FramesNotRecorded { count: 2 })));
+    }
+
+    #[test]
+    fn what_was_written_before_the_disk_was_full_is_readable() {
+        let disk = Disk::default();
+        let recorder = record_on(&disk, 100);
+        disk.set(|p| p.room = Some(2 * CHUNK_BYTES + CHUNK_BYTES / 2));
+        for _ in 0..4 {
+            recorder.record(Duration::ZERO, large());
+        }
+        until(|| recorder.status().failed.is_some());
+        recorder.record(Duration::ZERO, telemetry());
+        let report = recorder.finish();
+        let error = report.error.unwrap().to_string();
+        assert!(error.starts_with("run.mcap: the run is recorded up to here only: "), "{error}");
+        assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (2, 2, 1));
+        assert_eq!(disk.read(), (vec![large(); 2], false));
+    }
+
+    #[test]
+    fn a_full_disk_with_room_again_loses_nothing() {
+        let disk = Disk::default();
+        let recorder = record_on(&disk, 100);
+        disk.set(|p| p.room = Some(CHUNK_BYTES / 2));
+        recorder.record(Duration::ZERO, large());
+        until(|| recorder.status().failed.is_some());
+        recorder.record(Duration::ZERO, telemetry());
+        disk.set(|p| p.room = None);
+        until(|| recorder.status().failed.is_none());
+        assert!(recorder.finish().error.is_none());
+        assert_eq!(disk.read(), (vec![large(), telemetry()], true));
+    }
+
+    #[test]
+    fn a_broken_disk_ends_the_recording_and_everything_else_is_counted() {
+        let disk = Disk::default();
+        let recorder = record_on(&disk, 100);
+        recorder.record(Duration::ZERO, large());
+        until(|| recorder.status().items_written == 1);
+        disk.set(|p| p.broken = true);
+        recorder.record(Duration::ZERO, large());
+        until(|| recorder.status().failed.is_some());
+        recorder.record(Duration::ZERO, telemetry());
+        let report = recorder.finish();
+        assert!(report.error.unwrap().to_string().contains("it broke"));
+        assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (1, 1, 1));
+        assert_eq!(disk.read(), (vec![large()], false));
+    }
+
+    #[test]
+    fn a_disk_that_does_not_take_the_header_is_an_error_at_once() {
+        let disk = Disk::default();
+        disk.set(|p| p.room = Some(20));
+        let result = Recorder::with_sink(disk, "run.mcap".into(), &header(), RecorderOptions::default());
+        assert!(matches!(result.unwrap_err(), RecordingError::Write { .. }));
+    }
+
+    #[test]
+    fn runs_of_the_same_second_get_files_of_their_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let runs = dir.path().join("new").join("runs");
+        let make = || Recorder::create(&runs, header(), RecorderOptions::default()).unwrap();
+        let (first, second) = (make(), make());
+        let name = |r: &Recorder| r.path().file_name().unwrap().to_str().unwrap().to_owned();
+        assert!(name(&first).ends_with("-30-a-b.mcap"), "{}", name(&first));
+        assert!(name(&second).ends_with("-30-a-b-2.mcap"), "{}", name(&second));
+        let report = first.finish();
+        assert_eq!(report.bytes, fs::metadata(&report.path).unwrap().len());
+        assert!(report.bytes > 0);
+    }
+}

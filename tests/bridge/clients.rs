@@ -1,0 +1,50 @@
+//! Simulators of other names, and ordinary Socket.IO clients on the same port.
+//! The real libraries are run by `tests/interop`.
+
+use tempfile::tempdir;
+
+use crate::support::{Running, Wire, settings, steer, telemetry};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn whoever_talks_before_being_greeted_is_served_as_a_simulator() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::dial(running.address, "UnityPlayer/2020.3", "EIO=4&transport=websocket").await;
+    steer(&simulator.ask(&telemetry("0.0000")).await);
+    steer(&simulator.ask(&telemetry("0.0000")).await);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_ordinary_client_of_protocol_5_is_greeted_and_steered() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut client = Wire::dial(running.address, "node-XMLHttpRequest", "EIO=4&transport=websocket").await;
+    let open = client.text().await;
+    assert!(open.starts_with("0{\"sid\":"), "{open}");
+    let connected = client.ask("40").await;
+    assert!(connected.starts_with("40{\"sid\":"), "{connected}");
+    let (_, throttle) = steer(&client.ask(&telemetry("0.0000")).await);
+    assert_eq!(throttle, 0.918);
+    assert_eq!(client.ask(r#"42["telemetry",null]"#).await, r#"42["manual",{}]"#);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_ordinary_client_that_does_not_wait_for_the_greeting_is_served_all_the_same() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut client = Wire::dial(running.address, "impatient", "EIO=4&transport=websocket").await;
+    client.send("40").await;
+    assert!(client.text().await.starts_with("0{\"sid\":"));
+    assert!(client.text().await.starts_with("40{\"sid\":"));
+    steer(&client.ask(&telemetry("0.0000")).await);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_ordinary_client_of_protocol_4_is_greeted_and_steered() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut client = Wire::dial(running.address, "python-socketio", "EIO=3&transport=websocket").await;
+    assert!(client.text().await.starts_with("0{\"sid\":"));
+    assert_eq!(client.text().await, "40");
+    steer(&client.ask(&telemetry("0.0000")).await);
+}

@@ -1,0 +1,69 @@
+//! Hand-over between human and pilot.
+
+use std::time::Duration;
+
+use lapwing::{config::Takeover, recording::{EventRecord, Moment, RunReader}};
+use tempfile::tempdir;
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+};
+
+use crate::support::{Running, Wire, settings, steer, telemetry};
+
+const HUMAN: &str = r#"42["telemetry",null]"#;
+const MANUAL: &str = r#"42["manual",{}]"#;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_human_is_answered_manual_and_the_integral_is_held_meanwhile() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    assert_eq!(steer(&simulator.ask(&telemetry("4.0000")).await).1, 0.51);
+    for _ in 0..20 {
+        assert_eq!(simulator.ask(HUMAN).await, MANUAL);
+    }
+    assert_eq!(simulator.ask(r#"42["telemetry",{}]"#).await, MANUAL);
+    assert_eq!(steer(&simulator.ask(&telemetry("4.0000")).await).1, 0.52, "one more error in the sum, not twenty");
+    let summary = running.stop().await.remove(0);
+    assert_eq!((summary.human_takeovers, summary.human_messages, summary.telemetries), (1, 21, 2));
+    let moments: Vec<_> = RunReader::open(summary.run.unwrap().path).unwrap().moments().map(Result::unwrap).collect();
+    let ended = moments.iter().any(|m| {
+        matches!(m, Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } if *duration_s > 0.0)
+    });
+    assert!(ended, "{moments:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nobody_kicks_while_a_human_drives() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    assert_eq!(simulator.ask(HUMAN).await, MANUAL);
+    assert_eq!(simulator.text_within(Duration::from_millis(1500)).await, None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn latched_the_pilot_stays_off_until_it_is_armed() {
+    let dir = tempdir().unwrap();
+    let mut settings = settings(dir.path());
+    settings.control.takeover = Takeover::Latch;
+    let running = Running::start(settings).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    assert!(steer(&simulator.ask(&telemetry("4.0000")).await).1 > 0.0);
+    assert_eq!(simulator.ask(HUMAN).await, MANUAL);
+    for _ in 0..3 {
+        assert_eq!(steer(&simulator.ask(&telemetry("4.0000")).await), (0.0, 0.0), "off: wheels straight, no throttle");
+    }
+    assert_eq!(post(&running, "/arm").await, "armed\n");
+    assert!(steer(&simulator.ask(&telemetry("4.0000")).await).1 > 0.0);
+}
+
+async fn post(running: &Running, path: &str) -> String {
+    let mut stream = TcpStream::connect(running.address).await.unwrap();
+    let request = format!("POST {path} HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: 0\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let mut response = String::new();
+    stream.read_to_string(&mut response).await.unwrap();
+    response.split_once("\r\n\r\n").unwrap().1.to_owned()
+}

@@ -1,0 +1,80 @@
+//! Kicks, tokens too many, ghosts.
+
+use std::time::{Duration, Instant};
+
+use tempfile::tempdir;
+
+use crate::support::{Running, Wire, settings, steer, telemetry};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_simulator_that_missed_its_start_is_kicked_after_a_second() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    let began = Instant::now();
+    let kick = simulator.text().await;
+    assert_eq!(kick, r#"42["steer",{"steering_angle":"0e-4","throttle":"0e-4"}]"#);
+    assert!(began.elapsed() >= Duration::from_millis(950), "{:?}", began.elapsed());
+    assert!(steer(&simulator.ask(&telemetry("0.0000")).await).1 > 0.0, "and its loop runs");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_loop_that_stalled_is_kicked_with_the_last_steering() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    let (steering, _) = steer(&simulator.ask(&telemetry("5.0000")).await);
+    assert_eq!(steer(&simulator.text().await), (steering, 0.0));
+    let summary = running.stop().await.remove(0);
+    assert_eq!(summary.kicks, 1);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_token_too_many_after_a_pause_is_taken_out_of_the_game() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    simulator.ask(&telemetry("5.0000")).await;
+    simulator.text().await; // the kick: now the simulator holds two tokens
+    simulator.send(&telemetry("5.0000")).await;
+    tokio::time::sleep(Duration::from_millis(20)).await; // one game frame
+    simulator.send(&telemetry("5.0000")).await;
+    steer(&simulator.text().await);
+    assert_eq!(simulator.text_within(Duration::from_millis(500)).await, None, "one answer for two telemetries");
+    steer(&simulator.ask(&telemetry("5.0000")).await);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_ghost_is_dropped_once_its_simulator_dials_anew() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut ghost = Wire::simulator(running.address).await;
+    ghost.ask(&telemetry("5.0000")).await;
+    let mut fresh = Wire::simulator(running.address).await;
+    let playing = async {
+        loop {
+            fresh.ask(&telemetry("5.0000")).await;
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    let dropped = tokio::select! {
+        dropped = ghost.ends_within(Duration::from_secs(3)) => dropped,
+        () = playing => unreachable!(),
+    };
+    assert!(dropped);
+    steer(&fresh.ask(&telemetry("5.0000")).await);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_simulator_that_plays_is_spared_when_another_one_dials() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut first = Wire::simulator(running.address).await;
+    let mut second = Wire::simulator(running.address).await;
+    let until = Instant::now() + Duration::from_millis(2500);
+    while Instant::now() < until {
+        steer(&first.ask(&telemetry("5.0000")).await);
+        steer(&second.ask(&telemetry("5.0000")).await);
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+}

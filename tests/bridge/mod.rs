@@ -1,0 +1,8 @@
+//! The bridge over real sockets, as simulators and clients see it.
+
+mod bad_input;
+mod clients;
+mod dialects;
+mod hands;
+mod liveness;
+mod wire;

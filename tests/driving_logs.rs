@@ -1,0 +1,62 @@
+//! Driving logs and drives of other people, read as they are. They cannot be
+//! part of this project; where they are absent, these tests say so and pass.
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+};
+
+use lapwing::recording::udacity::DrivingLog;
+
+/// A folder of shared test data: `$LAPWING_SHARED`, by default beside the project's.
+fn shared(folder: &str) -> Option<PathBuf> {
+    let root = env::var_os("LAPWING_SHARED")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let folder = root.join(folder);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    assert!(env::var_os("LAPWING_REQUIRE_SHARED").is_none_or(|v| v != "1"), "{} is absent", folder.display());
+    println!("skipped: {} is absent", folder.display());
+    None
+}
+
+#[test]
+fn every_shared_driving_log_is_read_to_its_last_row() {
+    let Some(folder) = shared("driving_logs") else { return };
+    let mut count = 0;
+    for file in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        if file.extension().is_none_or(|e| e != "csv") {
+            continue;
+        }
+        count += 1;
+        let log = DrivingLog::open(&file).unwrap();
+        let text = fs::read_to_string(&file).unwrap();
+        let header = usize::from(text.starts_with("center,"));
+        assert_eq!(log.rows.len(), text.lines().count() - header, "{}", file.display());
+        let last = log.rows.last().unwrap();
+        assert!(last.taken_at.is_some() && last.left.is_some() && last.right.is_some(), "{}", file.display());
+        for row in &log.rows {
+            assert!((0.0..=31.0).contains(&row.speed.get()), "{}, line {}", file.display(), row.line);
+        }
+    }
+    assert_eq!(count, 7);
+}
+
+#[test]
+fn real_drives_are_read_with_all_their_pictures() {
+    let Some(folder) = shared("recordings") else { return };
+    for (name, count, interval_ms) in [("lake", 2200, 71.0), ("jungle", 1500, 117.0), ("mountain", 1084, 102.0)] {
+        let log = DrivingLog::open(folder.join(name)).unwrap();
+        assert_eq!(log.rows.len(), count, "{name}");
+        for row in &log.rows {
+            for picture in [Some(&row.center), row.left.as_ref(), row.right.as_ref()].into_iter().flatten() {
+                assert!(picture.is_file(), "{}", picture.display());
+            }
+        }
+        let mut intervals: Vec<_> = log.rows.windows(2).map(|r| (r[1].at - r[0].at).as_secs_f64() * 1e3).collect();
+        intervals.sort_by(f64::total_cmp);
+        let median = intervals[intervals.len() / 2];
+        assert!((median - interval_ms).abs() < 15.0, "{name}: {median} ms");
+    }
+}

@@ -1,0 +1,114 @@
+"""Drives by the stand-in simulator: speed, lock-step, cultures, a late start, a human, eight at once, replays."""
+import csv
+import functools
+import itertools
+
+from bridge import FRAMES, RUNS, SHARED, Bridge, Failed, Unity, equal, lapwing, unharmed, within
+
+
+@functools.lru_cache(maxsize=None)
+def fast_drive():
+    """2000 real frames as fast as the bridge answers: the client's account, the summary, the run's file."""
+    with Bridge() as bridge:
+        result = Unity(bridge, "--count", 2000).result()
+    return result, bridge.summary(), bridge.recordings
+
+
+def fast(_):
+    result, summary, _ = fast_drive()
+    figures = unharmed(result, 2000)
+    equal("telemetries in the summary", summary["telemetries"], 2000)
+    equal("dialect", summary["dialect"], "term1")
+    equal("bad frames", summary["bad_frames"], 0)
+    equal("kicks", summary["kicks"], 0)
+    return f"2000 telemetries, {summary['frames_per_s']:.0f}/s, {figures}; bridge's own p99 {summary['latency_p99_ms']} ms"
+
+
+def steady(quick):
+    seconds, fps = (10, 60) if quick else (60, 60)
+    with Bridge() as bridge:
+        result = Unity(bridge, "--fps", fps, "--seconds", seconds, "--count", 4000).result()
+    figures = unharmed(result)
+    within("telemetries", result["telemetries"], 0.95 * seconds * fps)
+    within("steers", result["steers"], result["telemetries"] - 1, result["telemetries"])  # the end may cut one off
+    run = bridge.summary()["run"]
+    equal("items not recorded", run["not_recorded"], 0)
+    return f"{result['telemetries']} telemetries in {seconds} s, {figures}"
+
+
+def cultures(_):
+    figures = []
+    with Bridge() as bridge:
+        for culture in ("en-US", "de-DE", "fr-FR", "de-CH"):
+            commands = bridge.dir / f"{culture}.csv"
+            unharmed(Unity(bridge, "--culture", culture, "--count", 200, "--commands", commands).result(), 200)
+            rows = list(csv.DictReader(commands.open()))
+            equal(f"{culture}: commands", len(rows), 200)
+            for field in ("steering", "throttle"):
+                values = [float(row[field]) for row in rows]
+                within(f"{culture}: lowest {field}", min(values), -1, 1)
+                within(f"{culture}: highest {field}", max(values), -1, 1)
+                within(f"{culture}: different values of {field}", len(set(values)), 20)
+            figures.append([row["steering"] for row in rows])
+    for culture, steering in zip(("de-DE", "fr-FR", "de-CH"), figures[1:]):
+        equal(f"{culture}: steering as in en-US", steering, figures[0])
+    speeds = [summary["max_speed_mph"] for summary in bridge.summaries]
+    equal("highest speed read, by culture", speeds, [30.19] * 4)
+    return f"4 x 200 commands agree, {len(set(figures[0]))} different steering values"
+
+
+def late_start(_):
+    with Bridge() as bridge:
+        result = Unity(bridge, "--late-start", "--count", 200).result()
+    figures = unharmed(dict(result, steers=result["steers"] - 1), 200)  # one more than asked for: the kick
+    equal("kicks", bridge.summary()["kicks"], 0)  # there was no drive yet to count it in
+    equal("kicks in the log", bridge.log.count("sent unasked"), 1)
+    return f"200 telemetries after one kick, {figures}"
+
+
+def human(_):
+    with Bridge() as bridge:
+        result = Unity(bridge, "--manual-from", 50, "--manual-for", 40, "--count", 200).result()
+    unharmed(result)
+    equal("telemetries", result["telemetries"], 200)
+    equal("steers", result["steers"], 160)
+    equal("manual replies", result["manual_replies"], 40)
+    summary = bridge.summary()
+    equal("takeovers and human messages", (summary["human_takeovers"], summary["human_messages"]), (1, 40))
+    return "160 steers, 40 manual replies, 1 takeover"
+
+
+def many(quick):
+    seconds, fps, simulators = (8 if quick else 20), 15, 8
+    count = seconds * fps
+    with Bridge() as bridge:
+        # One per cent more time than the frames need: who answers late by more fails.
+        clients = [Unity(bridge, "--fps", fps, "--count", count, "--seconds", seconds * 1.01) for _ in range(simulators)]
+        results = [client.result() for client in clients]
+    for result in results:
+        unharmed(result)
+        within("telemetries", result["telemetries"], 0.99 * count, count)
+        within("steers", result["steers"], result["telemetries"] - 1, result["telemetries"])
+    equal("summaries", len(bridge.summaries), simulators)
+    equal("items not recorded", sum(s["run"]["not_recorded"] for s in bridge.summaries), 0)
+    least, worst = min(r["telemetries"] for r in results), max(r["rtt_p99_ms"] for r in results)
+    return f"{simulators} x {least} of {count} telemetries at least, worst rtt p99 {worst} ms"
+
+
+def replay(_):
+    folder = RUNS / "lake-head"
+    folder.mkdir()
+    (folder / "IMG").symlink_to(FRAMES)
+    with open(SHARED / "recordings" / "lake" / "driving_log.csv") as log:
+        (folder / "driving_log.csv").write_text("".join(itertools.islice(log, 300)))
+    here = lapwing("replay", folder, "--json")
+    with Bridge() as bridge:
+        there = lapwing("replay", folder, "--json", "--connect", f"127.0.0.1:{bridge.port}")
+    for report in (here, there):
+        equal("moments", report["moments"], 300)
+        within("frames compared", report["steering"]["frames"], 300, 300)
+    mae, mae_there = here["steering"]["mae"], there["steering"]["mae"]
+    if not abs(mae - mae_there) <= 1e-3:
+        raise Failed(f"steering MAE over the bridge: expected {mae} within 0.001, got {mae_there}")
+    return (f"MAE {mae:.4f} and {mae_there:.4f}; in process {here['frames_per_s']:.0f}/s, p99 {here['latency']['p99_ms']:.2f} ms; "
+            f"bridge {there['frames_per_s']:.0f}/s, p99 {there['latency']['p99_ms']:.2f} ms")

@@ -1,0 +1,91 @@
+#!/usr/bin/env python3
+"""Real clients against the real bridge: `target/release/lapwing`, built before.
+
+    tests/interop/run.py [--quick] [--only NAME …] [--list]
+
+Each check prints one line with what it measured. The last line is
+`N passed, N failed[, N skipped]`; the exit status is 1 if a check failed.
+
+Python 3.9 or newer and its standard library. Stock packages go into virtual
+environments and a node_modules under `target/interop/`, made once. Checks by
+the stand-in simulator need the shared folder (LAPWING_SHARED, by default
+`shared` beside the checkout) and are skipped without it, those of the
+JavaScript clients without Node.js; with LAPWING_REQUIRE_SHARED=1 they fail
+instead.
+"""
+import argparse
+import shutil
+import subprocess
+import sys
+import time
+
+import checks_clients
+import checks_drives
+import checks_runs
+import checks_server
+from bridge import FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skipped
+
+# Name, check, whether it needs the shared folder, what it holds to.
+CHECKS = [
+    ("fast", checks_drives.fast, True, "2000 real frames as fast as they are answered"),
+    ("run-file", checks_runs.run_file, True, "the run of `fast` by stock mcap packages"),
+    ("steady", checks_drives.steady, True, "60 s at 60 frames a second"),
+    ("many", checks_drives.many, True, "8 simulators at once"),
+    ("cultures", checks_drives.cultures, True, "numbers of four cultures"),
+    ("late-start", checks_drives.late_start, True, "a simulator that missed its start is kicked"),
+    ("human", checks_drives.human, True, "a human takes over and lets go"),
+    ("replay", checks_drives.replay, True, "a replay in process and over the bridge agree"),
+    ("crash", checks_runs.crash, True, "kill -9 costs at most the last second of a run"),
+    ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
+    ("abuse", checks_server.abuse, False, "malformed messages get one safe answer each"),
+    ("unknown-agent", checks_server.unknown_agent, False, "a build that talks first is a simulator"),
+    ("busy-port", checks_server.busy_port, False, "a taken port names who holds it"),
+    ("redial-storm", checks_server.redial_storm, False, "2000 dials, few log lines"),
+    ("python-socketio", checks_clients.python_socketio, False, "python-socketio 5 and 4"),
+    ("socket.io-client", checks_clients.js_socketio, False, "socket.io-client 4 and 2"),
+]
+
+
+def outcome(check, needs_shared, quick):
+    """Makes a check; returns the word for its outcome and the figures."""
+    try:
+        if needs_shared and not FRAMES.is_dir():
+            if REQUIRE_SHARED:
+                raise Failed(f"the shared folder: expected recordings at {SHARED}, got none")
+            raise Skipped("needs the shared folder")
+        return "ok", check(quick)
+    except Skipped as why:
+        return "skipped", str(why)
+    except (Failed, OSError, ValueError, KeyError, subprocess.TimeoutExpired) as why:
+        return "FAILED", str(why) if isinstance(why, Failed) else f"{type(why).__name__}: {why}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", action="append", metavar="NAME", choices=[c[0] for c in CHECKS], help="this check, repeatable")
+    parser.add_argument("--quick", action="store_true", help="shorten the checks that take time")
+    parser.add_argument("--list", action="store_true", help="say what there is")
+    arguments = parser.parse_args()
+    if arguments.list:
+        for name, _, _, what in CHECKS:
+            print(f"{name:17} {what}")
+        return 0
+    if not LAPWING.exists():
+        sys.exit(f"expected the bridge at {LAPWING}, got nothing there: cargo build --release")
+    shutil.rmtree(RUNS, ignore_errors=True)
+    RUNS.mkdir(parents=True)
+    counts = dict(ok=0, FAILED=0, skipped=0)
+    for name, check, needs_shared, _ in CHECKS:
+        if arguments.only and name not in arguments.only:
+            continue
+        began = time.monotonic()
+        word, figures = outcome(check, needs_shared, arguments.quick)
+        counts[word] += 1
+        print(f"{name:17} {word:7} {figures}  [{time.monotonic() - began:.1f} s]", flush=True)
+    skipped = f", {counts['skipped']} skipped" if counts["skipped"] else ""
+    print(f"{counts['ok']} passed, {counts['FAILED']} failed{skipped}")
+    return 1 if counts["FAILED"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,407 @@
+//! Runs as files: written, killed, cut, damaged, rewritten and read.
+
+use std::{
+    collections::BTreeMap,
+    env, fs,
+    io::{BufRead, BufReader, Cursor},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::OnceLock,
+    thread,
+    time::{Duration, Instant},
+};
+
+use lapwing::{
+    protocol::{CameraImage, Dialect, Telemetry},
+    recording::{
+        By, CommandRecord, EventRecord, Item, ModelId, Moment, Recorder, RecorderOptions, RunHeader, RunReader, Step,
+    },
+    units::{Steering, Throttle},
+};
+use mcap::{Compression, WriteOptions, read::MessageStream, records::Metadata};
+
+fn header() -> RunHeader {
+    RunHeader {
+        name_hint: Some("lake".into()),
+        dialect: Some(Dialect::Term1),
+        model: Some(ModelId { name: "pilotnet-lake".into(), sha256: "ab".repeat(32) }),
+        seed: Some(7),
+        config: serde_json::json!({"control": {"speed_mph": 15.0}}),
+        lapwing: "0.1.0".into(),
+        started: "2026-11-21T08:15:30.123456789Z".parse().unwrap(),
+    }
+}
+
+fn telemetry(i: u32) -> Telemetry {
+    let text = format!(
+        r#"{{"steering_deg":-1.25,"throttle":0.3,"speed_mph":{i}.5,"truth":{{"lap":{i},"position_m":[1.0,2.0,-3.5]}}}}"#
+    );
+    serde_json::from_str(&text).unwrap()
+}
+
+fn jpeg(i: u32) -> Vec<u8> {
+    [b"\xff\xd8".as_slice(), &i.to_le_bytes(), &[0x55; 40]].concat()
+}
+
+fn command(i: u32) -> CommandRecord {
+    CommandRecord {
+        by: By::Pilot,
+        steering: Steering::new(-0.25).unwrap(),
+        throttle: Throttle::new(0.5).unwrap(),
+        prediction: Some(-0.2625),
+        p: Some(0.75),
+        i: None,
+        saturated: false,
+        decode_ns: 1_000_000,
+        preprocess_ns: 200_000,
+        forward_ns: u64::from(i),
+        driver_ns: 3,
+        latency_ns: Some(4),
+    }
+}
+
+/// The items of step `i`, 66 ms after the one before.
+fn step(i: u32) -> Vec<(Duration, Item)> {
+    let at = Duration::from_millis(66) * i;
+    let later = at + Duration::from_millis(3);
+    let mut items = vec![
+        (at, Item::Telemetry(telemetry(i))),
+        (at, Item::Frame(jpeg(i).into())),
+        (later, Item::Command(command(i))),
+    ];
+    if i % 4 == 3 {
+        items.push((later, Item::Event(EventRecord::Note { text: format!("step {i}") })));
+    }
+    items
+}
+
+/// A run of twelve steps in four chunks, and what is in it. Made once, as chunks take their time.
+fn short_run() -> &'static (Vec<u8>, Vec<(Duration, Item)>) {
+    static RUN: OnceLock<(Vec<u8>, Vec<(Duration, Item)>)> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let recorder = Recorder::create(dir.path(), header(), RecorderOptions::default()).unwrap();
+        let mut items = Vec::new();
+        for i in 0..12 {
+            for (at, item) in step(i) {
+                recorder.record(at, item.clone());
+                items.push((at, item));
+            }
+            if i % 3 == 2 {
+                let due = Instant::now() + Duration::from_secs(20);
+                while recorder.status().items_written < items.len() as u64 {
+                    assert!(Instant::now() < due, "no chunk was written");
+                    thread::sleep(Duration::from_millis(5));
+                }
+            }
+        }
+        let report = recorder.finish();
+        assert!(report.error.is_none());
+        assert_eq!((report.telemetries, report.frames, report.frames_not_recorded), (12, 12, 0));
+        (fs::read(report.path).unwrap(), items)
+    })
+}
+
+/// All items of a file that are read without an error, and whether the file ends in good order.
+fn read(path: &Path) -> Option<(Vec<(Duration, Item)>, bool)> {
+    let mut run = RunReader::open(path).ok()?;
+    let items = run.by_ref().filter_map(Result::ok).collect();
+    let whole = run.truncated().is_none();
+    Some((items, whole))
+}
+
+fn on_disk(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    fs::write(&path, bytes).unwrap();
+    (dir, path)
+}
+
+#[test]
+fn what_is_recorded_reads_back() {
+    let (bytes, items) = short_run();
+    let (_dir, path) = on_disk(bytes);
+    assert_eq!(*RunReader::open(&path).unwrap().header(), header());
+    assert_eq!(read(&path).unwrap(), (items.clone(), true));
+}
+
+#[test]
+fn a_run_cut_off_at_any_byte_reads_up_to_its_last_whole_chunk() {
+    let (bytes, items) = short_run();
+    let (_dir, path) = on_disk(bytes);
+    let file = fs::File::options().write(true).open(&path).unwrap();
+    let (mut last, mut lengths) = (items.len(), std::collections::BTreeSet::new());
+    for length in (0..bytes.len()).rev() {
+        file.set_len(length as u64).unwrap();
+        let Some((read, whole)) = read(&path) else {
+            assert!(length < 2000, "{length} bytes are enough for the header");
+            last = 0;
+            continue;
+        };
+        assert!(!whole, "{length}");
+        assert!(read.len() <= last, "{length}");
+        assert_eq!(read[..], items[..read.len()], "{length}");
+        last = read.len();
+        lengths.insert(last);
+    }
+    assert_eq!(lengths.into_iter().collect::<Vec<_>>(), [0, 9, 19, 29, 39]);
+}
+
+#[test]
+fn the_reader_says_where_and_how_a_file_ends_too_early() {
+    let (bytes, _) = short_run();
+    let (_dir, path) = on_disk(&bytes[..bytes.len() - 3]);
+    let mut run = RunReader::open(&path).unwrap();
+    assert_eq!(run.by_ref().count(), 39);
+    let truncation = run.truncated().unwrap();
+    assert_eq!(truncation.why, "expected the end mark, got the file's end");
+    assert_eq!(truncation.read + truncation.unread, bytes.len() as u64 - 3);
+
+    let (_dir, path) = on_disk(&[bytes, b"more".as_slice()].concat());
+    let mut run = RunReader::open(&path).unwrap();
+    assert_eq!(run.by_ref().count(), 39);
+    assert_eq!(run.truncated().unwrap().why, "expected the file's end, got 4 more bytes");
+
+    // What file systems leave of a file that grew when the machine went down.
+    let (_dir, path) = on_disk(&[&bytes[..bytes.len() - 3], &[0; 5000]].concat());
+    assert_eq!(read(&path).unwrap().0.len(), 39);
+}
+
+/// The run as another tool would write it: other chunks, its own channel, our metadata last.
+fn rewritten(options: WriteOptions) -> Vec<u8> {
+    let (bytes, _) = short_run();
+    let mut out = options.chunk_size(Some(500)).create(Cursor::new(Vec::new())).unwrap();
+    let foreign = out.add_channel_with_id(900, 0, "/tf", "json", &BTreeMap::new()).unwrap();
+    for message in MessageStream::new(bytes).unwrap() {
+        let message = message.unwrap();
+        let header = mcap::records::MessageHeader {
+            channel_id: foreign,
+            sequence: 0,
+            log_time: message.log_time,
+            publish_time: 0,
+        };
+        out.write_to_known_channel(&header, b"{}").unwrap();
+        out.write(&message).unwrap();
+    }
+    for record in mcap::read::LinearReader::new(bytes).unwrap() {
+        if let mcap::records::Record::Metadata(Metadata { name, metadata }) = record.unwrap() {
+            out.write_metadata(&Metadata { name, metadata }).unwrap();
+        }
+    }
+    out.finish().unwrap();
+    out.into_inner().into_inner()
+}
+
+fn rewritings() -> Vec<Vec<u8>> {
+    let options = || WriteOptions::new().compression(None);
+    vec![
+        rewritten(options()),
+        rewritten(options().compression(Some(Compression::Zstd))),
+        rewritten(options().compression(Some(Compression::Lz4))),
+        rewritten(options().use_chunks(false)),
+        rewritten(options().calculate_chunk_crcs(false)),
+    ]
+}
+
+#[test]
+fn files_rewritten_by_other_tools_read_the_same() {
+    for bytes in rewritings() {
+        let (_dir, path) = on_disk(&bytes);
+        assert_eq!(read(&path).unwrap(), (short_run().1.clone(), true));
+    }
+}
+
+#[test]
+fn damaged_files_never_panic_and_yield_a_good_beginning() {
+    // Marsaglia's xorshift: any numbers will do, the same every time.
+    let mut state = 0x2545_F491_4F6C_DD1D_u64;
+    let mut random = move |below: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % below as u64) as usize
+    };
+    let mut files = rewritings();
+    files.push(short_run().0.clone());
+    let (_dir, path) = on_disk(&[]);
+    for (kind, original) in files.iter().enumerate() {
+        for _ in 0..400 {
+            let mut bytes = original.clone();
+            for _ in 0..=random(3) {
+                let at = random(bytes.len());
+                // Lengths that lie are the worst: all bits set as often as any.
+                let lie = [0xff, 0x7f, 0, random(256) as u8][random(4)];
+                let until = (at + 1 + random(8)).min(bytes.len());
+                bytes[at..until].fill(lie);
+            }
+            fs::write(&path, &bytes).unwrap();
+            let read = read(&path);
+            // Only the recorder's own file has checksums for all that is in it.
+            if kind == files.len() - 1
+                && let Some((items, whole)) = read
+            {
+                let good = items.iter().zip(&short_run().1).take_while(|(a, b)| a == b).count();
+                assert_eq!(good, items.len(), "whole: {whole}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_no_run_is_refused_in_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let error = |name: &str, bytes: &[u8]| {
+        let path = dir.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        RunReader::open(&path).unwrap_err().to_string()
+    };
+    assert!(error("empty", b"").ends_with(
+        "expected a run (an MCAP file), got an empty file: the disk was full, or whatever made it ended too early"
+    ));
+    assert!(
+        error("log.csv", b"c.jpg,l.jpg").ends_with("got comma-separated text; a driving log is a data set, not a run")
+    );
+    assert!(error("zeros", &[0; 100]).contains("got zeros"));
+    assert!(error("jpeg", b"\xff\xd8\xff\xe0").ends_with("got another kind of file"));
+    assert!(error("start", &mcap::MAGIC[..5]).contains("its first bytes only"));
+    let foreign = WriteOptions::new().create(Cursor::new(Vec::new())).unwrap();
+    let bytes = {
+        let mut f = foreign;
+        f.finish().unwrap();
+        f.into_inner().into_inner()
+    };
+    assert!(
+        error("foreign", &bytes)
+            .ends_with("expected the metadata record lapwing.run, got none: another program made this file")
+    );
+    let folder = RunReader::open(dir.path()).unwrap_err().to_string();
+    assert!(folder.contains("got a folder"), "{folder}");
+    let absent = RunReader::open(dir.path().join("absent")).unwrap_err().to_string();
+    assert!(absent.starts_with("cannot read "), "{absent}");
+}
+
+#[test]
+fn a_message_that_does_not_parse_is_named_and_the_next_one_read() {
+    let mut out = WriteOptions::new().create(Cursor::new(Vec::new())).unwrap();
+    let fields =
+        [("format_version", "1"), ("lapwing", "0.1.0"), ("started", "1970-01-01T00:00:00Z"), ("config", "null")];
+    let metadata = fields.map(|(k, v)| (k.to_owned(), v.to_owned())).into();
+    out.write_metadata(&Metadata { name: "lapwing.run".into(), metadata }).unwrap();
+    let channel_id = out.add_channel(0, "/event", "json", &BTreeMap::new()).unwrap();
+    for (sequence, text) in [r#"{"kind":"party"}"#, r#"{"kind":"kick"}"#].iter().enumerate() {
+        let header = mcap::records::MessageHeader {
+            channel_id,
+            sequence: sequence as u32,
+            log_time: 1_500_000_000,
+            publish_time: 0,
+        };
+        out.write_to_known_channel(&header, text.as_bytes()).unwrap();
+    }
+    out.finish().unwrap();
+    let (_dir, path) = on_disk(&out.into_inner().into_inner());
+    let mut run = RunReader::open(&path).unwrap();
+    let error = run.next().unwrap().unwrap_err().to_string();
+    assert!(error.contains("run.mcap: /event at 1.500 s: unknown variant `party`, expected one of"), "{error}");
+    assert_eq!(run.next().unwrap().unwrap(), (Duration::from_millis(1500), Item::Event(EventRecord::Kick)));
+    assert!(run.next().is_none());
+}
+
+#[test]
+fn items_are_joined_into_steps_with_events_between_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let recorder = Recorder::create(dir.path(), header(), RecorderOptions::default()).unwrap();
+    let ms = Duration::from_millis;
+    let event = |text: &str| EventRecord::Note { text: text.into() };
+    for (at, item) in [
+        (0, Item::Event(event("before"))),
+        (10, Item::Telemetry(telemetry(1))),
+        (10, Item::Frame(jpeg(1).into())),
+        (11, Item::Event(event("while it thinks"))),
+        (12, Item::Command(command(1))),
+        // No frame, no answer: a person drives, and the disk is slow.
+        (20, Item::Telemetry(telemetry(2))),
+        // A tool that sorts by time may put the frame first.
+        (30, Item::Frame(jpeg(3).into())),
+        (30, Item::Telemetry(telemetry(3))),
+        (33, Item::Command(command(3))),
+        (40, Item::Event(event("after"))),
+    ] {
+        recorder.record(ms(at), item);
+    }
+    let mut moments = RunReader::open(recorder.finish().path).unwrap().moments();
+    let step = |at, i: u32, picture: bool, answered: bool| {
+        let mut telemetry = telemetry(i);
+        if picture {
+            telemetry.image = CameraImage::Jpeg(jpeg(i).into());
+        }
+        Moment::Step(Step { at: ms(at), telemetry, frame_recorded: picture, command: answered.then(|| command(i)) })
+    };
+    let note = |at, text: &str| Moment::Event { at: ms(at), event: event(text) };
+    assert_eq!(
+        moments.by_ref().map(Result::unwrap).collect::<Vec<_>>(),
+        [
+            note(0, "before"),
+            step(10, 1, true, true),
+            note(11, "while it thinks"),
+            step(20, 2, false, false),
+            step(30, 3, true, true),
+            note(40, "after"),
+        ]
+    );
+    assert_eq!((moments.without_frame(), moments.unanswered()), (1, 1));
+    assert!(moments.truncated().is_none());
+}
+
+/// In the environment of the process that is to be killed: where it records to.
+const VICTIM: &str = "LAPWING_TEST_RECORD_UNTIL_KILLED";
+
+#[test]
+fn at_most_one_second_is_lost_when_the_process_is_killed() {
+    if let Some(dir) = env::var_os(VICTIM) {
+        record_until_killed(Path::new(&dir));
+    }
+    let dir = tempfile::tempdir().unwrap();
+    // The victim is this very test in another process.
+    let mut victim = Command::new(env::current_exe().unwrap())
+        .args(["--exact", "recording::at_most_one_second_is_lost_when_the_process_is_killed", "--nocapture"])
+        .env(VICTIM, dir.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(victim.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let mut recorded = Vec::new();
+    while recorded.last().is_none_or(|at| *at < Duration::from_millis(2500)) {
+        let line = lines.next().expect("the victim records until it is killed");
+        recorded.extend(line.strip_prefix("recorded ").map(|ns| Duration::from_nanos(ns.parse().unwrap())));
+    }
+    victim.kill().unwrap(); // SIGKILL on Unix
+    victim.wait().unwrap();
+    recorded.extend(lines.filter_map(|l| Some(Duration::from_nanos(l.strip_prefix("recorded ")?.parse().ok()?))));
+
+    let path = fs::read_dir(dir.path()).unwrap().next().unwrap().unwrap().path();
+    let mut run = RunReader::open(path).unwrap();
+    let read: Vec<Duration> = run
+        .by_ref()
+        .map(Result::unwrap)
+        .filter_map(|(at, item)| matches!(item, Item::Frame(_)).then_some(at))
+        .collect();
+    assert!(run.truncated().is_some());
+    assert_eq!(read[..], recorded[..read.len()]);
+    let lost = recorded.last().unwrap().saturating_sub(*read.last().unwrap());
+    assert!(lost <= Duration::from_secs(1), "{lost:?} are lost");
+}
+
+fn record_until_killed(dir: &Path) -> ! {
+    let recorder = Recorder::create(dir, header(), RecorderOptions::default()).unwrap();
+    let start = Instant::now();
+    for i in 0.. {
+        let at = start.elapsed();
+        recorder.record(at, Item::Telemetry(telemetry(i)));
+        recorder.record(at, Item::Frame(vec![0; 15_000].into()));
+        recorder.record(at, Item::Command(command(i)));
+        println!("recorded {}", at.as_nanos());
+        thread::sleep(Duration::from_millis(66));
+        assert!(start.elapsed() < Duration::from_secs(60), "nobody killed this process");
+    }
+    unreachable!()
+}

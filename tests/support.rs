@@ -1,0 +1,156 @@
+//! What several tests need: pictures, telemetry, a bridge, a simulator's end of the wire.
+
+use std::{net::SocketAddr, path::Path, sync::Arc, sync::Mutex, time::Duration};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use futures_util::{SinkExt, StreamExt};
+use lapwing::{
+    bridge::{self, Bridge, Listener, Summary},
+    config::Settings,
+    pilot,
+};
+use tokio::{net::TcpStream, sync::oneshot, task::JoinHandle, time::timeout};
+use tokio_tungstenite::{
+    WebSocketStream, client_async,
+    tungstenite::{Message, client::IntoClientRequest, handshake::client::Response},
+};
+
+/// A picture as the simulator sends them, 320x160.
+pub fn jpeg(shade: u8) -> Vec<u8> {
+    let pixels: Vec<u8> = (0..320 * 160 * 3u32).map(|i| shade.wrapping_add((i / 961 % 97) as u8)).collect();
+    let mut jpeg = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 75)
+        .encode(&pixels, 320, 160, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    jpeg
+}
+
+/// A stock telemetry with this picture, as base64, at this speed.
+pub fn telemetry_with(image: &str, speed: &str) -> String {
+    format!(
+        r#"42["telemetry",{{"steering_angle":"0.0000","throttle":"0.0000","speed":"{speed}","image":"{image}"}}]"#
+    )
+}
+
+/// A good stock telemetry at a speed.
+pub fn telemetry(speed: &str) -> String {
+    telemetry_with(&STANDARD.encode(jpeg(90)), speed)
+}
+
+/// Settings that record into `dir`.
+pub fn settings(dir: &Path) -> Settings {
+    let mut settings = Settings::default();
+    settings.recording.dir = dir.to_owned();
+    settings
+}
+
+/// A bridge that runs until it is stopped.
+pub struct Running {
+    pub address: SocketAddr,
+    pub bridge: Arc<Bridge>,
+    pub summaries: Arc<Mutex<Vec<Summary>>>,
+    stop: oneshot::Sender<()>,
+    server: JoinHandle<std::io::Result<()>>,
+}
+
+impl Running {
+    /// With the built-in model loaded.
+    pub async fn start(settings: Settings) -> Self {
+        let running = Self::without_a_model(settings).await;
+        running.bridge.model_is_ready(pilot::built_in(1, std::time::Instant::now).unwrap());
+        running
+    }
+
+    pub async fn without_a_model(settings: Settings) -> Self {
+        let listener = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
+        let address = listener.address();
+        let summaries = Arc::<Mutex<Vec<Summary>>>::default();
+        let sink = summaries.clone();
+        let bridge = Bridge::new(settings, move |summary| sink.lock().unwrap().push(summary.clone()));
+        let (stop, stopped) = oneshot::channel();
+        let server = tokio::spawn(bridge::serve(listener, bridge.clone(), async move {
+            let _ = stopped.await;
+        }));
+        Self { address, bridge, summaries, stop, server }
+    }
+
+    /// Ends all runs; returns what was said of them.
+    pub async fn stop(self) -> Vec<Summary> {
+        self.stop.send(()).unwrap();
+        timeout(Duration::from_secs(10), self.server).await.expect("the bridge stops").unwrap().unwrap();
+        std::mem::take(&mut self.summaries.lock().unwrap())
+    }
+}
+
+/// The simulator's end of the wire.
+pub struct Wire {
+    pub socket: WebSocketStream<TcpStream>,
+    pub handshake: Response,
+}
+
+/// The user agent of the stock build.
+pub const UNITY: &str = "websocket-sharp/1.0";
+
+impl Wire {
+    pub async fn dial(address: SocketAddr, user_agent: &str, query: &str) -> Self {
+        let mut request = format!("ws://{address}/socket.io/?{query}").into_client_request().unwrap();
+        request.headers_mut().insert("User-Agent", user_agent.parse().unwrap());
+        let stream = TcpStream::connect(address).await.unwrap();
+        let (socket, handshake) = client_async(request, stream).await.unwrap();
+        Self { socket, handshake }
+    }
+
+    /// As the stock build dials.
+    pub async fn simulator(address: SocketAddr) -> Self {
+        Self::dial(address, UNITY, "EIO=4&transport=websocket").await
+    }
+
+    pub async fn send(&mut self, text: &str) {
+        self.socket.send(Message::text(text)).await.unwrap();
+    }
+
+    /// The next text within some seconds.
+    pub async fn text(&mut self) -> String {
+        self.text_within(Duration::from_secs(5)).await.expect("a message within 5 s")
+    }
+
+    /// The next text, or `None` if none comes in this time or the connection ends.
+    pub async fn text_within(&mut self, wait: Duration) -> Option<String> {
+        match timeout(wait, self.socket.next()).await {
+            Err(_) => None,
+            Ok(Some(Ok(Message::Text(text)))) => Some(text.to_string()),
+            Ok(None | Some(Err(_) | Ok(Message::Close(_)))) => None,
+            Ok(Some(Ok(other))) => panic!("the simulator dies of {other:?}"),
+        }
+    }
+
+    /// Sends a message and returns its answer.
+    pub async fn ask(&mut self, text: &str) -> String {
+        self.send(text).await;
+        self.text().await
+    }
+
+    /// Whether the other side ends the connection in this time.
+    pub async fn ends_within(&mut self, wait: Duration) -> bool {
+        let end = async {
+            while let Some(Ok(message)) = self.socket.next().await {
+                if message.is_close() {
+                    return;
+                }
+            }
+        };
+        timeout(wait, end).await.is_ok()
+    }
+}
+
+/// Steering and throttle of a stock `steer`, read by its literal shape.
+pub fn steer(text: &str) -> (f64, f64) {
+    let rest = text.strip_prefix(r#"42["steer",{"steering_angle":""#).unwrap_or_else(|| panic!("no steer: {text}"));
+    let (steering, rest) = rest.split_once(r#"","throttle":""#).unwrap_or_else(|| panic!("no throttle: {text}"));
+    let throttle = rest.strip_suffix(r#""}]"#).unwrap_or_else(|| panic!("more than that: {text}"));
+    let number = |text: &str| {
+        let mantissa = text.strip_suffix("e-4").unwrap_or_else(|| panic!("not in every culture: {text}"));
+        mantissa.parse::<i32>().unwrap_or_else(|_| panic!("not in every culture: {text}")) as f64 / 1e4
+    };
+    (number(steering), number(throttle))
+}
