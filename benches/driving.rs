@@ -7,7 +7,7 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 use divan::{Bencher, counter::BytesCount};
 use image::{ColorType, codecs::jpeg::JpegEncoder};
 use lapwing::{
-    nn::{Checkpoint, in_variable_store},
+    nn::{Checkpoint, in_variable_store, runtime},
     perception::{Frame, Preprocess, Preprocessor, decode_base64, decode_jpeg},
     pilot,
     units::Mph,
@@ -17,20 +17,8 @@ use tch::{Device, Kind, Tensor, nn::VarStore};
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
 
 fn main() {
-    keep_memory();
+    runtime::keep_tensor_memory();
     divan::main();
-}
-
-/// As the program itself does at its start: glibc would return a tensor's
-/// memory to the system and fault it in again at every operation.
-fn keep_memory() {
-    #[cfg(target_os = "linux")]
-    // SAFETY: sets parameters of the allocator, before there are other threads.
-    unsafe {
-        libc::mallopt(libc::M_TRIM_THRESHOLD, i32::MAX);
-        libc::mallopt(libc::M_MMAP_THRESHOLD, i32::MAX);
-        libc::mallopt(libc::M_TOP_PAD, 64 << 20);
-    }
 }
 
 /// A road under a sky, 320 x 160, with some noise, as a JPEG of quality 75: 11 to 15 KiB.

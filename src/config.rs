@@ -116,13 +116,7 @@ impl Default for Bridge {
 
 impl Default for Control {
     fn default() -> Self {
-        Self {
-            speed_law: SpeedLaw::Pi,
-            speed_mph: Mph::constant(9.0),
-            kp: 0.1,
-            ki: 0.002,
-            takeover: Takeover::Resume,
-        }
+        Self { speed_law: SpeedLaw::Pi, speed_mph: Mph::constant(9.0), kp: 0.1, ki: 0.002, takeover: Takeover::Resume }
     }
 }
 
@@ -180,8 +174,7 @@ impl Layers {
             Err(e) if !named && e.kind() == io::ErrorKind::NotFound => return Ok(self),
             Err(source) => return Err(ConfigError::Read { path: path.into(), source }),
         };
-        let table =
-            text.parse::<Table>().map_err(|e| ConfigError::Syntax { path: path.into(), why: e.to_string() })?;
+        let table = text.parse::<Table>().map_err(|e| ConfigError::Syntax { path: path.into(), why: e.to_string() })?;
         self.layer(&path.display().to_string(), table)
     }
 
@@ -231,7 +224,8 @@ impl Layers {
 
 fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     let error = |why: String| ConfigError::Value { layer: layer.into(), why };
-    let settings: Settings = table.clone().try_into().map_err(|e: toml::de::Error| error(e.to_string().trim().into()))?;
+    let settings: Settings =
+        table.clone().try_into().map_err(|e: toml::de::Error| error(e.to_string().trim().into()))?;
     let Control { speed_mph, kp, ki, .. } = settings.control;
     if speed_mph <= Mph::ZERO {
         return Err(error(format!("control.speed_mph: expected a speed above 0 mph, got {speed_mph}")));
@@ -299,7 +293,10 @@ mod tests {
     #[test]
     fn an_impossible_value_is_refused_with_expected_and_got() {
         let error = |key: &str, value: Value| Layers::default().set("--flag", key, value).unwrap_err().to_string();
-        assert_eq!(error("control.speed_mph", 0.into()), "--flag: control.speed_mph: expected a speed above 0 mph, got 0 mph");
+        assert_eq!(
+            error("control.speed_mph", 0.into()),
+            "--flag: control.speed_mph: expected a speed above 0 mph, got 0 mph"
+        );
         assert!(error("control.speed_mph", 5000.into()).contains("from -1000 to 1000 mph, got 5000"));
         assert!(error("control.kp", f64::NAN.into()).contains("from 0 to 100, got NaN"));
         assert!(error("bridge.port", 70000.into()).contains("70000"));
@@ -308,7 +305,10 @@ mod tests {
 
     #[test]
     fn variables_without_a_section_are_not_ours() {
-        assert_eq!(environment(&[("LAPWING_SHARED", "x"), ("PATH", "y")]).unwrap().resolve().unwrap(), Settings::default());
+        assert_eq!(
+            environment(&[("LAPWING_SHARED", "x"), ("PATH", "y")]).unwrap().resolve().unwrap(),
+            Settings::default()
+        );
     }
 
     #[test]

@@ -1,7 +1,57 @@
-//! Lapwing.
+//! Lapwing drives, records and replays the Udacity self-driving-car simulator.
+//!
+//! # The data's way
+//! ```text
+//!              telemetry text                                         steer text
+//! simulator ─────────────────▶ protocol ▶ perception ▶ pilot ▶ control ▶ protocol ────────▶ simulator
+//!                                  └──────────┬────────────┴────────┘
+//!                                         recording  (one run = one MCAP file) ▶ replay
+//! ```
+//! [`driver`] is the middle of that line as one plain function: an observation
+//! in, an answer and its trace out. The live bridge, the replay, the tests and
+//! the benches call that same function, so what is measured is what drives.
+//!
+//! # Words
+//! `Telemetry`: one message from a simulator, decoded. `Frame`: one RGB picture.
+//! `Pilot`: says steering for a frame. `Controller`: makes throttle. `Command`:
+//! steering and throttle, normalised. `Driver`: perception, pilot and
+//! controllers. `World`: yields telemetry and takes commands. `Run`: what was
+//! recorded of one drive.
+//!
+//! # The map
+//! | module | holds | may import |
+//! |---|---|---|
+//! | [`units`] | mph, degrees, normalised steering and throttle: newtypes with checked construction | nothing |
+//! | [`config`] | settings: defaults < `lapwing.toml` < environment < flags | `units` |
+//! | [`protocol`] | the simulator's text, both ends of it, in every dialect and culture; no I/O | `units` |
+//! | [`perception`] | base64 and JPEG to `Frame`; crop, resize, colour, scale | `units` |
+//! | [`nn`] | networks, checkpoints, the libtorch in use | `perception` |
+//! | [`pilot`] | trait `Pilot` and its kinds | `perception`, `nn`, `units` |
+//! | [`control`] | speed controllers, standstill, hand-over | `units` |
+//! | [`driver`] | the function above | everything above |
+//! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
+//! | [`simulator`] | the client that speaks as the Unity build does | `protocol`, `recording`, `units` |
+//! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `units` |
+//! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `recording` |
+//! | [`cli`], [`commands`] | clap types; one file a verb | all |
+//!
+//! Arrows never run upward; `tests/architecture.rs` holds the same table and
+//! fails on an edge that is not in it.
+
+#![warn(missing_docs)]
+
+pub mod bridge;
+#[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text
+pub mod cli;
+pub mod commands;
+pub mod config;
+pub mod control;
+pub mod driver;
 pub mod nn;
 pub mod perception;
 pub mod pilot;
 pub mod protocol;
 pub mod recording;
+pub mod replay;
+pub mod simulator;
 pub mod units;

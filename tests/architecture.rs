@@ -18,14 +18,25 @@ const MAY_IMPORT: [(&str, &[&str]); 14] = [
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
     ("simulator", &["protocol", "recording", "units"]),
-    ("replay", &["recording", "driver", "perception", "protocol", "units"]),
+    ("replay", &["recording", "driver", "protocol", "units"]),
     ("bridge", &["driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
     ("cli", &["replay"]),
     (
         "commands",
         &[
-            "bridge", "cli", "config", "control", "driver", "nn", "perception", "pilot", "protocol", "recording", "replay",
-            "simulator", "units",
+            "bridge",
+            "cli",
+            "config",
+            "control",
+            "driver",
+            "nn",
+            "perception",
+            "pilot",
+            "protocol",
+            "recording",
+            "replay",
+            "simulator",
+            "units",
         ],
     ),
 ];
@@ -53,9 +64,8 @@ fn sources(dir: &Path) -> Vec<PathBuf> {
 /// (path below src, text without comments)
 fn code() -> Vec<(String, String)> {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let without_comments = |text: String| {
-        text.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
-    };
+    let without_comments =
+        |text: String| text.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n");
     sources(&src)
         .into_iter()
         .map(|p| {
@@ -138,9 +148,9 @@ fn some_crates_are_named_in_their_rooms_only() {
             let named = text.contains(&format!("{dependency}::")) || text.contains(&format!("use {dependency};"));
             // A longer name that ends alike is another crate (`tch::` in `switch::`).
             let named = named
-                && text.match_indices(&format!("{dependency}::")).any(|(at, _)| {
-                    !text[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_')
-                });
+                && text
+                    .match_indices(&format!("{dependency}::"))
+                    .any(|(at, _)| !text[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'));
             if named && !rooms.iter().any(|room| name.starts_with(room)) {
                 wrong.push(format!("{name} names {dependency}"));
             }

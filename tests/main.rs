@@ -1,5 +1,10 @@
 //! The integration tests, one binary: every further one would link libtorch again.
 
+mod architecture;
+mod bridge;
+mod driver;
 mod driving_logs;
 mod parity;
 mod recording;
+mod replay;
+mod support;

@@ -27,9 +27,7 @@ pub fn jpeg(shade: u8) -> Vec<u8> {
 
 /// A stock telemetry with this picture, as base64, at this speed.
 pub fn telemetry_with(image: &str, speed: &str) -> String {
-    format!(
-        r#"42["telemetry",{{"steering_angle":"0.0000","throttle":"0.0000","speed":"{speed}","image":"{image}"}}]"#
-    )
+    format!(r#"42["telemetry",{{"steering_angle":"0.0000","throttle":"0.0000","speed":"{speed}","image":"{image}"}}]"#)
 }
 
 /// A good stock telemetry at a speed.
@@ -57,7 +55,7 @@ impl Running {
     /// With the built-in model loaded.
     pub async fn start(settings: Settings) -> Self {
         let running = Self::without_a_model(settings).await;
-        running.bridge.model_is_ready(pilot::built_in(1, std::time::Instant::now).unwrap());
+        running.bridge.model_is_ready(pilot::built_in(std::time::Instant::now).unwrap());
         running
     }
 

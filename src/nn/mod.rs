@@ -13,6 +13,7 @@ mod checkpoint;
 mod error;
 mod network;
 pub mod pilotnet;
+pub mod runtime;
 
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, encode, save, sha256_hex};
 pub use error::NnError;

@@ -1,6 +1,6 @@
 //! Who says a steering angle for a frame.
 //!
-//! [`load`] reads a file into a [`Model`], of which any number of independent
+//! [`load`] reads a file, [`built_in`] the shipped one, into a [`Model`], of which any number of independent
 //! pilots drive with the same weights, each on a thread of its own if need be.
 //! A [`Pilot`] takes a decoded frame and answers with a [`Prediction`]: what the
 //! network said, unclamped, and how long it took. What is made of it, throttle
@@ -16,7 +16,7 @@ use std::time::Duration;
 
 pub use constant::ConstantPilot;
 pub use error::PilotError;
-pub use model::{Model, load};
+pub use model::{Model, built_in, load};
 
 use crate::{perception::Frame, units::Mph};
 

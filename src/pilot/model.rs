@@ -16,8 +16,8 @@ use crate::{
 /// A network in memory, of which any number of pilots share the weights. May be used by several threads.
 #[derive(Debug)]
 pub struct Model {
+    name: String,
     sha256: String,
-    architecture: &'static str,
     preprocess: Preprocess,
     /// The pilot that all others are shared from. It drives nobody; behind a lock because a tensor's handle belongs
     /// to one thread at a time.
@@ -30,6 +30,17 @@ enum Prototype {
     TorchScript(TorchScriptPilot),
 }
 
+/// The model that drives where none is named.
+const BUILT_IN: &[u8] = include_bytes!("../../models/pilotnet.safetensors");
+
+/// The model built into the program: `models/pilotnet.safetensors`.
+///
+/// # Errors
+/// [`PilotError`], where libtorch itself fails.
+pub fn built_in(clock: Clock) -> Result<Model, PilotError> {
+    Model::of_checkpoint(Path::new("built in"), BUILT_IN, clock)
+}
+
 /// Reads a model: a checkpoint of this project (`.safetensors`, see
 /// [`Checkpoint`]) or a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)).
 ///
@@ -40,39 +51,43 @@ enum Prototype {
 /// [`PilotError`], naming the file.
 pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, PilotError> {
     let path = path.as_ref();
-    let kind = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    if !matches!(kind, "safetensors" | "pt") {
-        return Err(PilotError::Extension(path.to_owned()));
+    let read = || fs::read(path).map_err(|source| PilotError::Read { path: path.to_owned(), source });
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("safetensors") => Model::of_checkpoint(path, &read()?, clock),
+        Some("pt") => {
+            let bytes = read()?;
+            let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
+            Ok(Model {
+                name: format!("torchscript ({})", path.display()),
+                sha256: sha256_hex(&bytes),
+                preprocess: pilot.preprocess().clone(),
+                prototype: Mutex::new(Prototype::TorchScript(pilot)),
+            })
+        }
+        _ => Err(PilotError::Extension(path.to_owned())),
     }
-    let bytes = fs::read(path).map_err(|source| PilotError::Read { path: path.to_owned(), source })?;
-    if kind == "pt" {
-        let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
-        return Ok(Model {
-            sha256: sha256_hex(&bytes),
-            architecture: "torchscript",
-            preprocess: pilot.preprocess().clone(),
-            prototype: Mutex::new(Prototype::TorchScript(pilot)),
-        });
-    }
-    let checkpoint =
-        Checkpoint::from_bytes(&bytes).map_err(|source| PilotError::Checkpoint { path: path.to_owned(), source })?;
-    Ok(Model {
-        sha256: checkpoint.sha256.clone(),
-        architecture: checkpoint.network.architecture().name(),
-        preprocess: checkpoint.metadata.preprocess.clone(),
-        prototype: Mutex::new(Prototype::Network(NetworkPilot::new(checkpoint, clock)?)),
-    })
 }
 
 impl Model {
+    fn of_checkpoint(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, PilotError> {
+        let checkpoint =
+            Checkpoint::from_bytes(bytes).map_err(|source| PilotError::Checkpoint { path: path.to_owned(), source })?;
+        Ok(Self {
+            name: format!("{} ({})", checkpoint.network.architecture().name(), path.display()),
+            sha256: checkpoint.sha256.clone(),
+            preprocess: checkpoint.metadata.preprocess.clone(),
+            prototype: Mutex::new(Prototype::Network(NetworkPilot::new(checkpoint, clock)?)),
+        })
+    }
+
+    /// Architecture and file, for people.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// SHA-256 of the file in lower-case hexadecimal; a run names its model by it.
     pub fn sha256(&self) -> &str {
         &self.sha256
-    }
-
-    /// The architecture's name in a checkpoint, or `torchscript`.
-    pub fn architecture(&self) -> &str {
-        self.architecture
     }
 
     /// What is done to a frame before the network sees it.

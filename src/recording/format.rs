@@ -167,12 +167,11 @@ const EVENT: &str = r#"{
   "type": "object",
   "required": ["kind"],
   "properties": {
-    "kind": {"enum": ["takeover-began", "takeover-ended", "bad-frame", "standstill", "frames-not-recorded", "kick",
+    "kind": {"enum": ["takeover-began", "takeover-ended", "bad-frame", "braking-to-standstill", "frames-not-recorded", "kick",
                       "pilot-off", "pilot-armed", "simulator", "note", "run-ended"]},
     "duration_s": {"type": "number"},
     "why": {"type": "string"},
     "count_in_row": {"type": "integer"},
-    "throttle": {"type": "number"},
     "count": {"type": "integer"},
     "name": {"type": "string"},
     "payload": {"type": "string"},
@@ -183,7 +182,6 @@ const EVENT: &str = r#"{
 #[cfg(test)]
 mod tests {
     use super::{super::items::EventRecord, *};
-    use crate::units::Throttle;
 
     fn properties(channel: Channel) -> serde_json::Value {
         serde_json::from_slice::<serde_json::Value>(&channel.schema().2).unwrap()["properties"].clone()
@@ -191,14 +189,14 @@ mod tests {
 
     #[test]
     fn every_kind_of_event_and_each_of_its_fields_is_in_the_schema() {
-        let (text, throttle) = (String::new, Throttle::ZERO);
+        let text = String::new;
         let properties = properties(Channel::Event);
         let mut kinds = Vec::new();
         for event in [
             EventRecord::TakeoverBegan,
             EventRecord::TakeoverEnded { duration_s: 1.0 },
             EventRecord::BadFrame { why: text(), count_in_row: 1 },
-            EventRecord::Standstill { duration_s: 1.0, throttle },
+            EventRecord::BrakingToStandstill,
             EventRecord::FramesNotRecorded { count: 1 },
             EventRecord::Kick,
             EventRecord::PilotOff { why: text() },

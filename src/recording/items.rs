@@ -119,13 +119,8 @@ pub enum EventRecord {
         /// The how-manieth in a row.
         count_in_row: u32,
     },
-    /// The car stands although it is told to go.
-    Standstill {
-        /// For how long so far.
-        duration_s: f64,
-        /// The throttle it is given.
-        throttle: Throttle,
-    },
+    /// Too many bad frames in a row: the car is being stopped.
+    BrakingToStandstill,
     /// The disk was too slow; written by the recorder itself once there was room again.
     FramesNotRecorded {
         /// How many frames are missing before this.
@@ -194,7 +189,7 @@ impl EventRecord {
             }
             Self::TakeoverBegan
             | Self::TakeoverEnded { .. }
-            | Self::Standstill { .. }
+            | Self::BrakingToStandstill
             | Self::FramesNotRecorded { .. }
             | Self::Kick
             | Self::PilotArmed => {}

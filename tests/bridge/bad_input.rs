@@ -34,7 +34,10 @@ fn bad_messages() -> Vec<(&'static str, Message)> {
         ("50 MB of text", Message::text(telemetry_with(&"A".repeat(50 << 20), "7.0000"))),
         ("a binary frame", Message::binary(vec![1, 2, 3])),
         ("deep JSON", Message::text(format!("42[\"telemetry\",{}", "[".repeat(100_000)))),
-        ("deep JSON, closed", Message::text(format!("42[\"telemetry\",{}{}]", "[".repeat(100_000), "]".repeat(100_000)))),
+        (
+            "deep JSON, closed",
+            Message::text(format!("42[\"telemetry\",{}{}]", "[".repeat(100_000), "]".repeat(100_000))),
+        ),
         ("an array", Message::text(r#"42["telemetry",[1,2,3]]"#)),
         ("no packet", Message::text("hello")),
         ("empty text", Message::text("")),
@@ -57,9 +60,9 @@ async fn every_bad_message_gets_one_safe_command_and_the_drive_goes_on() {
     let summaries = running.stop().await;
     assert_eq!(summaries[0].bad_frames, count);
     let run = &summaries[0].run.as_ref().unwrap().path;
-    let events = RunReader::open(run).unwrap().moments().map(Result::unwrap).filter(|moment| {
-        matches!(moment, Moment::Event { event: EventRecord::BadFrame { why, .. }, .. } if !why.is_empty())
-    });
+    let events = RunReader::open(run).unwrap().moments().map(Result::unwrap).filter(
+        |moment| matches!(moment, Moment::Event { event: EventRecord::BadFrame { why, .. }, .. } if !why.is_empty()),
+    );
     assert_eq!(events.count() as u64, count);
 }
 
@@ -70,7 +73,9 @@ async fn from_the_fifth_bad_frame_in_a_row_the_car_is_braked_to_a_standstill_and
     let mut simulator = Wire::simulator(running.address).await;
     simulator.ask(&telemetry("12.0000")).await;
     let mut throttles = vec![];
-    for speed in ["12.0000", "12.0000", "12.0000", "12.0000", "12.0000", "8.0000", "4.9000", "2.0000", "0.5000", "0.0000"] {
+    for speed in
+        ["12.0000", "12.0000", "12.0000", "12.0000", "12.0000", "8.0000", "4.9000", "2.0000", "0.5000", "0.0000"]
+    {
         throttles.push(steer(&simulator.ask(&telemetry_with("broken", speed)).await).1);
     }
     assert_eq!(throttles, [0.0, 0.0, 0.0, 0.0, -1.0, -1.0, -1.0, -1.0, 0.0, 0.0]);

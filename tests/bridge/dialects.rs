@@ -26,8 +26,13 @@ async fn term_2_pid_gets_numbers() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn self_oracle_gets_what_it_requires() {
-    let answer = first_answer(&with(r#""lapNumber":"1","currentWayPoint":"0","crash":"0","tot_obes":"0","tot_crashes":"0""#)).await;
-    assert!(answer.ends_with(r#""throttle":"9180e-4","confidence":"10000e-4","loss":"0e-4","max_laps":"1000000"}]"#), "{answer}");
+    let answer =
+        first_answer(&with(r#""lapNumber":"1","currentWayPoint":"0","crash":"0","tot_obes":"0","tot_crashes":"0""#))
+            .await;
+    assert!(
+        answer.ends_with(r#""throttle":"9180e-4","confidence":"10000e-4","loss":"0e-4","max_laps":"1000000"}]"#),
+        "{answer}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use lapwing::{config::Takeover, recording::{EventRecord, Moment, RunReader}};
+use lapwing::{
+    config::Takeover,
+    recording::{EventRecord, Moment, RunReader},
+};
 use tempfile::tempdir;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -28,9 +31,9 @@ async fn a_human_is_answered_manual_and_the_integral_is_held_meanwhile() {
     let summary = running.stop().await.remove(0);
     assert_eq!((summary.human_takeovers, summary.human_messages, summary.telemetries), (1, 21, 2));
     let moments: Vec<_> = RunReader::open(summary.run.unwrap().path).unwrap().moments().map(Result::unwrap).collect();
-    let ended = moments.iter().any(|m| {
-        matches!(m, Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } if *duration_s > 0.0)
-    });
+    let ended = moments.iter().any(
+        |m| matches!(m, Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } if *duration_s > 0.0),
+    );
     assert!(ended, "{moments:?}");
 }
 

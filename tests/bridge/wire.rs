@@ -57,7 +57,7 @@ async fn until_the_model_is_there_the_car_is_held() {
     let mut simulator = Wire::simulator(running.address).await;
     let held = r#"42["steer",{"steering_angle":"0e-4","throttle":"0e-4"}]"#;
     assert_eq!(simulator.ask(&telemetry("0.0000")).await, held);
-    running.bridge.model_is_ready(lapwing::pilot::built_in(1, std::time::Instant::now).unwrap());
+    running.bridge.model_is_ready(lapwing::pilot::built_in(std::time::Instant::now).unwrap());
     assert_eq!(steer(&simulator.ask(&telemetry("0.0000")).await).1, 0.918);
 }
 

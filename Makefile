@@ -1,0 +1,34 @@
+# Everything on a fresh machine with Rust and Python 3: `make drive`, `make test`.
+
+PYTHON ?= python3
+CARGO ?= cargo
+
+.PHONY: drive test build lint bench interop clean
+
+# A simulator that replays the shipped recording, a bridge that drives it, and what came of it.
+drive: build
+	$(PYTHON) scripts/drive.py
+
+test: .libtorch/build-version
+	$(CARGO) test --release
+
+build: .libtorch/build-version
+	$(CARGO) build --release
+
+lint: .libtorch/build-version
+	$(CARGO) fmt --check
+	$(CARGO) clippy --release --all-targets -- -D warnings
+
+bench: .libtorch/build-version
+	$(CARGO) bench
+
+# Real clients against the real bridge; needs Node.js with npm, and fetches from PyPI and npm.
+interop: build
+	$(PYTHON) tests/interop/run.py
+
+# A libtorch of the user's own, named by these variables, needs no fetching.
+.libtorch/build-version:
+	@if [ -z "$$LIBTORCH" ] && [ -z "$$LIBTORCH_USE_PYTORCH" ]; then $(PYTHON) scripts/libtorch.py; fi
+
+clean:
+	$(CARGO) clean

@@ -1,0 +1,277 @@
+//! Who is at the door: a simulator or an ordinary Socket.IO client.
+//!
+//! The stock simulator is known by its user agent. Other builds are known by
+//! talking first: an ordinary client of Engine.IO 4 waits for the server's OPEN
+//! packet before it says anything, a simulator that only claims `EIO=4` does
+//! not. So a WebSocket of an unknown user agent is opened here and listened to
+//! for a moment. If it keeps still, socketioxide gets it after all: its server
+//! reads the same request head again from the same connection, and the second
+//! `101` is kept from the client, who has had one.
+
+use std::{
+    io,
+    net::SocketAddr,
+    pin::Pin,
+    sync::Arc,
+    task::{Context, Poll},
+    time::{Duration, Instant},
+};
+
+use axum::{
+    Extension, Router,
+    body::Body,
+    extract::{ConnectInfo, Request, State},
+    http::{HeaderValue, StatusCode, Version, header},
+    response::{IntoResponse, Response},
+};
+use bytes::{Buf, Bytes, BytesMut};
+use hyper_util::{rt::TokioIo, service::TowerToHyperService};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
+use tokio_tungstenite::{
+    WebSocketStream,
+    tungstenite::{
+        handshake::derive_accept_key,
+        protocol::{Role, WebSocketConfig},
+    },
+};
+use tower::ServiceExt;
+
+use super::{Bridge, clients, listener::Peer, simulator, throttled::held_back};
+
+/// How long an unknown WebSocket is listened to. A simulator speaks within a
+/// game frame or two; an ordinary client that dials without polling first
+/// starts this much later.
+const LISTEN: Duration = Duration::from_millis(250);
+
+/// The largest message taken from a simulator. A telemetry is about 21 KB.
+pub(super) const MAX_MESSAGE: usize = 64 << 20;
+
+#[derive(Clone)]
+struct Gate {
+    bridge: Arc<Bridge>,
+    clients: Router,
+}
+
+/// The service behind every path that is no page of ours.
+pub(super) fn service(bridge: Arc<Bridge>) -> Router {
+    let clients = clients::service(bridge.clone());
+    Router::new().fallback(enter).with_state(Gate { bridge, clients })
+}
+
+async fn enter(State(gate): State<Gate>, ConnectInfo(Peer(peer)): ConnectInfo<Peer>, request: Request) -> Response {
+    match Caller::of(&request) {
+        Caller::Simulator => open(request, move |socket| async move {
+            simulator::run(websocket(socket, BytesMut::new()).await, gate.bridge, peer).await;
+        }),
+        Caller::Unknown => {
+            let head = head(&request);
+            open(request, move |socket| listen(socket, head, gate, peer))
+        }
+        Caller::Client => match gate.clients.oneshot(request).await {
+            Ok(response) => response,
+            Err(infallible) => match infallible {},
+        },
+    }
+}
+
+enum Caller {
+    Simulator,
+    Unknown,
+    Client,
+}
+
+impl Caller {
+    fn of(request: &Request) -> Self {
+        let header = |name| request.headers().get(name).and_then(|v| v.to_str().ok()).unwrap_or("");
+        let query: Vec<&str> = request.uri().query().unwrap_or("").split('&').collect();
+        let dials = request.uri().path().starts_with("/socket.io")
+            && header(header::UPGRADE).eq_ignore_ascii_case("websocket")
+            && request.headers().contains_key(header::SEC_WEBSOCKET_KEY)
+            && !query.iter().any(|q| q.starts_with("sid="));
+        match () {
+            () if !dials => Self::Client,
+            () if header(header::USER_AGENT).starts_with("websocket-sharp/") => Self::Simulator,
+            () if query.contains(&"EIO=4") => Self::Unknown,
+            () => Self::Client,
+        }
+    }
+}
+
+/// Answers the WebSocket handshake, offering no extension: the simulator refuses them.
+fn open<F, Fut>(mut request: Request, then: F) -> Response
+where
+    F: FnOnce(Socket) -> Fut + Send + 'static,
+    Fut: Future<Output = ()> + Send,
+{
+    let upgrade = hyper::upgrade::on(&mut request);
+    let key = request.headers().get(header::SEC_WEBSOCKET_KEY).map(HeaderValue::as_bytes).unwrap_or_default();
+    let accept = derive_accept_key(key);
+    tokio::spawn(async move {
+        match upgrade.await {
+            Ok(upgraded) => then(TokioIo::new(upgraded)).await,
+            Err(error) => tracing::debug!("a WebSocket handshake broke off: {error}"),
+        }
+    });
+    let headers =
+        [(header::UPGRADE, "websocket"), (header::CONNECTION, "Upgrade"), (header::SEC_WEBSOCKET_ACCEPT, &accept)];
+    (StatusCode::SWITCHING_PROTOCOLS, headers, Body::empty()).into_response()
+}
+
+type Socket = TokioIo<hyper::upgrade::Upgraded>;
+
+async fn websocket(socket: Socket, read: BytesMut) -> WebSocketStream<Socket> {
+    let config = WebSocketConfig::default().max_message_size(Some(MAX_MESSAGE)).max_frame_size(Some(MAX_MESSAGE));
+    WebSocketStream::from_partially_read(socket, read.to_vec(), Role::Server, Some(config)).await
+}
+
+/// Waits for the first words of an unknown WebSocket and passes it on accordingly.
+async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: SocketAddr) {
+    let mut read = BytesMut::with_capacity(4096);
+    let first = tokio::time::timeout(LISTEN, async {
+        loop {
+            match socket.read_buf(&mut read).await {
+                Ok(0) | Err(_) => return First::Gone,
+                Ok(_) => {}
+            }
+            match first_words(&read) {
+                Some([b'4', b'0']) => return First::Connect,
+                Some(_) => return First::Talks,
+                None => {} // not yet a whole frame header
+            }
+        }
+    });
+    match first.await {
+        Ok(First::Gone) => {}
+        Ok(First::Talks) => {
+            if let Some(held) = gate.bridge.redials.due(Instant::now()) {
+                tracing::info!("{peer} talks before it is greeted: served as a simulator{}", held_back(held));
+            }
+            simulator::run(websocket(socket, read).await, gate.bridge, peer).await;
+        }
+        Ok(First::Connect) | Err(_) => {
+            let mut incoming = BytesMut::from(&head[..]);
+            incoming.extend_from_slice(&read);
+            let socket = Replayed { incoming: incoming.freeze(), head: Vec::new(), head_is_over: false, socket };
+            let clients =
+                gate.clients.layer(Extension(ConnectInfo(Peer(peer)))).into_service::<hyper::body::Incoming>();
+            let server = hyper::server::conn::http1::Builder::new()
+                .serve_connection(TokioIo::new(socket), TowerToHyperService::new(clients))
+                .with_upgrades();
+            if let Err(error) = server.await {
+                tracing::debug!("{peer}: {error}");
+            }
+        }
+    }
+}
+
+enum First {
+    Gone,
+    /// An impatient client of Engine.IO 4: `40` without waiting for OPEN.
+    Connect,
+    Talks,
+}
+
+/// The first two bytes of the first WebSocket frame's payload, unmasked.
+fn first_words(bytes: &[u8]) -> Option<[u8; 2]> {
+    let length = *bytes.get(1)?;
+    let mask_at = match length & 0x7f {
+        126 => 4,
+        127 => 10,
+        0 | 1 => return bytes.get(6).map(|b| [b ^ bytes[2], 0]), // a ping, `2`
+        _ => 2,
+    };
+    let mask = bytes.get(mask_at..mask_at + 4)?;
+    let payload = bytes.get(mask_at + 4..mask_at + 6)?;
+    Some([payload[0] ^ mask[0], payload[1] ^ mask[1]])
+}
+
+/// The request as it came, for a server that has not seen it.
+fn head(request: &Request) -> Bytes {
+    let mut text = Vec::with_capacity(512);
+    let version = if request.version() == Version::HTTP_10 { "1.0" } else { "1.1" };
+    let target = request.uri().path_and_query().map_or("/", |p| p.as_str());
+    text.extend_from_slice(format!("{} {target} HTTP/{version}\r\n", request.method()).as_bytes());
+    for (name, value) in request.headers() {
+        text.extend_from_slice(name.as_str().as_bytes());
+        text.extend_from_slice(b": ");
+        text.extend_from_slice(value.as_bytes());
+        text.extend_from_slice(b"\r\n");
+    }
+    text.extend_from_slice(b"\r\n");
+    text.into()
+}
+
+/// A connection whose request head can be read once more and whose first response head stays here.
+struct Replayed {
+    incoming: Bytes,
+    head: Vec<u8>,
+    head_is_over: bool,
+    socket: Socket,
+}
+
+impl AsyncRead for Replayed {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        if self.incoming.is_empty() {
+            return Pin::new(&mut self.socket).poll_read(cx, buf);
+        }
+        let n = self.incoming.len().min(buf.remaining());
+        buf.put_slice(&self.incoming[..n]);
+        self.incoming.advance(n);
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl AsyncWrite for Replayed {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+        if self.head_is_over {
+            return Pin::new(&mut self.socket).poll_write(cx, buf);
+        }
+        let before = self.head.len();
+        self.head.extend_from_slice(buf);
+        let Some(end) = self.head.windows(4).position(|w| w == b"\r\n\r\n").map(|at| at + 4) else {
+            return Poll::Ready(Ok(buf.len()));
+        };
+        if !self.head.starts_with(b"HTTP/1.1 101") {
+            return Poll::Ready(Err(io::Error::other("the client was refused after its WebSocket was opened")));
+        }
+        self.head_is_over = true;
+        Poll::Ready(Ok(end - before)) // what follows the head is written by the next call
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.socket).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.socket).poll_shutdown(cx)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_words_are_read_through_the_mask() {
+        let mask = [1u8, 2, 3, 4];
+        let frame = |payload: &[u8]| {
+            let mut bytes = vec![0x81];
+            match payload.len() {
+                n @ 0..=125 => bytes.push(0x80 | n as u8),
+                n => {
+                    bytes.push(0x80 | 126);
+                    bytes.extend((n as u16).to_be_bytes());
+                }
+            }
+            bytes.extend(mask);
+            bytes.extend(payload.iter().enumerate().map(|(i, b)| b ^ mask[i % 4]));
+            bytes
+        };
+        assert_eq!(first_words(&frame(b"40")), Some(*b"40"));
+        assert_eq!(first_words(&frame(&[b"42".as_slice(), &[b'x'; 1000]].concat())), Some(*b"42"));
+        assert_eq!(first_words(&frame(b"2")), Some([b'2', 0]));
+        for n in 0..7 {
+            assert_eq!(first_words(&frame(b"40")[..n]), None);
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! The TCP side: binding with a helpful word, `TCP_NODELAY`, and `TCP_QUICKACK`
+//! after every read.
+//!
+//! The simulator writes a telemetry in 21 pieces with Nagle on: its last piece
+//! waits until the piece before is acknowledged, and Linux delays that by 40 ms.
+//! `TCP_QUICKACK` turns the delay off, but only for a while, so it is set again
+//! after each read; once at accept does not help (44 ms a frame against 0.2 ms).
+
+use std::{
+    io,
+    net::SocketAddr,
+    pin::Pin,
+    task::{Context, Poll},
+    time::{Duration, Instant},
+};
+
+use axum::{extract::connect_info::Connected, serve::IncomingStream};
+use socket2::SockRef;
+use tokio::{
+    io::{AsyncRead, AsyncWrite, ReadBuf},
+    net::{TcpListener, TcpStream},
+};
+
+use super::throttled::{Throttled, held_back};
+
+/// A port that cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum BindError {
+    /// Somebody else listens there.
+    #[error("port {port} is taken{}: end that program, or choose another port with --port (the simulator itself only dials 4567)", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
+    Taken {
+        /// The port.
+        port: u16,
+        /// The process, where the system tells.
+        holder: Option<String>,
+    },
+    /// Anything else.
+    #[error("cannot listen on {address}: {source}")]
+    Io {
+        /// What was to be listened on.
+        address: SocketAddr,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// A bound port.
+pub struct Listener {
+    inner: TcpListener,
+    address: SocketAddr,
+    troubles: Throttled,
+}
+
+impl Listener {
+    /// Listens. Port 0 takes a free one, see [`Listener::address`].
+    ///
+    /// # Errors
+    /// [`BindError`], with the process that holds the port where Linux tells it.
+    pub async fn bind(address: SocketAddr) -> Result<Self, BindError> {
+        let inner = TcpListener::bind(address).await.map_err(|source| match source.kind() {
+            io::ErrorKind::AddrInUse => BindError::Taken { port: address.port(), holder: holder_of(address.port()) },
+            _ => BindError::Io { address, source },
+        })?;
+        let address = inner.local_addr().map_err(|source| BindError::Io { address, source })?;
+        Ok(Self { inner, address, troubles: Throttled::default() })
+    }
+
+    /// The address that is listened on.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl axum::serve::Listener for Listener {
+    type Io = QuickAck;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (QuickAck, SocketAddr) {
+        loop {
+            match self.inner.accept().await {
+                Ok((stream, peer)) => {
+                    // Fails only on a socket that is closed already; the read will say so.
+                    let _ = stream.set_nodelay(true);
+                    let stream = QuickAck(stream);
+                    stream.arm();
+                    return (stream, peer);
+                }
+                Err(error) => {
+                    if let Some(held) = self.troubles.due(Instant::now()) {
+                        tracing::warn!("a connection could not be accepted: {error}{}", held_back(held));
+                    }
+                    // Out of file handles, most likely: some come free by and by.
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                }
+            }
+        }
+    }
+
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        Ok(self.address)
+    }
+}
+
+/// Who dialled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Peer(pub SocketAddr);
+
+impl Connected<IncomingStream<'_, Listener>> for Peer {
+    fn connect_info(stream: IncomingStream<'_, Listener>) -> Self {
+        Self(*stream.remote_addr())
+    }
+}
+
+/// A TCP stream that acknowledges at once whatever it reads.
+pub struct QuickAck(TcpStream);
+
+impl QuickAck {
+    fn arm(&self) {
+        #[cfg(target_os = "linux")]
+        let _ = SockRef::from(&self.0).set_tcp_quickack(true); // fails on a closed socket only
+    }
+}
+
+impl AsyncRead for QuickAck {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        let result = Pin::new(&mut self.0).poll_read(cx, buf);
+        if result.is_ready() {
+            self.arm();
+        }
+        result
+    }
+}
+
+impl AsyncWrite for QuickAck {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.0).poll_write(cx, buf)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.0).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.0).poll_shutdown(cx)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        bufs: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.0).poll_write_vectored(cx, bufs)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.0.is_write_vectored()
+    }
+}
+
+/// The process that listens on a port, by Linux's /proc; `None` where it does not tell
+/// (another system, or a process of another user).
+fn holder_of(port: u16) -> Option<String> {
+    let listening = |table: &str| {
+        let text = std::fs::read_to_string(table).ok()?;
+        text.lines().skip(1).find_map(|line| {
+            let fields: Vec<&str> = line.split_whitespace().collect();
+            let local = fields.get(1)?.rsplit_once(':')?.1;
+            let is_it = u16::from_str_radix(local, 16) == Ok(port) && *fields.get(3)? == "0A"; // LISTEN
+            is_it.then(|| fields.get(9).map(|inode| format!("socket:[{inode}]")))?
+        })
+    };
+    let socket = listening("/proc/net/tcp").or_else(|| listening("/proc/net/tcp6"))?;
+    std::fs::read_dir("/proc").ok()?.flatten().find_map(|process| {
+        let pid: u32 = process.file_name().to_str()?.parse().ok()?;
+        let holds = std::fs::read_dir(process.path().join("fd"))
+            .ok()?
+            .flatten()
+            .any(|fd| std::fs::read_link(fd.path()).is_ok_and(|link| link.as_os_str() == socket.as_str()));
+        let command = || std::fs::read(process.path().join("cmdline")).ok();
+        holds.then(|| {
+            let command = String::from_utf8_lossy(&command().unwrap_or_default()).replace('\0', " ");
+            format!("process {pid} ({})", command.trim().chars().take(100).collect::<String>())
+        })
+    })
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_taken_port_names_the_process_that_holds_it() {
+        let first = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
+        let error = Listener::bind(first.address()).await.err().unwrap().to_string();
+        let me = format!("process {} (", std::process::id());
+        assert!(error.contains(&first.address().port().to_string()) && error.contains(&me), "{error}");
+    }
+
+    #[tokio::test]
+    async fn an_address_of_another_machine_is_an_error_that_names_it() {
+        let error = Listener::bind(([192, 0, 2, 1], 4567).into()).await.err().unwrap().to_string();
+        assert!(error.starts_with("cannot listen on 192.0.2.1:4567: "), "{error}");
+    }
+}

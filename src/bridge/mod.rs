@@ -1,0 +1,190 @@
+//! The server: one port for every build of the simulator and for every ordinary
+//! Socket.IO client.
+//!
+//! ```text
+//! Listener (TCP_QUICKACK) ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
+//!                                  └─▶ clients: socketioxide ────────────────┘       └────▶ Recorder
+//! ```
+//! [`gate`] tells simulators from other clients by what they say first. Each
+//! connection has a [`session::Session`] of its own: dialect, driver state, run.
+//! The weights are shared.
+
+mod clients;
+mod gate;
+mod listener;
+mod liveness;
+mod session;
+mod simulator;
+mod statistics;
+mod throttled;
+
+use listener::Peer;
+pub use listener::{BindError, Listener};
+pub use statistics::Summary;
+
+use std::{
+    collections::HashMap,
+    future::IntoFuture,
+    io,
+    net::{IpAddr, SocketAddr},
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use axum::{
+    Router,
+    extract::State,
+    routing::{get, post},
+};
+use tokio::sync::{Notify, watch};
+
+use crate::{config::Settings, pilot::Model};
+
+/// How long connections may take to close their runs once the bridge stops.
+const CLOSING: Duration = Duration::from_secs(10);
+
+/// What is shared by all connections.
+pub struct Bridge {
+    settings: Settings,
+    model: OnceLock<Model>,
+    on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
+    connections: Mutex<HashMap<u64, Connection>>,
+    next_id: AtomicU64,
+    stop: watch::Sender<bool>,
+    all_closed: Notify,
+    /// Lines on connections made.
+    redials: throttled::Throttled,
+    /// Lines on connections that ended without a telemetry.
+    wordless: throttled::Throttled,
+}
+
+/// What the bridge knows of a connection from outside of its task.
+#[derive(Clone)]
+struct Connection {
+    peer: IpAddr,
+    simulator: bool,
+    signals: Arc<Signals>,
+}
+
+/// What others may say to a connection.
+#[derive(Default)]
+struct Signals {
+    /// Let the pilot drive again.
+    arm: AtomicBool,
+    /// A newer connection of the same machine came.
+    newer: Notify,
+}
+
+/// A connection's place among the others; leaves when dropped.
+struct Place {
+    bridge: Arc<Bridge>,
+    id: u64,
+    signals: Arc<Signals>,
+}
+
+impl Bridge {
+    /// A bridge without a model yet: until [`Bridge::model_is_ready`] simulators are held at a standstill.
+    /// `on_summary` is called at the end of each run.
+    pub fn new(settings: Settings, on_summary: impl Fn(&Summary) + Send + Sync + 'static) -> Arc<Self> {
+        Arc::new(Self {
+            settings,
+            model: OnceLock::new(),
+            on_summary: Box::new(on_summary),
+            connections: Mutex::default(),
+            next_id: AtomicU64::new(1),
+            stop: watch::Sender::new(false),
+            all_closed: Notify::new(),
+            redials: throttled::Throttled::default(),
+            wordless: throttled::Throttled::default(),
+        })
+    }
+
+    /// Hands the model to all connections, present and future. A second one is ignored.
+    pub fn model_is_ready(&self, model: Model) {
+        let _ = self.model.set(model);
+    }
+
+    /// Arms the pilots that a human's takeover has put off (`--takeover latch`), from their next telemetry on.
+    pub fn arm(&self) {
+        for connection in self.connections().values() {
+            connection.signals.arm.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Ready once the bridge stops.
+    async fn stopped(self: Arc<Self>) {
+        // An error is the sender being gone, and that is this bridge itself.
+        let _ = self.stop.subscribe().wait_for(|stop| *stop).await;
+    }
+
+    fn connections(&self) -> std::sync::MutexGuard<'_, HashMap<u64, Connection>> {
+        self.connections.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes a place for a new connection and tells the older ones of the same machine.
+    fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Place {
+        let id = self.next_id.fetch_add(1, Ordering::Relaxed);
+        let signals = Arc::<Signals>::default();
+        let mut connections = self.connections();
+        if simulator {
+            for older in connections.values().filter(|c| c.simulator && c.peer == peer.ip()) {
+                older.signals.newer.notify_one();
+            }
+        }
+        connections.insert(id, Connection { peer: peer.ip(), simulator, signals: signals.clone() });
+        drop(connections);
+        Place { bridge: self.clone(), id, signals }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut connections = self.bridge.connections();
+        connections.remove(&self.id);
+        if connections.is_empty() {
+            self.bridge.all_closed.notify_waiters();
+        }
+    }
+}
+
+/// Serves until `shutdown` is ready, then ends all runs and returns.
+///
+/// # Errors
+/// What the listener's runtime says; single connections' troubles are theirs.
+pub async fn serve(
+    listener: Listener,
+    bridge: Arc<Bridge>,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> io::Result<()> {
+    let app = Router::new()
+        .route("/", get(|| async { "Lapwing is here. Start the simulator in autonomous mode.\n" }))
+        .route("/arm", post(arm))
+        .with_state(bridge.clone())
+        .fallback_service(gate::service(bridge.clone()));
+    let stop = bridge.clone();
+    let ended = async move {
+        shutdown.await;
+        stop.stop.send_replace(true);
+    };
+    // Not axum's graceful shutdown: it would wait for idle keep-alive connections.
+    tokio::select! {
+        served = axum::serve(listener, app.into_make_service_with_connect_info::<Peer>()).into_future() => served?,
+        () = ended => {}
+    }
+    let deadline = Instant::now() + CLOSING;
+    loop {
+        let closed = bridge.all_closed.notified();
+        if bridge.connections().is_empty() || Instant::now() > deadline {
+            return Ok(());
+        }
+        let _ = tokio::time::timeout(Duration::from_millis(200), closed).await;
+    }
+}
+
+async fn arm(State(bridge): State<Arc<Bridge>>) -> &'static str {
+    bridge.arm();
+    "armed\n"
+}

@@ -1,0 +1,325 @@
+//! One connection's drive: dialect, driver, run and account. No socket here:
+//! the simulator's handler and socketioxide's both bring messages and take away
+//! answers.
+
+use std::{
+    sync::Arc,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+use bytes::Bytes;
+use serde_json::value::RawValue;
+
+use super::{
+    Bridge, Place, Signals,
+    statistics::{Recorded, Statistics},
+    throttled::{Throttled, held_back},
+};
+use crate::{
+    driver::{By, Driver, Happening, Trace},
+    protocol::{Answer, Command, Dialect, Observation, Sight, TelemetryError, decode_telemetry},
+    recording::{self, CommandRecord, EventRecord, Item, ModelId, Recorder, RecorderOptions, RunHeader},
+    units::Throttle,
+};
+
+/// Payloads of a simulator's own events are kept up to this length.
+const LONGEST_PAYLOAD: usize = 4096;
+
+/// A connection's drive.
+pub(super) struct Session {
+    place: Place,
+    peer: String,
+    dialect: Option<Dialect>,
+    drive: Option<Drive>,
+    last: Command,
+    bad: Throttled,
+    told: Told,
+}
+
+/// What has been said once and need not be said again.
+#[derive(Default)]
+struct Told {
+    loading: bool,
+    unsupported: bool,
+}
+
+/// From the first telemetry on.
+struct Drive {
+    driver: Driver,
+    recorder: Option<Recorder>,
+    began: Instant,
+    statistics: Statistics,
+}
+
+/// An answer on its way out, with what is to be recorded once it is.
+pub(super) struct Turn {
+    pub answer: Answer,
+    pub dialect: Option<Dialect>,
+    received: Instant,
+    /// Absent where nothing drives: the model is loading, or the simulator is none that can be driven.
+    driven: Option<(Observation, Trace)>,
+}
+
+impl Turn {
+    /// Whether the simulator said that a human drives.
+    pub fn is_human(&self) -> bool {
+        self.answer == Answer::Manual
+    }
+}
+
+impl Session {
+    pub fn new(place: Place, peer: String) -> Self {
+        Self {
+            place,
+            peer,
+            dialect: None,
+            drive: None,
+            last: Command::default(),
+            bad: Throttled::default(),
+            told: Told::default(),
+        }
+    }
+
+    pub fn bridge(&self) -> &Arc<Bridge> {
+        &self.place.bridge
+    }
+
+    pub fn signals(&self) -> &Arc<Signals> {
+        &self.place.signals
+    }
+
+    pub fn is_timer_driven(&self) -> bool {
+        self.dialect.is_some_and(Dialect::is_timer_driven)
+    }
+
+    /// An event of a simulator. `message` is the text that `payload` lies in.
+    /// `None` where the event asks for no answer.
+    pub fn event(
+        &mut self,
+        received: Instant,
+        message: &Bytes,
+        name: &str,
+        payload: Option<&RawValue>,
+    ) -> Option<Turn> {
+        if !matches!(name, "telemetry" | "car_telemetry") {
+            let payload = payload.map_or("", RawValue::get).chars().take(LONGEST_PAYLOAD).collect();
+            self.note(received, EventRecord::Simulator { name: name.chars().take(100).collect(), payload });
+            return None;
+        }
+        let unit = self.bridge().settings.bridge.speed_unit;
+        let sight = match decode_telemetry(message, name, payload, self.dialect, unit) {
+            Ok(None) => Sight::HumanDrives,
+            Ok(Some((dialect, telemetry))) => {
+                if self.dialect.is_none() {
+                    tracing::info!("{}: this is a {dialect} simulator", self.peer);
+                    self.dialect = Some(dialect);
+                }
+                Sight::Telemetry(telemetry)
+            }
+            Err(TelemetryError::Unsupported(why)) => return Some(self.unsupported(received, why)),
+            Err(error) => Sight::Unreadable(error),
+        };
+        Some(self.turn(received, sight))
+    }
+
+    /// A message that is no event of a simulator: it may have been a telemetry, so it gets an answer.
+    pub fn unreadable(&mut self, received: Instant, got: String, why: String) -> Turn {
+        self.turn(received, Sight::Unreadable(TelemetryError::Json { got, why }))
+    }
+
+    /// The last command on the way out: steering as it was, no throttle.
+    pub fn farewell(&self) -> (Answer, Option<Dialect>) {
+        (Answer::Steer(Command { throttle: Throttle::ZERO, ..self.last }), self.dialect)
+    }
+
+    /// A command that nobody asked for, to get the simulator's loop going.
+    pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
+        tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going", self.peer);
+        self.note(now, EventRecord::Kick);
+        if let Some(drive) = &mut self.drive {
+            drive.statistics.kicked();
+        }
+        self.farewell()
+    }
+
+    /// Records a turn whose answer has gone out.
+    pub fn answered(&mut self, turn: Turn, now: Instant) {
+        let Some(((observation, trace), drive)) = turn.driven.zip(self.drive.as_mut()) else { return };
+        let latency = now.saturating_duration_since(turn.received);
+        let at = observation.at;
+        let telemetry = match observation.sight {
+            Sight::Telemetry(telemetry) => Some(telemetry),
+            Sight::HumanDrives | Sight::Unreadable(_) => None,
+        };
+        drive.statistics.count(at, telemetry.as_ref().map(|t| t.speed), &trace, latency);
+        for happening in &trace.happenings {
+            tell(&self.peer, happening, &self.bad, now);
+        }
+        let Some(recorder) = &mut drive.recorder else { return };
+        // In this order the reader joins them again.
+        if let Some(telemetry) = telemetry {
+            recorder.record(at, Item::Telemetry(telemetry));
+        }
+        if let Some(jpeg) = trace.jpeg.clone() {
+            recorder.record(at, Item::Frame(jpeg));
+        }
+        if let Answer::Steer(command) = turn.answer {
+            recorder.record(at, Item::Command(record_of(command, &trace, latency)));
+        }
+        for event in trace.happenings.into_iter().flat_map(events_of) {
+            recorder.record(at, Item::Event(event));
+        }
+    }
+
+    /// Ends the run: the file is closed, the account given.
+    pub fn finish(mut self, why: &str) {
+        self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
+        let Some(Drive { recorder, statistics, .. }) = self.drive.take() else {
+            // Dialling without a word is what thousands of redials look like.
+            if let Some(held) = self.bridge().wordless.due(Instant::now()) {
+                tracing::info!("{}: {why}; it never sent a telemetry{}", self.peer, held_back(held));
+            }
+            return;
+        };
+        tracing::info!("{}: {why}", self.peer);
+        let run = recorder.map(|recorder| {
+            let report = recorder.finish();
+            Recorded {
+                path: report.path,
+                frames: report.frames,
+                not_recorded: report.frames_not_recorded + report.items_not_recorded,
+                error: report.error.map(|e| e.to_string()),
+            }
+        });
+        let summary = statistics.summary(self.peer.clone(), self.dialect, run);
+        (self.bridge().on_summary)(&summary);
+    }
+
+    fn turn(&mut self, received: Instant, sight: Sight) -> Turn {
+        let dialect = self.dialect;
+        self.begin(received);
+        let Some(drive) = &mut self.drive else {
+            let answer = if sight == Sight::HumanDrives { Answer::Manual } else { Answer::Steer(Command::default()) };
+            return Turn { answer, dialect, received, driven: None };
+        };
+        let at = received.saturating_duration_since(drive.began);
+        if self.place.signals.arm.swap(false, Ordering::Relaxed) && drive.driver.arm() {
+            tracing::info!("{}: the pilot is armed", self.peer);
+            if let Some(recorder) = &mut drive.recorder {
+                recorder.record(at, Item::Event(EventRecord::PilotArmed));
+            }
+        }
+        let observation = Observation { at, sight };
+        let (answer, trace) = drive.driver.drive(&observation);
+        if let Answer::Steer(command) = answer {
+            self.last = command;
+        }
+        Turn { answer, dialect, received, driven: Some((observation, trace)) }
+    }
+
+    /// Begins the run with the first telemetry after the model is there.
+    fn begin(&mut self, now: Instant) {
+        if self.drive.is_some() {
+            return;
+        }
+        let bridge = self.place.bridge.clone();
+        let Some(model) = bridge.model.get() else {
+            if !std::mem::replace(&mut self.told.loading, true) {
+                tracing::info!("{}: the model is still loading; the car stands until it is there", self.peer);
+            }
+            return;
+        };
+        let settings = &bridge.settings;
+        let header = || RunHeader {
+            name_hint: None,
+            dialect: self.dialect,
+            model: Some(ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() }),
+            seed: None,
+            config: serde_json::to_value(settings).expect("settings are plain data"),
+            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+            started: jiff::Timestamp::now(),
+        };
+        let recorder = settings.recording.enabled.then(|| {
+            let options = RecorderOptions { queue: settings.recording.queue };
+            Recorder::create(&settings.recording.dir, header(), options)
+                .inspect_err(|error| tracing::error!("{}: this drive is not recorded: {error}", self.peer))
+                .ok()
+        });
+        self.drive = Some(Drive {
+            driver: Driver::new(model.pilot(), &settings.control, Instant::now),
+            recorder: recorder.flatten(),
+            began: now,
+            statistics: Statistics::new(),
+        });
+    }
+
+    fn unsupported(&mut self, received: Instant, why: &'static str) -> Turn {
+        if !std::mem::replace(&mut self.told.unsupported, true) {
+            tracing::error!("{}: {why}", self.peer);
+        }
+        // Leaves the car to the player, in every dialect, and keeps the simulator's loop going.
+        Turn { answer: Answer::Manual, dialect: None, received, driven: None }
+    }
+
+    fn note(&mut self, now: Instant, event: EventRecord) {
+        if let Some(Drive { recorder: Some(recorder), began, .. }) = &mut self.drive {
+            recorder.record(now.saturating_duration_since(*began), Item::Event(event));
+        }
+    }
+}
+
+fn tell(peer: &str, happening: &Happening, bad: &Throttled, now: Instant) {
+    match happening {
+        Happening::TakeoverBegan => tracing::info!("{peer}: a human drives"),
+        Happening::TakeoverEnded { after, pilot_off: false } => {
+            tracing::info!("{peer}: the pilot drives again after {:.1} s", after.as_secs_f64());
+        }
+        Happening::TakeoverEnded { after, pilot_off: true } => tracing::warn!(
+            "{peer}: the human let go after {:.1} s; the pilot is off until it is armed: press Enter here, or POST /arm",
+            after.as_secs_f64()
+        ),
+        Happening::BadFrame { why, in_a_row } => {
+            if let Some(held) = bad.due(now) {
+                tracing::warn!("{peer}: bad frame ({in_a_row} in a row): {why}{}", held_back(held));
+            }
+        }
+        Happening::BrakingToStandstill => tracing::error!("{peer}: too many bad frames in a row: stopping the car"),
+    }
+}
+
+fn events_of(happening: Happening) -> Vec<EventRecord> {
+    match happening {
+        Happening::TakeoverBegan => vec![EventRecord::TakeoverBegan],
+        Happening::TakeoverEnded { after, pilot_off } => {
+            let off = EventRecord::PilotOff { why: "a human drove; the pilot waits to be armed".into() };
+            let ended = EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() };
+            std::iter::once(ended).chain(pilot_off.then_some(off)).collect()
+        }
+        Happening::BadFrame { why, in_a_row } => vec![EventRecord::BadFrame { why, count_in_row: in_a_row }],
+        Happening::BrakingToStandstill => vec![EventRecord::BrakingToStandstill],
+    }
+}
+
+fn record_of(command: Command, trace: &Trace, latency: Duration) -> CommandRecord {
+    let ns = |duration: Duration| duration.as_nanos().try_into().unwrap_or(u64::MAX);
+    CommandRecord {
+        by: match trace.by {
+            By::Pilot => recording::By::Pilot,
+            By::Human => recording::By::Human,
+            By::Safety => recording::By::Safe,
+            By::Nobody => recording::By::Off,
+        },
+        steering: command.steering,
+        throttle: command.throttle,
+        prediction: trace.prediction,
+        p: trace.throttle.map(|t| t.p),
+        i: trace.throttle.map(|t| t.i),
+        saturated: trace.throttle.is_some_and(|t| t.saturated),
+        decode_ns: ns(trace.decode),
+        preprocess_ns: ns(trace.preprocess),
+        forward_ns: ns(trace.forward),
+        driver_ns: ns(trace.total),
+        latency_ns: Some(ns(latency)),
+    }
+}

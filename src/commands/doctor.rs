@@ -1,0 +1,114 @@
+//! `lapwing doctor`: which libtorch, which device, which model, and what is wrong.
+
+use std::{
+    fs, io,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use serde::Serialize;
+
+use super::Ended;
+use crate::{
+    bridge::Listener,
+    cli,
+    driver::Driver,
+    nn::runtime,
+    protocol::{CameraImage, Observation, Sight, Telemetry, Truth},
+    units::{Degrees, Mph, Throttle},
+};
+
+#[derive(Serialize)]
+struct Findings {
+    lapwing: &'static str,
+    libtorch: runtime::Libtorch,
+    model: Option<String>,
+    driver_ms: Option<f64>,
+    recordings: PathBuf,
+    troubles: Vec<String>,
+}
+
+pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let settings = super::layers(config, &arguments.driving)?.resolve()?;
+    let mut troubles = Vec::new();
+    let libtorch = runtime::libtorch();
+    troubles.extend(libtorch.troubles());
+    let model =
+        super::load_model(&settings).map_err(|e| troubles.push(format!("the model cannot be used: {e:#}"))).ok();
+    let driver_ms = model.as_ref().map(|model| {
+        let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
+        time_of_an_answer(&mut driver)
+    });
+    let recordings = settings.recording.dir.clone();
+    if let Err(error) = can_write(&recordings) {
+        troubles.push(format!("runs cannot be recorded in {}: {error}", recordings.display()));
+    }
+    let address = SocketAddr::new(settings.bridge.bind, settings.bridge.port);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    if let Err(error) = runtime.block_on(Listener::bind(address)) {
+        troubles.push(error.to_string());
+    }
+    let findings = Findings {
+        lapwing: env!("CARGO_PKG_VERSION"),
+        libtorch,
+        model: model.map(|m| m.name().to_owned()),
+        driver_ms,
+        recordings,
+        troubles,
+    };
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&findings)?);
+    } else {
+        print(&findings);
+    }
+    Ok(if findings.troubles.is_empty() { Ended::Passed } else { Ended::Failed })
+}
+
+fn print(findings: &Findings) {
+    let Findings { lapwing, libtorch, model, driver_ms, recordings, troubles } = findings;
+    println!("lapwing     {lapwing}");
+    println!("libtorch    {libtorch}");
+    println!("model       {}", model.as_deref().unwrap_or("none"));
+    if let Some(ms) = driver_ms {
+        println!("driver      {ms:.2} ms from JPEG to command");
+    }
+    println!("recordings  {}", recordings.display());
+    if troubles.is_empty() {
+        println!("all is well");
+    }
+    for trouble in troubles {
+        println!("trouble     {trouble}");
+    }
+}
+
+/// The median of some answers to a grey picture, ms.
+fn time_of_an_answer(driver: &mut Driver) -> f64 {
+    let telemetry = Telemetry {
+        steering: Degrees::ZERO,
+        throttle: Throttle::ZERO,
+        speed: Mph::ZERO,
+        image: CameraImage::Jpeg(grey_jpeg().into()),
+        truth: Truth::default(),
+    };
+    let observation = Observation { at: Default::default(), sight: Sight::Telemetry(telemetry) };
+    let mut times: Vec<f64> = (0..20).map(|_| driver.drive(&observation).1.total.as_secs_f64() * 1e3).collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+fn grey_jpeg() -> Vec<u8> {
+    let mut jpeg = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 75)
+        .encode(&[128; 320 * 160 * 3], 320, 160, image::ExtendedColorType::Rgb8)
+        .expect("a grey picture can be encoded into memory");
+    jpeg
+}
+
+/// Whether files can be made in a folder, or the folder itself in the one above.
+fn can_write(dir: &Path) -> io::Result<()> {
+    let existing = dir.ancestors().find(|d| d.is_dir()).unwrap_or(Path::new("."));
+    let probe = existing.join(format!(".lapwing-doctor-{}", std::process::id()));
+    fs::File::create_new(&probe)?;
+    fs::remove_file(&probe)
+}

@@ -1,0 +1,93 @@
+//! One file a verb. Results go to stdout, diagnostics to stderr.
+
+mod doctor;
+mod replay;
+mod serve;
+
+use std::{
+    io::{self, IsTerminal},
+    path::Path,
+    process::ExitCode,
+    time::Instant,
+};
+
+use tracing_subscriber::EnvFilter;
+
+use crate::{
+    cli::{Cli, Driving, SpeedLaw, Takeover, Verb},
+    config::{ConfigError, Layers, Settings},
+    pilot::{self, Model},
+};
+
+/// How a verb ended, as the exit status tells it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ended {
+    Passed,
+    Failed,
+}
+
+/// Runs the verb; 0 passed, 1 failed, 2 wrong usage.
+pub fn run(cli: Cli) -> ExitCode {
+    let log = EnvFilter::try_from_env("LAPWING_LOG").unwrap_or_else(|_| EnvFilter::new("lapwing=info,warn"));
+    tracing_subscriber::fmt()
+        .with_env_filter(log)
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_target(false)
+        .init();
+    let config = cli.config.as_deref();
+    let ended = match cli.verb {
+        Verb::Serve(arguments) => serve::run(arguments, config),
+        Verb::Replay(arguments) => replay::run(arguments, config),
+        Verb::Doctor(arguments) => doctor::run(arguments, config),
+    };
+    match ended {
+        Ok(Ended::Passed) => ExitCode::SUCCESS,
+        Ok(Ended::Failed) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
+        }
+    }
+}
+
+/// Settings file and environment, then the flags that all driving verbs share.
+fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigError> {
+    // Variables that are no Unicode cannot be any of ours.
+    let environment = std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v.into_string().ok()?)));
+    let mut layers = Layers::default().file(config)?.environment(environment)?;
+    if let Some(path) = &driving.model {
+        layers = layers.set("--model", "model.path", path.to_string_lossy().into_owned())?;
+    }
+    if let Some(speed) = driving.speed {
+        layers = layers.set("--speed", "control.speed_mph", speed)?;
+    }
+    if let Some(law) = driving.speed_law {
+        let name = match law {
+            SpeedLaw::Pi => "pi",
+            SpeedLaw::Quadratic => "quadratic",
+        };
+        layers = layers.set("--speed-law", "control.speed_law", name)?;
+    }
+    if let Some(takeover) = driving.takeover {
+        let name = match takeover {
+            Takeover::Resume => "resume",
+            Takeover::Latch => "latch",
+        };
+        layers = layers.set("--takeover", "control.takeover", name)?;
+    }
+    if let Some(threads) = driving.threads {
+        layers = layers.set("--threads", "model.threads", i64::from(threads))?;
+    }
+    Ok(layers)
+}
+
+/// Loads the model that the settings name, or the one built in.
+fn load_model(settings: &Settings) -> anyhow::Result<Model> {
+    let model = match &settings.model.path {
+        Some(path) => pilot::load(path, Instant::now)?,
+        None => pilot::built_in(Instant::now)?,
+    };
+    tracing::info!("model: {}", model.name());
+    Ok(model)
+}

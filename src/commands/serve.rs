@@ -1,0 +1,131 @@
+//! `lapwing serve`: wait for simulators, drive them, record the runs.
+
+use std::{
+    io::{self, BufRead, IsTerminal},
+    net::SocketAddr,
+    path::Path,
+    sync::Arc,
+};
+
+use anyhow::Context;
+
+use super::Ended;
+use crate::{
+    bridge::{self, Bridge, Listener, Summary},
+    cli,
+    config::Settings,
+};
+
+pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let mut layers = super::layers(config, &arguments.driving)?;
+    if let Some(bind) = &arguments.bind {
+        layers = layers.set("--bind", "bridge.bind", bind.as_str())?;
+    }
+    if let Some(port) = arguments.port {
+        layers = layers.set("--port", "bridge.port", i64::from(port))?;
+    }
+    if let Some(dir) = &arguments.recordings {
+        layers = layers.set("--recordings", "recording.dir", dir.to_string_lossy().into_owned())?;
+    }
+    if arguments.no_recording {
+        layers = layers.set("--no-recording", "recording.enabled", false)?;
+    }
+    let settings = layers.resolve()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("no runtime")?;
+    let result = runtime.block_on(serve(settings, arguments.json));
+    // A model that is still loading need not be waited for.
+    runtime.shutdown_background();
+    result
+}
+
+async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
+    let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
+    eprintln!("{}", how_to_connect(listener.address()));
+    let bridge = Bridge::new(settings.clone(), move |summary| print(summary, json));
+    arm_on_enter(bridge.clone());
+    let loading = tokio::task::spawn_blocking({
+        let bridge = bridge.clone();
+        move || super::load_model(&settings).map(|model| bridge.model_is_ready(model))
+    });
+    let (failed, failure) = tokio::sync::oneshot::channel();
+    tokio::spawn(async move {
+        let loaded = loading.await.context("loading the model was broken off").and_then(|r| r);
+        match loaded {
+            Ok(()) => std::future::pending().await, // keeps `failed` from being dropped
+            Err(error) => failed.send(error),
+        }
+    });
+    let (ended, end) = tokio::sync::oneshot::channel();
+    let shutdown = async move {
+        let why = tokio::select! {
+            signal = signal() => signal,
+            error = failure => Err(error.unwrap_or_else(|_| anyhow::anyhow!("the runtime is gone"))),
+        };
+        // The receiver waits below for as long as the bridge serves.
+        let _ = ended.send(why);
+    };
+    bridge::serve(listener, bridge, shutdown).await.context("the server broke off")?;
+    match end.await {
+        Ok(why) => why.map(|()| Ended::Passed),
+        Err(_) => Ok(Ended::Passed),
+    }
+}
+
+/// Ctrl-C or SIGTERM. A second Ctrl-C ends the program where it is.
+async fn signal() -> anyhow::Result<()> {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        let mut terminate = signal(SignalKind::terminate()).context("cannot wait for SIGTERM")?;
+        tokio::select! {
+            ctrl_c = tokio::signal::ctrl_c() => ctrl_c?,
+            _ = terminate.recv() => {}
+        }
+    }
+    #[cfg(not(unix))]
+    tokio::signal::ctrl_c().await?;
+    eprintln!("stopping: runs are being closed (Ctrl-C again to leave at once)");
+    tokio::spawn(async {
+        if tokio::signal::ctrl_c().await.is_ok() {
+            std::process::exit(130);
+        }
+    });
+    Ok(())
+}
+
+fn print(summary: &Summary, json: bool) {
+    if json {
+        println!("{}", serde_json::to_string(summary).expect("a summary is plain data"));
+    } else {
+        println!("{summary}");
+    }
+}
+
+/// Enter in the terminal arms pilots that a takeover has put off.
+fn arm_on_enter(bridge: Arc<Bridge>) {
+    if io::stdin().is_terminal() {
+        std::thread::spawn(move || {
+            for line in io::stdin().lock().lines() {
+                if line.is_err() {
+                    return;
+                }
+                bridge.arm();
+            }
+        });
+    }
+}
+
+fn how_to_connect(address: SocketAddr) -> String {
+    let port = address.port();
+    let warning = if port == 4567 { "" } else { "\n  Note: the simulator itself only dials port 4567." };
+    format!(
+        "Lapwing waits for a simulator on {address}. Ctrl-C ends.{warning}
+  Simulator on this machine: start it and choose Autonomous Mode; it dials by itself.
+  On another machine or in a VM it still dials its own 127.0.0.1:4567, so bring that port here. Over there, run
+    ssh -N -L 4567:127.0.0.1:{port} USER@THIS-MACHINE
+  or, on Windows as administrator, with lapwing serve --bind 0.0.0.0 here,
+    netsh interface portproxy add v4tov4 listenaddress=127.0.0.1 listenport=4567 connectaddress=THIS-MACHINE connectport={port}
+  On Windows with Lapwing in WSL 2: Windows passes 127.0.0.1 on to WSL; if nothing arrives, use the netsh line with the
+  address that `hostname -I` prints in WSL."
+    )
+}

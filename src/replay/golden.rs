@@ -1,0 +1,244 @@
+//! A replay kept to compare later ones with, frame by frame: JSON lines, so that
+//! a change shows in a diff.
+
+use std::{
+    fs,
+    io::{self, BufRead, Write},
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::Answered;
+use crate::protocol::Answer;
+
+const FORMAT: &str = "lapwing-golden/1";
+
+/// The first line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    format: String,
+    source: String,
+    driver: String,
+    frames: u64,
+}
+
+/// The further lines. Steering and throttle are absent where a human drove.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    frame: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steering: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    throttle: Option<f64>,
+}
+
+impl Line {
+    fn of(answered: &Answered) -> Self {
+        let (steering, throttle) = match answered.answer {
+            Answer::Steer(command) => (Some(command.steering.get()), Some(command.throttle.get())),
+            Answer::Manual => (None, None),
+        };
+        Self { frame: answered.frame, steering, throttle }
+    }
+}
+
+/// A stored replay.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Golden {
+    header: Header,
+    lines: Vec<Line>,
+}
+
+/// A golden file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum GoldenError {
+    /// The file cannot be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// A line is not what it should be.
+    #[error("{path}, line {line}: expected {expected}, got {got:?}: {why}")]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Line number from 1.
+        line: usize,
+        /// What belongs there.
+        expected: &'static str,
+        /// The beginning of the line.
+        got: String,
+        /// What the reader says.
+        why: String,
+    },
+}
+
+/// Where a replay departs from the stored one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// Frame, from 0.
+    pub frame: u64,
+    /// In words: expected and got.
+    pub what: String,
+}
+
+impl Golden {
+    /// From a replay's answers.
+    pub fn new(source: &str, driver: &str, answers: &[Answered]) -> Self {
+        Self {
+            header: Header {
+                format: FORMAT.into(),
+                source: source.into(),
+                driver: driver.into(),
+                frames: answers.len() as u64,
+            },
+            lines: answers.iter().map(Line::of).collect(),
+        }
+    }
+
+    /// Writes the file whole, or leaves an older one untouched.
+    ///
+    /// # Errors
+    /// [`GoldenError::Io`]
+    pub fn write(&self, path: &Path) -> Result<(), GoldenError> {
+        let error = |source| GoldenError::Io { path: path.into(), source };
+        let mut text = Vec::new();
+        serde_json::to_writer(&mut text, &self.header).expect("a header is plain data");
+        for line in &self.lines {
+            text.push(b'\n');
+            serde_json::to_writer(&mut text, line).expect("a line is plain data");
+        }
+        text.push(b'\n');
+        let partial = path.with_extension("partial");
+        fs::File::create(&partial).and_then(|mut f| f.write_all(&text)).map_err(error)?;
+        fs::rename(&partial, path).map_err(error)
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`GoldenError`] with the line that is wrong.
+    pub fn read(path: &Path) -> Result<Self, GoldenError> {
+        let io = |source| GoldenError::Io { path: path.into(), source };
+        let mut lines = io::BufReader::new(fs::File::open(path).map_err(io)?).lines().enumerate();
+        let parse_error = |line: usize, expected, got: &str, why: String| GoldenError::Line {
+            path: path.into(),
+            line: line + 1,
+            expected,
+            got: got.chars().take(60).collect(),
+            why,
+        };
+        let first = lines.next().map(|(_, line)| line.map_err(io)).transpose()?.unwrap_or_default();
+        let header: Header = serde_json::from_str(&first)
+            .map_err(|e| parse_error(0, "a golden file's header", &first, e.to_string()))?;
+        if header.format != FORMAT {
+            return Err(parse_error(0, FORMAT, &header.format, "written by another version".into()));
+        }
+        let lines = lines.map(|(i, line)| {
+            let line = line.map_err(io)?;
+            serde_json::from_str(&line).map_err(|e| parse_error(i, "a frame", &line, e.to_string()))
+        });
+        let lines: Vec<Line> = lines.collect::<Result<_, _>>()?;
+        if lines.len() as u64 != header.frames {
+            let why = format!("the file holds {} frames: it was cut off", lines.len());
+            return Err(parse_error(0, "as many frames as the header says", &first, why));
+        }
+        Ok(Self { header, lines })
+    }
+
+    /// Where `answers` depart from this replay by more than `tolerance` in steering or throttle.
+    pub fn compare(&self, answers: &[Answered], tolerance: f64) -> Vec<Difference> {
+        let mut differences: Vec<Difference> = self
+            .lines
+            .iter()
+            .zip(answers.iter().map(Line::of))
+            .filter_map(|(expected, got)| {
+                let apart = |a: Option<f64>, b: Option<f64>| match (a, b) {
+                    (Some(a), Some(b)) => (a - b).abs() > tolerance,
+                    (a, b) => a.is_some() != b.is_some(),
+                };
+                let differs = apart(expected.steering, got.steering) || apart(expected.throttle, got.throttle);
+                differs.then(|| Difference {
+                    frame: got.frame,
+                    what: format!("expected {}, got {}", said(expected), said(&got)),
+                })
+            })
+            .collect();
+        if answers.len() != self.lines.len() {
+            differences.push(Difference {
+                frame: answers.len().min(self.lines.len()) as u64,
+                what: format!("expected {} frames, got {}", self.lines.len(), answers.len()),
+            });
+        }
+        differences
+    }
+}
+
+fn said(line: &Line) -> String {
+    match (line.steering, line.throttle) {
+        (Some(steering), Some(throttle)) => format!("steering {steering:.5} throttle {throttle:.5}"),
+        _ => "a human".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::{
+        protocol::Command,
+        units::{Steering, Throttle},
+    };
+
+    fn answers(steerings: &[Option<f64>]) -> Vec<Answered> {
+        let answer = |s: &Option<f64>| match s {
+            Some(s) => Answer::Steer(Command { steering: Steering::new(*s).unwrap(), throttle: Throttle::ZERO }),
+            None => Answer::Manual,
+        };
+        let answered = |(i, s)| Answered { frame: i as u64, at: Duration::ZERO, recorded: None, answer: answer(s) };
+        steerings.iter().enumerate().map(answered).collect()
+    }
+
+    #[test]
+    fn a_golden_file_is_read_back_as_it_was_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.golden");
+        let golden = Golden::new("run", "model", &answers(&[Some(0.125), None]));
+        golden.write(&path).unwrap();
+        assert_eq!(Golden::read(&path).unwrap(), golden);
+    }
+
+    #[test]
+    fn frames_within_the_tolerance_agree_and_others_are_named() {
+        let golden = Golden::new("run", "model", &answers(&[Some(0.1), Some(0.2), None]));
+        assert_eq!(golden.compare(&answers(&[Some(0.1005), Some(0.1995), None]), 1e-3), []);
+        let differences = golden.compare(&answers(&[Some(0.1), Some(0.3), Some(0.0)]), 1e-3);
+        assert_eq!(differences.iter().map(|d| d.frame).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(
+            differences[0].what,
+            "expected steering 0.20000 throttle 0.00000, got steering 0.30000 throttle 0.00000"
+        );
+        assert_eq!(golden.compare(&answers(&[Some(0.1)]), 1e-3)[0].what, "expected 3 frames, got 1");
+    }
+
+    #[test]
+    fn a_cut_off_or_foreign_file_is_an_error_with_its_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.golden");
+        Golden::new("run", "model", &answers(&[Some(0.1), Some(0.2)])).write(&path).unwrap();
+        let whole = fs::read_to_string(&path).unwrap();
+        fs::write(&path, &whole[..whole.len() - 5]).unwrap();
+        assert!(Golden::read(&path).unwrap_err().to_string().contains("line 3: expected a frame"));
+        fs::write(&path, whole.lines().next().unwrap()).unwrap();
+        assert!(Golden::read(&path).unwrap_err().to_string().contains("cut off"));
+        fs::write(&path, "hello\n").unwrap();
+        assert!(Golden::read(&path).unwrap_err().to_string().contains("line 1: expected a golden file's header"));
+    }
+}

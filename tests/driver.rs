@@ -1,0 +1,163 @@
+//! The driver with pilots that say what a test wants.
+
+use std::{
+    sync::LazyLock,
+    time::{Duration, Instant},
+};
+
+use lapwing::{
+    config::{Control, SpeedLaw, Takeover},
+    driver::{By, Driver, Happening},
+    perception::Frame,
+    pilot::{ConstantPilot, Pilot, PilotError, Prediction},
+    protocol::{Answer, CameraImage, Observation, Sight, Telemetry, TelemetryError, Truth},
+    units::{Degrees, Mph, Steering, Throttle},
+};
+
+use crate::support::jpeg;
+
+/// A clock that stands: what is measured with it is nought, whatever the machine does.
+fn frozen() -> Instant {
+    static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    *START
+}
+
+fn driver(control: Control) -> Driver {
+    Driver::new(Box::new(ConstantPilot::new(Steering::new(0.25).unwrap())), &control, frozen)
+}
+
+fn seen(at_ms: u64, mph: f64, image: CameraImage) -> Observation {
+    let telemetry = Telemetry {
+        steering: Degrees::ZERO,
+        throttle: Throttle::ZERO,
+        speed: Mph::new(mph).unwrap(),
+        image,
+        truth: Truth::default(),
+    };
+    Observation { at: Duration::from_millis(at_ms), sight: Sight::Telemetry(telemetry) }
+}
+
+fn good(at_ms: u64, mph: f64) -> Observation {
+    seen(at_ms, mph, CameraImage::Jpeg(jpeg(80).into()))
+}
+
+fn bad(at_ms: u64, mph: f64) -> Observation {
+    seen(at_ms, mph, CameraImage::Base64("no".into()))
+}
+
+fn human(at_ms: u64) -> Observation {
+    Observation { at: Duration::from_millis(at_ms), sight: Sight::HumanDrives }
+}
+
+fn command(answer: Answer) -> (f64, f64) {
+    match answer {
+        Answer::Steer(command) => (command.steering.get(), command.throttle.get()),
+        Answer::Manual => panic!("manual"),
+    }
+}
+
+#[test]
+fn a_good_frame_becomes_the_pilots_steering_and_the_controllers_throttle() {
+    let (answer, trace) = driver(Control::default()).drive(&good(0, 0.0));
+    assert_eq!(command(answer), (0.25, 0.918));
+    assert_eq!((trace.by, trace.prediction), (By::Pilot, Some(0.25)));
+    let throttle = trace.throttle.unwrap();
+    assert_eq!((throttle.p, throttle.i, throttle.saturated), (0.9, 0.018, false));
+    assert_eq!(trace.total, Duration::ZERO, "the driver has no clock of its own");
+}
+
+#[test]
+fn the_quadratic_law_sees_the_steering_about_to_be_commanded() {
+    let control = Control { speed_law: SpeedLaw::Quadratic, speed_mph: Mph::new(20.0).unwrap(), ..Control::default() };
+    assert_eq!(command(driver(control).drive(&good(0, 10.0)).0), (0.25, 1.0 - 0.0625 - 0.25));
+}
+
+#[test]
+fn the_same_observations_give_the_same_answers() {
+    let answers = || {
+        let mut driver = driver(Control::default());
+        (0..50).map(|i| driver.drive(&good(i * 66, i as f64 / 4.0)).0).collect::<Vec<_>>()
+    };
+    assert_eq!(answers(), answers());
+}
+
+#[test]
+fn a_reset_driver_answers_like_a_new_one() {
+    let mut driver = driver(Control::default());
+    for i in 0..20 {
+        driver.drive(&good(i * 66, 3.0));
+    }
+    driver.reset();
+    assert_eq!(command(driver.drive(&good(0, 0.0)).0), (0.25, 0.918));
+}
+
+#[test]
+fn a_takeover_has_a_beginning_an_end_and_a_duration() {
+    let mut driver = driver(Control::default());
+    driver.drive(&good(0, 4.0));
+    let (answer, trace) = driver.drive(&human(1000));
+    assert_eq!((answer, trace.happenings), (Answer::Manual, vec![Happening::TakeoverBegan]));
+    assert_eq!(driver.drive(&human(2000)).1.happenings, []);
+    let (answer, trace) = driver.drive(&good(3500, 4.0));
+    let ended = Happening::TakeoverEnded { after: Duration::from_millis(2500), pilot_off: false };
+    assert_eq!((command(answer).1, trace.happenings), (0.52, vec![ended]));
+}
+
+#[test]
+fn latched_the_driver_answers_nothing_but_coasting_until_armed() {
+    let mut driver = driver(Control { takeover: Takeover::Latch, ..Control::default() });
+    driver.drive(&human(0));
+    let (answer, trace) = driver.drive(&good(1000, 4.0));
+    assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Nobody));
+    assert!(trace.jpeg.is_some(), "what is seen is still recorded");
+    assert!(driver.arm());
+    assert_eq!(command(driver.drive(&good(1066, 4.0)).0), (0.25, 0.51));
+    assert!(!driver.arm(), "it is armed already");
+}
+
+#[test]
+fn four_bad_frames_coast_and_the_fifth_brakes() {
+    let mut driver = driver(Control::default());
+    driver.drive(&good(0, 12.0));
+    let mut throttles = vec![];
+    for i in 1..=6 {
+        let (answer, trace) = driver.drive(&bad(i * 66, 12.0));
+        assert_eq!((command(answer).0, trace.by), (0.25, By::Safety), "steering stays");
+        assert!(matches!(&trace.happenings[0], Happening::BadFrame { in_a_row, .. } if u64::from(*in_a_row) == i));
+        throttles.push(command(answer).1);
+    }
+    assert_eq!(throttles, [0.0, 0.0, 0.0, 0.0, -1.0, -1.0]);
+    assert!(command(driver.drive(&good(500, 4.0)).0).1 > 0.0);
+    assert_eq!(command(driver.drive(&bad(566, 12.0)).0).1, 0.0, "and the count begins anew");
+}
+
+#[test]
+fn telemetry_without_a_speed_is_braked_blindly_for_two_seconds() {
+    let mut driver = driver(Control::default());
+    let unreadable = |at_ms| Observation {
+        at: Duration::from_millis(at_ms),
+        sight: Sight::Unreadable(TelemetryError::Missing("speed")),
+    };
+    let throttles: Vec<f64> = (0..40).map(|i| command(driver.drive(&unreadable(i * 100)).0).1).collect();
+    assert_eq!(throttles[..4], [0.0; 4]);
+    assert_eq!(throttles[4..24], [-1.0; 20]);
+    assert_eq!(throttles[24..], [0.0; 16]);
+}
+
+/// A pilot that fails.
+struct Failing;
+
+impl Pilot for Failing {
+    fn steer(&mut self, _: &Frame, _: Mph) -> Result<Prediction, PilotError> {
+        Err(PilotError::NotFinite(f64::NAN))
+    }
+    fn reset(&mut self) {}
+}
+
+#[test]
+fn a_pilot_that_fails_is_a_bad_frame_and_not_the_end() {
+    let mut driver = Driver::new(Box::new(Failing), &Control::default(), frozen);
+    let (answer, trace) = driver.drive(&good(0, 5.0));
+    assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Safety));
+    assert!(matches!(&trace.happenings[0], Happening::BadFrame { why, .. } if why.starts_with("pilot: ")));
+}

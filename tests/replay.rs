@@ -1,0 +1,205 @@
+//! Replays of the shipped run and of Udacity folders, in process and over the wire.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use lapwing::{
+    config::Control,
+    driver::Driver,
+    pilot,
+    protocol::{Answer, number::Culture},
+    replay::{self, Agreement, Golden, Rate, Replay},
+    simulator::client::{self, ClientError, ClientOptions},
+    units::Steering,
+};
+use tempfile::{TempDir, tempdir};
+use tokio::{io::AsyncReadExt, io::AsyncWriteExt, net::TcpListener};
+
+use crate::support::{Running, jpeg, settings};
+
+fn shipped() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/plain-road.mcap")
+}
+
+fn in_process(path: &Path) -> Replay {
+    let mut replay = Replay::open(path, Rate::Max).unwrap();
+    let mut driver = Driver::new(pilot::built_in(Instant::now).unwrap().pilot(), &Control::default(), Instant::now);
+    replay::run(&mut replay, &mut driver, || {}).unwrap();
+    replay
+}
+
+/// A folder as the stock recorder leaves it, of so many rows.
+fn udacity_folder(rows: u8) -> TempDir {
+    let dir = tempdir().unwrap();
+    fs::create_dir(dir.path().join("IMG")).unwrap();
+    let mut log = String::new();
+    for i in 0..rows {
+        let name = format!("center_2026_11_21_08_00_{:02}_{:03}.jpg", i / 10, u32::from(i) % 10 * 100);
+        fs::write(dir.path().join("IMG").join(&name), jpeg(i)).unwrap();
+        let other = |camera: &str| name.replace("center", camera);
+        let steering = f64::from(i % 7) / 20.0;
+        log += &format!(
+            "C:\\IMG\\{name}, C:\\IMG\\{}, C:\\IMG\\{}, {steering}, 0.5, 0, 9.1\n",
+            other("left"),
+            other("right")
+        );
+    }
+    fs::write(dir.path().join("driving_log.csv"), log).unwrap();
+    dir
+}
+
+#[test]
+fn the_shipped_run_is_answered_frame_by_frame() {
+    let replay = in_process(&shipped());
+    assert_eq!((replay.answers().len(), replay.losses()), (225, (0, None)));
+    let pairs = replay.answers().iter().map(|a| match a.answer {
+        Answer::Steer(command) => (command.steering.get(), a.recorded.unwrap().get()),
+        Answer::Manual => panic!("nobody drove by hand"),
+    });
+    let agreement = Agreement::of(pairs).unwrap();
+    assert_eq!(agreement.frames, 225);
+    assert!(agreement.r.is_some());
+}
+
+#[test]
+fn a_replay_agrees_with_its_golden_file_and_another_models_does_not() {
+    let dir = tempdir().unwrap();
+    let path = dir.path().join("golden");
+    let replay = in_process(&shipped());
+    Golden::new("run", "model", replay.answers()).write(&path).unwrap();
+    let golden = Golden::read(&path).unwrap();
+    assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-6), []);
+    let mut other = Replay::open(&shipped(), Rate::Max).unwrap();
+    let mut driver = Driver::new(Box::new(pilot::ConstantPilot::new(Steering::constant(0.9))), &Control::default(), Instant::now);
+    replay::run(&mut other, &mut driver, || {}).unwrap();
+    assert!(golden.compare(other.answers(), 1e-3).len() > 200);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn over_the_wire_the_same_commands_come_back_in_every_culture() {
+    let folder = udacity_folder(40);
+    let here = in_process(folder.path());
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let address = running.address.to_string();
+    // C# itself would misread a minus sign behind the digits; that culture is written and not read.
+    for culture in Culture::ALL.into_iter().filter(|c| c.name != "fa-IR") {
+        let (path, address) = (folder.path().to_owned(), address.clone());
+        let there = tokio::task::spawn_blocking(move || {
+            let mut replay = Replay::open(&path, Rate::Max).unwrap();
+            let options = ClientOptions { culture, ..ClientOptions::default() };
+            let report = client::play(&mut replay, &address, &options, |_| {}).unwrap();
+            assert_eq!((report.telemetries, report.answers, report.lost_tokens), (40, 40, 0));
+            replay
+        })
+        .await
+        .unwrap();
+        for (here, there) in here.answers().iter().zip(there.answers()) {
+            let (Answer::Steer(a), Answer::Steer(b)) = (here.answer, there.answer) else { panic!() };
+            // Four decimals on the wire.
+            assert!((a.steering.get() - b.steering.get()).abs() < 1e-4, "{} {here:?} {there:?}", culture.name);
+            assert!((a.throttle.get() - b.throttle.get()).abs() < 1e-4, "{} {here:?} {there:?}", culture.name);
+        }
+        assert_eq!(there.answers().len(), 40);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_run_recorded_by_the_bridge_replays_to_the_commands_that_were_given() {
+    let folder = udacity_folder(30);
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let (path, address) = (folder.path().to_owned(), running.address.to_string());
+    tokio::task::spawn_blocking(move || {
+        let mut replay = Replay::open(&path, Rate::Max).unwrap();
+        client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
+    })
+    .await
+    .unwrap();
+    let run = running.stop().await.remove(0).run.unwrap().path;
+    let again = in_process(&run);
+    assert_eq!(again.answers().len(), 30);
+    for answered in again.answers() {
+        let Answer::Steer(command) = answered.answer else { panic!() };
+        assert!((command.steering.get() - answered.recorded.unwrap().get()).abs() < 1e-6, "{answered:?}");
+    }
+}
+
+#[test]
+fn an_image_that_is_missing_is_named() {
+    let folder = udacity_folder(3);
+    let missing = folder.path().join("IMG/center_2026_11_21_08_00_00_100.jpg");
+    fs::remove_file(&missing).unwrap();
+    let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
+    let mut driver = Driver::new(Box::new(pilot::ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
+    let error = replay::run(&mut replay, &mut driver, || {}).unwrap_err().to_string();
+    assert!(error.contains("center_2026_11_21_08_00_00_100.jpg"), "{error}");
+    assert_eq!(replay.answers().len(), 1, "what came before is kept");
+}
+
+#[test]
+fn what_is_no_recording_is_an_error_that_says_so() {
+    let dir = tempdir().unwrap();
+    let file = dir.path().join("run.mcap");
+    fs::write(&file, "hello").unwrap();
+    assert!(Replay::open(&file, Rate::Max).err().unwrap().to_string().contains("expected a run"));
+    assert!(Replay::open(&dir.path().join("absent.mcap"), Rate::Max).is_err());
+}
+
+/// A server that answers the WebSocket handshake as told and then says one thing.
+async fn odd_bridge(head: &'static str, says: &'static [u8]) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    tokio::spawn(async move {
+        let (mut stream, _) = listener.accept().await.unwrap();
+        let mut request = vec![0; 4096];
+        let n = stream.read(&mut request).await.unwrap();
+        let request = String::from_utf8_lossy(&request[..n]).into_owned();
+        let key = request.split("Sec-WebSocket-Key: ").nth(1).unwrap().split("\r\n").next().unwrap();
+        let accept = tokio_tungstenite::tungstenite::handshake::derive_accept_key(key.as_bytes());
+        stream.write_all(head.replace("{accept}", &accept).as_bytes()).await.unwrap();
+        stream.write_all(says).await.unwrap();
+        tokio::time::sleep(std::time::Duration::from_secs(5)).await;
+    });
+    address
+}
+
+async fn play_to(address: String) -> ClientError {
+    tokio::task::spawn_blocking(move || {
+        let mut replay = Replay::open(&shipped(), Rate::Max).unwrap();
+        let stall = std::time::Duration::from_millis(500);
+        client::play(&mut replay, &address, &ClientOptions { stall, ..Default::default() }, |_| {}).unwrap_err()
+    })
+    .await
+    .unwrap()
+}
+
+const SWITCH: &str = "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\n\r\n";
+
+#[tokio::test]
+async fn a_bridge_that_the_simulator_would_not_play_with_is_found_out() {
+    let extension =
+        "HTTP/1.1 101 x\r\nSec-WebSocket-Extensions: permessage-deflate\r\nSec-WebSocket-Accept: {accept}\r\n\r\n";
+    let cases: [(&str, &[u8], &str); 6] = [
+        ("HTTP/1.1 404 Not Found\r\n\r\n", b"", "expected HTTP/1.1 101"),
+        (extension, b"", "no WebSocket extension"),
+        (SWITCH, b"\x82\x02hi", "expected text, got \"2 bytes of binary\""),
+        (SWITCH, b"\x81\x05hello", "expected an Engine.IO packet"),
+        (SWITCH, b"\x81\x030{}", "an OPEN packet with sid"),
+        (SWITCH, b"", "stalls here"),
+    ];
+    for (head, says, expected) in cases {
+        let error = play_to(odd_bridge(head, says).await).await.to_string();
+        assert!(error.contains(expected), "{expected}: {error}");
+    }
+}
+
+#[test]
+fn where_no_bridge_is_the_address_is_named() {
+    let mut replay = Replay::open(&shipped(), Rate::Max).unwrap();
+    let error = client::play(&mut replay, "127.0.0.1:1", &ClientOptions::default(), |_| {}).unwrap_err();
+    assert!(error.to_string().starts_with("cannot connect to 127.0.0.1:1: "), "{error}");
+}
