@@ -88,3 +88,6 @@ impl Pilot for TorchScriptPilot {
 
     fn reset(&mut self) {}
 }
+
+#[cfg(test)]
+mod tests;
