@@ -242,6 +242,11 @@ impl<'a> Fields<'a> {
         Some((channel, log_time, self.0))
     }
 
+    /// Statistics: the number of messages.
+    pub(super) fn statistics(mut self) -> Option<u64> {
+        self.u64()
+    }
+
     /// A metadata record: its name and what it holds.
     pub(super) fn metadata(mut self) -> Option<(&'a str, BTreeMap<String, String>)> {
         let name = self.text()?;

@@ -230,7 +230,7 @@ impl Queue {
         }
     }
 
-    /// Waits until a full disk may be asked again. False when there is no time to wait.
+    /// Waits until a full disk may be asked again. False when it is for the last time.
     fn wait_for_room(&self, error: &io::Error) -> bool {
         let mut state = self.lock();
         if !state.closing && state.failed.is_none() {
@@ -261,13 +261,14 @@ pub(super) struct Patient<W> {
 
 impl<W: Write> Write for Patient<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut waited = false;
+        let (mut waited, mut last_time) = (false, false);
         loop {
             match self.sink.write(bytes) {
                 Err(e) if matches!(e.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
-                    if !self.queue.wait_for_room(&e) {
+                    if last_time {
                         return Err(e);
                     }
+                    last_time = !self.queue.wait_for_room(&e);
                     waited = true;
                 }
                 result => {

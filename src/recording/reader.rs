@@ -45,6 +45,7 @@ impl fmt::Display for Truncation {
 /// chunks, with channels of their own) read as well; channels that are not a
 /// run's are passed over. A file cut off or damaged somewhere reads up to the
 /// last whole chunk before that place, and [`truncated`](Self::truncated) tells.
+/// It tells as well where the messages are not as many as the file's statistics say.
 ///
 /// The iterator yields [`RecordingError::Message`] for a message that does not
 /// parse and goes on behind it, [`RecordingError::Io`] where the file cannot be
@@ -58,6 +59,9 @@ pub struct RunReader {
     chunk: Option<Chunk>,
     /// Where the record begins that is being read.
     at: u64,
+    /// Messages so far, and how many there are by the file's own statistics.
+    messages: u64,
+    counted: Option<u64>,
     truncation: Option<Truncation>,
     done: bool,
 }
@@ -100,6 +104,8 @@ impl RunReader {
             channels: HashMap::new(),
             chunk: None,
             at: 0,
+            messages: 0,
+            counted: None,
             truncation: None,
             done: false,
         })
@@ -140,12 +146,10 @@ impl RunReader {
                 },
                 None => {
                     self.at = container.at();
-                    match container.next(|opcode| matches!(opcode, op::CHUNK | op::CHANNEL | op::MESSAGE))? {
+                    let wanted = [op::CHUNK, op::CHANNEL, op::MESSAGE, op::STATISTICS];
+                    match container.next(|opcode| wanted.contains(&opcode))? {
                         Some(record) => record,
-                        None => {
-                            self.done = true;
-                            return Ok(None);
-                        }
+                        None => return self.end(),
                     }
                 }
             };
@@ -158,7 +162,9 @@ impl RunReader {
                     let ours = |c: &Channel| c.topic() == topic && c.message_encoding() == encoding;
                     channels.insert(id, Channel::ALL.into_iter().find(ours));
                 }
+                op::STATISTICS => self.counted = Fields(body).statistics(),
                 op::MESSAGE => {
+                    self.messages += 1;
                     let (id, log_time, data) = Fields(body)
                         .message()
                         .ok_or_else(|| Broken::Damaged("expected a message, got a piece of one".into()))?;
@@ -177,6 +183,21 @@ impl RunReader {
                 }
                 _ => {}
             }
+        }
+    }
+}
+
+impl RunReader {
+    /// Behind the file's orderly end. Its statistics give away a damage that hides a whole chunk.
+    fn end(&mut self) -> Result<Option<Yield>, Broken> {
+        self.done = true;
+        self.at = self.container.len();
+        match self.counted {
+            Some(counted) if counted != self.messages => Err(Broken::Damaged(format!(
+                "expected {counted} messages by the file's own count, got {}",
+                self.messages
+            ))),
+            _ => Ok(None),
         }
     }
 }
