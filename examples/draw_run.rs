@@ -90,7 +90,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// The road's curvature, 1/m, positive to the right: straight, a left bend, a right one.
 fn curvature(s: f64) -> f64 {
-    0.02 * (TAU * (s - 12.0).max(0.0) / 60.0).sin() * -1.0
+    -0.02 * (TAU * (s - 12.0).max(0.0) / 60.0).sin()
 }
 
 /// The picture from a car on the centre line after `s` metres: each pixel is followed to the ground.

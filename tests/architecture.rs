@@ -43,7 +43,7 @@ const MAY_IMPORT: [(&str, &[&str]); 14] = [
 
 /// Crates that are named in some places only.
 const ONLY_IN: [(&str, &[&str]); 4] = [
-    ("tch", &["nn", "pilot/network.rs", "pilot/torchscript.rs"]),
+    ("tch", &["nn", "pilot/network.rs", "pilot/torchscript"]),
     ("axum", &["bridge"]),
     ("socketioxide", &["bridge"]),
     ("anyhow", &["commands"]),

@@ -62,7 +62,7 @@ fn a_good_frame_becomes_the_pilots_steering_and_the_controllers_throttle() {
     assert_eq!(command(answer), (0.25, 0.918));
     assert_eq!((trace.by, trace.prediction), (By::Pilot, Some(0.25)));
     let throttle = trace.throttle.unwrap();
-    assert_eq!((throttle.p, throttle.i, throttle.saturated), (0.9, 0.018, false));
+    assert_eq!((throttle.p, throttle.i, throttle.saturated), (0.1 * 9.0, 0.002 * 9.0, false));
     assert_eq!(trace.total, Duration::ZERO, "the driver has no clock of its own");
 }
 

@@ -73,7 +73,8 @@ fn a_replay_agrees_with_its_golden_file_and_another_models_does_not() {
     let golden = Golden::read(&path).unwrap();
     assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-6), []);
     let mut other = Replay::open(&shipped(), Rate::Max).unwrap();
-    let mut driver = Driver::new(Box::new(pilot::ConstantPilot::new(Steering::constant(0.9))), &Control::default(), Instant::now);
+    let mut driver =
+        Driver::new(Box::new(pilot::ConstantPilot::new(Steering::constant(0.9))), &Control::default(), Instant::now);
     replay::run(&mut other, &mut driver, || {}).unwrap();
     assert!(golden.compare(other.answers(), 1e-3).len() > 200);
 }
@@ -134,7 +135,8 @@ fn an_image_that_is_missing_is_named() {
     let missing = folder.path().join("IMG/center_2026_11_21_08_00_00_100.jpg");
     fs::remove_file(&missing).unwrap();
     let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
-    let mut driver = Driver::new(Box::new(pilot::ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
+    let mut driver =
+        Driver::new(Box::new(pilot::ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
     let error = replay::run(&mut replay, &mut driver, || {}).unwrap_err().to_string();
     assert!(error.contains("center_2026_11_21_08_00_00_100.jpg"), "{error}");
     assert_eq!(replay.answers().len(), 1, "what came before is kept");

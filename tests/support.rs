@@ -12,7 +12,7 @@ use lapwing::{
 use tokio::{net::TcpStream, sync::oneshot, task::JoinHandle, time::timeout};
 use tokio_tungstenite::{
     WebSocketStream, client_async,
-    tungstenite::{Message, client::IntoClientRequest, handshake::client::Response},
+    tungstenite::{Message, client::IntoClientRequest},
 };
 
 /// A picture as the simulator sends them, 320x160.
@@ -83,7 +83,6 @@ impl Running {
 /// The simulator's end of the wire.
 pub struct Wire {
     pub socket: WebSocketStream<TcpStream>,
-    pub handshake: Response,
 }
 
 /// The user agent of the stock build.
@@ -94,8 +93,8 @@ impl Wire {
         let mut request = format!("ws://{address}/socket.io/?{query}").into_client_request().unwrap();
         request.headers_mut().insert("User-Agent", user_agent.parse().unwrap());
         let stream = TcpStream::connect(address).await.unwrap();
-        let (socket, handshake) = client_async(request, stream).await.unwrap();
-        Self { socket, handshake }
+        let (socket, _) = client_async(request, stream).await.unwrap();
+        Self { socket }
     }
 
     /// As the stock build dials.

@@ -6,6 +6,7 @@ mod serve;
 
 use std::{
     io::{self, IsTerminal},
+    num::NonZeroU16,
     path::Path,
     process::ExitCode,
     time::Instant,
@@ -16,6 +17,7 @@ use tracing_subscriber::EnvFilter;
 use crate::{
     cli::{Cli, Driving, SpeedLaw, Takeover, Verb},
     config::{ConfigError, Layers, Settings},
+    nn::runtime,
     pilot::{self, Model},
 };
 
@@ -88,6 +90,11 @@ fn load_model(settings: &Settings) -> anyhow::Result<Model> {
         Some(path) => pilot::load(path, Instant::now)?,
         None => pilot::built_in(Instant::now)?,
     };
+    // Before any thread drives: each takes the number over at its first operation.
+    let chosen = NonZeroU16::new(settings.model.threads).map(NonZeroU16::get);
+    if let Some(threads) = chosen.or(model.threads()) {
+        runtime::set_threads(threads);
+    }
     tracing::info!("model: {}", model.name());
     Ok(model)
 }

@@ -39,7 +39,7 @@ struct Comparison {
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
     let settings = super::layers(config, &arguments.driving)?.resolve()?;
-    if !(arguments.tolerance >= 0.0) {
+    if arguments.tolerance.is_nan() || arguments.tolerance < 0.0 {
         bail!("--tolerance: expected a number of at least 0, got {}", arguments.tolerance);
     }
     // Read before the work is done, so that a wrong file does not cost a whole replay.

@@ -19,6 +19,7 @@ pub struct Model {
     name: String,
     sha256: String,
     preprocess: Preprocess,
+    threads: Option<u16>,
     /// The pilot that all others are shared from. It drives nobody; behind a lock because a tensor's handle belongs
     /// to one thread at a time.
     prototype: Mutex<Prototype>,
@@ -61,6 +62,7 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, PilotError> {
                 name: format!("torchscript ({})", path.display()),
                 sha256: sha256_hex(&bytes),
                 preprocess: pilot.preprocess().clone(),
+                threads: None,
                 prototype: Mutex::new(Prototype::TorchScript(pilot)),
             })
         }
@@ -76,6 +78,7 @@ impl Model {
             name: format!("{} ({})", checkpoint.network.architecture().name(), path.display()),
             sha256: checkpoint.sha256.clone(),
             preprocess: checkpoint.metadata.preprocess.clone(),
+            threads: checkpoint.network.architecture().threads(),
             prototype: Mutex::new(Prototype::Network(NetworkPilot::new(checkpoint, clock)?)),
         })
     }
@@ -88,6 +91,11 @@ impl Model {
     /// SHA-256 of the file in lower-case hexadecimal; a run names its model by it.
     pub fn sha256(&self) -> &str {
         &self.sha256
+    }
+
+    /// Threads for one forward pass that serve it best, `None` for as many as there are processors.
+    pub fn threads(&self) -> Option<u16> {
+        self.threads
     }
 
     /// What is done to a frame before the network sees it.

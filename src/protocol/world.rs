@@ -15,6 +15,10 @@ pub struct Observation {
 
 /// What was seen.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly every sight is a telemetry; a box would cost an allocation a frame"
+)]
 pub enum Sight {
     /// A telemetry that could be read; its image may yet be broken.
     Telemetry(Telemetry),
