@@ -1,18 +1,26 @@
 //! What driving costs: `cargo bench --bench driving`. All on a picture that is
 //! drawn here, of the stock simulator's size and about its bytes.
 
-use std::{hint::black_box, time::Instant};
+use std::{
+    hint::black_box,
+    time::{Duration, Instant},
+};
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use divan::{Bencher, counter::BytesCount};
 use image::{ColorType, codecs::jpeg::JpegEncoder};
 use lapwing::{
+    config::Control,
+    driver::Driver,
     nn::{Checkpoint, in_variable_store, runtime},
     perception::{Frame, Preprocess, Preprocessor, decode_base64, decode_jpeg},
     pilot,
+    protocol::{Observation, Sight},
     units::Mph,
 };
 use tch::{Device, Kind, Tensor, nn::VarStore};
+
+mod lock_step;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
 
@@ -99,4 +107,29 @@ fn pilot_steers_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
     tch::set_num_threads(threads);
     let (mut pilot, frame) = (pilot::load(MODEL, Instant::now).unwrap().pilot(), frame());
     bencher.bench_local(|| pilot.steer(black_box(&frame), Mph::ZERO).unwrap());
+}
+
+/// JPEG bytes to command: the whole driver.
+#[divan::bench(sample_size = 20)]
+fn driver(bencher: Bencher<'_, '_>) {
+    tch::set_num_threads(1);
+    let pilot = pilot::load(MODEL, Instant::now).unwrap().pilot();
+    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let observation = Observation { at: Duration::ZERO, sight: Sight::Telemetry(lock_step::telemetry()) };
+    bencher.bench_local(|| driver.drive(black_box(&observation)));
+}
+
+/// What the driver cannot do without, and nothing else: decode and forward.
+#[divan::bench(sample_size = 20)]
+fn decode_and_forward_alone(bencher: Bencher<'_, '_>) {
+    tch::set_num_threads(1);
+    let (bytes, mut frame) = (jpeg(), Frame::default());
+    let network = Checkpoint::load(MODEL).unwrap().network;
+    let input = Tensor::rand([1, 3, 66, 200], (Kind::Float, Device::Cpu)); // (1, 3, 66, 200)
+    tch::no_grad(|| {
+        bencher.bench_local(|| {
+            decode_jpeg(black_box(&bytes), &mut frame).unwrap();
+            network.forward(black_box(&input)).unwrap().double_value(&[0, 0])
+        })
+    });
 }

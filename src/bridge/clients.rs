@@ -10,7 +10,7 @@ use socketioxide::{
     SocketIo,
     extract::{Event, SocketRef, TryData},
 };
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
 
 use super::{Bridge, gate::MAX_MESSAGE, listener::Peer, session::Session};
 
@@ -50,26 +50,34 @@ async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
         }
         async {}
     });
+    // The queue does not tell that the client has left: the socket's own handler holds its other end.
+    let gone = Arc::<Notify>::default();
+    let tell = gone.clone();
+    socket.on_disconnect(move || {
+        tell.notify_one();
+        async {}
+    });
     let session = Session::new(bridge.enter(peer, false), peer.to_string());
-    tokio::spawn(serve(socket, session, incoming));
+    tokio::spawn(serve(socket, session, incoming, gone));
 }
 
-async fn serve(socket: SocketRef, mut session: Session, mut incoming: mpsc::Receiver<Incoming>) {
+async fn serve(socket: SocketRef, mut session: Session, mut incoming: mpsc::Receiver<Incoming>, gone: Arc<Notify>) {
     let stopped = session.bridge().clone().stopped();
     tokio::pin!(stopped);
     let why = loop {
         tokio::select! {
             event = incoming.recv() => match event {
-                None => break "the client is gone",
+                None => break "the client has left",
                 Some(event) => answer(&socket, &mut session, event),
             },
+            () = gone.notified() => break "the client has left",
             () = &mut stopped => {
                 let _ = socket.disconnect(); // an error is a client that is gone already
                 break "the bridge was stopped";
             }
         }
     };
-    session.finish(why);
+    tokio::task::block_in_place(|| session.finish(why));
 }
 
 fn answer(socket: &SocketRef, session: &mut Session, Incoming { received, name, payload }: Incoming) {

@@ -33,6 +33,8 @@ pub(super) struct Session {
     dialect: Option<Dialect>,
     drive: Option<Drive>,
     last: Command,
+    /// Kicks before the drive began, for its account.
+    early_kicks: u32,
     bad: Throttled,
     told: Told,
 }
@@ -76,6 +78,7 @@ impl Session {
             dialect: None,
             drive: None,
             last: Command::default(),
+            early_kicks: 0,
             bad: Throttled::default(),
             told: Told::default(),
         }
@@ -137,8 +140,9 @@ impl Session {
     pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
         tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going", self.peer);
         self.note(now, EventRecord::Kick);
-        if let Some(drive) = &mut self.drive {
-            drive.statistics.kicked();
+        match &mut self.drive {
+            Some(drive) => drive.statistics.kicked(1),
+            None => self.early_kicks += 1,
         }
         self.farewell()
     }
@@ -246,12 +250,17 @@ impl Session {
                 .inspect_err(|error| tracing::error!("{}: this drive is not recorded: {error}", self.peer))
                 .ok()
         });
+        let mut statistics = Statistics::new();
+        statistics.kicked(self.early_kicks);
         self.drive = Some(Drive {
             driver: Driver::new(model.pilot(), &settings.control, Instant::now),
             recorder: recorder.flatten(),
             began: now,
-            statistics: Statistics::new(),
+            statistics,
         });
+        for _ in 0..std::mem::take(&mut self.early_kicks) {
+            self.note(now, EventRecord::Kick);
+        }
     }
 
     fn unsupported(&mut self, received: Instant, why: &'static str) -> Turn {

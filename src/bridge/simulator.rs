@@ -49,7 +49,7 @@ where
         Ok(why) => why.to_owned(),
         Err(error) => error.to_string(),
     };
-    simulator.session.finish(&why);
+    tokio::task::block_in_place(|| simulator.session.finish(&why));
 }
 
 struct Simulator<S> {

@@ -77,8 +77,8 @@ impl Statistics {
         self.latency.saturating_record(latency.as_micros().try_into().unwrap_or(u64::MAX));
     }
 
-    pub fn kicked(&mut self) {
-        self.kicks += 1;
+    pub fn kicked(&mut self, times: u32) {
+        self.kicks += u64::from(times);
     }
 
     /// The account.

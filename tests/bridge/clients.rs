@@ -1,6 +1,8 @@
 //! Simulators of other names, and ordinary Socket.IO clients on the same port.
 //! The real libraries are run by `tests/interop`.
 
+use std::time::Duration;
+
 use tempfile::tempdir;
 
 use crate::support::{Running, Wire, settings, steer, telemetry};
@@ -37,6 +39,14 @@ async fn an_ordinary_client_of_protocol_5_is_greeted_and_steered() {
     let (_, throttle) = steer(&ask(&mut client, &telemetry("0.0000")).await);
     assert_eq!(throttle, 0.918);
     assert_eq!(ask(&mut client, r#"42["telemetry",null]"#).await, r#"42["manual",{}]"#);
+    client.send("41").await;
+    drop(client);
+    let over = async {
+        while running.summaries.lock().unwrap().is_empty() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(5), over).await.expect("its run ends when it leaves");
 }
 
 #[tokio::test(flavor = "multi_thread")]

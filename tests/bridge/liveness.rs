@@ -16,6 +16,7 @@ async fn a_simulator_that_missed_its_start_is_kicked_after_a_second() {
     assert_eq!(kick, r#"42["steer",{"steering_angle":"0e-4","throttle":"0e-4"}]"#);
     assert!(began.elapsed() >= Duration::from_millis(950), "{:?}", began.elapsed());
     assert!(steer(&simulator.ask(&telemetry("0.0000")).await).1 > 0.0, "and its loop runs");
+    assert_eq!(running.stop().await[0].kicks, 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]

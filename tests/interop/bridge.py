@@ -67,34 +67,46 @@ class Bridge:
     """`lapwing serve` on a free port with its model loaded, as a context. It is
     stopped with SIGINT at the end; `summaries` and `log` are whole then."""
 
-    def __init__(self, *arguments, port=0):
+    def __init__(self, *arguments):
         RUNS.mkdir(parents=True, exist_ok=True)
         self.dir = RUNS / f"{len(list(RUNS.iterdir())):02}"
         self.dir.mkdir()
-        self.command = [LAPWING, "serve", "--port", str(port), "--json", "--recordings", self.dir / "mcap", *arguments]
+        self.command = [LAPWING, "serve", "--port", "0", "--json", "--recordings", self.dir / "mcap", *arguments]
+        self.ended = False
 
-    def start(self):
+    def __enter__(self):
         with open(self.dir / "stdout", "wb") as out, open(self.dir / "stderr", "wb") as err:
             self.process = subprocess.Popen(self.command, cwd=self.dir, env=ENVIRONMENT,
                                             stdin=subprocess.DEVNULL, stdout=out, stderr=err)
-        return self
-
-    def __enter__(self):
-        self.start()
-        wait_for("`model:` on stderr", 30, lambda: self.process.poll() is not None or "model:" in self.log)
-        if self.process.poll() is not None:
-            raise Failed(f"serve: expected to wait for simulators, got exit {self.process.returncode}: {self.log[-300:]}")
-        first = self.log.splitlines()[0]
-        address = re.match(r"Lapwing waits for a simulator on 127\.0\.0\.1:(\d+)\. ", first)
-        if not address:
+        try:
+            wait_for("`model:` on stderr", 30, lambda: "model:" in self.log or self.process.poll() is not None)
+            if self.process.poll() is not None:
+                raise Failed(f"serve: expected to wait for simulators, got exit {self.process.returncode}: {self.log[-300:]}")
+            first = self.log.splitlines()[0]
+            address = re.match(r"Lapwing waits for a simulator on 127\.0\.0\.1:(\d+)\. ", first)
+            if not address:
+                raise Failed(f"first line on stderr: expected where Lapwing waits, got {first!r}")
+        except BaseException:
             self.kill()
-            raise Failed(f"first line on stderr: expected where Lapwing waits, got {first!r}")
+            raise
         self.port = int(address[1])
         return self
+
+    def __exit__(self, kind, *_):
+        try:
+            if kind is None and not self.ended:
+                self.stop()
+        finally:
+            self.kill()
 
     @property
     def log(self):
         return (self.dir / "stderr").read_text(errors="replace")
+
+    def said(self):
+        """The summaries on stdout so far, whole lines only."""
+        lines = (self.dir / "stdout").read_text().splitlines(keepends=True)
+        return [json.loads(line) for line in lines if line.endswith("\n")]
 
     @property
     def recordings(self):
@@ -103,14 +115,17 @@ class Bridge:
 
     def stop(self, by=signal.SIGINT):
         """Ends the bridge as a person or a service manager would; it must close its runs and exit 0."""
+        self.ended = True
         self.process.send_signal(by)
         try:
             equal(f"exit status after {by.name}", self.process.wait(15), 0)
         except subprocess.TimeoutExpired:
             raise Failed(f"expected the bridge to end within 15 s of {by.name}, got none")
-        self.summaries = [json.loads(line) for line in (self.dir / "stdout").read_text().splitlines()]
+        self.summaries = self.said()
 
     def kill(self):
+        """kill -9; nothing where it has ended already."""
+        self.ended = True
         self.process.kill()
         self.process.wait()
 
@@ -118,17 +133,6 @@ class Bridge:
         """Of the only drive there was."""
         equal("summaries on stdout", len(self.summaries), 1)
         return self.summaries[0]
-
-    def __exit__(self, kind, *_):
-        if self.process.poll() is None and kind is None:
-            try:
-                self.stop()
-            finally:
-                self.kill()
-        elif self.process.poll() is None:
-            self.kill()
-        elif kind is None and not hasattr(self, "summaries") and self.process.returncode != -signal.SIGKILL:
-            raise Failed(f"the bridge: expected to go on, got exit {self.process.returncode}: {self.log[-300:]}")
 
 
 def lapwing(*arguments):

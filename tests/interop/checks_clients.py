@@ -1,5 +1,5 @@
 """Ordinary Socket.IO clients of both protocol generations, by every way in."""
-from bridge import HERE, REQUIRE_SHARED, Bridge, Failed, Skipped, equal, jpeg_file, node, python, run_json
+from bridge import HERE, REQUIRE_SHARED, Bridge, Failed, Skipped, equal, jpeg_file, node, python, run_json, wait_for
 
 ROUNDS = 20
 # The way in, and the transport that the client must end up with.
@@ -22,7 +22,7 @@ def js_socketio(_):
 
 
 def play(clients, cwd=None):
-    """Each client by each way to one bridge; every drive must be told of in a summary."""
+    """Each client by each way to one bridge, which must tell of every drive when it ends."""
     figures = []
     with Bridge() as bridge:
         for name, command in clients.items():
@@ -30,6 +30,8 @@ def play(clients, cwd=None):
                 result = run_json([*command, bridge.port, way, jpeg_file(), ROUNDS], cwd)
                 equal(f"{name} {way}: transport in the end", result["transport"], transport)
                 figures.append(f"{name} {way} {result['rtt_p50_ms']} ms")
+                wait_for(f"{name} {way}: a summary once the client has left", 5,
+                         lambda: len(bridge.said()) == len(figures))
     equal("drives (telemetries, human messages, bad frames)",
           [(s["telemetries"], s["human_messages"], s["bad_frames"]) for s in bridge.summaries],
           [(ROUNDS, ROUNDS, 0)] * len(figures))

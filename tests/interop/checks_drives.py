@@ -61,8 +61,7 @@ def late_start(_):
     with Bridge() as bridge:
         result = Unity(bridge, "--late-start", "--count", 200).result()
     figures = unharmed(dict(result, steers=result["steers"] - 1), 200)  # one more than asked for: the kick
-    equal("kicks", bridge.summary()["kicks"], 0)  # there was no drive yet to count it in
-    equal("kicks in the log", bridge.log.count("sent unasked"), 1)
+    equal("kicks in the summary", bridge.summary()["kicks"], 1)
     return f"200 telemetries after one kick, {figures}"
 
 
