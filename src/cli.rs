@@ -58,7 +58,7 @@ pub struct Driving {
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Set speed of the PI law, limit of the quadratic one, in mph [default: 9]
-    #[arg(long, value_name = "MPH")]
+    #[arg(long, value_name = "MPH", allow_negative_numbers = true)]
     pub speed: Option<f64>,
     /// How throttle is made: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]
     #[arg(long, value_enum)]
@@ -66,7 +66,7 @@ pub struct Driving {
     /// After a human lets go: drive on, or stay off until armed (Enter, or POST /arm) [default: resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
-    /// Threads for one forward pass [default: what is fastest for the network]
+    /// Threads for one forward pass [default: what serves the network best]
     #[arg(long)]
     pub threads: Option<u16>,
 }
@@ -108,7 +108,7 @@ pub struct Replay {
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     pub write_golden: Option<PathBuf>,
     /// Largest difference in steering and throttle that --golden forgives
-    #[arg(long, default_value_t = 1e-3, requires = "golden")]
+    #[arg(long, default_value_t = 1e-3, allow_negative_numbers = true, requires = "golden")]
     pub tolerance: f64,
     /// Print the result as JSON
     #[arg(long)]

@@ -39,6 +39,8 @@
 //! fails on an edge that is not in it.
 
 #![warn(missing_docs)]
+// What comes over a wire, from a file or a flag is an error, never a panic.
+#![warn(clippy::unwrap_used, clippy::panic, clippy::todo, clippy::unimplemented)]
 
 pub mod bridge;
 #[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text

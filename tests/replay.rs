@@ -130,6 +130,13 @@ async fn a_run_recorded_by_the_bridge_replays_to_the_commands_that_were_given() 
 }
 
 #[test]
+fn the_shipped_model_still_answers_the_shipped_run_as_it_did() {
+    // Written by `lapwing replay recordings/plain-road.mcap --write-golden recordings/plain-road.golden`.
+    let golden = Golden::read(&shipped().with_extension("golden")).unwrap();
+    assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-3), []);
+}
+
+#[test]
 fn an_image_that_is_missing_is_named() {
     let folder = udacity_folder(3);
     let missing = folder.path().join("IMG/center_2026_11_21_08_00_00_100.jpg");

@@ -80,7 +80,8 @@ impl fmt::Display for Libtorch {
             0 => "CPU".to_owned(),
             n => format!("CUDA, {n} devices"),
         };
-        write!(f, "{version}, {device}, {} threads on {} processors", self.threads, self.cores)?;
+        let threads = if self.threads == 1 { "1 thread".into() } else { format!("{} threads", self.threads) };
+        write!(f, "{version}, {device}, {threads} on {} processors", self.cores)?;
         self.file.as_ref().map_or(Ok(()), |file| write!(f, "\n            {file}"))
     }
 }

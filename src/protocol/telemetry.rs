@@ -505,4 +505,35 @@ mod tests {
             decode_telemetry(&message, "telemetry", event.payload, None, SpeedUnit::MetresPerSecond).unwrap().unwrap();
         assert!((telemetry.speed.get() - 30.1903 / 0.447_04).abs() < 1e-9);
     }
+
+    #[test]
+    fn mangled_telemetry_is_read_or_refused_and_never_panics() {
+        let mut seed = 1u32;
+        let mut random = |below: usize| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) as usize % below
+        };
+        const BITS: [&str; 12] = ["\"", "{", "}", "[", "]", "\\", "null", "-", "1e9", ",", "\u{a0}", "\\ud800"];
+        let mut refused = 0;
+        for _ in 0..20_000 {
+            let mut text = STOCK.to_owned();
+            for _ in 0..=random(4) {
+                let at = (0..=random(text.len())).rev().find(|at| text.is_char_boundary(*at)).unwrap_or(0);
+                if random(3) == 0 {
+                    text.truncate(at.max(3));
+                } else {
+                    text.insert_str(at.max(2), BITS[random(BITS.len())]);
+                }
+            }
+            let message = Bytes::from(text.clone());
+            match Packet::parse(&text) {
+                Ok(Packet::Event(event)) => {
+                    let result = decode_telemetry(&message, &event.name, event.payload, None, SpeedUnit::Mph);
+                    refused += u32::from(result.is_err_and(|e| !e.to_string().is_empty()));
+                }
+                other => refused += u32::from(other.is_err()),
+            }
+        }
+        assert!(refused > 10_000, "{refused}");
+    }
 }

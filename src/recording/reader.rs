@@ -4,12 +4,16 @@ use std::{
     collections::HashMap,
     fmt,
     fs::File,
-    io::{BufReader, Read},
+    io::{BufReader, Read, Seek},
     path::{Path, PathBuf},
     time::Duration,
 };
 
-use mcap::{MAGIC, records::op};
+use mcap::{
+    MAGIC,
+    records::op,
+    sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions},
+};
 use prost::Message;
 use serde::de::DeserializeOwned;
 
@@ -18,6 +22,9 @@ use super::{
     container::{Broken, Chunk, Container, Fields},
     format::{Channel, CompressedImage, RUN},
 };
+
+/// Records of the summary longer than this are not ours: an index of a chunk takes some hundred bytes.
+const SUMMARY_RECORD: usize = 1 << 20;
 
 /// An item and the time since the run began.
 type Yield = Result<(Duration, Item), RecordingError>;
@@ -119,6 +126,26 @@ impl RunReader {
     /// The run's file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// How many telemetries there are, where the file ends in good order and says so.
+    pub fn telemetries(&self) -> Option<u64> {
+        let mut file = File::open(&self.path).ok()?;
+        let len = file.metadata().ok()?.len();
+        let options = SummaryReaderOptions::default().with_file_size(len).with_record_length_limit(SUMMARY_RECORD);
+        let mut reader = SummaryReader::new_with_options(options);
+        while let Some(event) = reader.next_event() {
+            match event.ok()? {
+                SummaryReadEvent::SeekRequest(to) => reader.notify_seeked(file.seek(to).ok()?),
+                SummaryReadEvent::ReadRequest(n) => {
+                    let read = file.read(reader.insert(n)).ok()?;
+                    reader.notify_read(read);
+                }
+            }
+        }
+        let summary = reader.finish()?;
+        let channel = summary.channels.values().find(|c| c.topic == Channel::Telemetry.topic())?;
+        summary.stats?.channel_message_counts.get(&channel.id).copied()
     }
 
     /// How the file ends, once the iterator has: `None` is in good order.

@@ -108,9 +108,9 @@ impl Replay {
 
     /// How many frames there are, where that is known beforehand.
     pub fn frames(&self) -> Option<u64> {
-        match self.source {
-            Source::Run(_) => None,
-            Source::Folder { frames, .. } => Some(frames),
+        match &self.source {
+            Source::Run(moments) => moments.run().telemetries(),
+            Source::Folder { frames, .. } => Some(*frames),
         }
     }
 

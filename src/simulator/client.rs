@@ -154,6 +154,8 @@ pub fn play(
     }
     client.send("41")?;
     client.send("1")?;
+    // The bridge may have hung up on the goodbye already.
+    let _ = client.socket.close(None).and_then(|()| client.socket.flush());
     Ok(client.report)
 }
 
