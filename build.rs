@@ -12,7 +12,6 @@ fn main() {
         println!("cargo:warning=torch-sys did not say where libtorch is; the binary may not start");
         return;
     };
-    println!("cargo:rustc-env=LAPWING_LIBTORCH_LIB={lib}");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{lib}");
     if Path::new(&lib).join("libtorch_cuda.so").exists() {
         // Nothing names a symbol of libtorch_cuda, so the linker would leave it out.

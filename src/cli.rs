@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::replay::Rate;
+use crate::{protocol::number::Culture, replay::Rate};
 
 /// Connects, drives, records and replays the Udacity self-driving-car simulator.
 #[derive(Debug, Parser)]
@@ -96,8 +96,8 @@ pub struct Replay {
     #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
     pub connect: Option<String>,
     /// Culture in which the simulator writes its numbers, with --connect
-    #[arg(long, value_name = "NAME", default_value = "en-US", requires = "connect")]
-    pub culture: String,
+    #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
+    pub culture: Culture,
     /// How fast: as recorded (real), as fast as possible (max), or frames a second
     #[arg(long, value_name = "real|max|HZ", default_value = "max")]
     pub rate: Rate,
@@ -108,11 +108,20 @@ pub struct Replay {
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     pub write_golden: Option<PathBuf>,
     /// Largest difference in steering and throttle that --golden forgives
-    #[arg(long, default_value_t = 1e-3, allow_negative_numbers = true, requires = "golden")]
+    #[arg(long, default_value_t = 1e-3, value_parser = tolerance, allow_negative_numbers = true, requires = "golden")]
     pub tolerance: f64,
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+fn culture(name: &str) -> Result<Culture, String> {
+    let known = || Culture::ALL.map(|c| c.name).join(", ");
+    Culture::named(name).ok_or_else(|| format!("expected one of {}", known()))
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|t| *t >= 0.0).ok_or_else(|| "expected a number of at least 0".into())
 }
 
 /// `lapwing doctor`

@@ -45,6 +45,8 @@ pub struct Bridge {
     pub port: u16,
     /// What the simulator means by `speed`. Default `mph`; some `pos_x` forks send `m/s`.
     pub speed_unit: SpeedUnit,
+    /// Silence after which a simulator is sent a command unasked, s. Default 1; more for one that draws slower.
+    pub kick_after_s: f64,
 }
 
 /// `[model]`
@@ -104,13 +106,13 @@ pub struct Recording {
     pub enabled: bool,
     /// Folder of the runs. Default `recordings`.
     pub dir: PathBuf,
-    /// Items that may wait for the disk before frames are left out. Default 512, about 10 s of one simulator.
+    /// Items that may wait for the disk before frames are left out. Default 512, some 6 s of one simulator at 20 Hz.
     pub queue: usize,
 }
 
 impl Default for Bridge {
     fn default() -> Self {
-        Self { bind: Ipv4Addr::LOCALHOST.into(), port: 4567, speed_unit: SpeedUnit::Mph }
+        Self { bind: Ipv4Addr::LOCALHOST.into(), port: 4567, speed_unit: SpeedUnit::Mph, kick_after_s: 1.0 }
     }
 }
 
@@ -183,13 +185,15 @@ impl Layers {
     /// # Errors
     /// [`ConfigError`] naming the variable.
     pub fn environment(mut self, variables: impl Iterator<Item = (String, String)>) -> Result<Self, ConfigError> {
-        // Other variables with the prefix (a test's, say) hold no section and are none of ours.
-        let sections = Table::try_from(Settings::default()).expect("settings are a table");
         for (name, value) in variables {
-            let Some(key) = name.strip_prefix(PREFIX).map(|k| k.to_lowercase().replace("__", ".")) else { continue };
-            if key.split_once('.').is_some_and(|(section, _)| sections.contains_key(section)) {
-                self = self.set(&format!("environment variable {name}"), &key, text(&value))?;
-            }
+            // Other variables with the prefix (LAPWING_LOG) name no section and are no settings.
+            let Some(key) = name.strip_prefix(PREFIX).filter(|k| k.contains("__")) else { continue };
+            let (layer, key) = (format!("environment variable {name}"), key.to_lowercase().replace("__", "."));
+            // `2026` is a number, and may be meant for the name of a folder.
+            self = self
+                .clone()
+                .set(&layer, &key, text(&value))
+                .or_else(|e| self.set(&layer, &key, value.as_str()).map_err(|_| e))?;
         }
         Ok(self)
     }
@@ -234,6 +238,13 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
         if !(0.0..=100.0).contains(&gain) {
             return Err(error(format!("control.{key}: expected a gain from 0 to 100, got {gain}")));
         }
+    }
+    if !(0.1..=3600.0).contains(&settings.bridge.kick_after_s) {
+        let got = settings.bridge.kick_after_s;
+        return Err(error(format!("bridge.kick_after_s: expected 0.1 to 3600 seconds, got {got}")));
+    }
+    if settings.model.threads > 1024 {
+        return Err(error(format!("model.threads: expected at most 1024, got {}", settings.model.threads)));
     }
     if settings.recording.queue < 16 {
         return Err(error(format!("recording.queue: expected at least 16, got {}", settings.recording.queue)));
@@ -304,7 +315,12 @@ mod tests {
     }
 
     #[test]
-    fn variables_without_a_section_are_not_ours() {
+    fn variables_without_a_section_are_not_ours_and_an_unknown_section_is_refused() {
+        assert!(
+            environment(&[("LAPWING_CONTRL__KP", "1")]).unwrap_err().to_string().contains("unknown field `contrl`")
+        );
+        let folder = environment(&[("LAPWING_RECORDING__DIR", "2026")]).unwrap().resolve().unwrap().recording.dir;
+        assert_eq!(folder, Path::new("2026"));
         assert_eq!(
             environment(&[("LAPWING_SHARED", "x"), ("PATH", "y")]).unwrap().resolve().unwrap(),
             Settings::default()

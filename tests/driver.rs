@@ -132,16 +132,20 @@ fn four_bad_frames_coast_and_the_fifth_brakes() {
 }
 
 #[test]
-fn telemetry_without_a_speed_is_braked_blindly_for_two_seconds() {
-    let mut driver = driver(Control::default());
+fn telemetry_without_a_speed_is_braked_by_the_last_speed_known() {
     let unreadable = |at_ms| Observation {
         at: Duration::from_millis(at_ms),
         sight: Sight::Unreadable(TelemetryError::Missing("speed")),
     };
-    let throttles: Vec<f64> = (0..40).map(|i| command(driver.drive(&unreadable(i * 100)).0).1).collect();
-    assert_eq!(throttles[..4], [0.0; 4]);
-    assert_eq!(throttles[4..24], [-1.0; 20]);
-    assert_eq!(throttles[24..], [0.0; 16]);
+    let throttles = |mph: f64| -> Vec<f64> {
+        let mut driver = driver(Control::default());
+        driver.drive(&good(0, mph));
+        (1..=20).map(|i| command(driver.drive(&unreadable(i * 100)).0).1).collect()
+    };
+    // From the fifth on, at 500 ms: 25 mph at 1 g, 21.9 mph a second, take 1.14 s.
+    let fast = throttles(30.0);
+    assert_eq!((&fast[..4], &fast[4..16], &fast[16..]), (&[0.0; 4][..], &[-1.0; 12][..], &[0.0; 4][..]));
+    assert_eq!(throttles(4.0), [0.0; 20], "braking would reverse it");
 }
 
 /// A pilot that fails.

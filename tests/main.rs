@@ -5,6 +5,7 @@ mod bridge;
 mod driver;
 mod driving_logs;
 mod parity;
+mod program;
 mod recording;
 mod replay;
 mod support;

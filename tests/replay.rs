@@ -109,6 +109,33 @@ async fn over_the_wire_the_same_commands_come_back_in_every_culture() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_bridge_that_kicks_between_the_frames_of_a_slow_replay_does_not_mix_up_the_answers() {
+    let folder = udacity_folder(6);
+    let here = in_process(folder.path());
+    let dir = tempdir().unwrap();
+    let mut settings = settings(dir.path());
+    settings.bridge.kick_after_s = 0.15;
+    let running = Running::start(settings).await;
+    let (path, address) = (folder.path().to_owned(), running.address.to_string());
+    let there = tokio::task::spawn_blocking(move || {
+        let mut replay = Replay::open(&path, Rate::Hz(2.0)).unwrap();
+        client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
+        replay
+    })
+    .await
+    .unwrap();
+    let steering = |replay: &Replay| -> Vec<f64> {
+        let command = |answer| if let Answer::Steer(command) = answer { command } else { panic!() };
+        replay.answers().iter().map(|a| command(a.answer).steering.get()).collect()
+    };
+    assert!(running.stop().await[0].kicks > 0);
+    let (there, here) = (steering(&there), steering(&here));
+    assert!((here[0] - here[5]).abs() > 1e-3, "the frames are told apart");
+    assert_eq!(there.len(), here.len());
+    assert!(there.iter().zip(&here).all(|(a, b)| (a - b).abs() < 1e-4), "{there:?} {here:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_run_recorded_by_the_bridge_replays_to_the_commands_that_were_given() {
     let folder = udacity_folder(30);
     let dir = tempdir().unwrap();

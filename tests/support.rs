@@ -35,10 +35,18 @@ pub fn telemetry(speed: &str) -> String {
     telemetry_with(&STANDARD.encode(jpeg(90)), speed)
 }
 
-/// Settings that record into `dir`.
+/// Settings that record into `dir`, with no kick while a busy machine takes its time.
 pub fn settings(dir: &Path) -> Settings {
     let mut settings = Settings::default();
     settings.recording.dir = dir.to_owned();
+    settings.bridge.kick_after_s = 60.0;
+    settings
+}
+
+/// The same with kicks as they are by default.
+pub fn settings_with_kicks(dir: &Path) -> Settings {
+    let mut settings = settings(dir);
+    settings.bridge.kick_after_s = Settings::default().bridge.kick_after_s;
     settings
 }
 

@@ -143,7 +143,7 @@ async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: SocketAddr) {
     match first.await {
         Ok(First::Gone) => {}
         Ok(First::Talks) => {
-            if let Some(held) = gate.bridge.redials.due(Instant::now()) {
+            if let Some(held) = gate.bridge.strangers.due(Instant::now()) {
                 tracing::info!("{peer} talks before it is greeted: served as a simulator{}", held_back(held));
             }
             simulator::run(websocket(socket, read).await, gate.bridge, peer).await;

@@ -196,6 +196,26 @@ mod tests {
         assert!(error.contains(&first.address().port().to_string()) && error.contains(&me), "{error}");
     }
 
+    /// The option is no switch that stays: the kernel leaves it as soon as data flows both ways.
+    #[tokio::test]
+    async fn acknowledgements_are_quick_again_after_every_read() {
+        use axum::serve::Listener as _;
+        use tokio::io::{AsyncReadExt, AsyncWriteExt};
+        let mut listener = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
+        let mut client = TcpStream::connect(listener.address()).await.unwrap();
+        let (mut server, _) = listener.accept().await;
+        let mut left = 0;
+        for _ in 0..50 {
+            client.write_all(&[7; 500]).await.unwrap();
+            server.read_exact(&mut [0; 500]).await.unwrap();
+            assert!(SockRef::from(&server.0).tcp_quickack().unwrap());
+            server.write_all(&[7; 100]).await.unwrap();
+            left += u32::from(!SockRef::from(&server.0).tcp_quickack().unwrap());
+            client.read_exact(&mut [0; 100]).await.unwrap();
+        }
+        assert!(left > 0, "this kernel does not leave the mode, so this test shows nothing");
+    }
+
     #[tokio::test]
     async fn an_address_of_another_machine_is_an_error_that_names_it() {
         let error = Listener::bind(([192, 0, 2, 1], 4567).into()).await.err().unwrap().to_string();

@@ -9,11 +9,8 @@
 
 use std::time::{Duration, Instant};
 
-/// Silence after which a simulator is kicked, or a superseded one dropped.
-const SILENCE: Duration = Duration::from_secs(1);
-
-/// The longest wait between two kicks.
-const MAX_WAIT: Duration = Duration::from_secs(8);
+/// The longest wait between two kicks, in waits for the first.
+const LONGEST_WAIT: u32 = 8;
 
 /// With neither a ping nor a telemetry for so long nobody is there.
 const GHOST: Duration = Duration::from_secs(60);
@@ -32,7 +29,9 @@ pub(super) enum Due {
 /// The times that decide.
 #[derive(Debug)]
 pub(super) struct Liveness {
-    /// Last telemetry, or the connect.
+    /// Silence after which a simulator is kicked, or a superseded one dropped.
+    silence: Duration,
+    /// When the last telemetry was answered, or the connect.
     active: Instant,
     /// Last ping or telemetry, or the connect.
     alive: Instant,
@@ -46,8 +45,8 @@ pub(super) struct Liveness {
 }
 
 impl Liveness {
-    pub fn new(now: Instant) -> Self {
-        Self { active: now, alive: now, human: false, timer_driven: false, kicks: 0, kicked: now, newer: None }
+    pub fn new(now: Instant, silence: Duration) -> Self {
+        Self { silence, active: now, alive: now, human: false, timer_driven: false, kicks: 0, kicked: now, newer: None }
     }
 
     /// A ping came.
@@ -55,7 +54,7 @@ impl Liveness {
         self.alive = now;
     }
 
-    /// A telemetry was answered. Returns how many kicks there were since the one before.
+    /// A telemetry was answered.
     pub fn telemetry(&mut self, now: Instant, human: bool, timer_driven: bool) {
         (self.active, self.alive, self.human, self.timer_driven, self.kicks) = (now, now, human, timer_driven, 0);
     }
@@ -81,8 +80,8 @@ impl Liveness {
         let ghost = (self.alive + GHOST, Due::Ghost);
         // A newer connection counts only if it came while this one was silent.
         let superseded =
-            self.newer.filter(|n| *n > self.active).map(|n| (n.max(self.active + SILENCE), Due::Superseded));
-        let wait = (SILENCE * 2u32.saturating_pow(self.kicks)).min(MAX_WAIT);
+            self.newer.filter(|n| *n > self.active).map(|n| (n.max(self.active + self.silence), Due::Superseded));
+        let wait = self.silence * 2u32.saturating_pow(self.kicks).min(LONGEST_WAIT);
         let kick = (!self.human && !self.timer_driven).then_some((self.active.max(self.kicked) + wait, Due::Kick));
         [superseded, kick].into_iter().flatten().fold(ghost, |a, b| if b.0 < a.0 { b } else { a })
     }
@@ -99,7 +98,7 @@ mod tests {
     #[test]
     fn a_simulator_that_says_nothing_is_kicked_ever_more_seldom() {
         let start = Instant::now();
-        let mut liveness = Liveness::new(start);
+        let mut liveness = Liveness::new(start, s(1));
         let mut kicks = vec![];
         for _ in 0..5 {
             let (when, due) = liveness.next();
@@ -116,7 +115,7 @@ mod tests {
     #[test]
     fn nobody_is_kicked_while_a_human_drives_or_a_timer_sends() {
         let start = Instant::now();
-        let mut liveness = Liveness::new(start);
+        let mut liveness = Liveness::new(start, s(1));
         liveness.telemetry(start, true, false);
         assert_eq!(liveness.next(), (start + s(60), Due::Ghost));
         liveness.telemetry(start, false, true);
@@ -126,7 +125,7 @@ mod tests {
     #[test]
     fn a_ghost_that_pings_is_kept_and_one_that_does_not_is_dropped_after_60_s() {
         let start = Instant::now();
-        let mut liveness = Liveness::new(start);
+        let mut liveness = Liveness::new(start, s(1));
         liveness.telemetry(start, true, false);
         liveness.ping(start + s(50));
         assert_eq!(liveness.next(), (start + s(110), Due::Ghost));
@@ -135,7 +134,7 @@ mod tests {
     #[test]
     fn a_newer_connection_drops_one_that_is_silent_and_spares_one_that_plays() {
         let start = Instant::now();
-        let mut liveness = Liveness::new(start);
+        let mut liveness = Liveness::new(start, s(1));
         liveness.telemetry(start + s(10), false, false);
         liveness.newer(start + s(10) + Duration::from_millis(20));
         assert_eq!(liveness.next(), (start + s(11), Due::Superseded));

@@ -55,8 +55,12 @@ pub struct Bridge {
     next_id: AtomicU64,
     stop: watch::Sender<bool>,
     all_closed: Notify,
-    /// Lines on connections made.
+    /// Lines on simulators that connected.
     redials: throttled::Throttled,
+    /// Lines on those known by their talking first.
+    strangers: throttled::Throttled,
+    /// Lines on other clients that connected.
+    clients: throttled::Throttled,
     /// Lines on connections that ended without a telemetry.
     wordless: throttled::Throttled,
 }
@@ -98,6 +102,8 @@ impl Bridge {
             stop: watch::Sender::new(false),
             all_closed: Notify::new(),
             redials: throttled::Throttled::default(),
+            strangers: throttled::Throttled::default(),
+            clients: throttled::Throttled::default(),
             wordless: throttled::Throttled::default(),
         })
     }
@@ -153,7 +159,8 @@ impl Drop for Place {
 /// Serves until `shutdown` is ready, then ends all runs and returns.
 ///
 /// # Errors
-/// What the listener's runtime says; single connections' troubles are theirs.
+/// Runs that could not be closed in time, on a disk that stands still. Single
+/// connections' troubles are theirs.
 pub async fn serve(
     listener: Listener,
     bridge: Arc<Bridge>,
@@ -177,8 +184,13 @@ pub async fn serve(
     let deadline = Instant::now() + CLOSING;
     loop {
         let closed = bridge.all_closed.notified();
-        if bridge.connections().is_empty() || Instant::now() > deadline {
+        let left = bridge.connections().len();
+        if left == 0 {
             return Ok(());
+        }
+        if Instant::now() > deadline {
+            let why = format!("{left} runs were not closed within {CLOSING:?}; what they hold so far can be read");
+            return Err(io::Error::new(io::ErrorKind::TimedOut, why));
         }
         let _ = tokio::time::timeout(Duration::from_millis(200), closed).await;
     }

@@ -18,13 +18,10 @@ use super::{
 };
 use crate::{
     driver::{By, Driver, Happening, Trace},
-    protocol::{Answer, Command, Dialect, Observation, Sight, TelemetryError, decode_telemetry},
+    protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError},
     recording::{self, CommandRecord, EventRecord, Item, ModelId, Recorder, RecorderOptions, RunHeader},
     units::Throttle,
 };
-
-/// Payloads of a simulator's own events are kept up to this length.
-const LONGEST_PAYLOAD: usize = 4096;
 
 /// A connection's drive.
 pub(super) struct Session {
@@ -36,6 +33,7 @@ pub(super) struct Session {
     /// Kicks before the drive began, for its account.
     early_kicks: u32,
     bad: Throttled,
+    kicks: Throttled,
     told: Told,
 }
 
@@ -80,6 +78,7 @@ impl Session {
             last: Command::default(),
             early_kicks: 0,
             bad: Throttled::default(),
+            kicks: Throttled::default(),
             told: Told::default(),
         }
     }
@@ -106,24 +105,30 @@ impl Session {
         payload: Option<&RawValue>,
     ) -> Option<Turn> {
         if !matches!(name, "telemetry" | "car_telemetry") {
-            let payload = payload.map_or("", RawValue::get).chars().take(LONGEST_PAYLOAD).collect();
-            self.note(received, EventRecord::Simulator { name: name.chars().take(100).collect(), payload });
+            // The recorder keeps the beginning of long ones.
+            let (name, payload) = (name.to_owned(), payload.map_or("", RawValue::get).to_owned());
+            self.note(received, EventRecord::Simulator { name, payload });
             return None;
         }
-        let unit = self.bridge().settings.bridge.speed_unit;
-        let sight = match decode_telemetry(message, name, payload, self.dialect, unit) {
-            Ok(None) => Sight::HumanDrives,
-            Ok(Some((dialect, telemetry))) => {
-                if self.dialect.is_none() {
-                    tracing::info!("{}: this is a {dialect} simulator", self.peer);
-                    self.dialect = Some(dialect);
-                }
-                Sight::Telemetry(telemetry)
-            }
+        let sight = match self.sight(message, name, payload) {
+            Ok(sight) => sight,
             Err(TelemetryError::Unsupported(why)) => return Some(self.unsupported(received, why)),
             Err(error) => Sight::Unreadable(error),
         };
         Some(self.turn(received, sight))
+    }
+
+    /// Reads a telemetry; the first one that is an object tells the dialect, be its fields good or bad.
+    fn sight(&mut self, message: &Bytes, name: &str, payload: Option<&RawValue>) -> Result<Sight, TelemetryError> {
+        let Some(payload) = Payload::read(payload)? else { return Ok(Sight::HumanDrives) };
+        if self.dialect.is_none() {
+            let dialect = payload.dialect(name)?;
+            tracing::info!("{}: this is a {dialect} simulator", self.peer);
+            self.dialect = Some(dialect);
+            // The header of a run that began with a human does not say it.
+            self.note(Instant::now(), EventRecord::Note { text: format!("this is a {dialect} simulator") });
+        }
+        payload.telemetry(message, self.bridge().settings.bridge.speed_unit).map(Sight::Telemetry)
     }
 
     /// A message that is no event of a simulator: it may have been a telemetry, so it gets an answer.
@@ -131,26 +136,47 @@ impl Session {
         self.turn(received, Sight::Unreadable(TelemetryError::Json { got, why }))
     }
 
-    /// The last command on the way out: steering as it was, no throttle.
-    pub fn farewell(&self) -> (Answer, Option<Dialect>) {
-        (Answer::Steer(Command { throttle: Throttle::ZERO, ..self.last }), self.dialect)
+    /// The last command on the way out: steering as it was, no throttle, or the
+    /// car would go on with the last one. `None` where the pilot does not drive.
+    pub fn farewell(&self) -> Option<(Answer, Option<Dialect>)> {
+        let drives = self.drive.as_ref().is_some_and(|drive| !drive.driver.human_drives());
+        drives.then(|| (self.coast(), self.dialect))
+    }
+
+    fn coast(&self) -> Answer {
+        Answer::Steer(Command { throttle: Throttle::ZERO, ..self.last })
     }
 
     /// A command that nobody asked for, to get the simulator's loop going.
     pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
-        tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going", self.peer);
+        if let Some(held) = self.kicks.due(now) {
+            let more = held_back(held);
+            tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going{more}", self.peer);
+        }
         self.note(now, EventRecord::Kick);
         match &mut self.drive {
             Some(drive) => drive.statistics.kicked(1),
             None => self.early_kicks += 1,
         }
-        self.farewell()
+        // Before its first telemetry nobody knows which `steer` a simulator takes; every one takes `manual`.
+        let answer =
+            if self.dialect.is_none() && self.early_kicks.is_multiple_of(2) { Answer::Manual } else { self.coast() };
+        (answer, self.dialect)
     }
 
     /// Records a turn whose answer has gone out.
     pub fn answered(&mut self, turn: Turn, now: Instant) {
-        let Some(((observation, trace), drive)) = turn.driven.zip(self.drive.as_mut()) else { return };
         let latency = now.saturating_duration_since(turn.received);
+        self.record(turn, now, Some(latency));
+    }
+
+    /// Records a turn that is left unanswered.
+    pub fn swallowed(&mut self, turn: Turn, now: Instant) {
+        self.record(turn, now, None);
+    }
+
+    fn record(&mut self, turn: Turn, now: Instant, latency: Option<Duration>) {
+        let Some(((observation, trace), drive)) = turn.driven.zip(self.drive.as_mut()) else { return };
         let at = observation.at;
         let telemetry = match observation.sight {
             Sight::Telemetry(telemetry) => Some(telemetry),
@@ -160,7 +186,7 @@ impl Session {
         for happening in &trace.happenings {
             tell(&self.peer, happening, &self.bad, now);
         }
-        let Some(recorder) = &mut drive.recorder else { return };
+        let Some(recorder) = &drive.recorder else { return };
         // In this order the reader joins them again.
         if let Some(telemetry) = telemetry {
             recorder.record(at, Item::Telemetry(telemetry));
@@ -168,7 +194,7 @@ impl Session {
         if let Some(jpeg) = trace.jpeg.clone() {
             recorder.record(at, Item::Frame(jpeg));
         }
-        if let Answer::Steer(command) = turn.answer {
+        if let (Answer::Steer(command), Some(latency)) = (turn.answer, latency) {
             recorder.record(at, Item::Command(record_of(command, &trace, latency)));
         }
         for event in trace.happenings.into_iter().flat_map(events_of) {
@@ -208,10 +234,15 @@ impl Session {
             return Turn { answer, dialect, received, driven: None };
         };
         let at = received.saturating_duration_since(drive.began);
-        if self.place.signals.arm.swap(false, Ordering::Relaxed) && drive.driver.arm() {
-            tracing::info!("{}: the pilot is armed", self.peer);
-            if let Some(recorder) = &mut drive.recorder {
-                recorder.record(at, Item::Event(EventRecord::PilotArmed));
+        // While the human still drives the wish is kept until they let go.
+        let arm = &self.place.signals.arm;
+        if arm.load(Ordering::Relaxed) && !drive.driver.human_drives() {
+            arm.store(false, Ordering::Relaxed);
+            if drive.driver.arm() {
+                tracing::info!("{}: the pilot is armed", self.peer);
+                if let Some(recorder) = &drive.recorder {
+                    recorder.record(at, Item::Event(EventRecord::PilotArmed));
+                }
             }
         }
         let observation = Observation { at, sight };
@@ -272,7 +303,7 @@ impl Session {
     }
 
     fn note(&mut self, now: Instant, event: EventRecord) {
-        if let Some(Drive { recorder: Some(recorder), began, .. }) = &mut self.drive {
+        if let Some(Drive { recorder: Some(recorder), began, .. }) = &self.drive {
             recorder.record(now.saturating_duration_since(*began), Item::Event(event));
         }
     }

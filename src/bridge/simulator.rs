@@ -13,7 +13,10 @@ use std::{
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
-use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::{
+    io::{AsyncRead, AsyncWrite},
+    task::block_in_place,
+};
 use tokio_tungstenite::{
     WebSocketStream,
     tungstenite::{self, Message, Utf8Bytes},
@@ -43,13 +46,15 @@ where
     if let Some(held) = bridge.redials.due(Instant::now()) {
         tracing::info!("{peer}: a simulator has connected{}", held_back(held));
     }
+    let silence = Duration::from_secs_f64(bridge.settings.bridge.kick_after_s);
     let session = Session::new(bridge.enter(peer, true), peer.to_string());
-    let mut simulator = Simulator { socket, session, liveness: Liveness::new(Instant::now()), held: None, surplus: 0 };
+    let liveness = Liveness::new(Instant::now(), silence);
+    let mut simulator = Simulator { socket, session, liveness, held: None, surplus: 0 };
     let why = match simulator.play().await {
         Ok(why) => why.to_owned(),
         Err(error) => error.to_string(),
     };
-    tokio::task::block_in_place(|| simulator.session.finish(&why));
+    block_in_place(|| simulator.session.finish(&why));
 }
 
 struct Simulator<S> {
@@ -77,6 +82,15 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                 }
             };
             tokio::select! {
+                // What has arrived comes before what is due because nothing has.
+                biased;
+                () = &mut stopped => {
+                    if let Some((answer, dialect)) = self.session.farewell() {
+                        let _ = self.send(answer, dialect).await; // it may have left by now
+                    }
+                    let _ = tokio::time::timeout(Duration::from_secs(1), self.socket.close(None)).await;
+                    return Ok("the bridge was stopped");
+                }
                 message = self.socket.next() => match message {
                     None => return Ok("the simulator hung up"),
                     Some(Err(error)) if is_gone(&error) => return Ok("the simulator is gone"),
@@ -85,6 +99,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                         return Ok(why);
                     },
                 },
+                () = signals.newer.notified() => self.liveness.newer(Instant::now()),
                 () = tokio::time::sleep_until(when.into()) => match due {
                     None => self.release().await?,
                     Some(Due::Kick) => {
@@ -96,14 +111,6 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                     Some(Due::Ghost) => return Ok("nothing came for 60 s: it has left the scene"),
                     Some(Due::Superseded) => return Ok("it has left the scene and dialled anew"),
                 },
-                () = signals.newer.notified() => self.liveness.newer(Instant::now()),
-                () = &mut stopped => {
-                    // The car would go on with the last throttle.
-                    let (answer, dialect) = self.session.farewell();
-                    let _ = self.send(answer, dialect).await;
-                    let _ = tokio::time::timeout(Duration::from_secs(1), self.socket.close(None)).await;
-                    return Ok("the bridge was stopped");
-                }
             }
         }
     }
@@ -111,6 +118,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
     /// Takes one message; says why the simulator leaves if it does.
     async fn message(&mut self, message: Message) -> Result<Option<&'static str>, tungstenite::Error> {
         let received = Instant::now();
+        let session = &mut self.session;
+        // Decoding and the network take milliseconds, a new run's file perhaps more: other tasks move on meanwhile.
         let turn = match message {
             Message::Text(text) => match Packet::parse(&text) {
                 Ok(Packet::Ping(rest)) => {
@@ -121,20 +130,18 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                 }
                 Ok(Packet::Event(event)) => {
                     let message: Bytes = text.clone().into();
-                    let session = &mut self.session;
-                    // Decoding and the network take milliseconds: other connections' tasks move on meanwhile.
-                    tokio::task::block_in_place(|| session.event(received, &message, &event.name, event.payload))
+                    block_in_place(|| session.event(received, &message, &event.name, event.payload))
                 }
                 Ok(Packet::Close | Packet::Disconnect) => return Ok(Some("the simulator said goodbye")),
                 Ok(Packet::Open(_) | Packet::Pong | Packet::Connect | Packet::Other) => return Ok(None),
                 Err(error) => {
                     let got = text.chars().take(40).collect();
-                    Some(self.session.unreadable(received, got, error.to_string()))
+                    Some(block_in_place(|| session.unreadable(received, got, error.to_string())))
                 }
             },
             Message::Binary(bytes) => {
                 let got = format!("{} bytes of binary", bytes.len());
-                Some(self.session.unreadable(received, got, "a simulator sends text".into()))
+                Some(block_in_place(|| session.unreadable(received, got, "a simulator sends text".into())))
             }
             Message::Close(_) => return Ok(Some("the simulator hung up")),
             Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => return Ok(None), // answered by the library
@@ -143,17 +150,19 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
         if self.surplus == 0 {
             self.surplus = self.liveness.surplus();
         }
-        self.liveness.telemetry(received, turn.is_human(), self.session.is_timer_driven());
         if let Some((earlier, _)) = self.held.take() {
             // Two telemetries and no answer between: one token too many. The earlier goes unanswered.
             self.surplus -= 1;
-            drop(earlier);
+            self.session.swallowed(earlier, Instant::now());
         }
+        let (human, timer_driven) = (turn.is_human(), self.session.is_timer_driven());
         if self.surplus > 0 {
-            self.held = Some((turn, received + SETTLE));
-            return Ok(None);
+            self.held = Some((turn, Instant::now() + SETTLE));
+        } else {
+            self.answer(turn).await?;
         }
-        self.answer(turn).await?;
+        // From now on the simulator owes the next one.
+        self.liveness.telemetry(Instant::now(), human, timer_driven);
         Ok(None)
     }
 

@@ -51,7 +51,7 @@ impl Statistics {
     }
 
     /// One answered message.
-    pub fn count(&mut self, at: Duration, speed: Option<Mph>, trace: &Trace, latency: Duration) {
+    pub fn count(&mut self, at: Duration, speed: Option<Mph>, trace: &Trace, latency: Option<Duration>) {
         let step = self.first.map_or(Duration::ZERO, |_| at.saturating_sub(self.last).min(LONGEST_STEP));
         self.first.get_or_insert(at);
         // Trapezoid between two telemetries; a human's or a bad one keeps the speed known last.
@@ -74,7 +74,9 @@ impl Statistics {
                 Happening::TakeoverEnded { .. } | Happening::BrakingToStandstill => {}
             }
         }
-        self.latency.saturating_record(latency.as_micros().try_into().unwrap_or(u64::MAX));
+        if let Some(latency) = latency {
+            self.latency.saturating_record(latency.as_micros().try_into().unwrap_or(u64::MAX));
+        }
     }
 
     pub fn kicked(&mut self, times: u32) {
@@ -198,7 +200,7 @@ mod tests {
         let mut statistics = Statistics::new();
         for (at, speed) in speeds_at_ms {
             let speed = Some(Mph::new(*speed).unwrap());
-            statistics.count(Duration::from_millis(*at), speed, &Trace::default(), Duration::from_millis(2));
+            statistics.count(Duration::from_millis(*at), speed, &Trace::default(), Some(Duration::from_millis(2)));
         }
         statistics.summary("test".into(), None, None)
     }

@@ -58,28 +58,26 @@ pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Resu
         troubles,
     };
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&findings)?);
+        super::print(&serde_json::to_string_pretty(&findings)?);
     } else {
-        print(&findings);
+        super::print(&told(&findings));
     }
     Ok(if findings.troubles.is_empty() { Ended::Passed } else { Ended::Failed })
 }
 
-fn print(findings: &Findings) {
+fn told(findings: &Findings) -> String {
     let Findings { lapwing, libtorch, model, driver_ms, recordings, troubles } = findings;
-    println!("lapwing     {lapwing}");
-    println!("libtorch    {libtorch}");
-    println!("model       {}", model.as_deref().unwrap_or("none"));
+    let mut text = format!("lapwing     {lapwing}\nlibtorch    {libtorch}\n");
+    text += &format!("model       {}\n", model.as_deref().unwrap_or("none"));
     if let Some(ms) = driver_ms {
-        println!("driver      {ms:.2} ms from JPEG to command");
+        text += &format!("driver      {ms:.2} ms from JPEG to command\n");
     }
-    println!("recordings  {}", recordings.display());
-    if troubles.is_empty() {
-        println!("all is well");
+    text += &format!("recordings  {}\n", recordings.display());
+    match troubles.as_slice() {
+        [] => text += "all is well",
+        troubles => text += &troubles.iter().map(|t| format!("trouble     {t}")).collect::<Vec<_>>().join("\n"),
     }
-    for trouble in troubles {
-        println!("trouble     {trouble}");
-    }
+    text
 }
 
 /// The median of some answers to a grey picture, ms.

@@ -5,7 +5,7 @@ mod replay;
 mod serve;
 
 use std::{
-    io::{self, IsTerminal},
+    io::{self, IsTerminal, Write},
     num::NonZeroU16,
     path::Path,
     process::ExitCode,
@@ -50,6 +50,15 @@ pub fn run(cli: Cli) -> ExitCode {
             eprintln!("error: {}", told(&error));
             ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
         }
+    }
+}
+
+/// Prints a result. Whoever has closed the pipe (`| head`) wants no more of it.
+fn print(text: &str) {
+    if let Err(error) = writeln!(io::stdout().lock(), "{text}")
+        && error.kind() != io::ErrorKind::BrokenPipe
+    {
+        eprintln!("error: the result could not be printed: {error}");
     }
 }
 

@@ -95,9 +95,9 @@ async fn signal() -> anyhow::Result<()> {
 
 fn print(summary: &Summary, json: bool) {
     if json {
-        println!("{}", serde_json::to_string(summary).expect("a summary is plain data"));
+        super::print(&serde_json::to_string(summary).expect("a summary is plain data"));
     } else {
-        println!("{summary}");
+        super::print(&summary.to_string());
     }
 }
 

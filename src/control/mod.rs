@@ -7,7 +7,7 @@ mod standstill;
 
 pub use handover::{Change, Handover};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
-pub use standstill::Standstill;
+pub use standstill::{Speed, Standstill};
 
 use crate::units::Mph;
 

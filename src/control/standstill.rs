@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::REVERSES_BELOW;
-use crate::units::{Mph, Throttle};
+use crate::units::{MPS_PER_MPH, Mph, Throttle};
 
 /// The car counts as standing below this speed.
 const STANDING_BELOW: Mph = Mph::constant(0.7);
@@ -11,25 +11,36 @@ const STANDING_BELOW: Mph = Mph::constant(0.7);
 /// A rise above the slowest speed seen by more than this is the car reversing, not noise of four decimals.
 const RISE_MPH: f64 = 0.05;
 
-/// From the top speed of 30 mph the car stops in about 1.5 s at 1 g; with no speed known this is long enough.
-const BLIND_BRAKING: Duration = Duration::from_secs(2);
+/// How fast full brake takes speed off: 1 g, in mph a second. The car's brakes lock the wheels, its grip does no better.
+const BRAKING_MPH_PER_S: f64 = 9.81 / MPS_PER_MPH;
+
+/// What is known of the car's speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    /// Told by this telemetry.
+    Now(Mph),
+    /// Not told now; this was the last one told, if any was.
+    Last(Option<Mph>),
+}
 
 /// Full brake down to 5 mph, kept on until the car stands or its speed rises
 /// again (below 5 mph the brake is the reverse gear, and reversing shows as a
-/// positive speed), then nothing.
+/// positive speed), then nothing. With no speed told, full brake for as long as
+/// it takes from the last one known to 5 mph, then nothing: the rest rolls out.
 #[derive(Debug, Clone, Default)]
 pub struct Standstill {
+    /// When a speed was told last, or braking began without one.
     blind_since: Option<Duration>,
     slowest: Option<Mph>,
     released: bool,
 }
 
 impl Standstill {
-    /// The throttle for this moment; `speed` is `None` where the telemetry told none.
-    pub fn update(&mut self, at: Duration, speed: Option<Mph>) -> Throttle {
+    /// The throttle for this moment, `at` since the start of the run.
+    pub fn update(&mut self, at: Duration, speed: Speed) -> Throttle {
         match speed {
-            Some(speed) => {
-                self.blind_since = None;
+            Speed::Now(speed) => {
+                self.blind_since = Some(at);
                 let slowest = self.slowest.map_or(speed, |s| if speed < s { speed } else { s });
                 self.slowest = Some(slowest);
                 if speed > REVERSES_BELOW {
@@ -39,9 +50,10 @@ impl Standstill {
                     self.released = true;
                 }
             }
-            None => {
-                let since = *self.blind_since.get_or_insert(at);
-                self.released |= at.saturating_sub(since) >= BLIND_BRAKING;
+            Speed::Last(last) => {
+                let blind = at.saturating_sub(*self.blind_since.get_or_insert(at)).as_secs_f64();
+                let left = last.unwrap_or(Mph::ZERO).get() - blind * BRAKING_MPH_PER_S;
+                self.released |= left <= REVERSES_BELOW.get();
             }
         }
         if self.released { Throttle::ZERO } else { Throttle::MIN }
@@ -54,7 +66,7 @@ mod tests {
 
     fn throttles(speeds: &[f64]) -> Vec<f64> {
         let mut standstill = Standstill::default();
-        speeds.iter().map(|s| standstill.update(Duration::ZERO, Some(Mph::new(*s).unwrap())).get()).collect()
+        speeds.iter().map(|s| standstill.update(Duration::ZERO, Speed::Now(Mph::new(*s).unwrap())).get()).collect()
     }
 
     #[test]
@@ -73,9 +85,14 @@ mod tests {
     }
 
     #[test]
-    fn with_no_speed_known_the_brake_is_held_for_two_seconds() {
-        let mut standstill = Standstill::default();
-        let mut at = |ms| standstill.update(Duration::from_millis(ms), None).get();
-        assert_eq!([at(5000), at(6999), at(7000), at(60_000)], [-1.0, -1.0, 0.0, 0.0]);
+    fn with_no_speed_told_the_brake_is_held_for_as_long_as_it_takes_from_the_last_one() {
+        let blind = |last: Option<f64>, ms: &[u64]| -> Vec<f64> {
+            let (mut standstill, last) = (Standstill::default(), last.map(|v| Mph::new(v).unwrap()));
+            ms.iter().map(|ms| standstill.update(Duration::from_millis(*ms), Speed::Last(last)).get()).collect()
+        };
+        // 25 mph at 21.9 mph a second.
+        assert_eq!(blind(Some(30.0), &[5000, 6100, 6200, 60_000]), [-1.0, -1.0, 0.0, 0.0]);
+        assert_eq!(blind(Some(4.0), &[0, 100]), [0.0, 0.0]);
+        assert_eq!(blind(None, &[0, 100]), [0.0, 0.0], "a car never seen moving stands");
     }
 }

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 use crate::{
     config::{self, SpeedLaw, Takeover},
-    control::{Change, Handover, Pi, PiGains, Quadratic, SpeedController, Standstill},
+    control::{Change, Handover, Pi, PiGains, Quadratic, Speed, SpeedController, Standstill},
     perception::{self, Frame, ImageError},
     pilot::{Pilot, PilotError},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
@@ -35,6 +35,8 @@ pub struct Driver {
     clock: Clock,
     frame: Frame,
     last: Command,
+    /// The last speed that was told.
+    speed_told: Option<Mph>,
     bad: BadFrames,
 }
 
@@ -68,6 +70,7 @@ impl Driver {
             clock,
             frame: Frame::default(),
             last: Command::default(),
+            speed_told: None,
             bad: BadFrames::default(),
         }
     }
@@ -83,23 +86,30 @@ impl Driver {
                     trace.happenings.push(Happening::TakeoverBegan);
                 }
                 // Pilot and integral are held, not reset: they go on when the human lets go.
+                self.bad = BadFrames::default();
                 trace.by = By::Human;
                 Answer::Manual
             }
             Sight::Telemetry(telemetry) => {
+                self.speed_told = Some(telemetry.speed);
                 self.human_let_go(at, &mut trace);
                 let command = match self.steer(telemetry, &mut trace) {
                     Ok(command) => {
                         self.bad = BadFrames::default();
                         command
                     }
-                    Err(why) => self.safe(at, Some(telemetry.speed), &why.to_string(), &mut trace),
+                    Err(why) => self.safe(at, Speed::Now(telemetry.speed), &why.to_string(), &mut trace),
                 };
                 Answer::Steer(command)
             }
+            // It does not say that the human has let go.
+            Sight::Unreadable(why) if self.handover.is_human() => {
+                trace.happenings.push(Happening::BadFrame { why: why.to_string(), in_a_row: 1 });
+                trace.by = By::Human;
+                Answer::Manual
+            }
             Sight::Unreadable(why) => {
-                self.human_let_go(at, &mut trace);
-                Answer::Steer(self.safe(at, None, &why.to_string(), &mut trace))
+                Answer::Steer(self.safe(at, Speed::Last(self.speed_told), &why.to_string(), &mut trace))
             }
         };
         if let Answer::Steer(command) = answer {
@@ -114,12 +124,18 @@ impl Driver {
         self.handover.arm()
     }
 
+    /// Whether the last word was that a human drives.
+    pub fn human_drives(&self) -> bool {
+        self.handover.is_human()
+    }
+
     /// Back to rest, between runs.
     pub fn reset(&mut self) {
         self.pilot.reset();
         self.speed.reset();
         self.bad = BadFrames::default();
         self.last = Command::default();
+        self.speed_told = None;
     }
 
     fn human_let_go(&mut self, at: Duration, trace: &mut Trace) {
@@ -154,7 +170,7 @@ impl Driver {
     }
 
     /// The way of a bad one: roll on straight as steered last, and stop if it stays bad.
-    fn safe(&mut self, at: Duration, speed: Option<Mph>, why: &str, trace: &mut Trace) -> Command {
+    fn safe(&mut self, at: Duration, speed: Speed, why: &str, trace: &mut Trace) -> Command {
         trace.by = By::Safety;
         self.bad.in_a_row += 1;
         let in_a_row = self.bad.in_a_row;

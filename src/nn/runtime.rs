@@ -78,7 +78,7 @@ impl fmt::Display for Libtorch {
         let version = self.version.as_deref().unwrap_or("of unknown version");
         let device = match self.cuda_devices {
             0 => "CPU".to_owned(),
-            n => format!("CUDA, {n} devices"),
+            n => format!("CPU (a CUDA build with {n} devices; driving one frame at a time uses the CPU)"),
         };
         let threads = if self.threads == 1 { "1 thread".into() } else { format!("{} threads", self.threads) };
         write!(f, "{version}, {device}, {threads} on {} processors", self.cores)?;

@@ -20,20 +20,14 @@ pub enum Dialect {
     UdacityGym,
 }
 
-/// What the fields of a first telemetry say.
-pub(super) enum Detected {
-    Known(Dialect),
-    /// Not a simulator that Lapwing can drive, and why.
-    Unsupported(&'static str),
-}
-
 impl Dialect {
-    /// Reads the dialect off an event's name and the fields of its payload.
-    pub(super) fn detect(event: &str, has: impl Fn(&str) -> bool) -> Detected {
-        Detected::Known(match () {
+    /// Reads the dialect off an event's name and the fields of its payload; an
+    /// error says why it is none that Lapwing can drive.
+    pub(super) fn detect(event: &str, has: impl Fn(&str) -> bool) -> Result<Self, &'static str> {
+        Ok(match () {
             () if event == "car_telemetry" => Self::UdacityGym,
             () if has("ptsx") => {
-                return Detected::Unsupported(
+                return Err(
                     "this is the term 2 MPC simulator (telemetry with ptsx): it sends waypoints and no camera image, \
                      and Lapwing drives by the camera. Start the term 1 simulator in autonomous mode",
                 );
@@ -43,7 +37,7 @@ impl Dialect {
             () if has("cte") && has("image") => Self::Term2Pid,
             () if has("image") => Self::Term1,
             () => {
-                return Detected::Unsupported(
+                return Err(
                     "this telemetry has no image: no simulator that Lapwing knows sends it so. Is it the term 1 \
                      simulator in autonomous mode?",
                 );

@@ -1,7 +1,7 @@
 //! What goes over the wire, both ends of it, as text and nothing else: no
 //! socket, no clock, no picture is opened here.
 //!
-//! A simulator's text comes in as a [`Packet`]; its event's payload becomes a
+//! A simulator's text comes in as a [`Packet`]; its event's [`Payload`] becomes a
 //! [`Telemetry`] in a [`Dialect`] that the first one gives away; a [`Command`]
 //! goes out in the same dialect. The other end, for worlds of our own that
 //! speak to any bridge, writes telemetry with [`number::Culture`] as Unity's C#
@@ -15,11 +15,13 @@ mod command;
 mod dialect;
 pub mod number;
 mod packet;
+mod payload;
 mod telemetry;
 mod world;
 
 pub use command::{Answer, Command, MAX_LAPS, SteerError};
 pub use dialect::Dialect;
 pub use packet::{Event, Packet, PacketError};
-pub use telemetry::{CameraImage, Telemetry, TelemetryError, Truth, decode_telemetry, encode_telemetry};
+pub use payload::Payload;
+pub use telemetry::{CameraImage, Telemetry, TelemetryError, Truth, encode_telemetry};
 pub use world::{Observation, Sight, World};

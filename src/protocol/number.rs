@@ -62,7 +62,7 @@ fn n4(text: &str) -> Option<f64> {
     for c in text[..point].chars() {
         match c {
             '0'..='9' => digits.push(c),
-            c if c.is_alphanumeric() || c == separator => return None,
+            c if c.is_alphanumeric() || c == separator || c == '+' || MINUS_SIGNS.contains(&c) => return None,
             _ => {} // grouping
         }
     }
@@ -191,9 +191,22 @@ mod tests {
 
     #[test]
     fn what_is_no_finite_number_is_refused() {
-        for text in
-            ["", "-", "NaN", "nan", "Infinity", "-∞", "unendlich", "1e999", "12a.0000", "0x10", "1.2.3", "e5", "٣.٠٠٠٠"]
-        {
+        for text in [
+            "",
+            "-",
+            "NaN",
+            "nan",
+            "Infinity",
+            "-∞",
+            "unendlich",
+            "1e999",
+            "12a.0000",
+            "0x10",
+            "1.2.3",
+            "12-34.0000",
+            "e5",
+            "٣.٠٠٠٠",
+        ] {
             assert!(parse(text).is_err(), "{text}");
         }
         assert!(parse(&"9".repeat(1_000_000)).is_err());

@@ -30,8 +30,11 @@ pub enum Packet<'a> {
 pub struct Event<'a> {
     /// The event's name.
     pub name: Cow<'a, str>,
-    /// Its first argument, unread. Further arguments are ignored, as the simulator does.
+    /// Its first argument, unread.
     pub payload: Option<&'a RawValue>,
+    /// How many arguments there are. Those beyond the first mean nothing to a
+    /// bridge; the simulator's own client dies of them.
+    pub arguments: usize,
 }
 
 /// Text that is no packet.
@@ -92,10 +95,11 @@ impl<'a> Event<'a> {
         let array = array.trim_start_matches(|c: char| c.is_ascii_digit());
         // RawValue scans nested JSON in a loop, so depth costs no stack.
         let mut parts: Vec<&RawValue> = serde_json::from_str(array).map_err(|e| error(e.to_string()))?;
-        let payload = (parts.len() > 1).then(|| parts.remove(1));
+        let arguments = parts.len().saturating_sub(1);
+        let payload = (arguments > 0).then(|| parts.remove(1));
         let name = parts.first().ok_or_else(|| error("an empty array".into()))?;
         let Name(name) = serde_json::from_str(name.get()).map_err(|e| error(format!("its name: {e}")))?;
-        Ok(Self { name, payload })
+        Ok(Self { name, payload, arguments })
     }
 }
 

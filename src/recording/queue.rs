@@ -13,6 +13,8 @@ use super::{EventRecord, Item};
 
 /// How often a full disk is asked again.
 const RETRY_EVERY: Duration = Duration::from_secs(1);
+/// Frames may not wait with more bytes than this, whatever their number: a fork may send large ones.
+const MAX_WAITING_BYTES: usize = 64 << 20;
 /// Driving time between two warnings of a slow disk.
 const WARN_EVERY: Duration = Duration::from_secs(10);
 
@@ -61,6 +63,8 @@ pub(super) struct Queue {
 #[derive(Debug)]
 pub(super) struct State {
     waiting: VecDeque<(Duration, Item)>,
+    /// Bytes of the frames that wait.
+    waiting_bytes: usize,
     capacity: usize,
     /// No patience with a full disk: the recorder is being made or being closed.
     closing: bool,
@@ -95,10 +99,12 @@ impl State {
             self.lost.add(&item);
             return None;
         }
-        if self.waiting.len() < room {
+        let bytes = bytes_of(&item);
+        if self.waiting.len() < room && self.waiting_bytes + bytes <= MAX_WAITING_BYTES {
             if is_frame {
                 self.tell_gap(at);
             }
+            self.waiting_bytes += bytes;
             self.waiting.push_back((at, item));
             return None;
         }
@@ -144,6 +150,7 @@ impl Queue {
     pub(super) fn new(capacity: usize, path: PathBuf) -> Self {
         let state = State {
             waiting: VecDeque::new(),
+            waiting_bytes: 0,
             // Below four, a quarter of the queue is nothing.
             capacity: capacity.max(4),
             closing: true,
@@ -192,6 +199,7 @@ impl Queue {
             }
             if let Some((at, item)) = state.waiting.pop_front() {
                 state.unflushed.add(&item);
+                state.waiting_bytes -= bytes_of(&item);
                 return Next::Item(at, item);
             }
             if state.closing {
@@ -217,6 +225,7 @@ impl Queue {
         state.dead = true;
         let unflushed = std::mem::take(&mut state.unflushed);
         state.lost.add_all(unflushed);
+        state.waiting_bytes = 0;
         for (_, item) in std::mem::take(&mut state.waiting) {
             state.lost.add(&item);
         }
@@ -251,6 +260,11 @@ impl Queue {
             tracing::info!(run = %self.path.display(), "the disk has room again, recording goes on");
         }
     }
+}
+
+/// The picture's size; what else there is in an item is small.
+fn bytes_of(item: &Item) -> usize {
+    if let Item::Frame(jpeg) = item { jpeg.len() } else { 0 }
 }
 
 /// A sink that waits for room on a full disk, so that a chunk goes on where it stopped.

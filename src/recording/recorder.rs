@@ -27,8 +27,8 @@ const CHUNK_BYTES: usize = 1 << 20;
 /// How a recorder works.
 #[derive(Debug, Clone, Copy)]
 pub struct RecorderOptions {
-    /// How many items may wait for the disk. Default 512: eight seconds of a
-    /// simulator that sends 20 telemetries a second, about 4 MB of JPEG.
+    /// How many items may wait for the disk, frames up to three quarters of it and
+    /// 64 MiB. Default 512: some six seconds of a simulator at 20 Hz.
     pub queue: usize,
 }
 

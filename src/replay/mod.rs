@@ -32,6 +32,9 @@ pub fn run(
 ) -> Result<Vec<Duration>, Box<dyn std::error::Error + Send + Sync>> {
     let mut times = Vec::new();
     while let Some(observation) = replay.observe()? {
+        if replay.take_armed() {
+            driver.arm();
+        }
         let (answer, trace) = driver.drive(&observation);
         for happening in &trace.happenings {
             tracing::debug!("at {:.2} s: {happening:?}", observation.at.as_secs_f64());

@@ -75,7 +75,7 @@ pub struct Report {
     pub moments: u64,
     /// Those at which a human was said to drive.
     pub human: u64,
-    /// Telemetries in the recording without a frame, skipped.
+    /// Telemetries in the recording without a picture, skipped: it was broken, or the disk too slow for it.
     pub skipped: u64,
     /// Steering against the recorded one; absent where the recording has none.
     pub steering: Option<Agreement>,
@@ -122,7 +122,7 @@ impl fmt::Display for Report {
             write!(f, " ({} with a human driving)", self.human)?;
         }
         if self.skipped > 0 {
-            write!(f, " ({} more were not recorded)", self.skipped)?;
+            write!(f, " ({} more are without a picture)", self.skipped)?;
         }
         match &self.steering {
             Some(Agreement { frames, mae, mse, r }) => {

@@ -12,7 +12,7 @@ use super::pace;
 use crate::{
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
     recording::{
-        EventRecord, Moment, Moments, RecordingError, RunReader,
+        By, EventRecord, Moment, Moments, RecordingError, RunReader,
         udacity::{DrivingLog, Row},
     },
     units::Steering,
@@ -80,6 +80,8 @@ pub struct Replay {
     began: Option<Instant>,
     shown: u64,
     skipped: u64,
+    /// The pilot was armed since the last look.
+    armed: bool,
     /// Shown and not yet answered.
     waiting: VecDeque<(u64, Duration, Option<Steering>)>,
     answers: Vec<Answered>,
@@ -103,7 +105,16 @@ impl Replay {
         } else {
             Source::Run(Box::new(RunReader::open(path)?.moments()))
         };
-        Ok(Self { source, rate, began: None, shown: 0, skipped: 0, waiting: VecDeque::new(), answers: vec![] })
+        Ok(Self {
+            source,
+            rate,
+            began: None,
+            shown: 0,
+            skipped: 0,
+            armed: false,
+            waiting: VecDeque::new(),
+            answers: vec![],
+        })
     }
 
     /// How many frames there are, where that is known beforehand.
@@ -117,6 +128,11 @@ impl Replay {
     /// What has been answered.
     pub fn answers(&self) -> &[Answered] {
         &self.answers
+    }
+
+    /// Whether the pilot was armed by hand before the moment observed last; says so once.
+    pub fn take_armed(&mut self) -> bool {
+        std::mem::take(&mut self.armed)
     }
 
     /// Telemetries skipped for want of a frame, and why the recording ends early if it does.
@@ -148,13 +164,16 @@ impl Replay {
                     match moment? {
                         Moment::Step(step) if !step.frame_recorded => self.skipped += 1,
                         Moment::Step(step) => {
-                            let recorded = step.command.map(|c| c.steering);
+                            // What nobody steered is nothing to compare with.
+                            let driven = |by| matches!(by, By::Pilot | By::Human);
+                            let recorded = step.command.filter(|c| driven(c.by)).map(|c| c.steering);
                             let sight = Sight::Telemetry(step.telemetry);
                             return Ok(Some((Observation { at: step.at, sight }, recorded)));
                         }
                         Moment::Event { at, event: EventRecord::TakeoverBegan } => {
                             return Ok(Some((Observation { at, sight: Sight::HumanDrives }, None)));
                         }
+                        Moment::Event { event: EventRecord::PilotArmed, .. } => self.armed = true,
                         Moment::Event { .. } => {}
                     }
                 }

@@ -3,6 +3,7 @@
 //! where a bridge says something that its parser does not take.
 
 use std::{
+    collections::VecDeque,
     io::{self, Read, Write},
     net::{TcpStream, ToSocketAddrs},
     time::{Duration, Instant},
@@ -30,6 +31,9 @@ const FRAGMENT: usize = 1016;
 
 /// The simulator pings at once and then about so often.
 const PING: Duration = Duration::from_secs(25);
+
+/// How long a bridge may take to greet before the first telemetry.
+const GREETING: Duration = Duration::from_millis(100);
 
 /// How the client plays.
 #[derive(Debug, Clone)]
@@ -87,7 +91,7 @@ pub enum ClientError {
         source: tungstenite::Error,
     },
     /// The bridge said something that the simulator's client dies of.
-    #[error("the simulator would hang up here, after {telemetries} telemetries: expected {expected}, got {got:?}")]
+    #[error("the simulator would not go on here, after {telemetries} telemetries: expected {expected}, got {got:?}")]
     Death {
         /// How far it came.
         telemetries: u64,
@@ -129,10 +133,14 @@ pub fn play(
         options,
         tokens: 1, // the WebSocket's own "open"
         report: ClientReport::default(),
-        in_flight: Default::default(),
+        in_flight: VecDeque::new(),
         last_progress: Instant::now(),
+        heard: 0,
+        opened: false,
     };
     client.send("2")?;
+    // Some bridges (drive.py) greet with a `steer` of their own: it answers nothing.
+    client.drain(GREETING)?;
     let mut next_ping = Instant::now() + PING;
     let mut world_goes_on = true;
     while world_goes_on || !client.in_flight.is_empty() {
@@ -142,7 +150,13 @@ pub fn play(
         }
         if client.tokens > 0 && world_goes_on {
             match world.observe().map_err(ClientError::World)? {
-                Some(observation) => client.observed(&observation.sight)?,
+                Some(observation) => {
+                    if client.in_flight.is_empty() {
+                        // Kicks of a bridge that has waited for long, as slow replays make it.
+                        client.drain(Duration::ZERO)?;
+                    }
+                    client.observed(&observation.sight)?;
+                }
                 None => world_goes_on = false,
             }
             continue;
@@ -165,8 +179,12 @@ struct Client<'a> {
     tokens: u32,
     report: ClientReport,
     /// When the telemetries without an answer were sent.
-    in_flight: std::collections::VecDeque<Instant>,
+    in_flight: VecDeque<Instant>,
     last_progress: Instant,
+    /// Messages received.
+    heard: u64,
+    /// An OPEN packet came since the last look.
+    opened: bool,
 }
 
 impl Client<'_> {
@@ -206,6 +224,22 @@ impl Client<'_> {
         ClientError::Death { telemetries: self.report.telemetries, expected, got }
     }
 
+    /// Takes what the bridge says unasked, for so long. The simulator would answer
+    /// each with a telemetry more; here every telemetry is to have an answer of its
+    /// own, so they are passed over.
+    fn drain(&mut self, time: Duration) -> Result<(), ClientError> {
+        let (tokens, until) = (self.tokens, Instant::now() + time);
+        loop {
+            let (before, now) = (self.heard, Instant::now());
+            self.receive(until.max(now))?;
+            if self.heard == before && Instant::now() >= until {
+                break;
+            }
+        }
+        self.tokens = tokens + u32::from(std::mem::take(&mut self.opened));
+        Ok(())
+    }
+
     /// Waits for one message, until `deadline` at the latest; `Some` is an answer.
     fn receive(&mut self, deadline: Instant) -> Result<Option<Answer>, ClientError> {
         let stalls_at = self.last_progress + self.options.stall;
@@ -214,7 +248,10 @@ impl Client<'_> {
         let timeout = Some(wait.max(Duration::from_millis(1)));
         self.socket.get_ref().set_read_timeout(timeout).map_err(|e| self.broken(e.into()))?;
         match self.socket.read() {
-            Ok(Message::Text(text)) => self.text(&text),
+            Ok(Message::Text(text)) => {
+                self.heard += 1;
+                self.text(&text)
+            }
             Ok(Message::Binary(bytes)) => Err(self.death("text", &format!("{} bytes of binary", bytes.len()))),
             Ok(Message::Close(_)) => Err(self.broken(tungstenite::Error::ConnectionClosed)),
             Ok(_) => Ok(None),
@@ -241,10 +278,11 @@ impl Client<'_> {
                     return Err(self.death("an OPEN packet with sid", text));
                 }
                 self.tokens += 1; // the second "open"
+                self.opened = true;
             }
             Packet::Ping(_) => self.send("3")?,
             Packet::Event(event) => {
-                if event.payload.is_some_and(|p| !p.get().starts_with('{')) {
+                if event.arguments > 1 || event.payload.is_some_and(|p| !p.get().starts_with('{')) {
                     return Err(self.death(EVENT, text));
                 }
                 let answer = match &*event.name {
@@ -254,6 +292,7 @@ impl Client<'_> {
                         Err(error) => {
                             tracing::warn!("{error}");
                             self.report.lost_tokens += 1;
+                            self.in_flight.pop_front();
                             return Ok(None);
                         }
                     },
@@ -267,7 +306,8 @@ impl Client<'_> {
                     return Ok(Some(answer));
                 }
             }
-            Packet::Close | Packet::Pong | Packet::Connect | Packet::Disconnect | Packet::Other => {}
+            Packet::Close => return Err(self.death("no close packet: the simulator stalls for good", text)),
+            Packet::Pong | Packet::Connect | Packet::Disconnect | Packet::Other => {}
         }
         Ok(None)
     }

@@ -39,6 +39,8 @@ async fn an_ordinary_client_of_protocol_5_is_greeted_and_steered() {
     let (_, throttle) = steer(&ask(&mut client, &telemetry("0.0000")).await);
     assert_eq!(throttle, 0.918);
     assert_eq!(ask(&mut client, r#"42["telemetry",null]"#).await, r#"42["manual",{}]"#);
+    client.send(r#"42["hello"]"#).await;
+    assert_eq!(ask(&mut client, r#"42["telemetry"]"#).await, r#"42["manual",{}]"#, "to telemetry, not to hello");
     client.send("41").await;
     drop(client);
     let over = async {
@@ -47,6 +49,7 @@ async fn an_ordinary_client_of_protocol_5_is_greeted_and_steered() {
         }
     };
     tokio::time::timeout(Duration::from_secs(5), over).await.expect("its run ends when it leaves");
+    assert_eq!(running.summaries.lock().unwrap()[0].bad_frames, 0);
 }
 
 #[tokio::test(flavor = "multi_thread")]

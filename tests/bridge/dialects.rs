@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tempfile::tempdir;
 
-use crate::support::{Running, Wire, settings, telemetry};
+use crate::support::{Running, Wire, settings, settings_with_kicks, telemetry};
 
 async fn first_answer(telemetry: &str) -> String {
     let dir = tempdir().unwrap();
@@ -22,6 +22,12 @@ async fn term_2_pid_gets_numbers() {
     let answer = first_answer(&with(r#""cte":"0.5""#)).await;
     assert!(answer.starts_with(r#"42["steer",{"steering_angle":"#) && !answer.contains(r#":""#), "{answer}");
     assert!(answer.ends_with(r#","throttle":9180e-4}]"#), "{answer}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_bad_first_telemetry_is_answered_in_its_own_dialect_all_the_same() {
+    let bad = with(r#""cte":"0.5""#).replace(r#""speed":"0.0000""#, r#""speed":"NaN""#);
+    assert_eq!(first_answer(&bad).await, r#"42["steer",{"steering_angle":0e-4,"throttle":0e-4}]"#);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -64,7 +70,7 @@ async fn events_of_a_fork_are_recorded_and_not_answered() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_fork_with_a_timer_is_never_kicked() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
     simulator.ask(&with(r#""pos_x":"1.0","pos_y":"0","pos_z":"2","hit":"none""#)).await;
     assert_eq!(simulator.text_within(Duration::from_millis(1500)).await, None);

@@ -12,7 +12,7 @@ use tokio::{
     net::TcpStream,
 };
 
-use crate::support::{Running, Wire, settings, steer, telemetry};
+use crate::support::{Running, Wire, settings, settings_with_kicks, steer, telemetry};
 
 const HUMAN: &str = r#"42["telemetry",null]"#;
 const MANUAL: &str = r#"42["manual",{}]"#;
@@ -40,10 +40,36 @@ async fn a_human_is_answered_manual_and_the_integral_is_held_meanwhile() {
 #[tokio::test(flavor = "multi_thread")]
 async fn nobody_kicks_while_a_human_drives() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
     assert_eq!(simulator.ask(HUMAN).await, MANUAL);
     assert_eq!(simulator.text_within(Duration::from_millis(1500)).await, None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn garbage_while_a_human_drives_leaves_the_wheel_to_the_human() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    simulator.ask(HUMAN).await;
+    assert_eq!(simulator.ask("garbage").await, MANUAL);
+    let summary = running.stop().await.remove(0);
+    assert_eq!((summary.bad_frames, summary.human_takeovers), (1, 1));
+    assert_eq!(simulator.text_within(Duration::from_millis(500)).await, None, "nor does a bridge that stops steer");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn armed_while_the_human_still_drives_the_pilot_goes_on_when_they_let_go() {
+    let dir = tempdir().unwrap();
+    let mut settings = settings(dir.path());
+    settings.control.takeover = Takeover::Latch;
+    let running = Running::start(settings).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    simulator.ask(HUMAN).await;
+    running.bridge.arm();
+    simulator.ask(HUMAN).await;
+    assert_eq!(steer(&simulator.ask(&telemetry("4.0000")).await), (0.0, 0.0), "the answer that ends the takeover");
+    assert!(steer(&simulator.ask(&telemetry("4.0000")).await).1 > 0.0);
 }
 
 #[tokio::test(flavor = "multi_thread")]

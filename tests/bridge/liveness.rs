@@ -4,12 +4,12 @@ use std::time::{Duration, Instant};
 
 use tempfile::tempdir;
 
-use crate::support::{Running, Wire, settings, steer, telemetry};
+use crate::support::{Running, Wire, settings_with_kicks, steer, telemetry};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_simulator_that_missed_its_start_is_kicked_after_a_second() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
     let began = Instant::now();
     let kick = simulator.text().await;
@@ -20,9 +20,22 @@ async fn a_simulator_that_missed_its_start_is_kicked_after_a_second() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_simulator_of_unknown_kind_is_kicked_in_words_that_every_kind_takes() {
+    let dir = tempdir().unwrap();
+    let mut settings = settings_with_kicks(dir.path());
+    settings.bridge.kick_after_s = 0.2;
+    let running = Running::start(settings).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    steer(&simulator.text().await);
+    assert_eq!(simulator.text().await, r#"42["manual",{}]"#, "term 2 would not take the strings of a steer");
+    simulator.ask(&telemetry("0.0000")).await;
+    assert!(running.stop().await[0].kicks >= 2, "those before the drive began count, too");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_loop_that_stalled_is_kicked_with_the_last_steering() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
     let (steering, _) = steer(&simulator.ask(&telemetry("5.0000")).await);
     assert_eq!(steer(&simulator.text().await), (steering, 0.0));
@@ -33,7 +46,7 @@ async fn a_loop_that_stalled_is_kicked_with_the_last_steering() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_token_too_many_after_a_pause_is_taken_out_of_the_game() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
     simulator.ask(&telemetry("5.0000")).await;
     simulator.text().await; // the kick: now the simulator holds two tokens
@@ -48,7 +61,7 @@ async fn a_token_too_many_after_a_pause_is_taken_out_of_the_game() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_ghost_is_dropped_once_its_simulator_dials_anew() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut ghost = Wire::simulator(running.address).await;
     ghost.ask(&telemetry("5.0000")).await;
     let mut fresh = Wire::simulator(running.address).await;
@@ -69,7 +82,7 @@ async fn a_ghost_is_dropped_once_its_simulator_dials_anew() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_simulator_that_plays_is_spared_when_another_one_dials() {
     let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
+    let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut first = Wire::simulator(running.address).await;
     let mut second = Wire::simulator(running.address).await;
     let until = Instant::now() + Duration::from_millis(2500);

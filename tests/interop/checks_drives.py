@@ -21,6 +21,8 @@ def fast(_):
     equal("dialect", summary["dialect"], "term1")
     equal("bad frames", summary["bad_frames"], 0)
     equal("kicks", summary["kicks"], 0)
+    # No figure, a trap: without TCP_QUICKACK after every read each answer waits 40 ms.
+    within("median round trip, ms", result["rtt_p50_ms"], 0, 20)
     return f"2000 telemetries, {summary['frames_per_s']:.0f}/s, {figures}; bridge's own p99 {summary['latency_p99_ms']} ms"
 
 
@@ -81,13 +83,13 @@ def many(quick):
     seconds, fps, simulators = (8 if quick else 20), 15, 8
     count = seconds * fps
     with Bridge() as bridge:
-        # One per cent more time than the frames need: who answers late by more fails.
-        clients = [Unity(bridge, "--fps", fps, "--count", count, "--seconds", seconds * 1.01) for _ in range(simulators)]
+        # Five per cent more time than the frames need: who answers later than that fails.
+        clients = [Unity(bridge, "--fps", fps, "--count", count, "--seconds", seconds * 1.05) for _ in range(simulators)]
         results = [client.result() for client in clients]
     for result in results:
         unharmed(result)
-        within("telemetries", result["telemetries"], 0.99 * count, count)
-        within("steers", result["steers"], result["telemetries"] - 1, result["telemetries"])
+        equal("telemetries", result["telemetries"], count)
+        equal("steers", result["steers"], count)
     equal("summaries", len(bridge.summaries), simulators)
     equal("items not recorded", sum(s["run"]["not_recorded"] for s in bridge.summaries), 0)
     least, worst = min(r["telemetries"] for r in results), max(r["rtt_p99_ms"] for r in results)

@@ -34,6 +34,9 @@ use crate::units::{Mph, Steering, Throttle};
 /// Time between two rows whose picture names hold no time: the simulator records 15 times a second at most.
 pub const FALLBACK_INTERVAL: Duration = Duration::from_nanos(1_000_000_000 / 15);
 
+/// A longer time between two rows is two drives joined, or a pause.
+pub const LONGEST_INTERVAL: Duration = Duration::from_secs(10);
+
 /// A driving log, read whole.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrivingLog {
@@ -49,8 +52,8 @@ pub struct Row {
     /// Line in the CSV file, counted from 1.
     pub line: usize,
     /// Time since the first row, by the pictures' names. Where a name holds no
-    /// time, or one before the previous row's (two drives joined),
-    /// [`FALLBACK_INTERVAL`] passes.
+    /// time, or one before the previous row's or more than [`LONGEST_INTERVAL`]
+    /// after it (two drives joined), [`FALLBACK_INTERVAL`] passes.
     pub at: Duration,
     /// Picture of the centre camera.
     pub center: PathBuf,
@@ -154,8 +157,8 @@ fn row(layout: &Layout, line: &str, images: &Path) -> Result<Row, Bad> {
 }
 
 fn interval(from: Option<DateTime>, to: Option<DateTime>) -> Duration {
-    let passed = || to?.duration_since(from?).try_into().ok();
-    passed().unwrap_or(FALLBACK_INTERVAL)
+    let passed = || Duration::try_from(to?.duration_since(from?)).ok();
+    passed().filter(|passed| *passed <= LONGEST_INTERVAL).unwrap_or(FALLBACK_INTERVAL)
 }
 
 /// The time in a picture's name: its last seven numbers, year to millisecond.

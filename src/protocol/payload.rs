@@ -1,0 +1,406 @@
+//! The payload of a `telemetry` event: its known fields, read off the JSON
+//! without keeping the rest, and what they say.
+
+use std::{borrow::Cow, fmt};
+
+use bytes::Bytes;
+use serde::{
+    Deserialize,
+    de::{IgnoredAny, MapAccess, SeqAccess, Visitor},
+};
+use serde_json::value::RawValue;
+
+use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, number};
+use crate::units::{MetresPerSecond, OutOfRange, SpeedUnit};
+
+/// A telemetry's payload, its fields still as they came. It borrows from the message.
+pub struct Payload<'a>(Fields<'a>);
+
+impl<'a> Payload<'a> {
+    /// Reads the payload of a `telemetry` (or `car_telemetry`) event. `None` is a
+    /// human driving: `null`, `{}` or no payload at all.
+    ///
+    /// # Errors
+    /// [`TelemetryError::Json`] for anything but an object.
+    pub fn read(payload: Option<&'a RawValue>) -> Result<Option<Self>, TelemetryError> {
+        let Some(payload) = payload.map(RawValue::get).filter(|p| *p != "null") else {
+            return Ok(None);
+        };
+        if payload.trim_start_matches('{').trim() == "}" {
+            return Ok(None);
+        }
+        let fields = serde_json::from_str(payload)
+            .map_err(|e| TelemetryError::Json { got: payload.chars().take(40).collect(), why: e.to_string() })?;
+        Ok(Some(Self(fields)))
+    }
+
+    /// Which simulator sends a first telemetry with these fields in this event.
+    ///
+    /// # Errors
+    /// [`TelemetryError::Unsupported`] for one that cannot be driven by camera.
+    pub fn dialect(&self, event: &str) -> Result<Dialect, TelemetryError> {
+        Dialect::detect(event, |name| self.0.get(name).is_some()).map_err(TelemetryError::Unsupported)
+    }
+
+    /// The telemetry. `message` is the text that the payload was borrowed from:
+    /// the image is a slice of it, not a copy.
+    ///
+    /// # Errors
+    /// [`TelemetryError`], which names the field, what was expected and what came.
+    pub fn telemetry(&self, message: &Bytes, speed_unit: SpeedUnit) -> Result<Telemetry, TelemetryError> {
+        let fields = &self.0;
+        let speed = match speed_unit {
+            SpeedUnit::Mph => fields.quantity("speed")?,
+            SpeedUnit::MetresPerSecond => fields.quantity::<MetresPerSecond>("speed")?.mph(),
+        };
+        let image = match fields.get("image") {
+            None => return Err(TelemetryError::Missing("image")),
+            Some(Scalar::Text(Cow::Borrowed(text))) if contains(message, text) => message.slice_ref(text.as_bytes()),
+            Some(Scalar::Text(text)) => Bytes::copy_from_slice(text.as_bytes()),
+            Some(_) => return Err(TelemetryError::Kind("image")),
+        };
+        let position = || Some([fields.optional("pos_x")?, fields.optional("pos_y")?, fields.optional("pos_z")?]);
+        Ok(Telemetry {
+            steering: fields.quantity("steering_angle")?,
+            throttle: fields.quantity("throttle")?,
+            speed,
+            image: CameraImage::Base64(image),
+            truth: Truth {
+                cte: fields.optional("cte"),
+                next_cte: fields.optional("next_cte"),
+                lap: fields.count("lapNumber").or_else(|| fields.count("lap")),
+                waypoint: fields.count("currentWayPoint"),
+                sector: fields.count("sector"),
+                crashed: fields.number("crash").ok().map(|v| v != 0.0),
+                out_of_bounds: fields.count("tot_obes"),
+                crashes: fields.count("tot_crashes"),
+                brake: fields.number("brake").ok(),
+                distance: fields.optional("distance"),
+                sim_time_s: fields.number("sim_time").ok(),
+                heading_error: fields.optional("ang_diff"),
+                position: position(),
+                hit: fields.text("hit").filter(|hit| hit != "none"),
+                track: fields.text("track"),
+                timestamp: fields.text("timestamp"),
+            },
+        })
+    }
+}
+
+/// Whether `part` lies inside `whole`'s memory.
+fn contains(whole: &Bytes, part: &str) -> bool {
+    let (whole, part) = (whole.as_ptr_range(), part.as_bytes().as_ptr_range());
+    whole.start <= part.start && part.end <= whole.end
+}
+
+/// One value of the payload.
+enum Scalar<'a> {
+    Text(Cow<'a, str>),
+    Number(f64),
+    Null,
+    Other,
+}
+
+/// The fields that mean something, in the order of `values`.
+const FIELDS: [&str; 24] = [
+    "steering_angle",
+    "throttle",
+    "speed",
+    "image",
+    "cte",
+    "next_cte",
+    "lapNumber",
+    "lap",
+    "currentWayPoint",
+    "sector",
+    "crash",
+    "tot_obes",
+    "tot_crashes",
+    "brake",
+    "distance",
+    "sim_time",
+    "ang_diff",
+    "pos_x",
+    "pos_y",
+    "pos_z",
+    "hit",
+    "track",
+    "timestamp",
+    "ptsx",
+];
+
+/// The payload's known fields; unknown ones are skipped without being kept.
+struct Fields<'a> {
+    values: [Option<Scalar<'a>>; FIELDS.len()],
+}
+
+impl<'a> Fields<'a> {
+    fn get(&self, name: &str) -> Option<&Scalar<'a>> {
+        let i = FIELDS.iter().position(|f| *f == name)?;
+        self.values[i].as_ref().filter(|v| !matches!(v, Scalar::Null))
+    }
+
+    /// A number that must be there.
+    fn number(&self, name: &'static str) -> Result<f64, TelemetryError> {
+        match self.get(name) {
+            None => Err(TelemetryError::Missing(name)),
+            Some(Scalar::Number(value)) => Ok(*value),
+            Some(Scalar::Text(text)) => number::parse(text).map_err(|e| TelemetryError::NotANumber(name, e)),
+            Some(_) => Err(TelemetryError::Kind(name)),
+        }
+    }
+
+    fn quantity<Q: TryFrom<f64, Error = OutOfRange>>(&self, name: &'static str) -> Result<Q, TelemetryError> {
+        Q::try_from(self.number(name)?).map_err(|e| TelemetryError::OutOfRange(name, e))
+    }
+
+    /// A number that a fork may leave out, leave empty or get wrong; ground truth is never worth a bad frame.
+    fn optional<Q: TryFrom<f64>>(&self, name: &'static str) -> Option<Q> {
+        Q::try_from(self.number(name).ok()?).ok()
+    }
+
+    fn count(&self, name: &'static str) -> Option<u32> {
+        self.number(name).ok().filter(|v| (0.0..=f64::from(u32::MAX)).contains(v)).map(|v| v as u32)
+    }
+
+    fn text(&self, name: &str) -> Option<String> {
+        match self.get(name)? {
+            Scalar::Text(text) if !text.is_empty() => Some(text.chars().take(200).collect()),
+            Scalar::Number(value) => Some(value.to_string()),
+            _ => None,
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Scalar<'de> {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct V;
+        impl<'de> Visitor<'de> for V {
+            type Value = Scalar<'de>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a value")
+            }
+            fn visit_borrowed_str<E>(self, v: &'de str) -> Result<Self::Value, E> {
+                Ok(Scalar::Text(Cow::Borrowed(v)))
+            }
+            fn visit_str<E>(self, v: &str) -> Result<Self::Value, E> {
+                Ok(Scalar::Text(Cow::Owned(v.to_owned())))
+            }
+            fn visit_f64<E>(self, v: f64) -> Result<Self::Value, E> {
+                Ok(Scalar::Number(v))
+            }
+            fn visit_i64<E>(self, v: i64) -> Result<Self::Value, E> {
+                Ok(Scalar::Number(v as f64))
+            }
+            fn visit_u64<E>(self, v: u64) -> Result<Self::Value, E> {
+                Ok(Scalar::Number(v as f64))
+            }
+            fn visit_bool<E>(self, v: bool) -> Result<Self::Value, E> {
+                Ok(Scalar::Number(f64::from(u8::from(v))))
+            }
+            fn visit_unit<E>(self) -> Result<Self::Value, E> {
+                Ok(Scalar::Null)
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Self::Value, A::Error> {
+                while seq.next_element::<IgnoredAny>()?.is_some() {}
+                Ok(Scalar::Other)
+            }
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+                while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                Ok(Scalar::Other)
+            }
+        }
+        deserializer.deserialize_any(V)
+    }
+}
+
+impl<'de> Deserialize<'de> for Fields<'de> {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct V;
+        impl<'de> Visitor<'de> for V {
+            type Value = Fields<'de>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object of telemetry")
+            }
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+                let mut values = [const { None }; FIELDS.len()];
+                while let Some(Key(key)) = map.next_key()? {
+                    match FIELDS.iter().position(|f| *f == key) {
+                        Some(i) => values[i] = Some(map.next_value()?),
+                        None => drop(map.next_value::<IgnoredAny>()?),
+                    }
+                }
+                Ok(Fields { values })
+            }
+        }
+        deserializer.deserialize_map(V)
+    }
+}
+
+#[derive(Deserialize)]
+struct Key<'a>(#[serde(borrow)] Cow<'a, str>);
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        super::{Packet, encode_telemetry, number::Culture},
+        *,
+    };
+    use crate::units::Metres;
+
+    fn decode_in(unit: SpeedUnit, text: &str) -> Result<Option<(Dialect, Telemetry)>, TelemetryError> {
+        let message = Bytes::copy_from_slice(text.as_bytes());
+        let text = std::str::from_utf8(&message).unwrap();
+        let Ok(Packet::Event(event)) = Packet::parse(text) else { panic!("not an event: {text}") };
+        let Some(payload) = Payload::read(event.payload)? else { return Ok(None) };
+        Ok(Some((payload.dialect(&event.name)?, payload.telemetry(&message, unit)?)))
+    }
+
+    fn decode(text: &str) -> Result<Option<(Dialect, Telemetry)>, TelemetryError> {
+        decode_in(SpeedUnit::Mph, text)
+    }
+
+    fn known(text: &str) -> (Dialect, Telemetry) {
+        decode(text).unwrap().unwrap()
+    }
+
+    const STOCK: &str =
+        r#"42["telemetry",{"steering_angle":"-1.2500","throttle":"0.3000","speed":"30.1903","image":"/9j/4AAQ"}]"#;
+
+    #[test]
+    fn the_stock_builds_telemetry_is_read() {
+        let (dialect, telemetry) = known(STOCK);
+        assert_eq!(dialect, Dialect::Term1);
+        assert_eq!(telemetry.steering.get(), -1.25);
+        assert_eq!(telemetry.throttle.get(), 0.3);
+        assert_eq!(telemetry.speed.get(), 30.1903);
+        assert_eq!(telemetry.image, CameraImage::Base64(Bytes::from_static(b"/9j/4AAQ")));
+        assert!(telemetry.truth.is_empty());
+    }
+
+    #[test]
+    fn the_image_is_a_slice_of_the_message() {
+        let message = Bytes::from_static(STOCK.as_bytes());
+        let Ok(Packet::Event(event)) = Packet::parse(STOCK) else { panic!() };
+        let telemetry = Payload::read(event.payload).unwrap().unwrap().telemetry(&message, SpeedUnit::Mph).unwrap();
+        let CameraImage::Base64(image) = telemetry.image else { panic!() };
+        assert!(message.as_ptr_range().contains(&image.as_ptr()));
+    }
+
+    #[test]
+    fn what_we_write_as_the_stock_build_is_its_literal_text() {
+        let (_, telemetry) = known(STOCK);
+        assert_eq!(encode_telemetry(&telemetry, "/9j/4AAQ", Culture::ALL[0]), STOCK);
+        let german = encode_telemetry(&telemetry, "/9j/4AAQ", Culture::named("de-DE").unwrap());
+        assert_eq!(known(&german).1, telemetry);
+    }
+
+    #[test]
+    fn null_an_empty_object_and_no_payload_are_a_human_driving() {
+        for text in [r#"42["telemetry",null]"#, r#"42["telemetry",{}]"#, r#"42["telemetry",{ }]"#, r#"42["telemetry"]"#]
+        {
+            assert_eq!(decode(text), Ok(None), "{text}");
+        }
+    }
+
+    #[test]
+    fn forks_are_told_apart_by_their_first_telemetry() {
+        let with = |extra: &str| {
+            known(&format!(
+                r#"42["telemetry",{{"steering_angle":"0.0000","throttle":"0.0000","speed":"1.0000","image":"x",{extra}}}]"#
+            ))
+        };
+        let (dialect, telemetry) = with(r#""cte":"-0.7598""#);
+        assert_eq!((dialect, telemetry.truth.cte.unwrap().get()), (Dialect::Term2Pid, -0.7598));
+
+        let (dialect, telemetry) = with(
+            r#""lapNumber":"2","currentWayPoint":"17","crash":"1","tot_obes":"3","tot_crashes":"4","cte":"1,2500","distance":"5.5","sim_time":"60.2","ang_diff":"-3.1""#,
+        );
+        assert_eq!(dialect, Dialect::SelfOracle);
+        let truth = telemetry.truth;
+        assert_eq!((truth.lap, truth.waypoint, truth.crashed), (Some(2), Some(17), Some(true)));
+        assert_eq!((truth.out_of_bounds, truth.crashes, truth.sim_time_s), (Some(3), Some(4), Some(60.2)));
+        assert_eq!(truth.cte.unwrap().get(), 1.25);
+
+        let (dialect, telemetry) =
+            with(r#""pos_x":"1.0","pos_y":"2.0","pos_z":"-3.0","hit":"none","cte":"","track":"lake","lapNumber":"1""#);
+        assert_eq!(dialect, Dialect::Positioned);
+        assert_eq!(telemetry.truth.position.unwrap().map(Metres::get), [1.0, 2.0, -3.0]);
+        assert_eq!((telemetry.truth.cte, telemetry.truth.hit), (None, None));
+
+        let gym =
+            STOCK.replace("telemetry", "car_telemetry").replace("}]", r#","timestamp":"12","lap":1,"sector":2}]"#);
+        let (dialect, telemetry) = known(&gym);
+        assert_eq!(dialect, Dialect::UdacityGym);
+        assert_eq!((telemetry.truth.lap, telemetry.truth.sector), (Some(1), Some(2)));
+    }
+
+    #[test]
+    fn simulators_without_a_camera_are_refused_in_words() {
+        let error = decode(r#"42["telemetry",{"ptsx":[1,2],"ptsy":[3,4],"speed":1.5}]"#).unwrap_err();
+        assert!(error.to_string().contains("term 2 MPC"), "{error}");
+        let error = decode(r#"42["telemetry",{"speed":"1.5"}]"#).unwrap_err();
+        assert!(error.to_string().contains("no image"), "{error}");
+    }
+
+    #[test]
+    fn a_bad_field_is_named_with_what_it_holds() {
+        let bad = |from: &str, to: &str| decode(&STOCK.replace(from, to)).unwrap_err().to_string();
+        assert_eq!(bad(r#""speed":"30.1903","#, ""), "expected the field speed, got none");
+        assert_eq!(bad("30.1903", "NaN"), r#"speed: expected a number, got "NaN""#);
+        assert_eq!(bad("30.1903", "1e30"), "speed: expected a speed from -1000 to 1000 mph, got 1e30");
+        assert_eq!(bad(r#""0.3000""#, "[]"), "throttle: expected a number or text, got another kind of JSON");
+        assert_eq!(bad(r#""/9j/4AAQ""#, "7"), "image: expected a number or text, got another kind of JSON");
+    }
+
+    #[test]
+    fn escapes_numbers_and_unknown_fields_are_taken_in_stride() {
+        let text =
+            STOCK.replace("/9j/", r"\/9j\/").replace(r#""30.1903""#, "30.25").replace("}]", r#","x":{"y":[1]}}]"#);
+        let (_, telemetry) = known(&text);
+        assert_eq!(telemetry.speed.get(), 30.25);
+        assert_eq!(telemetry.image, CameraImage::Base64(Bytes::from_static(b"/9j/4AAQ")));
+    }
+
+    #[test]
+    fn speed_in_metres_per_second_is_converted() {
+        let (_, telemetry) = decode_in(SpeedUnit::MetresPerSecond, STOCK).unwrap().unwrap();
+        assert!((telemetry.speed.get() - 30.1903 / 0.447_04).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_first_telemetry_tells_its_dialect_even_where_a_field_is_bad() {
+        let text = STOCK.replace("30.1903", "NaN").replace("}]", r#","cte":"0.5"}]"#);
+        let Ok(Packet::Event(event)) = Packet::parse(&text) else { panic!() };
+        let payload = Payload::read(event.payload).unwrap().unwrap();
+        assert_eq!(payload.dialect("telemetry"), Ok(Dialect::Term2Pid));
+        assert!(payload.telemetry(&Bytes::from(text.clone()), SpeedUnit::Mph).is_err());
+    }
+
+    #[test]
+    fn mangled_telemetry_is_read_or_refused_and_never_panics() {
+        let mut seed = 1u32;
+        let mut random = |below: usize| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) as usize % below
+        };
+        const BITS: [&str; 12] = ["\"", "{", "}", "[", "]", "\\", "null", "-", "1e9", ",", "\u{a0}", "\\ud800"];
+        let mut refused = 0;
+        for _ in 0..20_000 {
+            let mut text = STOCK.to_owned();
+            for _ in 0..=random(4) {
+                let at = (2..=2 + random(text.len())).rev().find(|at| text.is_char_boundary(*at)).unwrap_or(2);
+                if random(3) == 0 {
+                    text.truncate(at);
+                } else {
+                    text.insert_str(at, BITS[random(BITS.len())]);
+                }
+            }
+            refused += u32::from(match Packet::parse(&text) {
+                Ok(Packet::Event(_)) => decode(&text).is_err_and(|e| !e.to_string().is_empty()),
+                other => other.is_err(),
+            });
+        }
+        assert!(refused > 10_000, "{refused}");
+    }
+}

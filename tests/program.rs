@@ -1,0 +1,78 @@
+//! The program itself: exit status, and what goes where.
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+
+fn lapwing(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env("LAPWING_CONTROL__KI", "0.002")
+        .output()
+        .unwrap()
+}
+
+fn said(output: &Output) -> (i32, String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code().unwrap(), text(&output.stdout), text(&output.stderr))
+}
+
+const RUN: &str = "recordings/plain-road.mcap";
+
+#[test]
+fn wrong_usage_is_2_and_says_expected_and_got() {
+    for (arguments, words) in [
+        (&["serve", "--speed", "-3"][..], "--speed: control.speed_mph: expected a speed above 0 mph, got -3 mph"),
+        (&["serve", "--port", "99999"], "99999"),
+        (&["replay", RUN, "--rate", "0"], "expected real, max, or frames a second"),
+        (&["replay", RUN, "--connect", "x:1", "--culture", "tlh"], "expected one of en-US, de-DE"),
+        (&["replay", RUN, "--golden", "x", "--tolerance", "-1"], "expected a number of at least 0"),
+        (&["--config", "/nowhere.toml", "doctor"], "/nowhere.toml: cannot be read"),
+    ] {
+        let (code, out, err) = said(&lapwing(arguments));
+        assert_eq!((code, out.as_str()), (2, ""), "{arguments:?}: {err}");
+        assert!(err.contains(words), "{arguments:?}: {err}");
+    }
+}
+
+#[test]
+fn a_file_that_is_not_there_is_1_and_named_once() {
+    let (code, out, err) = said(&lapwing(&["replay", "nowhere.mcap"]));
+    assert_eq!((code, out.as_str()), (1, ""));
+    assert_eq!(err.matches("os error 2").count(), 1, "{err}");
+    assert!(err.contains("nowhere.mcap"), "{err}");
+}
+
+#[test]
+fn a_replay_that_agrees_is_0_and_one_that_does_not_is_1_with_the_frames_named() {
+    let golden = "recordings/plain-road.golden";
+    let (code, out, err) = said(&lapwing(&["replay", RUN, "--golden", golden]));
+    assert_eq!(code, 0, "{out}{err}");
+    assert!(out.contains("every command agrees within 0.001"), "{out}");
+    let (code, out, err) = said(&lapwing(&["replay", RUN, "--golden", golden, "--speed", "20", "--json"]));
+    assert_eq!(code, 1, "{out}{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(result["golden"]["first"][0]["frame"], 0);
+    assert!(result["golden"]["differing_frames"].as_u64().unwrap() > 100, "{result}");
+    assert_eq!(result["moments"], 225);
+}
+
+#[test]
+fn the_doctor_names_the_libtorch_that_is_loaded() {
+    // Another program may hold port 4567: a free one is asked for instead.
+    let output = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(["doctor", "--json"])
+        .env("LAPWING_BRIDGE__PORT", "0")
+        .current_dir(std::env::temp_dir())
+        .output()
+        .unwrap();
+    let (code, out, err) = said(&output);
+    assert_eq!(code, 0, "{out}{err}");
+    let findings: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(findings["troubles"], serde_json::json!([]));
+    if cfg!(target_os = "linux") {
+        assert!(Path::new(findings["libtorch"]["file"].as_str().unwrap()).exists(), "{findings}");
+    }
+}
