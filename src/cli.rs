@@ -40,6 +40,9 @@ pub struct Serve {
     /// Port to listen on; the simulator itself only dials 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
+    /// Event for each simulator as it connects, in JSON: '["reset",{}]'; may be given several times
+    #[arg(long, value_name = "EVENT")]
+    pub greet: Vec<String>,
     /// Folder for the runs [default: recordings]
     #[arg(long, value_name = "DIR", conflicts_with = "no_recording")]
     pub recordings: Option<PathBuf>,

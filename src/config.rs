@@ -47,6 +47,10 @@ pub struct Bridge {
     pub speed_unit: SpeedUnit,
     /// Silence after which a simulator is sent a command unasked, s. Default 1; more for one that draws slower.
     pub kick_after_s: f64,
+    /// Events for each simulator as it connects, each `["name"]` or `["name",{…}]` in JSON. Default none.
+    /// udacity-gym waits for `["start_episode",{"track_name":…,"weather_name":…,"daytime_name":…}]`;
+    /// the stock build passes over events that it does not know.
+    pub greet: Vec<String>,
 }
 
 /// `[model]`
@@ -112,7 +116,13 @@ pub struct Recording {
 
 impl Default for Bridge {
     fn default() -> Self {
-        Self { bind: Ipv4Addr::LOCALHOST.into(), port: 4567, speed_unit: SpeedUnit::Mph, kick_after_s: 1.0 }
+        Self {
+            bind: Ipv4Addr::LOCALHOST.into(),
+            port: 4567,
+            speed_unit: SpeedUnit::Mph,
+            kick_after_s: 1.0,
+            greet: vec![],
+        }
     }
 }
 
@@ -243,6 +253,17 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
         let got = settings.bridge.kick_after_s;
         return Err(error(format!("bridge.kick_after_s: expected 0.1 to 3600 seconds, got {got}")));
     }
+    for event in &settings.bridge.greet {
+        // Anything else and the simulator's client dies of it.
+        use serde_json::Value::{Array, Object, String};
+        let is_event = serde_json::from_str(event).is_ok_and(|value| match value {
+            Array(parts) => matches!(parts.as_slice(), [String(_)] | [String(_), Object(_)]),
+            _ => false,
+        });
+        if !is_event {
+            return Err(error(format!(r#"bridge.greet: expected ["name"] or ["name",{{…}}] in JSON, got {event:?}"#)));
+        }
+    }
     if settings.model.threads > 1024 {
         return Err(error(format!("model.threads: expected at most 1024, got {}", settings.model.threads)));
     }
@@ -311,6 +332,8 @@ mod tests {
         assert!(error("control.speed_mph", 5000.into()).contains("from -1000 to 1000 mph, got 5000"));
         assert!(error("control.kp", f64::NAN.into()).contains("from 0 to 100, got NaN"));
         assert!(error("bridge.port", 70000.into()).contains("70000"));
+        let greeting = |text: &str| Value::Array(vec![text.into()]);
+        assert!(error("bridge.greet", greeting(r#"["a",1]"#)).contains(r#"expected ["name"] or ["name",{…}] in JSON"#));
         assert!(error("control.takeover", "never".into()).contains("expected `resume` or `latch`"));
     }
 

@@ -71,8 +71,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
     /// Plays until the connection ends; says why it did.
     async fn play(&mut self) -> Result<&'static str, tungstenite::Error> {
         let signals = self.session.signals().clone();
-        let stopped = self.session.bridge().clone().stopped();
+        let bridge = self.session.bridge().clone();
+        let stopped = bridge.clone().stopped();
         tokio::pin!(stopped);
+        for event in &bridge.settings.bridge.greet {
+            self.send_text(format!("42{event}").into()).await?;
+        }
         loop {
             let (when, due) = match &self.held {
                 Some((_, until)) => (*until, None),

@@ -24,6 +24,9 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
     if let Some(port) = arguments.port {
         layers = layers.set("--port", "bridge.port", i64::from(port))?;
     }
+    if !arguments.greet.is_empty() {
+        layers = layers.set("--greet", "bridge.greet", arguments.greet)?;
+    }
     if let Some(dir) = &arguments.recordings {
         layers = layers.set("--recordings", "recording.dir", dir.to_string_lossy().into_owned())?;
     }

@@ -229,6 +229,7 @@ impl Client<'_> {
     /// own, so they are passed over.
     fn drain(&mut self, time: Duration) -> Result<(), ClientError> {
         let (tokens, until) = (self.tokens, Instant::now() + time);
+        self.last_progress = Instant::now(); // nobody owes anything
         loop {
             let (before, now) = (self.heard, Instant::now());
             self.receive(until.max(now))?;
@@ -244,10 +245,19 @@ impl Client<'_> {
     fn receive(&mut self, deadline: Instant) -> Result<Option<Answer>, ClientError> {
         let stalls_at = self.last_progress + self.options.stall;
         let wait = deadline.min(stalls_at).saturating_duration_since(Instant::now());
-        // A zero timeout would mean none.
-        let timeout = Some(wait.max(Duration::from_millis(1)));
-        self.socket.get_ref().set_read_timeout(timeout).map_err(|e| self.broken(e.into()))?;
-        match self.socket.read() {
+        // A timeout of nought would mean none, and one of a microsecond takes a tick of the kernel.
+        let stream = self.socket.get_ref();
+        let set = if wait.is_zero() {
+            stream.set_nonblocking(true)
+        } else {
+            stream.set_nonblocking(false).and_then(|()| stream.set_read_timeout(Some(wait)))
+        };
+        set.map_err(|e| self.broken(e.into()))?;
+        let read = self.socket.read();
+        if wait.is_zero() {
+            self.socket.get_ref().set_nonblocking(false).map_err(|e| self.broken(e.into()))?;
+        }
+        match read {
             Ok(Message::Text(text)) => {
                 self.heard += 1;
                 self.text(&text)

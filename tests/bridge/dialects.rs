@@ -54,6 +54,18 @@ async fn a_simulator_that_cannot_be_driven_keeps_its_loop_and_its_human() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_simulator_that_waits_to_be_started_is_greeted_as_the_settings_say() {
+    let dir = tempdir().unwrap();
+    let mut settings = settings(dir.path());
+    let start = r#"["start_episode",{"track_name":"lake","weather_name":"sunny","daytime_name":"day"}]"#;
+    settings.bridge.greet = vec![r#"["end_episode"]"#.into(), start.into()];
+    let running = Running::start(settings).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    assert_eq!(simulator.text().await, r#"42["end_episode"]"#);
+    assert_eq!(simulator.text().await, format!("42{start}"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn events_of_a_fork_are_recorded_and_not_answered() {
     let dir = tempdir().unwrap();
     let running = Running::start(settings(dir.path())).await;
