@@ -51,9 +51,10 @@ pub(super) fn telemetry() -> Telemetry {
 
 fn play(bencher: Bencher<'_, '_>, address: SocketAddr) {
     let (telemetry, address) = (telemetry(), address.to_string());
+    let options = ClientOptions { greeting: Duration::ZERO, ..ClientOptions::default() };
     bencher.counter(ItemsCount::new(FRAMES)).bench_local(|| {
         let mut world = Standing { telemetry: telemetry.clone(), left: FRAMES };
-        client::play(&mut world, &address, &ClientOptions::default(), |_| {}).unwrap()
+        client::play(&mut world, &address, &options, |_| {}).unwrap()
     });
 }
 

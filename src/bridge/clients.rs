@@ -103,7 +103,7 @@ async fn serve(socket: SocketRef, mut session: Session, mut incoming: mpsc::Rece
 }
 
 fn answer(socket: &SocketRef, session: &mut Session, Incoming { received, name, payload }: Incoming) {
-    let turn = tokio::task::block_in_place(|| {
+    let turn = session.aside(|session| {
         // The session slices the image out of the text that it lies in.
         let text = Bytes::from(payload.map_or_else(|| "null".to_owned(), |payload| payload.to_string()));
         let payload: Option<&RawValue> = serde_json::from_slice(&text).ok();

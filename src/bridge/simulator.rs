@@ -123,7 +123,6 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
     async fn message(&mut self, message: Message) -> Result<Option<&'static str>, tungstenite::Error> {
         let received = Instant::now();
         let session = &mut self.session;
-        // Decoding and the network take milliseconds, a new run's file perhaps more: other tasks move on meanwhile.
         let turn = match message {
             Message::Text(text) => match Packet::parse(&text) {
                 Ok(Packet::Ping(rest)) => {
@@ -134,18 +133,18 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                 }
                 Ok(Packet::Event(event)) => {
                     let message: Bytes = text.clone().into();
-                    block_in_place(|| session.event(received, &message, &event.name, event.payload))
+                    session.aside(|session| session.event(received, &message, &event.name, event.payload))
                 }
                 Ok(Packet::Close | Packet::Disconnect) => return Ok(Some("the simulator said goodbye")),
                 Ok(Packet::Open(_) | Packet::Pong | Packet::Connect | Packet::Other) => return Ok(None),
                 Err(error) => {
                     let got = text.chars().take(40).collect();
-                    Some(block_in_place(|| session.unreadable(received, got, error.to_string())))
+                    Some(session.aside(|session| session.unreadable(received, got, error.to_string())))
                 }
             },
             Message::Binary(bytes) => {
                 let got = format!("{} bytes of binary", bytes.len());
-                Some(block_in_place(|| session.unreadable(received, got, "a simulator sends text".into())))
+                Some(session.aside(|session| session.unreadable(received, got, "a simulator sends text".into())))
             }
             Message::Close(_) => return Ok(Some("the simulator hung up")),
             Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => return Ok(None), // answered by the library

@@ -32,21 +32,20 @@ const FRAGMENT: usize = 1016;
 /// The simulator pings at once and then about so often.
 const PING: Duration = Duration::from_secs(25);
 
-/// How long a bridge may take to greet before the first telemetry.
-const GREETING: Duration = Duration::from_millis(100);
-
 /// How the client plays.
 #[derive(Debug, Clone)]
 pub struct ClientOptions {
     /// The player's culture, in which numbers are written and read.
     pub culture: Culture,
-    /// Silence after which a bridge counts as stalled.
+    /// Silence after which a bridge counts as stalled. Default 10 s.
     pub stall: Duration,
+    /// How long a bridge may take to greet before the first telemetry. Default 100 ms.
+    pub greeting: Duration,
 }
 
 impl Default for ClientOptions {
     fn default() -> Self {
-        Self { culture: Culture::ALL[0], stall: Duration::from_secs(10) }
+        Self { culture: Culture::ALL[0], stall: Duration::from_secs(10), greeting: Duration::from_millis(100) }
     }
 }
 
@@ -140,7 +139,7 @@ pub fn play(
     };
     client.send("2")?;
     // Some bridges (drive.py) greet with a `steer` of their own: it answers nothing.
-    client.drain(GREETING)?;
+    client.drain(options.greeting)?;
     let mut next_ping = Instant::now() + PING;
     let mut world_goes_on = true;
     while world_goes_on || !client.in_flight.is_empty() {
