@@ -32,10 +32,12 @@ struct Findings {
 pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Result<Ended> {
     let settings = super::layers(config, &arguments.driving)?.resolve()?;
     let mut troubles = Vec::new();
+    let model = super::load_model(&settings)
+        .map_err(|e| troubles.push(format!("the model cannot be used: {}", super::told(&e))))
+        .ok();
+    // After the model, which chooses the number of threads.
     let libtorch = runtime::libtorch();
     troubles.extend(libtorch.troubles());
-    let model =
-        super::load_model(&settings).map_err(|e| troubles.push(format!("the model cannot be used: {e:#}"))).ok();
     let driver_ms = model.as_ref().map(|model| {
         let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
         time_of_an_answer(&mut driver)

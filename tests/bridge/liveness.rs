@@ -48,11 +48,12 @@ async fn a_token_too_many_after_a_pause_is_taken_out_of_the_game() {
     let dir = tempdir().unwrap();
     let running = Running::start(settings_with_kicks(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
-    simulator.ask(&telemetry("5.0000")).await;
+    let frame = telemetry("5.0000");
+    simulator.ask(&frame).await;
     simulator.text().await; // the kick: now the simulator holds two tokens
-    simulator.send(&telemetry("5.0000")).await;
+    simulator.send(&frame).await;
     tokio::time::sleep(Duration::from_millis(20)).await; // one game frame
-    simulator.send(&telemetry("5.0000")).await;
+    simulator.send(&frame).await;
     steer(&simulator.text().await);
     assert_eq!(simulator.text_within(Duration::from_millis(500)).await, None, "one answer for two telemetries");
     steer(&simulator.ask(&telemetry("5.0000")).await);

@@ -53,11 +53,20 @@ fn two_pilots_of_a_model_give_equal_answers_on_any_thread() {
 
 #[test]
 fn a_prediction_says_how_long_it_took_by_the_clock_that_was_handed_in() {
-    let mut pilot = load(shipped(), Instant::now).unwrap().pilot();
-    let begin = Instant::now();
-    let prediction = pilot.steer(&frame(), Mph::ZERO).unwrap();
-    let whole = begin.elapsed();
-    assert!(prediction.forward > prediction.preprocess && prediction.forward + prediction.preprocess <= whole);
+    fn frozen() -> Instant {
+        static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+        *START
+    }
+    let took = |clock| {
+        let mut pilot = load(shipped(), clock).unwrap().pilot();
+        let begin = Instant::now();
+        let prediction = pilot.steer(&frame(), Mph::ZERO).unwrap();
+        (prediction.preprocess, prediction.forward, begin.elapsed())
+    };
+    let (preprocess, forward, whole) = took(Instant::now);
+    assert!(!preprocess.is_zero() && !forward.is_zero() && preprocess + forward <= whole);
+    let (preprocess, forward, _) = took(frozen);
+    assert!(preprocess.is_zero() && forward.is_zero());
 }
 
 #[test]
