@@ -5,8 +5,8 @@
 //! Listener (TCP_QUICKACK) ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
 //!                                  └─▶ clients: socketioxide ────────────────┘       └────▶ Recorder
 //! ```
-//! [`gate`] tells simulators from other clients by what they say first. Each
-//! connection has a [`session::Session`] of its own: dialect, driver state, run.
+//! `gate` tells simulators from other clients by what they say first. Each
+//! connection has a `Session` of its own: dialect, driver state, run.
 //! The weights are shared.
 
 mod clients;

@@ -139,7 +139,7 @@ pub enum EventRecord {
     Simulator {
         /// Its name on the wire.
         name: String,
-        /// Its payload, as text; cut to [`MAX_TEXT`] characters.
+        /// Its payload, as text; cut to 2000 characters.
         payload: String,
     },
     /// Words of a person or a script.

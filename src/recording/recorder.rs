@@ -75,7 +75,7 @@ pub struct RecordingReport {
 /// Items wait in a bounded queue. Where the disk does not keep up, frames are
 /// dropped as soon as three quarters of it are taken and everything else only
 /// when it is full; all of it is counted, and the file gets one
-/// [`EventRecord::FramesNotRecorded`] once there is room again.
+/// [`EventRecord::FramesNotRecorded`](super::EventRecord::FramesNotRecorded) once there is room again.
 ///
 /// A full disk is a slow disk that may be waited for: the writer holds the chunk
 /// it is at and asks again every second, so that once somebody frees space the
