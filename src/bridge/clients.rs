@@ -92,9 +92,9 @@ async fn serve(socket: SocketRef, mut session: Session, mut incoming: mpsc::Rece
             () = gone.notified() => break "the client has left",
             () = &mut stopped => {
                 if let Some((answer, dialect)) = session.farewell() {
-                    let _ = emit(&socket, answer, dialect); // likewise
+                    let _ = emit(&socket, answer, dialect); // an error is a client that is gone already
                 }
-                let _ = socket.disconnect(); // an error is a client that is gone already
+                let _ = socket.disconnect(); // likewise
                 break "the bridge was stopped";
             }
         }

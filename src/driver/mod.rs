@@ -169,7 +169,7 @@ impl Driver {
         Ok(Command { steering, throttle: output.throttle })
     }
 
-    /// The way of a bad one: roll on straight as steered last, and stop if it stays bad.
+    /// The way of a bad one: roll on as steered last, and stop if it stays bad.
     fn safe(&mut self, at: Duration, speed: Speed, why: &str, trace: &mut Trace) -> Command {
         trace.by = By::Safety;
         self.bad.in_a_row += 1;
