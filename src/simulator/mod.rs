@@ -1,6 +1,13 @@
-//! Worlds of our own and how they speak to a bridge.
+//! A closed-loop world of our own and how it speaks to a bridge.
 //!
-//! For now only the speaking: [`client`] plays any [`crate::protocol::World`] to
-//! any bridge exactly as the Unity build does.
+//! | file | holds |
+//! |---|---|
+//! | [`track`] | roads: the stock simulator's three, and random ones |
+//! | [`vehicle`] | the car's physics |
+//! | [`scene`] | what stands and moves on the road |
+//! | [`client`] | plays any [`crate::protocol::World`] to any bridge as the Unity build does |
 
 pub mod client;
+pub mod scene;
+pub mod track;
+pub mod vehicle;
