@@ -5,9 +5,10 @@ CARGO ?= cargo
 
 .PHONY: drive test build lint bench interop clean
 
-# A simulator that replays the shipped recording, a bridge that drives it, and what came of it.
+# A lap of the lake in the headless simulator: first by the expert, who knows the road, then by the shipped model.
 drive: build
-	$(PYTHON) scripts/drive.py
+	target/release/lapwing drive --track lake --laps 1 --speed 20 --pilot expert --recordings runs
+	target/release/lapwing drive --track lake --laps 1 --recordings runs
 
 test: .libtorch/build-version
 	$(CARGO) test --release

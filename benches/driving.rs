@@ -14,13 +14,13 @@ use lapwing::{
     driver::Driver,
     nn::{Checkpoint, in_variable_store, runtime},
     perception::{Frame, Preprocess, Preprocessor, decode_base64, decode_jpeg},
-    pilot,
+    pilot::{self, View},
     protocol::{Observation, Sight},
-    units::Mph,
 };
 use tch::{Device, Kind, Tensor, nn::VarStore};
 
 mod lock_step;
+mod world;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
 
@@ -106,7 +106,7 @@ fn pilotnet_forward_as_in_training_on_threads(bencher: Bencher<'_, '_>, threads:
 fn pilot_steers_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
     tch::set_num_threads(threads);
     let (mut pilot, frame) = (pilot::load(MODEL, Instant::now).unwrap().pilot(), frame());
-    bencher.bench_local(|| pilot.steer(black_box(&frame), Mph::ZERO).unwrap());
+    bencher.bench_local(|| pilot.steer(&View::of(black_box(&frame))).unwrap());
 }
 
 /// JPEG bytes to command: the whole driver.

@@ -21,12 +21,188 @@ pub struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
+    /// Drive the headless simulator and print the scorecard
+    Drive(Drive),
     /// Wait for simulators, drive them and record the runs
     Serve(Serve),
+    /// Be a simulator: dial a bridge as the Unity build does, or let the expert drive
+    Simulate(Simulate),
+    /// Let the expert drive and write what the stock recorder would: driving_log.csv and IMG/
+    Record(Record),
     /// Show a recording to a model, or to any bridge, and compare the steering
     Replay(Replay),
     /// Say which libtorch is in use, and what is wrong if anything
     Doctor(Doctor),
+}
+
+/// Which world; shared by all verbs that simulate one.
+#[derive(Debug, Args)]
+pub struct World {
+    /// lake, jungle, mountain, random:SEED, or a track file (.toml) [default: lake]
+    #[arg(long, value_name = "NAME")]
+    pub track: Option<String>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Light, weather, camera: rain=0.5,night=1,noise=4 …; random; or a file (.toml)
+    #[arg(long, value_name = "LIST")]
+    pub conditions: Option<String>,
+    /// Other traffic: ccrs, ccrm, ccrb, cpna, child, or a scenario file (.toml)
+    #[arg(long, value_name = "NAME")]
+    pub scenario: Option<String>,
+    /// Telemetries a second of the simulated time [default: 15]
+    #[arg(long, value_name = "HZ")]
+    pub hz: Option<f64>,
+    /// After a crash: end the run, or go on from the next waypoint [default: stop]
+    #[arg(long, value_enum)]
+    pub on_crash: Option<OnCrash>,
+    /// End the run after so much simulated time, in seconds
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
+    pub max_time: Option<f64>,
+}
+
+/// What happens after a crash, by name.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum OnCrash {
+    Stop,
+    Reset,
+}
+
+/// Pictures for people.
+#[derive(Debug, Args)]
+pub struct Pictures {
+    /// Film of the drive: FILE.mp4, FILE.gif, or a folder for single pictures
+    #[arg(long, value_name = "FILE")]
+    pub video: Option<PathBuf>,
+    /// Where the film is taken from
+    #[arg(long, value_enum, default_value_t = View::Follow, requires = "video")]
+    pub view: View,
+    /// Map of the track with the driven line: FILE.svg or FILE.png
+    #[arg(long, value_name = "FILE")]
+    pub map: Option<PathBuf>,
+}
+
+/// Where a film is taken from.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum View {
+    /// Behind the car
+    Follow,
+    /// Above it
+    Top,
+    /// The centre camera, what the pilot sees
+    Car,
+}
+
+/// `lapwing drive`
+#[derive(Debug, Args)]
+pub struct Drive {
+    #[command(flatten)]
+    pub world: World,
+    /// Laps after which the run ends [default: 1, without a scenario]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    pub laps: Option<u32>,
+    /// Who steers: the model, or the expert, who knows the road
+    #[arg(long, value_enum, default_value_t = PilotKind::Model)]
+    pub pilot: PilotKind,
+    #[command(flatten)]
+    pub driving: Driving,
+    /// Tell the pilot and the run only what the stock build tells
+    #[arg(long)]
+    pub stock: bool,
+    #[command(flatten)]
+    pub pictures: Pictures,
+    #[command(flatten)]
+    pub thresholds: Thresholds,
+    /// Folder for the run [default: recordings]
+    #[arg(long, value_name = "DIR", conflicts_with = "no_recording")]
+    pub recordings: Option<PathBuf>,
+    /// Record nothing
+    #[arg(long)]
+    pub no_recording: bool,
+    /// Print the scorecard as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Who steers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PilotKind {
+    Model,
+    Expert,
+}
+
+/// What a run must reach, or the exit status is 3.
+#[derive(Debug, Args)]
+pub struct Thresholds {
+    /// Least completion, in percent of the laps asked for
+    #[arg(long, value_name = "PERCENT", value_parser = not_negative)]
+    pub min_completion: Option<f64>,
+    /// Most collisions
+    #[arg(long, value_name = "N")]
+    pub max_collisions: Option<u32>,
+    /// Most times off the road
+    #[arg(long, value_name = "N")]
+    pub max_off_road: Option<u32>,
+    /// Largest |cte| anywhere, in metres
+    #[arg(long, value_name = "METRES", value_parser = not_negative)]
+    pub max_cte: Option<f64>,
+}
+
+/// `lapwing simulate`
+#[derive(Debug, Args)]
+pub struct Simulate {
+    #[command(flatten)]
+    pub world: World,
+    /// Laps after which the run ends [default: 1, without a scenario]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    pub laps: Option<u32>,
+    /// Dial this bridge, drive.py included; without it the expert drives
+    #[arg(long, value_name = "HOST:PORT")]
+    pub connect: Option<String>,
+    /// Culture in which numbers are written and read
+    #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
+    pub culture: Culture,
+    /// Send only what the stock build sends, not SelfOracle's ground truth
+    #[arg(long, requires = "connect")]
+    pub stock: bool,
+    /// Keep step with the clock on the wall; otherwise as fast as the bridge answers
+    #[arg(long)]
+    pub realtime: bool,
+    /// A human takes the wheel at this time of the run, in seconds
+    #[arg(long, value_name = "SECONDS", requires = "human_for", value_parser = not_negative)]
+    pub human_from: Option<f64>,
+    /// And holds it for so long, in seconds
+    #[arg(long, value_name = "SECONDS", requires = "human_from", value_parser = above_zero)]
+    pub human_for: Option<f64>,
+    /// Speed of the expert and of the human, in mph
+    #[arg(long, value_name = "MPH", default_value_t = 20.0, value_parser = above_zero)]
+    pub speed: f64,
+    #[command(flatten)]
+    pub pictures: Pictures,
+    #[command(flatten)]
+    pub thresholds: Thresholds,
+    /// Print the scorecard as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing record`
+#[derive(Debug, Args)]
+pub struct Record {
+    #[command(flatten)]
+    pub world: World,
+    /// Laps to drive
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub laps: u32,
+    /// Folder to make, for driving_log.csv and IMG/
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Speed, in mph; bends are taken as slowly as they must be
+    #[arg(long, value_name = "MPH", default_value_t = 20.0, value_parser = above_zero)]
+    pub speed: f64,
+    /// Mix in disturbed starts and steering noise; the expert's correction is the label
+    #[arg(long)]
+    pub recovery: bool,
 }
 
 /// `lapwing serve`
@@ -34,6 +210,8 @@ pub enum Verb {
 pub struct Serve {
     #[command(flatten)]
     pub driving: Driving,
+    #[command(flatten)]
+    pub thinking: Thinking,
     /// Address to listen on; 0.0.0.0 for simulators on other machines [default: 127.0.0.1]
     #[arg(long, value_name = "ADDRESS")]
     pub bind: Option<String>,
@@ -69,6 +247,11 @@ pub struct Driving {
     /// After a human lets go: drive on, or stay off until armed (Enter, or POST /arm) [default: resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
+}
+
+/// How fast the model thinks; shared by the verbs that need not give the same bytes everywhere.
+#[derive(Debug, Args)]
+pub struct Thinking {
     /// Threads for one forward pass [default: what serves the network best]
     #[arg(long)]
     pub threads: Option<u16>,
@@ -95,6 +278,8 @@ pub struct Replay {
     pub source: PathBuf,
     #[command(flatten)]
     pub driving: Driving,
+    #[command(flatten)]
+    pub thinking: Thinking,
     /// Play the recording to a bridge as the Unity build would, instead of driving in process
     #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
     pub connect: Option<String>,
@@ -123,6 +308,16 @@ fn culture(name: &str) -> Result<Culture, String> {
     Culture::named(name).ok_or_else(|| format!("expected one of {}", known()))
 }
 
+fn above_zero(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
+    number.ok_or_else(|| "expected a number above 0".into())
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
+    number.ok_or_else(|| "expected a number of at least 0".into())
+}
+
 fn tolerance(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|t| *t >= 0.0).ok_or_else(|| "expected a number of at least 0".into())
 }
@@ -132,6 +327,8 @@ fn tolerance(text: &str) -> Result<f64, String> {
 pub struct Doctor {
     #[command(flatten)]
     pub driving: Driving,
+    #[command(flatten)]
+    pub thinking: Thinking,
     /// Print the findings as JSON
     #[arg(long)]
     pub json: bool,

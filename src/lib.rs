@@ -1,4 +1,4 @@
-//! Lapwing drives, records and replays the Udacity self-driving-car simulator.
+//! Lapwing drives, simulates, records, scores and replays the Udacity self-driving-car simulator.
 //!
 //! # The data's way
 //! ```text
@@ -16,7 +16,7 @@
 //! `Pilot`: says steering for a frame. `Controller`: makes throttle. `Command`:
 //! steering and throttle, normalised. `Driver`: perception, pilot and
 //! controllers. `World`: yields telemetry and takes commands. `Run`: what was
-//! recorded of one drive.
+//! recorded of one drive. `Score`: what a run is judged to be.
 //!
 //! # The map
 //! | module | holds | may import |
@@ -30,9 +30,11 @@
 //! | [`control`] | speed controllers, standstill, hand-over | `units` |
 //! | [`driver`] | the function above | everything above |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
-//! | [`simulator`] | the client that speaks as the Unity build does | `protocol`, `recording`, `units` |
+//! | [`score`] | what a run is judged to be | `protocol`, `recording`, `units` |
+//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `perception`, `pilot`, `protocol`, `recording`, `units` |
+//! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
 //! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `units` |
-//! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `recording` |
+//! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `recording` |
 //! | [`cli`], [`commands`] | clap types; one file a verb | all |
 //!
 //! Arrows never run upward; `tests/architecture.rs` holds the same table and
@@ -48,6 +50,7 @@ pub mod cli;
 pub mod commands;
 pub mod config;
 pub mod control;
+pub mod drive;
 pub mod driver;
 pub mod nn;
 pub mod perception;
@@ -55,5 +58,6 @@ pub mod pilot;
 pub mod protocol;
 pub mod recording;
 pub mod replay;
+pub mod score;
 pub mod simulator;
 pub mod units;

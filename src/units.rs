@@ -153,6 +153,17 @@ impl Degrees {
     }
 }
 
+/// A point of the line to drive, in the car's own frame: the origin is the car's, its nose points ahead.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PathPoint {
+    /// Metres ahead of the car's origin.
+    pub ahead_m: f64,
+    /// Metres to the right of it.
+    pub right_m: f64,
+    /// How the line bends there: 1/m, positive to the right.
+    pub curvature_per_m: f64,
+}
+
 /// What a fork means by `speed`: the stock build mph, some `pos_x` forks metres per second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum SpeedUnit {

@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 14] = [
+const MAY_IMPORT: [(&str, &[&str]); 16] = [
     ("units", &[]),
     ("config", &["units"]),
     ("protocol", &["units"]),
@@ -17,9 +17,11 @@ const MAY_IMPORT: [(&str, &[&str]); 14] = [
     ("control", &["units"]),
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
-    ("simulator", &["protocol", "recording", "units"]),
+    ("score", &["protocol", "recording", "units"]),
+    ("simulator", &["config", "perception", "pilot", "protocol", "recording", "units"]),
+    ("drive", &["driver", "protocol", "recording", "score", "units"]),
     ("replay", &["recording", "driver", "protocol", "units"]),
-    ("bridge", &["driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
+    ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
     ("cli", &["protocol", "replay"]),
     (
         "commands",
@@ -28,6 +30,7 @@ const MAY_IMPORT: [(&str, &[&str]); 14] = [
             "cli",
             "config",
             "control",
+            "drive",
             "driver",
             "nn",
             "perception",
@@ -35,6 +38,7 @@ const MAY_IMPORT: [(&str, &[&str]); 14] = [
             "protocol",
             "recording",
             "replay",
+            "score",
             "simulator",
             "units",
         ],

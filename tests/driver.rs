@@ -8,10 +8,14 @@ use std::{
 use lapwing::{
     config::{Control, SpeedLaw, Takeover},
     driver::{By, Driver, Happening},
-    perception::Frame,
-    pilot::{ConstantPilot, Pilot, PilotError, Prediction},
+    pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, TelemetryError, Truth},
-    units::{Degrees, Mph, Steering, Throttle},
+    simulator::{
+        expert::path_ahead,
+        track::Track,
+        vehicle::{Car, Ground, STEP_S},
+    },
+    units::{Degrees, Mph, PathPoint, Steering, Throttle},
 };
 
 use crate::support::jpeg;
@@ -92,6 +96,16 @@ fn a_reset_driver_answers_like_a_new_one() {
 }
 
 #[test]
+fn a_reset_driver_has_forgotten_the_human_too() {
+    let mut driver = driver(Control { takeover: Takeover::Latch, ..Control::default() });
+    driver.drive(&human(0));
+    driver.reset();
+    assert!(!driver.human_drives());
+    let (answer, trace) = driver.drive(&good(0, 0.0));
+    assert_eq!((command(answer), trace.by, trace.happenings), ((0.25, 0.918), By::Pilot, vec![]));
+}
+
+#[test]
 fn a_takeover_has_a_beginning_an_end_and_a_duration() {
     let mut driver = driver(Control::default());
     driver.drive(&good(0, 4.0));
@@ -152,7 +166,7 @@ fn telemetry_without_a_speed_is_braked_by_the_last_speed_known() {
 struct Failing;
 
 impl Pilot for Failing {
-    fn steer(&mut self, _: &Frame, _: Mph) -> Result<Prediction, PilotError> {
+    fn steer(&mut self, _: &View<'_>) -> Result<Prediction, PilotError> {
         Err(PilotError::NotFinite(f64::NAN))
     }
     fn reset(&mut self) {}
@@ -164,4 +178,69 @@ fn a_pilot_that_fails_is_a_bad_frame_and_not_the_end() {
     let (answer, trace) = driver.drive(&good(0, 5.0));
     assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Safety));
     assert!(matches!(&trace.happenings[0], Happening::BadFrame { why, .. } if why.starts_with("pilot: ")));
+}
+
+/// A straight line, its points a metre apart, that bends at the end.
+fn path() -> Vec<PathPoint> {
+    let point =
+        |i: u32| PathPoint { ahead_m: i.into(), right_m: 0.0, curvature_per_m: if i == 40 { 0.1 } else { 0.0 } };
+    (0..=40).map(point).collect()
+}
+
+#[test]
+fn a_pilot_that_knows_the_line_needs_no_picture_and_holds_the_speed_below_its_limit() {
+    let control = Control { speed_mph: Mph::new(60.0).unwrap(), ..Control::default() };
+    let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, frozen);
+    let mut observation = seen(0, 35.0, CameraImage::Jpeg("no picture".into()));
+    let Sight::Telemetry(telemetry) = &mut observation.sight else { unreachable!() };
+    telemetry.truth.path = path();
+    // 4 m/s² sideways in a bend of 10 m, 3 m/s² over the 40 m before it: v² = 40 + 240 (m/s)².
+    let limit = 280f64.sqrt() / 0.447_04;
+    let (answer, trace) = driver.drive(&observation);
+    assert_eq!((command(answer).0, trace.by), (0.0, By::Pilot));
+    assert!((command(answer).1 - 0.1 * (limit - 35.0)).abs() < 1e-9, "{answer:?}, expected {limit} mph to be held");
+
+    let (_, trace) = driver.drive(&good(66, 20.0));
+    let Happening::BadFrame { why, .. } = &trace.happenings[0] else { panic!("{trace:?}") };
+    assert!(why.contains("lapwing drive"), "a world without a path: {why}");
+}
+
+#[test]
+fn the_path_is_neither_recorded_nor_something_told() {
+    let truth = Truth { path: path(), ..Truth::default() };
+    assert!(truth.is_empty());
+    assert_eq!(serde_json::to_string(&truth).unwrap(), "{}");
+}
+
+#[test]
+fn the_driver_laps_every_track_by_the_line_it_is_told() {
+    for (name, mph) in [("lake", 30.0), ("jungle", 20.0), ("mountain", 30.0), ("random:1", 30.0)] {
+        let track = Track::open(name).unwrap();
+        let control = Control { speed_mph: Mph::new(mph).unwrap(), ..Control::default() };
+        let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, frozen);
+        let start = track.driving_line()[0];
+        let mut car = Car { position: start.position, yaw: start.yaw, ..Car::default() };
+        let mut place = track.locate(car.position, None);
+        let (mut gone, mut steps, mut answer) = (0.0, 0u32, Answer::Steer(lapwing::protocol::Command::default()));
+        while gone < track.length() {
+            let Answer::Steer(command) = answer else { panic!("{answer:?}") };
+            // Each 60 ms a telemetry, whose answer takes effect with the next one.
+            let mut observation = seen(u64::from(steps) * 20, car.speed / 0.447_04, CameraImage::default());
+            let Sight::Telemetry(telemetry) = &mut observation.sight else { unreachable!() };
+            path_ahead(&track, &place, &car, &mut telemetry.truth.path);
+            answer = driver.drive(&observation).0;
+            for _ in 0..3 {
+                let station = place.station;
+                car.step(command, Ground { height: station.position.y, grade: station.grade, grip: 1.0 });
+                let next = track.locate(car.position, Some(station.s));
+                let moved = track.ahead(station.s, next.station.s);
+                gone += if moved > track.length() / 2.0 { moved - track.length() } else { moved };
+                place = next;
+                steps += 1;
+            }
+            let beyond = place.offset.abs() - track.half_width();
+            assert!(beyond < -1.2, "{name} at {:.0} m: {beyond:.2} m beyond the edge", place.station.s);
+            assert!(f64::from(steps) * STEP_S < 240.0, "{name}: too slow, {gone:.0} m in 4 minutes");
+        }
+    }
 }

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use lapwing::recording::udacity::DrivingLog;
+use lapwing::{protocol::number, recording::udacity::DrivingLog};
 
 /// A folder of shared test data: `$LAPWING_SHARED`, by default beside the project's.
 fn shared(folder: &str) -> Option<PathBuf> {
@@ -59,4 +59,23 @@ fn real_drives_are_read_with_all_their_pictures() {
         let median = intervals[intervals.len() / 2];
         assert!((median - interval_ms).abs() < 15.0, "{name}: {median} ms");
     }
+}
+
+#[test]
+fn every_number_of_real_drives_is_written_as_the_simulator_wrote_it() {
+    let Some(folder) = shared("recordings") else { return };
+    let (mut count, mut with_exponent) = (0, 0);
+    for name in ["lake", "jungle", "mountain"] {
+        for line in fs::read_to_string(folder.join(name).join("driving_log.csv")).unwrap().lines() {
+            for text in line.split(',').skip(3).map(str::trim) {
+                assert_eq!(number::single(text.parse().unwrap()), text, "{name}");
+                count += 1;
+                with_exponent += u32::from(text.contains('E'));
+            }
+        }
+    }
+    assert!(
+        count == 4 * (2200 + 1500 + 1084) && with_exponent > 10,
+        "{count} numbers, {with_exponent} with an exponent"
+    );
 }

@@ -8,4 +8,5 @@ mod parity;
 mod program;
 mod recording;
 mod replay;
+mod simulator;
 mod support;

@@ -12,8 +12,7 @@ use std::{
 use lapwing::{
     nn::Checkpoint,
     perception::{Frame, Preprocessor, decode_jpeg},
-    pilot,
-    units::Mph,
+    pilot::{self, View},
 };
 use tch::Tensor;
 
@@ -81,7 +80,7 @@ fn jpeg_to_steering_agrees_with_pytorch_within_0_01_on_30_real_frames() {
         let (name, expected) = row.split_once(',').unwrap();
         let expected: f64 = expected.parse().unwrap();
         let frame = frame(&shared.join("recordings").join(name));
-        let steering = pilot.steer(&frame, Mph::ZERO).unwrap().steering;
+        let steering = pilot.steer(&View::of(&frame)).unwrap().steering;
         let difference = (steering - expected).abs();
         assert!(difference < 0.01, "{name}: expected {expected}, got {steering}");
         if difference > worst.0 {

@@ -19,7 +19,7 @@ fn said(output: &Output) -> (i32, String, String) {
     (output.status.code().unwrap(), text(&output.stdout), text(&output.stderr))
 }
 
-const RUN: &str = "recordings/plain-road.mcap";
+const RUN: &str = "recordings/lake.mcap";
 
 #[test]
 fn wrong_usage_is_2_and_says_expected_and_got() {
@@ -47,7 +47,7 @@ fn a_file_that_is_not_there_is_1_and_named_once() {
 
 #[test]
 fn a_replay_that_agrees_is_0_and_one_that_does_not_is_1_with_the_frames_named() {
-    let golden = "recordings/plain-road.golden";
+    let golden = "recordings/lake.golden";
     let (code, out, err) = said(&lapwing(&["replay", RUN, "--golden", golden]));
     assert_eq!(code, 0, "{out}{err}");
     assert!(out.contains("every command agrees within 0.001"), "{out}");

@@ -21,7 +21,7 @@ use tokio::{io::AsyncReadExt, io::AsyncWriteExt, net::TcpListener};
 use crate::support::{Running, jpeg, settings};
 
 fn shipped() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/plain-road.mcap")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap")
 }
 
 fn in_process(path: &Path) -> Replay {
@@ -158,7 +158,7 @@ async fn a_run_recorded_by_the_bridge_replays_to_the_commands_that_were_given() 
 
 #[test]
 fn the_shipped_model_still_answers_the_shipped_run_as_it_did() {
-    // Written by `lapwing replay recordings/plain-road.mcap --write-golden recordings/plain-road.golden`.
+    // Written by `lapwing replay recordings/lake.mcap --write-golden recordings/lake.golden`.
     let golden = Golden::read(&shipped().with_extension("golden")).unwrap();
     assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-3), []);
 }

@@ -30,7 +30,7 @@ struct Findings {
 }
 
 pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let settings = super::layers(config, &arguments.driving)?.resolve()?;
+    let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
     let mut troubles = Vec::new();
     let model = super::load_model(&settings)
         .map_err(|e| troubles.push(format!("the model cannot be used: {}", super::told(&e))))

@@ -1,24 +1,33 @@
 //! One file a verb. Results go to stdout, diagnostics to stderr.
 
 mod doctor;
+mod drive;
+mod record;
 mod replay;
 mod serve;
+mod simulate;
+mod world;
 
 use std::{
     io::{self, IsTerminal, Write},
     num::NonZeroU16,
     path::Path,
     process::ExitCode,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
 use tracing_subscriber::EnvFilter;
 
 use crate::{
-    cli::{Cli, Driving, SpeedLaw, Takeover, Verb},
+    cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Verb},
     config::{ConfigError, Layers, Settings},
     nn::runtime,
     pilot::{self, Model},
+    simulator::world::{Ending, Simulation},
 };
 
 /// How a verb ended, as the exit status tells it.
@@ -26,9 +35,11 @@ use crate::{
 enum Ended {
     Passed,
     Failed,
+    /// Finished, but below a threshold that the user set.
+    Missed,
 }
 
-/// Runs the verb; 0 passed, 1 failed, 2 wrong usage.
+/// Runs the verb; 0 passed, 1 failed, 2 wrong usage, 3 finished below a threshold.
 pub fn run(cli: Cli) -> ExitCode {
     let log = EnvFilter::try_from_env("LAPWING_LOG").unwrap_or_else(|_| EnvFilter::new("lapwing=info,warn"));
     tracing_subscriber::fmt()
@@ -39,6 +50,9 @@ pub fn run(cli: Cli) -> ExitCode {
         .init();
     let config = cli.config.as_deref();
     let ended = match cli.verb {
+        Verb::Drive(arguments) => drive::run(arguments, config),
+        Verb::Simulate(arguments) => simulate::run(arguments, config),
+        Verb::Record(arguments) => record::run(arguments, config),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
@@ -46,6 +60,7 @@ pub fn run(cli: Cli) -> ExitCode {
     match ended {
         Ok(Ended::Passed) => ExitCode::SUCCESS,
         Ok(Ended::Failed) => ExitCode::FAILURE,
+        Ok(Ended::Missed) => ExitCode::from(3),
         Err(error) => {
             eprintln!("error: {}", told(&error));
             ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
@@ -71,11 +86,50 @@ fn told(error: &anyhow::Error) -> String {
         .fold(error.to_string(), |told, cause| if told.contains(&cause) { told } else { format!("{told}: {cause}") })
 }
 
-/// Settings file and environment, then the flags that all driving verbs share.
-fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigError> {
+/// Ctrl-C, for a loop that is to end in an orderly way.
+#[derive(Clone)]
+struct Interrupted(Arc<AtomicBool>);
+
+impl Interrupted {
+    /// Ends the run if Ctrl-C was pressed.
+    fn end(&self, simulation: &mut Simulation) {
+        if self.0.load(Ordering::Relaxed) {
+            simulation.end(Ending::Interrupted);
+        }
+    }
+}
+
+/// Listens for Ctrl-C from now on; a second one ends the program where it is.
+fn interrupted() -> Interrupted {
+    let pressed = Interrupted(Arc::default());
+    let told = pressed.clone();
+    std::thread::spawn(move || {
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
+        runtime.block_on(async {
+            for again in [false, true] {
+                if tokio::signal::ctrl_c().await.is_err() {
+                    return;
+                }
+                if again {
+                    std::process::exit(130);
+                }
+                told.0.store(true, Ordering::Relaxed);
+            }
+        });
+    });
+    pressed
+}
+
+/// Settings file and environment.
+fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
     // Variables that are no Unicode cannot be any of ours.
     let environment = std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v.into_string().ok()?)));
-    let mut layers = Layers::default().file(config)?.environment(environment)?;
+    Layers::default().file(config)?.environment(environment)
+}
+
+/// Those, then the flags that all driving verbs share.
+fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigError> {
+    let mut layers = undriven_layers(config)?;
     if let Some(path) = &driving.model {
         layers = layers.set("--model", "model.path", path.to_string_lossy().into_owned())?;
     }
@@ -96,10 +150,16 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
         };
         layers = layers.set("--takeover", "control.takeover", name)?;
     }
-    if let Some(threads) = driving.threads {
-        layers = layers.set("--threads", "model.threads", i64::from(threads))?;
-    }
     Ok(layers)
+}
+
+/// Those, then the flags of the verbs whose model may think in several threads.
+fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking) -> Result<Layers, ConfigError> {
+    let layers = layers(config, driving)?;
+    match thinking.threads {
+        Some(threads) => layers.set("--threads", "model.threads", i64::from(threads)),
+        None => Ok(layers),
+    }
 }
 
 /// Loads the model that the settings name, or the one built in.

@@ -37,7 +37,7 @@ struct Comparison {
 }
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let settings = super::layers(config, &arguments.driving)?.resolve()?;
+    let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
     // Read before the work is done, so that a wrong file does not cost a whole replay.
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
     let mut replay = Replay::open(&arguments.source, arguments.rate)?;

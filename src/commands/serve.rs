@@ -17,7 +17,7 @@ use crate::{
 };
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let mut layers = super::layers(config, &arguments.driving)?;
+    let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
     if let Some(bind) = &arguments.bind {
         layers = layers.set("--bind", "bridge.bind", bind.as_str())?;
     }

@@ -57,6 +57,11 @@ impl Handover {
         was_off
     }
 
+    /// The pilot drives, as at the start: another run begins.
+    pub fn reset(&mut self) {
+        self.hands = Hands::Pilot;
+    }
+
     /// Whether a human's takeover has put the pilot off until it is armed.
     pub fn is_off(&self) -> bool {
         self.hands == Hands::Off

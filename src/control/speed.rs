@@ -57,9 +57,13 @@ impl Pi {
         Self { gains, set_speed, integral: 0.0 }
     }
 
-    /// One telemetry on.
-    pub fn update(&mut self, speed: Mph) -> ThrottleOutput {
+    /// One telemetry on. Under a limit below the set speed the controller holds the limit instead, and the sum of
+    /// errors rests: it belongs to the set speed.
+    pub fn update(&mut self, speed: Mph, limit: Option<Mph>) -> ThrottleOutput {
         let PiGains { kp, ki } = self.gains;
+        if let Some(limit) = limit.filter(|limit| *limit < self.set_speed) {
+            return clamped(kp * (limit.get() - speed.get()), ki * self.integral, speed);
+        }
         let error = self.set_speed.get() - speed.get();
         let output = clamped(kp * error, ki * (self.integral + error), speed);
         let pushes_on = output.saturated && (output.p + output.i - output.throttle.get()) * error * ki.signum() > 0.0;
@@ -70,6 +74,9 @@ impl Pi {
         output
     }
 }
+
+/// Lu's law divides by the limit; a pilot's may be nought.
+const SLOWEST_LIMIT_MPH: f64 = 0.1;
 
 /// Lu's law: `throttle = 1 - steering² - (speed / limit)²` (End to End Learning for Self-Driving Cars).
 #[derive(Debug, Clone)]
@@ -83,9 +90,10 @@ impl Quadratic {
         Self { limit }
     }
 
-    /// Throttle for the steering about to be commanded and the speed now.
-    pub fn update(&self, steering: Steering, speed: Mph) -> ThrottleOutput {
-        let share = speed.get() / self.limit.get();
+    /// Throttle for the steering about to be commanded and the speed now, under a limit that may be lower for now.
+    pub fn update(&self, steering: Steering, speed: Mph, limit: Option<Mph>) -> ThrottleOutput {
+        let limit = limit.map_or(self.limit.get(), |limit| limit.get().clamp(SLOWEST_LIMIT_MPH, self.limit.get()));
+        let share = speed.get() / limit;
         clamped(1.0 - steering.get().powi(2) - share * share, 0.0, speed)
     }
 }
@@ -100,11 +108,12 @@ pub enum SpeedController {
 }
 
 impl SpeedController {
-    /// Throttle for the steering about to be commanded and the speed now.
-    pub fn update(&mut self, steering: Steering, speed: Mph) -> ThrottleOutput {
+    /// Throttle for the steering about to be commanded and the speed now. `limit`, where there is one, is what the
+    /// pilot holds fast enough for the road ahead: the set speed is that for this step, if it is lower.
+    pub fn update(&mut self, steering: Steering, speed: Mph, limit: Option<Mph>) -> ThrottleOutput {
         match self {
-            Self::Pi(pi) => pi.update(speed),
-            Self::Quadratic(quadratic) => quadratic.update(steering, speed),
+            Self::Pi(pi) => pi.update(speed, limit),
+            Self::Quadratic(quadratic) => quadratic.update(steering, speed, limit),
         }
     }
 
@@ -139,7 +148,7 @@ mod tests {
             (10.4, -0.079_200_000_000_000_05),
             (9.1, 0.050_599_999_999_999_964),
         ] {
-            let output = pi.update(mph(speed));
+            let output = pi.update(mph(speed), None);
             assert!((output.throttle.get() - expected).abs() < 1e-12, "{speed} mph: {output:?}, expected {expected}");
             assert!(!output.saturated);
         }
@@ -149,25 +158,41 @@ mod tests {
     fn the_integral_does_not_wind_up_while_the_throttle_is_full() {
         let mut pi = Pi::new(PiGains::default(), mph(30.0));
         for _ in 0..10_000 {
-            let output = pi.update(mph(0.0));
+            let output = pi.update(mph(0.0), None);
             assert_eq!((output.throttle, output.saturated, output.i), (Throttle::MAX, true, 0.0));
         }
-        assert_eq!(pi.update(mph(29.0)).throttle.get(), 0.1 + 0.002);
+        assert_eq!(pi.update(mph(29.0), None).throttle.get(), 0.1 + 0.002);
     }
 
     #[test]
     fn no_controller_reverses_the_car() {
         let mut pi = Pi::new(PiGains::default(), mph(2.0));
-        assert_eq!(pi.update(mph(4.9)).throttle, Throttle::ZERO);
-        assert!(pi.update(mph(5.1)).throttle < Throttle::ZERO);
-        assert_eq!(Quadratic::new(mph(3.0)).update(Steering::ZERO, mph(4.0)).throttle, Throttle::ZERO);
+        assert_eq!(pi.update(mph(4.9), None).throttle, Throttle::ZERO);
+        assert!(pi.update(mph(5.1), None).throttle < Throttle::ZERO);
+        assert_eq!(Quadratic::new(mph(3.0)).update(Steering::ZERO, mph(4.0), None).throttle, Throttle::ZERO);
     }
 
     #[test]
     fn lus_law_is_one_less_the_squares() {
         let law = Quadratic::new(mph(20.0));
-        assert_eq!(law.update(Steering::new(-0.5).unwrap(), mph(10.0)).throttle.get(), 0.5);
-        let fast = law.update(Steering::MAX, mph(30.0));
+        assert_eq!(law.update(Steering::new(-0.5).unwrap(), mph(10.0), None).throttle.get(), 0.5);
+        let fast = law.update(Steering::MAX, mph(30.0), None);
         assert_eq!((fast.throttle, fast.saturated), (Throttle::MIN, true));
+    }
+
+    #[test]
+    fn a_lower_limit_is_the_set_speed_for_as_long_as_it_holds_and_a_higher_one_is_none() {
+        let mut pi = Pi::new(PiGains::default(), mph(20.0));
+        pi.update(mph(19.0), None);
+        for _ in 0..100 {
+            let slower = pi.update(mph(14.0), Some(mph(12.0)));
+            assert_eq!((slower.p, slower.i), (0.1 * -2.0, 0.002), "the sum of errors rests");
+        }
+        assert_eq!(pi.update(mph(19.0), Some(mph(25.0))).throttle.get(), 0.1 + 0.004);
+
+        let law = Quadratic::new(mph(20.0));
+        assert_eq!(law.update(Steering::ZERO, mph(5.0), Some(mph(10.0))).throttle.get(), 0.75);
+        assert_eq!(law.update(Steering::ZERO, mph(10.0), Some(mph(40.0))).throttle.get(), 0.75);
+        assert_eq!(law.update(Steering::ZERO, mph(10.0), Some(Mph::ZERO)).throttle, Throttle::MIN);
     }
 }

@@ -19,7 +19,7 @@ use crate::{
     config::{self, SpeedLaw, Takeover},
     control::{Change, Handover, Pi, PiGains, Quadratic, Speed, SpeedController, Standstill},
     perception::{self, Frame, ImageError},
-    pilot::{Pilot, PilotError},
+    pilot::{Pilot, PilotError, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
     units::{Clock, Mph, Steering, Throttle},
 };
@@ -133,6 +133,7 @@ impl Driver {
     pub fn reset(&mut self) {
         self.pilot.reset();
         self.speed.reset();
+        self.handover.reset();
         self.bad = BadFrames::default();
         self.last = Command::default();
         self.speed_told = None;
@@ -156,14 +157,17 @@ impl Driver {
             trace.by = By::Nobody;
             return Ok(Command::default()); // wheels straight, the car rolls out
         }
-        perception::decode_jpeg(&jpeg, &mut self.frame)?;
+        if self.pilot.needs_picture() {
+            perception::decode_jpeg(&jpeg, &mut self.frame)?;
+        }
         trace.decode = (self.clock)() - began;
-        let prediction = self.pilot.steer(&self.frame, telemetry.speed)?;
+        let view = View { frame: &self.frame, speed: telemetry.speed, path: &telemetry.truth.path };
+        let prediction = self.pilot.steer(&view)?;
         trace.preprocess = prediction.preprocess;
         trace.forward = prediction.forward;
         trace.prediction = Some(prediction.steering);
         let steering = Steering::saturating(prediction.steering);
-        let output = self.speed.update(steering, telemetry.speed);
+        let output = self.speed.update(steering, telemetry.speed, prediction.speed_limit);
         trace.throttle = Some(output);
         trace.by = By::Pilot;
         Ok(Command { steering, throttle: output.throttle })

@@ -48,7 +48,7 @@ impl Frame {
 
     /// Takes another size. What the picture then shows is unspecified: whoever
     /// calls paints all of it. Memory is kept.
-    pub(super) fn resize(&mut self, width: usize, height: usize) {
+    pub(crate) fn resize(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.rgb.resize(width * height * 3, 0);
     }

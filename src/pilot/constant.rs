@@ -1,10 +1,7 @@
 //! The pilot that does not look.
 
-use super::{Pilot, PilotError, Prediction};
-use crate::{
-    perception::Frame,
-    units::{Mph, Steering},
-};
+use super::{Pilot, PilotError, Prediction, View};
+use crate::units::Steering;
 
 /// Says the same steering for every frame: for tests, and the baseline that any network must beat.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +17,7 @@ impl ConstantPilot {
 }
 
 impl Pilot for ConstantPilot {
-    fn steer(&mut self, _: &Frame, _: Mph) -> Result<Prediction, PilotError> {
+    fn steer(&mut self, _: &View<'_>) -> Result<Prediction, PilotError> {
         Ok(Prediction { steering: self.steering.get(), ..Prediction::default() })
     }
 
@@ -30,12 +27,13 @@ impl Pilot for ConstantPilot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::perception::Frame;
 
     #[test]
     fn it_says_the_same_whatever_it_sees() {
         let mut pilot = ConstantPilot::new(Steering::new(-0.25).unwrap());
         for frame in [Frame::default(), Frame::new(1, 1, vec![255; 3]).unwrap()] {
-            assert_eq!(pilot.steer(&frame, Mph::ZERO).unwrap().steering, -0.25);
+            assert_eq!(pilot.steer(&View::of(&frame)).unwrap().steering, -0.25);
         }
     }
 }

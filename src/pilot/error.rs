@@ -61,6 +61,11 @@ pub enum PilotError {
     /// A network for something else.
     #[error("expected a network whose first output is steering, got {0:?}")]
     NotSteering(Vec<String>),
+    /// A pilot that follows the road's line needs to know it, and only worlds of our own tell it.
+    #[error(
+        "expected a world that tells the line to drive, got telemetry without one: this pilot drives with lapwing drive, not with a simulator of others"
+    )]
+    NoPath,
     /// The frame does not suit the preprocessing, or that cannot be.
     #[error(transparent)]
     Preprocess(#[from] PreprocessError),

@@ -2,14 +2,18 @@
 //!
 //! [`load`] reads a file, [`built_in`] the shipped one, into a [`Model`], of which any number of independent
 //! pilots drive with the same weights, each on a thread of its own if need be.
-//! A [`Pilot`] takes a decoded frame and answers with a [`Prediction`]: what the
+//! A [`Pilot`] takes a [`View`], a decoded frame above all, and answers with a [`Prediction`]: what the
 //! network said, unclamped, and how long it took. What is made of it, throttle
 //! included, is `control`'s and `driver`'s.
+//!
+//! [`PurePursuit`] is the pilot that needs no network and no picture: it follows the line that a world
+//! of our own tells. The expert of recordings, and the first lap of whoever has no model yet.
 
 mod constant;
 mod error;
 mod model;
 pub mod network;
+mod pure_pursuit;
 pub mod torchscript;
 
 use std::time::Duration;
@@ -17,21 +21,45 @@ use std::time::Duration;
 pub use constant::ConstantPilot;
 pub use error::PilotError;
 pub use model::{Model, built_in, load};
+pub use pure_pursuit::{PurePursuit, Pursuit, PursuitGains};
 
-use crate::{perception::Frame, units::Mph};
+use crate::{
+    perception::Frame,
+    units::{Mph, PathPoint},
+};
+
+/// What a pilot may know of this moment.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The picture. One seen earlier, or none, for a pilot that says it needs no picture.
+    pub frame: &'a Frame,
+    /// The speed now.
+    pub speed: Mph,
+    /// The line to drive, from beside the car on; empty where the world tells none.
+    pub path: &'a [PathPoint],
+}
+
+impl<'a> View<'a> {
+    /// A picture seen from a standing car in a world that tells no path.
+    pub fn of(frame: &'a Frame) -> Self {
+        Self { frame, speed: Mph::ZERO, path: &[] }
+    }
+}
 
 /// What a pilot says for one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Prediction {
     /// Normalised steering, positive to the right: finite, but beyond -1 and 1 where the network goes there.
     pub steering: f64,
+    /// The fastest that the pilot would be, where it judges that at all.
+    pub speed_limit: Option<Mph>,
     /// From the frame to a network's input.
     pub preprocess: Duration,
     /// From the input to the answer.
     pub forward: Duration,
 }
 
-/// Says a steering angle for a frame.
+/// Says a steering angle for what a car sees.
 ///
 /// A pilot may remember earlier frames; one pilot drives one car. It learns the
 /// time from the [`Clock`](crate::units::Clock) it was made with, and only to
@@ -40,8 +68,13 @@ pub trait Pilot: Send {
     /// The steering for what the car sees now, at the speed it has now.
     ///
     /// # Errors
-    /// [`PilotError`] where the frame does not suit the pilot or the network has no finite answer.
-    fn steer(&mut self, frame: &Frame, speed: Mph) -> Result<Prediction, PilotError>;
+    /// [`PilotError`] where the view does not suit the pilot or the network has no finite answer.
+    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError>;
+
+    /// Whether it looks at the picture at all; if not, none need be decoded for it.
+    fn needs_picture(&self) -> bool {
+        true
+    }
 
     /// Forgets all frames seen: another run begins.
     fn reset(&mut self);

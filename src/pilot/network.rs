@@ -4,11 +4,11 @@ use std::fmt;
 
 use tch::Tensor;
 
-use super::{Pilot, PilotError, Prediction};
+use super::{Pilot, PilotError, Prediction, View};
 use crate::{
     nn::{Checkpoint, Network, NnError},
     perception::{Frame, Preprocess, Preprocessor},
-    units::{Clock, Mph},
+    units::Clock,
 };
 
 /// What the first output of a driving network is called.
@@ -40,8 +40,8 @@ impl NetworkPilot {
 }
 
 impl Pilot for NetworkPilot {
-    fn steer(&mut self, frame: &Frame, _: Mph) -> Result<Prediction, PilotError> {
-        self.eye.steer(frame, |input| self.network.forward(input))
+    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
+        self.eye.steer(view.frame, |input| self.network.forward(input))
     }
 
     fn reset(&mut self) {}
@@ -95,7 +95,12 @@ impl Eye {
         self.preprocessor.apply(frame, &mut self.input)?;
         let preprocessed = (self.clock)();
         let steering = self.answer(forward)?;
-        Ok(Prediction { steering, preprocess: preprocessed - begin, forward: (self.clock)() - preprocessed })
+        Ok(Prediction {
+            steering,
+            preprocess: preprocessed - begin,
+            forward: (self.clock)() - preprocessed,
+            ..Prediction::default()
+        })
     }
 
     /// The first number that `forward` makes of the input.

@@ -23,11 +23,11 @@ use std::{fs, path::Path, sync::Arc};
 use serde::Deserialize;
 use tch::{CModule, Device};
 
-use super::{Pilot, PilotError, Prediction, network::Eye};
+use super::{Pilot, PilotError, Prediction, View, network::Eye};
 use crate::{
     nn::{NnError, first_line},
-    perception::{Frame, Preprocess},
-    units::{Clock, Mph},
+    perception::Preprocess,
+    units::Clock,
 };
 
 /// Steers by the first output of a TorchScript module, on the CPU.
@@ -82,8 +82,8 @@ impl TorchScriptPilot {
 }
 
 impl Pilot for TorchScriptPilot {
-    fn steer(&mut self, frame: &Frame, _: Mph) -> Result<Prediction, PilotError> {
-        self.eye.steer(frame, |input| Ok(self.module.forward_ts(&[input])?))
+    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
+        self.eye.steer(view.frame, |input| Ok(self.module.forward_ts(&[input])?))
     }
 
     fn reset(&mut self) {}

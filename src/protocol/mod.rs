@@ -23,5 +23,5 @@ pub use command::{Answer, Command, MAX_LAPS, SteerError};
 pub use dialect::Dialect;
 pub use packet::{Event, Packet, PacketError};
 pub use payload::Payload;
-pub use telemetry::{CameraImage, Telemetry, TelemetryError, Truth, encode_telemetry};
+pub use telemetry::{CameraImage, Telemetry, TelemetryError, Truth, encode_superset, encode_telemetry};
 pub use world::{Observation, Sight, World};

@@ -78,6 +78,62 @@ pub fn write_universal(out: &mut String, value: f64) {
     write!(out, "{}e-4", (value * 1e4).round() as i64).expect("writing to a String cannot fail");
 }
 
+/// C#'s `float.ToString()` where the decimal separator is a point, as the training recorder writes its log:
+/// seven significant digits, halves away from nought, no needless zeros, and an exponent where the first
+/// digit stands below the fourth decimal or above the millions (`4.540283E-05`, `1.5E+07`).
+///
+/// Source: .NET's format `G7`, the default of `float` in Unity's runtimes.
+pub fn single(value: f64) -> String {
+    const DIGITS: usize = 7;
+    let value = value as f32;
+    if value == 0.0 {
+        return "0".into(); // a negative one, too
+    }
+    if !value.is_finite() {
+        return if value.is_nan() { "NaN".into() } else { if value > 0.0 { "Infinity" } else { "-Infinity" }.into() };
+    }
+    // More digits than any half needs to be told from its neighbours; Rust itself would round halves to even.
+    let exact = format!("{:.40e}", value.abs());
+    let (mantissa, exponent) = exact.split_once('e').expect("an exponent was asked for");
+    let mut exponent: i32 = exponent.parse().expect("the exponent of a float");
+    let mut digits: Vec<u8> = mantissa.bytes().filter(u8::is_ascii_digit).collect();
+    let up = digits[DIGITS] >= b'5';
+    digits.truncate(DIGITS);
+    if up {
+        match digits.iter().rposition(|d| *d != b'9') {
+            Some(last) => {
+                digits[last] += 1;
+                digits.truncate(last + 1);
+            }
+            None => {
+                digits = vec![b'1'];
+                exponent += 1;
+            }
+        }
+    }
+    while digits.len() > 1 && digits.last() == Some(&b'0') {
+        digits.pop();
+    }
+    let sign = if value < 0.0 { "-" } else { "" };
+    let digits: String = digits.into_iter().map(char::from).collect();
+    match exponent {
+        -4..0 => format!("{sign}0.{}{digits}", "0".repeat((-exponent - 1) as usize)),
+        0..7 => {
+            let whole = exponent as usize + 1;
+            match digits.split_at_checked(whole) {
+                Some((whole, "")) => format!("{sign}{whole}"),
+                Some((whole, decimals)) => format!("{sign}{whole}.{decimals}"),
+                None => format!("{sign}{digits:0<whole$}"),
+            }
+        }
+        _ => {
+            let (first, rest) = digits.split_at(1);
+            let point = if rest.is_empty() { "" } else { "." };
+            format!("{sign}{first}{point}{rest}E{exponent:+03}")
+        }
+    }
+}
+
 /// The separators of a player's culture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Culture {
@@ -105,6 +161,15 @@ impl Culture {
 
     /// C#'s `value.ToString("N4")`.
     pub fn n4(self, value: f64) -> String {
+        self.four_decimals(value, true)
+    }
+
+    /// C#'s `value.ToString("F4")`: as [`Culture::n4`], without grouping.
+    pub fn f4(self, value: f64) -> String {
+        self.four_decimals(value, false)
+    }
+
+    fn four_decimals(self, value: f64, grouped: bool) -> String {
         let plain = format!("{:.4}", value.abs());
         let (whole, decimals) = plain.split_once('.').expect("four decimals were asked for");
         let mut text = String::with_capacity(plain.len() + 4);
@@ -113,7 +178,7 @@ impl Culture {
             text.push('-');
         }
         for (i, digit) in whole.chars().enumerate() {
-            if i > 0 && (whole.len() - i) % 3 == 0 {
+            if grouped && i > 0 && (whole.len() - i) % 3 == 0 {
                 text.push(self.group);
             }
             text.push(digit);
@@ -235,6 +300,42 @@ mod tests {
         assert_eq!(ch.n4(-1234.5), "-1'234.5000");
         assert_eq!(fa.n4(-1234.5), "1,234/5000-");
         assert_eq!(us.n4(-0.000_01), "0.0000");
+        assert_eq!(
+            Culture::ALL.map(|c| c.f4(-1234.5)),
+            ["-1234.5000", "-1234,5000", "-1234,5000", "-1234.5000", "1234/5000-"]
+        );
+    }
+
+    #[test]
+    fn single_is_c_sharps() {
+        for (value, text) in [
+            (0.0, "0"),
+            (-0.0, "0"),
+            (0.649_786_4, "0.6497864"),
+            (-0.05, "-0.05"),
+            (30.175_23, "30.17523"),
+            (4.540_283e-5, "4.540283E-05"),
+            (7.968_108e-6, "7.968108E-06"),
+            (0.000_485_161_3, "0.0004851613"),
+            (1e-5, "1E-05"),
+            (0.0001, "0.0001"),
+            (-1.25e-12, "-1.25E-12"),
+            (1e-30, "1E-30"),
+            (100.0, "100"),
+            (1_234_567.0, "1234567"),
+            (1_234_566.5, "1234567"),
+            (12_345_678.0, "1.234568E+07"),
+            (1e10, "1E+10"),
+            (0.999_999_94, "0.9999999"),
+            (9_999_999.5, "1E+07"),
+            (0.000_099_999_999, "0.0001"),
+            (1.0 / 3.0, "0.3333333"),
+            (16_777_217.0, "1.677722E+07"),
+            (f64::NAN, "NaN"),
+            (f64::NEG_INFINITY, "-Infinity"),
+        ] {
+            assert_eq!(single(value), text, "{value:e}");
+        }
     }
 
     #[test]

@@ -76,12 +76,13 @@ impl<'a> Payload<'a> {
                 crashes: fields.count("tot_crashes"),
                 brake: fields.number("brake").ok(),
                 distance: fields.optional("distance"),
-                sim_time_s: fields.number("sim_time").ok(),
+                sim_time_s: fields.number("sim_time_us").map(|us| us / 1e6).or_else(|_| fields.number("sim_time")).ok(),
                 heading_error: fields.optional("ang_diff"),
                 position: position(),
                 hit: fields.text("hit").filter(|hit| hit != "none"),
                 track: fields.text("track"),
                 timestamp: fields.text("timestamp"),
+                path: Vec::new(),
             },
         })
     }
@@ -102,7 +103,7 @@ enum Scalar<'a> {
 }
 
 /// The fields that mean something, in the order of `values`.
-const FIELDS: [&str; 24] = [
+const FIELDS: [&str; 25] = [
     "steering_angle",
     "throttle",
     "speed",
@@ -119,6 +120,7 @@ const FIELDS: [&str; 24] = [
     "brake",
     "distance",
     "sim_time",
+    "sim_time_us",
     "ang_diff",
     "pos_x",
     "pos_y",
@@ -243,10 +245,10 @@ struct Key<'a>(#[serde(borrow)] Cow<'a, str>);
 #[cfg(test)]
 mod tests {
     use super::{
-        super::{Packet, encode_telemetry, number::Culture},
+        super::{Answer, Command, Packet, encode_superset, encode_telemetry, number::Culture},
         *,
     };
-    use crate::units::Metres;
+    use crate::units::{Degrees, Metres};
 
     fn decode_in(unit: SpeedUnit, text: &str) -> Result<Option<(Dialect, Telemetry)>, TelemetryError> {
         let message = Bytes::copy_from_slice(text.as_bytes());
@@ -293,6 +295,72 @@ mod tests {
         assert_eq!(encode_telemetry(&telemetry, "/9j/4AAQ", Culture::ALL[0]), STOCK);
         let german = encode_telemetry(&telemetry, "/9j/4AAQ", Culture::named("de-DE").unwrap());
         assert_eq!(known(&german).1, telemetry);
+    }
+
+    fn with_truth() -> Telemetry {
+        Telemetry {
+            truth: Truth {
+                lap: Some(2),
+                waypoint: Some(17),
+                crashed: Some(true),
+                out_of_bounds: Some(3),
+                crashes: Some(1),
+                distance: Some(Metres::constant(2_345.678_9)),
+                cte: Some(Metres::constant(-0.759_8)),
+                brake: Some(0.25),
+                sim_time_s: Some(83.066_667),
+                heading_error: Some(Degrees::constant(-3.125)),
+                ..Truth::default()
+            },
+            ..known(STOCK).1
+        }
+    }
+
+    #[test]
+    fn what_we_write_as_a_selforacle_build_is_its_literal_text() {
+        let expected = concat!(
+            r#"42["telemetry",{"steering_angle":"-1.2500","throttle":"0.3000","speed":"30.1903","#,
+            r#""lapNumber":"2","currentWayPoint":"17","crash":"1","tot_obes":"3","tot_crashes":"1","#,
+            r#""distance":"2345.6789","cte":"-0.7598","brake":"0.2500","sim_time":"83","ang_diff":"-3.1250","#,
+            r#""sim_time_us":"83066667","image":"/9j/4AAQ"}]"#
+        );
+        assert_eq!(encode_superset(&with_truth(), "/9j/4AAQ", Culture::ALL[0]), expected);
+    }
+
+    #[test]
+    fn ground_truth_comes_through_the_wire_in_every_culture() {
+        let calm = Telemetry {
+            truth: Truth { crashed: Some(false), brake: Some(0.0), sim_time_s: Some(0.0), ..with_truth().truth },
+            ..with_truth()
+        };
+        let little = Telemetry { truth: Truth { lap: Some(1), ..Truth::default() }, ..with_truth() };
+        for culture in Culture::ALL {
+            for telemetry in [with_truth(), calm.clone(), little.clone()] {
+                let text = encode_superset(&telemetry, "/9j/4AAQ", culture);
+                assert_eq!(known(&text), (Dialect::SelfOracle, telemetry), "{}: {text}", culture.name);
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_lap_number_the_stock_text_is_written() {
+        let stock = known(STOCK).1;
+        assert_eq!(encode_superset(&stock, "/9j/4AAQ", Culture::ALL[0]), STOCK);
+        let telemetry = Telemetry { truth: Truth { lap: None, ..with_truth().truth }, ..stock };
+        assert_eq!(encode_superset(&telemetry, "/9j/4AAQ", Culture::ALL[0]), STOCK);
+    }
+
+    #[test]
+    fn the_answer_to_our_ground_truth_has_all_that_the_family_requires() {
+        let (dialect, _) = known(&encode_superset(&with_truth(), "", Culture::ALL[0]));
+        let (event, json) = Answer::Steer(Command::default()).event(Some(dialect));
+        let answer: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&json).unwrap();
+        assert_eq!(event, "steer");
+        for key in ["steering_angle", "throttle", "confidence", "loss", "max_laps"] {
+            let text = answer[key].as_str().unwrap_or_else(|| panic!("{key} is no text in {json}"));
+            assert!(Culture::ALL.iter().all(|c| c.float_parse(text).is_ok()), "{key}: {text}");
+        }
+        assert!(Command::parse_as_simulator(Some(&RawValue::from_string(json).unwrap()), Culture::ALL[1]).is_ok());
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! Telemetry: one message from a simulator as typed values with units, and
-//! written as the stock build writes it.
+//! written as the stock build and the builds of the SelfOracle family write it.
 
-use std::fmt;
+use std::fmt::{self, Write};
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use super::number::{Culture, NotANumber};
-use crate::units::{Degrees, Metres, Mph, OutOfRange, Throttle};
+use crate::units::{Degrees, Metres, Mph, OutOfRange, PathPoint, Throttle};
 
 /// One message from a simulator, decoded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -105,12 +105,16 @@ pub struct Truth {
     /// The simulator's timestamp, as it wrote it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timestamp: Option<String>,
+    /// The line to drive, a point each metre from beside the car on. Worlds in this process tell it, to a pilot that
+    /// follows it; it is neither sent nor recorded.
+    #[serde(skip)]
+    pub path: Vec<PathPoint>,
 }
 
 impl Truth {
-    /// Whether nothing was told beyond the stock build.
+    /// Whether nothing was told beyond the stock build that is worth a record; the path never is.
     pub fn is_empty(&self) -> bool {
-        *self == Self::default()
+        *self == Self { path: self.path.clone(), ..Self::default() }
     }
 }
 
@@ -152,4 +156,48 @@ pub fn encode_telemetry(telemetry: &Telemetry, image: &str, culture: Culture) ->
         culture.n4(telemetry.throttle.get()),
         culture.n4(telemetry.speed.get()),
     )
+}
+
+/// Writes telemetry as the builds of the SelfOracle family do, ground truth and all.
+///
+/// `image` is base64. Truth that is `None` is left out. Without a lap number this is the stock build's
+/// text: by `lapNumber` a bridge knows this family, and other truth alone would look like a dialect
+/// that is answered in another form.
+///
+/// Keys stand as in that family's `CommandServer.cs`, the picture last. Its bridges read counts and
+/// `sim_time` with Python's `int()` and the rest with `float()`. So `sim_time` is in whole seconds and
+/// `distance`, which soon has thousands, without grouping; `sim_time_us`, which is Lapwing's own and
+/// passed over by others, has the time in full.
+pub fn encode_superset(telemetry: &Telemetry, image: &str, culture: Culture) -> String {
+    let truth = &telemetry.truth;
+    if truth.lap.is_none() {
+        return encode_telemetry(telemetry, image, culture);
+    }
+    let mut text = String::with_capacity(image.len() + 512);
+    text.push_str(r#"42["telemetry",{"#);
+    let mut field = |key: &str, value: Option<String>| {
+        if let Some(value) = value {
+            write!(text, r#""{key}":"{value}","#).expect("writing to a String cannot fail");
+        }
+    };
+    let n4 = |value: f64| Some(culture.n4(value));
+    let count = |count: u32| Some(count.to_string());
+    field("steering_angle", n4(telemetry.steering.get()));
+    field("throttle", n4(telemetry.throttle.get()));
+    field("speed", n4(telemetry.speed.get()));
+    field("lapNumber", truth.lap.and_then(count));
+    field("currentWayPoint", truth.waypoint.and_then(count));
+    field("crash", truth.crashed.and_then(|crashed| count(crashed.into())));
+    field("tot_obes", truth.out_of_bounds.and_then(count));
+    field("tot_crashes", truth.crashes.and_then(count));
+    field("distance", truth.distance.map(|distance| culture.f4(distance.get())));
+    field("cte", truth.cte.and_then(|cte| n4(cte.get())));
+    field("brake", truth.brake.and_then(n4));
+    field("sim_time", truth.sim_time_s.map(|s| format!("{:.0}", s.floor())));
+    field("ang_diff", truth.heading_error.and_then(|error| n4(error.get())));
+    field("sim_time_us", truth.sim_time_s.map(|s| format!("{:.0}", s * 1e6)));
+    text.push_str(r#""image":""#);
+    text.push_str(image);
+    text.push_str(r#""}]"#);
+    text
 }

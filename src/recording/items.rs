@@ -1,13 +1,13 @@
 //! What a run is made of: its header, and the items that happen in it.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, time::Duration};
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{FORMAT_VERSION, RecordingError};
 use crate::{
-    protocol::{CameraImage, Dialect, Telemetry},
+    protocol::{CameraImage, Dialect, Telemetry, World},
     units::{Steering, Throttle},
 };
 
@@ -41,6 +41,10 @@ pub struct ModelId {
 
 /// One thing that is recorded.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a third of all items are telemetries; a box would cost an allocation a frame"
+)]
 pub enum Item {
     /// What the simulator told. Its picture is not recorded with it but as a [`Frame`](Self::Frame).
     Telemetry(Telemetry),
@@ -142,6 +146,60 @@ pub enum EventRecord {
         /// Its payload, as text; cut to 2000 characters.
         payload: String,
     },
+    /// What is to be driven; before the first telemetry, where the world knows.
+    Course {
+        /// The track's name.
+        track: String,
+        /// Once around, in metres.
+        length_m: f64,
+        /// Waypoints around it, counted by the telemetry's `waypoint`.
+        waypoints: u32,
+        /// Laps asked for; none where only time ends the run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        laps: Option<u32>,
+        /// Metres from the road's middle at which its edge is.
+        edge_m: f64,
+        /// The script of the other traffic, by name.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        scenario: Option<String>,
+    },
+    /// A lap was completed.
+    Lap {
+        /// The how manieth, from 1.
+        number: u32,
+        /// How long it took.
+        time_s: f64,
+    },
+    /// The car hit something.
+    Collision {
+        /// What.
+        with: String,
+        /// How fast the two met.
+        speed_mph: f64,
+    },
+    /// The car left the road.
+    OffRoad {
+        /// How far from the road's middle it was, positive to the right.
+        offset_m: f64,
+    },
+    /// And came back.
+    BackOnRoad {
+        /// How long it was off.
+        after_s: f64,
+    },
+    /// The car does not get away.
+    Stuck,
+    /// And did after all.
+    Moving,
+    /// The car drives against the direction of the track.
+    WrongWay,
+    /// And turned round.
+    RightWay,
+    /// The car was put back on the road.
+    Reset {
+        /// The waypoint.
+        waypoint: u32,
+    },
     /// Words of a person or a script.
     Note {
         /// The words.
@@ -152,6 +210,12 @@ pub enum EventRecord {
         /// By what.
         why: String,
     },
+}
+
+/// A world that says what happens in it besides its telemetry.
+pub trait Eventful: World {
+    /// What has happened since the last call, in the order of time.
+    fn take_events(&mut self) -> Vec<(Duration, EventRecord)>;
 }
 
 /// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
@@ -192,7 +256,17 @@ impl EventRecord {
             | Self::BrakingToStandstill
             | Self::FramesNotRecorded { .. }
             | Self::Kick
-            | Self::PilotArmed => {}
+            | Self::PilotArmed
+            | Self::Course { .. }
+            | Self::Lap { .. }
+            | Self::Collision { .. }
+            | Self::OffRoad { .. }
+            | Self::BackOnRoad { .. }
+            | Self::Stuck
+            | Self::Moving
+            | Self::WrongWay
+            | Self::RightWay
+            | Self::Reset { .. } => {}
         }
     }
 }

@@ -1,11 +1,12 @@
 //! Runs on disk: one drive is one MCAP file, written while driving and read
-//! back for scoring and replay; and Udacity's own folders, read as they are.
+//! back for scoring and replay; and Udacity's own folders, read as they are and written.
 //!
 //! A [`Recorder`] takes [`Item`]s from the driving loop and never holds it up;
 //! its own thread writes them. A [`RunReader`] yields the same items again, a
 //! file cut off by a crash up to its last whole chunk, and joins them into
 //! [`Moment`]s for replay. [`udacity`] reads `driving_log.csv` in all the
-//! shapes that simulators, locales and scripts leave it in.
+//! shapes that simulators, locales and scripts leave it in, and writes it as
+//! the simulator's own recorder does.
 //!
 //! Nothing here decodes a picture, judges a run or knows a model: frames are
 //! JPEG bytes as received.
@@ -40,7 +41,7 @@ pub mod udacity;
 mod writer;
 
 pub use format::FORMAT_VERSION;
-pub use items::{By, CommandRecord, EventRecord, Item, ModelId, RunHeader};
+pub use items::{By, CommandRecord, EventRecord, Eventful, Item, ModelId, RunHeader};
 pub use moments::{Moment, Moments, Step};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
@@ -129,6 +130,18 @@ pub enum RecordingError {
         got: String,
         /// What to do.
         help: &'static str,
+    },
+    /// A folder that is to be recorded into has a driving log already.
+    #[error("{}: expected no driving log yet, got one: choose another folder, or append to it", path.display())]
+    LogExists {
+        /// The CSV file.
+        path: PathBuf,
+    },
+    /// A folder whose path cannot stand in a driving log.
+    #[error("{:?}: expected a folder without quotes or line breaks in its path, which no driving log can hold", path)]
+    LogFolder {
+        /// The folder.
+        path: PathBuf,
     },
     /// A driving log without a row.
     #[error("{}: expected rows of a driving log, got none", path.display())]

@@ -58,6 +58,8 @@ pub(super) struct Queue {
     state: Mutex<State>,
     /// Something was queued, or the recorder closes.
     changed: Condvar,
+    /// Something was taken out, or the writer is gone.
+    taken: Condvar,
 }
 
 #[derive(Debug)]
@@ -163,7 +165,7 @@ impl Queue {
             warned: None,
             last: Duration::ZERO,
         };
-        Self { path, state: Mutex::new(state), changed: Condvar::new() }
+        Self { path, state: Mutex::new(state), changed: Condvar::new(), taken: Condvar::new() }
     }
 
     pub(super) fn lock(&self) -> MutexGuard<'_, State> {
@@ -189,6 +191,15 @@ impl Queue {
         warn
     }
 
+    /// Waits until half of the queue is free, or nobody empties it any more.
+    pub(super) fn wait_for_half(&self) {
+        let full = |state: &mut State| {
+            let bytes = state.waiting_bytes > MAX_WAITING_BYTES / 2;
+            !state.dead && (state.waiting.len() > state.capacity / 2 || bytes)
+        };
+        drop(self.taken.wait_while(self.lock(), full).unwrap_or_else(PoisonError::into_inner));
+    }
+
     /// Waits for an item, for `due`, or for the end.
     pub(super) fn next(&self, due: Option<Instant>) -> Next {
         let mut state = self.lock();
@@ -200,6 +211,7 @@ impl Queue {
             if let Some((at, item)) = state.waiting.pop_front() {
                 state.unflushed.add(&item);
                 state.waiting_bytes -= bytes_of(&item);
+                self.taken.notify_one();
                 return Next::Item(at, item);
             }
             if state.closing {
@@ -229,6 +241,7 @@ impl Queue {
         for (_, item) in std::mem::take(&mut state.waiting) {
             state.lost.add(&item);
         }
+        self.taken.notify_one();
         if state.failed.is_none() {
             state.failed = Some(error.to_string());
             drop(state);

@@ -153,6 +153,12 @@ impl Recorder {
         }
     }
 
+    /// Waits for the disk until half of the queue is free: for a world that can stand still,
+    /// so that nothing of its run is dropped.
+    pub fn wait_for_room(&self) {
+        self.queue.wait_for_half();
+    }
+
     /// How the recording fares. Cheap.
     pub fn status(&self) -> RecorderStatus {
         let state = self.queue.lock();

@@ -23,7 +23,7 @@ use tokio_tungstenite::tungstenite::{
 };
 
 use crate::protocol::{
-    Answer, CameraImage, Command, Packet, Sight, Telemetry, World, encode_telemetry, number::Culture,
+    Answer, CameraImage, Command, Packet, Sight, Telemetry, World, encode_superset, encode_telemetry, number::Culture,
 };
 
 /// websocket-sharp's `FragmentLength`: payload bytes in one frame.
@@ -37,6 +37,9 @@ const PING: Duration = Duration::from_secs(25);
 pub struct ClientOptions {
     /// The player's culture, in which numbers are written and read.
     pub culture: Culture,
+    /// Whether to tell only what the stock build tells. Default no: ground truth that a world has is sent
+    /// as builds of the SelfOracle family send it, see [`encode_superset`].
+    pub stock: bool,
     /// Silence after which a bridge counts as stalled. Default 10 s.
     pub stall: Duration,
     /// How long a bridge may take to greet before the first telemetry. Default 100 ms.
@@ -45,7 +48,12 @@ pub struct ClientOptions {
 
 impl Default for ClientOptions {
     fn default() -> Self {
-        Self { culture: Culture::ALL[0], stall: Duration::from_secs(10), greeting: Duration::from_millis(100) }
+        Self {
+            culture: Culture::ALL[0],
+            stock: false,
+            stall: Duration::from_secs(10),
+            greeting: Duration::from_millis(100),
+        }
     }
 }
 
@@ -189,7 +197,10 @@ struct Client<'a> {
 impl Client<'_> {
     fn observed(&mut self, sight: &Sight) -> Result<(), ClientError> {
         let text = match sight {
-            Sight::Telemetry(telemetry) => encode_telemetry(telemetry, &base64_of(telemetry), self.options.culture),
+            Sight::Telemetry(telemetry) => {
+                let encode = if self.options.stock { encode_telemetry } else { encode_superset };
+                encode(telemetry, &base64_of(telemetry), self.options.culture)
+            }
             // What could not be read when it was recorded is not in the recording.
             Sight::HumanDrives | Sight::Unreadable(_) => r#"42["telemetry",null]"#.to_owned(),
         };
@@ -387,3 +398,6 @@ fn read_head(stream: &mut TcpStream) -> io::Result<(String, Vec<u8>)> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

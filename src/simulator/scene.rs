@@ -1,5 +1,7 @@
 //! What stands and moves on a road: seen by the camera, hit by the car.
 
+use std::fmt;
+
 use glam::DVec3;
 
 /// Something beside the road itself: an oriented box to the car, a picture to the camera.
@@ -43,5 +45,17 @@ impl ActorKind {
             Self::Cone => DVec3::new(0.4, 0.75, 0.4),
             Self::Barrier => DVec3::new(2.0, 1.0, 0.4),
         }
+    }
+}
+
+impl fmt::Display for ActorKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Car => "a car",
+            Self::Pedestrian => "a pedestrian",
+            Self::Child => "a child",
+            Self::Cone => "a cone",
+            Self::Barrier => "a barrier",
+        })
     }
 }

@@ -137,7 +137,7 @@ class Bridge:
 
 def lapwing(*arguments):
     """A verb that prints JSON; returns it parsed."""
-    done = subprocess.run([LAPWING, *arguments], cwd=RUNS, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([LAPWING, *map(str, arguments)], cwd=RUNS, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
     equal(f"exit of lapwing {arguments[0]} ({done.stderr[-300:].strip()})", done.returncode, 0)
     return json.loads(done.stdout)
 

@@ -22,6 +22,7 @@ import checks_clients
 import checks_drives
 import checks_runs
 import checks_server
+import checks_simulate
 from bridge import FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skipped
 
 # Name, check, whether it needs the shared folder, what it holds to.
@@ -34,6 +35,8 @@ CHECKS = [
     ("late-start", checks_drives.late_start, True, "a simulator that missed its start is kicked"),
     ("human", checks_drives.human, True, "a human takes over and lets go"),
     ("replay", checks_drives.replay, True, "a replay in process and over the bridge agree"),
+    ("simulate", checks_simulate.simulate_serve, False, "the headless simulator drives against our bridge"),
+    ("drive.py", checks_simulate.simulate_drive_py, False, "and against python-socketio 4 on eventlet, as drive.py"),
     ("crash", checks_runs.crash, True, "kill -9 costs at most the last second of a run"),
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
     ("abuse", checks_server.abuse, False, "malformed messages get one safe answer each"),

@@ -1,7 +1,7 @@
 use std::{path::PathBuf, thread, time::Instant};
 
 use super::*;
-use crate::{perception::Frame, units::Mph};
+use crate::{perception::Frame, pilot::View, units::Mph};
 
 fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("models/pilotnet.safetensors")
@@ -18,7 +18,7 @@ fn frame() -> Frame {
 }
 
 fn steering(pilot: &mut dyn Pilot) -> f64 {
-    pilot.steer(&frame(), Mph::new(20.0).unwrap()).unwrap().steering
+    pilot.steer(&View { speed: Mph::new(20.0).unwrap(), ..View::of(&frame()) }).unwrap().steering
 }
 
 fn error(path: &Path) -> String {
@@ -60,7 +60,7 @@ fn a_prediction_says_how_long_it_took_by_the_clock_that_was_handed_in() {
     let took = |clock| {
         let mut pilot = load(shipped(), clock).unwrap().pilot();
         let begin = Instant::now();
-        let prediction = pilot.steer(&frame(), Mph::ZERO).unwrap();
+        let prediction = pilot.steer(&View::of(&frame())).unwrap();
         (prediction.preprocess, prediction.forward, begin.elapsed())
     };
     let (preprocess, forward, whole) = took(Instant::now);

@@ -3,7 +3,7 @@ use std::{path::PathBuf, time::Instant};
 use tch::{Device, Kind, Tensor};
 
 use super::*;
-use crate::pilot::load;
+use crate::{perception::Frame, pilot::load};
 
 /// A drawn frame of the stock simulator's size.
 fn frame() -> Frame {
@@ -44,7 +44,7 @@ fn a_torchscript_module_drives_by_its_first_output() {
     assert!(model.name().starts_with("torchscript ("), "{}", model.name());
     let mean = frame().rgb().iter().map(|x| f64::from(*x)).sum::<f64>() / frame().rgb().len() as f64;
     for _ in 0..2 {
-        let steering = model.pilot().steer(&frame(), Mph::ZERO).unwrap().steering;
+        let steering = model.pilot().steer(&View::of(&frame())).unwrap().steering;
         assert!((steering - mean / 255.0 / 2.0).abs() < 0.005, "{steering} {mean}");
     }
 }

@@ -16,8 +16,11 @@
 //! - decimal points and decimal commas, see [`line`].
 //!
 //! Pictures are not opened here, and whether they exist is not asked.
+//!
+//! [`DrivingLogWriter`] writes such folders, exactly as the simulator's recorder does.
 
 mod line;
+mod writer;
 
 use std::{
     fs,
@@ -28,6 +31,7 @@ use std::{
 use jiff::civil::{Date, DateTime, Time};
 
 use self::line::{Bad, Column, Layout};
+pub use self::writer::{DrivingLogWriter, Sample};
 use super::RecordingError;
 use crate::units::{Mph, Steering, Throttle};
 

@@ -1,5 +1,7 @@
 //! Tracks as files.
 
+use std::{fmt, path::PathBuf};
+
 use serde::{Deserialize, Serialize};
 
 /// A track as a person writes it, in TOML.
@@ -101,7 +103,7 @@ impl Edge {
     pub const fn stands_off_m(self) -> f64 {
         match self {
             Self::Kerb | Self::Dirt => 0.0,
-            Self::Bridge => 0.6,
+            Self::Bridge => 1.9, // its wall's foot: 1.4 m where it begins, 2.8 m where it ends
             Self::Blocks => 1.2,
             Self::Rock => 3.0,
             Self::Water => 8.0,
@@ -109,14 +111,45 @@ impl Edge {
     }
 }
 
+impl fmt::Display for Edge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Kerb => "a kerb",
+            Self::Dirt => "the dirt",
+            Self::Bridge => "the bridge's wall",
+            Self::Blocks => "a concrete block",
+            Self::Rock => "a rock face",
+            Self::Water => "the water",
+        })
+    }
+}
+
 /// Why there is no such road.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
     /// No track of that name.
-    #[error("unknown track: expected lake, jungle, mountain or random:SEED, got {got:?}")]
+    #[error(
+        "unknown track: expected lake, jungle, mountain, random, random:SEED or a file ending in .toml, got {got:?}"
+    )]
     Unknown {
         /// The name.
         got: String,
+    },
+    /// A track's file cannot be read.
+    #[error("{path} cannot be read: {source}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// A track's file is none.
+    #[error("{path}: {source}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: Box<TrackError>,
     },
     /// Not the TOML of a track.
     #[error("track file: {0}")]
@@ -175,7 +208,7 @@ impl TrackFile {
         if !(2.5..=50.0).contains(&self.width_m) {
             return wrong("width_m".into(), "2.5 to 50", self.width_m.to_string());
         }
-        if !(self.driving_line_m.abs() <= self.width_m / 2.0) {
+        if !(0.0..=self.width_m / 2.0).contains(&self.driving_line_m.abs()) {
             return wrong("driving_line_m".into(), "a place on the road", self.driving_line_m.to_string());
         }
         let Start { x, y, z, yaw_deg } = self.start;

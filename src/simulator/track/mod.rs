@@ -7,12 +7,16 @@
 //! along the road counts from the first control point in driving order and
 //! wraps around; an offset is positive to the right of the middle.
 
+mod driving;
 mod file;
 mod line;
 mod random;
 
+use std::fs;
+
 use glam::DVec3;
 
+pub use driving::LinePoint;
 pub use file::{Edge, Side, Start, Stretch, Theme, TrackError, TrackFile};
 pub use random::RandomTrack;
 
@@ -61,6 +65,8 @@ pub struct Track {
     file: TrackFile,
     stations: Vec<Station>,
     length: f64,
+    driving_line: Vec<LinePoint>,
+    driving_line_length: f64,
 }
 
 impl Track {
@@ -81,6 +87,26 @@ impl Track {
         Self::new(TrackFile::parse(text)?)
     }
 
+    /// A track by what a person calls it: one of [`Track::NAMES`], `random:SEED` for a [`RandomTrack`] (`random` for
+    /// that of seed 0), or the path of a track's file, which ends in `.toml`.
+    ///
+    /// # Errors
+    /// [`TrackError`], naming the file where it is one.
+    pub fn open(name: &str) -> Result<Self, TrackError> {
+        let unknown = || TrackError::Unknown { got: name.to_owned() };
+        if let Some(seed) = if name == "random" { Some("0") } else { name.strip_prefix("random:") } {
+            let seed = seed.parse().map_err(|_| unknown())?;
+            return Self::new(RandomTrack { seed, ..RandomTrack::default() }.build()?);
+        }
+        if !name.ends_with(".toml") {
+            return Self::named(name);
+        }
+        let text = fs::read_to_string(name).map_err(|source| TrackError::Read { path: name.into(), source })?;
+        TrackFile::parse(&text)
+            .and_then(Self::new)
+            .map_err(|source| TrackError::File { path: name.into(), source: Box::new(source) })
+    }
+
     /// Lays a road out.
     ///
     /// # Errors
@@ -88,7 +114,8 @@ impl Track {
     pub fn new(file: TrackFile) -> Result<Self, TrackError> {
         file.check()?;
         let (stations, length) = line::lay_out(&file.control_points, STATION_STEP_M);
-        Ok(Self { file, stations, length })
+        let (driving_line, driving_line_length) = driving::smooth(&stations, file.driving_line_m, file.width_m);
+        Ok(Self { file, stations, length, driving_line, driving_line_length })
     }
 
     /// What it was laid out from.
@@ -109,6 +136,16 @@ impl Track {
     /// All stations, evenly spaced from `s` = 0 around to just before it.
     pub fn stations(&self) -> &[Station] {
         &self.stations
+    }
+
+    /// The line to drive, smoothed: a point beside each station.
+    pub fn driving_line(&self) -> &[LinePoint] {
+        &self.driving_line
+    }
+
+    /// Once around on the line to drive, in metres along the ground plane.
+    pub fn driving_line_length(&self) -> f64 {
+        self.driving_line_length
     }
 
     /// The road at distance `s`, which wraps.
@@ -191,6 +228,23 @@ mod tests {
             let track = Track::named(name).unwrap();
             assert!((track.length() - length).abs() < 6.0, "{name} is {} m long, expected {length}", track.length());
         }
+    }
+
+    #[test]
+    fn a_track_is_opened_by_name_by_seed_or_by_file() {
+        assert_eq!(Track::open("lake").unwrap(), Track::named("lake").unwrap());
+        assert_eq!(Track::open("random:3").unwrap().file().name, "random:3");
+        assert_eq!(Track::open("random").unwrap(), Track::open("random:0").unwrap());
+        let own = concat!(env!("CARGO_MANIFEST_DIR"), "/src/simulator/track/jungle.toml");
+        assert_eq!(Track::open(own).unwrap(), Track::named("jungle").unwrap());
+        for name in ["moon", "random:", "random:-1", "random:x"] {
+            let error = Track::open(name).unwrap_err().to_string();
+            assert!(error.ends_with(&format!("or a file ending in .toml, got {name:?}")), "{error}");
+        }
+        let error = Track::open("nowhere/my.toml").unwrap_err().to_string();
+        assert!(error.starts_with("nowhere/my.toml cannot be read: "), "{error}");
+        let error = Track::open(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).unwrap_err().to_string();
+        assert!(error.contains("/Cargo.toml: track file: TOML parse error at line "), "{error}");
     }
 
     #[test]

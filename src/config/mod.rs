@@ -4,6 +4,10 @@
 //! values are refused with the layer that holds them. The resolved whole goes
 //! into every run, so that a run says how it was driven.
 
+mod simulator;
+
+pub use simulator::{OnCrash, Rules, RulesError, Simulator};
+
 use std::{
     fs, io,
     net::{IpAddr, Ipv4Addr},
@@ -33,6 +37,8 @@ pub struct Settings {
     pub control: Control,
     /// What is kept of a drive.
     pub recording: Recording,
+    /// The headless simulator.
+    pub simulator: Simulator,
 }
 
 /// `[bridge]`
@@ -61,6 +67,7 @@ pub struct Model {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub path: Option<PathBuf>,
     /// Threads that libtorch may use for one forward pass; 0, the default, leaves the choice to the network.
+    /// `drive` always takes one: another number rounds otherwise, and the same seed must give the same run everywhere.
     pub threads: u16,
 }
 
@@ -266,6 +273,10 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     }
     if settings.model.threads > 1024 {
         return Err(error(format!("model.threads: expected at most 1024, got {}", settings.model.threads)));
+    }
+    settings.simulator.rules.check().map_err(|why| error(format!("simulator.rules: {why}")))?;
+    if !(1.0..=50.0).contains(&settings.simulator.hz) {
+        return Err(error(format!("simulator.hz: expected 1 to 50 a second, got {}", settings.simulator.hz)));
     }
     if settings.recording.queue < 16 {
         return Err(error(format!("recording.queue: expected at least 16, got {}", settings.recording.queue)));

@@ -1,0 +1,145 @@
+//! `lapwing drive`: a world, a driver, a run and its scorecard in one process.
+
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use serde::Serialize;
+use serde_json::json;
+
+use super::{Ended, world};
+use crate::{
+    cli::{self, PilotKind},
+    drive::{self, Drive},
+    driver::Driver,
+    pilot::{Pilot, PurePursuit},
+    protocol::Dialect,
+    recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader},
+    score::Scorecard,
+    simulator::world::Simulation,
+    units::Mph,
+};
+
+/// What the expert is called in a run.
+const EXPERT: &str = "expert (pure pursuit on the known line)";
+
+#[derive(Serialize)]
+struct Result_<'a> {
+    pilot: &'a str,
+    seed: u64,
+    #[serde(flatten)]
+    card: &'a Scorecard,
+    frames: u64,
+    fingerprint: &'a str,
+    times_real_time: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    run: Option<String>,
+    missed: &'a [String],
+}
+
+pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let mut layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
+    if let Some(dir) = &arguments.recordings {
+        layers = layers.set("--recordings", "recording.dir", dir.to_string_lossy().into_owned())?;
+    }
+    if arguments.no_recording {
+        layers = layers.set("--no-recording", "recording.enabled", false)?;
+    }
+    let mut settings = layers.resolve()?;
+    // libtorch rounds otherwise with another number of threads, and the same seed must give the same bytes everywhere.
+    settings.model.threads = 1;
+    let mut setup = world::setup(&settings, &arguments.world, arguments.laps)?;
+    setup.stock = arguments.stock;
+    if let (None, Some(scenario)) = (arguments.driving.speed, &setup.scenario) {
+        settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());
+    }
+    let (pilot, name, model): (Box<dyn Pilot>, _, _) = match arguments.pilot {
+        PilotKind::Expert => (Box::new(PurePursuit::default()), EXPERT.to_owned(), None),
+        PilotKind::Model => {
+            let model = super::load_model(&settings)?;
+            let id = ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() };
+            (model.pilot(), model.name().to_owned(), Some(id))
+        }
+    };
+    let recorder = if settings.recording.enabled {
+        let header = RunHeader {
+            name_hint: Some(setup.track.file().name.clone()),
+            dialect: Some(if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }),
+            model,
+            seed: Some(setup.seed),
+            config: json!({
+                "settings": settings,
+                "world": {
+                    "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
+                    "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
+                },
+            }),
+            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+            started: jiff::Timestamp::now(),
+        };
+        Some(Recorder::create(&settings.recording.dir, header, RecorderOptions { queue: settings.recording.queue })?)
+    } else {
+        None
+    };
+    let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
+    let mut driver = Driver::new(pilot, &settings.control, Instant::now);
+    let mut simulation = Simulation::new(setup)?;
+    let bar = world::Progress::new();
+    let interrupted = super::interrupted();
+    let began = Instant::now();
+    let driven = drive::run(&mut simulation, &mut driver, recorder.as_ref(), |simulation, _, _| {
+        bar.show(simulation);
+        interrupted.end(simulation);
+        Ok(pictures.take(simulation)?)
+    });
+    let wall = began.elapsed();
+    bar.clear();
+    // Whatever happened, the run is closed and can be read.
+    let report = recorder.map(Recorder::finish);
+    let Drive { card, fingerprint, frames } = driven.map_err(|error| anyhow::anyhow!(error))?;
+    let made = pictures.finish(&simulation)?;
+    let thresholds = world::thresholds(&arguments.thresholds);
+    let missed = thresholds.missed(&card);
+    let seed = simulation.setup().seed;
+    let times_real_time = card.time_s / wall.as_secs_f64().max(1e-9);
+    if arguments.json {
+        let run = report.as_ref().map(|report| report.path.display().to_string());
+        let result = Result_ {
+            pilot: &name,
+            seed,
+            card: &card,
+            frames,
+            fingerprint: &fingerprint,
+            times_real_time,
+            run,
+            missed: &missed,
+        };
+        super::print(&serde_json::to_string_pretty(&result)?);
+    } else {
+        let title = format!("{name} on {}, seed {seed}", simulation.setup().track.file().name);
+        let mut text = format!("{title}\n{card}\n  {:<17} {frames} in {}", "frames", paced(wall, times_real_time));
+        text += &format!("\n  {:<17} {}", "fingerprint", &fingerprint[..16]);
+        if let Some(report) = &report {
+            text += &format!("\n  {:<17} {}", "run", told(report));
+        }
+        for (what, path) in made {
+            text += &format!("\n  {what:<17} {}", path.display());
+        }
+        super::print(&text);
+    }
+    if let Some(error) = report.and_then(|report| report.error) {
+        return Err(error.into());
+    }
+    Ok(world::ended(&missed))
+}
+
+fn paced(wall: Duration, times: f64) -> String {
+    format!("{:.1} s, {times:.0} times real time", wall.as_secs_f64())
+}
+
+fn told(report: &RecordingReport) -> String {
+    let lost = report.frames_not_recorded + report.items_not_recorded;
+    let lost = if lost > 0 { format!(", {lost} items could not be recorded") } else { String::new() };
+    format!("{} ({} frames{lost})", report.path.display(), report.frames)
+}

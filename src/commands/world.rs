@@ -1,0 +1,213 @@
+//! What the verbs that simulate a world share: making it, filming it, drawing its map.
+
+use std::{
+    fs,
+    io::{self, IsTerminal},
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::{
+    cli::{self, View},
+    config::{ConfigError, Layers, Settings},
+    perception::Frame,
+    score::Thresholds,
+    simulator::{
+        camera::{Camera, Renderer, Scenery},
+        conditions::Conditions,
+        film::Film,
+        map::{self, Driven, Mark, MarkKind},
+        scenario::Scenario,
+        track::Track,
+        world::{Setup, Simulation},
+    },
+    units::MPS_PER_MPH,
+};
+
+/// A film is shown at this size.
+const FILM: (usize, usize) = (640, 360);
+/// How wide a map is, in pixels.
+const MAP: u32 = 1200;
+
+/// The flags of a world as settings.
+pub(super) fn layers(mut layers: Layers, world: &cli::World) -> Result<Layers, ConfigError> {
+    if let Some(track) = &world.track {
+        layers = layers.set("--track", "simulator.track", track.as_str())?;
+    }
+    if let Some(hz) = world.hz {
+        layers = layers.set("--hz", "simulator.hz", hz)?;
+    }
+    if let Some(on_crash) = world.on_crash {
+        let name = match on_crash {
+            cli::OnCrash::Stop => "stop",
+            cli::OnCrash::Reset => "reset",
+        };
+        layers = layers.set("--on-crash", "simulator.on_crash", name)?;
+    }
+    Ok(layers)
+}
+
+/// The world that settings and flags describe, ready to be driven.
+pub(super) fn setup(settings: &Settings, world: &cli::World, laps: Option<u32>) -> anyhow::Result<Setup> {
+    // Settled here, so that its speeds are known before it begins.
+    let scenario = world.scenario.as_deref().map(scenario).transpose()?.map(|s| s.settle(world.seed));
+    let name = match (&world.track, scenario.as_ref().and_then(|s| s.track.as_deref())) {
+        (None, Some(track)) => track,
+        _ => &settings.simulator.track,
+    };
+    let track = Track::open(name)?;
+    let conditions = match world.conditions.as_deref() {
+        None => Conditions::default(),
+        Some("random") => Conditions::random(world.seed),
+        Some(path) if path.ends_with(".toml") => {
+            let place = || format!("--conditions {path}");
+            let conditions: Conditions =
+                toml::from_str(&fs::read_to_string(path).with_context(place)?).with_context(place)?;
+            conditions.check().with_context(place)?;
+            conditions
+        }
+        Some(list) => Conditions::parse(list).with_context(|| format!("--conditions {list}"))?,
+    };
+    let longest_s = world.max_time.or(scenario.as_ref().map(|s| s.duration_s));
+    Ok(Setup {
+        scenery: Arc::new(Scenery::new(&track)),
+        track: Arc::new(track),
+        // One lap where nothing else ends the run.
+        laps: laps.or(scenario.is_none().then_some(1)),
+        scenario,
+        conditions,
+        seed: world.seed,
+        hz: settings.simulator.hz,
+        longest_s,
+        on_crash: settings.simulator.on_crash,
+        rules: settings.simulator.rules.clone(),
+        human: None,
+        stock: false,
+    })
+}
+
+fn scenario(name: &str) -> anyhow::Result<Scenario> {
+    if Path::new(name).extension().is_some_and(|e| e == "toml") {
+        let text = fs::read_to_string(name).with_context(|| format!("--scenario {name}"))?;
+        return Scenario::parse(&text).with_context(|| format!("--scenario {name}"));
+    }
+    Ok(Scenario::named(name)?)
+}
+
+/// What a person wants to look at afterwards.
+pub(super) struct Pictures {
+    film: Option<(Film, Renderer, Camera, Frame)>,
+    video: Option<PathBuf>,
+    map: Option<PathBuf>,
+    line: Vec<Driven>,
+    marks: Vec<Mark>,
+    /// Crashes and times off the road that have their marks.
+    marked: (u32, u32),
+}
+
+impl Pictures {
+    pub(super) fn new(arguments: &cli::Pictures, setup: &Setup) -> anyhow::Result<Self> {
+        let film = match &arguments.video {
+            None => None,
+            Some(path) => {
+                let camera = match arguments.view {
+                    View::Follow => Camera::follow(FILM.0, FILM.1),
+                    View::Top => Camera::top(FILM.0, FILM.1),
+                    View::Car => Camera::CENTER,
+                };
+                let film = Film::create(path, camera.lens.width, camera.lens.height, setup.hz)?;
+                Some((film, Renderer::new(setup.scenery.clone()), camera, Frame::default()))
+            }
+        };
+        Ok(Self {
+            film,
+            video: arguments.video.clone(),
+            map: arguments.map.clone(),
+            line: vec![],
+            marks: vec![],
+            marked: (0, 0),
+        })
+    }
+
+    /// Takes the world as it is now.
+    pub(super) fn take(&mut self, world: &Simulation) -> anyhow::Result<()> {
+        if let Some((film, renderer, camera, frame)) = &mut self.film {
+            world.draw(renderer, camera, frame);
+            film.frame(frame)?;
+        }
+        if self.map.is_some() {
+            let (car, judge) = (world.car(), world.judge());
+            let now = (judge.crashes(), judge.off_roads());
+            for (kind, new) in [(MarkKind::Crash, now.0 > self.marked.0), (MarkKind::OffRoad, now.1 > self.marked.1)] {
+                self.marks.extend(new.then_some(Mark { position: car.position, kind }));
+            }
+            self.marked = now;
+            self.line.push(Driven { position: car.position, speed_mph: car.speed.abs() / MPS_PER_MPH });
+        }
+        Ok(())
+    }
+
+    /// Ends the film and draws the map; says where they are.
+    pub(super) fn finish(mut self, world: &Simulation) -> anyhow::Result<Vec<(&'static str, PathBuf)>> {
+        let mut made = vec![];
+        if let Some((film, ..)) = self.film.take() {
+            film.finish()?;
+            made.extend(self.video.map(|path| ("film", path)));
+        }
+        if let Some(path) = self.map {
+            map::draw(&world.setup().track, &self.line, &self.marks, &path, MAP)?;
+            made.push(("map", path));
+        }
+        Ok(made)
+    }
+}
+
+/// A live line of progress, where somebody watches.
+pub(super) struct Progress {
+    bar: ProgressBar,
+    began: Instant,
+}
+
+impl Progress {
+    pub(super) fn new() -> Self {
+        let bar = if io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
+        let template = "{wide_bar} {percent}% {msg}, {elapsed}";
+        bar.set_style(ProgressStyle::with_template(template).expect("the template is written here"));
+        Self { bar, began: Instant::now() }
+    }
+
+    pub(super) fn show(&self, world: &Simulation) {
+        self.bar.set_position((world.progress() * 1000.0) as u64);
+        if !self.bar.is_hidden() {
+            let times = world.time_s() / self.began.elapsed().as_secs_f64().max(1e-9);
+            let (lap, mph) = (world.laps() + 1, world.car().speed.abs() / MPS_PER_MPH);
+            self.bar.set_message(format!("lap {lap}, {mph:.1} mph, {times:.0}x real time"));
+        }
+    }
+
+    pub(super) fn clear(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// The thresholds of the flags.
+pub(super) fn thresholds(flags: &cli::Thresholds) -> Thresholds {
+    Thresholds {
+        min_completion: flags.min_completion.map(|percent| percent / 100.0),
+        max_collisions: flags.max_collisions,
+        max_off_roads: flags.max_off_road,
+        max_cte_m: flags.max_cte,
+    }
+}
+
+/// Says each threshold that was missed.
+pub(super) fn ended(missed: &[String]) -> super::Ended {
+    for missed in missed {
+        eprintln!("missed: {missed}");
+    }
+    if missed.is_empty() { super::Ended::Passed } else { super::Ended::Missed }
+}

@@ -1,0 +1,116 @@
+//! Settings of the headless simulator.
+
+use serde::{Deserialize, Serialize};
+
+/// `[simulator]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Simulator {
+    /// `lake`, `jungle`, `mountain`, `random:SEED`, or the path of a track file. Default `lake`.
+    pub track: String,
+    /// Telemetries a second of simulated time. Default 15, as the stock recorder.
+    pub hz: f64,
+    /// What happens after a crash. Default `stop`.
+    pub on_crash: OnCrash,
+    /// What counts as a crash.
+    pub rules: Rules,
+}
+
+/// What happens after a crash.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnCrash {
+    /// The run ends.
+    #[default]
+    Stop,
+    /// The car stands at the next waypoint, and the run goes on, as in SelfOracle's build.
+    /// Leaving the road counts as a crash there.
+    Reset,
+}
+
+impl Default for Simulator {
+    fn default() -> Self {
+        Self { track: "lake".into(), hz: 15.0, on_crash: OnCrash::Stop, rules: Rules::default() }
+    }
+}
+
+/// `[simulator.rules]`: what counts as what. The defaults are the forks', see each.
+#[derive(Serialize, Deserialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Rules {
+    /// How far from the road's middle the car's origin may be, in metres. Half the road's width by
+    /// default; forks have 3.0 and 7.0.
+    pub off_road_m: Option<f64>,
+    /// Under this speed a car is stuck, mph.
+    pub stuck_mph: f64,
+    /// For so long, in seconds: 120 game frames at 60 Hz.
+    pub stuck_s: f64,
+    /// How long after the start or a reset it may stand, in seconds.
+    pub grace_s: f64,
+    /// How near something ahead of the front has to be for the car to wait for it, in metres: twice
+    /// the distance at which drivers stop in a queue.
+    pub waiting_m: f64,
+    /// How far it may face away from the road's direction, in degrees.
+    pub wrong_way_deg: f64,
+    /// For how long, in seconds.
+    pub wrong_way_s: f64,
+    /// Metres between waypoints, rounded so that they divide the road.
+    pub waypoint_spacing_m: f64,
+    /// Seconds without contact after which touching the same thing is another collision.
+    pub apart_s: f64,
+}
+
+impl Default for Rules {
+    fn default() -> Self {
+        Self {
+            off_road_m: None,
+            stuck_mph: 1.0,
+            stuck_s: 2.0,
+            grace_s: 5.0,
+            waiting_m: 6.0,
+            wrong_way_deg: 90.0,
+            wrong_way_s: 1.0,
+            waypoint_spacing_m: 20.0,
+            apart_s: 1.0,
+        }
+    }
+}
+
+/// A threshold that makes no sense.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("rule {rule}: expected {min} to {max}, got {got}")]
+pub struct RulesError {
+    /// Which.
+    pub rule: &'static str,
+    /// Smallest value allowed.
+    pub min: f64,
+    /// Largest value allowed.
+    pub max: f64,
+    /// What it was.
+    pub got: f64,
+}
+
+impl Rules {
+    /// Checks rules that came from a file.
+    ///
+    /// # Errors
+    /// [`RulesError`] for the first that is not finite or out of range.
+    pub fn check(&self) -> Result<(), RulesError> {
+        for (rule, min, max, got) in [
+            ("off_road_m", 0.1, 100.0, self.off_road_m.unwrap_or(1.0)),
+            ("stuck_mph", 0.0, 30.0, self.stuck_mph),
+            ("stuck_s", 0.1, 3600.0, self.stuck_s),
+            ("grace_s", 0.0, 3600.0, self.grace_s),
+            ("waiting_m", 0.0, 100.0, self.waiting_m),
+            ("wrong_way_deg", 30.0, 180.0, self.wrong_way_deg),
+            ("wrong_way_s", 0.0, 3600.0, self.wrong_way_s),
+            ("waypoint_spacing_m", 5.0, 500.0, self.waypoint_spacing_m),
+            ("apart_s", 0.0, 3600.0, self.apart_s),
+        ] {
+            if !(min..=max).contains(&got) {
+                return Err(RulesError { rule, min, max, got });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,95 @@
+//! A world driven in this process: driver, recorder and scorer around it, without a socket.
+//!
+//! ```text
+//! World ─▶ Observation ─▶ Driver ─▶ Answer ─▶ World
+//!               └──────────┬──────────┘
+//!                      Recorder, Scorer
+//! ```
+//! The same turn is recorded here and by the live bridge ([`record`]).
+
+mod turn;
+
+use std::time::Duration;
+
+use sha2::{Digest, Sha256};
+
+pub use turn::record;
+
+use crate::{
+    driver::Driver,
+    protocol::{Answer, CameraImage, Observation, Sight},
+    recording::{Eventful, Item, Recorder},
+    score::{Scorecard, Scorer},
+};
+
+/// What became of a drive.
+#[derive(Debug)]
+pub struct Drive {
+    /// The judgement.
+    pub card: Scorecard,
+    /// SHA-256 over all frames and commands in order: equal where two drives were the same.
+    pub fingerprint: String,
+    /// Frames that were driven by.
+    pub frames: u64,
+}
+
+/// Drives a world to its end. `watch` sees each turn before the world moves on.
+///
+/// # Errors
+/// What keeps the world from going on.
+pub fn run<W: Eventful>(
+    world: &mut W,
+    driver: &mut Driver,
+    recorder: Option<&Recorder>,
+    mut watch: impl FnMut(&mut W, &Observation, Answer) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
+) -> Result<Drive, Box<dyn std::error::Error + Send + Sync>> {
+    let mut scorer = Scorer::default();
+    let mut hash = Sha256::new();
+    let mut frames = 0;
+    let mut last = Duration::ZERO;
+    loop {
+        let seen = world.observe()?;
+        let events = world.take_events();
+        // The course stands before the first telemetry, and what led to a telemetry before it.
+        for (at, event) in events {
+            last = last.max(at);
+            scorer.event(at, &event);
+            if let Some(recorder) = recorder {
+                recorder.record(at, Item::Event(event));
+            }
+        }
+        let Some(observation) = seen else { break };
+        if let Some(recorder) = recorder {
+            recorder.wait_for_room(); // this world can stand still
+        }
+        let (answer, trace) = driver.drive(&observation);
+        watch(world, &observation, answer)?;
+        world.apply(answer);
+        let at = observation.at;
+        last = last.max(at);
+        for happening in trace.happenings.iter().cloned() {
+            turn::events_of(happening).iter().for_each(|event| scorer.event(at, event));
+        }
+        let telemetry = match observation.sight {
+            Sight::Telemetry(telemetry) => {
+                frames += 1;
+                scorer.telemetry(at, &telemetry);
+                if let CameraImage::Jpeg(jpeg) = &telemetry.image {
+                    hash.update(jpeg);
+                }
+                Some(telemetry)
+            }
+            Sight::HumanDrives | Sight::Unreadable(_) => None,
+        };
+        if let Answer::Steer(command) = answer {
+            hash.update(command.steering.get().to_le_bytes());
+            hash.update(command.throttle.get().to_le_bytes());
+        }
+        if let Some(recorder) = recorder {
+            let took = trace.total;
+            record(recorder, at, telemetry, answer, trace, Some(took));
+        }
+    }
+    let fingerprint = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok(Drive { card: scorer.finish(), fingerprint, frames })
+}

@@ -1,0 +1,316 @@
+//! A driving log written as the stock simulator's recorder writes it.
+//!
+//! No header, commas without spaces, absolute paths, numbers as C# prints a
+//! `float`, LF; pictures in `IMG`, named by camera and by time to the
+//! millisecond. The pictures of a moment are on disk before its line is, and
+//! each line is written whole, so a log that is cut off names no picture that
+//! is not there.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{Read, Seek, SeekFrom, Write},
+    path::{self, Path, PathBuf},
+    time::Duration,
+};
+
+use jiff::civil::DateTime;
+
+use super::{DrivingLog, LONGEST_INTERVAL, RecordingError};
+use crate::{
+    protocol::number,
+    units::{Mph, Steering, Throttle},
+};
+
+/// One moment of a drive, to be written.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample<'a> {
+    /// Time since the recording began.
+    pub at: Duration,
+    /// JPEG of the centre camera.
+    pub center: &'a [u8],
+    /// JPEG of the left camera.
+    pub left: &'a [u8],
+    /// JPEG of the right camera.
+    pub right: &'a [u8],
+    /// Steering in effect.
+    pub steering: Steering,
+    /// Throttle in effect. The log has a column of its own for the brake: below 0 is written as 0.
+    pub throttle: Throttle,
+    /// Brake in effect, 0 to 1; beyond that it is brought back to it.
+    pub brake: f64,
+    /// Speed.
+    pub speed: Mph,
+}
+
+/// Writes a driving log and its pictures.
+#[derive(Debug)]
+pub struct DrivingLogWriter {
+    path: PathBuf,
+    images: PathBuf,
+    log: File,
+    began: DateTime,
+    /// Of the row written last, in milliseconds since `began`.
+    last_ms: Option<u64>,
+    rows: u64,
+}
+
+impl DrivingLogWriter {
+    /// Begins a log in a folder, which is made where there is none. `began` is the time that pictures
+    /// are named by: that of a row is so much later.
+    ///
+    /// # Errors
+    /// [`RecordingError::LogExists`] where the folder has a driving log, [`RecordingError::LogFolder`],
+    /// [`RecordingError::Io`].
+    pub fn create(dir: impl AsRef<Path>, began: DateTime) -> Result<Self, RecordingError> {
+        let (path, images) = Self::folder(dir.as_ref())?;
+        let log =
+            OpenOptions::new().write(true).create_new(true).open(&path).map_err(|source| match source.kind() {
+                std::io::ErrorKind::AlreadyExists => RecordingError::LogExists { path: path.clone() },
+                _ => RecordingError::Io { doing: "create the driving log", path: path.clone(), source },
+            })?;
+        Ok(Self { path, images, log, began, last_ms: None, rows: 0 })
+    }
+
+    /// Goes on with the log of a folder, or begins one. The drive that begins now is named by `began`
+    /// or, where the log already has pictures of then or later, by a time so far behind them that the
+    /// log reads as two drives ([`LONGEST_INTERVAL`]).
+    ///
+    /// # Errors
+    /// [`RecordingError`], also where the log that is there cannot be read.
+    pub fn append(dir: impl AsRef<Path>, began: DateTime) -> Result<Self, RecordingError> {
+        let (path, images) = Self::folder(dir.as_ref())?;
+        let io = |doing| RecordingError::io(doing, &path);
+        let mut log =
+            OpenOptions::new().read(true).append(true).create(true).open(&path).map_err(io("open the driving log"))?;
+        let mut began = began;
+        if log.metadata().map_err(io("look at the driving log"))?.len() > 0 {
+            let latest = DrivingLog::open(&path)?.rows.iter().filter_map(|row| row.taken_at).max();
+            let earliest = latest.map(|t| t.saturating_add(LONGEST_INTERVAL + Duration::from_secs(1)));
+            began = began.max(earliest.unwrap_or(began));
+            let mut last = [0];
+            log.seek(SeekFrom::End(-1)).and_then(|_| log.read_exact(&mut last)).map_err(io("read the driving log"))?;
+            if last != *b"\n" {
+                log.write_all(b"\n").map_err(io("write the driving log"))?;
+            }
+        }
+        Ok(Self { path, images, log, began, last_ms: None, rows: 0 })
+    }
+
+    /// Makes the folder and says where in it the log and its pictures go.
+    fn folder(dir: &Path) -> Result<(PathBuf, PathBuf), RecordingError> {
+        let dir = path::absolute(dir).map_err(RecordingError::io("find the folder", dir))?;
+        // Quotes and line breaks mean something to readers of CSV, and the recorder does not escape them.
+        if dir.to_string_lossy().contains(['"', '\n', '\r']) {
+            return Err(RecordingError::LogFolder { path: dir });
+        }
+        let images = dir.join("IMG");
+        fs::create_dir_all(&images).map_err(RecordingError::io("create the folder", &images))?;
+        Ok((dir.join("driving_log.csv"), images))
+    }
+
+    /// The CSV file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Rows written by this writer.
+    pub fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// Writes a moment: three pictures and a line. One that is not at least a millisecond after the
+    /// last is named by the millisecond after it: names are never used twice.
+    ///
+    /// # Errors
+    /// [`RecordingError::Io`], also for a picture of that name left by somebody else.
+    pub fn row(&mut self, sample: &Sample<'_>) -> Result<(), RecordingError> {
+        let ms = u64::try_from(sample.at.as_millis()).unwrap_or(u64::MAX);
+        let ms = self.last_ms.map_or(ms, |last| ms.max(last + 1));
+        let taken = self.began.saturating_add(Duration::from_millis(ms));
+        let mut line = String::with_capacity(400);
+        for (camera, jpeg) in [("center", sample.center), ("left", sample.left), ("right", sample.right)] {
+            let path = self.images.join(picture_name(camera, taken));
+            File::create_new(&path)
+                .and_then(|mut file| file.write_all(jpeg))
+                .map_err(RecordingError::io("write the picture", &path))?;
+            line += &path.to_string_lossy();
+            line.push(',');
+        }
+        let brake = Throttle::saturating(sample.brake).get().max(0.0);
+        let numbers = [sample.steering.get(), sample.throttle.get().max(0.0), brake, sample.speed.get()];
+        line += &numbers.map(number::single).join(",");
+        line.push('\n');
+        self.log.write_all(line.as_bytes()).map_err(RecordingError::io("write the driving log", &self.path))?;
+        self.last_ms = Some(ms);
+        self.rows += 1;
+        Ok(())
+    }
+
+    /// Ends the log, and says how many rows were written.
+    ///
+    /// # Errors
+    /// [`RecordingError::Io`] where the disk did not take what was written.
+    pub fn finish(self) -> Result<u64, RecordingError> {
+        self.log.sync_all().map_err(RecordingError::io("finish the driving log", &self.path))?;
+        Ok(self.rows)
+    }
+}
+
+/// `center_2016_12_01_13_30_48_287.jpg`.
+fn picture_name(camera: &str, t: DateTime) -> String {
+    let (year, month, day, hour, minute, second) = (t.year(), t.month(), t.day(), t.hour(), t.minute(), t.second());
+    let ms = t.millisecond();
+    format!("{camera}_{year:04}_{month:02}_{day:02}_{hour:02}_{minute:02}_{second:02}_{ms:03}.jpg")
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::civil::date;
+
+    use super::*;
+
+    fn began() -> DateTime {
+        date(2016, 12, 1).at(13, 30, 48, 287_000_000)
+    }
+
+    fn sample(at_ms: u64, steering: f64, speed: f64) -> Sample<'static> {
+        Sample {
+            at: Duration::from_millis(at_ms),
+            center: b"center's jpeg",
+            left: b"left's jpeg",
+            right: b"right's jpeg",
+            steering: Steering::new(steering).unwrap(),
+            throttle: Throttle::new(0.25).unwrap(),
+            brake: 0.0,
+            speed: Mph::new(speed).unwrap(),
+        }
+    }
+
+    fn write(dir: &Path, samples: &[Sample<'_>]) -> DrivingLog {
+        let mut writer = DrivingLogWriter::create(dir, began()).unwrap();
+        for sample in samples {
+            writer.row(sample).unwrap();
+        }
+        assert_eq!(writer.finish().unwrap(), samples.len() as u64);
+        DrivingLog::open(dir).unwrap()
+    }
+
+    #[test]
+    fn a_log_is_the_recorders_literal_text() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), &[sample(0, 0.0, 0.649_786_4), sample(67, -0.05, 4.540_283e-5)]);
+        let img = path::absolute(dir.path()).unwrap().join("IMG");
+        let line = |time: &str, numbers: &str| {
+            let path =
+                |camera: &str| img.join(format!("{camera}_2016_12_01_13_30_48_{time}.jpg")).display().to_string();
+            format!("{},{},{},{numbers}\n", path("center"), path("left"), path("right"))
+        };
+        assert_eq!(
+            fs::read_to_string(dir.path().join("driving_log.csv")).unwrap(),
+            line("287", "0,0.25,0,0.6497864") + &line("354", "-0.05,0.25,0,4.540283E-05")
+        );
+        assert_eq!(fs::read(img.join("left_2016_12_01_13_30_48_354.jpg")).unwrap(), b"left's jpeg");
+    }
+
+    #[test]
+    fn what_is_written_is_read_again_from_any_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["plain", "my drive/with spaces", "Doe, Jane", "日本語"] {
+            let dir = dir.path().join(name);
+            let samples: Vec<_> = (0..40u32)
+                .map(|i| sample(u64::from(i) * 200 / 3, f64::from(i) / 39.0 - 0.5, 1e-6 * 3f64.powi(i as i32 / 3)))
+                .collect();
+            let log = write(&dir, &samples);
+            assert_eq!(log.rows.len(), samples.len(), "{name}");
+            for (row, sample) in log.rows.iter().zip(&samples) {
+                assert_eq!(fs::read(&row.center).unwrap(), sample.center);
+                assert_eq!(fs::read(row.left.as_ref().unwrap()).unwrap(), sample.left);
+                assert_eq!(fs::read(row.right.as_ref().unwrap()).unwrap(), sample.right);
+                assert_eq!(row.at, sample.at, "{name}");
+                assert!((row.steering.get() - sample.steering.get()).abs() < 1e-6);
+                assert!((row.speed.get() / sample.speed.get() - 1.0).abs() < 1e-6);
+                assert_eq!((row.throttle.get(), row.brake), (0.25, 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn brake_and_throttle_keep_to_their_columns() {
+        let dir = tempfile::tempdir().unwrap();
+        let braking = Sample { throttle: Throttle::new(-0.75).unwrap(), brake: 0.75, ..sample(0, 0.0, 5.0) };
+        let beyond = Sample { brake: f64::NAN, ..sample(67, 0.0, 5.0) };
+        let log = write(dir.path(), &[braking, beyond]);
+        assert_eq!((log.rows[0].throttle.get(), log.rows[0].brake), (0.0, 0.75));
+        assert_eq!(log.rows[1].brake, 0.0);
+    }
+
+    #[test]
+    fn no_two_rows_share_a_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = write(dir.path(), &[sample(5, 0.0, 1.0), sample(5, 0.0, 1.0), sample(3, 0.0, 1.0)]);
+        let at: Vec<_> = log.rows.iter().map(|row| row.at.as_millis()).collect();
+        assert_eq!(at, [0, 1, 2]);
+    }
+
+    #[test]
+    fn time_runs_over_midnight_and_the_years_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut writer = DrivingLogWriter::create(dir.path(), date(2020, 12, 31).at(23, 59, 59, 950_000_000)).unwrap();
+        writer.row(&sample(70, 0.0, 1.0)).unwrap();
+        assert!(dir.path().join("IMG/center_2021_01_01_00_00_00_020.jpg").exists());
+    }
+
+    #[test]
+    fn a_log_that_is_there_is_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("driving_log.csv");
+        fs::write(&path, "somebody's").unwrap();
+        let error = DrivingLogWriter::create(dir.path(), began()).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("{}: expected no driving log", path.display())), "{error}");
+        assert_eq!(fs::read_to_string(path).unwrap(), "somebody's");
+    }
+
+    #[test]
+    fn a_second_drive_is_appended_as_a_drive_of_its_own() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), &[sample(0, 0.0, 1.0), sample(5000, 0.0, 1.0)]);
+        let path = dir.path().join("driving_log.csv");
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.trim_end()).unwrap(); // as editors leave it
+        let mut writer = DrivingLogWriter::append(dir.path(), began()).unwrap();
+        writer.row(&sample(0, 0.5, 1.0)).unwrap();
+        writer.row(&sample(67, 0.5, 1.0)).unwrap();
+        assert_eq!(writer.finish().unwrap(), 2);
+        let rows = DrivingLog::open(dir.path()).unwrap().rows;
+        assert_eq!(rows.len(), 4);
+        assert_eq!(rows[2].at - rows[1].at, super::super::FALLBACK_INTERVAL);
+        assert_eq!((rows[3].at - rows[2].at).as_millis(), 67);
+    }
+
+    #[test]
+    fn appending_to_nothing_begins_a_log() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut writer = DrivingLogWriter::append(dir.path().join("new"), began()).unwrap();
+        writer.row(&sample(0, 0.0, 1.0)).unwrap();
+        assert_eq!(DrivingLog::open(dir.path().join("new")).unwrap().rows[0].taken_at, Some(began()));
+    }
+
+    #[test]
+    fn errors_name_the_path_and_what_is_wrong_with_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("file");
+        fs::write(&file, "").unwrap();
+        let error = DrivingLogWriter::create(&file, began()).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("cannot create the folder {}", file.join("IMG").display())), "{error}");
+        let error = DrivingLogWriter::create(dir.path().join("a\"b"), began()).unwrap_err().to_string();
+        assert!(error.contains("quotes or line breaks"), "{error}");
+
+        let mut writer = DrivingLogWriter::create(dir.path(), began()).unwrap();
+        let picture = dir.path().join("IMG/right_2016_12_01_13_30_48_287.jpg");
+        fs::write(&picture, "somebody's").unwrap();
+        let error = writer.row(&sample(0, 0.0, 1.0)).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("cannot write the picture {}", picture.display())), "{error}");
+        assert_eq!(fs::read_to_string(&picture).unwrap(), "somebody's");
+        assert_eq!(fs::read_to_string(dir.path().join("driving_log.csv")).unwrap(), "");
+    }
+}

@@ -1,0 +1,190 @@
+//! Pictures that surfaces and plants are covered with, in ever smaller copies.
+
+use super::noise::{fractal, mix, mix3, nearest, step, unit, value};
+
+/// Red, green, blue and a fourth number, which is coverage for sprites and a mask for surfaces.
+pub(super) type Texel = [u8; 4];
+
+/// A picture whose sides are powers of two, with all its halvings.
+#[derive(Debug, Clone)]
+pub(super) struct Texture {
+    texels: Vec<Texel>,
+    levels: Vec<Level>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Level {
+    start: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Texture {
+    /// Paints by `(x, y)` in pixels.
+    pub(super) fn paint(width: usize, height: usize, mut texel: impl FnMut(usize, usize) -> [f32; 4]) -> Self {
+        let mut texels = Vec::with_capacity(width * height * 4 / 3 + 2);
+        for y in 0..height {
+            texels.extend((0..width).map(|x| texel(x, y).map(|c| c.clamp(0.0, 255.0) as u8)));
+        }
+        Self::halve(texels, width, height)
+    }
+
+    fn halve(mut texels: Vec<Texel>, width: usize, height: usize) -> Self {
+        let mut levels = vec![Level { start: 0, width, height }];
+        let mut last = levels[0];
+        while last.width > 1 || last.height > 1 {
+            let next = Level { start: texels.len(), width: (last.width / 2).max(1), height: (last.height / 2).max(1) };
+            for y in 0..next.height {
+                for x in 0..next.width {
+                    let at = |dx: usize, dy: usize| {
+                        let (x, y) = ((2 * x + dx).min(last.width - 1), (2 * y + dy).min(last.height - 1));
+                        texels[last.start + y * last.width + x]
+                    };
+                    let four = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
+                    let cover: u32 = four.iter().map(|t| u32::from(t[3])).sum();
+                    let mut mean = [0; 4];
+                    for (c, mean) in mean.iter_mut().enumerate().take(3) {
+                        // Weighed by coverage, so that no colour comes in from where there is nothing.
+                        let sum: u32 = four.iter().map(|t| u32::from(t[c]) * (1 + u32::from(t[3]))).sum();
+                        *mean = (sum / (cover + 4)) as u8;
+                    }
+                    mean[3] = ((cover + 2) / 4) as u8;
+                    texels.push(mean);
+                }
+            }
+            levels.push(next);
+            last = next;
+        }
+        Self { texels, levels }
+    }
+
+    /// One of the halvings: 0 is the full picture.
+    #[inline]
+    pub(super) fn level(&self, level: usize) -> View<'_> {
+        let level = self.levels[level.min(self.levels.len() - 1)];
+        View {
+            texels: &self.texels[level.start..level.start + level.width * level.height],
+            width: level.width,
+            height: level.height,
+        }
+    }
+
+    /// Width of the full picture.
+    pub(super) fn width(&self) -> usize {
+        self.levels[0].width
+    }
+
+    /// Height of the full picture.
+    pub(super) fn height(&self) -> usize {
+        self.levels[0].height
+    }
+}
+
+/// One size of a picture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) texels: &'a [Texel],
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+impl View<'_> {
+    /// The texel at a place in units of the picture's size, which repeats.
+    #[inline]
+    pub(super) fn wrapped(&self, u: f32, v: f32) -> Texel {
+        let x = nearest(u * self.width as f32) & (self.width - 1);
+        let y = nearest(v * self.height as f32) & (self.height - 1);
+        self.texels[y * self.width + x]
+    }
+}
+
+/// Coarse asphalt, 4 m a side: grey level 128 is the road's mean colour. The mask is a slower noise: leaves, dirt.
+pub(super) fn asphalt(contrast: f32, seed: u32) -> Texture {
+    Texture::paint(256, 256, |x, y| {
+        let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
+        let stones = value(fx * 100.0, fy * 100.0, 100, seed) - 0.5;
+        let grain = unit(x as i32, y as i32, seed + 5) - 0.5;
+        let patches = fractal(fx * 16.0, fy * 16.0, 3, 16, seed + 9) - 0.5;
+        // A few bright stones, as in the real one.
+        let bright = if value(fx * 64.0, fy * 64.0, 64, seed + 3) > 0.86 { 0.35 } else { 0.0 };
+        let grey = 128.0 * (1.0 + contrast * (1.1 * stones + 0.3 * grain + 0.9 * patches + bright - 0.03));
+        let mask = 255.0 * step(0.42, 0.62, fractal(fx * 24.0, fy * 24.0, 3, 24, seed + 31));
+        [grey, grey, grey * 0.99, mask]
+    })
+}
+
+/// Paving stones in staggered rows, six by eight a picture.
+pub(super) fn cobbles(seed: u32) -> Texture {
+    Texture::paint(256, 256, |x, y| {
+        let row = y / 32;
+        let shift = if row % 2 == 0 { 0 } else { 21 };
+        let column = (x + shift) * 6 / 256 % 6;
+        let (in_x, in_y) = (((x + shift) * 6 % 256) as f32 / 256.0, (y % 32) as f32 / 32.0);
+        let joint = step(0.0, 0.10, in_x.min(1.0 - in_x)) * step(0.0, 0.14, in_y.min(1.0 - in_y));
+        let tone = 0.82 + 0.36 * unit(column as i32, row as i32, seed);
+        let rough = 0.9 + 0.2 * fractal(x as f32 / 8.0, y as f32 / 8.0, 2, 32, seed + 2);
+        let stone = [134.0, 128.0, 126.0].map(|c: f32| c * tone * rough);
+        let colour = mix3([84.0, 76.0, 71.0], stone, joint);
+        [colour[0], colour[1], colour[2], 0.0]
+    })
+}
+
+/// Fine structure of open ground: grey level 128 is the ground's own colour.
+pub(super) fn ground(contrast: f32, seed: u32) -> Texture {
+    Texture::paint(256, 256, |x, y| {
+        let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
+        let n = fractal(fx * 16.0, fy * 16.0, 4, 16, seed) - 0.5;
+        let blades = value(fx * 128.0, fy * 64.0, 64, seed + 7) - 0.5;
+        let grey = 128.0 * (1.0 + contrast * (1.5 * n + 0.5 * blades));
+        [grey, grey, grey, 255.0]
+    })
+}
+
+/// Rock with cracks, 8 m a side: grey level 128 is the rock's own colour.
+pub(super) fn rock(contrast: f32, seed: u32) -> Texture {
+    Texture::paint(256, 256, |x, y| {
+        let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
+        // Layers and clefts: coarse lumps, finer along the height than along the road.
+        let lumps = fractal(fx * 5.0, fy * 5.0, 3, 5, seed) - 0.5;
+        let clefts = fractal(fx * 24.0, fy * 8.0, 4, 8, seed + 1) - 0.5;
+        let grey = 128.0 * (1.0 + contrast * (0.5 * lumps + 1.5 * clefts));
+        [grey, grey, grey, 255.0]
+    })
+}
+
+/// A concrete block's face with slanting yellow stripes, one block a picture.
+pub(super) fn striped_block(seed: u32) -> Texture {
+    Texture::paint(64, 32, |x, y| {
+        let stripe = (x + y) / 11 % 2 == 0 && y > 3 && y < 28;
+        let dirt = 0.75 + 0.5 * fractal(x as f32 / 16.0, y as f32 / 16.0, 3, 4, seed);
+        let colour = if stripe { [158.0, 138.0, 62.0] } else { [134.0, 134.0, 132.0] };
+        let colour = colour.map(|c: f32| c * mix(0.75, 1.0, 1.0 - y as f32 / 32.0) * dirt);
+        [colour[0], colour[1], colour[2], 255.0]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_copy_is_the_mean() {
+        let half = Texture::paint(8, 8, |x, _| if x < 4 { [200.0, 0.0, 0.0, 255.0] } else { [100.0, 0.0, 0.0, 255.0] });
+        assert_eq!(half.level(9).texels, [[150, 0, 0, 255]]);
+    }
+
+    #[test]
+    fn what_is_not_covered_lends_no_colour() {
+        let half = Texture::paint(4, 4, |x, _| if x % 2 == 0 { [200.0; 4] } else { [0.0; 4] });
+        let [r, _, _, a] = half.level(1).texels[0];
+        assert!(r > 195 && a == 100, "{r} {a}");
+    }
+
+    #[test]
+    fn surfaces_are_of_their_colour_on_average() {
+        for texture in [asphalt(0.6, 1), ground(0.5, 2), rock(0.5, 3)] {
+            let mean = texture.level(12).texels[0][0];
+            assert!((108..=148).contains(&mean), "{mean}");
+        }
+    }
+}

@@ -1,0 +1,312 @@
+//! The headless simulator in closed loop: what drives, what ends a run, what is the same and what is told.
+
+use std::{
+    path::Path,
+    process::Command as Process,
+    sync::{Arc, OnceLock},
+    time::{Duration, Instant},
+};
+
+use lapwing::{
+    config::{Control, OnCrash, Rules, Takeover},
+    drive::{self, Drive},
+    driver::Driver,
+    pilot::{ConstantPilot, Pilot, PurePursuit},
+    protocol::{Answer, CameraImage, Command, Observation, Sight, World},
+    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunReader},
+    simulator::{
+        camera::Scenery,
+        conditions::Conditions,
+        scenario::Scenario,
+        track::Track,
+        world::{Ending, Human, Setup, Simulation},
+    },
+    units::{Mph, Steering, Throttle},
+};
+
+/// The lake and what stands along it, built once for all tests.
+fn lake() -> (Arc<Track>, Arc<Scenery>) {
+    static LAKE: OnceLock<(Arc<Track>, Arc<Scenery>)> = OnceLock::new();
+    LAKE.get_or_init(|| open("lake")).clone()
+}
+
+fn open(name: &str) -> (Arc<Track>, Arc<Scenery>) {
+    let track = Track::open(name).unwrap();
+    let scenery = Arc::new(Scenery::new(&track));
+    (Arc::new(track), scenery)
+}
+
+fn setup((track, scenery): (Arc<Track>, Arc<Scenery>)) -> Setup {
+    Setup {
+        track,
+        scenery,
+        scenario: None,
+        conditions: Conditions::default(),
+        seed: 0,
+        hz: 15.0,
+        laps: Some(1),
+        longest_s: None,
+        on_crash: OnCrash::Stop,
+        rules: Rules::default(),
+        human: None,
+        stock: false,
+    }
+}
+
+fn driver(pilot: impl Pilot + 'static, mph: f64) -> Driver {
+    let control = Control { speed_mph: Mph::new(mph).unwrap(), takeover: Takeover::Resume, ..Control::default() };
+    Driver::new(Box::new(pilot), &control, Instant::now)
+}
+
+fn driven(setup: Setup, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, Drive) {
+    let mut world = Simulation::new(setup).unwrap();
+    let drive = drive::run(&mut world, &mut driver(pilot, mph), None, |_, _, _| Ok(())).unwrap();
+    (world, drive)
+}
+
+fn straight_on() -> ConstantPilot {
+    ConstantPilot::new(Steering::ZERO)
+}
+
+fn picture(observation: &Observation) -> Vec<u8> {
+    match &observation.sight {
+        Sight::Telemetry(telemetry) => match &telemetry.image {
+            CameraImage::Jpeg(jpeg) => jpeg.to_vec(),
+            CameraImage::Base64(_) => panic!("no text in process"),
+        },
+        sight => panic!("expected telemetry, got {sight:?}"),
+    }
+}
+
+#[test]
+fn the_expert_drives_every_kind_of_road_without_leaving_it() {
+    // Track, set speed in mph, largest mean |cte| in metres.
+    for (name, mph, mean_cte) in [("lake", 30.0, 0.2), ("jungle", 20.0, 0.4), ("random:7", 30.0, 0.4)] {
+        let (_, Drive { card, .. }) = driven(setup(open(name)), PurePursuit::default(), mph);
+        assert_eq!(card.completion, Some(1.0), "{name}: {card}");
+        assert_eq!((card.collisions, card.off_roads), (Some(0), Some(0)), "{name}: {card}");
+        assert!(card.mean_cte_m.unwrap() < mean_cte, "{name}: {card}");
+    }
+}
+
+#[test]
+fn who_steers_straight_on_ends_beside_the_road() {
+    let (world, Drive { card, .. }) = driven(setup(lake()), straight_on(), 15.0);
+    assert!(matches!(world.ending(), Some(Ending::Lost | Ending::Collision(_))), "{:?}", world.ending());
+    assert!(card.completion.unwrap() < 0.2, "{card}");
+    assert_eq!(card.off_roads, Some(1), "{card}");
+}
+
+#[test]
+fn after_a_crash_the_car_may_go_on_from_the_next_waypoint() {
+    let setup = Setup { on_crash: OnCrash::Reset, longest_s: Some(120.0), ..setup(lake()) };
+    let (world, Drive { card, .. }) = driven(setup, straight_on(), 20.0);
+    assert_eq!(world.ending(), Some(&Ending::TimeOver));
+    assert!(card.resets.unwrap() >= 3, "{card}");
+    assert_eq!(card.off_roads, card.resets, "{card}");
+    assert!(card.completion.unwrap() > 0.2, "{card}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_and_another_seed_other_noise() {
+    let noisy = |seed| Setup {
+        seed,
+        longest_s: Some(6.0),
+        conditions: Conditions { noise: 6.0, rain: 0.5, dropped: 0.2, latency_ms: 70.0, ..Conditions::default() },
+        ..setup(lake())
+    };
+    let fingerprint = |seed| driven(noisy(seed), PurePursuit::default(), 20.0).1.fingerprint;
+    let first = fingerprint(1);
+    assert_eq!(first, fingerprint(1));
+    assert_ne!(first, fingerprint(2));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_run_in_another_process_with_other_threads() {
+    let run = |threads: &str| {
+        let arguments = ["drive", "--max-time", "8", "--speed", "12", "--no-recording", "--json"];
+        let output = Process::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(arguments)
+            .envs(["OMP_NUM_THREADS", "MKL_NUM_THREADS", "LAPWING_MODEL__THREADS"].map(|name| (name, threads)))
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let result: serde_json::Value = serde_json::from_str(&text).expect(&text);
+        assert_eq!(result["frames"], 120);
+        result["fingerprint"].as_str().unwrap().to_owned()
+    };
+    let one = run("1");
+    assert_eq!(one, run("1"));
+    assert_eq!(one, run("2"));
+}
+
+#[test]
+fn a_late_camera_shows_what_was_there_before() {
+    let shown = |latency_ms| {
+        let conditions = Conditions { latency_ms, ..Conditions::default() };
+        let mut world = Simulation::new(Setup { conditions, ..setup(lake()) }).unwrap();
+        let go = Answer::Steer(Command { steering: Steering::ZERO, throttle: Throttle::constant(0.5) });
+        (0..30)
+            .map(|_| {
+                let seen = world.observe().unwrap().unwrap();
+                world.apply(go);
+                picture(&seen)
+            })
+            .collect::<Vec<_>>()
+    };
+    let (now, late) = (shown(0.0), shown(200.0));
+    // 200 ms are three frames at 15 Hz, give or take the physics' own step.
+    assert_ne!(now[20], late[20]);
+    assert!((16..=18).any(|i| now[i] == late[20]));
+}
+
+#[test]
+fn a_human_takes_the_wheel_when_the_script_says() {
+    let human = Human { from_s: 4.0, for_s: 3.0, speed: Mph::constant(15.0) };
+    let setup = Setup { human: Some(human), longest_s: Some(10.0), ..setup(lake()) };
+    let mut world = Simulation::new(setup).unwrap();
+    let mut driver = driver(PurePursuit::default(), 10.0);
+    let mut by_human = vec![];
+    while let Some(seen) = world.observe().unwrap() {
+        if seen.sight == Sight::HumanDrives {
+            by_human.push(seen.at.as_secs_f64());
+        }
+        let (answer, _) = driver.drive(&seen);
+        assert_eq!(answer == Answer::Manual, seen.sight == Sight::HumanDrives);
+        world.apply(answer);
+    }
+    assert_eq!(by_human.len(), 45);
+    assert!((by_human[0] - 4.0).abs() < 0.07 && (by_human[44] - 7.0).abs() < 0.07, "{by_human:?}");
+    assert!(world.place().offset.abs() < 0.5, "the human drives well: {}", world.place().offset);
+}
+
+#[test]
+fn a_stock_world_tells_a_pilot_nothing_but_what_the_stock_build_tells() {
+    let mut world = Simulation::new(Setup { stock: true, ..setup(lake()) }).unwrap();
+    let Sight::Telemetry(telemetry) = world.observe().unwrap().unwrap().sight else { panic!("no telemetry") };
+    assert!(telemetry.truth.is_empty(), "{:?}", telemetry.truth);
+}
+
+#[test]
+fn an_unbraked_car_hits_the_standing_one_at_the_speed_it_had() {
+    let scenario = Scenario::named("ccrs").unwrap();
+    let mut world = Simulation::new(Setup { scenario: Some(scenario), laps: None, ..setup(lake()) }).unwrap();
+    let began_mph = world.car().speed / lapwing::units::MPS_PER_MPH;
+    let mut driver = driver(PurePursuit::default(), began_mph);
+    let mut hit = None;
+    while let Some(seen) = world.observe().unwrap() {
+        hit = hit.or(world.take_events().into_iter().find_map(|(_, event)| match event {
+            EventRecord::Collision { with, speed_mph } => Some((with, speed_mph)),
+            _ => None,
+        }));
+        let (answer, _) = driver.drive(&seen);
+        world.apply(answer);
+    }
+    let (with, mph) = hit.expect("it stands in the way");
+    assert_eq!(with, "a car");
+    assert!((mph - began_mph).abs() < 1.5, "hit at {mph} mph, began at {began_mph}");
+    assert_eq!(world.ending(), Some(&Ending::Collision("a car".into())));
+}
+
+#[test]
+fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let header = RunHeader {
+        name_hint: Some("lake".into()),
+        dialect: None,
+        model: None,
+        seed: Some(3),
+        config: serde_json::json!({}),
+        lapwing: "test".into(),
+        started: jiff::Timestamp::UNIX_EPOCH,
+    };
+    // A queue of few items: the world stands still for a slow disk, and nothing is dropped.
+    let recorder = Recorder::create(dir.path(), header, RecorderOptions { queue: 16 }).unwrap();
+    let mut world = Simulation::new(Setup { longest_s: Some(20.0), ..setup(lake()) }).unwrap();
+    let pilot = PurePursuit::default();
+    let Drive { frames, .. } =
+        drive::run(&mut world, &mut driver(pilot, 20.0), Some(&recorder), |_, _, _| Ok(())).unwrap();
+    let report = recorder.finish();
+    assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (frames, 0, 0));
+    let mut events = vec![];
+    let mut telemetries = 0u32;
+    for item in RunReader::open(&report.path).unwrap() {
+        match item.unwrap() {
+            (_, lapwing::recording::Item::Event(event)) => events.push(event),
+            (at, lapwing::recording::Item::Telemetry(telemetry)) => {
+                assert_eq!(at, Duration::from_secs_f64(f64::from(telemetries) / 15.0));
+                assert!(telemetry.truth.cte.is_some());
+                telemetries += 1;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(telemetries as u64, frames);
+    assert!(matches!(&events[0], EventRecord::Course { track, laps: Some(1), .. } if track == "lake"), "{events:?}");
+    assert!(matches!(events.last(), Some(EventRecord::RunEnded { why }) if why == "its time is over"), "{events:?}");
+}
+
+#[test]
+fn a_run_below_a_threshold_ends_with_3_and_says_which() {
+    let lapwing = |arguments: &[&str]| {
+        let output = Process::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(["drive", "--pilot", "expert", "--max-time", "5", "--no-recording"])
+            .args(arguments)
+            .output()
+            .unwrap();
+        (output.status.code().unwrap(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    assert_eq!(lapwing(&["--max-collisions", "0"]).0, 0);
+    let (code, said) = lapwing(&["--min-completion", "50"]);
+    assert_eq!(code, 3);
+    assert!(said.contains("missed: completion: expected at least 50.0 %, got"), "{said}");
+}
+
+#[test]
+fn conditions_of_a_file_are_checked_like_those_of_a_flag() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("wet.toml");
+    let said = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        let output = Process::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(["drive", "--pilot", "expert", "--max-time", "1", "--no-recording", "--conditions"])
+            .arg(&file)
+            .output()
+            .unwrap();
+        (output.status.code().unwrap(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    assert_eq!(said("rain = 0.5").0, 0);
+    for (wrong, named) in [("rain = 5.0", "rain"), ("rian = 0.5", "rian"), ("rain = \"much\"", "rain")] {
+        let (code, text) = said(wrong);
+        assert!(code == 1 && text.contains("wet.toml") && text.contains(named), "{code}: {text}");
+    }
+}
+
+#[test]
+fn a_recovery_drive_steers_back_and_reads_as_the_stock_recorders() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("with space");
+    let output = Process::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(["record", "--track", "mountain", "--max-time", "30", "--recovery", "--seed", "4", "--out"])
+        .arg(&out)
+        .output()
+        .unwrap();
+    // Cut off before a lap: 1, with the rows written.
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = std::fs::read_to_string(out.join("driving_log.csv")).unwrap();
+    assert_eq!(text.lines().count(), 450);
+    for name in text.lines().next().unwrap().split(',').take(3) {
+        assert!(Path::new(name).is_absolute() && Path::new(name).exists(), "{name}");
+    }
+    let steering: Vec<f64> = text.lines().map(|l| l.split(',').nth(3).unwrap().parse().unwrap()).collect();
+    let hard = steering.iter().filter(|s| s.abs() > 0.15).count();
+    assert!(hard > 30, "only {hard} corrections");
+    // A second recording does not write over the first.
+    let again = Process::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(["record", "--max-time", "1", "--out"])
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert_eq!(again.status.code(), Some(1));
+    assert_eq!(std::fs::read_to_string(out.join("driving_log.csv")).unwrap(), text);
+}
