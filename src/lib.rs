@@ -34,6 +34,8 @@
 //! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
 //! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `units` |
+//! | [`dataset`] | driving logs and runs as something to learn from: labels, balance, augmentation, loader | `perception`, `protocol`, `recording`, `units` |
+//! | [`train`] | the supervised training loop, its log, checkpoints and recipes | `dataset`, `nn`, `perception` |
 //! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `recording` |
 //! | [`cli`], [`commands`] | clap types; one file a verb | all |
 //!
@@ -50,6 +52,7 @@ pub mod cli;
 pub mod commands;
 pub mod config;
 pub mod control;
+pub mod dataset;
 pub mod drive;
 pub mod driver;
 pub mod nn;
@@ -60,4 +63,5 @@ pub mod recording;
 pub mod replay;
 pub mod score;
 pub mod simulator;
+pub mod train;
 pub mod units;

@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 16] = [
+const MAY_IMPORT: [(&str, &[&str]); 18] = [
     ("units", &[]),
     ("config", &["units"]),
     ("protocol", &["units"]),
@@ -21,6 +21,8 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
     ("simulator", &["config", "perception", "pilot", "protocol", "recording", "units"]),
     ("drive", &["driver", "protocol", "recording", "score", "units"]),
     ("replay", &["recording", "driver", "protocol", "units"]),
+    ("dataset", &["perception", "protocol", "recording", "units"]),
+    ("train", &["dataset", "nn", "perception"]),
     ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
     ("cli", &["protocol", "replay"]),
     (
@@ -30,6 +32,7 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
             "cli",
             "config",
             "control",
+            "dataset",
             "drive",
             "driver",
             "nn",
@@ -40,6 +43,7 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
             "replay",
             "score",
             "simulator",
+            "train",
             "units",
         ],
     ),
@@ -47,7 +51,7 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
 
 /// Crates that are named in some places only.
 const ONLY_IN: [(&str, &[&str]); 4] = [
-    ("tch", &["nn", "pilot/network.rs", "pilot/torchscript"]),
+    ("tch", &["nn", "pilot/network.rs", "pilot/torchscript", "train"]),
     ("axum", &["bridge"]),
     ("socketioxide", &["bridge"]),
     ("anyhow", &["commands"]),
