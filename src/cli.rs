@@ -4,7 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::{protocol::number::Culture, replay::Rate};
+use crate::{
+    protocol::number::Culture,
+    replay::Rate,
+    train::{Keep, OptimiserKind, Precision, Schedule},
+};
 
 /// Connects, drives, records and replays the Udacity self-driving-car simulator.
 #[derive(Debug, Parser)]
@@ -29,6 +33,10 @@ pub enum Verb {
     Simulate(Simulate),
     /// Let the expert drive and write what the stock recorder would: driving_log.csv and IMG/
     Record(Record),
+    /// Train a network on driving logs and runs
+    Train(Train),
+    /// Say how far a model's steering lies from that of data sets
+    Evaluate(Evaluate),
     /// Show a recording to a model, or to any bridge, and compare the steering
     Replay(Replay),
     /// Say which libtorch is in use, and what is wrong if anything
@@ -203,6 +211,137 @@ pub struct Record {
     /// Mix in disturbed starts and steering noise; the expert's correction is the label
     #[arg(long)]
     pub recovery: bool,
+}
+
+/// `lapwing train`
+#[derive(Debug, Args)]
+pub struct Train {
+    /// A training, whole (.toml); the flags below change it
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["data", "resume"])]
+    pub recipe: Option<PathBuf>,
+    /// Data to learn from: folders with driving_log.csv, or runs; DIR@2 is drawn twice as often
+    #[arg(long, value_name = "DIR[@WEIGHT]", num_args = 1..)]
+    pub data: Vec<String>,
+    /// Data to measure by [default: one block of 50 rows in five, held out]
+    #[arg(long, value_name = "DIR", num_args = 1..)]
+    pub validation: Vec<PathBuf>,
+    /// Folder for the model, its log and what going on takes
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Go on with what is in that folder
+    #[arg(long)]
+    pub resume: bool,
+    /// Architecture [default: pilotnet]
+    #[arg(long, value_name = "NAME")]
+    pub network: Option<String>,
+    /// Rows and columns of the input, for networks that take any, such as 80x160
+    #[arg(long, value_name = "ROWSxCOLUMNS", value_parser = rows_and_columns)]
+    pub input: Option<(usize, usize)>,
+    /// Tell the network the speed, too
+    #[arg(long)]
+    pub speed_input: bool,
+    /// Weights of the backbone to begin with, under torchvision's names (.safetensors)
+    #[arg(long, value_name = "FILE")]
+    pub pretrained: Option<PathBuf>,
+    /// Passes over the data [default: 20]
+    #[arg(long)]
+    pub epochs: Option<usize>,
+    /// Samples in a step [default: 64]
+    #[arg(long)]
+    pub batch: Option<usize>,
+    /// Samples in a pass [default: all]
+    #[arg(long, value_name = "COUNT")]
+    pub samples_per_epoch: Option<usize>,
+    /// Seed of everything random [default: 0]
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// adam or sgd [default: adam]
+    #[arg(long, value_name = "NAME", value_parser = word::<OptimiserKind>)]
+    pub optimiser: Option<OptimiserKind>,
+    /// Learning rate [default: 0.001]
+    #[arg(long, value_name = "RATE", value_parser = above_zero)]
+    pub learning_rate: Option<f64>,
+    /// constant, cosine or plateau [default: constant]
+    #[arg(long, value_name = "NAME", value_parser = word::<Schedule>)]
+    pub schedule: Option<Schedule>,
+    /// L2 penalty [default: 0]
+    #[arg(long, value_name = "SHARE", value_parser = not_negative)]
+    pub weight_decay: Option<f64>,
+    /// Largest norm of the gradient
+    #[arg(long, value_name = "NORM", value_parser = above_zero)]
+    pub clip: Option<f64>,
+    /// End after so many passes without a better validation error
+    #[arg(long, value_name = "EPOCHS")]
+    pub patience: Option<usize>,
+    /// Save an average over past weights, of which each step keeps this share, such as 0.999
+    #[arg(long, value_name = "SHARE", value_parser = not_negative)]
+    pub ema: Option<f64>,
+    /// f32 or bf16 [default: f32]
+    #[arg(long, value_name = "NAME", value_parser = word::<Precision>)]
+    pub precision: Option<Precision>,
+    /// Keep the best or the last epoch [default: best]
+    #[arg(long, value_name = "NAME", value_parser = word::<Keep>)]
+    pub keep: Option<Keep>,
+    /// Steering added for the left camera and taken off for the right [default: 0.25]
+    #[arg(long, value_name = "STEERING", value_parser = not_negative)]
+    pub side_offset: Option<f64>,
+    /// Labels are means over so many rows [default: 1]
+    #[arg(long, value_name = "ROWS")]
+    pub smooth: Option<usize>,
+    /// Share of the rows without steering that is kept [default: 1]
+    #[arg(long, value_name = "SHARE", value_parser = not_negative)]
+    pub keep_zero: Option<f64>,
+    /// How far the histogram of steering is flattened, 0 to 1 [default: 0]
+    #[arg(long, value_name = "SHARE", value_parser = not_negative)]
+    pub flatten: Option<f64>,
+    /// A row at full lock is drawn so many times more often than one straight on [default: 0]
+    #[arg(long, value_name = "TIMES", value_parser = not_negative)]
+    pub large_angles: Option<f64>,
+    /// Only these changes to pictures: flip, translate, brightness, shadow, erase, or none [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub augment: Option<Vec<String>>,
+    /// Memory for decoded pictures, in MiB [default: 1024]
+    #[arg(long, value_name = "MIB")]
+    pub cache_mib: Option<usize>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing evaluate`
+#[derive(Debug, Args)]
+pub struct Evaluate {
+    /// Checkpoint (.safetensors)
+    pub model: PathBuf,
+    /// Data sets: folders with driving_log.csv, or runs
+    #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
+    pub data: Vec<PathBuf>,
+    /// All rows, or those that training holds out: one block of 50 in five
+    #[arg(long, value_enum, default_value_t = Rows::All)]
+    pub rows: Rows,
+    /// Only rows before this one, counted from 0
+    #[arg(long, value_name = "ROW")]
+    pub before: Option<usize>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which rows of a data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Rows {
+    All,
+    HeldOut,
+}
+
+fn rows_and_columns(text: &str) -> Result<(usize, usize), String> {
+    let parsed = text.split_once('x').and_then(|(rows, columns)| Some((rows.parse().ok()?, columns.parse().ok()?)));
+    parsed.ok_or_else(|| "expected rows x columns, such as 80x160".into())
+}
+
+/// A word as settings files have it.
+fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_value(text.into()).map_err(|why| why.to_string())
 }
 
 /// `lapwing serve`

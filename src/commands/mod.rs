@@ -2,10 +2,12 @@
 
 mod doctor;
 mod drive;
+mod evaluate;
 mod record;
 mod replay;
 mod serve;
 mod simulate;
+mod train;
 mod world;
 
 use std::{
@@ -52,7 +54,9 @@ pub fn run(cli: Cli) -> ExitCode {
     let ended = match cli.verb {
         Verb::Drive(arguments) => drive::run(arguments, config),
         Verb::Simulate(arguments) => simulate::run(arguments, config),
-        Verb::Record(arguments) => record::run(arguments, config),
+        Verb::Record(arguments) => record::run(&arguments, config),
+        Verb::Train(arguments) => train::run(arguments),
+        Verb::Evaluate(arguments) => evaluate::run(arguments),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
@@ -91,9 +95,14 @@ fn told(error: &anyhow::Error) -> String {
 struct Interrupted(Arc<AtomicBool>);
 
 impl Interrupted {
+    /// Whether Ctrl-C was pressed.
+    fn is_pressed(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
     /// Ends the run if Ctrl-C was pressed.
     fn end(&self, simulation: &mut Simulation) {
-        if self.0.load(Ordering::Relaxed) {
+        if self.is_pressed() {
             simulation.end(Ending::Interrupted);
         }
     }

@@ -25,7 +25,7 @@ const NOISE: f64 = 0.12;
 /// … which forgets within this time, in seconds. Bojarski et al. (2016) and Codevilla et al. (2018) disturb alike.
 const NOISE_S: f64 = 0.7;
 
-pub(super) fn run(arguments: cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
+pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
     let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
     let setup = world::setup(&settings, &arguments.world, Some(arguments.laps))?;
     let mut log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;

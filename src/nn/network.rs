@@ -3,6 +3,7 @@
 use tch::Tensor;
 
 use super::{NnError, pilotnet::PilotNet};
+use crate::perception::{Colour, Crop, Filter, Layout, Preprocess, Resize, Scale};
 
 /// Gives a network its tensors: called once for each, with name and shape, while the network is built.
 ///
@@ -41,6 +42,19 @@ impl Architecture {
     pub fn input_shape(self) -> [usize; 3] {
         match self {
             Self::PilotNet => PilotNet::INPUT_SHAPE,
+        }
+    }
+
+    /// The preprocessing that a network of it is trained with where nothing else is said.
+    pub fn default_preprocess(self) -> Preprocess {
+        match self {
+            Self::PilotNet => Preprocess {
+                crop: Some(Crop { top: 60, bottom: 135 }),
+                resize: Resize { height: 66, width: 200, filter: Filter::BilinearAntialiased },
+                colour: Colour::Yuv,
+                scale: Scale::Signed,
+                layout: Layout::Nchw,
+            },
         }
     }
 

@@ -1,1 +1,31 @@
-//! x
+//! Supervised training: from data sets to a checkpoint that says how it came about.
+//!
+//! A [`Recipe`] says all; a [`Trainer`] follows it and leaves in its folder
+//!
+//! | file | is |
+//! |---|---|
+//! | `model.safetensors` | the network, as `pilot` and `nn` read it |
+//! | `state.safetensors` | all that going on takes: weights, moments, averages, where it was |
+//! | `log.csv` | a line for each epoch |
+//! | `recipe.toml` | the recipe as it was followed |
+//! | `events.out.tfevents.…` | the same curves for TensorBoard |
+//!
+//! [`measure`] says how far a network's answers lie from a data set's labels.
+
+mod error;
+mod log;
+mod measure;
+mod metrics;
+mod optimiser;
+mod recipe;
+mod state;
+mod trainer;
+
+pub use error::TrainError;
+pub use measure::{Measured, measure, tensors};
+pub use metrics::Metrics;
+pub use recipe::{Keep, Optimiser, OptimiserKind, Precision, Recipe, Recording, Schedule};
+pub use trainer::{Epoch, Go, Outcome, Progress, Trainer};
+
+#[cfg(test)]
+mod tests;

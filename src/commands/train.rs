@@ -1,0 +1,230 @@
+//! `lapwing train`.
+
+use std::{
+    collections::VecDeque,
+    fs,
+    io::{self, IsTerminal},
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use super::{Ended, record};
+use crate::{
+    cli,
+    dataset::{Augmentation, Selection},
+    train::{Epoch, Go, Metrics, Progress, Recipe, Recording, Trainer},
+};
+
+pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
+    let recipe = recipe(&arguments)?;
+    recipe.check()?;
+    for recording in &recipe.record {
+        make(recording)?;
+    }
+    let epochs = recipe.epochs;
+    let mut trainer = Trainer::new(recipe, &arguments.out, arguments.resume)?;
+    let (training, validation) = trainer.sizes();
+    tracing::info!("{training} samples to learn from, {validation} held out");
+    trainer.history().iter().for_each(|epoch| say(epoch, epochs));
+    let interrupted = super::interrupted();
+    let bar = Bar::new();
+    let mut speed = Speed::default();
+    let outcome = trainer.run(&mut |progress| {
+        match progress {
+            Progress::Step { epoch, step, steps, samples, loss } => {
+                bar.show(epoch, epochs, step, steps, speed.of(samples), loss);
+            }
+            Progress::Epoch(epoch) => bar.0.suspend(|| say(epoch, epochs)),
+        }
+        if interrupted.is_pressed() { Go::Stop } else { Go::On }
+    });
+    bar.0.finish_and_clear();
+    let outcome = outcome?;
+    if arguments.json {
+        super::print(&serde_json::to_string_pretty(&json!({
+            "model": outcome.model, "sha256": outcome.sha256, "kept": outcome.kept, "finished": outcome.finished,
+        }))?);
+    } else {
+        let kept = outcome.kept.as_ref().map_or_else(
+            || "no epoch was finished".to_owned(),
+            |epoch| format!("epoch {}, validation {}", epoch.number, told(&epoch.validation.raw)),
+        );
+        super::print(&format!("{} ({kept})", outcome.model.display()));
+        if !outcome.finished {
+            super::print(&format!("stopped; go on with: lapwing train --resume --out {}", arguments.out.display()));
+        }
+    }
+    Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
+}
+
+fn say(epoch: &Epoch, epochs: usize) {
+    eprintln!(
+        "epoch {:>3}/{epochs}  train {}  validation {}  9-frame mean {}  {:.0} images/s{}",
+        epoch.number,
+        told(&epoch.training),
+        told(&epoch.validation.raw),
+        told(&epoch.validation.smooth),
+        epoch.images_per_s,
+        if epoch.best { "  best" } else { "" },
+    );
+}
+
+fn told(metrics: &Metrics) -> String {
+    let r = metrics.r.map_or_else(|| "-".to_owned(), |r| format!("{r:.3}"));
+    format!("MSE {:.4} MAE {:.4} r {r}", metrics.mse, metrics.mae)
+}
+
+/// The recipe's file, then the flags.
+fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
+    let left = arguments.out.join("recipe.toml");
+    let read = |path: &Path| {
+        let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+        Recipe::parse(&text).with_context(|| path.display().to_string())
+    };
+    let mut recipe = match &arguments.recipe {
+        Some(path) => read(path)?,
+        None if arguments.resume && arguments.data.is_empty() => read(&left)?,
+        None => Recipe::default(),
+    };
+    if !arguments.data.is_empty() {
+        recipe.data = arguments.data.iter().map(|text| selection(text)).collect::<Result<_, _>>()?;
+        recipe.record.clear();
+    }
+    if !arguments.validation.is_empty() {
+        recipe.validation = arguments.validation.iter().map(Selection::of).collect();
+    }
+    for data in &mut recipe.data {
+        set(&mut data.side_offset, arguments.side_offset);
+        set(&mut data.smooth, arguments.smooth);
+    }
+    set(&mut recipe.network, arguments.network.clone());
+    set_some(&mut recipe.input, arguments.input);
+    recipe.speed_input |= arguments.speed_input;
+    set_some(&mut recipe.pretrained, arguments.pretrained.clone());
+    set(&mut recipe.epochs, arguments.epochs);
+    set(&mut recipe.batch, arguments.batch);
+    set_some(&mut recipe.samples_per_epoch, arguments.samples_per_epoch);
+    set(&mut recipe.seed, arguments.seed);
+    set(&mut recipe.optimiser.kind, arguments.optimiser);
+    set(&mut recipe.optimiser.learning_rate, arguments.learning_rate);
+    set(&mut recipe.optimiser.schedule, arguments.schedule);
+    set(&mut recipe.optimiser.weight_decay, arguments.weight_decay);
+    set_some(&mut recipe.optimiser.clip, arguments.clip);
+    set_some(&mut recipe.patience, arguments.patience);
+    set_some(&mut recipe.ema, arguments.ema);
+    set(&mut recipe.precision, arguments.precision);
+    set(&mut recipe.keep, arguments.keep);
+    set(&mut recipe.balance.keep_zero, arguments.keep_zero);
+    set(&mut recipe.balance.flatten, arguments.flatten);
+    set(&mut recipe.balance.large_angles, arguments.large_angles);
+    set(&mut recipe.cache_mib, arguments.cache_mib);
+    if let Some(names) = &arguments.augment {
+        only(&mut recipe.augment, names)?;
+    }
+    Ok(recipe)
+}
+
+fn set<T>(setting: &mut T, flag: Option<T>) {
+    if let Some(value) = flag {
+        *setting = value;
+    }
+}
+
+fn set_some<T>(setting: &mut Option<T>, flag: Option<T>) {
+    if flag.is_some() {
+        *setting = flag;
+    }
+}
+
+/// `DIR` or `DIR@WEIGHT`.
+fn selection(text: &str) -> anyhow::Result<Selection> {
+    match text.rsplit_once('@') {
+        Some((path, weight)) if !Path::new(text).exists() => {
+            let weight = weight.parse().with_context(|| format!("--data {text}: expected a number behind the @"))?;
+            Ok(Selection { weight, ..Selection::of(path) })
+        }
+        _ => Ok(Selection::of(text)),
+    }
+}
+
+/// Switches off all changes but those named.
+fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()> {
+    let names: Vec<&str> = names.iter().map(String::as_str).filter(|name| *name != "none").collect();
+    if let Some(unknown) = names.iter().find(|name| !Augmentation::NAMES.contains(name)) {
+        anyhow::bail!("--augment: expected {} or none, got {unknown:?}", Augmentation::NAMES.join(", "));
+    }
+    let defaults = &mut Augmentation::default();
+    for name in Augmentation::NAMES {
+        let probability = augmentation.probability(name).zip(defaults.probability(name));
+        let Some((probability, default)) = probability else { continue };
+        *probability = match names.contains(&name) {
+            false => 0.0,
+            true if *probability == 0.0 => *default,
+            true => *probability,
+        };
+    }
+    Ok(())
+}
+
+/// Records simulated data, unless it is there.
+fn make(recording: &Recording) -> anyhow::Result<()> {
+    let Recording { out, track, laps, speed, seed, recovery, conditions } = recording.clone();
+    if out.exists() {
+        return Ok(());
+    }
+    tracing::info!("recording {}: {laps} laps of {track} at {speed} mph", out.display());
+    // Under another name until it is whole.
+    let mut name = out.clone().into_os_string();
+    name.push(".partial");
+    let partial = Path::new(&name);
+    if partial.exists() {
+        fs::remove_dir_all(partial).with_context(|| partial.display().to_string())?;
+    }
+    let world =
+        cli::World { track: Some(track), seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
+    let ended = record::run(&cli::Record { world, laps, out: partial.to_owned(), speed, recovery }, None)?;
+    anyhow::ensure!(ended == Ended::Passed, "{}: expected {laps} laps, the expert drove fewer", partial.display());
+    fs::rename(partial, &out).with_context(|| out.display().to_string())?;
+    Ok(())
+}
+
+/// Samples a second over the last few steps.
+#[derive(Default)]
+struct Speed(VecDeque<(Instant, usize)>);
+
+impl Speed {
+    fn of(&mut self, samples: usize) -> f64 {
+        let now = Instant::now();
+        self.0.push_back((now, samples));
+        while self.0.len() > 2 && self.0.front().is_some_and(|(at, _)| now - *at > Duration::from_secs(10)) {
+            self.0.pop_front();
+        }
+        let first = self.0.front().map_or(now, |(at, _)| *at);
+        let count: usize = self.0.iter().skip(1).map(|(_, samples)| samples).sum();
+        count as f64 / (now - first).as_secs_f64().max(1e-9)
+    }
+}
+
+struct Bar(ProgressBar);
+
+impl Bar {
+    fn new() -> Self {
+        let bar = if io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
+        let template = "{wide_bar} {pos}/{len} {msg}, {eta} left";
+        bar.set_style(ProgressStyle::with_template(template).expect("the template is written here"));
+        Self(bar)
+    }
+
+    /// The bar spans all epochs, so that the time left is that of the training.
+    fn show(&self, epoch: usize, epochs: usize, step: usize, steps: usize, speed: f64, loss: f64) {
+        self.0.set_length((steps * epochs) as u64);
+        self.0.set_position(((epoch - 1) * steps + step) as u64);
+        if !self.0.is_hidden() {
+            self.0.set_message(format!("epoch {epoch}/{epochs}, loss {loss:.4}, {speed:.0} images/s"));
+        }
+    }
+}

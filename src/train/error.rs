@@ -1,0 +1,106 @@
+//! What ends a training before its time.
+
+use std::path::PathBuf;
+
+use crate::{dataset::DatasetError, nn::NnError};
+
+/// Why there is no network.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The recipe is no TOML, or has keys that are unknown.
+    #[error("the recipe: {0}")]
+    Recipe(String),
+    /// A number that makes no sense.
+    #[error("{name}: expected {expected}, got {got}")]
+    Setting {
+        /// Which setting.
+        name: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        got: String,
+    },
+    /// The data.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The network or its file.
+    #[error(transparent)]
+    Network(#[from] NnError),
+    /// All labels say the same, or all steer to one side, and no picture is mirrored.
+    #[error(
+        "expected labels that steer to both sides, got steering from {least:.3} to {most:.3} in {rows} samples: a network would learn to answer that; add data, or mirror pictures (augment.flip)"
+    )]
+    OneSided {
+        /// The least.
+        least: f64,
+        /// The largest.
+        most: f64,
+        /// Samples.
+        rows: usize,
+    },
+    /// The loss is no number any more.
+    #[error(
+        "the loss became {loss} in epoch {epoch}, step {step}: lower the learning rate (now {rate}) or clip gradients (optimiser.clip); the last whole epoch is saved"
+    )]
+    NotFinite {
+        /// What it became.
+        loss: f64,
+        /// From 1.
+        epoch: usize,
+        /// From 1.
+        step: usize,
+        /// Learning rate at that step.
+        rate: f64,
+    },
+    /// No memory for a step.
+    #[error(
+        "no memory for a batch of {batch}: take a smaller batch or input, or cache less (cache_mib); libtorch: {why}"
+    )]
+    Memory {
+        /// Samples in a step.
+        batch: usize,
+        /// The first line of what libtorch says.
+        why: String,
+    },
+    /// A file of the training's folder.
+    #[error("{path}: cannot {doing}: {source}", path = path.display())]
+    Io {
+        /// What failed.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// There is a training in that folder already.
+    #[error("{path} holds a training: go on with it (--resume), or name another folder", path = .0.display())]
+    Exists(PathBuf),
+    /// The state of another recipe, or none.
+    #[error("{path}: {why}; training cannot go on from it", path = path.display())]
+    State {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
+}
+
+impl TrainError {
+    pub(super) fn io<'a>(doing: &'static str, path: &'a std::path::Path) -> impl FnOnce(std::io::Error) -> Self + 'a {
+        move |source| Self::Io { doing, path: path.to_owned(), source }
+    }
+
+    /// Names a lack of memory for what it is.
+    pub(super) fn at_batch(self, batch: usize) -> Self {
+        match self {
+            Self::Network(NnError::Torch(why)) if why.to_lowercase().contains("memory") => Self::Memory { batch, why },
+            other => other,
+        }
+    }
+}
+
+impl From<tch::TchError> for TrainError {
+    fn from(error: tch::TchError) -> Self {
+        Self::Network(error.into())
+    }
+}

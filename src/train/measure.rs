@@ -1,0 +1,94 @@
+//! A network's answers to a data set.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, Tensor, no_grad};
+
+use super::{Metrics, Precision, TrainError};
+use crate::{
+    dataset::{Augmentation, Batch, Cache, Inputs, Loader, Samples},
+    nn::Network,
+};
+
+/// How far answers lie from labels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// From the labels as recorded.
+    pub raw: Metrics,
+    /// From labels averaged over nine rows: a keyboard steers in strokes, and no picture tells when the next one comes.
+    pub smooth: Metrics,
+}
+
+/// Rows that a label is averaged over for [`Measured::smooth`].
+const SMOOTH: usize = 9;
+
+/// A batch as tensors: frames (B, C, H, W) or, of a network that looks at several, (B, T, C, H, W); labels
+/// (B, outputs); speed (B, 1).
+///
+/// # Errors
+/// [`TrainError::Network`] where libtorch finds no memory.
+pub fn tensors(
+    batch: &Batch,
+    inputs: &Inputs,
+    outputs: usize,
+    device: Device,
+    precision: Precision,
+    channels_last: bool,
+) -> Result<[Tensor; 3], TrainError> {
+    let [c, h, w] = inputs.preprocess.shape().map(|n| n as i64);
+    let (b, t) = (batch.size as i64, inputs.frames as i64);
+    let kind = match precision {
+        Precision::F32 => Kind::Float,
+        Precision::Bf16 => Kind::BFloat16,
+    };
+    let mut frames = Tensor::f_from_slice(&batch.frames)?.f_reshape([b * t, c, h, w])?;
+    if channels_last {
+        frames = frames.f_permute([0, 2, 3, 1])?.f_contiguous()?.f_permute([0, 3, 1, 2])?;
+    }
+    let mut frames = frames.f_to_device(device)?.f_to_kind(kind)?;
+    if t > 1 {
+        frames = frames.f_reshape([b, t, c, h, w])?;
+    }
+    let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
+    let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
+    let speed = Tensor::f_from_slice(&batch.speed)?.f_reshape([b, 1])?.f_to_device(device)?.f_to_kind(kind)?;
+    Ok([frames, labels, speed])
+}
+
+/// Passes all samples through the network, in their order. Says the errors, and each answer's steering.
+///
+/// # Errors
+/// [`TrainError`].
+pub fn measure(
+    network: &Network,
+    samples: &Arc<Samples>,
+    cache: &Arc<Cache>,
+    inputs: &Inputs,
+) -> Result<(Measured, Vec<f64>), TrainError> {
+    let device = network.tensors().first().map_or(Device::Cpu, |(_, tensor)| tensor.device());
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let order = (0..samples.samples.len() as u32).collect();
+    let loader = Loader::start(
+        Arc::clone(samples),
+        Arc::clone(cache),
+        inputs.clone(),
+        Augmentation::none(),
+        order,
+        64,
+        (0, 0, 0),
+        threads,
+    )?;
+    let mut answers = Vec::with_capacity(samples.samples.len());
+    for batch in loader {
+        let batch = batch?;
+        let [frames, _, speed] = tensors(&batch, inputs, 1, device, Precision::F32, false)?;
+        let answer = no_grad(|| super::trainer::forward(network, &frames, &speed, false))?;
+        let steering = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
+        answers.extend(Vec::<f64>::try_from(&steering)?);
+    }
+    let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.steering).collect();
+    let smooth: Vec<f64> = samples.samples.iter().map(|sample| samples.mean_steering(sample, SMOOTH)).collect();
+    let measured = Measured { raw: Metrics::of(&answers, &labels), smooth: Metrics::of(&answers, &smooth) };
+    Ok((measured, answers))
+}

@@ -1,0 +1,307 @@
+//! All that decides how a network is trained: one TOML file, kept in the checkpoint.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::TrainError;
+use crate::dataset::{Augmentation, Balance, Blocks, Selection};
+
+/// A training, whole. The defaults are Lu's: L2 loss, Adam 1e-3, batch 64, 20 epochs, all five augmentations.
+///
+/// ```
+/// let recipe = lapwing::train::Recipe::parse(r#"
+///     network = "pilotnet"
+///     epochs = 8
+///     [[data]]
+///     path = "data/lake"
+///     side_offset = 0.15
+/// "#)?;
+/// assert_eq!((recipe.batch, recipe.data[0].weight), (64, 1.0));
+/// # Ok::<(), lapwing::train::TrainError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recipe {
+    /// Architecture, by name; default `pilotnet`.
+    pub network: String,
+    /// Rows and columns of the input, for networks that take any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input: Option<(usize, usize)>,
+    /// Whether the network is told the speed.
+    pub speed_input: bool,
+    /// Weights of the backbone to begin with, under torchvision's names (`.safetensors`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pretrained: Option<PathBuf>,
+    /// Passes over the data; default 20.
+    pub epochs: usize,
+    /// Samples in a step; default 64.
+    pub batch: usize,
+    /// Samples in a pass; default as many as there are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples_per_epoch: Option<usize>,
+    /// What all dice follow; default 0.
+    pub seed: u64,
+    /// bf16 or f32.
+    pub precision: Precision,
+    /// Pictures laid out channel by channel (false) or pixel by pixel (true, the default: faster in most networks).
+    pub channels_last: bool,
+    /// Which checkpoint stays: that of the least validation error, or the last.
+    pub keep: Keep,
+    /// Passes without a better validation error after which training ends; default never.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub patience: Option<usize>,
+    /// Share that an average over the weights of past steps keeps at each step, such as 0.999; the average is what is
+    /// measured and saved. Default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ema: Option<f64>,
+    /// How weights are stored.
+    pub stored: Precision,
+    /// Decoded pictures are kept in so much memory, in MiB; default 1024.
+    pub cache_mib: usize,
+    /// Blocks of rows that are held out for validation. Default 50 rows of each 250; `validation` overrides it.
+    pub blocks: Blocks,
+    /// How weights are moved.
+    pub optimiser: Optimiser,
+    /// Against the many rows in which nobody steers.
+    pub balance: Balance,
+    /// How pictures are changed.
+    pub augment: Augmentation,
+    /// Data to learn from.
+    pub data: Vec<Selection>,
+    /// Data to measure by, whole; default the blocks held out of `data`.
+    pub validation: Vec<Selection>,
+    /// Simulated data that is made first where its folder is not there.
+    pub record: Vec<Recording>,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            network: "pilotnet".into(),
+            input: None,
+            speed_input: false,
+            pretrained: None,
+            epochs: 20,
+            batch: 64,
+            samples_per_epoch: None,
+            seed: 0,
+            precision: Precision::F32,
+            channels_last: true,
+            keep: Keep::Best,
+            patience: None,
+            ema: None,
+            stored: Precision::F32,
+            cache_mib: 1024,
+            blocks: Blocks::default(),
+            optimiser: Optimiser::default(),
+            balance: Balance::default(),
+            augment: Augmentation::default(),
+            data: vec![],
+            validation: vec![],
+            record: vec![],
+        }
+    }
+}
+
+/// Bits of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// 32.
+    F32,
+    /// 16, of which 8 are the exponent's: forward and backward pass take half the time where the processor knows it,
+    /// weights are moved in f32.
+    Bf16,
+}
+
+/// Which checkpoint stays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Keep {
+    /// That of the least validation error.
+    Best,
+    /// The last.
+    Last,
+}
+
+/// How weights are moved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Optimiser {
+    /// Adam or SGD with momentum.
+    pub kind: OptimiserKind,
+    /// Step width at the beginning; default 1e-3.
+    pub learning_rate: f64,
+    /// How it changes.
+    pub schedule: Schedule,
+    /// L2 penalty: added to the gradient, times the weight, in SGD; taken off the weight itself in Adam (AdamW).
+    /// Default 0.
+    pub weight_decay: f64,
+    /// SGD's momentum; default 0.9.
+    pub momentum: f64,
+    /// Largest norm of the gradient of all weights; default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clip: Option<f64>,
+}
+
+impl Default for Optimiser {
+    fn default() -> Self {
+        Self {
+            kind: OptimiserKind::Adam,
+            learning_rate: 1e-3,
+            schedule: Schedule::Constant,
+            weight_decay: 0.0,
+            momentum: 0.9,
+            clip: None,
+        }
+    }
+}
+
+/// Kinds of optimiser.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OptimiserKind {
+    /// Kingma and Ba, 2014, with 0.9, 0.999 and 1e-8; its weight decay is Loshchilov and Hutter's, 2017.
+    Adam,
+    /// Stochastic gradient descent with momentum, as PyTorch's.
+    Sgd,
+}
+
+/// How the learning rate changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Schedule {
+    /// Not at all.
+    Constant,
+    /// Half a cosine to nought at the last step.
+    Cosine,
+    /// A tenth after each three passes without a better validation error.
+    Plateau,
+}
+
+/// Simulated data, as `lapwing record` makes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recording {
+    /// Folder; where it is there, nothing is recorded.
+    pub out: PathBuf,
+    /// Track, as for `--track`.
+    pub track: String,
+    /// Laps to drive; default 1.
+    #[serde(default = "one_lap")]
+    pub laps: u32,
+    /// mph; default 20.
+    #[serde(default = "twenty")]
+    pub speed: f64,
+    /// Seed; default 0.
+    #[serde(default)]
+    pub seed: u64,
+    /// With disturbed starts and steering noise; default true.
+    #[serde(default = "yes")]
+    pub recovery: bool,
+    /// As for `--conditions`; default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub conditions: Option<String>,
+}
+
+fn one_lap() -> u32 {
+    1
+}
+
+fn twenty() -> f64 {
+    20.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Recipe {
+    /// Reads TOML.
+    ///
+    /// # Errors
+    /// [`TrainError::Recipe`] with line and column.
+    pub fn parse(text: &str) -> Result<Self, TrainError> {
+        toml::from_str(text).map_err(|why| TrainError::Recipe(why.to_string()))
+    }
+
+    /// Checks what can be told without data.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`], [`TrainError::Dataset`].
+    pub fn check(&self) -> Result<(), TrainError> {
+        let wrong = |name, expected, got: String| Err(TrainError::Setting { name, expected, got });
+        if self.data.is_empty() {
+            return wrong("data", "at least one data set", "none".into());
+        }
+        if self.epochs == 0 {
+            return wrong("epochs", "at least 1", "0".into());
+        }
+        if !(1..=65536).contains(&self.batch) {
+            return wrong("batch", "1 to 65536", self.batch.to_string());
+        }
+        if self.samples_per_epoch == Some(0) {
+            return wrong("samples_per_epoch", "at least 1", "0".into());
+        }
+        if let Some(share) = self.ema.filter(|share| !(0.0..1.0).contains(share)) {
+            return wrong("ema", "0 to below 1", share.to_string());
+        }
+        let o = &self.optimiser;
+        if !(o.learning_rate > 0.0 && o.learning_rate <= 100.0) {
+            return wrong("learning_rate", "a number above 0, at most 100", o.learning_rate.to_string());
+        }
+        if !(0.0..=1.0).contains(&o.weight_decay) {
+            return wrong("weight_decay", "0 to 1", o.weight_decay.to_string());
+        }
+        if !(0.0..1.0).contains(&o.momentum) {
+            return wrong("momentum", "0 to below 1", o.momentum.to_string());
+        }
+        if let Some(clip) = o.clip.filter(|clip| !(clip.is_finite() && *clip > 0.0)) {
+            return wrong("clip", "a number above 0", clip.to_string());
+        }
+        Ok(self.augment.check()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_lus() {
+        let recipe = Recipe::parse("[[data]]\npath = \"x\"").unwrap();
+        recipe.check().unwrap();
+        assert_eq!((recipe.epochs, recipe.batch, recipe.optimiser.learning_rate), (20, 64, 1e-3));
+        assert_eq!((recipe.data[0].side_offset, recipe.augment.translate_x_px), (0.25, 60));
+    }
+
+    #[test]
+    fn a_recipe_reads_back_as_it_was_written() {
+        let mut recipe = Recipe::parse("ema = 0.99\n[[data]]\npath = \"x\"\nrows = [0, 2000]").unwrap();
+        recipe.record.push(Recording {
+            out: "y".into(),
+            track: "lake".into(),
+            laps: 2,
+            speed: 30.0,
+            seed: 1,
+            recovery: true,
+            conditions: None,
+        });
+        assert_eq!(Recipe::parse(&toml::to_string(&recipe).unwrap()).unwrap(), recipe);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let error = |text: &str| match Recipe::parse(text) {
+            Ok(recipe) => recipe.check().unwrap_err().to_string(),
+            Err(error) => error.to_string(),
+        };
+        assert_eq!(error(""), "data: expected at least one data set, got none");
+        assert!(error("epoch = 3").contains("unknown field `epoch`"));
+        let data = "[[data]]\npath = \"x\"\n";
+        assert!(error(&format!("{data}[optimiser]\nlearning_rate = -1")).starts_with("learning_rate: expected"));
+        assert!(error(&format!("batch = 0\n{data}")).starts_with("batch: expected 1 to 65536, got 0"));
+        assert!(error(&format!("{data}[augment]\nflip = 2")).starts_with("flip: expected a probability"));
+    }
+}

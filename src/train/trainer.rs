@@ -1,0 +1,387 @@
+//! The loop.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
+
+use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
+
+use super::{
+    Keep, Measured, Metrics, Recipe, Schedule, TrainError, log, measure,
+    measure::tensors,
+    optimiser::Stepper,
+    state::{self, Position},
+};
+use crate::{
+    dataset::{Batch, Cache, Inputs, Loader, Samples, Set},
+    nn::{self, Architecture, Metadata, Network, NnError, in_variable_store},
+};
+
+/// What an epoch was like.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Epoch {
+    /// From 1.
+    pub number: usize,
+    /// How long its training took, without the measuring.
+    pub seconds: f64,
+    /// Samples a second.
+    pub images_per_s: f64,
+    /// At its end.
+    pub learning_rate: f64,
+    /// Against the labels of the changed pictures, while the weights moved.
+    pub training: Metrics,
+    /// Against the held-out labels, at its end.
+    pub validation: Measured,
+    /// Whether it is the best so far.
+    pub best: bool,
+}
+
+/// What is going on.
+#[derive(Debug)]
+pub enum Progress<'a> {
+    /// A step was taken.
+    Step {
+        /// From 1.
+        epoch: usize,
+        /// Steps taken in this epoch.
+        step: usize,
+        /// Steps of an epoch.
+        steps: usize,
+        /// Samples of this step.
+        samples: usize,
+        /// Its mean squared error.
+        loss: f64,
+    },
+    /// An epoch ended.
+    Epoch(&'a Epoch),
+}
+
+/// Whether to go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Go {
+    /// Yes.
+    On,
+    /// No: keep what there is and end.
+    Stop,
+}
+
+/// How a training ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// The checkpoint.
+    pub model: PathBuf,
+    /// Its SHA-256.
+    pub sha256: String,
+    /// The epoch whose weights these are; absent where none was finished.
+    pub kept: Option<Epoch>,
+    /// Whether all epochs asked for were done, or patience ended it; otherwise it can be resumed.
+    pub finished: bool,
+}
+
+/// Plateau: epochs without a better error, and the factor then.
+const PLATEAU: (usize, f64) = (3, 0.1);
+
+/// A training in its folder.
+#[derive(Debug)]
+pub struct Trainer {
+    recipe: Recipe,
+    out: PathBuf,
+    device: Device,
+    inputs: Inputs,
+    network: Network,
+    /// The mean over past weights; what is measured and saved where there is one.
+    average: Option<Network>,
+    stepper: Stepper,
+    training: (Arc<Samples>, Arc<Cache>),
+    validation: (Arc<Samples>, Arc<Cache>),
+    position: Position,
+    /// Keep the variables alive.
+    _stores: Vec<VarStore>,
+}
+
+/// (B, outputs) f32 of a batch.
+pub(super) fn forward(network: &Network, frames: &Tensor, _speed: &Tensor, _train: bool) -> Result<Tensor, NnError> {
+    network.forward(frames)
+}
+
+impl Trainer {
+    /// Opens the data and draws the first weights. Goes on with what is in `out` if `resume`.
+    ///
+    /// # Errors
+    /// [`TrainError`].
+    pub fn new(recipe: Recipe, out: &Path, resume: bool) -> Result<Self, TrainError> {
+        recipe.check()?;
+        let state_path = out.join("state.safetensors");
+        if !resume && state_path.exists() {
+            return Err(TrainError::Exists(out.to_owned()));
+        }
+        let architecture = Architecture::named(&recipe.network)
+            .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
+        let preprocess = architecture.default_preprocess();
+        let inputs = Inputs { preprocess, frames: 1 };
+        let training = Samples::open(&recipe.data, Set::Training, Some(recipe.blocks), &recipe.balance)?;
+        check_sides(&training, recipe.augment.flip)?;
+        let validation = if recipe.validation.is_empty() {
+            Samples::open(&recipe.data, Set::Validation, Some(recipe.blocks), &recipe.balance)?
+        } else {
+            Samples::open(&recipe.validation, Set::All, None, &recipe.balance)?
+        };
+        let with_cache = |samples: Samples, share: usize| {
+            let cache = Cache::new(&samples, (recipe.cache_mib << 20) / 5 * share);
+            (Arc::new(samples), cache)
+        };
+        let (training, validation) = (with_cache(training, 4), with_cache(validation, 1));
+
+        let device = Device::cuda_if_available();
+        tch::manual_seed(recipe.seed as i64);
+        let fresh = || {
+            let store = VarStore::new(device);
+            let network = Network::build(architecture, &mut in_variable_store(store.root()))?;
+            Ok::<_, TrainError>((store, network))
+        };
+        let (store, network) = fresh()?;
+        let mut stores = vec![store];
+        let average = match recipe.ema {
+            None => None,
+            Some(_) => {
+                let (store, average) = fresh()?;
+                stores.push(store);
+                copy(&network, &average, 0.0)?;
+                Some(average)
+            }
+        };
+        let weights = network.tensors().into_iter().filter(|(_, tensor)| tensor.requires_grad()).collect();
+        let stepper = Stepper::new(recipe.optimiser.clone(), weights);
+        let position = Position { factor: 1.0, ..Position::default() };
+        let mut trainer = Self {
+            recipe,
+            out: out.to_owned(),
+            device,
+            inputs,
+            network,
+            average,
+            stepper,
+            training,
+            validation,
+            position,
+            _stores: stores,
+        };
+        if resume && state_path.exists() {
+            trainer.position = state::load(&state_path, &borrow(&trainer.state()))?;
+            trainer.stepper.steps = trainer.position.steps;
+        }
+        fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
+        let path = out.join("recipe.toml");
+        let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
+        fs::write(&path, text).map_err(TrainError::io("write the recipe", &path))?;
+        Ok(trainer)
+    }
+
+    /// Samples of training and validation.
+    pub fn sizes(&self) -> (usize, usize) {
+        (self.training.0.samples.len(), self.validation.0.samples.len())
+    }
+
+    /// Epochs done so far.
+    pub fn history(&self) -> &[Epoch] {
+        &self.position.history
+    }
+
+    /// Trains to the end, or until `watch` says stop.
+    ///
+    /// # Errors
+    /// [`TrainError`]; what was saved before stays.
+    pub fn run(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Outcome, TrainError> {
+        let mut finished = true;
+        while self.position.epoch < self.recipe.epochs {
+            if self.recipe.patience.is_some_and(|patience| self.position.waited >= patience) {
+                break;
+            }
+            let Some(epoch) = self.epoch(watch)? else {
+                finished = false;
+                break;
+            };
+            self.close_epoch(epoch)?;
+            let epoch = self.position.history.last().expect("an epoch was closed");
+            if watch(Progress::Epoch(epoch)) == Go::Stop && self.position.epoch < self.recipe.epochs {
+                finished = false;
+                break;
+            }
+        }
+        let model = self.out.join("model.safetensors");
+        if !finished && !model.exists() {
+            // Stopped in the first epoch: better some weights than none.
+            self.save_model(&model)?;
+        }
+        let bytes = fs::read(&model).map_err(TrainError::io("read the model", &model))?;
+        let best = |epochs: &[Epoch]| epochs.iter().rev().find(|epoch| epoch.best).cloned();
+        let kept = match self.recipe.keep {
+            Keep::Best => best(&self.position.history),
+            Keep::Last => self.position.history.last().cloned(),
+        };
+        Ok(Outcome { model, sha256: nn::sha256_hex(&bytes), kept, finished })
+    }
+
+    /// One pass; `None` where it was stopped, and its state saved.
+    fn epoch(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Option<Epoch>, TrainError> {
+        let count = self.recipe.samples_per_epoch.unwrap_or(self.training.0.samples.len());
+        let number = self.position.epoch;
+        let order = self.training.0.draw(count, self.recipe.seed, number as u64);
+        let steps = order.len().div_ceil(self.recipe.batch);
+        let loader = Loader::start(
+            Arc::clone(&self.training.0),
+            Arc::clone(&self.training.1),
+            self.inputs.clone(),
+            self.recipe.augment.clone(),
+            order,
+            self.recipe.batch,
+            (self.recipe.seed, number as u64, self.position.step),
+            std::thread::available_parallelism().map_or(1, usize::from),
+        )?;
+        let began = Instant::now();
+        let (mut answers, mut labels) = (vec![], vec![]);
+        let mut rate = self.recipe.optimiser.learning_rate;
+        for batch in loader {
+            let batch = batch?;
+            rate = self.learning_rate(steps);
+            let (loss, answer) = self.step(&batch, rate).map_err(|error| error.at_batch(self.recipe.batch))?;
+            self.position.step += 1;
+            self.position.steps += 1;
+            if !loss.is_finite() {
+                return Err(TrainError::NotFinite { loss, epoch: number + 1, step: self.position.step, rate });
+            }
+            answers.extend(answer);
+            labels.extend(batch.steering.iter().map(|x| f64::from(*x)));
+            let progress =
+                Progress::Step { epoch: number + 1, step: self.position.step, steps, samples: batch.size, loss };
+            if watch(progress) == Go::Stop && self.position.step < steps {
+                self.save_state()?;
+                return Ok(None);
+            }
+        }
+        let seconds = began.elapsed().as_secs_f64();
+        let shown = self.average.as_ref().unwrap_or(&self.network);
+        let (validation, _) = measure(shown, &self.validation.0, &self.validation.1, &self.inputs)?;
+        Ok(Some(Epoch {
+            number: number + 1,
+            seconds,
+            images_per_s: answers.len() as f64 / seconds.max(1e-9),
+            learning_rate: rate,
+            training: Metrics::of(&answers, &labels),
+            validation,
+            best: self.position.best.is_none_or(|best| validation.raw.mse < best),
+        }))
+    }
+
+    /// One step: its loss, and the steering answered.
+    fn step(&mut self, batch: &Batch, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
+        // What dropout rolls follows from the step alone, so that going on rolls the same.
+        tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
+        let outputs = self.network.architecture().outputs();
+        let Recipe { precision, channels_last, .. } = self.recipe;
+        let [frames, labels, speed] = tensors(batch, &self.inputs, outputs, self.device, precision, channels_last)?;
+        let answer = forward(&self.network, &frames, &speed, true)?.f_to_kind(Kind::Float)?;
+        let loss = answer.f_mse_loss(&labels, Reduction::Mean)?;
+        let value = loss.f_double_value(&[])?;
+        if value.is_finite() {
+            self.stepper.forget_gradients();
+            loss.f_backward()?;
+            self.stepper.step(rate)?;
+            if let (Some(average), Some(share)) = (&self.average, self.recipe.ema) {
+                // At first the mean follows quickly: its beginning is noise.
+                let steps = self.position.steps as f64;
+                copy(&self.network, average, share.min((1.0 + steps) / (10.0 + steps)))?;
+            }
+        }
+        let steering = answer.f_detach()?.f_select(1, 0)?.f_to_device(Device::Cpu)?.f_to_kind(Kind::Double)?;
+        Ok((value, Vec::try_from(&steering)?))
+    }
+
+    fn learning_rate(&self, steps: usize) -> f64 {
+        let o = &self.recipe.optimiser;
+        let done = self.position.steps as f64 / (steps * self.recipe.epochs) as f64;
+        o.learning_rate
+            * match o.schedule {
+                Schedule::Constant => 1.0,
+                Schedule::Cosine => (1.0 + (std::f64::consts::PI * done).cos()) / 2.0,
+                Schedule::Plateau => self.position.factor,
+            }
+    }
+
+    /// Keeps what an epoch has come to.
+    fn close_epoch(&mut self, epoch: Epoch) -> Result<(), TrainError> {
+        self.position.epoch += 1;
+        self.position.step = 0;
+        let best = epoch.best;
+        if best {
+            (self.position.best, self.position.waited) = (Some(epoch.validation.raw.mse), 0);
+        } else {
+            self.position.waited += 1;
+            if self.position.waited.is_multiple_of(PLATEAU.0) {
+                self.position.factor *= PLATEAU.1;
+            }
+        }
+        self.position.history.push(epoch);
+        if best || self.recipe.keep == Keep::Last {
+            self.save_model(&self.out.join("model.safetensors"))?;
+        }
+        log::write(&self.out.join("log.csv"), &self.position.history)?;
+        self.save_state()
+    }
+
+    fn save_model(&self, path: &Path) -> Result<(), TrainError> {
+        let network = self.average.as_ref().unwrap_or(&self.network);
+        let outputs = ["steering", "acceleration"][..network.architecture().outputs()].iter().map(|s| (*s).to_owned());
+        let json = |value: serde_json::Result<String>| value.map_err(|why| TrainError::Recipe(why.to_string()));
+        let metadata = Metadata {
+            preprocess: self.inputs.preprocess.clone(),
+            outputs: outputs.collect(),
+            training: json(serde_json::to_string(&self.recipe))?,
+            result: json(serde_json::to_string(&self.position.history.last()))?,
+        };
+        nn::save(path, &metadata, network)?;
+        Ok(())
+    }
+
+    /// All tensors that going on takes.
+    fn state(&self) -> Vec<(String, Tensor)> {
+        let weights = self.network.tensors().into_iter().map(|(name, tensor)| (format!("weights.{name}"), tensor));
+        let average = self.average.iter().flat_map(Network::tensors);
+        let average = average.map(|(name, tensor)| (format!("average.{name}"), tensor));
+        let moments = self.stepper.state().map(|(name, tensor)| (name, tensor.shallow_clone()));
+        weights.chain(average).chain(moments).collect()
+    }
+
+    fn save_state(&self) -> Result<(), TrainError> {
+        state::save(&self.out.join("state.safetensors"), &self.position, &borrow(&self.state()))
+    }
+}
+
+fn borrow(tensors: &[(String, Tensor)]) -> Vec<(String, &Tensor)> {
+    tensors.iter().map(|(name, tensor)| (name.clone(), tensor)).collect()
+}
+
+/// Moves the weights of `to` towards those of `from`; `share` of what they were is kept. Buffers are copied.
+fn copy(from: &Network, to: &Network, share: f64) -> Result<(), TrainError> {
+    no_grad(|| {
+        for ((_, from), (_, mut to)) in from.tensors().into_iter().zip(to.tensors()) {
+            let share = if from.requires_grad() { share } else { 0.0 };
+            let _ = to.f_lerp_(&from.detach(), 1.0 - share)?;
+        }
+        Ok(())
+    })
+}
+
+fn check_sides(samples: &Samples, flip: f64) -> Result<(), TrainError> {
+    let steering = || samples.samples.iter().map(|sample| sample.steering);
+    let (least, most) = (steering().fold(f64::MAX, f64::min), steering().fold(f64::MIN, f64::max));
+    let both = least < -0.01 && most > 0.01;
+    if both || (flip > 0.0 && most.abs().max(least.abs()) > 0.01) {
+        return Ok(());
+    }
+    Err(TrainError::OneSided { least, most, rows: samples.samples.len() })
+}
