@@ -12,7 +12,7 @@ use image::{ColorType, codecs::jpeg::JpegEncoder};
 use lapwing::{
     config::Control,
     driver::Driver,
-    nn::{Checkpoint, in_variable_store, runtime},
+    nn::{Architecture, Checkpoint, Design, Network, in_variable_store, runtime},
     perception::{Frame, Preprocess, Preprocessor, decode_base64, decode_jpeg},
     pilot::{self, View},
     protocol::{Observation, Sight},
@@ -88,7 +88,9 @@ fn pilotnet_forward_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
     tch::set_num_threads(threads);
     let network = Checkpoint::load(MODEL).unwrap().network;
     let input = Tensor::rand([1, 3, 66, 200], (Kind::Float, Device::Cpu)); // (1, 3, 66, 200)
-    tch::no_grad(|| bencher.bench_local(|| network.forward(black_box(&input)).unwrap().double_value(&[0, 0])));
+    tch::no_grad(|| {
+        bencher.bench_local(|| network.forward(black_box(&input), None, false).unwrap().double_value(&[0, 0]))
+    });
 }
 
 /// The same without what inference does for it: weights as in training, gradients tracked.
@@ -96,9 +98,9 @@ fn pilotnet_forward_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
 fn pilotnet_forward_as_in_training_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
     tch::set_num_threads(threads);
     let store = VarStore::new(Device::Cpu);
-    let network = lapwing::nn::pilotnet::PilotNet::build(&mut in_variable_store(store.root())).unwrap();
+    let network = Network::build(&Design::of(Architecture::PilotNet), &mut in_variable_store(store.root())).unwrap();
     let input = Tensor::rand([1, 3, 66, 200], (Kind::Float, Device::Cpu)); // (1, 3, 66, 200)
-    bencher.bench_local(|| network.forward(black_box(&input)).unwrap().double_value(&[0, 0]));
+    bencher.bench_local(|| network.forward(black_box(&input), None, false).unwrap().double_value(&[0, 0]));
 }
 
 /// From a decoded frame to steering.
@@ -129,7 +131,7 @@ fn decode_and_forward_alone(bencher: Bencher<'_, '_>) {
     tch::no_grad(|| {
         bencher.bench_local(|| {
             decode_jpeg(black_box(&bytes), &mut frame).unwrap();
-            network.forward(black_box(&input)).unwrap().double_value(&[0, 0])
+            network.forward(black_box(&input), None, false).unwrap().double_value(&[0, 0])
         })
     });
 }

@@ -7,10 +7,7 @@
 
 use std::{env, error::Error};
 
-use lapwing::{
-    nn::{Architecture, Metadata, Network, NnError, save},
-    perception::{Colour, Crop, Filter, Layout, Preprocess, Resize, Scale},
-};
+use lapwing::nn::{Architecture, Design, Metadata, Network, NnError, Precision, save};
 use tch::Tensor;
 
 const TRAINING: &str = "PyTorch 2.13; the first 2000 rows of a real manual drive on the lake track; left and right \
@@ -23,23 +20,18 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("expected two arguments: the file to convert and the one to write".into());
     };
     let tensors = Tensor::read_safetensors(from)?;
-    let network = Network::build(Architecture::PilotNet, &mut |name, shape| {
+    let design = Design::of(Architecture::PilotNet);
+    let network = Network::build(&design, &mut |name, shape, _| {
         let found = tensors.iter().find(|(n, t)| n == name && t.size() == shape);
         let missing = || NnError::MissingTensor { name: name.to_owned(), expected: shape.to_vec() };
         found.map(|(_, tensor)| tensor.shallow_clone()).ok_or_else(missing)
     })?;
     let metadata = Metadata {
-        preprocess: Preprocess {
-            crop: Some(Crop { top: 60, bottom: 135 }),
-            resize: Resize { height: 66, width: 200, filter: Filter::BilinearAntialiased },
-            colour: Colour::Yuv,
-            scale: Scale::Signed,
-            layout: Layout::Nchw,
-        },
+        preprocess: design.preprocess.clone(),
         outputs: vec!["steering".into()],
         training: TRAINING.into(),
         result: RESULT.into(),
     };
-    println!("{}", save(to, &metadata, &network)?);
+    println!("{}", save(to, &metadata, &network, Precision::F32)?);
     Ok(())
 }

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::{
+    nn::Precision,
     protocol::number::Culture,
     replay::Rate,
-    train::{Keep, OptimiserKind, Precision, Schedule},
+    train::{Keep, OptimiserKind, Schedule},
 };
 
 /// Connects, drives, records and replays the Udacity self-driving-car simulator.

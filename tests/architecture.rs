@@ -24,7 +24,7 @@ const MAY_IMPORT: [(&str, &[&str]); 18] = [
     ("dataset", &["perception", "protocol", "recording", "units"]),
     ("train", &["dataset", "nn", "perception"]),
     ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
-    ("cli", &["protocol", "replay", "train"]),
+    ("cli", &["nn", "protocol", "replay", "train"]),
     (
         "commands",
         &[

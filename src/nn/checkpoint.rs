@@ -1,14 +1,15 @@
 //! One `.safetensors` file that says all about itself.
 //!
 //! The tensors are those of an architecture, under the names that its file in
-//! this module gives them, f32 (f16 and bf16 are read, too). The header's
-//! metadata, text all of it, has these keys and needs every one:
+//! this module gives them, f32, f16 or bf16. The header's metadata, text all of
+//! it, has these keys and needs every one but `inputs`:
 //!
 //! | key | holds |
 //! |---|---|
 //! | `format` | `lapwing/1` |
 //! | `architecture` | a name out of [`Architecture::ALL`] |
 //! | `preprocess` | JSON of [`Preprocess`] |
+//! | `inputs` | JSON of what goes in, `{"frames":5,"speed":true}`; one frame and no speed where it is left out |
 //! | `outputs` | JSON list of what each output is, `["steering"]` |
 //! | `training` | how it was trained and on what: text or JSON, for people |
 //! | `result` | how good it is, by which measure: text or JSON, for people |
@@ -19,17 +20,37 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use safetensors::{
     Dtype, SafeTensors,
-    tensor::{Metadata as TensorTable, TensorInfo},
+    tensor::{Metadata as TensorTable, TensorInfo, TensorView},
 };
-use serde::{Serialize, de::DeserializeOwned};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 use tch::{Device, Kind, Tensor};
 
-use super::{Architecture, Network, NnError};
+use super::{Architecture, Design, Network, NnError};
 use crate::perception::Preprocess;
 
 /// What the metadata key `format` says.
 pub const FORMAT: &str = "lapwing/1";
+
+/// How many bits numbers have: those stored, or those a training passes through the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// 32: as they are.
+    #[default]
+    F32,
+    /// 16, of which 8 are the exponent's. Stored: in half the bytes: three significant digits of each weight. Vectors (biases and batch norm) stay f32; they are
+    /// a thousandth of the file.
+    Bf16,
+}
+
+/// What goes into a network beside what the architecture's name says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Inputs {
+    frames: usize,
+    speed: bool,
+}
 
 /// What a checkpoint says about its network.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,10 +110,18 @@ impl Checkpoint {
             training: get("training")?.to_owned(),
             result: get("result")?.to_owned(),
         };
-        metadata.check(architecture)?;
+        let inputs = match get("inputs") {
+            Ok(text) => json("inputs", text)?,
+            Err(_) => Inputs { frames: 1, speed: false },
+        };
+        if inputs.frames != architecture.frames() {
+            return Err(NnError::Frames { architecture, got: inputs.frames });
+        }
+        let design = Design { architecture, preprocess: metadata.preprocess.clone(), speed: inputs.speed };
+        metadata.check(&design)?;
 
         let mut surplus = file.names();
-        let network = Network::build(architecture, &mut |name, shape| {
+        let network = Network::build(&design, &mut |name, shape, _| {
             surplus.retain(|n| *n != name);
             read_tensor(&file, name, shape)
         })?;
@@ -104,14 +133,14 @@ impl Checkpoint {
 }
 
 impl Metadata {
-    /// Checks that preprocessing and outputs are those of the architecture.
-    fn check(&self, architecture: Architecture) -> Result<(), NnError> {
-        self.preprocess.validate()?;
-        let (expected, got) = (architecture.input_shape(), self.preprocess.shape());
-        if expected != got {
-            return Err(NnError::InputShape { architecture, expected, got });
+    /// Checks that preprocessing and outputs are those of the design.
+    fn check(&self, design: &Design) -> Result<(), NnError> {
+        design.validate()?;
+        if self.preprocess != design.preprocess {
+            return Err(NnError::OtherPreprocess);
         }
-        let expected = architecture.outputs();
+        let architecture = design.architecture;
+        let expected = architecture.outputs().len();
         if expected != self.outputs.len() {
             return Err(NnError::Outputs { architecture, expected, got: self.outputs.clone() });
         }
@@ -127,6 +156,11 @@ fn json<T: DeserializeOwned>(key: &'static str, text: &str) -> Result<T, NnError
 fn read_tensor(file: &SafeTensors<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
     let view =
         file.tensor(name).map_err(|_| NnError::MissingTensor { name: name.to_owned(), expected: shape.to_vec() })?;
+    tensor_of(&view, name, shape)
+}
+
+/// A tensor as f32, if it has the shape expected and floating-point numbers.
+pub(super) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
     if !view.shape().iter().map(|n| *n as i64).eq(shape.iter().copied()) {
         return Err(NnError::Shape { name: name.to_owned(), expected: shape.to_vec(), got: view.shape().to_vec() });
     }
@@ -151,28 +185,40 @@ struct Header<'a> {
 /// The bytes of a checkpoint.
 ///
 /// # Errors
-/// [`NnError`] where the metadata is not of the network's architecture or libtorch does not give a tensor away.
-pub fn encode(metadata: &Metadata, network: &Network) -> Result<Vec<u8>, NnError> {
+/// [`NnError`] where the metadata is not of the network's design or libtorch does not give a tensor away.
+pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> Result<Vec<u8>, NnError> {
     let architecture = network.architecture();
-    metadata.check(architecture)?;
+    metadata.check(network.design())?;
     let mut infos = Vec::new();
     let mut data = Vec::new();
     for (name, tensor) in network.tensors() {
-        let tensor = tensor.f_detach()?.f_to_device(Device::Cpu)?.f_to_kind(Kind::Float)?.f_contiguous()?;
+        let shape: Vec<usize> = tensor.size().into_iter().map(|n| n as usize).collect();
+        let dtype = if precision == Precision::Bf16 && shape.len() > 1 { Dtype::BF16 } else { Dtype::F32 };
+        let mut tensor = tensor.f_detach()?.f_to_device(Device::Cpu)?;
+        if dtype == Dtype::BF16 {
+            tensor = tensor.f_to_kind(Kind::BFloat16)?;
+        }
+        let tensor = tensor.f_to_kind(Kind::Float)?.f_contiguous()?;
         let mut values = vec![0f32; tensor.numel()];
         tensor.f_copy_data(&mut values, tensor.numel())?;
         let begin = data.len();
-        data.extend(values.into_iter().flat_map(f32::to_le_bytes));
-        let shape = tensor.size().into_iter().map(|n| n as usize).collect();
-        infos.push((name, TensorInfo { dtype: Dtype::F32, shape, data_offsets: (begin, data.len()) }));
+        match dtype {
+            // Rounded above, so that the lower half is nought.
+            Dtype::BF16 => data.extend(values.into_iter().flat_map(|v| ((v.to_bits() >> 16) as u16).to_le_bytes())),
+            _ => data.extend(values.into_iter().flat_map(f32::to_le_bytes)),
+        }
+        infos.push((name, TensorInfo { dtype, shape, data_offsets: (begin, data.len()) }));
     }
     let preprocess = serde_json::to_string(&metadata.preprocess).expect("preprocessing is valid JSON");
     let outputs = serde_json::to_string(&metadata.outputs).expect("a list of text is valid JSON");
+    let inputs = Inputs { frames: architecture.frames(), speed: network.design().speed };
+    let inputs = serde_json::to_string(&inputs).expect("a number and a truth are valid JSON");
     let header = Header {
         metadata: BTreeMap::from([
             ("format", FORMAT),
             ("architecture", architecture.name()),
             ("preprocess", &preprocess),
+            ("inputs", &inputs),
             ("outputs", &outputs),
             ("training", &metadata.training),
             ("result", &metadata.result),
@@ -189,9 +235,14 @@ pub fn encode(metadata: &Metadata, network: &Network) -> Result<Vec<u8>, NnError
 ///
 /// # Errors
 /// [`NnError::Write`], and those of [`encode`].
-pub fn save(path: impl AsRef<Path>, metadata: &Metadata, network: &Network) -> Result<String, NnError> {
+pub fn save(
+    path: impl AsRef<Path>,
+    metadata: &Metadata,
+    network: &Network,
+    precision: Precision,
+) -> Result<String, NnError> {
     let path = path.as_ref();
-    let bytes = encode(metadata, network)?;
+    let bytes = encode(metadata, network, precision)?;
     let partial = path.with_extension("safetensors.tmp");
     fs::write(&partial, &bytes)
         .and_then(|()| fs::rename(&partial, path))

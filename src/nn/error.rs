@@ -52,14 +52,12 @@ pub enum NnError {
     Preprocess(#[from] PreprocessError),
     /// Preprocessing for another network.
     #[error(
-        "expected preprocessing to {expected} for {architecture}, got {got}",
-        expected = times(expected), got = times(got), architecture = architecture.name()
+        "expected preprocessing to {expected} for {name}, got {got}",
+        expected = architecture.frame_shape(), got = times(got), name = architecture.name()
     )]
     InputShape {
         /// The network.
         architecture: Architecture,
-        /// Channels, rows and columns that it takes.
-        expected: [usize; 3],
         /// Those that the preprocessing makes.
         got: [usize; 3],
     },
@@ -107,13 +105,43 @@ pub enum NnError {
         /// The file's.
         got: safetensors::Dtype,
     },
+    /// Metadata that says another preprocessing than the network was built with.
+    #[error("expected the preprocessing that the network was built with, got another in its metadata")]
+    OtherPreprocess,
+    /// Inputs that are not the architecture's.
+    #[error("expected {expected} frames for {name}, got {got}", expected = architecture.frames(), name = architecture.name())]
+    Frames {
+        /// The network.
+        architecture: Architecture,
+        /// How many the file says.
+        got: usize,
+    },
+    /// A file of weights has none of this network's backbone.
+    #[error(
+        "expected tensors for the backbone of {name} in {path}, got none",
+        name = architecture.name(), path = path.display()
+    )]
+    NoneFits {
+        /// The file.
+        path: PathBuf,
+        /// The network.
+        architecture: Architecture,
+    },
     /// A network was given a tensor that it does not take.
-    #[error("expected an input of shape (B, {expected}), got {got:?}", expected = comma(expected))]
+    #[error("expected an input of shape {expected}, got {got:?}")]
     Input {
-        /// Channels, rows and columns that it takes.
-        expected: [usize; 3],
+        /// The shape that it takes.
+        expected: String,
         /// All that it was given.
         got: Vec<i64>,
+    },
+    /// A network was given no speed, or one that it does not take.
+    #[error("expected {expected}, got {got}", expected = speed(expected), got = speed(got))]
+    Speed {
+        /// The shape that it takes, if it takes any.
+        expected: Option<Vec<i64>>,
+        /// What it was given.
+        got: Option<Vec<i64>>,
     },
     /// libtorch refuses; the first line of what it says.
     #[error("libtorch: {0}")]
@@ -139,6 +167,6 @@ fn times(shape: &[usize; 3]) -> String {
     shape.map(|n| n.to_string()).join("x")
 }
 
-fn comma(shape: &[usize; 3]) -> String {
-    shape.map(|n| n.to_string()).join(", ")
+fn speed(shape: &Option<Vec<i64>>) -> String {
+    shape.as_ref().map_or("no speed".into(), |shape| format!("a speed of shape {shape:?}"))
 }

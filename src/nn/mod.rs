@@ -2,20 +2,43 @@
 //!
 //! A [`Checkpoint`] is read from one `.safetensors` file and brings along what
 //! its weights mean: [`Metadata`] with the preprocessing, and the [`Network`] of
-//! the architecture that it names. Everything in the file is checked against the
+//! the [`Design`] that it names. Everything in the file is checked against the
 //! architecture before it is used. Training makes a network whose weights are a
-//! variable store's, and writes it with [`save`].
+//! variable store's ([`in_variable_store`]), perhaps begins with those of others
+//! ([`load_pretrained`]), and writes it with [`save`].
 //!
-//! One file an architecture, top to bottom, citing its paper; the names of its
-//! tensors are those in the file. Which network drives, and when, is `pilot`'s.
+//! One file an architecture, top to bottom, citing its source; the names of its
+//! tensors are those in the file.
+//!
+//! | architecture | frames | answers | parameters |
+//! |---|---|---|---|
+//! | [`pilotnet`] | 1 | steering | 252,219 |
+//! | [`cps`] | 1 | steering, acceleration | 160,578 |
+//! | [`resnet18`, `resnet50`](resnet) | 1 | steering | 11.5 and 24.6 million |
+//! | [`resnet18-gru`, `resnet50-gru`](gru) | 5, one after the other | steering | 13.1 and 28.6 million |
+//! | [`resnet18-stack`, `resnet50-stack`](stack) | 5 as one picture | steering | 11.5 and 24.7 million |
+//!
+//! Each may take the speed as one more number. Which network drives, and when,
+//! is `pilot`'s.
 
+mod architecture;
 mod checkpoint;
+pub mod cps;
 mod error;
+pub mod gru;
+mod layers;
 mod network;
 pub mod pilotnet;
+mod pretrained;
+pub mod resnet;
 pub mod runtime;
+mod source;
+pub mod stack;
 
-pub use checkpoint::{Checkpoint, FORMAT, Metadata, encode, save, sha256_hex};
+pub use architecture::{Architecture, Design};
+pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save, sha256_hex};
 pub use error::NnError;
 pub(crate) use error::first_line;
-pub use network::{Architecture, Network, TensorSource, in_variable_store};
+pub use network::{Memory, Network, SPEED_UNIT_MPH};
+pub use pretrained::load_pretrained;
+pub use source::{Init, TensorSource, in_variable_store};

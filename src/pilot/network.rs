@@ -6,19 +6,22 @@ use tch::Tensor;
 
 use super::{Pilot, PilotError, Prediction, View};
 use crate::{
-    nn::{Checkpoint, Network, NnError},
+    nn::{Checkpoint, Memory, Network, NnError, SPEED_UNIT_MPH},
     perception::{Frame, Preprocess, Preprocessor},
-    units::Clock,
+    units::{Clock, Mph},
 };
 
 /// What the first output of a driving network is called.
 const STEERING: &str = "steering";
 
-/// Steers by the first output of a [`Network`].
+/// Steers by the first output of a [`Network`]. Others, the acceleration of `cps`, are not used: throttle is
+/// `control`'s.
 #[derive(Debug)]
 pub struct NetworkPilot {
     eye: Eye,
     network: Network,
+    /// Of the frames of this run; another pilot's are none of its business.
+    memory: Memory,
 }
 
 impl NetworkPilot {
@@ -29,29 +32,44 @@ impl NetworkPilot {
     pub fn new(checkpoint: Checkpoint, clock: Clock) -> Result<Self, PilotError> {
         let Checkpoint { metadata, network, .. } = checkpoint;
         let mut eye = Eye::new(metadata.preprocess, &metadata.outputs, clock)?;
-        eye.warm_up(|input| network.forward(input))?;
-        Ok(Self { eye, network })
+        let mut memory = Memory::default();
+        eye.warm_up(|input| answer(&network, input, Mph::ZERO, &mut memory))?;
+        memory.clear();
+        Ok(Self { eye, network, memory })
     }
 
     /// Another pilot with the same weights and nothing else in common.
     pub fn share(&self) -> Self {
-        Self { eye: self.eye.clone(), network: self.network.share() }
+        Self { eye: self.eye.clone(), network: self.network.share(), memory: Memory::default() }
     }
 }
 
 impl Pilot for NetworkPilot {
     fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
-        self.eye.steer(view.frame, |input| self.network.forward(input))
+        let Self { eye, network, memory } = self;
+        eye.steer(view.frame, |input| answer(network, input, view.speed, memory))
     }
 
-    fn reset(&mut self) {}
+    fn reset(&mut self) {
+        self.memory.clear();
+    }
+}
+
+/// One frame's answer, with the speed for a network that takes it.
+fn answer(network: &Network, input: &Tensor, speed: Mph, memory: &mut Memory) -> Result<Tensor, NnError> {
+    let speed = if network.design().speed {
+        Some(Tensor::f_from_slice(&[(speed.get() / SPEED_UNIT_MPH) as f32])?.f_view([1, 1])?) // (1, 1)
+    } else {
+        None
+    };
+    network.answer(input, speed.as_ref(), memory)
 }
 
 /// What pilots of every kind of network have in common: from a frame through any forward pass to a prediction.
 #[derive(Clone)]
 pub(super) struct Eye {
     preprocessor: Preprocessor,
-    /// (3, H, W) f32, flat.
+    /// (C, H, W) f32, flat.
     input: Vec<f32>,
     clock: Clock,
 }
@@ -77,11 +95,14 @@ impl Eye {
     /// Passes naught through the network until libtorch has chosen and compiled
     /// its kernels (TorchScript does so on the second pass), so that the first
     /// frame is answered as fast as the others, and what cannot run is told now.
-    pub(super) fn warm_up(&mut self, forward: impl Fn(&Tensor) -> Result<Tensor, NnError>) -> Result<(), PilotError> {
+    pub(super) fn warm_up(
+        &mut self,
+        mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>,
+    ) -> Result<(), PilotError> {
         self.input.clear();
         self.input.resize(self.preprocess().shape().iter().product(), 0.0);
         for _ in 0..3 {
-            self.answer(&forward)?;
+            self.answer(&mut forward)?;
         }
         Ok(())
     }
@@ -89,7 +110,7 @@ impl Eye {
     pub(super) fn steer(
         &mut self,
         frame: &Frame,
-        forward: impl Fn(&Tensor) -> Result<Tensor, NnError>,
+        forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>,
     ) -> Result<Prediction, PilotError> {
         let begin = (self.clock)();
         self.preprocessor.apply(frame, &mut self.input)?;
@@ -104,7 +125,7 @@ impl Eye {
     }
 
     /// The first number that `forward` makes of the input.
-    fn answer(&self, forward: impl Fn(&Tensor) -> Result<Tensor, NnError>) -> Result<f64, PilotError> {
+    fn answer(&self, mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>) -> Result<f64, PilotError> {
         let [channels, height, width] = self.preprocess().shape().map(|n| n as i64);
         let steering = tch::no_grad(|| {
             // (1, C, H, W) f32

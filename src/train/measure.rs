@@ -5,10 +5,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, no_grad};
 
-use super::{Metrics, Precision, TrainError};
+use super::{Metrics, TrainError};
 use crate::{
     dataset::{Augmentation, Batch, Cache, Inputs, Loader, Samples},
-    nn::Network,
+    nn::{Network, Precision},
 };
 
 /// How far answers lie from labels.

@@ -24,7 +24,7 @@ mod trainer;
 pub use error::TrainError;
 pub use measure::{Measured, measure, tensors};
 pub use metrics::Metrics;
-pub use recipe::{Keep, Optimiser, OptimiserKind, Precision, Recipe, Recording, Schedule};
+pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Recording, Schedule};
 pub use trainer::{Epoch, Go, Outcome, Progress, Trainer};
 
 #[cfg(test)]

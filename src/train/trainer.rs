@@ -18,7 +18,8 @@ use super::{
 };
 use crate::{
     dataset::{Batch, Cache, Inputs, Loader, Samples, Set},
-    nn::{self, Architecture, Metadata, Network, NnError, in_variable_store},
+    nn::{self, Architecture, Design, Metadata, Network, NnError, in_variable_store},
+    perception::Resize,
 };
 
 /// What an epoch was like.
@@ -103,9 +104,9 @@ pub struct Trainer {
     _stores: Vec<VarStore>,
 }
 
-/// (B, outputs) f32 of a batch.
-pub(super) fn forward(network: &Network, frames: &Tensor, _speed: &Tensor, _train: bool) -> Result<Tensor, NnError> {
-    network.forward(frames)
+/// (B, outputs) of a batch; the speed only where the network takes it.
+pub(super) fn forward(network: &Network, frames: &Tensor, speed: &Tensor, train: bool) -> Result<Tensor, NnError> {
+    network.forward(frames, network.design().speed.then_some(speed), train)
 }
 
 impl Trainer {
@@ -121,8 +122,12 @@ impl Trainer {
         }
         let architecture = Architecture::named(&recipe.network)
             .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
-        let preprocess = architecture.default_preprocess();
-        let inputs = Inputs { preprocess, frames: 1 };
+        let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };
+        if let Some((height, width)) = recipe.input {
+            design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
+        }
+        design.validate()?;
+        let inputs = Inputs { preprocess: design.preprocess.clone(), frames: architecture.frames() };
         let training = Samples::open(&recipe.data, Set::Training, Some(recipe.blocks), &recipe.balance)?;
         check_sides(&training, recipe.augment.flip)?;
         let validation = if recipe.validation.is_empty() {
@@ -140,10 +145,13 @@ impl Trainer {
         tch::manual_seed(recipe.seed as i64);
         let fresh = || {
             let store = VarStore::new(device);
-            let network = Network::build(architecture, &mut in_variable_store(store.root()))?;
+            let network = Network::build(&design, &mut in_variable_store(store.root()))?;
             Ok::<_, TrainError>((store, network))
         };
         let (store, network) = fresh()?;
+        if let Some(path) = &recipe.pretrained {
+            nn::load_pretrained(&network, path)?;
+        }
         let mut stores = vec![store];
         let average = match recipe.ema {
             None => None,
@@ -281,7 +289,7 @@ impl Trainer {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
         // What dropout rolls follows from the step alone, so that going on rolls the same.
         tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
-        let outputs = self.network.architecture().outputs();
+        let outputs = self.network.architecture().outputs().len();
         let Recipe { precision, channels_last, .. } = self.recipe;
         let [frames, labels, speed] = tensors(batch, &self.inputs, outputs, self.device, precision, channels_last)?;
         let answer = forward(&self.network, &frames, &speed, true)?.f_to_kind(Kind::Float)?;
@@ -335,7 +343,7 @@ impl Trainer {
 
     fn save_model(&self, path: &Path) -> Result<(), TrainError> {
         let network = self.average.as_ref().unwrap_or(&self.network);
-        let outputs = ["steering", "acceleration"][..network.architecture().outputs()].iter().map(|s| (*s).to_owned());
+        let outputs = network.architecture().outputs().iter().map(|name| (*name).to_owned());
         let json = |value: serde_json::Result<String>| value.map_err(|why| TrainError::Recipe(why.to_string()));
         let metadata = Metadata {
             preprocess: self.inputs.preprocess.clone(),
@@ -343,7 +351,7 @@ impl Trainer {
             training: json(serde_json::to_string(&self.recipe))?,
             result: json(serde_json::to_string(&self.position.history.last()))?,
         };
-        nn::save(path, &metadata, network)?;
+        nn::save(path, &metadata, network, self.recipe.stored)?;
         Ok(())
     }
 

@@ -19,7 +19,7 @@ fn metadata() -> Metadata {
 
 fn network() -> Network {
     let store = VarStore::new(Device::Cpu);
-    Network::build(Architecture::PilotNet, &mut in_variable_store(store.root())).unwrap()
+    Network::build(&Design::of(Architecture::PilotNet), &mut in_variable_store(store.root())).unwrap()
 }
 
 /// A checkpoint taken apart: metadata, and for each tensor its kind, shape and bytes.
@@ -49,7 +49,7 @@ impl Parts {
 
 /// What reading a sound checkpoint says after `change`.
 fn error_after(change: impl FnOnce(&mut Parts)) -> String {
-    let mut parts = Parts::of(&encode(&metadata(), &network()).unwrap());
+    let mut parts = Parts::of(&encode(&metadata(), &network(), Precision::F32).unwrap());
     change(&mut parts);
     Checkpoint::from_bytes(&parts.bytes()).unwrap_err().to_string()
 }
@@ -65,7 +65,7 @@ fn what_is_saved_is_what_is_loaded_and_the_hash_is_the_files() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");
     let network = network();
-    let sha256 = save(&path, &metadata(), &network).unwrap();
+    let sha256 = save(&path, &metadata(), &network, Precision::F32).unwrap();
     let loaded = Checkpoint::load(&path).unwrap();
     assert_eq!(loaded.metadata, metadata());
     assert_eq!((loaded.sha256.as_str(), sha256.len()), (sha256.as_str(), 64));
@@ -79,9 +79,9 @@ fn what_is_saved_is_what_is_loaded_and_the_hash_is_the_files() {
 
 #[test]
 fn the_same_network_makes_the_same_bytes_loaded_or_not() {
-    let bytes = encode(&metadata(), &network()).unwrap();
+    let bytes = encode(&metadata(), &network(), Precision::F32).unwrap();
     let again = Checkpoint::from_bytes(&bytes).unwrap();
-    assert_eq!(encode(&again.metadata, &again.network).unwrap(), bytes);
+    assert_eq!(encode(&again.metadata, &again.network, Precision::F32).unwrap(), bytes);
     assert_eq!(again.sha256, sha256_hex(&bytes));
 }
 
@@ -94,7 +94,7 @@ fn the_hash_of_nothing_is_the_published_one() {
 fn half_precision_is_widened_to_f32() {
     let network = network();
     for (kind, dtype) in [(Kind::Half, Dtype::F16), (Kind::BFloat16, Dtype::BF16)] {
-        let mut parts = Parts::of(&encode(&metadata(), &network).unwrap());
+        let mut parts = Parts::of(&encode(&metadata(), &network, Precision::F32).unwrap());
         let (name, bias) = network.tensors().into_iter().find(|(name, _)| name == "fc1.bias").unwrap();
         let narrow = bias.detach().to_kind(kind); // (100,)
         let mut data = vec![0u8; 200];
@@ -118,7 +118,7 @@ fn bytes_that_are_not_safetensors_are_an_error() {
     let error = |bytes: &[u8]| Checkpoint::from_bytes(bytes).unwrap_err().to_string();
     assert_eq!(error(b""), "expected a safetensors file: header too small");
     assert_eq!(error(b"PK\x03\x04 a pickle in a zip"), "expected a safetensors file: header too large");
-    let whole = encode(&metadata(), &network()).unwrap();
+    let whole = encode(&metadata(), &network(), Precision::F32).unwrap();
     assert_eq!(
         error(&whole[..whole.len() - 1]),
         "expected a safetensors file: incomplete metadata, file not fully covered"
@@ -150,7 +150,7 @@ fn a_header_that_lies_is_an_error() {
 
 #[test]
 fn flipped_bytes_in_the_header_never_panic() {
-    let whole = encode(&metadata(), &network()).unwrap();
+    let whole = encode(&metadata(), &network(), Precision::F32).unwrap();
     let mut state = 1u32;
     let mut random = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -176,7 +176,7 @@ fn another_format_and_another_architecture_are_refused_with_what_is_known() {
     assert_eq!(error_after(set("format", "lapwing/2")), r#"expected the format "lapwing/1", got "lapwing/2""#);
     assert_eq!(
         error_after(set("architecture", "alexnet")),
-        r#"expected one of the architectures pilotnet, got "alexnet""#
+        format!(r#"expected one of the architectures {}, got "alexnet""#, Architecture::names())
     );
 }
 
@@ -231,4 +231,65 @@ fn a_misshapen_tensor_and_one_of_integers_are_named() {
     };
     assert_eq!(put(Dtype::F32, vec![2, 5], 40), "tensor fc3.bias: expected shape [10], got [2, 5]");
     assert_eq!(put(Dtype::I64, vec![10], 80), "tensor fc3.bias: expected F32, F16 or BF16, got I64");
+}
+
+fn design(architecture: Architecture, speed: bool) -> (Metadata, Network) {
+    let design = Design { speed, ..Design::of(architecture) };
+    let store = VarStore::new(Device::Cpu);
+    let network = Network::build(&design, &mut in_variable_store(store.root())).unwrap();
+    let outputs = architecture.outputs().iter().map(|name| (*name).to_owned()).collect();
+    (Metadata { preprocess: design.preprocess, outputs, ..metadata() }, network)
+}
+
+#[test]
+fn a_network_of_several_frames_and_the_speed_is_rebuilt_as_it_was() {
+    for architecture in [Architecture::Cps, Architecture::ResNet18Gru, Architecture::ResNet18Stack] {
+        let (metadata, network) = design(architecture, true);
+        let bytes = encode(&metadata, &network, Precision::F32).unwrap();
+        let loaded = Checkpoint::from_bytes(&bytes).unwrap();
+        assert_eq!((loaded.network.design(), &loaded.metadata), (network.design(), &metadata));
+        for ((name, a), (_, b)) in network.tensors().iter().zip(loaded.network.tensors()) {
+            assert!(a.equal(&b), "{name}");
+        }
+    }
+}
+
+#[test]
+fn bf16_halves_the_file_and_rounds_all_but_vectors() {
+    let (metadata, network) = design(Architecture::ResNet18, false);
+    let whole = encode(&metadata, &network, Precision::F32).unwrap();
+    let half = encode(&metadata, &network, Precision::Bf16).unwrap();
+    assert!(half.len() < whole.len() * 51 / 100, "{} of {}", half.len(), whole.len());
+    let loaded = Checkpoint::from_bytes(&half).unwrap();
+    for ((name, a), (_, b)) in network.tensors().iter().zip(loaded.network.tensors()) {
+        let expected = if a.dim() > 1 { a.to_kind(Kind::BFloat16).to_kind(Kind::Float) } else { a.detach() };
+        assert!(b.equal(&expected), "{name}");
+    }
+    assert_eq!(encode(&loaded.metadata, &loaded.network, Precision::Bf16).unwrap(), half);
+}
+
+#[test]
+fn a_file_that_does_not_say_its_inputs_means_one_frame_and_no_speed() {
+    let mut parts = Parts::of(&encode(&metadata(), &network(), Precision::F32).unwrap());
+    assert_eq!(parts.metadata.remove("inputs").as_deref(), Some(r#"{"frames":1,"speed":false}"#));
+    let loaded = Checkpoint::from_bytes(&parts.bytes()).unwrap();
+    assert!(!loaded.network.design().speed);
+}
+
+#[test]
+fn inputs_that_are_not_the_architectures_are_refused() {
+    assert_eq!(error_after(set("inputs", r#"{"frames":5,"speed":false}"#)), "expected 1 frames for pilotnet, got 5");
+    assert_eq!(
+        error_after(set("inputs", r#"{"frames":1,"speed":true}"#)),
+        "tensor fc1.weight: expected shape [100, 1153], got [100, 1152]"
+    );
+    assert!(error_after(set("inputs", r#"{"frames":1}"#)).starts_with("metadata key inputs: missing field `speed`"));
+}
+
+#[test]
+fn metadata_with_another_preprocessing_than_the_networks_is_not_written() {
+    let mut metadata = metadata();
+    metadata.preprocess.crop = None;
+    let error = encode(&metadata, &network(), Precision::F32).unwrap_err().to_string();
+    assert_eq!(error, "expected the preprocessing that the network was built with, got another in its metadata");
 }

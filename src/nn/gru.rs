@@ -1,0 +1,100 @@
+//! A [ResNet](super::resnet) that remembers: Lu, "End to End Learning for
+//! Self-Driving Cars", Figure 13b. Of each of five frames the backbone's
+//! features and the steering that the perceptron makes of them go, side by
+//! side, into a gated recurrent unit (Cho et al., 2014, arXiv:1406.1078) of 512;
+//! a linear layer makes the steering of its last state.
+//!
+//! While driving, a frame's features are kept until it is the oldest of five:
+//! the backbone sees each frame once. The speed, where it is taken, is the one
+//! now, and stands beside the features of all five frames.
+//!
+//! The unit's tensors are `gru.weight_ih_l0`, `gru.weight_hh_l0`,
+//! `gru.bias_ih_l0` and `gru.bias_hh_l0`, gates in PyTorch's order, the linear
+//! layer's `out.weight` and `out.bias`; the others are the ResNet's.
+//! 13,082,946 parameters with 18 layers, 28,560,194 with 50.
+
+use tch::Tensor;
+
+use super::{
+    Init, NnError, TensorSource,
+    layers::{Linear, beside, in_kind_of},
+    resnet::{Backbone, Depth, Head},
+};
+
+/// Numbers in the unit's state.
+const HIDDEN: i64 = 512;
+
+/// The network.
+#[derive(Debug)]
+pub(super) struct ResNetGru {
+    backbone: Backbone,
+    head: Head,
+    /// Weights of the input and of the state, biases of the input and of the state.
+    gru: [Tensor; 4],
+    out: Linear,
+}
+
+impl ResNetGru {
+    pub(super) fn build(depth: Depth, speed: bool, source: &mut TensorSource<'_>) -> Result<Self, NnError> {
+        let backbone = Backbone::build(depth, super::resnet::CHANNELS as i64, source)?;
+        let head = Head::build(depth, false, source)?;
+        let inputs = depth.features() + 1 + i64::from(speed);
+        let mut gru = |name: &str, shape: &[i64]| source(&format!("gru.{name}_l0"), shape, Init::Uniform(HIDDEN));
+        Ok(Self {
+            backbone,
+            head,
+            gru: [
+                gru("weight_ih", &[3 * HIDDEN, inputs])?,
+                gru("weight_hh", &[3 * HIDDEN, HIDDEN])?,
+                gru("bias_ih", &[3 * HIDDEN])?,
+                gru("bias_hh", &[3 * HIDDEN])?,
+            ],
+            out: Linear::build(source, "out", 1, HIDDEN)?,
+        })
+    }
+
+    /// (B, 5, 3, H, W) and (B, 1) to (B, 1): the steering.
+    pub(super) fn forward(&self, frames: &Tensor, speed: Option<&Tensor>, train: bool) -> Result<Tensor, NnError> {
+        let [batch, steps] = [frames.size()[0], frames.size()[1]];
+        let seen = self.see(&frames.f_flatten(0, 1)?, train)?; // (B * 5, features + 1)
+        self.steer(&seen.f_reshape([batch, steps, -1])?, speed)
+    }
+
+    /// What is kept of a frame: (B, 3, H, W) to (B, features + 1), the features and the steering by this frame alone.
+    pub(super) fn see(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
+        let features = self.backbone.forward(frames, train)?;
+        let steering = self.head.forward(&features)?; // (B, 1)
+        beside(features, Some(&steering))
+    }
+
+    /// (B, 5, features + 1) of frames seen, the oldest first, and (B, 1) to (B, 1).
+    pub(super) fn steer(&self, seen: &Tensor, speed: Option<&Tensor>) -> Result<Tensor, NnError> {
+        let [batch, steps] = [seen.size()[0], seen.size()[1]];
+        let input = match speed {
+            Some(speed) => {
+                let speed = in_kind_of(seen, speed)?.f_reshape([batch, 1, 1])?.f_expand([batch, steps, 1], false)?;
+                Tensor::f_cat(&[seen, &speed], 2)?
+            }
+            None => seen.shallow_clone(),
+        };
+        let [w_input, w_state, b_input, b_state] = &self.gru;
+        let weight = |tensor: &Tensor| in_kind_of(&input, tensor);
+        let weights = [weight(w_input)?, weight(w_state)?, weight(b_input)?, weight(b_state)?];
+        let start = Tensor::f_zeros([1, batch, HIDDEN], (input.kind(), input.device()))?;
+        let (_, last) = input.f_gru(&start, &weights, true, 1, 0.0, false, false, true)?; // (1, B, 512)
+        self.out.forward(&last.f_select(0, 0)?)
+    }
+
+    pub(super) fn fold(&mut self) -> Result<(), NnError> {
+        self.backbone.fold()
+    }
+
+    pub(super) fn share(&self) -> Self {
+        Self {
+            backbone: self.backbone.share(),
+            head: self.head.share(),
+            gru: self.gru.each_ref().map(Tensor::shallow_clone),
+            out: self.out.share(),
+        }
+    }
+}

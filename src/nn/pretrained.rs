@@ -1,0 +1,140 @@
+//! Weights that others trained, as a beginning.
+
+use std::{fs, path::Path};
+
+use safetensors::SafeTensors;
+use tch::Tensor;
+
+use super::{Network, NnError, checkpoint::tensor_of, stack};
+
+/// The first convolution, whose weights are inflated for five frames.
+const FIRST: &str = "conv1.weight";
+
+/// Takes the backbone's tensors of a file with torchvision's names into the variables that `network` was built of,
+/// and says how many they were.
+///
+/// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict` makes; the network a ResNet of as
+/// many layers, with or without memory. Left out are `fc.*`, `num_batches_tracked`, and all else that the backbone
+/// does not have. For `-stack` the first convolution is inflated. Nothing is changed where there is an error.
+///
+/// # Errors
+/// [`NnError::Read`], [`NnError::NotSafetensors`]; [`NnError::Shape`] and [`NnError::Dtype`] where a tensor does not
+/// fit; [`NnError::NoneFits`] where the file has none for this network.
+pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError> {
+    let bytes = fs::read(path).map_err(|source| NnError::Read { path: path.to_owned(), source })?;
+    let file = SafeTensors::deserialize(&bytes).map_err(NnError::NotSafetensors)?;
+    let mut taken: Vec<(Tensor, Tensor)> = Vec::new();
+    for (name, variable) in network.tensors() {
+        if !network.architecture().is_resnet() || !of_backbone(&name) {
+            continue;
+        }
+        let Ok(view) = file.tensor(&name) else { continue };
+        let shape = variable.size();
+        let of_one_frame = [shape[0], 3, 7, 7];
+        let inflates = name == FIRST && shape[1] == stack::CHANNELS && view.shape() == of_one_frame.map(|n| n as usize);
+        let value = if inflates {
+            stack::inflate(&tensor_of(&view, &name, &of_one_frame)?)?
+        } else {
+            tensor_of(&view, &name, &shape)?
+        };
+        taken.push((variable, value));
+    }
+    if taken.is_empty() {
+        return Err(NnError::NoneFits { path: path.to_owned(), architecture: network.architecture() });
+    }
+    tch::no_grad(|| {
+        for (variable, value) in &mut taken {
+            variable.f_copy_(value)?;
+        }
+        Ok(taken.len())
+    })
+}
+
+/// Whether a ResNet's tensor is of the part that torchvision has as well.
+fn of_backbone(name: &str) -> bool {
+    let layer = name.split('.').next().unwrap_or_default();
+    matches!(layer, "conv1" | "bn1" | "layer1" | "layer2" | "layer3" | "layer4")
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind, nn::VarStore};
+
+    use super::*;
+    use crate::nn::{Architecture, Design, in_variable_store};
+
+    fn fresh(architecture: Architecture) -> (VarStore, Network) {
+        let store = VarStore::new(Device::Cpu);
+        let network = Network::build(&Design::of(architecture), &mut in_variable_store(store.root())).unwrap();
+        (store, network)
+    }
+
+    /// A file such as torchvision's ResNet18 makes, with `fc` and counts of batches; and the weights in it.
+    fn file(folder: &tempfile::TempDir) -> (std::path::PathBuf, VarStore) {
+        let (store, network) = fresh(Architecture::ResNet18);
+        let mut tensors = network.tensors();
+        tensors.retain(|(name, _)| of_backbone(name));
+        tensors.push(("fc.weight".into(), Tensor::zeros([1000, 512], (Kind::Float, Device::Cpu))));
+        tensors.push(("bn1.num_batches_tracked".into(), Tensor::from(7i64)));
+        let tensors: Vec<_> = tensors.iter().map(|(name, t)| (name.as_str(), t.detach())).collect();
+        let path = folder.path().join("resnet18.safetensors");
+        Tensor::write_safetensors(&tensors, &path).unwrap();
+        (path, store)
+    }
+
+    #[test]
+    fn the_backbone_is_taken_from_a_file_and_the_head_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, from) = file(&folder);
+        for architecture in [Architecture::ResNet18, Architecture::ResNet18Gru] {
+            let (store, network) = fresh(architecture);
+            let head = store.variables()["head.1.weight"].copy();
+            // 20 convolutions, each with four vectors of its batch norm.
+            assert_eq!(load_pretrained(&network, &path).unwrap(), 100);
+            let variables = store.variables();
+            for (name, tensor) in from.variables().into_iter().filter(|(name, _)| of_backbone(name)) {
+                assert!(variables[&name].equal(&tensor), "{name}");
+            }
+            assert!(variables["head.1.weight"].equal(&head) && variables["conv1.weight"].requires_grad());
+        }
+    }
+
+    #[test]
+    fn inflated_weights_answer_five_equal_frames_as_they_answered_the_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, from) = file(&folder);
+        let (mut store, stacked) = fresh(Architecture::ResNet18Stack);
+        assert_eq!(load_pretrained(&stacked, &path).unwrap(), 100);
+        let (mut one, single) = fresh(Architecture::ResNet18);
+        one.copy(&from).unwrap();
+        for store in [&mut store, &mut one] {
+            store.freeze();
+        }
+        for (name, variable) in store.variables() {
+            if name.starts_with("head.") {
+                variable.shallow_clone().copy_(&one.variables()[&name]);
+            }
+        }
+        let frame = Tensor::randn([2, 3, 40, 70], (Kind::Float, Device::Cpu)); // (2, 3, 40, 70)
+        let five = Tensor::stack(&[&frame, &frame, &frame, &frame, &frame], 1); // (2, 5, 3, 40, 70)
+        let expected = single.forward(&frame, None, false).unwrap();
+        let difference = (stacked.forward(&five, None, false).unwrap() - expected).abs().max().double_value(&[]);
+        assert!(difference < 1e-4, "{difference}");
+    }
+
+    #[test]
+    fn a_file_for_another_network_is_an_error_and_changes_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _from) = file(&folder);
+        let (store, network) = fresh(Architecture::ResNet50);
+        let before = store.variables()["bn1.weight"].copy();
+        let error = load_pretrained(&network, &path).unwrap_err().to_string();
+        assert_eq!(error, "tensor layer1.0.conv1.weight: expected shape [64, 64, 1, 1], got [64, 64, 3, 3]");
+        assert!(store.variables()["bn1.weight"].equal(&before));
+        let (_store, network) = fresh(Architecture::PilotNet);
+        let error = load_pretrained(&network, &path).unwrap_err().to_string();
+        assert!(error.starts_with("expected tensors for the backbone of pilotnet in "), "{error}");
+        let missing = load_pretrained(&network, Path::new("no.safetensors")).unwrap_err();
+        assert!(matches!(missing, NnError::Read { .. }));
+    }
+}
