@@ -20,6 +20,7 @@ use lapwing::{
 use tch::{Device, Kind, Tensor, nn::VarStore};
 
 mod lock_step;
+mod networks;
 mod world;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");

@@ -1,4 +1,5 @@
-//! The shipped network against PyTorch, on the team's real recordings. They are
+//! The shipped network against PyTorch on the team's real recordings, and ResNets
+//! against torchvision's on weights and an input that any language can make. They are
 //! not in this repository: `LAPWING_SHARED` names their folder, `../shared` where
 //! it is not set. Without them the tests are skipped, unless
 //! `LAPWING_REQUIRE_SHARED=1`.
@@ -10,11 +11,11 @@ use std::{
 };
 
 use lapwing::{
-    nn::Checkpoint,
+    nn::{Architecture, Checkpoint, Design, Network, in_variable_store},
     perception::{Frame, Preprocessor, decode_jpeg},
     pilot::{self, View},
 };
-use tch::Tensor;
+use tch::{Device, Kind, Tensor, nn::VarStore};
 
 /// The team's folder, or `None` where it is absent and may be.
 fn shared() -> Option<PathBuf> {
@@ -90,4 +91,62 @@ fn jpeg_to_steering_agrees_with_pytorch_within_0_01_on_30_real_frames() {
     }
     println!("{frames} frames: worst difference {:.5} on {}", worst.0, worst.1);
     assert_eq!(frames, 30);
+}
+
+/// Numbers in -1..1 from a seed, as the parity folder's README defines them.
+fn drawn(state: &mut u32, count: usize) -> Vec<f64> {
+    let mut number = || {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(*state >> 8) / f64::from(1 << 24) * 2.0 - 1.0
+    };
+    (0..count).map(|_| number()).collect()
+}
+
+/// A ResNet whose backbone has the README's weights.
+fn resnet(architecture: Architecture) -> Network {
+    let store = VarStore::new(Device::Cpu);
+    let network = Network::build(&Design::of(architecture), &mut in_variable_store(store.root())).unwrap();
+    let mut tensors = network.tensors();
+    tensors.retain(|(name, _)| !name.starts_with("head."));
+    tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let mut state = 1;
+    for (name, mut tensor) in tensors {
+        let size = tensor.size();
+        let values = Tensor::from_slice(&drawn(&mut state, tensor.numel())).reshape(&size);
+        let values = match name.rsplit('.').next() {
+            _ if size.len() == 4 => values * (3.0 / size[1..].iter().product::<i64>() as f64).sqrt(),
+            Some("weight") => values * 0.1 + 1.0,
+            Some("running_var") => values.abs() * 0.5 + 1.0,
+            _ => values * 0.1,
+        };
+        tch::no_grad(|| tensor.copy_(&values));
+    }
+    network
+}
+
+#[test]
+fn the_features_of_resnets_agree_with_torchvision_within_a_thousandth_of_their_deviation() {
+    let Some(shared) = shared() else { return };
+    let text = fs::read_to_string(shared.join("parity/resnet-features.json")).unwrap();
+    let all: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let input = drawn(&mut 7, 3 * 160 * 320);
+    let input = Tensor::from_slice(&input).to_kind(Kind::Float).reshape([1, 3, 160, 320]); // (1, 3, 160, 320)
+    for architecture in [Architecture::ResNet18, Architecture::ResNet50] {
+        let expected = &all[architecture.name()];
+        let number = |key: &str| expected[key].as_f64().unwrap();
+        let network = resnet(architecture);
+        let trained = tch::no_grad(|| network.features(&input).unwrap().unwrap()); // (1, N)
+        let ready = network.for_inference().unwrap().features(&input).unwrap().unwrap();
+        for features in [trained, ready] {
+            assert_eq!(features.size(), [1, number("features") as i64]);
+            let std = number("std");
+            let mut worst = (features.mean(Kind::Float).double_value(&[]) - number("mean")).abs();
+            worst = worst.max((features.std(false).double_value(&[]) - std).abs());
+            for (i, value) in (0..).zip(expected["first16"].as_array().unwrap()) {
+                worst = worst.max((features.double_value(&[0, i]) - value.as_f64().unwrap()).abs());
+            }
+            println!("{}: worst difference {:.1e} deviations", architecture.name(), worst / std);
+            assert!(worst < 1e-3 * std, "{}: {worst}", architecture.name());
+        }
+    }
 }

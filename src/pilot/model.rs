@@ -27,8 +27,8 @@ pub struct Model {
 
 #[derive(Debug)]
 enum Prototype {
-    Network(NetworkPilot),
-    TorchScript(TorchScriptPilot),
+    Network(Box<NetworkPilot>),
+    TorchScript(Box<TorchScriptPilot>),
 }
 
 /// The model that drives where none is named.
@@ -63,7 +63,7 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, PilotError> {
                 sha256: sha256_hex(&bytes),
                 preprocess: pilot.preprocess().clone(),
                 threads: None,
-                prototype: Mutex::new(Prototype::TorchScript(pilot)),
+                prototype: Mutex::new(Prototype::TorchScript(Box::new(pilot))),
             })
         }
         _ => Err(PilotError::Extension(path.to_owned())),
@@ -79,7 +79,7 @@ impl Model {
             sha256: checkpoint.sha256.clone(),
             preprocess: checkpoint.metadata.preprocess.clone(),
             threads: checkpoint.network.architecture().threads(),
-            prototype: Mutex::new(Prototype::Network(NetworkPilot::new(checkpoint, clock)?)),
+            prototype: Mutex::new(Prototype::Network(Box::new(NetworkPilot::new(checkpoint, clock)?))),
         })
     }
 

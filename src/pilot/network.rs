@@ -148,9 +148,10 @@ fn torch<T>(result: Result<T, tch::TchError>) -> Result<T, PilotError> {
 mod tests {
     use std::time::Instant;
 
-    use tch::{Device, Kind};
+    use tch::{Device, Kind, nn::VarStore};
 
     use super::*;
+    use crate::nn::{Architecture, Design, Metadata, Precision, encode, in_variable_store};
 
     fn eye() -> Eye {
         let preprocess = serde_json::from_str(
@@ -189,5 +190,52 @@ mod tests {
         let preprocess = eye().preprocess().clone();
         let error = Eye::new(preprocess, &["brake".into()], Instant::now).unwrap_err();
         assert_eq!(error.to_string(), r#"expected a network whose first output is steering, got ["brake"]"#);
+    }
+
+    /// A pilot of new weights, drawn the same each time.
+    fn pilot(architecture: Architecture, speed: bool) -> NetworkPilot {
+        tch::manual_seed(1);
+        let design = Design { speed, ..Design::of(architecture) };
+        let store = VarStore::new(Device::Cpu);
+        let network = Network::build(&design, &mut in_variable_store(store.root())).unwrap();
+        let metadata = Metadata {
+            preprocess: design.preprocess,
+            outputs: architecture.outputs().iter().map(|name| (*name).to_owned()).collect(),
+            training: String::new(),
+            result: String::new(),
+        };
+        let bytes = encode(&metadata, &network, Precision::F32).unwrap();
+        NetworkPilot::new(Checkpoint::from_bytes(&bytes).unwrap(), Instant::now).unwrap()
+    }
+
+    fn road(shade: u8) -> Frame {
+        Frame::new(320, 160, (0..320 * 160 * 3).map(|i| shade.wrapping_add((i / 961 % 97) as u8)).collect()).unwrap()
+    }
+
+    #[test]
+    fn a_pilot_that_remembers_begins_anew_after_a_reset_and_shares_no_memory() {
+        for architecture in [Architecture::ResNet18Gru, Architecture::ResNet18Stack] {
+            let mut pilot = pilot(architecture, false);
+            let steer = |pilot: &mut NetworkPilot, shade| pilot.steer(&View::of(&road(shade))).unwrap().steering;
+            let first = steer(&mut pilot, 20);
+            steer(&mut pilot, 150);
+            assert_ne!(steer(&mut pilot, 20), first, "{}", architecture.name());
+            assert_eq!(steer(&mut pilot.share(), 20), first, "{}", architecture.name());
+            pilot.reset();
+            assert_eq!(steer(&mut pilot, 20), first, "{}", architecture.name());
+        }
+    }
+
+    #[test]
+    fn the_speed_counts_for_a_network_that_takes_it_and_for_no_other() {
+        for takes_speed in [false, true] {
+            let mut pilot = pilot(Architecture::Cps, takes_speed);
+            let mut steer = |mph| {
+                let frame = road(20);
+                let view = View { speed: Mph::new(mph).unwrap(), ..View::of(&frame) };
+                pilot.steer(&view).unwrap().steering
+            };
+            assert_eq!(steer(30.0) != steer(10.0), takes_speed);
+        }
     }
 }
