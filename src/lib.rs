@@ -31,7 +31,10 @@
 //! | [`driver`] | the function above | everything above |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
 //! | [`score`] | what a run is judged to be | `protocol`, `recording`, `units` |
-//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `perception`, `pilot`, `protocol`, `recording`, `units` |
+//! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts | `perception` |
+//! | [`dataset`] | recordings as data sets: looked over, converted, split | `drawing`, `perception`, `protocol`, `recording`, `units` |
+//! | [`train`] | training curves for TensorBoard | nothing |
+//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
 //! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `units` |
 //! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `recording` |
@@ -50,6 +53,8 @@ pub mod cli;
 pub mod commands;
 pub mod config;
 pub mod control;
+pub mod dataset;
+pub mod drawing;
 pub mod drive;
 pub mod driver;
 pub mod nn;
@@ -60,4 +65,5 @@ pub mod recording;
 pub mod replay;
 pub mod score;
 pub mod simulator;
+pub mod train;
 pub mod units;

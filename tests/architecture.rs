@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 16] = [
+const MAY_IMPORT: [(&str, &[&str]); 19] = [
     ("units", &[]),
     ("config", &["units"]),
     ("protocol", &["units"]),
@@ -18,7 +18,10 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
     ("score", &["protocol", "recording", "units"]),
-    ("simulator", &["config", "perception", "pilot", "protocol", "recording", "units"]),
+    ("drawing", &["perception"]),
+    ("dataset", &["drawing", "perception", "protocol", "recording", "units"]),
+    ("train", &[]),
+    ("simulator", &["config", "drawing", "perception", "pilot", "protocol", "recording", "units"]),
     ("drive", &["driver", "protocol", "recording", "score", "units"]),
     ("replay", &["recording", "driver", "protocol", "units"]),
     ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
@@ -30,6 +33,8 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
             "cli",
             "config",
             "control",
+            "dataset",
+            "drawing",
             "drive",
             "driver",
             "nn",

@@ -1,5 +1,6 @@
 //! One file a verb. Results go to stdout, diagnostics to stderr.
 
+mod dataset;
 mod doctor;
 mod drive;
 mod record;
@@ -55,6 +56,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Record(arguments) => record::run(arguments, config),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
+        Verb::Dataset(arguments) => dataset::run(arguments),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
     };
     match ended {
