@@ -40,6 +40,8 @@ pub enum Verb {
     Evaluate(Evaluate),
     /// Show a recording to a model, or to any bridge, and compare the steering
     Replay(Replay),
+    /// Look over, convert and split recordings as data sets
+    Dataset(Dataset),
     /// Say which libtorch is in use, and what is wrong if anything
     Doctor(Doctor),
 }
@@ -470,6 +472,78 @@ pub struct Doctor {
     #[command(flatten)]
     pub thinking: Thinking,
     /// Print the findings as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing dataset`
+#[derive(Debug, Args)]
+pub struct Dataset {
+    #[command(subcommand)]
+    pub verb: DatasetVerb,
+}
+
+/// What to do with data sets.
+#[derive(Debug, Subcommand)]
+pub enum DatasetVerb {
+    /// Decode every picture and say what is there: rows, cameras, steering, speed, gaps, missing and broken pictures
+    Inspect(DatasetInspect),
+    /// Make a run (.mcap) of a Udacity folder, or a Udacity folder of a run
+    Convert(DatasetConvert),
+    /// Write two logs, of the rows to learn from and of those to validate by; pictures stay where they are
+    Split(DatasetSplit),
+}
+
+/// `lapwing dataset inspect`; exit 1 where a picture is missing or broken
+#[derive(Debug, Args)]
+pub struct DatasetInspect {
+    /// Folders with driving_log.csv and IMG/, or runs (.mcap)
+    #[arg(required = true, value_name = "DIR|FILE")]
+    pub sources: Vec<PathBuf>,
+    /// Contact sheet: pictures over the drive, steering as an arrow: FILE.png or FILE.svg
+    #[arg(long, value_name = "FILE")]
+    pub sheet: Option<PathBuf>,
+    /// Distribution of the steering, a chart for each: FILE.svg or FILE.png
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+    /// Print the findings as JSON, all gaps and problems among them
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing dataset convert`
+#[derive(Debug, Args)]
+pub struct DatasetConvert {
+    /// A folder with driving_log.csv and IMG/, or a run (.mcap)
+    #[arg(value_name = "SRC")]
+    pub source: PathBuf,
+    /// The run (.mcap) or the folder to make; nothing is overwritten
+    #[arg(value_name = "DST")]
+    pub target: PathBuf,
+    /// Print what was written as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing dataset split`
+#[derive(Debug, Args)]
+pub struct DatasetSplit {
+    /// A folder with driving_log.csv and IMG/
+    #[arg(value_name = "DIR")]
+    pub source: PathBuf,
+    /// Folder to make, for the log of the rows to learn from
+    #[arg(long, value_name = "DIR")]
+    pub out_train: PathBuf,
+    /// Folder to make, for the log of the rows to validate by
+    #[arg(long, value_name = "DIR")]
+    pub out_validation: PathBuf,
+    /// Rows in a block: neighbours in time are not torn apart
+    #[arg(long, value_name = "ROWS", default_value_t = 50)]
+    pub block: usize,
+    /// One block in so many is held out, the first of them
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub every: usize,
+    /// Print what was written as JSON
     #[arg(long)]
     pub json: bool,
 }

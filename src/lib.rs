@@ -31,10 +31,11 @@
 //! | [`driver`] | the function above | everything above |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
 //! | [`score`] | what a run is judged to be | `protocol`, `recording`, `units` |
-//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `perception`, `pilot`, `protocol`, `recording`, `units` |
+//! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts | `perception` |
+//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
 //! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `units` |
-//! | [`dataset`] | driving logs and runs as something to learn from: labels, balance, augmentation, loader | `perception`, `protocol`, `recording`, `units` |
+//! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader | `drawing`, `perception`, `protocol`, `recording`, `units` |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes | `dataset`, `nn`, `perception` |
 //! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `recording` |
 //! | [`cli`], [`commands`] | clap types; one file a verb | all |
@@ -53,6 +54,7 @@ pub mod commands;
 pub mod config;
 pub mod control;
 pub mod dataset;
+pub mod drawing;
 pub mod drive;
 pub mod driver;
 pub mod nn;

@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 18] = [
+const MAY_IMPORT: [(&str, &[&str]); 19] = [
     ("units", &[]),
     ("config", &["units"]),
     ("protocol", &["units"]),
@@ -18,10 +18,11 @@ const MAY_IMPORT: [(&str, &[&str]); 18] = [
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
     ("score", &["protocol", "recording", "units"]),
-    ("simulator", &["config", "perception", "pilot", "protocol", "recording", "units"]),
+    ("drawing", &["perception"]),
+    ("dataset", &["drawing", "perception", "protocol", "recording", "units"]),
+    ("simulator", &["config", "drawing", "perception", "pilot", "protocol", "recording", "units"]),
     ("drive", &["driver", "protocol", "recording", "score", "units"]),
     ("replay", &["recording", "driver", "protocol", "units"]),
-    ("dataset", &["perception", "protocol", "recording", "units"]),
     ("train", &["dataset", "nn", "perception"]),
     ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
     ("cli", &["nn", "protocol", "replay", "train"]),
@@ -33,6 +34,7 @@ const MAY_IMPORT: [(&str, &[&str]); 18] = [
             "config",
             "control",
             "dataset",
+            "drawing",
             "drive",
             "driver",
             "nn",

@@ -1,5 +1,6 @@
 //! One file a verb. Results go to stdout, diagnostics to stderr.
 
+mod dataset;
 mod doctor;
 mod drive;
 mod evaluate;
@@ -59,6 +60,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Evaluate(arguments) => evaluate::run(arguments),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
+        Verb::Dataset(arguments) => dataset::run(arguments),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
     };
     match ended {

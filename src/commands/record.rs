@@ -48,8 +48,8 @@ pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Res
         log.row(&Sample {
             at: std::time::Duration::from_secs_f64(frame as f64 / hz + jump_s),
             center: &center,
-            left: &left,
-            right: &right,
+            left: Some(&left),
+            right: Some(&right),
             steering: label.steering,
             throttle: label.throttle,
             brake: (-label.throttle.get()).max(0.0),

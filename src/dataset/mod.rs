@@ -1,23 +1,40 @@
-//! Driving logs as something to learn from.
+//! Driving logs and runs as something to learn from.
 //!
 //! A [`Source`] is a Udacity folder or a run, row by row. A [`Selection`] says which of its rows, cameras and labels
 //! count and how much; [`Samples`] holds the outcome for several sources at once. A [`Loader`] decodes, augments and
 //! preprocesses them on threads of its own, a [`Batch`] at a time, in an order that the seed alone decides.
 //!
-//! Nothing is copied and nothing is changed on disk, and no tensor is made here: `train` does that.
+//! For people, [`inspect()`] says what is in a data set, every picture decoded, and [`contact_sheet`] and
+//! [`steering_chart`] show it; [`convert()`] makes a run of a folder or the other way round; [`divide()`] writes a log
+//! of the rows to learn from and one of those to validate by, as [`Blocks`] has them.
+//!
+//! Pictures stay where they are, and no tensor is made here: `train` does that.
 
 mod augment;
+mod chart;
+mod convert;
+mod divide;
+#[cfg(test)]
+mod fixture;
+mod inspect;
 mod loader;
+mod moments;
 mod samples;
+mod sheet;
 mod source;
 mod split;
 
 use std::path::PathBuf;
 
 pub use augment::{Augmentation, Change, Rectangle, Shadow};
+pub use chart::steering_chart;
+pub use convert::{Converted, convert};
+pub use divide::{Divided, divide};
+pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
 pub use loader::{Batch, Cache, Inputs, Loader};
 pub use samples::{Balance, Sample, Samples, Selection, Set};
-pub use source::{Camera, LONGEST_GAP, Picture, Row, Source};
+pub use sheet::{SHOWN, contact_sheet};
+pub use source::{Camera, Picture, Row, Source};
 pub use split::Blocks;
 
 use crate::{
@@ -55,7 +72,7 @@ pub enum DatasetError {
         /// What does not suit.
         why: PreprocessError,
     },
-    /// Nothing to learn from.
+    /// Nothing to work with.
     #[error("{path}: expected rows with pictures and labels, got none", path = path.display())]
     Empty {
         /// The data set.
@@ -70,6 +87,50 @@ pub enum DatasetError {
         expected: &'static str,
         /// What it is.
         got: String,
+    },
+    /// Something is where something new is to be written.
+    #[error("{path}: expected nothing there yet, got {got}: nothing is overwritten, choose another name", path = path.display())]
+    Exists {
+        /// The place.
+        path: PathBuf,
+        /// What is there.
+        got: &'static str,
+    },
+    /// A conversion from a thing to the same thing.
+    #[error("{path}: expected the name of {expected}, got that of {got}: a folder becomes a run (.mcap), a run a folder", path = path.display())]
+    Target {
+        /// Where it was to go.
+        path: PathBuf,
+        /// What the source can become.
+        expected: &'static str,
+        /// What the name says.
+        got: &'static str,
+    },
+    /// A run where only a folder will do.
+    #[error("{path}: expected a folder with driving_log.csv, got a run: make one of it with `lapwing dataset convert`", path = path.display())]
+    Run {
+        /// The run.
+        path: PathBuf,
+    },
+    /// A log too short for both halves of a split.
+    #[error("{path}: expected rows for training and for validation, got {rows} rows, all of them for {half}: choose smaller blocks", path = path.display())]
+    OneHalf {
+        /// The log.
+        path: PathBuf,
+        /// How many rows it has.
+        rows: usize,
+        /// The only half with rows.
+        half: &'static str,
+    },
+    /// The file system says no.
+    #[error("cannot {doing} {path}: {why}", path = path.display())]
+    Io {
+        /// What was tried, a verb.
+        doing: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        why: std::io::Error,
     },
 }
 

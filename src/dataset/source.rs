@@ -9,14 +9,11 @@ use std::{
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use super::DatasetError;
+use super::{DatasetError, LONGEST_GAP, moments::is_run};
 use crate::{
     recording::{By, Moment, RunReader, udacity::DrivingLog},
     units::{Mph, Steering},
 };
-
-/// Rows further apart than this, in time, are of two drives: no sequence and no mean reaches across.
-pub const LONGEST_GAP: Duration = Duration::from_millis(900);
 
 /// One of the three cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -110,8 +107,7 @@ impl Source {
     /// [`DatasetError::Recording`], [`DatasetError::Empty`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, DatasetError> {
         let path = path.as_ref();
-        let is_run = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
-        let mut rows = if is_run { run(path)? } else { folder(path)? };
+        let mut rows = if is_run(path) { run(path)? } else { folder(path)? };
         if rows.is_empty() {
             return Err(DatasetError::Empty { path: path.to_owned() });
         }

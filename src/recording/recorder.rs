@@ -104,6 +104,15 @@ impl Recorder {
         Self::with_sink(file, path, &header, options)
     }
 
+    /// Makes a file of that very name; its folder must be there.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create), also where there is such a file already.
+    pub fn create_file(path: &Path, header: RunHeader, options: RecorderOptions) -> Result<Self, RecordingError> {
+        let file = fs::File::create_new(path).map_err(RecordingError::io("create", path))?;
+        Self::with_sink(file, path.to_owned(), &header, options)
+    }
+
     /// Records into any sink; `path` is what messages call it.
     fn with_sink<W: Write + Seek + Send + 'static>(
         sink: W,

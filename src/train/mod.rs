@@ -13,6 +13,7 @@
 //! [`measure`] says how far a network's answers lie from a data set's labels.
 
 mod error;
+pub mod events;
 mod log;
 mod measure;
 mod metrics;

@@ -12,10 +12,12 @@
 //!   or without a byte order mark and a final newline;
 //! - any path of Windows, macOS or Linux, or none: only the file name counts,
 //!   and it is looked up in `IMG` beside the log, or beside the log itself
-//!   where there is no `IMG`;
+//!   where there is no `IMG`. Only where no such file is there and the log has
+//!   an absolute path of one that is, that one counts: so a log can speak of
+//!   pictures that lie elsewhere;
 //! - decimal points and decimal commas, see [`line`].
 //!
-//! Pictures are not opened here, and whether they exist is not asked.
+//! Pictures are not opened here, and need not exist.
 //!
 //! [`DrivingLogWriter`] writes such folders, exactly as the simulator's recorder does.
 
@@ -131,27 +133,32 @@ fn row(layout: &Layout, line: &str, images: &Path) -> Result<Row, Bad> {
     let fields = layout.fields(line)?;
     let image = |column: Column| match fields.get(column) {
         None | Some("") => Ok(None),
-        Some(written) => line::file_name(written).map(Some).ok_or_else(|| Bad {
+        Some(written) => line::file_name(written).map(|name| Some((name, written))).ok_or_else(|| Bad {
             field: column.to_string(),
             expected: "the name of a picture (.jpg, .jpeg or .png)".into(),
             got: written.into(),
             help: "columns are center, left, right, steering, throttle, brake, speed unless a header says otherwise",
         }),
     };
-    let center = image(Column::Center)?.ok_or_else(|| Bad {
+    let (name, written) = image(Column::Center)?.ok_or_else(|| Bad {
         field: Column::Center.to_string(),
         expected: "the name of a picture".into(),
         got: String::new(),
         help: "remove the line, it has no picture",
     })?;
-    let resolve = |name: Option<&str>| name.map(|name| images.join(name));
+    let resolve = |(name, written): (&str, &str)| {
+        let beside = images.join(name);
+        // A path of another system is not absolute here, so that most logs cost no look at the disk.
+        let elsewhere = Path::new(written);
+        if elsewhere.is_absolute() && !beside.is_file() && elsewhere.is_file() { elsewhere.to_owned() } else { beside }
+    };
     Ok(Row {
         line: 0,
         at: Duration::ZERO,
-        taken_at: taken_at(center),
-        center: images.join(center),
-        left: resolve(image(Column::Left)?),
-        right: resolve(image(Column::Right)?),
+        taken_at: taken_at(name),
+        center: resolve((name, written)),
+        left: image(Column::Left)?.map(resolve),
+        right: image(Column::Right)?.map(resolve),
         steering: fields.quantity(Column::Steering, Steering::new)?,
         throttle: fields.quantity(Column::Throttle, Throttle::new)?,
         // The brake has no type of its own; it is a throttle that cannot be negative.
@@ -327,5 +334,19 @@ mod tests {
         fs::create_dir(dir.path().join("IMG")).unwrap();
         assert_eq!(DrivingLog::open(&log).unwrap().rows[0].center, dir.path().join("IMG").join("c.jpg"));
         assert!(matches!(DrivingLog::open(dir.path()), Err(RecordingError::Io { .. })));
+    }
+
+    #[test]
+    fn a_picture_elsewhere_is_found_by_its_absolute_path_where_there_is_none_beside_the_log() {
+        let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let elsewhere = other.path().join("Doe, Jane.jpg");
+        let log = dir.path().join("driving_log.csv");
+        fs::write(&log, format!("\"{}\",,,0,0,0,1", elsewhere.display())).unwrap();
+        let center = || DrivingLog::open(&log).unwrap().rows[0].center.clone();
+        assert_eq!(center(), dir.path().join("Doe, Jane.jpg"), "there is none at all");
+        fs::write(&elsewhere, "").unwrap();
+        assert_eq!(center(), elsewhere);
+        fs::write(dir.path().join("Doe, Jane.jpg"), "").unwrap();
+        assert_eq!(center(), dir.path().join("Doe, Jane.jpg"), "what is beside the log comes first");
     }
 }

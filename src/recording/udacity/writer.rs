@@ -28,10 +28,10 @@ pub struct Sample<'a> {
     pub at: Duration,
     /// JPEG of the centre camera.
     pub center: &'a [u8],
-    /// JPEG of the left camera.
-    pub left: &'a [u8],
-    /// JPEG of the right camera.
-    pub right: &'a [u8],
+    /// JPEG of the left camera; its field stays empty where there is none.
+    pub left: Option<&'a [u8]>,
+    /// JPEG of the right camera, likewise.
+    pub right: Option<&'a [u8]>,
     /// Steering in effect.
     pub steering: Steering,
     /// Throttle in effect. The log has a column of its own for the brake: below 0 is written as 0.
@@ -118,7 +118,7 @@ impl DrivingLogWriter {
         self.rows
     }
 
-    /// Writes a moment: three pictures and a line. One that is not at least a millisecond after the
+    /// Writes a moment: its pictures, byte for byte, and a line. One that is not at least a millisecond after the
     /// last is named by the millisecond after it: names are never used twice.
     ///
     /// # Errors
@@ -128,7 +128,11 @@ impl DrivingLogWriter {
         let ms = self.last_ms.map_or(ms, |last| ms.max(last + 1));
         let taken = self.began.saturating_add(Duration::from_millis(ms));
         let mut line = String::with_capacity(400);
-        for (camera, jpeg) in [("center", sample.center), ("left", sample.left), ("right", sample.right)] {
+        for (camera, jpeg) in [("center", Some(sample.center)), ("left", sample.left), ("right", sample.right)] {
+            let Some(jpeg) = jpeg else {
+                line.push(',');
+                continue;
+            };
             let path = self.images.join(picture_name(camera, taken));
             File::create_new(&path)
                 .and_then(|mut file| file.write_all(jpeg))
@@ -177,8 +181,8 @@ mod tests {
         Sample {
             at: Duration::from_millis(at_ms),
             center: b"center's jpeg",
-            left: b"left's jpeg",
-            right: b"right's jpeg",
+            left: Some(b"left's jpeg"),
+            right: Some(b"right's jpeg"),
             steering: Steering::new(steering).unwrap(),
             throttle: Throttle::new(0.25).unwrap(),
             brake: 0.0,
@@ -224,14 +228,24 @@ mod tests {
             assert_eq!(log.rows.len(), samples.len(), "{name}");
             for (row, sample) in log.rows.iter().zip(&samples) {
                 assert_eq!(fs::read(&row.center).unwrap(), sample.center);
-                assert_eq!(fs::read(row.left.as_ref().unwrap()).unwrap(), sample.left);
-                assert_eq!(fs::read(row.right.as_ref().unwrap()).unwrap(), sample.right);
+                assert_eq!(fs::read(row.left.as_ref().unwrap()).unwrap(), sample.left.unwrap());
+                assert_eq!(fs::read(row.right.as_ref().unwrap()).unwrap(), sample.right.unwrap());
                 assert_eq!(row.at, sample.at, "{name}");
                 assert!((row.steering.get() - sample.steering.get()).abs() < 1e-6);
                 assert!((row.speed.get() / sample.speed.get() - 1.0).abs() < 1e-6);
                 assert_eq!((row.throttle.get(), row.brake), (0.25, 0.0));
             }
         }
+    }
+
+    #[test]
+    fn a_camera_that_is_not_there_leaves_its_field_empty() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = write(dir.path(), &[Sample { left: None, right: None, ..sample(0, 0.5, 5.0) }]);
+        let text = fs::read_to_string(&log.path).unwrap();
+        assert!(text.ends_with("center_2016_12_01_13_30_48_287.jpg,,,0.5,0.25,0,5\n"), "{text}");
+        assert_eq!((&log.rows[0].left, &log.rows[0].right), (&None, &None));
+        assert_eq!(fs::read_dir(dir.path().join("IMG")).unwrap().count(), 1);
     }
 
     #[test]

@@ -2,22 +2,18 @@
 //! where one starts and which way one drives, and a driven line by its speed.
 //!
 //! Up is Unity's +z, right its +x. By the path's ending the picture is an SVG
-//! or a PNG; both are painted from the same [`Shape`]s. The same data makes
-//! the same bytes.
+//! or a PNG, painted by [`drawing`](crate::drawing). The same data makes the
+//! same bytes.
 
 mod legend;
-mod png;
 mod road;
-mod svg;
 
-use std::{
-    fs, io,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::track::{Track, TrackFile};
+use crate::drawing::{Colour, DrawingError, INK, Kind, LETTER, LINE_PX, MARGIN, PAPER, Point, Shape, Sheet};
 
 /// A moment of a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,12 +45,6 @@ pub enum MarkKind {
 /// What keeps a map from being drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
-    /// A name that says no kind of picture.
-    #[error("{}: expected a map that ends in .svg or .png", path.display())]
-    Kind {
-        /// The path.
-        path: PathBuf,
-    },
     /// A size that no map has.
     #[error("{}: expected a map 400 to 8000 pixels wide, got {got}", path.display())]
     Size {
@@ -63,22 +53,9 @@ pub enum MapError {
         /// The width asked for.
         got: u32,
     },
-    /// The picture could not be encoded.
-    #[error("{}: cannot encode the map: {why}", path.display())]
-    Encode {
-        /// The path.
-        path: PathBuf,
-        /// What the encoder says.
-        why: String,
-    },
-    /// The file system says no.
-    #[error("cannot write the map {}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
+    /// A name that says no kind of picture, or a file that cannot be written.
+    #[error(transparent)]
+    Drawing(#[from] DrawingError),
 }
 
 /// Draws a map `width` pixels wide, and as high as the track asks for, into a file ending in `.svg` or
@@ -95,69 +72,18 @@ pub fn draw(
     width: u32,
 ) -> Result<(), MapError> {
     let path = path.as_ref();
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    if !["svg", "png"].contains(&&*extension) {
-        return Err(MapError::Kind { path: path.to_owned() });
-    }
+    Kind::of(path)?;
     if !(400..=8000).contains(&width) {
         return Err(MapError::Size { path: path.to_owned(), got: width });
     }
     let line: Vec<Driven> =
         line.iter().filter(|d| d.position.is_finite() && d.speed_mph.is_finite()).copied().collect();
     let marks: Vec<Mark> = marks.iter().filter(|m| m.position.is_finite()).copied().collect();
-    let sheet = sheet(track, &line, &marks, f64::from(width));
-    let bytes = if extension == "svg" {
-        svg::paint(&sheet).into_bytes()
-    } else {
-        png::paint(&sheet).map_err(|why| MapError::Encode { path: path.to_owned(), why })?
-    };
-    fs::write(path, bytes).map_err(|source| MapError::Io { path: path.to_owned(), source })
+    Ok(sheet(track, &line, &marks, f64::from(width)).write(path)?)
 }
 
-/// Red, green, blue.
-type Colour = [u8; 3];
-
-/// A place on the sheet in pixels: right and down.
-type Point = (f64, f64);
-
-const PAPER: Colour = [0xf5, 0xf2, 0xeb];
-const INK: Colour = [0x22, 0x26, 0x2b];
 const CRASH: Colour = [0xd9, 0x04, 0x29];
 const OFF_ROAD: Colour = [0xf7, 0x7f, 0x00];
-
-/// Height of letters, in pixels; each is as wide in the PNG as [`LETTER`].
-const LINE_PX: f64 = 16.0;
-/// Width of a letter, in pixels (Noto Sans Mono at 16).
-const LETTER: f64 = 7.0;
-/// Around everything, in pixels.
-const MARGIN: f64 = 24.0;
-
-/// What painters paint, in order.
-#[derive(Debug, Clone, PartialEq)]
-enum Shape {
-    Area {
-        points: Vec<Point>,
-        colour: Colour,
-    },
-    Line {
-        points: Vec<Point>,
-        colour: Colour,
-        width: f64,
-    },
-    /// `at` is the middle of its left end.
-    Text {
-        at: Point,
-        text: String,
-    },
-}
-
-/// A picture still to be painted.
-struct Sheet {
-    width: f64,
-    height: f64,
-    title: String,
-    shapes: Vec<Shape>,
-}
 
 /// From metres to pixels.
 #[derive(Debug, Clone, Copy)]

@@ -1,4 +1,4 @@
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, fs};
 
 use super::{
     super::track::{Edge, Side, Stretch},
@@ -62,6 +62,7 @@ fn everything_lies_on_the_sheet() {
                 let points = match shape {
                     Shape::Area { points, .. } | Shape::Line { points, .. } => points.clone(),
                     Shape::Text { at, text } => vec![*at, (at.0 + text.len() as f64 * LETTER, at.1)],
+                    Shape::Picture { at, .. } => vec![*at],
                 };
                 for (x, y) in points {
                     assert!((0.0..=sheet.width).contains(&x) && (0.0..=sheet.height).contains(&y), "{name}: {shape:?}");
@@ -202,7 +203,7 @@ fn labels_keep_off_the_road() {
 fn what_cannot_be_a_map_is_refused() {
     let track = Track::named("lake").unwrap();
     let error = |path: &str, width| draw(&track, &[], &[], path, width).unwrap_err().to_string();
-    assert_eq!(error("map.pdf", 800), "map.pdf: expected a map that ends in .svg or .png");
+    assert_eq!(error("map.pdf", 800), "map.pdf: expected the name of a picture that ends in .svg or .png");
     assert_eq!(error("map.svg", 10), "map.svg: expected a map 400 to 8000 pixels wide, got 10");
-    assert!(error("no/such/folder/map.svg", 800).starts_with("cannot write the map no/such/folder/map.svg: "));
+    assert!(error("no/such/folder/map.svg", 800).starts_with("cannot write the picture no/such/folder/map.svg: "));
 }

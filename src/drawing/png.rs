@@ -1,15 +1,20 @@
-//! A map as pixels.
+//! A sheet as pixels.
 
 use image::{ExtendedColorType::Rgb8, ImageEncoder, codecs::png::PngEncoder};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster};
 use tiny_skia::{Color, FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Stroke, Transform};
 
-use super::{Colour, INK, LETTER, LINE_PX, PAPER, Point, Shape, Sheet};
+use super::{Colour, INK, LETTER, LINE_PX, MAX_SIDE, PAPER, Point, Shape, Sheet};
+use crate::perception::Frame;
 
 /// The whole file, or why there is none.
 pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, String> {
     let (width, height) = (sheet.width as u32, sheet.height as u32);
-    let mut pixels = Pixmap::new(width, height).ok_or_else(|| format!("{width}x{height} pixels"))?;
+    let fits = sheet.width <= MAX_SIDE && sheet.height <= MAX_SIDE;
+    let mut pixels = fits
+        .then(|| Pixmap::new(width, height))
+        .flatten()
+        .ok_or_else(|| format!("expected 1 to {MAX_SIDE} pixels a side, got {width}x{height}"))?;
     pixels.fill(colour(PAPER));
     for shape in &sheet.shapes {
         match shape {
@@ -25,12 +30,18 @@ pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, String> {
                 }
             }
             Shape::Text { at, text } => letters(&mut pixels, *at, text),
+            Shape::Picture { at, frame } => picture(&mut pixels, *at, frame),
         }
     }
     // The paper is opaque, so nothing is see-through.
     let rgb: Vec<u8> = pixels.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect();
+    encode(&rgb, width, height)
+}
+
+/// Rows of red, green and blue bytes as a PNG file.
+pub(super) fn encode(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
     let mut png = Vec::new();
-    PngEncoder::new(&mut png).write_image(&rgb, width, height, Rgb8).map_err(|e| e.to_string())?;
+    PngEncoder::new(&mut png).write_image(rgb, width, height, Rgb8).map_err(|e| e.to_string())?;
     Ok(png)
 }
 
@@ -78,6 +89,23 @@ fn letters(pixels: &mut Pixmap, (x, y): Point, text: &str) {
                     let share = u32::from(*ink);
                     *channel = ((u32::from(ink_colour) * share + u32::from(*channel) * (255 - share)) / 255) as u8;
                 }
+            }
+        }
+    }
+}
+
+/// What of a picture lies on the sheet.
+fn picture(pixels: &mut Pixmap, (x, y): Point, frame: &Frame) {
+    let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+    let (left, top) = (x.round() as i64, y.round() as i64);
+    for (row, line) in frame.rgb().chunks_exact(3 * frame.width().max(1)).enumerate() {
+        for (column, rgb) in line.chunks_exact(3).enumerate() {
+            let on_sheet = |from: i64, by: usize, side: usize| {
+                usize::try_from(from + by as i64).ok().filter(|place| *place < side)
+            };
+            if let (Some(x), Some(y)) = (on_sheet(left, column, width), on_sheet(top, row, height)) {
+                let at = (y * width + x) * 4;
+                pixels.data_mut()[at..at + 3].copy_from_slice(rgb);
             }
         }
     }

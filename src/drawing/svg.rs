@@ -1,17 +1,27 @@
-//! A map as SVG text.
+//! A sheet as SVG text.
 
-use std::fmt::{Error, Write};
+use std::fmt::Write;
 
-use super::{Colour, INK, LETTER, LINE_PX, PAPER, Point, Shape, Sheet};
+use base64::{Engine, prelude::BASE64_STANDARD};
 
-/// The whole file.
-pub(super) fn paint(sheet: &Sheet) -> String {
+use super::{Colour, INK, LINE_PX, PAPER, Point, Shape, Sheet, png, width_of};
+
+/// The whole file, or why there is none.
+pub(super) fn paint(sheet: &Sheet) -> Result<String, String> {
+    // Pictures are encoded first: of the rest nothing can fail.
+    let mut pictures = Vec::new();
+    for shape in &sheet.shapes {
+        if let Shape::Picture { frame, .. } = shape {
+            let png = png::encode(frame.rgb(), frame.width() as u32, frame.height() as u32)?;
+            pictures.push(BASE64_STANDARD.encode(png));
+        }
+    }
     let mut svg = String::new();
-    write(sheet, &mut svg).expect("writing to a String cannot fail");
-    svg
+    write(sheet, pictures.into_iter(), &mut svg).map_err(|e| e.to_string())?;
+    Ok(svg)
 }
 
-fn write(sheet: &Sheet, svg: &mut String) -> Result<(), Error> {
+fn write(sheet: &Sheet, mut pictures: impl Iterator<Item = String>, svg: &mut String) -> std::fmt::Result {
     let Sheet { width, height, title, shapes } = sheet;
     writeln!(
         svg,
@@ -40,8 +50,15 @@ fn write(sheet: &Sheet, svg: &mut String) -> Result<(), Error> {
                 svg,
                 r#"<text x="{x:.1}" y="{:.1}" textLength="{:.0}">{}</text>"#,
                 y + 0.3 * LINE_PX,
-                text.chars().count() as f64 * LETTER,
+                width_of(text),
                 escaped(text)
+            )?,
+            Shape::Picture { at: (x, y), frame } => writeln!(
+                svg,
+                r#"<image x="{x:.1}" y="{y:.1}" width="{}" height="{}" href="data:image/png;base64,{}"/>"#,
+                frame.width(),
+                frame.height(),
+                pictures.next().unwrap_or_default()
             )?,
         }
     }

@@ -1,0 +1,24 @@
+//! `lapwing dataset split`: a log to learn from and one to validate by.
+
+use super::Ended;
+use crate::{
+    cli,
+    commands::print,
+    dataset::{self, Blocks, Divided},
+};
+
+pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
+    let blocks = Blocks { size: arguments.block, every: arguments.every };
+    let divided = dataset::divide(&arguments.source, blocks, &arguments.out_train, &arguments.out_validation)?;
+    if arguments.json {
+        print(&serde_json::to_string_pretty(&divided)?);
+    } else {
+        let Divided { train, train_rows, validation, validation_rows } = divided;
+        print(&format!(
+            "{train_rows} rows to learn from, in {}\n{validation_rows} rows to validate by, in {}",
+            train.display(),
+            validation.display()
+        ));
+    }
+    Ok(Ended::Passed)
+}
