@@ -322,6 +322,9 @@ pub struct Evaluate {
     /// All rows, or those that training holds out: one block of 50 in five
     #[arg(long, value_enum, default_value_t = Rows::All)]
     pub rows: Rows,
+    /// Draw the error over the steering angle: FILE.svg or FILE.png
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
     /// Only rows before this one, counted from 0
     #[arg(long, value_name = "ROW")]
     pub before: Option<usize>,
@@ -492,6 +495,8 @@ pub enum DatasetVerb {
     Convert(DatasetConvert),
     /// Write two logs, of the rows to learn from and of those to validate by; pictures stay where they are
     Split(DatasetSplit),
+    /// Draw what each augmentation makes of pictures and labels
+    Preview(DatasetPreview),
 }
 
 /// `lapwing dataset inspect`; exit 1 where a picture is missing or broken
@@ -523,6 +528,23 @@ pub struct DatasetConvert {
     /// Print what was written as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// `lapwing dataset preview`
+#[derive(Debug, Args)]
+pub struct DatasetPreview {
+    /// A folder with driving_log.csv and IMG/, or a run (.mcap)
+    #[arg(value_name = "DIR|FILE")]
+    pub source: PathBuf,
+    /// Where to draw: FILE.png or FILE.svg
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Take the ranges of a recipe (.toml) [default: Lu's]
+    #[arg(long, value_name = "FILE")]
+    pub recipe: Option<PathBuf>,
+    /// Seed of the dice
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
 }
 
 /// `lapwing dataset split`

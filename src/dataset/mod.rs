@@ -6,7 +6,8 @@
 //!
 //! For people, [`inspect()`] says what is in a data set, every picture decoded, and [`contact_sheet`] and
 //! [`steering_chart`] show it; [`convert()`] makes a run of a folder or the other way round; [`divide()`] writes a log
-//! of the rows to learn from and one of those to validate by, as [`Blocks`] has them.
+//! of the rows to learn from and one of those to validate by, as [`Blocks`] has them; [`preview()`] shows what
+//! augmentation does.
 //!
 //! Pictures stay where they are, and no tensor is made here: `train` does that.
 
@@ -19,6 +20,7 @@ mod fixture;
 mod inspect;
 mod loader;
 mod moments;
+mod preview;
 mod samples;
 mod sheet;
 mod source;
@@ -32,6 +34,7 @@ pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
 pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
 pub use loader::{Batch, Cache, Inputs, Loader};
+pub use preview::preview;
 pub use samples::{Balance, Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
 pub use source::{Camera, Picture, Row, Source};

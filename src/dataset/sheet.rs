@@ -13,11 +13,11 @@ use crate::{
 pub const SHOWN: usize = 24;
 
 /// Pictures side by side.
-const ACROSS: usize = 4;
+pub(super) const ACROSS: usize = 4;
 /// Largest picture, in pixels: the stock camera's. Larger ones are shown smaller.
-const PICTURE: (usize, usize) = (320, 160);
+pub(super) const PICTURE: (usize, usize) = (320, 160);
 /// Between pictures, in pixels.
-const GAP: f64 = 8.0;
+pub(super) const GAP: f64 = 8.0;
 /// How far the arrow leans at full lock, in degrees: more than the wheels, whose 25 are hard to see.
 const LEAN_DEG: f64 = 60.0;
 /// How long it is, in pixels.
@@ -86,7 +86,7 @@ fn place(moment: &Moment, (left, top): Point, shapes: &mut Vec<Shape>) {
 }
 
 /// From a place up, leaning to where was steered, with a rim that keeps it apart from the picture.
-fn arrow((x, y): Point, steering: f64, shapes: &mut Vec<Shape>) {
+pub(super) fn arrow((x, y): Point, steering: f64, shapes: &mut Vec<Shape>) {
     let (sin, cos) = (steering * LEAN_DEG).to_radians().sin_cos();
     let turned = |along: f64, across: f64| (x + along * sin + across * cos, y - along * cos + across * sin);
     for (colour, rim) in [(INK, 2.0), (PAPER, 0.5), (ARROW_COLOUR, 0.0)] {
@@ -105,7 +105,7 @@ fn arrow((x, y): Point, steering: f64, shapes: &mut Vec<Shape>) {
 }
 
 /// A picture no larger than its place: of a larger one, every so-many-th pixel.
-fn fitted(frame: Frame) -> Frame {
+pub(super) fn fitted(frame: Frame) -> Frame {
     let step = frame.width().div_ceil(PICTURE.0).max(frame.height().div_ceil(PICTURE.1));
     if step <= 1 {
         return frame;

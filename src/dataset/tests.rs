@@ -248,3 +248,15 @@ fn what_cannot_be_is_named_with_expected_and_got() {
     let error = Samples::open(&[even], Set::All, None, &Balance::default()).unwrap_err();
     assert_eq!(error.to_string(), "smooth: expected an odd number of rows, got 4");
 }
+
+#[test]
+fn a_preview_has_a_line_for_each_change_with_its_corrected_labels() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |_| 0.25, 20);
+    let svg = preview(&Source::open(dir.path()).unwrap(), &Augmentation::default(), 1).unwrap().svg().unwrap();
+    for name in Augmentation::NAMES {
+        assert!(svg.contains(&format!(">{name}<")), "{name}");
+    }
+    assert!(svg.matches("steering +0.250").count() >= 16, "recorded, brighter, in shadow, erased");
+    assert!(svg.matches("steering -0.250").count() >= 4, "the mirrored line");
+}

@@ -4,14 +4,14 @@ use std::{
     fs,
     path::{Path, PathBuf},
     sync::Arc,
-    time::Instant,
+    time::{Instant, SystemTime},
 };
 
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
 
 use super::{
-    Keep, Measured, Metrics, Recipe, Schedule, TrainError, log, measure,
+    Keep, Measured, Metrics, Recipe, Schedule, TrainError, events::Events, log, measure,
     measure::tensors,
     optimiser::Stepper,
     state::{self, Position},
@@ -204,6 +204,7 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`]; what was saved before stays.
     pub fn run(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Outcome, TrainError> {
+        let mut events = Events::create(&self.out, now()).map_err(TrainError::io("write the events", &self.out))?;
         let mut finished = true;
         while self.position.epoch < self.recipe.epochs {
             if self.recipe.patience.is_some_and(|patience| self.position.waited >= patience) {
@@ -215,6 +216,7 @@ impl Trainer {
             };
             self.close_epoch(epoch)?;
             let epoch = self.position.history.last().expect("an epoch was closed");
+            curves(&mut events, epoch).map_err(TrainError::io("write the events", events.path()))?;
             if watch(Progress::Epoch(epoch)) == Go::Stop && self.position.epoch < self.recipe.epochs {
                 finished = false;
                 break;
@@ -367,6 +369,27 @@ impl Trainer {
     fn save_state(&self) -> Result<(), TrainError> {
         state::save(&self.out.join("state.safetensors"), &self.position, &borrow(&self.state()))
     }
+}
+
+/// Seconds since 1970, as TensorBoard has them.
+fn now() -> f64 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |passed| passed.as_secs_f64())
+}
+
+/// An epoch's numbers for TensorBoard.
+fn curves(events: &mut Events, epoch: &Epoch) -> std::io::Result<()> {
+    let (step, wall) = (epoch.number as i64, now());
+    let Measured { raw, smooth } = &epoch.validation;
+    for (set, metrics) in [("training", &epoch.training), ("validation", raw), ("validation_9_frames", smooth)] {
+        events.scalar(&format!("mse/{set}"), step, wall, metrics.mse as f32)?;
+        events.scalar(&format!("mae/{set}"), step, wall, metrics.mae as f32)?;
+        if let Some(r) = metrics.r {
+            events.scalar(&format!("r/{set}"), step, wall, r as f32)?;
+        }
+    }
+    events.scalar("learning_rate", step, wall, epoch.learning_rate as f32)?;
+    events.scalar("images_per_s", step, wall, epoch.images_per_s as f32)?;
+    events.flush()
 }
 
 fn borrow(tensors: &[(String, Tensor)]) -> Vec<(String, &Tensor)> {

@@ -3,6 +3,7 @@
 mod convert;
 mod divide;
 mod inspect;
+mod preview;
 
 use std::{
     io::{self, IsTerminal},
@@ -18,6 +19,7 @@ pub(super) fn run(arguments: Dataset) -> anyhow::Result<Ended> {
     match arguments.verb {
         DatasetVerb::Inspect(arguments) => inspect::run(arguments),
         DatasetVerb::Convert(arguments) => convert::run(&arguments),
+        DatasetVerb::Preview(arguments) => preview::run(&arguments),
         DatasetVerb::Split(arguments) => divide::run(&arguments),
     }
 }

@@ -1,0 +1,81 @@
+//! What augmentation makes of pictures and labels, to be looked at.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::{
+    Augmentation, DatasetError, Source,
+    sheet::{ACROSS, GAP, PICTURE, arrow, fitted},
+};
+use crate::{
+    drawing::{LINE_PX, MARGIN, Shape, Sheet},
+    perception::{Crop, Frame, decode_jpeg},
+};
+
+/// A sheet with a line for the pictures as recorded, one for each of the five changes alone, and one for all together,
+/// each drawn anew with its probability. The arrow leans to the label as the change has corrected it.
+///
+/// # Errors
+/// [`DatasetError::Picture`], [`DatasetError::Image`] where one of the pictures shown is missing or broken.
+pub fn preview(source: &Source, augmentation: &Augmentation, seed: u64) -> Result<Sheet, DatasetError> {
+    let pictures = pictures(source)?;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut shapes = Vec::new();
+    let mut y = MARGIN;
+    let lines = std::iter::once("as recorded").chain(Augmentation::NAMES).chain(["all, as in training"]);
+    for line in lines {
+        let only = match line {
+            "as recorded" => Augmentation::none(),
+            "all, as in training" => augmentation.clone(),
+            name => alone(augmentation, name),
+        };
+        shapes.push(Shape::Text { at: (MARGIN, y + LINE_PX / 2.0), text: line.into() });
+        y += 1.2 * LINE_PX;
+        for (i, (frame, steering)) in pictures.iter().enumerate() {
+            let change = only.draw(&mut random);
+            let mut changed = Frame::default();
+            change.apply(frame, Crop { top: 0, bottom: frame.height() }, &mut changed);
+            let steering = change.steering(*steering);
+            let left = MARGIN + (PICTURE.0 as f64 + GAP) * i as f64;
+            let (wide, high) = (PICTURE.0 as f64, PICTURE.1 as f64);
+            shapes.push(Shape::Picture { at: (left, y), frame: fitted(changed) });
+            arrow((left + wide / 2.0, y + high - 10.0), steering, &mut shapes);
+            shapes.push(Shape::Text { at: (left, y + high + LINE_PX / 2.0), text: format!("steering {steering:+.3}") });
+        }
+        y += PICTURE.1 as f64 + LINE_PX + GAP;
+    }
+    let width = 2.0 * MARGIN + (PICTURE.0 as f64 + GAP) * ACROSS as f64 - GAP;
+    Ok(Sheet { width, height: (y + MARGIN - GAP).ceil(), title: "Augmentation".into(), shapes })
+}
+
+/// One change, always.
+fn alone(augmentation: &Augmentation, name: &str) -> Augmentation {
+    let none = Augmentation::none();
+    let mut only = Augmentation {
+        flip: none.flip,
+        translate: none.translate,
+        brightness: none.brightness,
+        shadow: none.shadow,
+        erase: none.erase,
+        ..augmentation.clone()
+    };
+    if let Some(probability) = only.probability(name) {
+        *probability = 1.0;
+    }
+    only
+}
+
+/// Pictures of the centre camera at equal distances, with their labels.
+fn pictures(source: &Source) -> Result<Vec<(Frame, f64)>, DatasetError> {
+    let count = ACROSS.min(source.rows.len());
+    let row = |i: usize| (2 * i + 1) * source.rows.len() / (2 * count);
+    let mut all = Vec::new();
+    for row in (0..count).map(row).map(|row| &source.rows[row]) {
+        let Some(picture) = &row.pictures[0] else { continue };
+        let mut frame = Frame::default();
+        decode_jpeg(&picture.read()?, &mut frame)
+            .map_err(|why| DatasetError::Image { picture: picture.name(), why })?;
+        all.push((frame, row.steering.get()));
+    }
+    Ok(all)
+}
