@@ -147,10 +147,9 @@ mod tests {
 
     #[test]
     fn the_checksum_is_crc_32c_masked_as_tensorflow_does() {
-        // The check value of the catalogue, then its mask by the formula of TensorFlow's own test.
+        // The check value of the catalogue, and its mask worked out by hand.
         assert_eq!(CRC.checksum(b"123456789"), 0xe306_9283);
-        let crc: u32 = 0xe306_9283;
-        assert_eq!(masked_crc(b"123456789"), ((crc >> 15) | (crc << 17)).wrapping_add(0xa282_ead8));
+        assert_eq!(masked_crc(b"123456789"), 0xc78a_b0e5);
     }
 
     #[test]

@@ -46,7 +46,7 @@ fn table(inspections: &[Inspection]) -> String {
     let widths: Vec<usize> = columns.iter().map(|column| width(column).unwrap_or(0)).collect();
     let mut text = String::new();
     for (line, (name, _)) in columns.first().into_iter().flatten().enumerate() {
-        let mut row = format!("{name:18}");
+        let mut row = format!("{name:19}");
         for (column, width) in columns.iter().zip(&widths) {
             row += &format!("  {:width$}", column[line].1);
         }
