@@ -7,11 +7,11 @@ use serde_json::json;
 use super::Ended;
 use crate::{
     cli,
+    dataset::{Balance, Blocks, Cache, Inputs, Samples, Selection, Set},
     drawing::{
         Kind, Sheet,
         chart::{Axis, Chart, Marks, Series, stack},
     },
-    dataset::{Balance, Blocks, Cache, Inputs, Samples, Selection, Set},
     nn::Checkpoint,
     train::measure,
 };

@@ -18,8 +18,9 @@ pub enum Init {
     /// Drawn uniformly up to 1 / sqrt(n): PyTorch's default, where n is the inputs of a neuron for the weights and
     /// biases of convolutions and linear layers, and the hidden size for all of a GRU.
     Uniform(i64),
-    /// Drawn from a normal distribution of variance 2 / n, where n is the outputs of a convolution times its kernel:
-    /// He et al., "Delving Deep into Rectifiers", 2015, arXiv:1502.01852, by `fan_out` as torchvision's ResNets.
+    /// Drawn from a normal distribution of variance 2 / n: He et al., "Delving Deep into Rectifiers", 2015,
+    /// arXiv:1502.01852. n is the outputs of a convolution times its kernel in the ResNets, as torchvision has it, and
+    /// the inputs of a neuron in `cps`.
     KaimingNormal(i64),
     /// This number everywhere.
     Constant(f64),

@@ -11,7 +11,9 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
 
 use super::{
-    Keep, Measured, Metrics, Recipe, Schedule, TrainError, events::Events, log, measure,
+    Keep, Measured, Metrics, Recipe, Schedule, TrainError,
+    events::Events,
+    log, measure,
     measure::tensors,
     optimiser::Stepper,
     state::{self, Position},
