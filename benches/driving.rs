@@ -21,6 +21,7 @@ use tch::{Device, Kind, Tensor, nn::VarStore};
 
 mod lock_step;
 mod networks;
+mod training;
 mod world;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");

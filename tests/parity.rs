@@ -1,4 +1,4 @@
-//! The shipped network against PyTorch on the team's real recordings, and ResNets
+//! PilotNet with PyTorch's weights against PyTorch on the team's real recordings, and ResNets
 //! against torchvision's on weights and an input that any language can make. They are
 //! not in this repository: `LAPWING_SHARED` names their folder, `../shared` where
 //! it is not set. Without them the tests are skipped, unless
@@ -11,11 +11,12 @@ use std::{
 };
 
 use lapwing::{
-    nn::{Architecture, Checkpoint, Design, Network, in_variable_store},
+    nn::{Architecture, Checkpoint, Design, Metadata, Network, Precision, in_variable_store, save},
     perception::{Frame, Preprocessor, decode_jpeg},
     pilot::{self, View},
 };
 use tch::{Device, Kind, Tensor, nn::VarStore};
+use tempfile::TempDir;
 
 /// The team's folder, or `None` where it is absent and may be.
 fn shared() -> Option<PathBuf> {
@@ -30,8 +31,24 @@ fn shared() -> Option<PathBuf> {
     None
 }
 
-fn model() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("models/pilotnet.safetensors")
+/// PyTorch's weights as a checkpoint of this project, made for this test.
+fn model(shared: &Path) -> (TempDir, PathBuf) {
+    let tensors = Tensor::read_safetensors(shared.join("parity/pilotnet-lake.safetensors")).unwrap();
+    let design = Design::of(Architecture::PilotNet);
+    let network = Network::build(&design, &mut |name, shape, _| {
+        let found = tensors.iter().find(|(n, t)| n == name && t.size() == shape);
+        Ok(found.unwrap_or_else(|| panic!("no {name}")).1.shallow_clone())
+    });
+    let metadata = Metadata {
+        preprocess: design.preprocess.clone(),
+        outputs: vec!["steering".into()],
+        training: "PyTorch 2.13".into(),
+        result: String::new(),
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("pilotnet.safetensors");
+    save(&path, &metadata, &network.unwrap(), Precision::F32).unwrap();
+    (dir, path)
 }
 
 /// The tensors `input` (1, 3, 66, 200) and `output` (1, 1) that PyTorch wrote.
@@ -51,7 +68,10 @@ fn frame(path: &Path) -> Frame {
 fn the_forward_pass_agrees_with_pytorch_within_1e_5() {
     let Some(shared) = shared() else { return };
     let (input, output) = input_and_output(&shared);
-    let network = Checkpoint::load(model()).unwrap().network;
+    let network = {
+        let (_dir, model) = model(&shared);
+        Checkpoint::load(model).unwrap().network
+    };
     let difference = (network.forward(&input, None, false).unwrap() - output).abs().max().double_value(&[]);
     println!("forward pass: difference {difference:.1e}");
     assert!(difference < 1e-5, "{difference}");
@@ -62,7 +82,7 @@ fn preprocessing_agrees_with_pillow_within_a_few_grey_levels() {
     let Some(shared) = shared() else { return };
     let (input, _) = input_and_output(&shared);
     let frame = frame(&shared.join("recordings/lake/IMG/center_2018_07_16_17_11_44_981.jpg"));
-    let mut preprocessor = Preprocessor::new(Checkpoint::load(model()).unwrap().metadata.preprocess).unwrap();
+    let mut preprocessor = Preprocessor::new(Design::of(Architecture::PilotNet).preprocess).unwrap();
     let mut ours = Vec::new();
     preprocessor.apply(&frame, &mut ours).unwrap();
     let difference = (Tensor::from_slice(&ours).view([1, 3, 66, 200]) - input).abs() * 127.5; // (1, 3, 66, 200), grey levels
@@ -74,7 +94,8 @@ fn preprocessing_agrees_with_pillow_within_a_few_grey_levels() {
 #[test]
 fn jpeg_to_steering_agrees_with_pytorch_within_0_01_on_30_real_frames() {
     let Some(shared) = shared() else { return };
-    let mut pilot = pilot::load(model(), Instant::now).unwrap().pilot();
+    let (_dir, model) = model(&shared);
+    let mut pilot = pilot::load(model, Instant::now).unwrap().pilot();
     let table = fs::read_to_string(shared.join("parity/pilotnet-lake.csv")).unwrap();
     let (mut frames, mut worst) = (0, (0.0, ""));
     for row in table.lines().skip(1) {

@@ -36,8 +36,8 @@ pub struct Batch {
     pub steering: Vec<f32>,
     /// (B), -1 to 1.
     pub acceleration: Vec<f32>,
-    /// (B), mph over 30.
-    pub speed: Vec<f32>,
+    /// (B).
+    pub speed_mph: Vec<f32>,
     /// (B), which samples these are.
     pub samples: Vec<u32>,
 }
@@ -122,6 +122,11 @@ impl Loader {
         }
         Ok(Self { receiver, early: BTreeMap::new(), next: from, batches })
     }
+
+    /// Batches of the whole epoch.
+    pub fn batches(&self) -> usize {
+        self.batches
+    }
 }
 
 impl Iterator for Loader {
@@ -178,11 +183,11 @@ impl Worker {
     fn batch(&mut self, plan: &Plan, from: usize, until: usize) -> Result<Batch, DatasetError> {
         let size = until - from;
         let numbers: usize = plan.inputs.preprocess.shape().iter().product();
-        let (steering, acceleration, speed) =
+        let (steering, acceleration, speed_mph) =
             (Vec::with_capacity(size), Vec::with_capacity(size), Vec::with_capacity(size));
         let frames = Vec::with_capacity(size * plan.inputs.frames * numbers);
         let samples = plan.order[from..until].to_vec();
-        let mut batch = Batch { frames, size, steering, acceleration, speed, samples };
+        let mut batch = Batch { frames, size, steering, acceleration, speed_mph, samples };
         for place in from..until {
             let sample = &plan.samples.samples[plan.order[place] as usize];
             let mut random = ChaCha8Rng::seed_from_u64(plan.seed ^ 0xa0_6d3e_17e5);
@@ -196,7 +201,7 @@ impl Worker {
             }
             batch.steering.push(change.steering(sample.steering) as f32);
             batch.acceleration.push(sample.acceleration as f32);
-            batch.speed.push(sample.speed as f32);
+            batch.speed_mph.push(sample.speed.get() as f32);
         }
         Ok(batch)
     }

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Blocks, Camera, DatasetError, Source};
+use crate::units::Mph;
 
 /// What is taken of one data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -144,8 +145,8 @@ pub struct Sample {
     pub steering: f64,
     /// -1 (full brake) to 1 (full throttle).
     pub acceleration: f64,
-    /// mph over 30.
-    pub speed: f64,
+    /// How fast the car was.
+    pub speed: Mph,
     /// How often it is drawn, beside others.
     weight: f64,
 }
@@ -218,7 +219,7 @@ impl Samples {
                     camera: *camera,
                     steering: steering + camera.sign() * selection.side_offset,
                     acceleration: moment.acceleration,
-                    speed: moment.speed.get() / 30.0,
+                    speed: moment.speed,
                     weight: weight * selection.weight,
                 });
             }

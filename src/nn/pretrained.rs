@@ -14,21 +14,29 @@ const FIRST: &str = "conv1.weight";
 /// and says how many they were.
 ///
 /// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict` makes; the network a ResNet of as
-/// many layers, with or without memory. Left out are `fc.*`, `num_batches_tracked`, and all else that the backbone
-/// does not have. For `-stack` the first convolution is inflated. Nothing is changed where there is an error.
+/// many layers, with or without memory. Left out are `fc.*`, `num_batches_tracked`, and all else that no ResNet's
+/// backbone has. For `-stack` the first convolution is inflated. Nothing is changed where there is an error.
 ///
 /// # Errors
 /// [`NnError::Read`], [`NnError::NotSafetensors`]; [`NnError::Shape`] and [`NnError::Dtype`] where a tensor does not
-/// fit; [`NnError::NoneFits`] where the file has none for this network.
+/// fit; [`NnError::NoneFits`] where the file has none for this network; [`NnError::MissingTensor`] and
+/// [`NnError::SurplusTensor`] where it is a ResNet of another depth.
 pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError> {
     let bytes = fs::read(path).map_err(|source| NnError::Read { path: path.to_owned(), source })?;
     let file = SafeTensors::deserialize(&bytes).map_err(NnError::NotSafetensors)?;
     let mut taken: Vec<(Tensor, Tensor)> = Vec::new();
+    let mut missing = None;
+    let mut surplus: Vec<&str> = file.names();
+    surplus.retain(|name| of_backbone(name) && !name.ends_with("num_batches_tracked"));
     for (name, variable) in network.tensors() {
         if !network.architecture().is_resnet() || !of_backbone(&name) {
             continue;
         }
-        let Ok(view) = file.tensor(&name) else { continue };
+        let Ok(view) = file.tensor(&name) else {
+            missing.get_or_insert((name, variable.size()));
+            continue;
+        };
+        surplus.retain(|of_file| *of_file != name);
         let shape = variable.size();
         let of_one_frame = [shape[0], 3, 7, 7];
         let inflates = name == FIRST && shape[1] == stack::CHANNELS && view.shape() == of_one_frame.map(|n| n as usize);
@@ -41,6 +49,13 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     }
     if taken.is_empty() {
         return Err(NnError::NoneFits { path: path.to_owned(), architecture: network.architecture() });
+    }
+    // A ResNet of other depth shares some names: its weights would make half a network.
+    if let Some((name, expected)) = missing {
+        return Err(NnError::MissingTensor { name, expected });
+    }
+    if let Some(name) = surplus.into_iter().min() {
+        return Err(NnError::SurplusTensor { architecture: network.architecture(), name: name.to_owned() });
     }
     tch::no_grad(|| {
         for (variable, value) in &mut taken {
@@ -136,5 +151,24 @@ mod tests {
         assert!(error.starts_with("expected tensors for the backbone of pilotnet in "), "{error}");
         let missing = load_pretrained(&network, Path::new("no.safetensors")).unwrap_err();
         assert!(matches!(missing, NnError::Read { .. }));
+    }
+
+    #[test]
+    fn weights_of_a_resnet_of_another_depth_are_refused_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _) = file(&folder);
+        let (_store, network) = fresh(Architecture::ResNet18);
+        let tensors = Tensor::read_safetensors(&path).unwrap();
+        let write = |tensors: Vec<(String, Tensor)>| Tensor::write_safetensors(&tensors, &path).unwrap();
+        let mut deeper: Vec<_> = tensors.iter().map(|(n, t)| (n.clone(), t.shallow_clone())).collect();
+        deeper.push(("layer1.2.bn1.weight".into(), Tensor::ones([64], (Kind::Float, Device::Cpu))));
+        write(deeper);
+        assert!(
+            matches!(load_pretrained(&network, &path), Err(NnError::SurplusTensor { name, .. }) if name == "layer1.2.bn1.weight")
+        );
+        write(tensors.into_iter().filter(|(name, _)| name != "layer4.1.conv2.weight").collect());
+        assert!(
+            matches!(load_pretrained(&network, &path), Err(NnError::MissingTensor { name, .. }) if name == "layer4.1.conv2.weight")
+        );
     }
 }

@@ -8,7 +8,7 @@ use tch::{Device, Kind, Tensor, no_grad};
 use super::{Metrics, TrainError};
 use crate::{
     dataset::{Augmentation, Batch, Cache, Inputs, Loader, Samples},
-    nn::{Network, Precision},
+    nn::{Network, Precision, SPEED_UNIT_MPH},
 };
 
 /// How far answers lie from labels.
@@ -52,7 +52,8 @@ pub fn tensors(
     }
     let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
     let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
-    let speed = Tensor::f_from_slice(&batch.speed)?.f_reshape([b, 1])?.f_to_device(device)?.f_to_kind(kind)?;
+    let speed = Tensor::f_from_slice(&batch.speed_mph)?.f_reshape([b, 1])?.f_div_scalar(SPEED_UNIT_MPH)?;
+    let speed = speed.f_to_device(device)?.f_to_kind(kind)?;
     Ok([frames, labels, speed])
 }
 

@@ -196,6 +196,24 @@ impl Trainer {
         (self.training.0.samples.len(), self.validation.0.samples.len())
     }
 
+    /// The batches of an epoch, 0 being the first, from this step on.
+    ///
+    /// # Errors
+    /// [`TrainError::Dataset`].
+    pub fn batches(&self, epoch: usize, from: usize) -> Result<Loader, TrainError> {
+        let count = self.recipe.samples_per_epoch.unwrap_or(self.training.0.samples.len());
+        Ok(Loader::start(
+            Arc::clone(&self.training.0),
+            Arc::clone(&self.training.1),
+            self.inputs.clone(),
+            self.recipe.augment.clone(),
+            self.training.0.draw(count, self.recipe.seed, epoch as u64),
+            self.recipe.batch,
+            (self.recipe.seed, epoch as u64, from),
+            std::thread::available_parallelism().map_or(1, usize::from),
+        )?)
+    }
+
     /// Epochs done so far.
     pub fn history(&self) -> &[Epoch] {
         &self.position.history
@@ -240,20 +258,9 @@ impl Trainer {
 
     /// One pass; `None` where it was stopped, and its state saved.
     fn epoch(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Option<Epoch>, TrainError> {
-        let count = self.recipe.samples_per_epoch.unwrap_or(self.training.0.samples.len());
         let number = self.position.epoch;
-        let order = self.training.0.draw(count, self.recipe.seed, number as u64);
-        let steps = order.len().div_ceil(self.recipe.batch);
-        let loader = Loader::start(
-            Arc::clone(&self.training.0),
-            Arc::clone(&self.training.1),
-            self.inputs.clone(),
-            self.recipe.augment.clone(),
-            order,
-            self.recipe.batch,
-            (self.recipe.seed, number as u64, self.position.step),
-            std::thread::available_parallelism().map_or(1, usize::from),
-        )?;
+        let loader = self.batches(number, self.position.step)?;
+        let steps = loader.batches();
         let began = Instant::now();
         let (mut answers, mut labels) = (vec![], vec![]);
         let mut rate = self.recipe.optimiser.learning_rate;
@@ -291,13 +298,31 @@ impl Trainer {
 
     /// One step: its loss, and the steering answered.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
-        // What dropout rolls follows from the step alone, so that going on rolls the same.
-        tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
+        let tensors = self.tensors(batch)?;
+        self.learn(&tensors, rate)
+    }
+
+    /// A batch as this training takes it: frames, labels and speed, see [`tensors`].
+    ///
+    /// # Errors
+    /// Those of [`tensors`].
+    pub fn tensors(&self, batch: &Batch) -> Result<[Tensor; 3], TrainError> {
         let outputs = self.network.architecture().outputs().len();
         let Recipe { precision, channels_last, .. } = self.recipe;
-        let [frames, labels, speed] = tensors(batch, &self.inputs, outputs, self.device, precision, channels_last)?;
-        let answer = forward(&self.network, &frames, &speed, true)?.f_to_kind(Kind::Float)?;
-        let loss = answer.f_mse_loss(&labels, Reduction::Mean)?;
+        tensors(batch, &self.inputs, outputs, self.device, precision, channels_last)
+    }
+
+    /// Moves the weights by one step of the width `rate`, unless the loss is no number. Says the loss and the steering
+    /// answered before.
+    ///
+    /// # Errors
+    /// [`TrainError::Network`].
+    pub fn learn(&mut self, tensors: &[Tensor; 3], rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
+        // What dropout rolls follows from the step alone, so that going on rolls the same.
+        tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
+        let [frames, labels, speed] = tensors;
+        let answer = forward(&self.network, frames, speed, true)?.f_to_kind(Kind::Float)?;
+        let loss = answer.f_mse_loss(labels, Reduction::Mean)?;
         let value = loss.f_double_value(&[])?;
         if value.is_finite() {
             self.stepper.forget_gradients();

@@ -1,0 +1,83 @@
+//! What learning costs: the step alone on tensors in memory, the loader alone, and both as `lapwing train` has them.
+
+use std::{fs, path::Path, time::Duration};
+
+use divan::{Bencher, counter::ItemsCount};
+use lapwing::{
+    dataset::Selection,
+    nn::Precision,
+    train::{Recipe, Trainer},
+};
+
+use super::jpeg;
+
+const BATCH: usize = 64;
+/// Batches of an epoch.
+const STEPS: usize = 16;
+const PRECISIONS: [&str; 2] = ["f32", "bf16"];
+
+/// A data set of the bench's picture, 40 for each step so that the cache is of use and the disk is touched.
+fn folder(dir: &Path) {
+    fs::create_dir(dir.join("IMG")).unwrap();
+    let picture = jpeg();
+    let mut log = String::new();
+    for row in 0..40 * STEPS {
+        fs::write(dir.join(format!("IMG/{row}.jpg")), &picture).unwrap();
+        log += &format!("{row}.jpg,,,{},0.5,0,15\n", (row as f64 * 0.1).sin());
+    }
+    fs::write(dir.join("driving_log.csv"), log).unwrap();
+}
+
+fn trainer(dir: &Path, precision: &str) -> Trainer {
+    folder(dir);
+    let precision = if precision == "bf16" { Precision::Bf16 } else { Precision::F32 };
+    let recipe = Recipe {
+        batch: BATCH,
+        samples_per_epoch: Some(BATCH * STEPS),
+        precision,
+        data: vec![Selection::of(dir)],
+        ..Recipe::default()
+    };
+    Trainer::new(recipe, &dir.join("out"), false).unwrap()
+}
+
+/// PilotNet's step on tensors that lie ready: what training could reach.
+#[divan::bench(args = PRECISIONS, sample_count = 5, sample_size = 1, min_time = Duration::from_secs(3))]
+fn step_in_memory(bencher: Bencher, precision: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(dir.path(), precision);
+    let batch = trainer.batches(0, 0).unwrap().next().unwrap().unwrap();
+    let tensors = trainer.tensors(&batch).unwrap();
+    bencher.counter(ItemsCount::new(BATCH * STEPS)).bench_local(|| {
+        for _ in 0..STEPS {
+            trainer.learn(&tensors, 1e-3).unwrap();
+        }
+    });
+}
+
+/// The same step fed by the loader, all five augmentations on: what training reaches.
+#[divan::bench(args = PRECISIONS, sample_count = 5, sample_size = 1, min_time = Duration::from_secs(3))]
+fn train(bencher: Bencher, precision: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(dir.path(), precision);
+    let mut epoch = 0;
+    bencher.counter(ItemsCount::new(BATCH * STEPS)).bench_local(|| {
+        for batch in trainer.batches(epoch, 0).unwrap() {
+            let tensors = trainer.tensors(&batch.unwrap()).unwrap();
+            trainer.learn(&tensors, 1e-3).unwrap();
+        }
+        epoch += 1;
+    });
+}
+
+/// The loader alone: decode, augment, preprocess, on all cores.
+#[divan::bench(sample_count = 5, sample_size = 1, min_time = Duration::from_secs(3))]
+fn load(bencher: Bencher) {
+    let dir = tempfile::tempdir().unwrap();
+    let trainer = trainer(dir.path(), "f32");
+    let mut epoch = 0;
+    bencher.counter(ItemsCount::new(BATCH * STEPS)).bench_local(|| {
+        assert_eq!(trainer.batches(epoch, 0).unwrap().count(), STEPS);
+        epoch += 1;
+    });
+}
