@@ -19,7 +19,7 @@ use crate::{
 pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     let checkpoint = Checkpoint::load(&arguments.model)?;
     let preprocess = checkpoint.metadata.preprocess.clone();
-    let inputs = Inputs { preprocess, frames: checkpoint.network.architecture().frames() };
+    let inputs = Inputs::plain(preprocess, checkpoint.network.architecture().frames());
     let (set, blocks) = match arguments.rows {
         cli::Rows::All => (Set::All, None),
         cli::Rows::HeldOut => (Set::Validation, Some(Blocks::default())),

@@ -1,35 +1,62 @@
 //! From samples to batches of numbers, ahead of whoever learns from them.
 
 use std::{
+    any::Any,
     collections::BTreeMap,
+    ops::Range,
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::{
-        Arc, OnceLock,
+        Arc, Mutex, OnceLock,
         atomic::{AtomicUsize, Ordering},
-        mpsc::{Receiver, SyncSender, sync_channel},
+        mpsc::{Receiver, Sender, channel},
     },
     thread,
 };
 
+use half::bf16;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Augmentation, Camera, Change, DatasetError, Samples};
-use crate::perception::{Crop, Frame, Preprocess, Preprocessor, decode_jpeg};
+use super::{
+    Augmentation, Camera, Change, DatasetError, Samples,
+    strip::{Cut, Strip},
+};
+use crate::perception::{Frame, Preprocess, Preprocessor, decode_jpeg};
 
-/// What a network takes.
+/// What a network takes, and in what form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inputs {
     /// From a picture to (C, H, W).
     pub preprocess: Preprocess,
     /// Pictures in a sequence, T; 1 for networks that look at one.
     pub frames: usize,
+    /// Numbers of 16 bits, rounded to the nearest, in the place of 32.
+    pub bf16: bool,
+    /// Pixel by pixel in memory, (H, W, C), in the place of channel by channel.
+    pub channels_last: bool,
+}
+
+impl Inputs {
+    /// 32 bits, channel by channel: as a pilot has it.
+    pub fn plain(preprocess: Preprocess, frames: usize) -> Self {
+        Self { preprocess, frames, bf16: false, channels_last: false }
+    }
+}
+
+/// The numbers of a batch of pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Numbers {
+    /// Of 32 bits.
+    F32(Vec<f32>),
+    /// Of 16 bits.
+    Bf16(Vec<bf16>),
 }
 
 /// So many samples, ready for a network.
 #[derive(Debug)]
 pub struct Batch {
-    /// (B, T, C, H, W), flat.
-    pub frames: Vec<f32>,
+    /// (B, T, C, H, W), flat; (B, T, H, W, C) where pixels lie channels last.
+    pub frames: Numbers,
     /// B.
     pub size: usize,
     /// (B), after augmentation.
@@ -42,12 +69,15 @@ pub struct Batch {
     pub samples: Vec<u32>,
 }
 
-/// Decoded pictures, kept as long as there is room. A picture of 320x160 takes 150 KiB.
+/// Decoded pictures at the size that the network takes, with the rows that shifts bring in, kept as long as there is
+/// room. For PilotNet a picture takes 39 KiB, 60 KiB where it is shifted by Lu's 20 pixels.
+///
+/// A cache belongs to one kind of inputs and one reach of shifts; what was kept for others is not used.
 #[derive(Debug)]
 pub struct Cache {
     /// Number of the first slot of each source; a row has one for each camera.
     first: Vec<usize>,
-    slots: Vec<OnceLock<Frame>>,
+    slots: Vec<OnceLock<Strip>>,
     room: AtomicUsize,
 }
 
@@ -64,7 +94,7 @@ impl Cache {
         Arc::new(Self { first, slots: (0..slots).map(|_| OnceLock::new()).collect(), room: bytes.into() })
     }
 
-    fn slot(&self, source: u32, row: usize, camera: Camera) -> Option<&OnceLock<Frame>> {
+    fn slot(&self, source: u32, row: usize, camera: Camera) -> Option<&OnceLock<Strip>> {
         self.slots.get(self.first[source as usize] + row * Camera::ALL.len() + camera as usize)
     }
 
@@ -78,9 +108,13 @@ impl Cache {
 ///
 /// Order and augmentation follow from `order`, the seed and the epoch alone, whatever the number of threads.
 pub struct Loader {
+    /// Numbers of batches for the threads to make, `None` once there are no more.
+    orders: Option<Sender<usize>>,
     receiver: Receiver<(usize, Result<Batch, DatasetError>)>,
     early: BTreeMap<usize, Result<Batch, DatasetError>>,
+    /// The batch that is given out next, the one that is ordered next, and the one after the last.
     next: usize,
+    ordered: usize,
     batches: usize,
 }
 
@@ -89,16 +123,19 @@ struct Plan {
     samples: Arc<Samples>,
     cache: Arc<Cache>,
     inputs: Inputs,
+    cut: Cut,
     augmentation: Augmentation,
     order: Vec<u32>,
     batch: usize,
     seed: u64,
     epoch: u64,
-    next: AtomicUsize,
 }
 
 impl Loader {
     /// Starts at batch `from` of the epoch; the batches before it are passed over. The last one may be smaller.
+    ///
+    /// # Errors
+    /// [`DatasetError::Preprocess`] for a preprocessing that cannot be.
     #[expect(clippy::too_many_arguments, reason = "one call, and each is another thing")]
     pub fn start(
         samples: Arc<Samples>,
@@ -111,23 +148,47 @@ impl Loader {
         threads: usize,
     ) -> Result<Self, DatasetError> {
         let batches = order.len().div_ceil(batch);
-        let preprocessor = preprocessor(&inputs.preprocess)?;
-        let plan = Plan { samples, cache, inputs, augmentation, order, batch, seed, epoch, next: from.into() };
-        let plan = Arc::new(plan);
-        let (sender, receiver) = sync_channel(threads.max(1));
-        for _ in 0..threads.max(1) {
-            let (plan, sender) = (Arc::clone(&plan), sender.clone());
+        let preprocessor = Preprocessor::new(inputs.preprocess.clone())
+            .map_err(|why| DatasetError::Preprocess { picture: "the network's preprocessing".into(), why })?;
+        let reach_px = if augmentation.translate > 0.0 { augmentation.translate_y_px } else { 0 };
+        let cut = Cut { preprocess: inputs.preprocess.clone(), reach_px };
+        let plan = Arc::new(Plan { samples, cache, inputs, cut, augmentation, order, batch, seed, epoch });
+        let (orders, ordered) = channel();
+        let ordered = Arc::new(Mutex::new(ordered));
+        let (sender, receiver) = channel();
+        let threads = threads.max(1);
+        for _ in 0..threads {
+            let (plan, ordered, sender) = (Arc::clone(&plan), Arc::clone(&ordered), sender.clone());
             let worker = Worker::new(preprocessor.clone());
-            thread::spawn(move || worker.run(&plan, &sender));
+            thread::spawn(move || worker.run(&plan, &ordered, &sender));
         }
-        Ok(Self { receiver, early: BTreeMap::new(), next: from, batches })
+        let mut loader =
+            Self { orders: Some(orders), receiver, early: BTreeMap::new(), next: from, ordered: from, batches };
+        (0..AHEAD * threads).for_each(|_| loader.order());
+        Ok(loader)
     }
 
     /// Batches of the whole epoch.
     pub fn batches(&self) -> usize {
         self.batches
     }
+
+    /// Has one more batch made.
+    fn order(&mut self) {
+        if self.ordered < self.batches
+            && let Some(orders) = &self.orders
+            && orders.send(self.ordered).is_ok()
+        {
+            self.ordered += 1;
+        }
+        if self.ordered >= self.batches {
+            self.orders = None;
+        }
+    }
 }
+
+/// Batches that each thread is ahead of the network.
+const AHEAD: usize = 2;
 
 impl Iterator for Loader {
     type Item = Result<Batch, DatasetError>;
@@ -136,117 +197,160 @@ impl Iterator for Loader {
         while self.next < self.batches {
             if let Some(batch) = self.early.remove(&self.next) {
                 self.next += 1;
+                self.order();
                 return Some(batch);
             }
-            // The threads go on until all batches are made; that they are gone before means that one has panicked.
-            let (number, batch) = self.receiver.recv().ok()?;
+            let Ok((number, batch)) = self.receiver.recv() else {
+                self.next = self.batches;
+                return Some(Err(DatasetError::Thread { what: "all have ended before their time".into() }));
+            };
             self.early.insert(number, batch);
         }
         None
     }
 }
 
-/// The preprocessing of what an augmentation has already cropped.
-fn preprocessor(preprocess: &Preprocess) -> Result<Preprocessor, DatasetError> {
-    Preprocessor::new(Preprocess { crop: None, ..preprocess.clone() })
-        .map_err(|why| DatasetError::Preprocess { picture: "the network's preprocessing".into(), why })
-}
-
 /// The scratch memory of one thread.
 struct Worker {
     preprocessor: Preprocessor,
     decoded: Frame,
-    changed: Frame,
-    input: Vec<f32>,
+    strip: Strip,
+    /// Red, green and blue of one row.
+    row: [Vec<f32>; 3],
+    /// The network's channels of one row.
+    channels: Vec<Vec<f32>>,
 }
 
 impl Worker {
     fn new(preprocessor: Preprocessor) -> Self {
-        Self { preprocessor, decoded: Frame::default(), changed: Frame::default(), input: Vec::new() }
+        let [channels, _, width] = preprocessor.preprocess().shape();
+        Self {
+            preprocessor,
+            decoded: Frame::default(),
+            strip: Strip::default(),
+            row: Default::default(),
+            channels: vec![vec![0.0; width]; channels],
+        }
     }
 
-    fn run(mut self, plan: &Plan, sender: &SyncSender<(usize, Result<Batch, DatasetError>)>) {
+    fn run(mut self, plan: &Plan, orders: &Mutex<Receiver<usize>>, sender: &Sender<(usize, Result<Batch, DatasetError>)>) {
         loop {
-            let number = plan.next.fetch_add(1, Ordering::Relaxed);
+            // Only held while waiting, where nothing panics.
+            let Ok(Ok(number)) = orders.lock().map(|orders| orders.recv()) else { return };
             let from = number * plan.batch;
-            if from >= plan.order.len() {
-                return;
-            }
-            let until = (from + plan.batch).min(plan.order.len());
-            let batch = self.batch(plan, from, until);
+            let range = from..(from + plan.batch).min(plan.order.len());
+            // Whoever waits for this batch is told, and not left to wait.
+            let batch = catch_unwind(AssertUnwindSafe(|| self.batch(plan, range)))
+                .unwrap_or_else(|panic| Err(DatasetError::Thread { what: said(&*panic) }));
             if sender.send((number, batch)).is_err() {
                 return; // nobody wants more
             }
         }
     }
 
-    fn batch(&mut self, plan: &Plan, from: usize, until: usize) -> Result<Batch, DatasetError> {
-        let size = until - from;
-        let numbers: usize = plan.inputs.preprocess.shape().iter().product();
-        let (steering, acceleration, speed_mph) =
+    fn batch(&mut self, plan: &Plan, range: Range<usize>) -> Result<Batch, DatasetError> {
+        let size = range.len();
+        let (mut steering, mut acceleration, mut speed_mph) =
             (Vec::with_capacity(size), Vec::with_capacity(size), Vec::with_capacity(size));
-        let frames = Vec::with_capacity(size * plan.inputs.frames * numbers);
-        let samples = plan.order[from..until].to_vec();
-        let mut batch = Batch { frames, size, steering, acceleration, speed_mph, samples };
-        for place in from..until {
+        let numbers: usize = plan.inputs.preprocess.shape().iter().product();
+        let count = size * plan.inputs.frames * numbers;
+        let mut frames =
+            if plan.inputs.bf16 { Numbers::Bf16(vec![bf16::ZERO; count]) } else { Numbers::F32(vec![0.0; count]) };
+        let samples = plan.order[range.clone()].to_vec();
+        for (i, place) in range.enumerate() {
             let sample = &plan.samples.samples[plan.order[place] as usize];
             let mut random = ChaCha8Rng::seed_from_u64(plan.seed ^ 0xa0_6d3e_17e5);
             random.set_stream(plan.epoch);
             random.set_word_pos(place as u128 * 64);
             let change = plan.augmentation.draw(&mut random);
             let source = &plan.samples.sources[sample.source as usize];
-            for row in source.sequence(sample.row as usize, plan.inputs.frames) {
-                self.picture(plan, sample.source, row, sample.camera, &change)?;
-                batch.frames.extend_from_slice(&self.input);
+            let mut scale = 1.0;
+            for (t, row) in source.sequence(sample.row as usize, plan.inputs.frames).enumerate() {
+                let at = (i * plan.inputs.frames + t) * numbers;
+                scale = match &mut frames {
+                    Numbers::F32(all) => {
+                        self.picture(plan, (sample.source, row, sample.camera), &change, &mut all[at..at + numbers], |x| x)
+                    }
+                    Numbers::Bf16(all) => {
+                        self.picture(plan, (sample.source, row, sample.camera), &change, &mut all[at..at + numbers], rounded)
+                    }
+                }?;
             }
-            batch.steering.push(change.steering(sample.steering) as f32);
-            batch.acceleration.push(sample.acceleration as f32);
-            batch.speed_mph.push(sample.speed.get() as f32);
+            steering.push(change.steering(sample.steering, scale) as f32);
+            acceleration.push(sample.acceleration as f32);
+            speed_mph.push(sample.speed.get() as f32);
         }
-        Ok(batch)
+        Ok(Batch { frames, size, steering, acceleration, speed_mph, samples })
     }
 
-    /// Makes (C, H, W) of a picture in `self.input`.
-    fn picture(
+    /// Makes the numbers of a picture, and says how many recorded pixels across one of the network's is.
+    fn picture<T>(
         &mut self,
         plan: &Plan,
-        source: u32,
-        row: usize,
-        camera: Camera,
+        (source, row, camera): (u32, usize, Camera),
         change: &Change,
-    ) -> Result<(), DatasetError> {
+        out: &mut [T],
+        number: impl Fn(f32) -> T,
+    ) -> Result<f64, DatasetError> {
         let Some(picture) = &plan.samples.sources[source as usize].rows[row].pictures[camera as usize] else {
             let why = format!("row {row} has no picture of the camera {camera:?}, but rows after it have");
             return Err(DatasetError::Picture { picture: "a sequence".into(), why });
         };
         let slot = plan.cache.slot(source, row, camera);
-        let frame = match slot.and_then(OnceLock::get) {
-            Some(frame) => frame,
-            None => {
+        let strip = match slot.and_then(OnceLock::get) {
+            Some(strip) if strip.is_of(&plan.cut) => strip,
+            _ => {
                 let bytes = picture.read()?;
                 decode_jpeg(&bytes, &mut self.decoded)
                     .map_err(|why| DatasetError::Image { picture: picture.name(), why })?;
+                self.strip = Strip::cut(&plan.cut, &mut self.preprocessor, &self.decoded)
+                    .map_err(|why| DatasetError::Preprocess { picture: picture.name(), why })?;
                 if let Some(slot) = slot
-                    && plan.cache.take(self.decoded.rgb().len())
+                    && plan.cache.take(self.strip.bytes())
                 {
                     // Another thread may have come first; then this copy is dropped.
-                    let _ = slot.set(self.decoded.clone());
+                    let _ = slot.set(self.strip.clone());
                 }
-                &self.decoded
+                &self.strip
             }
         };
-        let crop = plan.inputs.preprocess.crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
-        if crop.bottom > frame.height() {
-            let why = crate::perception::PreprocessError::CropOutside {
-                bottom: crop.bottom,
-                width: frame.width(),
-                height: frame.height(),
-            };
-            return Err(DatasetError::Preprocess { picture: picture.name(), why });
-        }
-        change.apply(frame, crop, &mut self.changed);
-        self.preprocessor
-            .apply(&self.changed, &mut self.input)
-            .map_err(|why| DatasetError::Preprocess { picture: picture.name(), why })
+        let (preprocessor, channels) = (&self.preprocessor, &mut self.channels);
+        let (width, plane) = (strip.width(), strip.width() * strip.height());
+        change.apply(strip, &mut self.row, |y, rgb| {
+            for (channel, row) in channels.iter_mut().enumerate() {
+                preprocessor.channel(channel, rgb, row);
+            }
+            if plan.inputs.channels_last {
+                let out = &mut out[y * width * channels.len()..][..width * channels.len()];
+                // The usual three are written in one go.
+                if let [a, b, c] = &channels[..] {
+                    for (((out, a), b), c) in out.chunks_exact_mut(3).zip(a).zip(b).zip(c) {
+                        [out[0], out[1], out[2]] = [number(*a), number(*b), number(*c)];
+                    }
+                } else {
+                    for (c, row) in channels.iter().enumerate() {
+                        out.iter_mut().skip(c).step_by(channels.len()).zip(row).for_each(|(to, x)| *to = number(*x));
+                    }
+                }
+            } else {
+                for (c, row) in channels.iter().enumerate() {
+                    let out = &mut out[c * plane + y * width..][..width];
+                    out.iter_mut().zip(row).for_each(|(to, x)| *to = number(*x));
+                }
+            }
+        });
+        Ok(strip.scale().0)
     }
+}
+
+/// To the nearest number of 16 bits, ties to even; `x` is finite.
+fn rounded(x: f32) -> bf16 {
+    let bits = x.to_bits();
+    bf16::from_bits(((bits + 0x7fff + (bits >> 16 & 1)) >> 16) as u16)
+}
+
+/// The words of a panic.
+fn said(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
+    text.unwrap_or("no words").to_owned()
 }

@@ -25,6 +25,7 @@ mod samples;
 mod sheet;
 mod source;
 mod split;
+mod strip;
 
 use std::path::PathBuf;
 
@@ -33,7 +34,7 @@ pub use chart::steering_chart;
 pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
 pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
-pub use loader::{Batch, Cache, Inputs, Loader};
+pub use loader::{Batch, Cache, Inputs, Loader, Numbers};
 pub use preview::preview;
 pub use samples::{Balance, Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
@@ -66,6 +67,12 @@ pub enum DatasetError {
         picture: String,
         /// What is wrong with it.
         why: ImageError,
+    },
+    /// A thread that makes batches has failed.
+    #[error("a loading thread failed, which is a fault of Lapwing's: {what}")]
+    Thread {
+        /// What it said.
+        what: String,
     },
     /// A picture that does not suit the network's preprocessing.
     #[error("{picture}: {why}")]

@@ -4,12 +4,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    Augmentation, DatasetError, Source,
+    Augmentation, Change, DatasetError, Source,
     sheet::{ACROSS, GAP, PICTURE, arrow, fitted},
+    strip::Strip,
 };
 use crate::{
     drawing::{LINE_PX, MARGIN, Shape, Sheet},
-    perception::{Crop, Frame, decode_jpeg},
+    perception::{Frame, decode_jpeg},
 };
 
 /// A sheet with a line for the pictures as recorded, one for each of the five changes alone, and one for all together,
@@ -33,9 +34,8 @@ pub fn preview(source: &Source, augmentation: &Augmentation, seed: u64) -> Resul
         y += 1.2 * LINE_PX;
         for (i, (frame, steering)) in pictures.iter().enumerate() {
             let change = only.draw(&mut random);
-            let mut changed = Frame::default();
-            change.apply(frame, Crop { top: 0, bottom: frame.height() }, &mut changed);
-            let steering = change.steering(*steering);
+            let changed = changed(frame, &change);
+            let steering = change.steering(*steering, 1.0);
             let left = MARGIN + (PICTURE.0 as f64 + GAP) * i as f64;
             let (wide, high) = (PICTURE.0 as f64, PICTURE.1 as f64);
             shapes.push(Shape::Picture { at: (left, y), frame: fitted(changed) });
@@ -46,6 +46,20 @@ pub fn preview(source: &Source, augmentation: &Augmentation, seed: u64) -> Resul
     }
     let width = 2.0 * MARGIN + (PICTURE.0 as f64 + GAP) * ACROSS as f64 - GAP;
     Ok(Sheet { width, height: (y + MARGIN - GAP).ceil(), title: "Augmentation".into(), shapes })
+}
+
+/// The whole picture, changed as it was recorded.
+pub(super) fn changed(frame: &Frame, change: &Change) -> Frame {
+    let strip = Strip::whole(frame);
+    let mut out = frame.clone();
+    let width = frame.width() * 3;
+    change.apply(&strip, &mut Default::default(), |y, rgb| {
+        for (channel, row) in rgb.into_iter().enumerate() {
+            let to = out.rgb_mut()[y * width..][..width].iter_mut().skip(channel).step_by(3);
+            to.zip(row).for_each(|(to, from)| *to = from.round() as u8);
+        }
+    });
+    out
 }
 
 /// One change, always.

@@ -5,8 +5,11 @@ use std::{fs, path::Path, sync::Arc};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::*;
-use crate::perception::{Colour, Crop, Filter, Frame, Layout, Preprocess, Resize, Scale};
+use super::{
+    strip::{Cut, Strip},
+    *,
+};
+use crate::perception::{Colour, Crop, Filter, Frame, Layout, Preprocess, Preprocessor, Resize, Scale, decode_jpeg};
 
 /// A folder of `rows` rows of three cameras, 32x16 pixels, whose brightness is the row's number.
 fn folder(dir: &Path, steering: impl Fn(usize) -> f64, rows: usize) {
@@ -32,7 +35,7 @@ fn inputs(frames: usize) -> Inputs {
     let resize = Resize { height: 4, width: 8, filter: Filter::BilinearAntialiased };
     let crop = Some(Crop { top: 4, bottom: 12 });
     let preprocess = Preprocess { crop, resize, colour: Colour::Grey, scale: Scale::Unit, layout: Layout::Nchw };
-    Inputs { preprocess, frames }
+    Inputs::plain(preprocess, frames)
 }
 
 fn open(dir: &Path, set: Set, balance: Balance) -> Samples {
@@ -52,6 +55,13 @@ fn batches(
         .unwrap()
         .collect::<Result<_, _>>()
         .unwrap()
+}
+
+fn numbers(batch: &Batch) -> Vec<f32> {
+    match &batch.frames {
+        Numbers::F32(all) => all.clone(),
+        Numbers::Bf16(all) => all.iter().map(|x| x.to_f32()).collect(),
+    }
 }
 
 #[test]
@@ -108,13 +118,78 @@ fn batches_are_the_same_for_any_number_of_threads_and_with_or_without_a_cache() 
     let samples = Arc::new(open(dir.path(), Set::Training, Balance::default()));
     let all = |threads, bytes| -> Vec<(Vec<f32>, Vec<f32>)> {
         let batches = batches(&samples, 1, &Augmentation::default(), threads, bytes);
-        batches.into_iter().map(|batch| (batch.frames, batch.steering)).collect()
+        batches.into_iter().map(|batch| (numbers(&batch), batch.steering)).collect()
     };
     let one = all(1, 0);
     assert_eq!((one.len(), one[0].0.len()), (12, 4 * 4 * 8));
     assert!(one == all(3, 0));
     assert!(one == all(2, 1 << 20));
-    assert!(one == all(2, 32 * 16 * 3 * 5), "room for five pictures");
+    assert!(one == all(2, 16 * 8 * 3 * 5), "room for some pictures");
+}
+
+/// A picture of 32x16 pixels with something to see in it.
+fn gradient(dir: &Path) -> Frame {
+    let pixels: Vec<u8> = (0..16u8).flat_map(|y| (0..32u8).flat_map(move |x| [x * 8, y * 15, 128 + x * y / 8])).collect();
+    let mut jpeg = vec![];
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 95)
+        .encode(&pixels, 32, 16, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    fs::write(dir.join("IMG/center_3.jpg"), &jpeg).unwrap();
+    let mut frame = Frame::default();
+    decode_jpeg(&jpeg, &mut frame).unwrap();
+    frame
+}
+
+/// The numbers of row 3 alone.
+fn row_3(dir: &Path, inputs: &Inputs, augmentation: &Augmentation) -> Batch {
+    let samples = Arc::new(open(dir, Set::All, Balance::default()));
+    let cache = Cache::new(&samples, 1 << 20);
+    Loader::start(samples, cache, inputs.clone(), augmentation.clone(), vec![3], 1, (0, 0, 0), 1)
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+}
+
+#[test]
+fn unchanged_pictures_are_to_the_bit_what_a_pilot_sees_in_every_layout() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |_| 0.0, 20);
+    let frame = gradient(dir.path());
+    let unmoved = Augmentation { translate: 1.0, translate_x_px: 0, translate_y_px: 0, ..Augmentation::none() };
+    for (colour, channels) in [(Colour::Yuv, 3), (Colour::Grey, 1)] {
+        let mut plain = inputs(1);
+        plain.preprocess.colour = colour;
+        let mut seen = vec![];
+        Preprocessor::new(plain.preprocess.clone()).unwrap().apply(&frame, &mut seen).unwrap();
+        for augmentation in [Augmentation::none(), unmoved.clone()] {
+            assert_eq!(numbers(&row_3(dir.path(), &plain, &augmentation)), seen);
+        }
+        let last = Inputs { channels_last: true, ..plain.clone() };
+        let by_pixel: Vec<f32> = (0..32).flat_map(|i| (0..channels).map(move |c| (c, i))).map(|(c, i)| seen[c * 32 + i]).collect();
+        assert_eq!(numbers(&row_3(dir.path(), &last, &Augmentation::none())), by_pixel);
+        let short = Inputs { bf16: true, ..plain };
+        let rounded: Vec<f32> = seen.iter().map(|x| half::bf16::from_f32(*x).to_f32()).collect();
+        assert_eq!(numbers(&row_3(dir.path(), &short, &Augmentation::none())), rounded);
+    }
+}
+
+#[test]
+fn rows_beyond_the_crop_come_in_at_the_networks_scale() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |_| 0.0, 20);
+    let frame = gradient(dir.path());
+    // Rows 4 to 11 become four: half as high. Two more above them, two below.
+    let preprocess = inputs(1).preprocess;
+    let mut preprocessor = Preprocessor::new(preprocess.clone()).unwrap();
+    let strip = Strip::cut(&Cut { preprocess, reach_px: 20 }, &mut preprocessor, &frame).unwrap();
+    assert_eq!((strip.height(), strip.scale(), strip.bytes()), (4, (4.0, 2.0), 8 * 8 * 3));
+    let green = |row| i32::from(strip.row(1, row)[4]);
+    for row in -2..6 {
+        let expected = 15 * (4 + 2 * row) + 7; // between two recorded rows
+        assert!((green(row) - expected as i32).abs() <= 6, "row {row}: {} {expected}", green(row));
+    }
+    assert_eq!((green(-3), green(9)), (green(-2), green(5)));
 }
 
 #[test]
@@ -125,7 +200,7 @@ fn a_sequence_ends_with_its_row_and_begins_anew_with_each_drive() {
     let batch = &batches(&samples, 3, &Augmentation::none(), 1, 0)[0];
     for (i, sample) in batch.samples.iter().enumerate() {
         let row = f32::from(samples.samples[*sample as usize].row as u16);
-        let grey: Vec<f32> = batch.frames[i * 96..(i + 1) * 96].chunks(32).map(|frame| frame[0] * 255.0).collect();
+        let grey: Vec<f32> = numbers(batch)[i * 96..(i + 1) * 96].chunks(32).map(|frame| frame[0] * 255.0).collect();
         let expected = [(row - 2.0).max(0.0), (row - 1.0).max(0.0), row];
         assert!(grey.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1.5), "{grey:?} {expected:?}");
     }
@@ -164,17 +239,27 @@ fn map() -> Frame {
     Frame::new(40, 20, pixels).unwrap()
 }
 
+/// Rows 5 to 14 of it at their own size, with those that a shift of 8 pixels needs.
 fn changed(change: &Change) -> Frame {
-    let mut out = Frame::default();
-    change.apply(&map(), Crop { top: 5, bottom: 15 }, &mut out);
-    out
+    let resize = Resize { height: 10, width: 40, filter: Filter::BilinearAntialiased };
+    let crop = Some(Crop { top: 5, bottom: 15 });
+    let preprocess = Preprocess { crop, resize, colour: Colour::Rgb, scale: Scale::Unit, layout: Layout::Nchw };
+    let mut preprocessor = Preprocessor::new(preprocess.clone()).unwrap();
+    let strip = Strip::cut(&Cut { preprocess, reach_px: 8 }, &mut preprocessor, &map()).unwrap();
+    let mut rgb = vec![0; 40 * 10 * 3];
+    change.apply(&strip, &mut Default::default(), |y, channels| {
+        for (x, pixel) in rgb[y * 120..(y + 1) * 120].chunks_exact_mut(3).enumerate() {
+            pixel.copy_from_slice(&channels.map(|channel| channel[x].round() as u8));
+        }
+    });
+    Frame::new(40, 10, rgb).unwrap()
 }
 
 #[test]
 fn a_mirrored_picture_is_steered_the_other_way() {
     let change = Change { flip: true, ..Change::none() };
     assert_eq!(changed(&change).pixel(0, 0), Some([39, 5, 100]));
-    assert_eq!(change.steering(0.25), -0.25);
+    assert_eq!(change.steering(0.25, 1.0), -0.25);
 }
 
 #[test]
@@ -184,7 +269,13 @@ fn a_shifted_picture_repeats_its_border_and_never_wraps() {
     assert_eq!(out.pixel(15, 0), Some([5, 13, 100]));
     assert_eq!(out.pixel(3, 1), Some([0, 14, 100]));
     assert_eq!(out.pixel(39, 9), Some([29, 19, 100]), "rows from below the crop, then the last again");
-    assert!((change.steering(0.1) - 0.13).abs() < 1e-12);
+    assert!((change.steering(0.1, 1.0) - 0.13).abs() < 1e-12);
+    // Of pixels 8 recorded ones wide it moves by one: the label goes by what is seen.
+    assert!((change.steering(0.1, 8.0) - 0.124).abs() < 1e-12);
+    for (right, flip, expected) in [(-3, false, [3, 39]), (3, true, [39, 3]), (-3, true, [36, 0]), (90, false, [0, 0])] {
+        let out = changed(&Change { flip, shift: (right, 0), ..Change::none() });
+        assert_eq!([0, 39].map(|x| out.pixel(x, 0).unwrap()[0]), expected, "{right} {flip}");
+    }
 }
 
 #[test]

@@ -15,8 +15,11 @@ use super::{NnError, architecture::FRAMES, resnet};
 /// Channels of all frames together.
 pub(super) const CHANNELS: i64 = (FRAMES * resnet::CHANNELS) as i64;
 
-/// (B, 5, 3, H, W) to (B, 15, H, W).
+/// (B, 5, 3, H, W) to (B, 15, H, W), channels last in memory where they were so in each frame.
 pub(super) fn stacked(frames: &Tensor) -> Result<Tensor, NnError> {
+    if frames.stride()[2] == 1 {
+        return Ok(frames.f_permute([0, 3, 4, 1, 2])?.f_flatten(3, 4)?.f_permute([0, 3, 1, 2])?);
+    }
     Ok(frames.f_flatten(1, 2)?)
 }
 

@@ -56,6 +56,31 @@ impl Preprocessor {
     /// # Errors
     /// [`PreprocessError::CropOutside`] and [`PreprocessError::EmptyFrame`].
     pub fn apply(&mut self, frame: &Frame, out: &mut Vec<f32>) -> Result<(), PreprocessError> {
+        self.resize(frame)?;
+        let Resize { width, height, .. } = self.preprocess.resize;
+        let plane = width * height;
+        out.resize(self.weights.len() * plane, 0.0);
+        // In blocks that stay in the cache: channels apart first, so that the sums are over neighbours in memory.
+        let mut apart = [[0f32; BLOCK]; 3];
+        for (block, rgb) in self.resized.chunks(BLOCK * 3).enumerate() {
+            for (i, pixel) in rgb.chunks_exact(3).enumerate() {
+                for (channel, byte) in apart.iter_mut().zip(pixel) {
+                    channel[i] = f32::from(*byte);
+                }
+            }
+            let count = rgb.len() / 3;
+            for (channel, plane) in out.chunks_exact_mut(plane).enumerate() {
+                self.channel(channel, apart.each_ref().map(|c| &c[..]), &mut plane[block * BLOCK..][..count]);
+            }
+        }
+        Ok(())
+    }
+
+    /// The crop at the network's size: RGB bytes, not yet coloured or scaled.
+    ///
+    /// # Errors
+    /// As [`Preprocessor::apply`].
+    pub(crate) fn resize(&mut self, frame: &Frame) -> Result<&[u8], PreprocessError> {
         let (width, height) = (frame.width(), frame.height());
         let Crop { top, bottom } = self.preprocess.crop.unwrap_or(Crop { top: 0, bottom: height });
         if width == 0 || height == 0 {
@@ -71,29 +96,40 @@ impl Preprocessor {
             .expect("a frame has three bytes for each pixel");
         let mut target = Image::from_slice_u8(to_width as u32, to_height as u32, &mut self.resized, PixelType::U8x3)
             .expect("the scratch has three bytes for each pixel");
-        let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
-        self.resizer.resize(&source, &mut target, &options).expect("both have the same kind of pixels");
-
-        let plane = to_width * to_height;
-        out.resize(self.weights.len() * plane, 0.0);
-        // In blocks that stay in the cache: channels apart first, so that the sums below are over neighbours in memory.
-        let mut apart = [[0f32; BLOCK]; 3];
-        for (block, rgb) in self.resized.chunks(BLOCK * 3).enumerate() {
-            for (i, pixel) in rgb.chunks_exact(3).enumerate() {
-                for (channel, byte) in apart.iter_mut().zip(pixel) {
-                    channel[i] = f32::from(*byte);
-                }
-            }
-            let [red, green, blue] = &apart;
-            for (plane, [r, g, b, constant]) in out.chunks_exact_mut(plane).zip(&self.weights) {
-                let out = plane[block * BLOCK..].iter_mut().take(rgb.len() / 3);
-                for (((out, red), green), blue) in out.zip(red).zip(green).zip(blue) {
-                    *out = r * red + g * green + b * blue + constant;
-                }
-            }
-        }
-        Ok(())
+        self.resizer.resize(&source, &mut target, &options()).expect("both have the same kind of pixels");
+        Ok(&self.resized)
     }
+
+    /// `count` rows next to the crop on the same scale, the first of which begins at row `from` of the frame and all of
+    /// which lie within it: RGB bytes.
+    pub(crate) fn rows(&mut self, frame: &Frame, from: f64, count: usize) -> Vec<u8> {
+        let crop = self.preprocess.crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
+        let Resize { width, height, .. } = self.preprocess.resize;
+        let mut rows = vec![0; count * width * 3];
+        if count > 0 {
+            let high = count as f64 * (crop.bottom - crop.top) as f64 / height as f64;
+            let from = from.clamp(0.0, (frame.height() as f64 - high).max(0.0));
+            let source = ImageRef::new(frame.width() as u32, frame.height() as u32, frame.rgb(), PixelType::U8x3)
+                .expect("a frame has three bytes for each pixel");
+            let mut target = Image::from_slice_u8(width as u32, count as u32, &mut rows, PixelType::U8x3)
+                .expect("there are three bytes for each pixel");
+            let options = options().crop(0.0, from, frame.width() as f64, high);
+            self.resizer.resize(&source, &mut target, &options).expect("the rows lie within the frame");
+        }
+        rows
+    }
+
+    /// What one channel becomes of neighbouring pixels, 0 to 255 and not necessarily whole: colour and scale.
+    pub(crate) fn channel(&self, channel: usize, [red, green, blue]: [&[f32]; 3], out: &mut [f32]) {
+        let [r, g, b, constant] = self.weights[channel];
+        for (((out, red), green), blue) in out.iter_mut().zip(red).zip(green).zip(blue) {
+            *out = r * red + g * green + b * blue + constant;
+        }
+    }
+}
+
+fn options() -> ResizeOptions {
+    ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear))
 }
 
 #[cfg(test)]

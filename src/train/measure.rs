@@ -7,8 +7,8 @@ use tch::{Device, Kind, Tensor, no_grad};
 
 use super::{Metrics, TrainError};
 use crate::{
-    dataset::{Augmentation, Batch, Cache, Inputs, Loader, Samples},
-    nn::{Network, Precision, SPEED_UNIT_MPH},
+    dataset::{Augmentation, Batch, Cache, Inputs, Loader, Numbers, Samples},
+    nn::{Network, SPEED_UNIT_MPH},
 };
 
 /// How far answers lie from labels.
@@ -23,41 +23,33 @@ pub struct Measured {
 /// Rows that a label is averaged over for [`Measured::smooth`].
 const SMOOTH: usize = 9;
 
-/// A batch as tensors: frames (B, C, H, W) or, of a network that looks at several, (B, T, C, H, W); labels
-/// (B, outputs); speed (B, 1).
+/// A batch as tensors: frames (B, C, H, W) or, of a network that looks at several, (B, T, C, H, W), in the kind and
+/// layout of the inputs; labels (B, outputs); speed (B, 1).
 ///
 /// # Errors
 /// [`TrainError::Network`] where libtorch finds no memory.
-pub fn tensors(
-    batch: &Batch,
-    inputs: &Inputs,
-    outputs: usize,
-    device: Device,
-    precision: Precision,
-    channels_last: bool,
-) -> Result<[Tensor; 3], TrainError> {
+pub fn tensors(batch: &Batch, inputs: &Inputs, outputs: usize, device: Device) -> Result<[Tensor; 3], TrainError> {
     let [c, h, w] = inputs.preprocess.shape().map(|n| n as i64);
     let (b, t) = (batch.size as i64, inputs.frames as i64);
-    let kind = match precision {
-        Precision::F32 => Kind::Float,
-        Precision::Bf16 => Kind::BFloat16,
+    let frames = match &batch.frames {
+        Numbers::F32(all) => Tensor::f_from_slice(all)?,
+        Numbers::Bf16(all) => Tensor::f_from_slice(all)?,
     };
-    let mut frames = Tensor::f_from_slice(&batch.frames)?.f_reshape([b * t, c, h, w])?;
-    if channels_last {
-        frames = frames.f_permute([0, 2, 3, 1])?.f_contiguous()?.f_permute([0, 3, 1, 2])?;
-    }
-    let mut frames = frames.f_to_device(device)?.f_to_kind(kind)?;
-    if t > 1 {
-        frames = frames.f_reshape([b, t, c, h, w])?;
-    }
+    let frames = match (inputs.channels_last, t) {
+        (false, 1) => frames.f_reshape([b, c, h, w])?,
+        (false, _) => frames.f_reshape([b, t, c, h, w])?,
+        (true, 1) => frames.f_reshape([b, h, w, c])?.f_permute([0, 3, 1, 2])?,
+        (true, _) => frames.f_reshape([b, t, h, w, c])?.f_permute([0, 1, 4, 2, 3])?,
+    };
+    let kind = frames.kind();
     let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
     let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
     let speed = Tensor::f_from_slice(&batch.speed_mph)?.f_reshape([b, 1])?.f_div_scalar(SPEED_UNIT_MPH)?;
-    let speed = speed.f_to_device(device)?.f_to_kind(kind)?;
-    Ok([frames, labels, speed])
+    Ok([frames.f_to_device(device)?, labels, speed.f_to_kind(kind)?.f_to_device(device)?])
 }
 
-/// Passes all samples through the network, in their order. Says the errors, and each answer's steering.
+/// Passes all samples through the network, in their order and as a pilot would, whatever form the inputs have in
+/// training. Says the errors, and each answer's steering.
 ///
 /// # Errors
 /// [`TrainError`].
@@ -70,6 +62,7 @@ pub fn measure(
     let device = network.tensors().first().map_or(Device::Cpu, |(_, tensor)| tensor.device());
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let order = (0..samples.samples.len() as u32).collect();
+    let inputs = Inputs::plain(inputs.preprocess.clone(), inputs.frames);
     let loader = Loader::start(
         Arc::clone(samples),
         Arc::clone(cache),
@@ -83,7 +76,7 @@ pub fn measure(
     let mut answers = Vec::with_capacity(samples.samples.len());
     for batch in loader {
         let batch = batch?;
-        let [frames, _, speed] = tensors(&batch, inputs, 1, device, Precision::F32, false)?;
+        let [frames, _, speed] = tensors(&batch, &inputs, 1, device)?;
         let answer = no_grad(|| super::trainer::forward(network, &frames, &speed, false))?;
         let steering = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
         answers.extend(Vec::<f64>::try_from(&steering)?);

@@ -9,25 +9,49 @@ const BETAS: (f64, f64) = (0.9, 0.999);
 const EPSILON: f64 = 1e-8;
 
 /// Moves weights against their gradients.
+///
+/// All weights lie side by side in one tensor, of which those of the network are views; so do the moments. A step is then
+/// a dozen operations, where each layer's own would make hundreds.
 #[derive(Debug)]
 pub(super) struct Stepper {
     settings: Optimiser,
     weights: Vec<(String, Tensor)>,
-    /// For each weight: the running means of gradient and squared gradient (Adam), or the velocity (SGD).
-    moments: Vec<[Tensor; 2]>,
+    /// (N), all of them.
+    flat: Tensor,
+    /// (N) each: the running means of gradient and squared gradient (Adam), or the velocity and nothing (SGD).
+    moments: [Tensor; 2],
+    /// Views of the moments, for each weight.
+    of_weights: Vec<[Tensor; 2]>,
     /// Steps taken.
     pub steps: i64,
 }
 
 impl Stepper {
-    pub fn new(settings: Optimiser, weights: Vec<(String, Tensor)>) -> Self {
-        let moments = weights.iter().map(|(_, w)| [w.detach().zeros_like(), w.detach().zeros_like()]).collect();
-        Self { settings, weights, moments, steps: 0 }
+    /// Takes over the memory of the weights, which are f32 and on one device.
+    ///
+    /// # Errors
+    /// [`TrainError::Network`] where libtorch finds no memory.
+    pub fn new(settings: Optimiser, weights: Vec<(String, Tensor)>) -> Result<Self, TrainError> {
+        no_grad(|| {
+            let rows: Vec<Tensor> = weights.iter().map(|(_, w)| w.f_detach()?.f_reshape([-1])).collect::<Result<_, _>>()?;
+            let flat = Tensor::f_cat(&rows, 0)?;
+            let moments = [flat.f_zeros_like()?, flat.f_zeros_like()?];
+            let mut of_weights = Vec::with_capacity(weights.len());
+            let mut from = 0;
+            for (_, weight) in &weights {
+                let (size, count) = (weight.size(), weight.numel() as i64);
+                let view = |all: &Tensor| all.f_narrow(0, from, count)?.f_view(size.as_slice());
+                weight.shallow_clone().f_set_data(&view(&flat)?)?;
+                of_weights.push([view(&moments[0])?, view(&moments[1])?]);
+                from += count;
+            }
+            Ok(Self { settings, weights, flat, moments, of_weights, steps: 0 })
+        })
     }
 
     /// The state, under names.
     pub fn state(&self) -> impl Iterator<Item = (String, &Tensor)> {
-        self.weights.iter().zip(&self.moments).flat_map(|((name, _), [first, second])| {
+        self.weights.iter().zip(&self.of_weights).flat_map(|((name, _), [first, second])| {
             [(format!("first.{name}"), first), (format!("second.{name}"), second)]
         })
     }
@@ -41,68 +65,52 @@ impl Stepper {
         }
     }
 
-    /// One step of this width. Says the norm of the gradient before it was clipped.
-    pub fn step(&mut self, learning_rate: f64) -> Result<f64, TrainError> {
+    /// One step of this width. Says the norm of the gradient before it was clipped, if it is clipped at all.
+    pub fn step(&mut self, learning_rate: f64) -> Result<Option<f64>, TrainError> {
         self.steps += 1;
         no_grad(|| {
-            let gradients: Vec<Tensor> = self.weights.iter().map(|(_, weight)| weight.grad()).collect();
-            let mut squares = 0.0;
-            if self.settings.clip.is_some() {
-                for gradient in gradients.iter().filter(|g| g.defined()) {
-                    squares += gradient.f_square()?.f_sum(Kind::Double)?.f_double_value(&[])?;
-                }
+            let gradients = self.weights.iter().map(|(_, weight)| match weight.grad() {
+                gradient if gradient.defined() => gradient.f_reshape([-1]),
+                _ => weight.f_detach()?.f_zeros_like()?.f_reshape([-1]), // a layer that had no part in this step
+            });
+            let mut gradient = Tensor::f_cat(&gradients.collect::<Result<Vec<_>, _>>()?, 0)?; // (N)
+            let mut norm = None;
+            if let Some(most) = self.settings.clip {
+                let length = gradient.f_norm()?.f_double_value(&[])?;
+                let _ = gradient.f_mul_scalar_((most / length.max(1e-12)).min(1.0))?;
+                norm = Some(length);
             }
-            let norm = squares.sqrt();
-            let shrink = self.settings.clip.map_or(1.0, |most| (most / norm.max(1e-12)).min(1.0));
-            for (((_, weight), moments), gradient) in self.weights.iter_mut().zip(&mut self.moments).zip(gradients) {
-                if !gradient.defined() {
-                    continue; // a layer that had no part in this step
-                }
-                let gradient = if shrink < 1.0 { gradient.f_mul_scalar(shrink)? } else { gradient };
-                match self.settings.kind {
-                    OptimiserKind::Adam => adam(&self.settings, weight, moments, &gradient, self.steps, learning_rate)?,
-                    OptimiserKind::Sgd => sgd(&self.settings, weight, moments, gradient, learning_rate)?,
-                }
+            match self.settings.kind {
+                OptimiserKind::Adam => self.adam(&gradient, learning_rate)?,
+                OptimiserKind::Sgd => self.sgd(&gradient, learning_rate)?,
             }
             Ok(norm)
         })
     }
-}
 
-fn adam(
-    settings: &Optimiser,
-    weight: &mut Tensor,
-    [mean, square]: &mut [Tensor; 2],
-    gradient: &Tensor,
-    steps: i64,
-    learning_rate: f64,
-) -> Result<(), TrainError> {
-    if settings.weight_decay > 0.0 {
-        let _ = weight.f_mul_scalar_(1.0 - learning_rate * settings.weight_decay)?;
+    fn adam(&mut self, gradient: &Tensor, learning_rate: f64) -> Result<(), TrainError> {
+        let [mean, square] = &mut self.moments;
+        if self.settings.weight_decay > 0.0 {
+            let _ = self.flat.f_mul_scalar_(1.0 - learning_rate * self.settings.weight_decay)?;
+        }
+        let _ = mean.f_lerp_(gradient, 1.0 - BETAS.0)?;
+        let _ = square.f_mul_scalar_(BETAS.1)?.f_addcmul_(&gradient.f_mul_scalar(1.0 - BETAS.1)?, gradient)?;
+        // Both means begin at nought and are too small at first.
+        let unbias = |beta: f64| 1.0 - beta.powi(i32::try_from(self.steps).unwrap_or(i32::MAX));
+        let spread = square.f_sqrt()?.f_mul_scalar_(1.0 / unbias(BETAS.1).sqrt())?.f_add_scalar_(EPSILON)?;
+        let _ = self.flat.f_addcdiv_(&mean.f_mul_scalar(-learning_rate / unbias(BETAS.0))?, &spread)?;
+        Ok(())
     }
-    let _ = mean.f_lerp_(gradient, 1.0 - BETAS.0)?;
-    let _ = square.f_mul_scalar_(BETAS.1)?.f_addcmul_(&gradient.f_mul_scalar(1.0 - BETAS.1)?, gradient)?;
-    // Both means begin at nought and are too small at first.
-    let unbias = |beta: f64| 1.0 - beta.powi(i32::try_from(steps).unwrap_or(i32::MAX));
-    let spread = square.f_sqrt()?.f_mul_scalar(1.0 / unbias(BETAS.1).sqrt())?.f_add_scalar(EPSILON)?;
-    let _ = weight.f_addcdiv_(&mean.f_mul_scalar(-learning_rate / unbias(BETAS.0))?, &spread)?;
-    Ok(())
-}
 
-fn sgd(
-    settings: &Optimiser,
-    weight: &mut Tensor,
-    [velocity, _]: &mut [Tensor; 2],
-    gradient: Tensor,
-    learning_rate: f64,
-) -> Result<(), TrainError> {
-    let gradient = match settings.weight_decay {
-        0.0 => gradient,
-        decay => gradient.f_add(&weight.f_mul_scalar(decay)?)?,
-    };
-    let _ = velocity.f_mul_scalar_(settings.momentum)?.f_add_(&gradient)?;
-    let _ = weight.f_add_(&velocity.f_mul_scalar(-learning_rate)?)?;
-    Ok(())
+    fn sgd(&mut self, gradient: &Tensor, learning_rate: f64) -> Result<(), TrainError> {
+        let [velocity, _] = &mut self.moments;
+        let _ = velocity.f_mul_scalar_(self.settings.momentum)?.f_add_(gradient)?;
+        if self.settings.weight_decay > 0.0 {
+            let _ = velocity.f_add_(&self.flat.f_mul_scalar(self.settings.weight_decay)?)?;
+        }
+        let _ = self.flat.f_add_(&velocity.f_mul_scalar(-learning_rate)?)?;
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -116,7 +124,7 @@ mod tests {
         let store = VarStore::new(Device::Cpu);
         let x = store.root().var("x", &[1], tch::nn::Init::Const(1.0));
         let rate = settings.learning_rate;
-        let mut stepper = Stepper::new(settings, vec![("x".into(), x.shallow_clone())]);
+        let mut stepper = Stepper::new(settings, vec![("x".into(), x.shallow_clone())]).unwrap();
         (0..steps)
             .map(|_| {
                 stepper.forget_gradients();

@@ -76,7 +76,7 @@ fn a_network_learns_where_a_bar_stands_and_its_checkpoint_says_how() {
     );
     let samples = std::sync::Arc::new(samples.unwrap());
     let cache = crate::dataset::Cache::new(&samples, 0);
-    let inputs = crate::dataset::Inputs { preprocess: checkpoint.metadata.preprocess.clone(), frames: 1 };
+    let inputs = crate::dataset::Inputs::plain(checkpoint.metadata.preprocess.clone(), 1);
     let (measured, answers) = measure(&checkpoint.network, &samples, &cache, &inputs).unwrap();
     assert_eq!(answers.len(), 15);
     assert!((measured.raw.mse - said.validation.raw.mse).abs() < 1e-6, "{measured:?} {said:?}");

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{
     dataset::{Batch, Cache, Inputs, Loader, Samples, Set},
-    nn::{self, Architecture, Design, Metadata, Network, NnError, in_variable_store},
+    nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
     perception::Resize,
 };
 
@@ -129,7 +129,12 @@ impl Trainer {
             design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
         }
         design.validate()?;
-        let inputs = Inputs { preprocess: design.preprocess.clone(), frames: architecture.frames() };
+        let inputs = Inputs {
+            preprocess: design.preprocess.clone(),
+            frames: architecture.frames(),
+            bf16: recipe.precision == Precision::Bf16,
+            channels_last: recipe.channels_last,
+        };
         let training = Samples::open(&recipe.data, Set::Training, Some(recipe.blocks), &recipe.balance)?;
         check_sides(&training, recipe.augment.flip)?;
         let validation = if recipe.validation.is_empty() {
@@ -165,7 +170,7 @@ impl Trainer {
             }
         };
         let weights = network.tensors().into_iter().filter(|(_, tensor)| tensor.requires_grad()).collect();
-        let stepper = Stepper::new(recipe.optimiser.clone(), weights);
+        let stepper = Stepper::new(recipe.optimiser.clone(), weights)?;
         let position = Position { factor: 1.0, ..Position::default() };
         let mut trainer = Self {
             recipe,
@@ -308,8 +313,7 @@ impl Trainer {
     /// Those of [`tensors`].
     pub fn tensors(&self, batch: &Batch) -> Result<[Tensor; 3], TrainError> {
         let outputs = self.network.architecture().outputs().len();
-        let Recipe { precision, channels_last, .. } = self.recipe;
-        tensors(batch, &self.inputs, outputs, self.device, precision, channels_last)
+        tensors(batch, &self.inputs, outputs, self.device)
     }
 
     /// Moves the weights by one step of the width `rate`, unless the loss is no number. Says the loss and the steering
