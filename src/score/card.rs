@@ -45,6 +45,10 @@ pub struct Scorecard {
     pub p95_cte_m: Option<f64>,
     /// Largest |cte|, in metres.
     pub max_cte_m: Option<f64>,
+    /// Root mean square of the steering rate over time, in degrees a second: sqrt(∫(dδ/dt)² dt / ∫dt) with the steering
+    /// angle δ told in telemetry, a straight line between two of them. Small is smooth. `None` where no two follow one
+    /// another; what lies in a gap of more than a second or across a reset does not count.
+    pub steering_rate_deg_s: Option<f64>,
     /// Times that a human took the wheel.
     pub takeovers: u32,
     /// Frames that could not be driven by.
@@ -155,6 +159,7 @@ impl fmt::Display for Scorecard {
                 }),
             ),
         ));
+        rows.push(("steering rate", told(self.steering_rate_deg_s.map(|rate| format!("{rate:.1} deg/s RMS")))));
         rows.push(("distance", format!("{:.1} m in {:.1} s", self.distance_m, self.time_s)));
         rows.push((
             "speed",

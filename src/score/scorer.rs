@@ -6,8 +6,11 @@ use super::Scorecard;
 use crate::{
     protocol::Telemetry,
     recording::EventRecord,
-    units::{MPS_PER_MPH, Metres},
+    units::{Degrees, MPS_PER_MPH, Metres},
 };
+
+/// Telemetries farther apart than this say nothing of how the wheel turned between them.
+const STEERING_GAP: Duration = Duration::from_secs(1);
 
 /// Watches one run.
 #[derive(Debug, Clone, Default)]
@@ -20,6 +23,9 @@ pub struct Scorer {
     told_m: Option<f64>,
     /// |cte| of each telemetry that tells it.
     offsets_m: Vec<f64>,
+    /// When and where the wheel was last told.
+    steered: Option<(Duration, Degrees)>,
+    steering_rate: SquaredRate,
     /// Furthest that the car came, in laps.
     progress: f64,
     laps: Vec<f64>,
@@ -32,6 +38,25 @@ pub struct Scorer {
     takeovers: u32,
     bad_frames: u32,
     ended: Option<String>,
+}
+
+/// The integral of a squared rate of change, and of the time that it is taken over.
+#[derive(Debug, Clone, Default)]
+struct SquaredRate {
+    squares: f64,
+    seconds: f64,
+}
+
+impl SquaredRate {
+    /// A change at an even rate: (change / s)² over s.
+    fn take(&mut self, change: f64, seconds: f64) {
+        self.squares += change.powi(2) / seconds;
+        self.seconds += seconds;
+    }
+
+    fn rms(&self) -> Option<f64> {
+        (self.seconds > 0.0).then(|| (self.squares / self.seconds).sqrt())
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -52,6 +77,7 @@ impl Scorer {
         }
         self.last = Some((at, mph));
         self.max_mph = self.max_mph.max(mph);
+        self.steering(at, telemetry.steering);
         let truth = &telemetry.truth;
         self.told_m = truth.distance.map(Metres::get).or(self.told_m);
         self.offsets_m.extend(truth.cte.map(|cte| cte.get().abs()));
@@ -59,6 +85,19 @@ impl Scorer {
             let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
             self.progress = self.progress.max(progress);
         }
+    }
+
+    fn steering(&mut self, at: Duration, angle: Degrees) {
+        if let Some((before, was)) = self.steered {
+            let apart = at.saturating_sub(before);
+            if apart.is_zero() {
+                return; // no time in which to turn: the next one is measured from the earlier
+            }
+            if apart <= STEERING_GAP {
+                self.steering_rate.take(angle.get() - was.get(), apart.as_secs_f64());
+            }
+        }
+        self.steered = Some((at, angle));
     }
 
     /// Takes what happened besides.
@@ -82,6 +121,7 @@ impl Scorer {
             }
             EventRecord::Reset { .. } => {
                 self.resets += 1;
+                self.steered = None; // the wheel is put straight with the car
                 self.back_on_road(at);
             }
             EventRecord::Stuck => self.stuck += 1,
@@ -132,6 +172,7 @@ impl Scorer {
             mean_cte_m: told.then(|| self.offsets_m.iter().sum::<f64>() / n as f64),
             p95_cte_m: told.then(|| self.offsets_m[(n * 95).div_ceil(100).max(1) - 1]),
             max_cte_m: self.offsets_m.last().copied(),
+            steering_rate_deg_s: self.steering_rate.rms(),
             takeovers: self.takeovers,
             bad_frames: self.bad_frames,
         }
@@ -220,5 +261,64 @@ mod tests {
         scorer.telemetry(at(7.5), &told(10.0, 9.0, 0, 1));
         let card = scorer.finish();
         assert_eq!((card.off_roads, card.off_road_s), (Some(2), Some(3.5)));
+    }
+
+    /// The steering rate of a wheel told at these times and angles.
+    fn steering_rate(told_at: &[(f64, f64)]) -> Option<f64> {
+        let mut scorer = Scorer::default();
+        for (s, deg) in told_at {
+            scorer.telemetry(at(*s), &turned(*deg));
+        }
+        scorer.finish().steering_rate_deg_s
+    }
+
+    fn turned(deg: f64) -> Telemetry {
+        Telemetry { steering: Degrees::new(deg).unwrap(), ..told(10.0, 0.0, 0, 0) }
+    }
+
+    #[test]
+    fn a_second_at_10_and_one_at_20_degrees_a_second_are_15_8_rms() {
+        // sqrt((10² + 20²) / 2); three telemetries of the even second are as good as two.
+        let rate = steering_rate(&[(0.0, 0.0), (0.25, 2.5), (1.0, 10.0), (2.0, -10.0)]).unwrap();
+        assert!((rate - 250f64.sqrt()).abs() < 1e-9, "{rate}");
+        assert_eq!(steering_rate(&[(0.0, 5.0), (0.5, 5.0)]), Some(0.0));
+    }
+
+    #[test]
+    fn one_telemetry_tells_no_steering_rate() {
+        assert_eq!(steering_rate(&[]), None);
+        assert_eq!(steering_rate(&[(0.0, 5.0)]), None);
+        assert_eq!(steering_rate(&[(1.0, 0.0), (1.0, 5.0)]), None);
+    }
+
+    #[test]
+    fn the_wheel_does_not_turn_in_a_gap_or_across_a_reset() {
+        assert_eq!(steering_rate(&[(0.0, 0.0), (1.5, 20.0)]), None);
+        let rate = steering_rate(&[(0.0, 0.0), (0.5, 5.0), (9.0, -20.0), (9.5, -15.0)]).unwrap();
+        assert!((rate - 10.0).abs() < 1e-9, "{rate}");
+
+        let mut scorer = Scorer::default();
+        scorer.telemetry(at(0.0), &turned(0.0));
+        scorer.telemetry(at(0.5), &turned(5.0));
+        scorer.event(at(0.5), &EventRecord::Reset { waypoint: 0 });
+        scorer.telemetry(at(0.6), &turned(-20.0));
+        scorer.telemetry(at(1.1), &turned(-15.0));
+        let rate = scorer.finish().steering_rate_deg_s.unwrap();
+        assert!((rate - 10.0).abs() < 1e-9, "{rate}");
+    }
+
+    #[test]
+    fn two_telemetries_at_one_time_make_no_infinite_rate() {
+        assert_eq!(steering_rate(&[(0.0, 0.0), (0.0, 5.0), (0.5, 5.0)]), Some(10.0));
+    }
+
+    #[test]
+    fn the_steering_rate_stands_below_the_offset() {
+        let mut scorer = Scorer::default();
+        scorer.telemetry(at(0.0), &turned(0.0));
+        scorer.telemetry(at(0.5), &turned(6.17));
+        let card = scorer.finish().to_string();
+        let lines: Vec<_> = card.lines().skip_while(|line| !line.contains("|cte|")).collect();
+        assert_eq!(lines[1], "  steering rate     12.3 deg/s RMS", "{card}");
     }
 }
