@@ -47,7 +47,7 @@ fn step_in_memory(bencher: Bencher, precision: &str) {
     let dir = tempfile::tempdir().unwrap();
     let mut trainer = trainer(dir.path(), precision);
     let batch = trainer.batches(0, 0).unwrap().next().unwrap().unwrap();
-    let tensors = trainer.tensors(&batch).unwrap();
+    let tensors = trainer.tensors(batch).unwrap();
     bencher.counter(ItemsCount::new(BATCH * STEPS)).bench_local(|| {
         for _ in 0..STEPS {
             trainer.learn(&tensors, 1e-3).unwrap();
@@ -63,7 +63,7 @@ fn train(bencher: Bencher, precision: &str) {
     let mut epoch = 0;
     bencher.counter(ItemsCount::new(BATCH * STEPS)).bench_local(|| {
         for batch in trainer.batches(epoch, 0).unwrap() {
-            let tensors = trainer.tensors(&batch.unwrap()).unwrap();
+            let tensors = trainer.tensors(batch.unwrap()).unwrap();
             trainer.learn(&tensors, 1e-3).unwrap();
         }
         epoch += 1;

@@ -116,6 +116,25 @@ pub struct Loader {
     next: usize,
     ordered: usize,
     batches: usize,
+    workers: Workers,
+}
+
+/// Who makes batches, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Workers {
+    /// How many threads; at least one.
+    pub threads: usize,
+    /// Whether they work on while the network does: right where it computes on another device. On the same processor
+    /// they are better at their best in turn, a batch for each thread at a time: libtorch's threads wait for each other
+    /// at every operation, and one that is held up holds up all.
+    pub beside: bool,
+}
+
+impl Workers {
+    /// A thread for each processor; beside the network, or in turn with it.
+    pub fn all(beside: bool) -> Self {
+        Self { threads: thread::available_parallelism().map_or(1, usize::from), beside }
+    }
 }
 
 /// What the threads share.
@@ -145,7 +164,7 @@ impl Loader {
         order: Vec<u32>,
         batch: usize,
         (seed, epoch, from): (u64, u64, usize),
-        threads: usize,
+        workers: Workers,
     ) -> Result<Self, DatasetError> {
         let batches = order.len().div_ceil(batch);
         let preprocessor = Preprocessor::new(inputs.preprocess.clone())
@@ -156,15 +175,14 @@ impl Loader {
         let (orders, ordered) = channel();
         let ordered = Arc::new(Mutex::new(ordered));
         let (sender, receiver) = channel();
-        let threads = threads.max(1);
-        for _ in 0..threads {
+        for _ in 0..workers.threads.max(1) {
             let (plan, ordered, sender) = (Arc::clone(&plan), Arc::clone(&ordered), sender.clone());
             let worker = Worker::new(preprocessor.clone());
             thread::spawn(move || worker.run(&plan, &ordered, &sender));
         }
-        let mut loader =
-            Self { orders: Some(orders), receiver, early: BTreeMap::new(), next: from, ordered: from, batches };
-        (0..AHEAD * threads).for_each(|_| loader.order());
+        let orders = Some(orders);
+        let mut loader = Self { orders, receiver, early: BTreeMap::new(), next: from, ordered: from, batches, workers };
+        loader.order();
         Ok(loader)
     }
 
@@ -173,40 +191,49 @@ impl Loader {
         self.batches
     }
 
-    /// Has one more batch made.
+    /// Has batches made: so many for each thread that it is never without, or one for each once all are used up.
     fn order(&mut self) {
-        if self.ordered < self.batches
+        let threads = self.workers.threads.max(1);
+        let until = match self.workers.beside {
+            true => self.next + AHEAD * threads,
+            false if self.next == self.ordered => self.next + threads,
+            false => self.ordered,
+        };
+        while self.ordered < until.min(self.batches)
             && let Some(orders) = &self.orders
             && orders.send(self.ordered).is_ok()
         {
             self.ordered += 1;
         }
         if self.ordered >= self.batches {
-            self.orders = None;
+            self.orders = None; // the threads may end
         }
     }
 }
 
-/// Batches that each thread is ahead of the network.
+/// Batches that each thread is ahead of a network on another device.
 const AHEAD: usize = 2;
 
 impl Iterator for Loader {
     type Item = Result<Batch, DatasetError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while self.next < self.batches {
-            if let Some(batch) = self.early.remove(&self.next) {
-                self.next += 1;
-                self.order();
-                return Some(batch);
-            }
+        if self.next >= self.batches {
+            return None;
+        }
+        self.order();
+        // In turn means that nobody works on once the network does.
+        let wanted = if self.workers.beside { 1 } else { self.ordered - self.next };
+        while self.early.len() < wanted || !self.early.contains_key(&self.next) {
             let Ok((number, batch)) = self.receiver.recv() else {
                 self.next = self.batches;
                 return Some(Err(DatasetError::Thread { what: "all have ended before their time".into() }));
             };
             self.early.insert(number, batch);
         }
-        None
+        let batch = self.early.remove(&self.next);
+        self.next += 1;
+        batch
     }
 }
 

@@ -46,12 +46,12 @@ fn batches(
     samples: &Arc<Samples>,
     frames: usize,
     augmentation: &Augmentation,
-    threads: usize,
+    workers: Workers,
     bytes: usize,
 ) -> Vec<Batch> {
     let order = samples.draw(samples.samples.len(), 3, 0);
     let cache = Cache::new(samples, bytes);
-    Loader::start(Arc::clone(samples), cache, inputs(frames), augmentation.clone(), order, 4, (3, 0, 0), threads)
+    Loader::start(Arc::clone(samples), cache, inputs(frames), augmentation.clone(), order, 4, (3, 0, 0), workers)
         .unwrap()
         .collect::<Result<_, _>>()
         .unwrap()
@@ -117,7 +117,8 @@ fn batches_are_the_same_for_any_number_of_threads_and_with_or_without_a_cache() 
     folder(dir.path(), |row| row as f64 / 100.0, 20);
     let samples = Arc::new(open(dir.path(), Set::Training, Balance::default()));
     let all = |threads, bytes| -> Vec<(Vec<f32>, Vec<f32>)> {
-        let batches = batches(&samples, 1, &Augmentation::default(), threads, bytes);
+        let workers = Workers { threads, beside: bytes > 1000 };
+        let batches = batches(&samples, 1, &Augmentation::default(), workers, bytes);
         batches.into_iter().map(|batch| (numbers(&batch), batch.steering)).collect()
     };
     let one = all(1, 0);
@@ -144,7 +145,7 @@ fn gradient(dir: &Path) -> Frame {
 fn row_3(dir: &Path, inputs: &Inputs, augmentation: &Augmentation) -> Batch {
     let samples = Arc::new(open(dir, Set::All, Balance::default()));
     let cache = Cache::new(&samples, 1 << 20);
-    Loader::start(samples, cache, inputs.clone(), augmentation.clone(), vec![3], 1, (0, 0, 0), 1)
+    Loader::start(samples, cache, inputs.clone(), augmentation.clone(), vec![3], 1, (0, 0, 0), Workers::all(false))
         .unwrap()
         .next()
         .unwrap()
@@ -197,7 +198,7 @@ fn a_sequence_ends_with_its_row_and_begins_anew_with_each_drive() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), |_| 0.0, 20);
     let samples = Arc::new(open(dir.path(), Set::Validation, Balance::default()));
-    let batch = &batches(&samples, 3, &Augmentation::none(), 1, 0)[0];
+    let batch = &batches(&samples, 3, &Augmentation::none(), Workers { threads: 1, beside: true }, 0)[0];
     for (i, sample) in batch.samples.iter().enumerate() {
         let row = f32::from(samples.samples[*sample as usize].row as u16);
         let grey: Vec<f32> = numbers(batch)[i * 96..(i + 1) * 96].chunks(32).map(|frame| frame[0] * 255.0).collect();
@@ -218,7 +219,7 @@ fn a_broken_picture_is_named() {
     let samples = Arc::new(open(dir.path(), Set::Training, Balance::default()));
     let order = (0..48).collect();
     let cache = Cache::new(&samples, 0);
-    let loader = Loader::start(samples, cache, inputs(1), Augmentation::none(), order, 48, (0, 0, 0), 2).unwrap();
+    let loader = Loader::start(samples, cache, inputs(1), Augmentation::none(), order, 48, (0, 0, 0), Workers::all(true)).unwrap();
     let error = loader.collect::<Result<Vec<_>, _>>().unwrap_err().to_string();
     assert!(error.contains("center_3.jpg") && error.contains("dataset inspect"), "{error}");
 }

@@ -7,7 +7,7 @@ use tch::{Device, Kind, Tensor, no_grad};
 
 use super::{Metrics, TrainError};
 use crate::{
-    dataset::{Augmentation, Batch, Cache, Inputs, Loader, Numbers, Samples},
+    dataset::{Augmentation, Batch, Cache, Inputs, Loader, Numbers, Samples, Workers},
     nn::{Network, SPEED_UNIT_MPH},
 };
 
@@ -23,29 +23,54 @@ pub struct Measured {
 /// Rows that a label is averaged over for [`Measured::smooth`].
 const SMOOTH: usize = 9;
 
-/// A batch as tensors: frames (B, C, H, W) or, of a network that looks at several, (B, T, C, H, W), in the kind and
-/// layout of the inputs; labels (B, outputs); speed (B, 1).
-///
-/// # Errors
-/// [`TrainError::Network`] where libtorch finds no memory.
-pub fn tensors(batch: &Batch, inputs: &Inputs, outputs: usize, device: Device) -> Result<[Tensor; 3], TrainError> {
-    let [c, h, w] = inputs.preprocess.shape().map(|n| n as i64);
-    let (b, t) = (batch.size as i64, inputs.frames as i64);
-    let frames = match &batch.frames {
-        Numbers::F32(all) => Tensor::f_from_slice(all)?,
-        Numbers::Bf16(all) => Tensor::f_from_slice(all)?,
-    };
-    let frames = match (inputs.channels_last, t) {
-        (false, 1) => frames.f_reshape([b, c, h, w])?,
-        (false, _) => frames.f_reshape([b, t, c, h, w])?,
-        (true, 1) => frames.f_reshape([b, h, w, c])?.f_permute([0, 3, 1, 2])?,
-        (true, _) => frames.f_reshape([b, t, h, w, c])?.f_permute([0, 1, 4, 2, 3])?,
-    };
-    let kind = frames.kind();
-    let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
-    let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
-    let speed = Tensor::f_from_slice(&batch.speed_mph)?.f_reshape([b, 1])?.f_div_scalar(SPEED_UNIT_MPH)?;
-    Ok([frames.f_to_device(device)?, labels, speed.f_to_kind(kind)?.f_to_device(device)?])
+/// A batch as libtorch sees it.
+#[derive(Debug)]
+pub struct Tensors {
+    /// (B, C, H, W) or, of a network that looks at several, (B, T, C, H, W), in the kind and layout of the inputs. On the
+    /// CPU its numbers are those of `batch`.
+    pub(super) frames: Tensor,
+    /// (B, outputs).
+    pub(super) labels: Tensor,
+    /// (B, 1).
+    pub(super) speed: Tensor,
+    /// What the frames lie in; dropped after them, being the last field.
+    batch: Batch,
+}
+
+impl Tensors {
+    /// Takes a batch of these inputs, for a network of so many outputs, to a device.
+    ///
+    /// # Errors
+    /// [`TrainError::Network`] where libtorch finds no memory.
+    pub fn new(batch: Batch, inputs: &Inputs, outputs: usize, device: Device) -> Result<Self, TrainError> {
+        let [c, h, w] = inputs.preprocess.shape();
+        let (b, t) = (batch.size, inputs.frames);
+        let (pointer, numbers, kind) = match &batch.frames {
+            Numbers::F32(all) => (all.as_ptr().cast::<u8>(), all.len(), Kind::Float),
+            Numbers::Bf16(all) => (all.as_ptr().cast::<u8>(), all.len(), Kind::BFloat16),
+        };
+        let strides = if inputs.channels_last { [1, w * c, c] } else { [h * w, w, 1] };
+        let (shape, strides) = match t {
+            1 => (vec![b, c, h, w], [&[c * h * w][..], &strides].concat()),
+            _ => (vec![b, t, c, h, w], [&[t * c * h * w, c * h * w][..], &strides].concat()),
+        };
+        assert_eq!(shape.iter().product::<usize>(), numbers, "a loader fills its batches");
+        let [shape, strides] = [shape, strides].map(|n| n.into_iter().map(|n| n as i64).collect::<Vec<_>>());
+        // SAFETY: shape and strides span exactly the numbers that the pointer leads to, of that kind. They are neither
+        // moved nor freed before the tensor, since `Tensors` owns both and nothing else can reach the batch's memory; and
+        // what a backward pass keeps of the frames ends with the pass.
+        let frames = unsafe { Tensor::f_from_blob(pointer, &shape, &strides, kind, Device::Cpu)? };
+        let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
+        let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
+        let speed = Tensor::f_from_slice(&batch.speed_mph)?.f_reshape([b as i64, 1])?.f_div_scalar(SPEED_UNIT_MPH)?;
+        let speed = speed.f_to_kind(kind)?.f_to_device(device)?;
+        Ok(Self { frames: frames.f_to_device(device)?, labels, speed, batch })
+    }
+
+    /// The batch.
+    pub fn batch(&self) -> &Batch {
+        &self.batch
+    }
 }
 
 /// Passes all samples through the network, in their order and as a pilot would, whatever form the inputs have in
@@ -60,7 +85,6 @@ pub fn measure(
     inputs: &Inputs,
 ) -> Result<(Measured, Vec<f64>), TrainError> {
     let device = network.tensors().first().map_or(Device::Cpu, |(_, tensor)| tensor.device());
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let order = (0..samples.samples.len() as u32).collect();
     let inputs = Inputs::plain(inputs.preprocess.clone(), inputs.frames);
     let loader = Loader::start(
@@ -71,13 +95,12 @@ pub fn measure(
         order,
         64,
         (0, 0, 0),
-        threads,
+        Workers::all(device != Device::Cpu),
     )?;
     let mut answers = Vec::with_capacity(samples.samples.len());
     for batch in loader {
-        let batch = batch?;
-        let [frames, _, speed] = tensors(&batch, &inputs, 1, device)?;
-        let answer = no_grad(|| super::trainer::forward(network, &frames, &speed, false))?;
+        let tensors = Tensors::new(batch?, &inputs, 1, device)?;
+        let answer = no_grad(|| super::trainer::forward(network, &tensors, false))?;
         let steering = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
         answers.extend(Vec::<f64>::try_from(&steering)?);
     }

@@ -23,7 +23,7 @@ mod state;
 mod trainer;
 
 pub use error::TrainError;
-pub use measure::{Measured, measure, tensors};
+pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;
 pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Recording, Schedule};
 pub use trainer::{Epoch, Go, Outcome, Progress, Trainer};

@@ -1,6 +1,6 @@
 //! Adam and SGD, with a state that can be stored: tch's own cannot.
 
-use tch::{Kind, Tensor, no_grad};
+use tch::{Tensor, no_grad};
 
 use super::{Optimiser, OptimiserKind, TrainError};
 
@@ -115,7 +115,7 @@ impl Stepper {
 
 #[cfg(test)]
 mod tests {
-    use tch::{Device, nn::VarStore};
+    use tch::{Device, Kind, nn::VarStore};
 
     use super::*;
 

@@ -11,15 +11,14 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
 
 use super::{
-    Keep, Measured, Metrics, Recipe, Schedule, TrainError,
+    Keep, Measured, Metrics, Recipe, Schedule, Tensors, TrainError,
     events::Events,
     log, measure,
-    measure::tensors,
     optimiser::Stepper,
     state::{self, Position},
 };
 use crate::{
-    dataset::{Batch, Cache, Inputs, Loader, Samples, Set},
+    dataset::{Batch, Cache, Inputs, Loader, Samples, Set, Workers},
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
     perception::Resize,
 };
@@ -107,8 +106,8 @@ pub struct Trainer {
 }
 
 /// (B, outputs) of a batch; the speed only where the network takes it.
-pub(super) fn forward(network: &Network, frames: &Tensor, speed: &Tensor, train: bool) -> Result<Tensor, NnError> {
-    network.forward(frames, network.design().speed.then_some(speed), train)
+pub(super) fn forward(network: &Network, batch: &Tensors, train: bool) -> Result<Tensor, NnError> {
+    network.forward(&batch.frames, network.design().speed.then_some(&batch.speed), train)
 }
 
 impl Trainer {
@@ -215,7 +214,7 @@ impl Trainer {
             self.training.0.draw(count, self.recipe.seed, epoch as u64),
             self.recipe.batch,
             (self.recipe.seed, epoch as u64, from),
-            std::thread::available_parallelism().map_or(1, usize::from),
+            Workers::all(self.device != Device::Cpu),
         )?)
     }
 
@@ -270,9 +269,10 @@ impl Trainer {
         let (mut answers, mut labels) = (vec![], vec![]);
         let mut rate = self.recipe.optimiser.learning_rate;
         for batch in loader {
-            let batch = batch?;
+            let tensors = self.tensors(batch?)?;
+            let batch = tensors.batch();
             rate = self.learning_rate(steps);
-            let (loss, answer) = self.step(&batch, rate).map_err(|error| error.at_batch(self.recipe.batch))?;
+            let (loss, answer) = self.learn(&tensors, rate).map_err(|error| error.at_batch(self.recipe.batch))?;
             self.position.step += 1;
             self.position.steps += 1;
             if !loss.is_finite() {
@@ -301,19 +301,13 @@ impl Trainer {
         }))
     }
 
-    /// One step: its loss, and the steering answered.
-    fn step(&mut self, batch: &Batch, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
-        let tensors = self.tensors(batch)?;
-        self.learn(&tensors, rate)
-    }
-
-    /// A batch as this training takes it: frames, labels and speed, see [`tensors`].
+    /// A batch as this training takes it.
     ///
     /// # Errors
-    /// Those of [`tensors`].
-    pub fn tensors(&self, batch: &Batch) -> Result<[Tensor; 3], TrainError> {
+    /// Those of [`Tensors::new`].
+    pub fn tensors(&self, batch: Batch) -> Result<Tensors, TrainError> {
         let outputs = self.network.architecture().outputs().len();
-        tensors(batch, &self.inputs, outputs, self.device)
+        Tensors::new(batch, &self.inputs, outputs, self.device)
     }
 
     /// Moves the weights by one step of the width `rate`, unless the loss is no number. Says the loss and the steering
@@ -321,12 +315,11 @@ impl Trainer {
     ///
     /// # Errors
     /// [`TrainError::Network`].
-    pub fn learn(&mut self, tensors: &[Tensor; 3], rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
+    pub fn learn(&mut self, tensors: &Tensors, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
         // What dropout rolls follows from the step alone, so that going on rolls the same.
         tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
-        let [frames, labels, speed] = tensors;
-        let answer = forward(&self.network, frames, speed, true)?.f_to_kind(Kind::Float)?;
-        let loss = answer.f_mse_loss(labels, Reduction::Mean)?;
+        let answer = forward(&self.network, tensors, true)?.f_to_kind(Kind::Float)?;
+        let loss = answer.f_mse_loss(&tensors.labels, Reduction::Mean)?;
         let value = loss.f_double_value(&[])?;
         if value.is_finite() {
             self.stepper.forget_gradients();
