@@ -8,6 +8,7 @@ use super::TrainError;
 use crate::{
     dataset::{Augmentation, Balance, Blocks, Selection},
     nn::Precision,
+    perception::Resize,
 };
 
 /// A training, whole. The defaults are Lu's: L2 loss, Adam 1e-3, batch 64, 20 epochs, all five augmentations.
@@ -249,6 +250,10 @@ impl Recipe {
                 return wrong(name, expected, number.to_string());
             }
         }
+        let sides = 1..=Resize::MAX_SIDE;
+        if let Some((rows, columns)) = self.input.filter(|(h, w)| !sides.contains(h) || !sides.contains(w)) {
+            return wrong("input", "1 to 4096 rows and columns", format!("{rows}x{columns}"));
+        }
         // What TOML can hold.
         let seeds = self.record.iter().map(|record| record.seed).chain([self.seed]);
         if let Some(seed) = seeds.into_iter().find(|seed| i64::try_from(*seed).is_err()) {
@@ -328,6 +333,7 @@ mod tests {
             ("epochs = 9223372036854775807", "epochs: expected 1 to 100000, got 9223372036854775807"),
             ("samples_per_epoch = 900000000000", "samples_per_epoch: expected 1 to 100000000, got 900000000000"),
             ("cache_mib = 17592186044416", "cache_mib: expected 0 to 1048576, got 17592186044416"),
+            ("input = [0, 64]", "input: expected 1 to 4096 rows and columns, got 0x64"),
             ("patience = 0", "patience: expected at least 1, got 0"),
             ("ema = 0.0", "ema: expected above 0, below 1, got 0"),
             ("ema = nan", "ema: expected above 0, below 1, got NaN"),
