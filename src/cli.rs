@@ -231,7 +231,7 @@ pub struct Train {
     /// Folder for the model, its log and what going on takes
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Go on with what is in that folder
+    /// Go on with what is in that folder, by the recipe there; flags may change what does not bend its way
     #[arg(long)]
     pub resume: bool,
     /// Architecture [default: pilotnet]
@@ -243,9 +243,12 @@ pub struct Train {
     /// Tell the network the speed, too
     #[arg(long)]
     pub speed_input: bool,
-    /// Weights of the backbone to begin with, under torchvision's names (.safetensors)
+    /// Weights to begin with: of a ResNet under torchvision's names, or of a checkpoint (.safetensors)
     #[arg(long, value_name = "FILE")]
     pub pretrained: Option<PathBuf>,
+    /// Leave the backbone as --pretrained has it; only what is behind it learns
+    #[arg(long)]
+    pub freeze_backbone: bool,
     /// Passes over the data [default: 20]
     #[arg(long)]
     pub epochs: Option<usize>,
@@ -319,7 +322,7 @@ pub struct Evaluate {
     /// Data sets: folders with driving_log.csv, or runs
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
-    /// All rows, or those that training holds out: one block of 50 in five
+    /// All rows, or those that the checkpoint's training held out; where it does not say, one block of 50 in five
     #[arg(long, value_enum, default_value_t = Rows::All)]
     pub rows: Rows,
     /// Draw the error over the steering angle: FILE.svg or FILE.png

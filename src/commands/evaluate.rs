@@ -1,6 +1,6 @@
 //! `lapwing evaluate`.
 
-use std::sync::Arc;
+use std::{fs, path::Path, sync::Arc};
 
 use serde_json::json;
 
@@ -13,17 +13,28 @@ use crate::{
         chart::{Axis, Chart, Marks, Series, stack},
     },
     nn::Checkpoint,
-    train::measure,
+    train::{Recipe, measure},
 };
 
 pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     let checkpoint = Checkpoint::load(&arguments.model)?;
     let preprocess = checkpoint.metadata.preprocess.clone();
     let inputs = Inputs::plain(preprocess, checkpoint.network.architecture().frames());
+    // Checkpoints made elsewhere say in their own words how they were trained.
+    let recipe: Option<Recipe> = serde_json::from_str(&checkpoint.metadata.training).ok();
     let (set, blocks) = match arguments.rows {
         cli::Rows::All => (Set::All, None),
-        cli::Rows::HeldOut => (Set::Validation, Some(Blocks::default())),
+        cli::Rows::HeldOut => {
+            let blocks = recipe.as_ref().map_or_else(Blocks::default, |recipe| recipe.blocks);
+            (Set::Validation, Some(blocks))
+        }
     };
+    if recipe.is_none() {
+        tracing::warn!(
+            "{} does not say by a recipe what it learnt from: whether these rows were held out is not known",
+            arguments.model.display()
+        );
+    }
     if let Some(path) = &arguments.plot {
         Kind::of(path)?;
     }
@@ -36,9 +47,19 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         let cache = Cache::new(&samples, 0);
         let (measured, answers) = measure(&checkpoint.network, &samples, &cache, &inputs)?;
         let rows = samples.samples.len();
+        let learnt = recipe.as_ref().map(|recipe| {
+            let learnt = learnt_from(recipe, path);
+            samples.samples.iter().filter(|sample| learnt(sample.row as usize)).count()
+        });
+        if let Some(learnt) = learnt.filter(|learnt| *learnt > 0) {
+            let path = path.display();
+            tracing::warn!("{path}: the network learnt from {learnt} of these {rows} rows; see --rows held-out");
+        }
         let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.steering).collect();
         charts.push(errors(&path.display().to_string(), &labels, &answers));
-        results.push(json!({ "data": path, "rows": rows, "raw": measured.raw, "smooth": measured.smooth }));
+        results.push(json!({
+            "data": path, "rows": rows, "learnt_from": learnt, "raw": measured.raw, "smooth": measured.smooth,
+        }));
         for (label, m) in [("as recorded", measured.raw), ("9-frame mean", measured.smooth)] {
             let r = m.r.map_or_else(|| "-".to_owned(), |r| format!("{r:.3}"));
             let name = path.display().to_string();
@@ -50,12 +71,26 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         sheet.write(path)?;
     }
     if arguments.json {
-        super::print(&serde_json::to_string_pretty(&json!({ "model": arguments.model, "results": results }))?);
+        super::print(&serde_json::to_string_pretty(&json!({
+            "model": arguments.model, "sha256": checkpoint.sha256, "held_out": blocks, "results": results,
+        }))?);
     } else {
         super::print(&format!("{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE"));
         lines.iter().for_each(|line| super::print(line));
     }
     Ok(Ended::Passed)
+}
+
+/// Which rows of a data set a training learnt from, as far as paths tell: a copy elsewhere is another data set.
+fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> impl Fn(usize) -> bool + 'a {
+    let place = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let measured = place(path);
+    let same: Vec<&Selection> = recipe.data.iter().filter(|data| place(&data.path) == measured).collect();
+    move |row| {
+        let taken = same.iter().any(|data| data.rows.is_none_or(|(first, end)| (first..end).contains(&row)));
+        // Where there were data to validate by, no blocks were held out.
+        taken && !(recipe.validation.is_empty() && recipe.blocks.is_validation(row))
+    }
 }
 
 /// Width of a bin of steering over which errors are averaged.
@@ -75,5 +110,27 @@ fn errors(title: &str, labels: &[f64], answers: &[f64]) -> Chart {
     Chart {
         series: vec![Series::new("rows", Marks::Points(points)), Series::new("mean", Marks::Line(means))],
         ..Chart::new(title, Axis::new("recorded steering").from_to(-1.0, 1.0), y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_were_learnt_from_where_the_recipe_has_them_and_does_not_hold_them_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let lake = dir.path().join("lake");
+        fs::create_dir(&lake).unwrap();
+        let data = vec![Selection { rows: Some((20, 40)), ..Selection::of(&lake) }];
+        let mut recipe = Recipe { data, blocks: Blocks { size: 10, every: 3 }, ..Recipe::default() };
+        let rows = |recipe: &Recipe, path: &Path| {
+            let learnt = learnt_from(recipe, path);
+            (0..50).filter(|row| learnt(*row)).collect::<Vec<_>>()
+        };
+        assert_eq!(rows(&recipe, &dir.path().join("./lake")), (20..30).collect::<Vec<_>>());
+        assert!(rows(&recipe, dir.path()).is_empty());
+        recipe.validation = vec![Selection::of("other")];
+        assert_eq!(rows(&recipe, &lake), (20..40).collect::<Vec<_>>());
     }
 }

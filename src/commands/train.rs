@@ -87,7 +87,12 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     };
     let mut recipe = match &arguments.recipe {
         Some(path) => read(path)?,
-        None if arguments.resume && arguments.data.is_empty() => read(&left)?,
+        // Flags that are not given again are as they were.
+        None if arguments.resume && left.exists() => read(&left)?,
+        None if arguments.resume && arguments.data.is_empty() => anyhow::bail!(
+            "{}: expected a training to go on with, got none; --data or --recipe would begin one",
+            arguments.out.display()
+        ),
         None => Recipe::default(),
     };
     if !arguments.data.is_empty() {
@@ -105,6 +110,7 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     set_some(&mut recipe.input, arguments.input);
     recipe.speed_input |= arguments.speed_input;
     set_some(&mut recipe.pretrained, arguments.pretrained.clone());
+    recipe.freeze_backbone |= arguments.freeze_backbone;
     set(&mut recipe.epochs, arguments.epochs);
     set(&mut recipe.batch, arguments.batch);
     set_some(&mut recipe.samples_per_epoch, arguments.samples_per_epoch);

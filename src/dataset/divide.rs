@@ -35,13 +35,7 @@ pub struct Divided {
 /// [`DatasetError`]: blocks that hold nothing, a run instead of a folder, a log that cannot be read, one that leaves a
 /// half empty, and folders that have a log already: nothing is overwritten.
 pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) -> Result<Divided, DatasetError> {
-    for (name, number, least, expected) in
-        [("block", blocks.size, 1, "at least 1 row"), ("every", blocks.every, 2, "at least 2 blocks")]
-    {
-        if number < least {
-            return Err(DatasetError::Setting { name, expected, got: number.to_string() });
-        }
-    }
+    blocks.check(["block", "every"])?;
     if is_run(source) {
         return Err(DatasetError::Run { path: source.to_owned() });
     }

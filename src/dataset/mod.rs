@@ -12,6 +12,7 @@
 //! Pictures stay where they are, and no tensor is made here: `train` does that.
 
 mod augment;
+mod balance;
 mod chart;
 mod convert;
 mod divide;
@@ -30,13 +31,14 @@ mod strip;
 use std::path::PathBuf;
 
 pub use augment::{Augmentation, Change, Rectangle, Shadow};
+pub use balance::Balance;
 pub use chart::steering_chart;
 pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
 pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
 pub use loader::{Batch, Cache, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
-pub use samples::{Balance, Sample, Samples, Selection, Set};
+pub use samples::{Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
 pub use source::{Camera, Picture, Row, Source};
 pub use split::Blocks;
@@ -87,6 +89,14 @@ pub enum DatasetError {
     Empty {
         /// The data set.
         path: PathBuf,
+    },
+    /// A data set of which nothing is left.
+    #[error("{path}: expected rows with a picture to take, got none of its {rows}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", path = path.display())]
+    NoneLeft {
+        /// The data set.
+        path: PathBuf,
+        /// How many rows it has.
+        rows: usize,
     },
     /// A number that makes no sense.
     #[error("{name}: expected {expected}, got {got}")]

@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Blocks, Camera, DatasetError, Source};
+use super::{Balance, Blocks, Camera, DatasetError, Source};
 use crate::units::Mph;
 
 /// What is taken of one data set.
@@ -27,10 +27,14 @@ pub struct Selection {
     /// First row and the one after the last, counted from 0; default all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<(usize, usize)>,
-    /// The label is the mean steering of so many rows around its own, default 1: a keyboard steers in strokes.
+    /// The label is the mean steering of so many rows around its own, default 1: a keyboard steers in strokes. Rows
+    /// that are not learnt from do not count, so that nothing of what is held out leaks into a label.
     #[serde(default = "one_row")]
     pub smooth: usize,
 }
+
+/// More than a minute of driving has nothing to do with a picture.
+const MOST_SMOOTH: usize = 999;
 
 fn one() -> f64 {
     1.0
@@ -63,8 +67,8 @@ impl Selection {
 
     fn check(&self) -> Result<(), DatasetError> {
         let wrong = |name, expected, got: String| Err(DatasetError::Setting { name, expected, got });
-        if !(self.weight.is_finite() && self.weight > 0.0) {
-            return wrong("weight", "a number above 0", self.weight.to_string());
+        if !(1e-6..=1e6).contains(&self.weight) {
+            return wrong("weight", "0.000001 to 1000000", self.weight.to_string());
         }
         if !(0.0..=1.0).contains(&self.side_offset) {
             return wrong("side_offset", "0 to 1", self.side_offset.to_string());
@@ -75,60 +79,13 @@ impl Selection {
         if self.smooth.is_multiple_of(2) {
             return wrong("smooth", "an odd number of rows", self.smooth.to_string());
         }
-        Ok(())
-    }
-}
-
-/// What is done against the many rows in which nobody steers.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Balance {
-    /// Share of the rows with a steering of (nearly) zero that is kept; default 1.
-    pub keep_zero: f64,
-    /// How far the histogram of steering is flattened: 0, the default, not at all; 1, each of 25 bins counts alike.
-    pub flatten: f64,
-    /// A row at full lock is drawn so many times more often than one straight on, those between in proportion; default 0.
-    pub large_angles: f64,
-}
-
-impl Default for Balance {
-    fn default() -> Self {
-        Self { keep_zero: 1.0, flatten: 0.0, large_angles: 0.0 }
-    }
-}
-
-/// Steering below this counts as none.
-const ZERO: f64 = 0.01;
-/// Bins of the histogram that is flattened, from -1 to 1.
-const BINS: usize = 25;
-
-impl Balance {
-    fn check(&self) -> Result<(), DatasetError> {
-        let wrong = |name, expected, got: f64| Err(DatasetError::Setting { name, expected, got: got.to_string() });
-        if !(0.0..=1.0).contains(&self.keep_zero) {
-            return wrong("keep_zero", "0 to 1", self.keep_zero);
+        if self.smooth > MOST_SMOOTH {
+            return wrong("smooth", "at most 999 rows", self.smooth.to_string());
         }
-        if !(0.0..=1.0).contains(&self.flatten) {
-            return wrong("flatten", "0 to 1", self.flatten);
-        }
-        if !(0.0..=1000.0).contains(&self.large_angles) {
-            return wrong("large_angles", "0 to 1000", self.large_angles);
+        if let Some((first, end)) = self.rows.filter(|(first, end)| first >= end) {
+            return wrong("rows", "a first row and a later one after the last", format!("{first}, {end}"));
         }
         Ok(())
-    }
-
-    /// How often each row is drawn, by its steering.
-    fn weights(&self, steering: &[f64]) -> Vec<f64> {
-        let bin = |x: f64| (((x.clamp(-1.0, 1.0) + 1.0) / 2.0 * BINS as f64) as usize).min(BINS - 1);
-        let mut counts = [0usize; BINS];
-        steering.iter().for_each(|x| counts[bin(*x)] += 1);
-        let largest = counts.iter().max().copied().unwrap_or(1).max(1) as f64;
-        let weight = |x: &f64| {
-            let kept = if x.abs() < ZERO { self.keep_zero } else { 1.0 };
-            let rare = (counts[bin(*x)] as f64 / largest).powf(-self.flatten);
-            kept * rare * (1.0 + self.large_angles * x.abs())
-        };
-        steering.iter().map(weight).collect()
     }
 }
 
@@ -152,6 +109,11 @@ pub struct Sample {
 }
 
 /// Which part of the data.
+///
+/// Rows that are held out are kept from all that is learnt: neither labels ([`Selection::smooth`]) nor sequences of
+/// pictures of [`Set::Training`] reach over the end of a block or of [`Selection::rows`]. The other way round they do:
+/// the sequences of [`Set::Validation`] begin with the pictures that the drive had before the block, as a pilot would
+/// have seen them, and its means over nine rows take in the labels there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Set {
     /// To learn from: all cameras asked for, blocks that are not held out.
@@ -172,10 +134,11 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Opens the data sets and picks the set's rows of each.
+    /// Opens the data sets and picks the set's rows of each. Pictures that are not there are left out with a warning;
+    /// sequences begin anew behind them.
     ///
     /// # Errors
-    /// [`DatasetError`].
+    /// [`DatasetError`]; [`DatasetError::NoneLeft`] also where one of several data sets has nothing to learn from.
     pub fn open(
         selections: &[Selection],
         set: Set,
@@ -183,36 +146,68 @@ impl Samples {
         balance: &Balance,
     ) -> Result<Self, DatasetError> {
         balance.check()?;
+        blocks.map_or(Ok(()), |blocks| blocks.check(["blocks.size", "blocks.every"]))?;
+        selections.iter().try_for_each(Selection::check)?;
         let mut all = Self { sources: vec![], samples: vec![] };
+        // Of each sample, what was steered in its row.
+        let mut steered = vec![];
         for selection in selections {
-            selection.check()?;
             let source = Source::open(&selection.path)?;
-            all.take(source, selection, set, blocks, balance);
+            let rows = source.rows.len();
+            let before = all.samples.len();
+            all.take(source, selection, set, blocks, &mut steered);
+            if set == Set::Training && all.samples.len() == before {
+                return Err(DatasetError::NoneLeft { path: selection.path.clone(), rows });
+            }
         }
         if all.samples.is_empty() {
             let path = selections.first().map(|s| s.path.clone()).unwrap_or_default();
-            return Err(DatasetError::Empty { path });
+            let rows = all.sources.iter().map(|source| source.rows.len()).sum();
+            return Err(DatasetError::NoneLeft { path, rows });
+        }
+        if set == Set::Training {
+            let drawn: Vec<_> = steered.into_iter().zip(&all.samples).map(|(x, sample)| (x, sample.weight)).collect();
+            for (sample, weight) in all.samples.iter_mut().zip(balance.weights(&drawn)?) {
+                sample.weight = weight;
+            }
         }
         Ok(all)
     }
 
-    fn take(&mut self, source: Source, selection: &Selection, set: Set, blocks: Option<Blocks>, balance: &Balance) {
-        let (first, last) = selection.rows.unwrap_or((0, usize::MAX));
+    fn take(
+        &mut self,
+        mut source: Source,
+        selection: &Selection,
+        set: Set,
+        blocks: Option<Blocks>,
+        steered: &mut Vec<f64>,
+    ) {
+        let missing = source.forget_missing();
+        if missing > 0 {
+            let path = source.path.display();
+            tracing::warn!("{path}: {missing} pictures are not there; `lapwing dataset inspect` lists them");
+        }
+        let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
         let held_out = |row: usize| blocks.is_some_and(|blocks| blocks.is_validation(row));
-        let wanted = |row: &usize| match set {
-            Set::Training => !held_out(*row),
-            Set::Validation => held_out(*row),
-            Set::All => true,
+        let wanted = |row: usize| {
+            (first..end).contains(&row)
+                && match set {
+                    Set::Training => !held_out(row),
+                    Set::Validation => held_out(row),
+                    Set::All => true,
+                }
         };
         let learning = set == Set::Training;
-        let rows: Vec<usize> = (first..last.min(source.rows.len())).filter(wanted).collect();
+        if learning {
+            source.end_stretches_where(|i, _| wanted(i));
+        }
         let smooth = if learning { selection.smooth } else { 1 };
-        let steering: Vec<f64> = rows.iter().map(|row| source.mean_steering(*row, smooth)).collect();
-        let weights = if learning { balance.weights(&steering) } else { vec![1.0; rows.len()] };
         let cameras = if learning { &selection.cameras[..] } else { &[Camera::Center] };
-        for ((row, steering), weight) in rows.into_iter().zip(steering).zip(weights) {
+        for row in (0..source.rows.len()).filter(|row| wanted(*row)) {
             let moment = &source.rows[row];
+            let steering = source.mean_of_stretch(row, smooth);
             for camera in cameras.iter().filter(|c| moment.pictures[**c as usize].is_some()) {
+                steered.push(steering);
                 self.samples.push(Sample {
                     source: self.sources.len() as u32,
                     row: row as u32,
@@ -220,7 +215,7 @@ impl Samples {
                     steering: steering + camera.sign() * selection.side_offset,
                     acceleration: moment.acceleration,
                     speed: moment.speed,
-                    weight: weight * selection.weight,
+                    weight: selection.weight,
                 });
             }
         }
@@ -251,6 +246,10 @@ impl Samples {
                 next += step;
             }
         }
+        // The comb's last tooth may fall behind the end by a rounding.
+        if let Some(last) = drawn.last().copied() {
+            drawn.resize(count, last);
+        }
         shuffle(&mut drawn, &mut random);
         drawn
     }
@@ -266,3 +265,6 @@ fn shuffle(items: &mut [u32], random: &mut ChaCha8Rng) {
         items.swap(i, (unit(random) * (i + 1) as f64) as usize);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,10 +7,12 @@ use std::{
 };
 
 use bytes::Bytes;
+use jiff::civil::DateTime;
 use serde::{Deserialize, Serialize};
 
 use super::{DatasetError, LONGEST_GAP, moments::is_run};
 use crate::{
+    protocol::CameraImage,
     recording::{By, Moment, RunReader, udacity::DrivingLog},
     units::{Mph, Steering},
 };
@@ -86,8 +88,12 @@ pub struct Row {
     pub acceleration: f64,
     /// How fast the car was.
     pub speed: Mph,
-    /// Number of the drive that it belongs to: rows of another number are no neighbours.
+    /// Number of the drive that it belongs to: between two numbers time is missing. A pause longer than
+    /// [`LONGEST_GAP`], a clock that goes back (two logs joined), moments of a run that have no picture or no label.
     pub drive: u32,
+    /// Number of the stretch within the drive: no sequence of pictures goes over its end. It ends where a camera's
+    /// pictures begin or end, and, of rows that are learnt from, where others are that are not.
+    pub stretch: u32,
 }
 
 /// A data set: the rows of a Udacity folder or of a run.
@@ -107,66 +113,129 @@ impl Source {
     /// [`DatasetError::Recording`], [`DatasetError::Empty`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, DatasetError> {
         let path = path.as_ref();
-        let mut rows = if is_run(path) { run(path)? } else { folder(path)? };
+        let rows = if is_run(path) { run(path)? } else { folder(path)? };
         if rows.is_empty() {
             return Err(DatasetError::Empty { path: path.to_owned() });
         }
-        let mut drive = 0;
-        for i in 1..rows.len() {
-            if rows[i].at.saturating_sub(rows[i - 1].at) > LONGEST_GAP {
-                drive += 1;
-            }
-            rows[i].drive = drive;
-        }
-        Ok(Self { path: path.to_owned(), rows })
+        let mut source = Self { path: path.to_owned(), rows };
+        source.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
+        Ok(source)
     }
 
-    /// Indices of `count` rows up to and with row `i`, oldest first; the first of a drive stands for those before it.
+    /// Takes out the pictures whose files are not there, and says how many they were.
+    pub(super) fn forget_missing(&mut self) -> usize {
+        let mut missing = 0;
+        for picture in self.rows.iter_mut().flat_map(|row| &mut row.pictures) {
+            if matches!(picture, Some(Picture::File(path)) if !path.is_file()) {
+                *picture = None;
+                missing += 1;
+            }
+        }
+        self.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
+        missing
+    }
+
+    /// Ends each stretch also where neighbours differ in this.
+    pub(super) fn end_stretches_where<T: PartialEq>(&mut self, of: impl Fn(usize, &Row) -> T) {
+        let mut stretch = 0;
+        let mut before: Option<(T, u32, u32)> = None;
+        for (i, row) in self.rows.iter_mut().enumerate() {
+            let now = (of(i, row), row.drive, row.stretch);
+            stretch += u32::from(before.is_some_and(|before| before != now));
+            row.stretch = stretch;
+            before = Some(now);
+        }
+    }
+
+    fn one_stretch(&self, i: usize, k: usize) -> bool {
+        let (a, b) = (&self.rows[i], &self.rows[k]);
+        (a.drive, a.stretch) == (b.drive, b.stretch)
+    }
+
+    /// Indices of `count` rows up to and with row `i`, oldest first; the first of a stretch stands for those before it.
     pub fn sequence(&self, i: usize, count: usize) -> impl Iterator<Item = usize> + '_ {
-        let first = (0..i).rev().take_while(|k| self.rows[*k].drive == self.rows[i].drive).take(count - 1).last();
+        let first = (0..i).rev().take_while(|k| self.one_stretch(i, *k)).take(count.saturating_sub(1)).last();
         let first = first.unwrap_or(i);
         (0..count).rev().map(move |back| i.saturating_sub(back).max(first))
     }
 
     /// Mean steering of the `width` rows around row `i` that belong to its drive; `width` is odd.
     pub fn mean_steering(&self, i: usize, width: usize) -> f64 {
+        self.mean(i, width, |k| self.rows[k].drive == self.rows[i].drive)
+    }
+
+    /// The same of the rows of its stretch alone, in which nothing is that may not be learnt from.
+    pub(super) fn mean_of_stretch(&self, i: usize, width: usize) -> f64 {
+        self.mean(i, width, |k| self.one_stretch(i, k))
+    }
+
+    fn mean(&self, i: usize, width: usize, counts: impl Fn(usize) -> bool) -> f64 {
         let reach = width / 2;
-        let around = &self.rows[i.saturating_sub(reach)..(i + reach + 1).min(self.rows.len())];
-        let same = around.iter().filter(|row| row.drive == self.rows[i].drive);
-        let (sum, count) = same.fold((0.0, 0.0), |(sum, count), row| (sum + row.steering.get(), count + 1.0));
+        // Not by way of another drive: what lies behind it is no neighbour.
+        let before = (i.saturating_sub(reach)..i).rev().take_while(|k| counts(*k));
+        let after = (i..self.rows.len()).take(reach + 1).take_while(|k| counts(*k));
+        let all = before.chain(after).map(|k| self.rows[k].steering.get());
+        let (sum, count) = all.fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0));
         sum / count
     }
 }
 
 fn folder(path: &Path) -> Result<Vec<Row>, DatasetError> {
-    let rows = DrivingLog::open(path)?.rows;
-    Ok(rows
-        .into_iter()
-        .map(|row| Row {
+    let mut rows: Vec<Row> = Vec::new();
+    let (mut drive, mut last_taken) = (0, None);
+    for row in DrivingLog::open(path)?.rows {
+        // By the names of the pictures: where they jump, the log's own time goes on as if they had not.
+        if !rows.is_empty() && !follows(last_taken, row.taken_at) {
+            drive += 1;
+        }
+        last_taken = row.taken_at;
+        rows.push(Row {
             at: row.at,
             pictures: [Some(row.center), row.left, row.right].map(|path| path.map(Picture::File)),
             steering: row.steering,
             acceleration: row.throttle.get() - row.brake,
             speed: row.speed,
-            drive: 0,
-        })
-        .collect())
+            drive,
+            stretch: 0,
+        });
+    }
+    Ok(rows)
+}
+
+/// Whether the second of two pictures may have been taken right after the first.
+fn follows(from: Option<DateTime>, to: Option<DateTime>) -> bool {
+    match (from, to) {
+        (Some(from), Some(to)) => Duration::try_from(to.duration_since(from)).is_ok_and(|passed| passed <= LONGEST_GAP),
+        (None, None) => true,
+        _ => false,
+    }
 }
 
 fn run(path: &Path) -> Result<Vec<Row>, DatasetError> {
-    let mut rows = Vec::new();
+    let mut rows: Vec<Row> = Vec::new();
+    let (mut drive, mut left_out) = (0, false);
     for moment in RunReader::open(path)?.moments() {
         let Moment::Step(step) = moment? else { continue };
-        let crate::protocol::CameraImage::Jpeg(jpeg) = &step.telemetry.image else { continue };
         // What nobody steered is no label.
-        let Some(command) = step.command.filter(|c| matches!(c.by, By::Pilot | By::Human)) else { continue };
+        let command = step.command.filter(|c| matches!(c.by, By::Pilot | By::Human));
+        let (CameraImage::Jpeg(jpeg), true, Some(command)) = (&step.telemetry.image, step.frame_recorded, command)
+        else {
+            left_out = true;
+            continue;
+        };
+        let paused = rows.last().is_some_and(|last| step.at.saturating_sub(last.at) > LONGEST_GAP);
+        if paused || (left_out && !rows.is_empty()) {
+            drive += 1;
+        }
+        left_out = false;
         rows.push(Row {
             at: step.at,
             pictures: [Some(Picture::Bytes(jpeg.clone())), None, None],
             steering: command.steering,
             acceleration: command.throttle.get(),
             speed: step.telemetry.speed,
-            drive: 0,
+            drive,
+            stretch: 0,
         });
     }
     Ok(rows)

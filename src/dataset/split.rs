@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::DatasetError;
+
 /// Neighbours in time look alike: a split by single rows would show the training set's pictures again in validation.
 /// So whole blocks of rows are held out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,6 +22,19 @@ impl Default for Blocks {
 }
 
 impl Blocks {
+    /// Checks that there are blocks of both kinds; `names` are what size and distance are called where they are set.
+    pub(super) fn check(self, names: [&'static str; 2]) -> Result<(), DatasetError> {
+        let [size, every] = names;
+        for (name, number, least, expected) in
+            [(size, self.size, 1, "at least 1 row"), (every, self.every, 2, "at least 2 blocks")]
+        {
+            if number < least {
+                return Err(DatasetError::Setting { name, expected, got: number.to_string() });
+            }
+        }
+        Ok(())
+    }
+
     /// Whether a row, counted from 0, is held out: `(row / size) % every == 0`.
     pub fn is_validation(&self, row: usize) -> bool {
         (row / self.size.max(1)).is_multiple_of(self.every.max(1))

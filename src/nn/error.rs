@@ -127,6 +127,12 @@ pub enum NnError {
         /// The network.
         architecture: Architecture,
     },
+    /// A backbone is to stay as it is, of a network without one.
+    #[error("expected a network with a backbone (resnet…), got {name}", name = architecture.name())]
+    NoBackbone {
+        /// The network.
+        architecture: Architecture,
+    },
     /// A network was given a tensor that it does not take.
     #[error("expected an input of shape {expected}, got {got:?}")]
     Input {

@@ -85,6 +85,14 @@ impl ResNetGru {
         self.out.forward(&last.f_select(0, 0)?)
     }
 
+    pub(super) fn freeze(&mut self) {
+        self.backbone.frozen = true;
+    }
+
+    pub(super) fn is_frozen(&self) -> bool {
+        self.backbone.frozen
+    }
+
     pub(super) fn fold(&mut self) -> Result<(), NnError> {
         self.backbone.fold()
     }

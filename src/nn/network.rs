@@ -11,6 +11,7 @@ use super::{
     gru::ResNetGru,
     layers::channels_last,
     pilotnet::PilotNet,
+    pretrained,
     resnet::{self, Depth, ResNet},
     stack,
 };
@@ -123,6 +124,33 @@ impl Network {
             Layers::Gru(layers) => layers.fold(),
         })?;
         Ok(network)
+    }
+
+    /// Leaves a ResNet's backbone out of training: its weights are no longer told a gradient, none is computed through
+    /// it, and its batch norm goes by the running statistics, which stay. What comes behind it learns on.
+    ///
+    /// # Errors
+    /// [`NnError::NoBackbone`] for a network of another kind.
+    pub fn freeze_backbone(&mut self) -> Result<(), NnError> {
+        let architecture = self.architecture();
+        match &mut self.layers {
+            Layers::PilotNet(_) | Layers::Cps(_) => return Err(NnError::NoBackbone { architecture }),
+            Layers::ResNet(layers) | Layers::Stack(layers) => layers.freeze(),
+            Layers::Gru(layers) => layers.freeze(),
+        }
+        for (_, tensor) in self.tensors.iter().filter(|(name, _)| pretrained::of_backbone(name)) {
+            let _ = tensor.set_requires_grad(false);
+        }
+        Ok(())
+    }
+
+    /// Whether training normalises by the batch: one of a single picture then says nothing.
+    pub fn normalises_by_batch(&self) -> bool {
+        match &self.layers {
+            Layers::PilotNet(_) | Layers::Cps(_) => false,
+            Layers::ResNet(layers) | Layers::Stack(layers) => !layers.is_frozen(),
+            Layers::Gru(layers) => !layers.is_frozen(),
+        }
     }
 
     /// What it was built as.

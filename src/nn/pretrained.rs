@@ -11,11 +11,16 @@ use super::{Network, NnError, checkpoint::tensor_of, stack};
 const FIRST: &str = "conv1.weight";
 
 /// Takes the backbone's tensors of a file with torchvision's names into the variables that `network` was built of,
-/// and says how many they were.
+/// and those of what stands behind it where they fit; says how many they were.
 ///
-/// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict` makes; the network a ResNet of as
-/// many layers, with or without memory. Left out are `fc.*`, `num_batches_tracked`, and all else that no ResNet's
-/// backbone has. For `-stack` the first convolution is inflated. Nothing is changed where there is an error.
+/// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict` makes, or a checkpoint of this
+/// crate, whose backbones bear the same names; the network a ResNet of as many layers, with or without memory. For
+/// `-stack` the first convolution is inflated where the file's is that of one frame.
+///
+/// Of a checkpoint the perceptron (`head.*`) is taken as well, and the memory (`gru.*` with `out.*`), each where the
+/// network has one and all its tensors are in the file and have its shapes: so `resnet50-gru` begins with the
+/// perceptron of a `resnet50` that was not told the speed, and a network goes on learning on other data. Left out are
+/// `fc.*`, `num_batches_tracked`, and all else. Nothing is changed where there is an error.
 ///
 /// # Errors
 /// [`NnError::Read`], [`NnError::NotSafetensors`]; [`NnError::Shape`] and [`NnError::Dtype`] where a tensor does not
@@ -24,14 +29,13 @@ const FIRST: &str = "conv1.weight";
 pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError> {
     let bytes = fs::read(path).map_err(|source| NnError::Read { path: path.to_owned(), source })?;
     let file = SafeTensors::deserialize(&bytes).map_err(NnError::NotSafetensors)?;
+    let tensors = if network.architecture().is_resnet() { network.tensors() } else { vec![] };
+    let (backbone, behind): (Vec<_>, Vec<_>) = tensors.into_iter().partition(|(name, _)| of_backbone(name));
     let mut taken: Vec<(Tensor, Tensor)> = Vec::new();
     let mut missing = None;
     let mut surplus: Vec<&str> = file.names();
     surplus.retain(|name| of_backbone(name) && !name.ends_with("num_batches_tracked"));
-    for (name, variable) in network.tensors() {
-        if !network.architecture().is_resnet() || !of_backbone(&name) {
-            continue;
-        }
+    for (name, variable) in backbone {
         let Ok(view) = file.tensor(&name) else {
             missing.get_or_insert((name, variable.size()));
             continue;
@@ -57,6 +61,19 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     if let Some(name) = surplus.into_iter().min() {
         return Err(NnError::SurplusTensor { architecture: network.architecture(), name: name.to_owned() });
     }
+    let (head, memory): (Vec<_>, Vec<_>) = behind.into_iter().partition(|(name, _)| name.starts_with("head."));
+    for part in [head, memory] {
+        let values: Result<Vec<_>, NnError> = part
+            .into_iter()
+            .map(|(name, variable)| {
+                let view = file.tensor(&name).map_err(NnError::NotSafetensors)?;
+                let value = tensor_of(&view, &name, &variable.size())?;
+                Ok((variable, value))
+            })
+            .collect();
+        // Whole or not at all: half a perceptron answers nothing.
+        taken.extend(values.unwrap_or_default());
+    }
     tch::no_grad(|| {
         for (variable, value) in &mut taken {
             variable.f_copy_(value)?;
@@ -66,7 +83,7 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
 }
 
 /// Whether a ResNet's tensor is of the part that torchvision has as well.
-fn of_backbone(name: &str) -> bool {
+pub(super) fn of_backbone(name: &str) -> bool {
     let layer = name.split('.').next().unwrap_or_default();
     matches!(layer, "conv1" | "bn1" | "layer1" | "layer2" | "layer3" | "layer4")
 }
@@ -76,7 +93,7 @@ mod tests {
     use tch::{Device, Kind, nn::VarStore};
 
     use super::*;
-    use crate::nn::{Architecture, Design, in_variable_store};
+    use crate::nn::{Architecture, Design, Metadata, Precision, in_variable_store, save};
 
     fn fresh(architecture: Architecture) -> (VarStore, Network) {
         let store = VarStore::new(Device::Cpu);
@@ -170,5 +187,44 @@ mod tests {
         assert!(
             matches!(load_pretrained(&network, &path), Err(NnError::MissingTensor { name, .. }) if name == "layer4.1.conv2.weight")
         );
+    }
+
+    /// A checkpoint of a fresh network as training writes it, and its weights.
+    fn checkpoint(folder: &tempfile::TempDir, design: &Design) -> (std::path::PathBuf, VarStore) {
+        let store = VarStore::new(Device::Cpu);
+        let network = Network::build(design, &mut in_variable_store(store.root())).unwrap();
+        let text = String::new;
+        let preprocess = design.preprocess.clone();
+        let metadata = Metadata { preprocess, outputs: vec!["steering".into()], training: text(), result: text() };
+        let path = folder.path().join("model.safetensors");
+        save(&path, &metadata, &network, Precision::F32).unwrap();
+        (path, store)
+    }
+
+    #[test]
+    fn of_a_checkpoint_the_perceptron_is_taken_and_the_memory_where_there_is_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, from) = checkpoint(&folder, &Design::of(Architecture::ResNet18));
+        let (store, network) = fresh(Architecture::ResNet18Gru);
+        let memory = store.variables()["gru.weight_hh_l0"].copy();
+        assert_eq!(load_pretrained(&network, &path).unwrap(), 106);
+        for name in ["conv1.weight", "head.1.weight", "head.3.bias"] {
+            assert!(store.variables()[name].equal(&from.variables()[name]), "{name}");
+        }
+        assert!(store.variables()["gru.weight_hh_l0"].equal(&memory));
+
+        let (path, from) = checkpoint(&folder, &Design::of(Architecture::ResNet18Gru));
+        assert_eq!(load_pretrained(&network, &path).unwrap(), 112);
+        assert!(store.variables()["out.weight"].equal(&from.variables()["out.weight"]));
+    }
+
+    #[test]
+    fn a_perceptron_of_another_shape_is_left_out_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _from) = checkpoint(&folder, &Design { speed: true, ..Design::of(Architecture::ResNet18) });
+        let (store, network) = fresh(Architecture::ResNet18Gru);
+        let last = store.variables()["head.3.weight"].copy();
+        assert_eq!(load_pretrained(&network, &path).unwrap(), 100);
+        assert!(store.variables()["head.3.weight"].equal(&last));
     }
 }

@@ -126,6 +126,8 @@ impl Block {
 pub(super) struct Backbone {
     first: NormedConvolution,
     blocks: Vec<Block>,
+    /// It answers by its running statistics even in training, and nothing of it moves.
+    pub(super) frozen: bool,
 }
 
 impl Backbone {
@@ -142,11 +144,15 @@ impl Backbone {
                 inputs = width * depth.expansion();
             }
         }
-        Ok(Self { first, blocks })
+        Ok(Self { first, blocks, frozen: false })
     }
 
-    /// (B, channels, H, W) to (B, features).
+    /// (B, channels, H, W) to (B, features). Where it is frozen no gradient is tracked and `train` changes nothing.
     pub(super) fn forward(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
+        if self.frozen { tch::no_grad(|| self.pass(frames, false)) } else { self.pass(frames, train) }
+    }
+
+    fn pass(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let x = self.first.forward(frames, train)?.f_relu()?; // (B, 64, H / 2, W / 2)
         let mut x = x.f_max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false)?;
         for block in &self.blocks {
@@ -162,7 +168,8 @@ impl Backbone {
     }
 
     pub(super) fn share(&self) -> Self {
-        Self { first: self.first.share(), blocks: self.blocks.iter().map(Block::share).collect() }
+        let blocks = self.blocks.iter().map(Block::share).collect();
+        Self { first: self.first.share(), blocks, frozen: self.frozen }
     }
 }
 
@@ -215,6 +222,14 @@ impl ResNet {
     /// (B, channels, H, W) to (B, features).
     pub(super) fn features(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
         self.backbone.forward(frames, train)
+    }
+
+    pub(super) fn freeze(&mut self) {
+        self.backbone.frozen = true;
+    }
+
+    pub(super) fn is_frozen(&self) -> bool {
+        self.backbone.frozen
     }
 
     pub(super) fn fold(&mut self) -> Result<(), NnError> {

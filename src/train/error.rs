@@ -52,14 +52,22 @@ pub enum TrainError {
         /// Learning rate at that step.
         rate: f64,
     },
-    /// No memory for a step.
+    /// The validation error is no number any more.
     #[error(
-        "no memory for a batch of {batch}: take a smaller batch or input, or cache less (cache_mib); libtorch: {why}"
+        "the validation error became {mse} in epoch {epoch}: lower the learning rate or clip gradients (optimiser.clip); the last whole epoch is saved"
     )]
+    Validation {
+        /// What it became.
+        mse: f64,
+        /// From 1.
+        epoch: usize,
+    },
+    /// No memory for a step, or for measuring.
+    #[error("no memory for a batch of {batch}: take a smaller batch or input, or cache less (cache_mib): {why}")]
     Memory {
         /// Samples in a step.
         batch: usize,
-        /// The first line of what libtorch says.
+        /// What the system or libtorch says.
         why: String,
     },
     /// A file of the training's folder.
@@ -75,7 +83,21 @@ pub enum TrainError {
     /// There is a training in that folder already.
     #[error("{path} holds a training: go on with it (--resume), or name another folder", path = .0.display())]
     Exists(PathBuf),
-    /// The state of another recipe, or none.
+    /// The training in that folder is another one.
+    #[error(
+        "{folder} holds a training by another recipe: {differences}: go on with the one that is there (--resume alone), or name another folder",
+        folder = folder.display()
+    )]
+    OtherRecipe {
+        /// The training's folder.
+        folder: PathBuf,
+        /// All that differs, with expected and got.
+        differences: String,
+    },
+    /// A checkpoint that nobody goes on with, where one would be written.
+    #[error("{path} is there, but no state to go on from: nothing is overwritten, name another folder", path = .0.display())]
+    ModelThere(PathBuf),
+    /// The state of another network, or none.
     #[error("{path}: {why}; training cannot go on from it", path = path.display())]
     State {
         /// The file.
@@ -93,7 +115,11 @@ impl TrainError {
     /// Names a lack of memory for what it is.
     pub(super) fn at_batch(self, batch: usize) -> Self {
         match self {
-            Self::Network(NnError::Torch(why)) if why.to_lowercase().contains("memory") => Self::Memory { batch, why },
+            Self::Network(NnError::Torch(why))
+                if ["memory", "bad_alloc"].iter().any(|w| why.to_lowercase().contains(w)) =>
+            {
+                Self::Memory { batch, why }
+            }
             other => other,
         }
     }

@@ -1,8 +1,8 @@
 //! A line of CSV for each epoch.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
-use super::{Epoch, TrainError};
+use super::{Epoch, TrainError, state};
 
 const HEADER: &str = "epoch,seconds,images_per_s,learning_rate,train_mse,train_mae,train_r,\
     validation_mse,validation_mae,validation_r,smooth_mse,smooth_mae,smooth_r\n";
@@ -18,5 +18,5 @@ pub(super) fn write(path: &Path, history: &[Epoch]) -> Result<(), TrainError> {
         }
         text.push('\n');
     }
-    fs::write(path, text).map_err(TrainError::io("write the log", path))
+    state::replace(path, text.as_bytes(), "write the log")
 }

@@ -18,6 +18,8 @@ mod log;
 mod measure;
 mod metrics;
 mod optimiser;
+mod origin;
+mod preparation;
 mod recipe;
 mod state;
 mod trainer;

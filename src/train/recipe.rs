@@ -8,6 +8,7 @@ use super::TrainError;
 use crate::{
     dataset::{Augmentation, Balance, Blocks, Selection},
     nn::Precision,
+    perception::Resize,
 };
 
 /// A training, whole. The defaults are Lu's: L2 loss, Adam 1e-3, batch 64, 20 epochs, all five augmentations.
@@ -33,12 +34,17 @@ pub struct Recipe {
     pub input: Option<(usize, usize)>,
     /// Whether the network is told the speed.
     pub speed_input: bool,
-    /// Weights of the backbone to begin with, under torchvision's names (`.safetensors`).
+    /// Weights to begin with: of the backbone, under torchvision's names, or a checkpoint of this crate
+    /// (`.safetensors`); what is taken of them says [`load_pretrained`](crate::nn::load_pretrained).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
+    /// Whether the backbone stays as `pretrained` has it, running statistics included, and only what is behind it
+    /// learns; default false.
+    pub freeze_backbone: bool,
     /// Passes over the data; default 20.
     pub epochs: usize,
-    /// Samples in a step; default 64.
+    /// Samples in a step; default 64. The last step of an epoch has what is left, but where a ResNet's batch norm would
+    /// have to go by a single sample: then that one is left out of the epoch.
     pub batch: usize,
     /// Samples in a pass; default as many as there are.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -55,7 +61,7 @@ pub struct Recipe {
     /// Passes without a better validation error after which training ends; default never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patience: Option<usize>,
-    /// Share that an average over the weights of past steps keeps at each step, such as 0.999; the average is what is
+    /// Share that an average over the weights of past steps keeps at each step, above 0 and below 1, such as 0.999; the average is what is
     /// measured and saved. Default none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ema: Option<f64>,
@@ -63,7 +69,8 @@ pub struct Recipe {
     pub stored: Precision,
     /// Decoded pictures are kept in so much memory, in MiB; default 1024.
     pub cache_mib: usize,
-    /// Blocks of rows that are held out for validation. Default 50 rows of each 250; `validation` overrides it.
+    /// Blocks of rows that are held out for validation. Default 50 rows of each 250. Where there is `validation`,
+    /// none are, and all of `data` is learnt from.
     pub blocks: Blocks,
     /// How weights are moved.
     pub optimiser: Optimiser,
@@ -86,6 +93,7 @@ impl Default for Recipe {
             input: None,
             speed_input: false,
             pretrained: None,
+            freeze_backbone: false,
             epochs: 20,
             batch: 64,
             samples_per_epoch: None,
@@ -228,17 +236,42 @@ impl Recipe {
         if self.data.is_empty() {
             return wrong("data", "at least one data set", "none".into());
         }
-        if self.epochs == 0 {
-            return wrong("epochs", "at least 1", "0".into());
+        let whole = [
+            ("epochs", self.epochs, 1..=100_000, "1 to 100000"),
+            ("batch", self.batch, 1..=65_536, "1 to 65536"),
+            ("samples_per_epoch", self.samples_per_epoch.unwrap_or(1), 1..=100_000_000, "1 to 100000000"),
+            ("patience", self.patience.unwrap_or(1), 1..=usize::MAX, "at least 1"),
+            ("cache_mib", self.cache_mib, 0..=1 << 20, "0 to 1048576"),
+            ("augment.translate_x_px", self.augment.translate_x_px as usize, 0..=320, "0 to 320, a picture's width"),
+            ("augment.translate_y_px", self.augment.translate_y_px as usize, 0..=160, "0 to 160, a picture's height"),
+        ];
+        for (name, number, range, expected) in whole {
+            if !range.contains(&number) {
+                return wrong(name, expected, number.to_string());
+            }
         }
-        if !(1..=65536).contains(&self.batch) {
-            return wrong("batch", "1 to 65536", self.batch.to_string());
+        let sides = 1..=Resize::MAX_SIDE;
+        if let Some((rows, columns)) = self.input.filter(|(h, w)| !sides.contains(h) || !sides.contains(w)) {
+            return wrong("input", "1 to 4096 rows and columns", format!("{rows}x{columns}"));
         }
-        if self.samples_per_epoch == Some(0) {
-            return wrong("samples_per_epoch", "at least 1", "0".into());
+        // What TOML can hold.
+        let seeds = self.record.iter().map(|record| record.seed).chain([self.seed]);
+        if let Some(seed) = seeds.into_iter().find(|seed| i64::try_from(*seed).is_err()) {
+            return wrong("seed", "0 to 9223372036854775807", seed.to_string());
         }
-        if let Some(share) = self.ema.filter(|share| !(0.0..1.0).contains(share)) {
-            return wrong("ema", "0 to below 1", share.to_string());
+        if let Some(share) = self.ema.filter(|share| !(*share > 0.0 && *share < 1.0)) {
+            return wrong("ema", "above 0, below 1", share.to_string());
+        }
+        if self.freeze_backbone && self.pretrained.is_none() {
+            return wrong("freeze_backbone", "pretrained weights that stay", "none".into());
+        }
+        for record in &self.record {
+            if record.laps == 0 {
+                return wrong("record.laps", "at least 1", "0".into());
+            }
+            if !(record.speed > 0.0 && record.speed <= 200.0) {
+                return wrong("record.speed", "a number of mph above 0, at most 200", record.speed.to_string());
+            }
         }
         let o = &self.optimiser;
         if !(o.learning_rate > 0.0 && o.learning_rate <= 100.0) {
@@ -296,5 +329,29 @@ mod tests {
         assert!(error(&format!("{data}[optimiser]\nlearning_rate = -1")).starts_with("learning_rate: expected"));
         assert!(error(&format!("batch = 0\n{data}")).starts_with("batch: expected 1 to 65536, got 0"));
         assert!(error(&format!("{data}[augment]\nflip = 2")).starts_with("flip: expected a probability"));
+        for (text, expected) in [
+            ("epochs = 9223372036854775807", "epochs: expected 1 to 100000, got 9223372036854775807"),
+            ("samples_per_epoch = 900000000000", "samples_per_epoch: expected 1 to 100000000, got 900000000000"),
+            ("cache_mib = 17592186044416", "cache_mib: expected 0 to 1048576, got 17592186044416"),
+            ("input = [0, 64]", "input: expected 1 to 4096 rows and columns, got 0x64"),
+            ("patience = 0", "patience: expected at least 1, got 0"),
+            ("ema = 0.0", "ema: expected above 0, below 1, got 0"),
+            ("ema = nan", "ema: expected above 0, below 1, got NaN"),
+            ("freeze_backbone = true", "freeze_backbone: expected pretrained weights that stay, got none"),
+            (
+                "[augment]\ntranslate_x_px = 4000000000",
+                "augment.translate_x_px: expected 0 to 320, a picture's width, got 4000000000",
+            ),
+            ("[optimiser]\nclip = nan", "clip: expected a number above 0, got NaN"),
+            ("[[record]]\nout = \"y\"\ntrack = \"lake\"\nlaps = 0", "record.laps: expected at least 1, got 0"),
+            (
+                "[[record]]\nout = \"y\"\ntrack = \"lake\"\nspeed = nan",
+                "record.speed: expected a number of mph above 0, at most 200, got NaN",
+            ),
+        ] {
+            assert_eq!(error(&format!("data = [{{ path = \"x\" }}]\n{text}")), expected);
+        }
+        let seed = Recipe { seed: u64::MAX, data: vec![Selection::of("x")], ..Recipe::default() };
+        assert!(seed.check().unwrap_err().to_string().starts_with("seed: expected 0 to 9223372036854775807, got"));
     }
 }

@@ -1,12 +1,17 @@
 //! All that going on with a training takes, in one file.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{
+    collections::HashMap,
+    fs::{self, File},
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
 
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, no_grad};
 
-use super::{Epoch, TrainError};
+use super::{Epoch, TrainError, origin::Origin};
 
 /// Where a training is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -27,10 +32,20 @@ pub(super) struct Position {
     pub history: Vec<Epoch>,
 }
 
-const KEY: &str = "lapwing.training";
+/// What the file is called in a training's folder, and the checkpoint beside it.
+pub(super) const STATE: &str = "state.safetensors";
+pub(super) const MODEL: &str = "model.safetensors";
 
-/// Writes tensors and position; a file of that name is replaced once the new one is whole.
-pub(super) fn save(path: &Path, position: &Position, tensors: &[(String, &Tensor)]) -> Result<(), TrainError> {
+const POSITION: &str = "lapwing.training";
+const ORIGIN: &str = "lapwing.origin";
+
+/// Writes tensors, position and origin; a file of that name is replaced once the new one is whole.
+pub(super) fn save(
+    path: &Path,
+    position: &Position,
+    origin: &Origin,
+    tensors: &[(String, &Tensor)],
+) -> Result<(), TrainError> {
     let mut bytes = Vec::with_capacity(tensors.len());
     for (name, tensor) in tensors {
         let tensor = tensor.f_detach()?.f_to_device(Device::Cpu)?.f_to_kind(Kind::Float)?.f_contiguous()?;
@@ -45,31 +60,78 @@ pub(super) fn save(path: &Path, position: &Position, tensors: &[(String, &Tensor
         .map(|(name, shape, data)| Ok((*name, TensorView::new(Dtype::F32, shape.clone(), data)?)))
         .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
         .map_err(|why| wrong(why.to_string()))?;
-    let json = serde_json::to_string(position).map_err(|why| wrong(why.to_string()))?;
-    let metadata = HashMap::from([(KEY.to_owned(), json)]);
+    let json = |value: serde_json::Result<String>| value.map_err(|why| wrong(why.to_string()));
+    let metadata = HashMap::from([
+        (POSITION.to_owned(), json(serde_json::to_string(position))?),
+        (ORIGIN.to_owned(), json(serde_json::to_string(origin))?),
+    ]);
     let whole = safetensors::serialize(views, Some(metadata)).map_err(|why| wrong(why.to_string()))?;
-    let partial = path.with_extension("safetensors.tmp");
-    fs::write(&partial, whole)
-        .and_then(|()| fs::rename(&partial, path))
-        .map_err(TrainError::io("write the training's state", path))
+    replace(path, &whole, "write the training's state")
 }
 
-/// Reads the position, and the tensors into those of the same names.
-pub(super) fn load(path: &Path, tensors: &[(String, &Tensor)]) -> Result<Position, TrainError> {
-    let bytes = fs::read(path).map_err(TrainError::io("read the training's state", path))?;
-    let wrong = |why: String| TrainError::State { path: path.to_owned(), why };
-    let file = SafeTensors::deserialize(&bytes).map_err(|why| wrong(why.to_string()))?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|why| wrong(why.to_string()))?;
-    let json = header.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(|| wrong(format!("no key {KEY}")))?;
-    let position = serde_json::from_str(json).map_err(|why| wrong(why.to_string()))?;
-    for (name, tensor) in tensors {
-        let view = file.tensor(name).map_err(|_| wrong(format!("expected the tensor {name}, got none")))?;
-        let shape: Vec<i64> = view.shape().iter().map(|n| *n as i64).collect();
-        if shape != tensor.size() || view.dtype() != Dtype::F32 {
-            return Err(wrong(format!("tensor {name}: expected {:?}, got {shape:?}", tensor.size())));
-        }
-        let stored = Tensor::f_from_data_size(view.data(), &shape, Kind::Float)?;
-        no_grad(|| tensor.shallow_clone().f_copy_(&stored))?;
+/// Writes a file under another name and gives it its own once it is whole and on the disk: whatever happens, the old
+/// one or the new one is there.
+pub(super) fn replace(path: &Path, bytes: &[u8], doing: &'static str) -> Result<(), TrainError> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".tmp");
+    let partial = PathBuf::from(name);
+    let write = || -> io::Result<()> {
+        let mut file = File::create(&partial)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&partial, path)
+    };
+    write().map_err(|why| {
+        // Of a full disk it would keep what little there is.
+        let _ = fs::remove_file(&partial);
+        TrainError::io(doing, path)(why)
+    })
+}
+
+/// A state as it was read.
+#[derive(Debug)]
+pub(super) struct Stored {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    /// Where the training was.
+    pub position: Position,
+    /// What it began with; not in files of before there was one.
+    pub origin: Option<Origin>,
+}
+
+impl Stored {
+    pub fn open(path: &Path) -> Result<Self, TrainError> {
+        let bytes = fs::read(path).map_err(TrainError::io("read the training's state", path))?;
+        let wrong = |why: String| TrainError::State { path: path.to_owned(), why };
+        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|why| wrong(why.to_string()))?;
+        let text = |key: &str| header.metadata().as_ref().and_then(|m| m.get(key));
+        let position = text(POSITION).ok_or_else(|| wrong(format!("expected the key {POSITION}, got none")))?;
+        let position = serde_json::from_str(position).map_err(|why| wrong(format!("{POSITION}: {why}")))?;
+        let origin = text(ORIGIN).map(|origin| serde_json::from_str(origin)).transpose();
+        let origin = origin.map_err(|why| wrong(format!("{ORIGIN}: {why}")))?;
+        Ok(Self { path: path.to_owned(), bytes, position, origin })
     }
-    Ok(position)
+
+    /// Puts the tensors into those of the same names.
+    pub fn copy_to(&self, tensors: &[(String, &Tensor)]) -> Result<(), TrainError> {
+        let wrong = |why: String| TrainError::State { path: self.path.clone(), why };
+        let file = SafeTensors::deserialize(&self.bytes).map_err(|why| wrong(why.to_string()))?;
+        for (name, tensor) in tensors {
+            let view = file.tensor(name).map_err(|_| wrong(format!("expected the tensor {name}, got none")))?;
+            let shape: Vec<i64> = view.shape().iter().map(|n| *n as i64).collect();
+            if shape != tensor.size() || view.dtype() != Dtype::F32 {
+                return Err(wrong(format!("tensor {name}: expected {:?}, got {shape:?}", tensor.size())));
+            }
+            let stored = Tensor::f_from_data_size(view.data(), &shape, Kind::Float)?;
+            no_grad(|| tensor.shallow_clone().f_copy_(&stored))?;
+        }
+        Ok(())
+    }
+}
+
+/// The epoch whose weights a checkpoint holds, as [`Metadata::result`](crate::nn::Metadata) says; none where training
+/// was stopped before the first was whole.
+pub(super) fn epoch_of(model: &[u8]) -> Option<Epoch> {
+    let (_, header) = SafeTensors::read_metadata(model).ok()?;
+    serde_json::from_str(header.metadata().as_ref()?.get("result")?).ok()?
 }

@@ -173,3 +173,206 @@ fn data_that_is_not_there_is_named() {
     assert!(error.to_string().contains("nowhere"), "{error}");
     assert!(!dir.path().join("out").exists(), "nothing is left of a training that did not begin");
 }
+
+/// Trains for so many steps and stops; 4 steps are an epoch of [`recipe`] on 40 rows.
+fn stopped(recipe: Recipe, out: &Path, resume: bool, after: u32) -> Outcome {
+    let mut steps = 0;
+    let mut watch = |progress: Progress<'_>| {
+        steps += u32::from(matches!(progress, Progress::Step { .. }));
+        if steps == after { Go::Stop } else { Go::On }
+    };
+    Trainer::new(recipe, out, resume).unwrap().run(&mut watch).unwrap()
+}
+
+#[test]
+fn a_training_goes_on_by_its_own_recipe_and_on_its_own_data_only() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let out = dir.path().join("out");
+    stopped(recipe(dir.path()), &out, false, 4);
+    let refused = |change: fn(&mut Recipe)| {
+        let mut other = recipe(dir.path());
+        change(&mut other);
+        Trainer::new(other, &out, true).unwrap_err().to_string()
+    };
+    for (change, named) in [
+        ((|r| r.batch = 9) as fn(&mut Recipe), "batch: expected 8, got 9"),
+        (|r| r.network = "cps".into(), "network: expected \"pilotnet\", got \"cps\""),
+        (|r| r.optimiser.kind = OptimiserKind::Sgd, "optimiser.kind: expected \"adam\", got \"sgd\""),
+        (|r| r.optimiser.schedule = Schedule::Plateau, "optimiser.schedule: expected \"constant\", got \"plateau\""),
+        (|r| r.data[0].smooth = 3, "data[0].smooth: expected 1, got 3"),
+        (|r| r.ema = None, "ema: expected 0.9, got none"),
+        (|r| r.keep = Keep::Last, "keep: expected \"best\", got \"last\""),
+    ] {
+        let error = refused(change);
+        assert!(error.contains(&format!("holds a training by another recipe: {named}: ")), "{error}");
+    }
+    let more = Recipe { epochs: 4, cache_mib: 1, ..recipe(dir.path()) };
+    Trainer::new(more, &out, true).unwrap();
+    let log = fs::read_to_string(dir.path().join("driving_log.csv")).unwrap();
+    fs::write(dir.path().join("driving_log.csv"), log.lines().take(39).collect::<Vec<_>>().join("\n")).unwrap();
+    let error = refused(|_| ());
+    assert!(error.contains("samples: expected 30 and 10 held out, got 29 and 10 held out"), "{error}");
+}
+
+#[test]
+fn to_go_on_where_nothing_is_is_to_begin_and_a_lonely_checkpoint_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let out = dir.path().join("out");
+    assert_eq!(Trainer::new(recipe(dir.path()), &out, true).unwrap().history().len(), 0);
+    fs::write(out.join("model.safetensors"), "precious").unwrap();
+    for resume in [false, true] {
+        let error = Trainer::new(recipe(dir.path()), &out, resume).unwrap_err().to_string();
+        assert!(error.contains("model.safetensors is there, but no state to go on from"), "{error}");
+    }
+    assert_eq!(fs::read(out.join("model.safetensors")).unwrap(), b"precious");
+}
+
+#[test]
+fn a_training_with_pauses_leaves_what_one_without_leaves() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let (whole, parts) = (dir.path().join("whole"), dir.path().join("parts"));
+    stopped(recipe(dir.path()), &whole, false, 1);
+    fs::create_dir(&parts).unwrap();
+    fs::copy(whole.join("state.safetensors"), parts.join("state.safetensors")).unwrap();
+    let at_once = stopped(recipe(dir.path()), &whole, true, 0);
+    for _ in 0..2 {
+        let paused = stopped(recipe(dir.path()), &parts, true, 4);
+        // The checkpoint is that of an epoch, whatever was begun after it.
+        let model = fs::read(&paused.model).unwrap();
+        assert_eq!(paused.kept, state::epoch_of(&model));
+    }
+    let last = stopped(recipe(dir.path()), &parts, true, 0);
+    assert!(last.finished && at_once.finished);
+    let told = |outcome: &Outcome| outcome.kept.as_ref().map(|kept| (kept.number, kept.validation));
+    assert_eq!(told(&last), told(&at_once));
+    let numbers = |out: &Path| {
+        let log = fs::read_to_string(out.join("log.csv")).unwrap();
+        log.lines().map(|line| line.split(',').next().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(numbers(&parts), ["epoch", "1", "2", "3"]);
+    assert_eq!(numbers(&whole), numbers(&parts));
+    // Asked once more, a training that is done says what it came to and leaves its folder as it is.
+    let files = || fs::read_dir(&parts).unwrap().count();
+    let before = files();
+    assert_eq!(stopped(recipe(dir.path()), &parts, true, 0), last);
+    assert_eq!(files(), before);
+}
+
+#[test]
+fn a_validation_error_that_is_no_number_ends_the_training_and_is_not_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let out = dir.path().join("out");
+    // One step an epoch: the loss of the second is a number still, and the weights after it are none.
+    let mut wild = Recipe { batch: 64, ema: None, ..recipe(dir.path()) };
+    wild.optimiser.kind = OptimiserKind::Sgd;
+    wild.optimiser.learning_rate = 100.0;
+    wild.optimiser.weight_decay = 1.0;
+    let mut trainer = Trainer::new(wild, &out, false).unwrap();
+    let TrainError::Validation { epoch, mse } = trainer.run(&mut on).unwrap_err() else { panic!() };
+    assert!(!mse.is_finite() && trainer.history().len() == epoch - 1);
+    let model = fs::read(out.join("model.safetensors")).unwrap();
+    assert_eq!(state::epoch_of(&model).as_ref(), trainer.history().last(), "the last whole epoch is kept");
+}
+
+#[test]
+fn what_cannot_be_written_is_an_error_that_leaves_what_was() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let out = dir.path().join("out");
+    stopped(recipe(dir.path()), &out, false, 4);
+    let state = fs::read(out.join("state.safetensors")).unwrap();
+    // A folder in the way of the file that becomes the new state.
+    fs::create_dir(out.join("state.safetensors.tmp")).unwrap();
+    let mut trainer = Trainer::new(recipe(dir.path()), &out, true).unwrap();
+    let error = trainer.run(&mut on).unwrap_err();
+    assert!(matches!(error, TrainError::Io { doing: "write the training's state", .. }), "{error}");
+    assert!(fs::read(out.join("state.safetensors")).unwrap() == state);
+    fs::remove_dir(out.join("state.safetensors.tmp")).unwrap();
+    assert!(Trainer::new(recipe(dir.path()), &out, true).unwrap().run(&mut on).unwrap().finished);
+    // A file where the folder would be.
+    let error = Trainer::new(recipe(dir.path()), &dir.path().join("driving_log.csv"), false).unwrap_err();
+    assert!(matches!(error, TrainError::Io { .. }), "{error}");
+}
+
+#[test]
+fn what_is_measured_by_is_not_learnt_from() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let of = |rows| Selection { rows: Some(rows), ..Selection::of(dir.path()) };
+    let open = |data, validation: Selection| {
+        let recipe = Recipe { data: vec![data], validation: vec![validation], ..recipe(dir.path()) };
+        let out = tempfile::tempdir().unwrap();
+        Trainer::new(recipe, out.path(), false).map(|trainer| trainer.sizes())
+    };
+    // No blocks are held out of the data beside it.
+    assert_eq!(open(of((0, 30)), of((30, 40))).unwrap(), (30, 10));
+    let error = open(of((0, 30)), Selection::of(dir.path().join("."))).unwrap_err().to_string();
+    assert!(error.starts_with("validation: expected rows that are not learnt from, got "), "{error}");
+}
+
+fn resnet(data: &Path) -> Recipe {
+    Recipe { network: "resnet18".into(), input: Some((33, 64)), ema: None, epochs: 1, ..recipe(data) }
+}
+
+#[test]
+fn batch_norm_never_goes_by_a_single_sample() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let sizes = |recipe: Recipe| {
+        let trainer = Trainer::new(recipe, &dir.path().join("out"), false).unwrap();
+        trainer.batches(0, 0).unwrap().map(|batch| batch.unwrap().size).collect::<Vec<_>>()
+    };
+    // 30 samples.
+    assert_eq!(sizes(Recipe { batch: 29, ..resnet(dir.path()) }), [29]);
+    assert_eq!(sizes(Recipe { batch: 28, ..resnet(dir.path()) }), [28, 2]);
+    assert_eq!(sizes(Recipe { batch: 29, ..recipe(dir.path()) }), [29, 1], "PilotNet has none");
+    let one = Recipe { batch: 1, ..resnet(dir.path()) };
+    let error = Trainer::new(one, &dir.path().join("one"), false).unwrap_err().to_string();
+    assert!(error.starts_with("batch: expected at least 2 samples"), "{error}");
+}
+
+#[test]
+fn with_a_frozen_backbone_only_what_is_behind_it_learns() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let first = stopped(resnet(dir.path()), &dir.path().join("first"), false, 0);
+    let frozen = Recipe {
+        network: "resnet18-gru".into(),
+        pretrained: Some(first.model.clone()),
+        freeze_backbone: true,
+        ema: Some(0.5),
+        ..resnet(dir.path())
+    };
+    let second = stopped(frozen, &dir.path().join("second"), false, 0);
+    let [first, second] = [first, second].map(|outcome| Checkpoint::load(outcome.model).unwrap().network.tensors());
+    let mut moved = 0;
+    for (name, now) in second {
+        let Some((_, before)) = first.iter().find(|(other, _)| *other == name) else { continue };
+        let behind = name.starts_with("head.");
+        assert_eq!(now.equal(before), !behind, "{name}");
+        moved += u32::from(behind);
+    }
+    assert_eq!(moved, 6);
+    let without = Recipe {
+        pretrained: Some(dir.path().join("first/model.safetensors")),
+        freeze_backbone: true,
+        ..recipe(dir.path())
+    };
+    assert!(Trainer::new(without, &dir.path().join("third"), false).is_err(), "PilotNet has no backbone");
+}
+
+#[test]
+fn a_batch_that_no_memory_holds_is_told_before_it_is_tried() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let huge =
+        Recipe { network: "resnet18-stack".into(), input: Some((4096, 4096)), batch: 65_536, ..recipe(dir.path()) };
+    let error = Trainer::new(huge, &dir.path().join("out"), false).unwrap_err();
+    assert!(matches!(error, TrainError::Memory { batch: 65_536, .. }), "{error}");
+    let error = TrainError::from(tch::TchError::Torch("DefaultCPUAllocator: can't allocate memory".into()));
+    assert!(matches!(error.at_batch(7), TrainError::Memory { batch: 7, .. }));
+}

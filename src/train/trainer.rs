@@ -15,10 +15,12 @@ use super::{
     events::Events,
     log, measure,
     optimiser::Stepper,
-    state::{self, Position},
+    origin::Origin,
+    preparation,
+    state::{self, MODEL, Position, STATE},
 };
 use crate::{
-    dataset::{Batch, Cache, Inputs, Loader, Samples, Set, Workers},
+    dataset::{Batch, Cache, Inputs, Loader, Samples, Workers},
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
     perception::Resize,
 };
@@ -34,7 +36,8 @@ pub struct Epoch {
     pub images_per_s: f64,
     /// At its end.
     pub learning_rate: f64,
-    /// Against the labels of the changed pictures, while the weights moved.
+    /// Against the labels of the changed pictures, while the weights moved; of an epoch that was stopped, of the steps
+    /// since training went on.
     pub training: Metrics,
     /// Against the held-out labels, at its end.
     pub validation: Measured,
@@ -78,7 +81,7 @@ pub struct Outcome {
     pub model: PathBuf,
     /// Its SHA-256.
     pub sha256: String,
-    /// The epoch whose weights these are; absent where none was finished.
+    /// The epoch whose weights these are, as the checkpoint says; absent where none was finished.
     pub kept: Option<Epoch>,
     /// Whether all epochs asked for were done, or patience ended it; otherwise it can be resumed.
     pub finished: bool,
@@ -87,10 +90,14 @@ pub struct Outcome {
 /// Plateau: epochs without a better error, and the factor then.
 const PLATEAU: (usize, f64) = (3, 0.1);
 
+/// Samples that [`measure`] passes through the network at once.
+const MEASURED: usize = 64;
+
 /// A training in its folder.
 #[derive(Debug)]
 pub struct Trainer {
     recipe: Recipe,
+    origin: Origin,
     out: PathBuf,
     device: Device,
     inputs: Inputs,
@@ -111,16 +118,17 @@ pub(super) fn forward(network: &Network, batch: &Tensors, train: bool) -> Result
 }
 
 impl Trainer {
-    /// Opens the data and draws the first weights. Goes on with what is in `out` if `resume`.
+    /// Opens the data and draws the first weights. If `resume`, goes on with what is in `out`, or begins where nothing
+    /// is; the recipe must be the one that the training there began with, but for what does not bend its way: more
+    /// epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
     ///
     /// # Errors
     /// [`TrainError`].
     pub fn new(recipe: Recipe, out: &Path, resume: bool) -> Result<Self, TrainError> {
         recipe.check()?;
-        let state_path = out.join("state.safetensors");
-        if !resume && state_path.exists() {
-            return Err(TrainError::Exists(out.to_owned()));
-        }
+        let stored = preparation::stored(out, resume)?;
+        let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
+        before.map_or(Ok(()), |origin| origin.check_recipe(&recipe, out))?;
         let architecture = Architecture::named(&recipe.network)
             .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
         let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };
@@ -134,13 +142,10 @@ impl Trainer {
             bf16: recipe.precision == Precision::Bf16,
             channels_last: recipe.channels_last,
         };
-        let training = Samples::open(&recipe.data, Set::Training, Some(recipe.blocks), &recipe.balance)?;
-        check_sides(&training, recipe.augment.flip)?;
-        let validation = if recipe.validation.is_empty() {
-            Samples::open(&recipe.data, Set::Validation, Some(recipe.blocks), &recipe.balance)?
-        } else {
-            Samples::open(&recipe.validation, Set::All, None, &recipe.balance)?
-        };
+        let (training, validation) = preparation::data(&recipe)?;
+        let samples = (training.samples.len(), validation.samples.len());
+        before.map_or(Ok(()), |origin| origin.check_samples(samples, out))?;
+        preparation::check_room(&recipe, &inputs)?;
         let with_cache = |samples: Samples, share: usize| {
             let cache = Cache::new(&samples, (recipe.cache_mib << 20) / 5 * share);
             (Arc::new(samples), cache)
@@ -154,9 +159,19 @@ impl Trainer {
             let network = Network::build(&design, &mut in_variable_store(store.root()))?;
             Ok::<_, TrainError>((store, network))
         };
-        let (store, network) = fresh()?;
+        let (store, mut network) = fresh()?;
         if let Some(path) = &recipe.pretrained {
             nn::load_pretrained(&network, path)?;
+        }
+        if recipe.freeze_backbone {
+            network.freeze_backbone()?;
+        }
+        if network.normalises_by_batch() {
+            let got = recipe.batch.min(recipe.samples_per_epoch.unwrap_or(samples.0));
+            if got < 2 {
+                let (name, expected) = ("batch", "at least 2 samples: batch norm goes by how they differ");
+                return Err(TrainError::Setting { name, expected, got: got.to_string() });
+            }
         }
         let mut stores = vec![store];
         let average = match recipe.ema {
@@ -172,6 +187,7 @@ impl Trainer {
         let stepper = Stepper::new(recipe.optimiser.clone(), weights)?;
         let position = Position { factor: 1.0, ..Position::default() };
         let mut trainer = Self {
+            origin: Origin { recipe: recipe.clone(), samples },
             recipe,
             out: out.to_owned(),
             device,
@@ -184,14 +200,15 @@ impl Trainer {
             position,
             _stores: stores,
         };
-        if resume && state_path.exists() {
-            trainer.position = state::load(&state_path, &borrow(&trainer.state()))?;
+        if let Some(stored) = stored {
+            stored.copy_to(&borrow(&trainer.state()))?;
+            trainer.position = stored.position;
             trainer.stepper.steps = trainer.position.steps;
         }
         fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
         let path = out.join("recipe.toml");
         let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
-        fs::write(&path, text).map_err(TrainError::io("write the recipe", &path))?;
+        state::replace(&path, text.as_bytes(), "write the recipe")?;
         Ok(trainer)
     }
 
@@ -206,12 +223,17 @@ impl Trainer {
     /// [`TrainError::Dataset`].
     pub fn batches(&self, epoch: usize, from: usize) -> Result<Loader, TrainError> {
         let count = self.recipe.samples_per_epoch.unwrap_or(self.training.0.samples.len());
+        let mut order = self.training.0.draw(count, self.recipe.seed, epoch as u64);
+        if self.network.normalises_by_batch() && order.len() % self.recipe.batch == 1 {
+            // The statistics of a last batch of one would be noise.
+            order.pop();
+        }
         Ok(Loader::start(
             Arc::clone(&self.training.0),
             Arc::clone(&self.training.1),
             self.inputs.clone(),
             self.recipe.augment.clone(),
-            self.training.0.draw(count, self.recipe.seed, epoch as u64),
+            order,
             self.recipe.batch,
             (self.recipe.seed, epoch as u64, from),
             Workers::all(self.device != Device::Cpu),
@@ -228,7 +250,7 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`]; what was saved before stays.
     pub fn run(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Outcome, TrainError> {
-        let mut events = Events::create(&self.out, now()).map_err(TrainError::io("write the events", &self.out))?;
+        let mut events = None;
         let mut finished = true;
         while self.position.epoch < self.recipe.epochs {
             if self.recipe.patience.is_some_and(|patience| self.position.waited >= patience) {
@@ -238,26 +260,20 @@ impl Trainer {
                 finished = false;
                 break;
             };
-            self.close_epoch(epoch)?;
+            self.close_epoch(epoch, &mut events)?;
             let epoch = self.position.history.last().expect("an epoch was closed");
-            curves(&mut events, epoch).map_err(TrainError::io("write the events", events.path()))?;
             if watch(Progress::Epoch(epoch)) == Go::Stop && self.position.epoch < self.recipe.epochs {
                 finished = false;
                 break;
             }
         }
-        let model = self.out.join("model.safetensors");
-        if !finished && !model.exists() {
-            // Stopped in the first epoch: better some weights than none.
+        let model = self.out.join(MODEL);
+        if !model.exists() {
+            // Stopped in the first epoch, or somebody took it away: better these weights than none.
             self.save_model(&model)?;
         }
         let bytes = fs::read(&model).map_err(TrainError::io("read the model", &model))?;
-        let best = |epochs: &[Epoch]| epochs.iter().rev().find(|epoch| epoch.best).cloned();
-        let kept = match self.recipe.keep {
-            Keep::Best => best(&self.position.history),
-            Keep::Last => self.position.history.last().cloned(),
-        };
-        Ok(Outcome { model, sha256: nn::sha256_hex(&bytes), kept, finished })
+        Ok(Outcome { model, sha256: nn::sha256_hex(&bytes), kept: state::epoch_of(&bytes), finished })
     }
 
     /// One pass; `None` where it was stopped, and its state saved.
@@ -289,7 +305,12 @@ impl Trainer {
         }
         let seconds = began.elapsed().as_secs_f64();
         let shown = self.average.as_ref().unwrap_or(&self.network);
-        let (validation, _) = measure(shown, &self.validation.0, &self.validation.1, &self.inputs)?;
+        let measured = measure(shown, &self.validation.0, &self.validation.1, &self.inputs);
+        let (validation, _) = measured.map_err(|error| error.at_batch(MEASURED))?;
+        let mse = validation.raw.mse;
+        if !mse.is_finite() {
+            return Err(TrainError::Validation { mse, epoch: number + 1 });
+        }
         Ok(Some(Epoch {
             number: number + 1,
             seconds,
@@ -297,7 +318,7 @@ impl Trainer {
             learning_rate: rate,
             training: Metrics::of(&answers, &labels),
             validation,
-            best: self.position.best.is_none_or(|best| validation.raw.mse < best),
+            best: self.position.best.is_none_or(|best| mse < best),
         }))
     }
 
@@ -346,8 +367,9 @@ impl Trainer {
             }
     }
 
-    /// Keeps what an epoch has come to.
-    fn close_epoch(&mut self, epoch: Epoch) -> Result<(), TrainError> {
+    /// Keeps what an epoch has come to. The state comes last: where that is not written any more, the epoch is done
+    /// again, and all else written once more.
+    fn close_epoch(&mut self, epoch: Epoch, events: &mut Option<Events>) -> Result<(), TrainError> {
         self.position.epoch += 1;
         self.position.step = 0;
         let best = epoch.best;
@@ -361,9 +383,17 @@ impl Trainer {
         }
         self.position.history.push(epoch);
         if best || self.recipe.keep == Keep::Last {
-            self.save_model(&self.out.join("model.safetensors"))?;
+            self.save_model(&self.out.join(MODEL))?;
         }
         log::write(&self.out.join("log.csv"), &self.position.history)?;
+        let write = || -> std::io::Result<()> {
+            let events = match events {
+                Some(events) => events,
+                none => none.insert(Events::create(&self.out, now())?),
+            };
+            self.position.history.last().map_or(Ok(()), |epoch| curves(events, epoch))
+        };
+        write().map_err(TrainError::io("write the events", &self.out))?;
         self.save_state()
     }
 
@@ -391,7 +421,7 @@ impl Trainer {
     }
 
     fn save_state(&self) -> Result<(), TrainError> {
-        state::save(&self.out.join("state.safetensors"), &self.position, &borrow(&self.state()))
+        state::save(&self.out.join(STATE), &self.position, &self.origin, &borrow(&self.state()))
     }
 }
 
@@ -429,14 +459,4 @@ fn copy(from: &Network, to: &Network, share: f64) -> Result<(), TrainError> {
         }
         Ok(())
     })
-}
-
-fn check_sides(samples: &Samples, flip: f64) -> Result<(), TrainError> {
-    let steering = || samples.samples.iter().map(|sample| sample.steering);
-    let (least, most) = (steering().fold(f64::MAX, f64::min), steering().fold(f64::MIN, f64::max));
-    let both = least < -0.01 && most > 0.01;
-    if both || (flip > 0.0 && most.abs().max(least.abs()) > 0.01) {
-        return Ok(());
-    }
-    Err(TrainError::OneSided { least, most, rows: samples.samples.len() })
 }

@@ -299,3 +299,26 @@ fn a_speed_where_none_is_wanted_and_none_where_one_is_are_errors() {
     assert_eq!(error(true, Some(&[2])), "expected a speed of shape [2, 1], got a speed of shape [2]");
     assert_eq!(error(false, Some(&[2, 1])), "expected no speed, got a speed of shape [2, 1]");
 }
+
+#[test]
+fn a_frozen_backbone_neither_learns_nor_moves_its_statistics_and_the_rest_learns() {
+    for architecture in [Architecture::ResNet18, Architecture::ResNet18Gru, Architecture::ResNet18Stack] {
+        let design = small(architecture, false);
+        let (store, mut network) = fresh(&design);
+        assert!(network.normalises_by_batch());
+        network.freeze_backbone().unwrap();
+        assert!(!network.normalises_by_batch() && !network.share().normalises_by_batch());
+        let before: Vec<_> = network.tensors().into_iter().map(|(name, tensor)| (name, tensor.copy())).collect();
+        let answer = network.forward(&frames(&design, 2), None, true).unwrap();
+        (answer - 1.0).square().mean(Kind::Float).backward();
+        for (name, before) in before {
+            let now = &store.variables()[&name];
+            assert!(now.equal(&before), "{name}");
+            let behind = ["head.", "gru.", "out."].iter().any(|part| name.starts_with(part));
+            assert_eq!((now.requires_grad(), now.grad().defined()), (behind, behind), "{name}");
+        }
+    }
+    let (_store, mut network) = fresh(&small(Architecture::Cps, false));
+    let error = network.freeze_backbone().unwrap_err().to_string();
+    assert_eq!(error, "expected a network with a backbone (resnet…), got cps");
+}

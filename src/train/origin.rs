@@ -1,0 +1,117 @@
+//! What a training began with: it goes on with that, or not at all.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::{Recipe, Schedule, TrainError};
+
+/// Kept beside the weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Origin {
+    /// As it was followed.
+    pub recipe: Recipe,
+    /// Samples of training and validation.
+    pub samples: (usize, usize),
+}
+
+/// What may change in between: it decides when a training ends or how it is stored, not the way that the weights go.
+const FREE: [&str; 4] = ["patience", "cache_mib", "stored", "record"];
+
+impl Origin {
+    /// Checks that the weights would go on their way by this recipe. A cosine ends with the last epoch: there even the
+    /// number of epochs bends the way.
+    pub fn check_recipe(&self, recipe: &Recipe, folder: &Path) -> Result<(), TrainError> {
+        let comparable = |of: &Recipe| {
+            let mut value = serde_json::to_value(of).map_err(|why| TrainError::Recipe(why.to_string()))?;
+            if let Value::Object(keys) = &mut value {
+                keys.retain(|key, _| !FREE.contains(&key.as_str()));
+                if recipe.optimiser.schedule != Schedule::Cosine {
+                    keys.remove("epochs");
+                }
+            }
+            Ok::<_, TrainError>(value)
+        };
+        let mut differences = vec![];
+        compare("", &comparable(&self.recipe)?, &comparable(recipe)?, &mut differences);
+        if differences.is_empty() {
+            return Ok(());
+        }
+        Err(TrainError::OtherRecipe { folder: folder.to_owned(), differences: differences.join("; ") })
+    }
+
+    /// Checks that the data did not change under the same names.
+    pub fn check_samples(&self, samples: (usize, usize), folder: &Path) -> Result<(), TrainError> {
+        if self.samples == samples {
+            return Ok(());
+        }
+        let told = |(training, validation): (usize, usize)| format!("{training} and {validation} held out");
+        let differences = format!("samples: expected {}, got {}", told(self.samples), told(samples));
+        Err(TrainError::OtherRecipe { folder: folder.to_owned(), differences })
+    }
+}
+
+/// Names every value that differs, by its way down: `optimiser.learning_rate`, `data[0].path`.
+fn compare(at: &str, expected: &Value, got: &Value, differences: &mut Vec<String>) {
+    match (expected, got) {
+        (Value::Object(a), Value::Object(b)) => {
+            let mut keys: Vec<&String> = a.keys().chain(b.keys()).collect();
+            keys.sort();
+            keys.dedup();
+            for key in keys {
+                let at = if at.is_empty() { key.clone() } else { format!("{at}.{key}") };
+                let of = |map: &serde_json::Map<String, Value>| map.get(key).cloned().unwrap_or_default();
+                compare(&at, &of(a), &of(b), differences);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (i, (a, b)) in a.iter().zip(b).enumerate() {
+                compare(&format!("{at}[{i}]"), a, b, differences);
+            }
+        }
+        _ if expected == got => {}
+        _ => differences.push(format!("{at}: expected {}, got {}", told(expected), told(got))),
+    }
+}
+
+fn told(value: &Value) -> String {
+    if value.is_null() { "none".into() } else { value.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{dataset::Selection, train::OptimiserKind};
+
+    fn origin() -> Origin {
+        let data = vec![Selection::of("lake"), Selection::of("jungle")];
+        Origin { recipe: Recipe { data, ..Recipe::default() }, samples: (400, 100) }
+    }
+
+    #[test]
+    fn all_that_differs_is_named() {
+        let mut other = origin().recipe;
+        other.network = "cps".into();
+        other.optimiser.kind = OptimiserKind::Sgd;
+        other.data[1].path = "mountain".into();
+        other.ema = Some(0.5);
+        let error = origin().check_recipe(&other, Path::new("out")).unwrap_err().to_string();
+        let differences = "data[1].path: expected \"jungle\", got \"mountain\"; ema: expected none, got 0.5; \
+                           network: expected \"pilotnet\", got \"cps\"; optimiser.kind: expected \"adam\", got \"sgd\"";
+        assert!(error.starts_with(&format!("out holds a training by another recipe: {differences}:")), "{error}");
+        let error = origin().check_samples((400, 90), Path::new("out")).unwrap_err().to_string();
+        assert!(error.contains("samples: expected 400 and 100 held out, got 400 and 90 held out"), "{error}");
+    }
+
+    #[test]
+    fn what_does_not_bend_the_way_may_change() {
+        let mut recipe = origin().recipe;
+        (recipe.epochs, recipe.patience, recipe.cache_mib) = (90, Some(3), 0);
+        origin().check_recipe(&recipe, Path::new("out")).unwrap();
+        let mut cosine = origin();
+        (cosine.recipe.optimiser.schedule, recipe.optimiser.schedule) = (Schedule::Cosine, Schedule::Cosine);
+        let error = cosine.check_recipe(&recipe, Path::new("out")).unwrap_err().to_string();
+        assert!(error.contains("epochs: expected 20, got 90"), "{error}");
+    }
+}

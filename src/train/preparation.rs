@@ -1,0 +1,64 @@
+//! What must be in order before a training begins.
+
+use std::{fs, path::Path};
+
+use super::{
+    Recipe, TrainError,
+    state::{MODEL, STATE, Stored},
+};
+use crate::dataset::{DatasetError, Inputs, Samples, Selection, Set};
+
+/// What there is to go on with.
+pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainError> {
+    let (state, model) = (out.join(STATE), out.join(MODEL));
+    match (state.exists(), resume) {
+        (true, true) => Stored::open(&state).map(Some),
+        (true, false) => Err(TrainError::Exists(out.to_owned())),
+        (false, _) if model.exists() => Err(TrainError::ModelThere(model)),
+        (false, _) => Ok(None),
+    }
+}
+
+/// Opens what is learnt from and what is measured by.
+pub(super) fn data(recipe: &Recipe) -> Result<(Samples, Samples), TrainError> {
+    let blocks = recipe.validation.is_empty().then_some(recipe.blocks);
+    if let Some(both) = recipe.validation.iter().find(|of| recipe.data.iter().any(|data| overlap(data, of))) {
+        let (name, expected) = ("validation", "rows that are not learnt from");
+        return Err(DatasetError::Setting { name, expected, got: format!("{} of data", both.path.display()) }.into());
+    }
+    let training = Samples::open(&recipe.data, Set::Training, blocks, &recipe.balance)?;
+    check_sides(&training, recipe.augment.flip)?;
+    let validation = if recipe.validation.is_empty() {
+        Samples::open(&recipe.data, Set::Validation, blocks, &recipe.balance)?
+    } else {
+        Samples::open(&recipe.validation, Set::All, None, &recipe.balance)?
+    };
+    Ok((training, validation))
+}
+
+/// Whether two selections have rows in common.
+fn overlap(a: &Selection, b: &Selection) -> bool {
+    let place = |of: &Selection| fs::canonicalize(&of.path).unwrap_or_else(|_| of.path.clone());
+    let (from, to) = (a.rows.unwrap_or((0, usize::MAX)), b.rows.unwrap_or((0, usize::MAX)));
+    place(a) == place(b) && from.0 < to.1 && to.0 < from.1
+}
+
+/// Asks whether there would be memory for the batches that wait and the one that is learnt from.
+pub(super) fn check_room(recipe: &Recipe, inputs: &Inputs) -> Result<(), TrainError> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut numbers = inputs.preprocess.shape().into_iter().chain([inputs.frames, recipe.batch, 2 * threads + 1]);
+    let numbers = numbers.try_fold(1usize, usize::checked_mul).unwrap_or(usize::MAX);
+    Vec::<f32>::new()
+        .try_reserve_exact(numbers)
+        .map_err(|why| TrainError::Memory { batch: recipe.batch, why: why.to_string() })
+}
+
+fn check_sides(samples: &Samples, flip: f64) -> Result<(), TrainError> {
+    let steering = || samples.samples.iter().map(|sample| sample.steering);
+    let (least, most) = (steering().fold(f64::MAX, f64::min), steering().fold(f64::MIN, f64::max));
+    let both = least < -0.01 && most > 0.01;
+    if both || (flip > 0.0 && most.abs().max(least.abs()) > 0.01) {
+        return Ok(());
+    }
+    Err(TrainError::OneSided { least, most, rows: samples.samples.len() })
+}
