@@ -219,7 +219,8 @@ impl Change {
         let erased = self.erase.map(|gone| gone.pixels(width, height));
         let light = self.brightness as f32;
         for y in 0..height {
-            let shade = self.shadow.map(|shadow| (shadow.columns(y as f64 / height as f64, width), shadow.factor as f32));
+            let shade =
+                self.shadow.map(|shadow| (shadow.columns(y as f64 / height as f64, width), shadow.factor as f32));
             for (channel, out) in scratch.iter_mut().enumerate() {
                 out.resize(width, 0.0);
                 moved(strip.row(channel, y as i64 - down), right, self.flip, out);

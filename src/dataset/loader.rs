@@ -260,7 +260,12 @@ impl Worker {
         }
     }
 
-    fn run(mut self, plan: &Plan, orders: &Mutex<Receiver<usize>>, sender: &Sender<(usize, Result<Batch, DatasetError>)>) {
+    fn run(
+        mut self,
+        plan: &Plan,
+        orders: &Mutex<Receiver<usize>>,
+        sender: &Sender<(usize, Result<Batch, DatasetError>)>,
+    ) {
         loop {
             // Only held while waiting, where nothing panics.
             let Ok(Ok(number)) = orders.lock().map(|orders| orders.recv()) else { return };
@@ -295,12 +300,20 @@ impl Worker {
             for (t, row) in source.sequence(sample.row as usize, plan.inputs.frames).enumerate() {
                 let at = (i * plan.inputs.frames + t) * numbers;
                 scale = match &mut frames {
-                    Numbers::F32(all) => {
-                        self.picture(plan, (sample.source, row, sample.camera), &change, &mut all[at..at + numbers], |x| x)
-                    }
-                    Numbers::Bf16(all) => {
-                        self.picture(plan, (sample.source, row, sample.camera), &change, &mut all[at..at + numbers], rounded)
-                    }
+                    Numbers::F32(all) => self.picture(
+                        plan,
+                        (sample.source, row, sample.camera),
+                        &change,
+                        &mut all[at..at + numbers],
+                        |x| x,
+                    ),
+                    Numbers::Bf16(all) => self.picture(
+                        plan,
+                        (sample.source, row, sample.camera),
+                        &change,
+                        &mut all[at..at + numbers],
+                        rounded,
+                    ),
                 }?;
             }
             steering.push(change.steering(sample.steering, scale) as f32);

@@ -31,7 +31,8 @@ impl Strip {
         let Preprocess { crop, resize, .. } = &cut.preprocess;
         let crop = crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
         let inside = preprocessor.resize(frame)?.to_vec();
-        let scale = (frame.width() as f64 / resize.width as f64, (crop.bottom - crop.top) as f64 / resize.height as f64);
+        let scale =
+            (frame.width() as f64 / resize.width as f64, (crop.bottom - crop.top) as f64 / resize.height as f64);
         // As many rows as the reach asks for and the picture has.
         let rows = |room: usize| {
             let reach = (f64::from(cut.reach_px) / scale.1).ceil();

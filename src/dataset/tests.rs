@@ -130,7 +130,8 @@ fn batches_are_the_same_for_any_number_of_threads_and_with_or_without_a_cache() 
 
 /// A picture of 32x16 pixels with something to see in it.
 fn gradient(dir: &Path) -> Frame {
-    let pixels: Vec<u8> = (0..16u8).flat_map(|y| (0..32u8).flat_map(move |x| [x * 8, y * 15, 128 + x * y / 8])).collect();
+    let pixels: Vec<u8> =
+        (0..16u8).flat_map(|y| (0..32u8).flat_map(move |x| [x * 8, y * 15, 128 + x * y / 8])).collect();
     let mut jpeg = vec![];
     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 95)
         .encode(&pixels, 32, 16, image::ExtendedColorType::Rgb8)
@@ -167,7 +168,8 @@ fn unchanged_pictures_are_to_the_bit_what_a_pilot_sees_in_every_layout() {
             assert_eq!(numbers(&row_3(dir.path(), &plain, &augmentation)), seen);
         }
         let last = Inputs { channels_last: true, ..plain.clone() };
-        let by_pixel: Vec<f32> = (0..32).flat_map(|i| (0..channels).map(move |c| (c, i))).map(|(c, i)| seen[c * 32 + i]).collect();
+        let by_pixel: Vec<f32> =
+            (0..32).flat_map(|i| (0..channels).map(move |c| (c, i))).map(|(c, i)| seen[c * 32 + i]).collect();
         assert_eq!(numbers(&row_3(dir.path(), &last, &Augmentation::none())), by_pixel);
         let short = Inputs { bf16: true, ..plain };
         let rounded: Vec<f32> = seen.iter().map(|x| half::bf16::from_f32(*x).to_f32()).collect();
@@ -219,7 +221,9 @@ fn a_broken_picture_is_named() {
     let samples = Arc::new(open(dir.path(), Set::Training, Balance::default()));
     let order = (0..48).collect();
     let cache = Cache::new(&samples, 0);
-    let loader = Loader::start(samples, cache, inputs(1), Augmentation::none(), order, 48, (0, 0, 0), Workers::all(true)).unwrap();
+    let loader =
+        Loader::start(samples, cache, inputs(1), Augmentation::none(), order, 48, (0, 0, 0), Workers::all(true))
+            .unwrap();
     let error = loader.collect::<Result<Vec<_>, _>>().unwrap_err().to_string();
     assert!(error.contains("center_3.jpg") && error.contains("dataset inspect"), "{error}");
 }
@@ -273,7 +277,8 @@ fn a_shifted_picture_repeats_its_border_and_never_wraps() {
     assert!((change.steering(0.1, 1.0) - 0.13).abs() < 1e-12);
     // Of pixels 8 recorded ones wide it moves by one: the label goes by what is seen.
     assert!((change.steering(0.1, 8.0) - 0.124).abs() < 1e-12);
-    for (right, flip, expected) in [(-3, false, [3, 39]), (3, true, [39, 3]), (-3, true, [36, 0]), (90, false, [0, 0])] {
+    for (right, flip, expected) in [(-3, false, [3, 39]), (3, true, [39, 3]), (-3, true, [36, 0]), (90, false, [0, 0])]
+    {
         let out = changed(&Change { flip, shift: (right, 0), ..Change::none() });
         assert_eq!([0, 39].map(|x| out.pixel(x, 0).unwrap()[0]), expected, "{right} {flip}");
     }

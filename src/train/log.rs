@@ -1,8 +1,9 @@
-//! A line of CSV for each epoch.
+//! What epochs were like: a line of CSV and a point of each curve.
 
-use std::path::Path;
+use std::{io, path::Path, time::SystemTime};
 
-use super::{Epoch, TrainError, state};
+use super::{Epoch, Measured, TrainError, events::Events};
+use crate::nn::replace;
 
 const HEADER: &str = "epoch,seconds,images_per_s,learning_rate,train_mse,train_mae,train_r,\
     validation_mse,validation_mae,validation_r,smooth_mse,smooth_mae,smooth_r\n";
@@ -18,5 +19,26 @@ pub(super) fn write(path: &Path, history: &[Epoch]) -> Result<(), TrainError> {
         }
         text.push('\n');
     }
-    state::replace(path, text.as_bytes(), "write the log")
+    replace(path, text.as_bytes()).map_err(TrainError::io("write the log", path))
+}
+
+/// Seconds since 1970, as TensorBoard has them.
+pub(super) fn now() -> f64 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |passed| passed.as_secs_f64())
+}
+
+/// An epoch's numbers for TensorBoard.
+pub(super) fn curves(events: &mut Events, epoch: &Epoch) -> io::Result<()> {
+    let (step, wall) = (epoch.number as i64, now());
+    let Measured { raw, smooth } = &epoch.validation;
+    for (set, metrics) in [("training", &epoch.training), ("validation", raw), ("validation_9_frames", smooth)] {
+        events.scalar(&format!("mse/{set}"), step, wall, metrics.mse as f32)?;
+        events.scalar(&format!("mae/{set}"), step, wall, metrics.mae as f32)?;
+        if let Some(r) = metrics.r {
+            events.scalar(&format!("r/{set}"), step, wall, r as f32)?;
+        }
+    }
+    events.scalar("learning_rate", step, wall, epoch.learning_rate as f32)?;
+    events.scalar("images_per_s", step, wall, epoch.images_per_s as f32)?;
+    events.flush()
 }

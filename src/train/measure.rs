@@ -23,6 +23,9 @@ pub struct Measured {
 /// Rows that a label is averaged over for [`Measured::smooth`].
 const SMOOTH: usize = 9;
 
+/// Samples that [`measure`] passes through the network at once.
+pub(super) const BATCH: usize = 64;
+
 /// A batch as libtorch sees it.
 #[derive(Debug)]
 pub struct Tensors {
@@ -93,7 +96,7 @@ pub fn measure(
         inputs.clone(),
         Augmentation::none(),
         order,
-        64,
+        BATCH,
         (0, 0, 0),
         Workers::all(device != Device::Cpu),
     )?;

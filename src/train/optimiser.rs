@@ -33,7 +33,8 @@ impl Stepper {
     /// [`TrainError::Network`] where libtorch finds no memory.
     pub fn new(settings: Optimiser, weights: Vec<(String, Tensor)>) -> Result<Self, TrainError> {
         no_grad(|| {
-            let rows: Vec<Tensor> = weights.iter().map(|(_, w)| w.f_detach()?.f_reshape([-1])).collect::<Result<_, _>>()?;
+            let rows: Vec<Tensor> =
+                weights.iter().map(|(_, w)| w.f_detach()?.f_reshape([-1])).collect::<Result<_, _>>()?;
             let flat = Tensor::f_cat(&rows, 0)?;
             let moments = [flat.f_zeros_like()?, flat.f_zeros_like()?];
             let mut of_weights = Vec::with_capacity(weights.len());

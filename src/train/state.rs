@@ -2,8 +2,7 @@
 
 use std::{
     collections::HashMap,
-    fs::{self, File},
-    io::{self, Write},
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -12,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, no_grad};
 
 use super::{Epoch, TrainError, origin::Origin};
+use crate::nn::replace;
 
 /// Where a training is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -66,26 +66,7 @@ pub(super) fn save(
         (ORIGIN.to_owned(), json(serde_json::to_string(origin))?),
     ]);
     let whole = safetensors::serialize(views, Some(metadata)).map_err(|why| wrong(why.to_string()))?;
-    replace(path, &whole, "write the training's state")
-}
-
-/// Writes a file under another name and gives it its own once it is whole and on the disk: whatever happens, the old
-/// one or the new one is there.
-pub(super) fn replace(path: &Path, bytes: &[u8], doing: &'static str) -> Result<(), TrainError> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".tmp");
-    let partial = PathBuf::from(name);
-    let write = || -> io::Result<()> {
-        let mut file = File::create(&partial)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&partial, path)
-    };
-    write().map_err(|why| {
-        // Of a full disk it would keep what little there is.
-        let _ = fs::remove_file(&partial);
-        TrainError::io(doing, path)(why)
-    })
+    replace(path, &whole).map_err(TrainError::io("write the training's state", path))
 }
 
 /// A state as it was read.

@@ -4,7 +4,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     sync::Arc,
-    time::{Instant, SystemTime},
+    time::Instant,
 };
 
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,8 @@ use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
 use super::{
     Keep, Measured, Metrics, Recipe, Schedule, Tensors, TrainError,
     events::Events,
-    log, measure,
+    log,
+    measure::{BATCH, measure},
     optimiser::Stepper,
     origin::Origin,
     preparation,
@@ -89,9 +90,6 @@ pub struct Outcome {
 
 /// Plateau: epochs without a better error, and the factor then.
 const PLATEAU: (usize, f64) = (3, 0.1);
-
-/// Samples that [`measure`] passes through the network at once.
-const MEASURED: usize = 64;
 
 /// A training in its folder.
 #[derive(Debug)]
@@ -208,7 +206,7 @@ impl Trainer {
         fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
         let path = out.join("recipe.toml");
         let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
-        state::replace(&path, text.as_bytes(), "write the recipe")?;
+        nn::replace(&path, text.as_bytes()).map_err(TrainError::io("write the recipe", &path))?;
         Ok(trainer)
     }
 
@@ -306,7 +304,7 @@ impl Trainer {
         let seconds = began.elapsed().as_secs_f64();
         let shown = self.average.as_ref().unwrap_or(&self.network);
         let measured = measure(shown, &self.validation.0, &self.validation.1, &self.inputs);
-        let (validation, _) = measured.map_err(|error| error.at_batch(MEASURED))?;
+        let (validation, _) = measured.map_err(|error| error.at_batch(BATCH))?;
         let mse = validation.raw.mse;
         if !mse.is_finite() {
             return Err(TrainError::Validation { mse, epoch: number + 1 });
@@ -389,9 +387,9 @@ impl Trainer {
         let write = || -> std::io::Result<()> {
             let events = match events {
                 Some(events) => events,
-                none => none.insert(Events::create(&self.out, now())?),
+                none => none.insert(Events::create(&self.out, log::now())?),
             };
-            self.position.history.last().map_or(Ok(()), |epoch| curves(events, epoch))
+            self.position.history.last().map_or(Ok(()), |epoch| log::curves(events, epoch))
         };
         write().map_err(TrainError::io("write the events", &self.out))?;
         self.save_state()
@@ -423,27 +421,6 @@ impl Trainer {
     fn save_state(&self) -> Result<(), TrainError> {
         state::save(&self.out.join(STATE), &self.position, &self.origin, &borrow(&self.state()))
     }
-}
-
-/// Seconds since 1970, as TensorBoard has them.
-fn now() -> f64 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |passed| passed.as_secs_f64())
-}
-
-/// An epoch's numbers for TensorBoard.
-fn curves(events: &mut Events, epoch: &Epoch) -> std::io::Result<()> {
-    let (step, wall) = (epoch.number as i64, now());
-    let Measured { raw, smooth } = &epoch.validation;
-    for (set, metrics) in [("training", &epoch.training), ("validation", raw), ("validation_9_frames", smooth)] {
-        events.scalar(&format!("mse/{set}"), step, wall, metrics.mse as f32)?;
-        events.scalar(&format!("mae/{set}"), step, wall, metrics.mae as f32)?;
-        if let Some(r) = metrics.r {
-            events.scalar(&format!("r/{set}"), step, wall, r as f32)?;
-        }
-    }
-    events.scalar("learning_rate", step, wall, epoch.learning_rate as f32)?;
-    events.scalar("images_per_s", step, wall, epoch.images_per_s as f32)?;
-    events.flush()
 }
 
 fn borrow(tensors: &[(String, Tensor)]) -> Vec<(String, &Tensor)> {
