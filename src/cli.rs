@@ -258,6 +258,9 @@ pub struct Train {
     /// Samples in a pass [default: all]
     #[arg(long, value_name = "COUNT")]
     pub samples_per_epoch: Option<usize>,
+    /// Held-out samples measured after each pass [default: all]
+    #[arg(long, value_name = "COUNT")]
+    pub validation_samples: Option<usize>,
     /// Seed of everything random [default: 0]
     #[arg(long)]
     pub seed: Option<u64>,

@@ -114,6 +114,7 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     set(&mut recipe.epochs, arguments.epochs);
     set(&mut recipe.batch, arguments.batch);
     set_some(&mut recipe.samples_per_epoch, arguments.samples_per_epoch);
+    set_some(&mut recipe.validation_samples, arguments.validation_samples);
     set(&mut recipe.seed, arguments.seed);
     set(&mut recipe.optimiser.kind, arguments.optimiser);
     set(&mut recipe.optimiser.learning_rate, arguments.learning_rate);

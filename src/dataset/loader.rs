@@ -3,7 +3,8 @@
 use std::{
     any::Any,
     collections::BTreeMap,
-    ops::Range,
+    mem,
+    ops::{Deref, Range},
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
         Arc, Mutex, OnceLock,
@@ -52,11 +53,55 @@ pub enum Numbers {
     Bf16(Vec<bf16>),
 }
 
+/// The memory of a batch's pictures: when it is dropped, another batch takes it over. Fresh memory of ten megabytes
+/// costs as much as what is written to it.
+#[derive(Debug)]
+pub struct Frames {
+    numbers: Numbers,
+    spare: Arc<Mutex<Vec<Numbers>>>,
+}
+
+impl Frames {
+    /// Memory for so many numbers, which may be anything.
+    fn take(spare: &Arc<Mutex<Vec<Numbers>>>, bf16: bool, count: usize) -> Self {
+        let numbers = match (spare.lock().ok().and_then(|mut spare| spare.pop()), bf16) {
+            (Some(Numbers::F32(mut all)), false) => {
+                all.resize(count, 0.0);
+                Numbers::F32(all)
+            }
+            (Some(Numbers::Bf16(mut all)), true) => {
+                all.resize(count, bf16::ZERO);
+                Numbers::Bf16(all)
+            }
+            (_, false) => Numbers::F32(vec![0.0; count]),
+            (_, true) => Numbers::Bf16(vec![bf16::ZERO; count]),
+        };
+        Self { numbers, spare: Arc::clone(spare) }
+    }
+}
+
+impl Deref for Frames {
+    type Target = Numbers;
+
+    fn deref(&self) -> &Numbers {
+        &self.numbers
+    }
+}
+
+impl Drop for Frames {
+    fn drop(&mut self) {
+        let numbers = mem::replace(&mut self.numbers, Numbers::F32(vec![]));
+        if let Ok(mut spare) = self.spare.lock() {
+            spare.push(numbers);
+        }
+    }
+}
+
 /// So many samples, ready for a network.
 #[derive(Debug)]
 pub struct Batch {
     /// (B, T, C, H, W), flat; (B, T, H, W, C) where pixels lie channels last.
-    pub frames: Numbers,
+    pub frames: Frames,
     /// B.
     pub size: usize,
     /// (B), after augmentation.
@@ -79,6 +124,8 @@ pub struct Cache {
     first: Vec<usize>,
     slots: Vec<OnceLock<Strip>>,
     room: AtomicUsize,
+    /// Memory of batches that are used up.
+    spare: Arc<Mutex<Vec<Numbers>>>,
 }
 
 impl Cache {
@@ -91,7 +138,12 @@ impl Cache {
             count += source.rows.len() * Camera::ALL.len();
         }
         let slots = if bytes == 0 { 0 } else { count };
-        Arc::new(Self { first, slots: (0..slots).map(|_| OnceLock::new()).collect(), room: bytes.into() })
+        Arc::new(Self {
+            first,
+            slots: (0..slots).map(|_| OnceLock::new()).collect(),
+            room: bytes.into(),
+            spare: Arc::default(),
+        })
     }
 
     fn slot(&self, source: u32, row: usize, camera: Camera) -> Option<&OnceLock<Strip>> {
@@ -286,8 +338,7 @@ impl Worker {
             (Vec::with_capacity(size), Vec::with_capacity(size), Vec::with_capacity(size));
         let numbers: usize = plan.inputs.preprocess.shape().iter().product();
         let count = size * plan.inputs.frames * numbers;
-        let mut frames =
-            if plan.inputs.bf16 { Numbers::Bf16(vec![bf16::ZERO; count]) } else { Numbers::F32(vec![0.0; count]) };
+        let mut frames = Frames::take(&plan.cache.spare, plan.inputs.bf16, count);
         let samples = plan.order[range.clone()].to_vec();
         for (i, place) in range.enumerate() {
             let sample = &plan.samples.samples[plan.order[place] as usize];
@@ -299,7 +350,7 @@ impl Worker {
             let mut scale = 1.0;
             for (t, row) in source.sequence(sample.row as usize, plan.inputs.frames).enumerate() {
                 let at = (i * plan.inputs.frames + t) * numbers;
-                scale = match &mut frames {
+                scale = match &mut frames.numbers {
                     Numbers::F32(all) => self.picture(
                         plan,
                         (sample.source, row, sample.camera),

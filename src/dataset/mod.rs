@@ -36,7 +36,7 @@ pub use chart::steering_chart;
 pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
 pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
-pub use loader::{Batch, Cache, Inputs, Loader, Numbers, Workers};
+pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
 pub use samples::{Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};

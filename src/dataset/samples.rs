@@ -222,6 +222,14 @@ impl Samples {
         self.sources.push(source);
     }
 
+    /// Keeps so many, at equal distances; all where there are no more.
+    pub fn thin_out(&mut self, count: usize) {
+        let all = self.samples.len();
+        if count < all {
+            self.samples = (0..count).map(|i| self.samples[i * all / count]).collect();
+        }
+    }
+
     /// The label averaged over `width` recorded rows, for measuring.
     pub fn mean_steering(&self, sample: &Sample, width: usize) -> f64 {
         self.sources[sample.source as usize].mean_steering(sample.row as usize, width)

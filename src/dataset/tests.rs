@@ -58,7 +58,7 @@ fn batches(
 }
 
 fn numbers(batch: &Batch) -> Vec<f32> {
-    match &batch.frames {
+    match &*batch.frames {
         Numbers::F32(all) => all.clone(),
         Numbers::Bf16(all) => all.iter().map(|x| x.to_f32()).collect(),
     }
@@ -175,6 +175,31 @@ fn unchanged_pictures_are_to_the_bit_what_a_pilot_sees_in_every_layout() {
         let rounded: Vec<f32> = seen.iter().map(|x| half::bf16::from_f32(*x).to_f32()).collect();
         assert_eq!(numbers(&row_3(dir.path(), &short, &Augmentation::none())), rounded);
     }
+}
+
+#[test]
+fn the_memory_of_a_batch_that_is_used_up_is_the_next_ones() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |row| row as f64 / 100.0, 20);
+    let samples = Arc::new(open(dir.path(), Set::All, Balance::default()));
+    let cache = Cache::new(&samples, 0);
+    let place = |batch: &Batch| match &*batch.frames {
+        Numbers::F32(all) => all.as_ptr() as usize,
+        Numbers::Bf16(_) => unreachable!(),
+    };
+    let alone = Workers { threads: 1, beside: false };
+    let start = |order: Vec<u32>| {
+        let (samples, cache) = (Arc::clone(&samples), Arc::clone(&cache));
+        Loader::start(samples, cache, inputs(1), Augmentation::none(), order, 4, (0, 0, 0), alone).unwrap()
+    };
+    let first = start(vec![1, 2, 3, 4]).next().unwrap().unwrap();
+    let (at, numbers_of_first) = (place(&first), numbers(&first));
+    drop(first);
+    let second = start(vec![5, 6]).next().unwrap().unwrap();
+    assert_eq!((place(&second), numbers(&second).len()), (at, 2 * 32), "smaller, in the same place");
+    drop(second);
+    let again = start(vec![1, 2, 3, 4]).next().unwrap().unwrap();
+    assert_eq!(numbers(&again), numbers_of_first, "nothing is left of what was there");
 }
 
 #[test]

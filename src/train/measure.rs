@@ -48,7 +48,7 @@ impl Tensors {
     pub fn new(batch: Batch, inputs: &Inputs, outputs: usize, device: Device) -> Result<Self, TrainError> {
         let [c, h, w] = inputs.preprocess.shape();
         let (b, t) = (batch.size, inputs.frames);
-        let (pointer, numbers, kind) = match &batch.frames {
+        let (pointer, numbers, kind) = match &*batch.frames {
             Numbers::F32(all) => (all.as_ptr().cast::<u8>(), all.len(), Kind::Float),
             Numbers::Bf16(all) => (all.as_ptr().cast::<u8>(), all.len(), Kind::BFloat16),
         };

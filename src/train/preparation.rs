@@ -28,11 +28,14 @@ pub(super) fn data(recipe: &Recipe) -> Result<(Samples, Samples), TrainError> {
     }
     let training = Samples::open(&recipe.data, Set::Training, blocks, &recipe.balance)?;
     check_sides(&training, recipe.augment.flip)?;
-    let validation = if recipe.validation.is_empty() {
+    let mut validation = if recipe.validation.is_empty() {
         Samples::open(&recipe.data, Set::Validation, blocks, &recipe.balance)?
     } else {
         Samples::open(&recipe.validation, Set::All, None, &recipe.balance)?
     };
+    if let Some(count) = recipe.validation_samples {
+        validation.thin_out(count);
+    }
     Ok((training, validation))
 }
 

@@ -49,6 +49,9 @@ pub struct Recipe {
     /// Samples in a pass; default as many as there are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub samples_per_epoch: Option<usize>,
+    /// Held-out samples that are measured after each pass, at equal distances over all; default all of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub validation_samples: Option<usize>,
     /// What all dice follow; default 0.
     pub seed: u64,
     /// Numbers of the forward and backward pass; bf16 takes about half the time where the processor knows it. Weights
@@ -97,6 +100,7 @@ impl Default for Recipe {
             epochs: 20,
             batch: 64,
             samples_per_epoch: None,
+            validation_samples: None,
             seed: 0,
             precision: Precision::F32,
             channels_last: true,
@@ -240,6 +244,7 @@ impl Recipe {
             ("epochs", self.epochs, 1..=100_000, "1 to 100000"),
             ("batch", self.batch, 1..=65_536, "1 to 65536"),
             ("samples_per_epoch", self.samples_per_epoch.unwrap_or(1), 1..=100_000_000, "1 to 100000000"),
+            ("validation_samples", self.validation_samples.unwrap_or(2), 2..=usize::MAX, "at least 2"),
             ("patience", self.patience.unwrap_or(1), 1..=usize::MAX, "at least 1"),
             ("cache_mib", self.cache_mib, 0..=1 << 20, "0 to 1048576"),
             ("augment.translate_x_px", self.augment.translate_x_px as usize, 0..=320, "0 to 320, a picture's width"),
@@ -335,6 +340,7 @@ mod tests {
             ("cache_mib = 17592186044416", "cache_mib: expected 0 to 1048576, got 17592186044416"),
             ("input = [0, 64]", "input: expected 1 to 4096 rows and columns, got 0x64"),
             ("patience = 0", "patience: expected at least 1, got 0"),
+            ("validation_samples = 1", "validation_samples: expected at least 2, got 1"),
             ("ema = 0.0", "ema: expected above 0, below 1, got 0"),
             ("ema = nan", "ema: expected above 0, below 1, got NaN"),
             ("freeze_backbone = true", "freeze_backbone: expected pretrained weights that stay, got none"),

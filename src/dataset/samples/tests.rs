@@ -217,3 +217,14 @@ fn a_selection_or_blocks_that_cannot_be_are_named() {
         assert_eq!(error.to_string(), expected);
     }
 }
+
+#[test]
+fn thinned_out_samples_lie_at_equal_distances_over_all() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 20, |_| 0.0);
+    let mut samples = Samples::open(&[Selection::of(dir.path())], Set::All, None, &Balance::default()).unwrap();
+    samples.thin_out(30);
+    assert_eq!(samples.samples.len(), 20);
+    samples.thin_out(4);
+    assert_eq!(samples.samples.iter().map(|sample| sample.row).collect::<Vec<_>>(), [0, 5, 10, 15]);
+}
