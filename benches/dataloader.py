@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """What learning costs in PyTorch: the peer of `benches/training.rs`, on the CPU.
 
-PilotNet learns as `lapwing train` has it learn by default: decoded pictures in memory, Lu's five augmentations with
-Lu's ranges, rows 60 to 135 resized to 66x200, YUV from -1 to 1, batches of 64, mean squared error, Adam. Measured in
+PilotNet learns as `lapwing train` has it learn by default: pictures in memory, decoded and resized so that rows
+60 to 135 are 66x200, Lu's five augmentations with Lu's ranges at that size, YUV from -1 to 1, batches of 64, mean squared error, Adam. Measured in
 images a second: the step alone on a tensor in memory, the DataLoader alone, and training with the DataLoader, each in
 several settings, of which the best counts. It is run by hand, because PyTorch takes 5 GB:
 
@@ -51,6 +51,10 @@ BATCH = 64
 HEIGHT, WIDTH = 160, 320
 TOP, BOTTOM = 60, 135
 INPUT = (66, 200)
+# The strip that is kept of a picture, as Lapwing keeps it: the crop and what a shift brings in, at the network's size.
+REACH = 20
+ROWS = round((BOTTOM - TOP + 2 * REACH) * INPUT[0] / (BOTTOM - TOP))
+ACROSS, DOWN = WIDTH / INPUT[1], (BOTTOM - TOP) / INPUT[0]
 SIDE_OFFSET = 0.25
 PREFETCH = 2
 
@@ -92,7 +96,7 @@ def read(folder: Path, cache_mib: int) -> tuple[list[np.ndarray | bytes], np.nda
             if not name:
                 continue
             picture = (folder / "IMG" / name).read_bytes()
-            if room >= HEIGHT * WIDTH * 3:
+            if room >= ROWS * INPUT[1] * 3:
                 picture = decode(picture)
                 room -= picture.nbytes
             pictures.append(picture)
@@ -104,38 +108,42 @@ def decode(jpeg: bytes) -> np.ndarray:
     bgr = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)  # (160, 320, 3) u8
     if bgr is None or bgr.shape != (HEIGHT, WIDTH, 3):
         raise ValueError(f"expected pictures of {WIDTH}x{HEIGHT}, got {None if bgr is None else bgr.shape}")
-    return bgr
+    # Once, and not for each draw: rows 40 to 155 at the scale at which 60 to 135 are the network's 66.
+    return cv2.resize(bgr[TOP - REACH : BOTTOM + REACH], (INPUT[1], ROWS), interpolation=cv2.INTER_LINEAR)
 
 
 def augment(frame: np.ndarray, steering: float, random: np.random.Generator) -> tuple[np.ndarray, float]:
-    """The rows that the network sees, changed as `src/dataset/augment.rs` does it, each change with probability 0.5."""
+    """What the network sees of a strip of 101x200, changed there as `src/dataset/augment.rs` does it, each change with
+    probability 0.5 and Lu's ranges, which are of the recorded picture."""
     dice = random.random(16).tolist()
     flip, translate, brighten, shade, erase = (die < 0.5 for die in dice[:5])
-    right, down = (round(-60 + 120 * dice[5]), round(-20 + 40 * dice[6])) if translate else (0, 0)
-    rows = frame[TOP - down : BOTTOM - down]  # (75, 320, 3); the shift never leaves the picture above or below
-    height = BOTTOM - TOP
+    right, down = (round((-60 + 120 * dice[5]) / ACROSS), round((-20 + 40 * dice[6]) / DOWN)) if translate else (0, 0)
+    height, width = INPUT
+    above = (ROWS - height) // 2
+    top = min(max(above - down, 0), ROWS - height)
+    rows = frame[top : top + height]  # (66, 200, 3); the shift never leaves the strip
     if flip:
         rows, steering = cv2.flip(rows, 1), -steering
     if right:
-        left, kept = max(right, 0), rows[:, max(-right, 0) : WIDTH - max(right, 0)]
+        left, kept = max(right, 0), rows[:, max(-right, 0) : width - max(right, 0)]
         rows = cv2.copyMakeBorder(kept, 0, 0, left, max(-right, 0), cv2.BORDER_REPLICATE)
-        steering += right * 0.003
+        steering += right * ACROSS * 0.003
     if brighten:
         rows = cv2.convertScaleAbs(rows, alpha=0.3 + 1.3 * dice[7])
     if (shade or erase) and not (flip or right or brighten):
         rows = rows.copy()  # the picture itself stays as it is
     if shade:
-        a, b, c, d = (round(WIDTH * die) for die in dice[8:12])
-        mask = np.zeros((height, WIDTH), np.uint8)
+        a, b, c, d = (round(width * die) for die in dice[8:12])
+        mask = np.zeros((height, width), np.uint8)
         # Lines that cross make two triangles: fillPoly goes by even and odd.
         cv2.fillPoly(mask, [np.array([(a, 0), (b, 0), (c, height), (d, height)], np.int32)], 255)
         cv2.copyTo(cv2.convertScaleAbs(rows, alpha=0.6 + 0.25 * dice[12]), mask, rows)
     if erase:
-        area = (0.02 + 0.38 * dice[13]) * height * WIDTH
-        ratio = 0.5 * 5 ** dice[14]  # 0.5 to 2.5, as likely tall as wide
+        area = (0.02 + 0.38 * dice[13]) * height * width
+        ratio = 0.5 * 5 ** dice[14] * ACROSS / DOWN  # 0.5 to 2.5 as recorded, as likely tall as wide
         tall = min(max(round((area * ratio) ** 0.5), 1), height)
-        wide = min(max(round(area / tall), 1), WIDTH)
-        x, y = round((WIDTH - wide) * dice[15]), round((height - tall) * random.random())
+        wide = min(max(round(area / tall), 1), width)
+        x, y = round((width - wide) * dice[15]), round((height - tall) * random.random())
         rows[y : y + tall, x : x + wide] = 0
     return rows, steering
 
@@ -151,7 +159,7 @@ class Samples(Dataset):
         frame = self.pictures[index]
         frame = decode(frame) if isinstance(frame, bytes) else frame
         rows, steering = augment(frame, self.steering[index].item(), self.random)
-        cv2.cvtColor(cv2.resize(rows, INPUT[::-1], interpolation=cv2.INTER_LINEAR), cv2.COLOR_BGR2YUV, dst=out)
+        cv2.cvtColor(rows, cv2.COLOR_BGR2YUV, dst=out)
         return steering
 
     def __getitem__(self, index):

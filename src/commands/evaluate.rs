@@ -1,6 +1,6 @@
 //! `lapwing evaluate`.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
 use serde_json::json;
 
@@ -25,6 +25,11 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     let (set, blocks) = match arguments.rows {
         cli::Rows::All => (Set::All, None),
         cli::Rows::HeldOut => {
+            anyhow::ensure!(
+                recipe.as_ref().is_none_or(|recipe| recipe.validation.is_empty()),
+                "{} was measured on data of their own and held no rows out: evaluate on those, with --rows all",
+                arguments.model.display()
+            );
             let blocks = recipe.as_ref().map_or_else(Blocks::default, |recipe| recipe.blocks);
             (Set::Validation, Some(blocks))
         }
@@ -83,9 +88,8 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
 
 /// Which rows of a data set a training learnt from, as far as paths tell: a copy elsewhere is another data set.
 fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> impl Fn(usize) -> bool + 'a {
-    let place = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let measured = place(path);
-    let same: Vec<&Selection> = recipe.data.iter().filter(|data| place(&data.path) == measured).collect();
+    let measured = Selection::of(path).place();
+    let same: Vec<&Selection> = recipe.data.iter().filter(|data| data.place() == measured).collect();
     move |row| {
         let taken = same.iter().any(|data| data.rows.is_none_or(|(first, end)| (first..end).contains(&row)));
         // Where there were data to validate by, no blocks were held out.
@@ -115,6 +119,8 @@ fn errors(title: &str, labels: &[f64], answers: &[f64]) -> Chart {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

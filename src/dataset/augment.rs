@@ -191,7 +191,7 @@ pub struct Shadow {
 pub struct Rectangle {
     /// Share of the picture.
     pub area: f64,
-    /// Height over width.
+    /// Height over width, as recorded.
     pub ratio: f64,
     /// Where in the room that is left, 0 to 1, across and down.
     pub at: (f64, f64),
@@ -216,7 +216,10 @@ impl Change {
     pub(super) fn apply(&self, strip: &Strip, scratch: &mut [Vec<f32>; 3], mut row: impl FnMut(usize, [&[f32]; 3])) {
         let (width, height) = (strip.width(), strip.height());
         let (right, down) = (whole(self.shift.0, strip.scale().0), whole(self.shift.1, strip.scale().1));
-        let erased = self.erase.map(|gone| gone.pixels(width, height));
+        let (across, down_px) = strip.scale();
+        // Of recorded pixels: the network's need not be square.
+        let erased =
+            self.erase.map(|gone| Rectangle { ratio: gone.ratio * across / down_px, ..gone }.pixels(width, height));
         let light = self.brightness as f32;
         for y in 0..height {
             let shade =
@@ -287,7 +290,7 @@ impl Shadow {
 }
 
 impl Rectangle {
-    /// Left, right, top, bottom and value. A shape that does not fit is cut to the picture.
+    /// Left, right, top, bottom and value. A shape that is too tall becomes wider, one that is too wide is cut.
     fn pixels(&self, width: usize, height: usize) -> (usize, usize, usize, usize, u8) {
         let area = self.area * (width * height) as f64;
         let tall = ((area * self.ratio).sqrt().round() as usize).clamp(1, height);

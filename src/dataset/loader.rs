@@ -206,7 +206,8 @@ impl Loader {
     /// Starts at batch `from` of the epoch; the batches before it are passed over. The last one may be smaller.
     ///
     /// # Errors
-    /// [`DatasetError::Preprocess`] for a preprocessing that cannot be.
+    /// [`DatasetError::Preprocess`] for a preprocessing that cannot be, [`DatasetError::Thread`] where the system has no
+    /// threads to give.
     #[expect(clippy::too_many_arguments, reason = "one call, and each is another thing")]
     pub fn start(
         samples: Arc<Samples>,
@@ -230,7 +231,9 @@ impl Loader {
         for _ in 0..workers.threads.max(1) {
             let (plan, ordered, sender) = (Arc::clone(&plan), Arc::clone(&ordered), sender.clone());
             let worker = Worker::new(preprocessor.clone());
-            thread::spawn(move || worker.run(&plan, &ordered, &sender));
+            thread::Builder::new()
+                .spawn(move || worker.run(&plan, &ordered, &sender))
+                .map_err(|why| DatasetError::Thread { what: why.to_string() })?;
         }
         let orders = Some(orders);
         let mut loader = Self { orders, receiver, early: BTreeMap::new(), next: from, ordered: from, batches, workers };
@@ -399,8 +402,10 @@ impl Worker {
                 if let Some(slot) = slot
                     && plan.cache.take(self.strip.bytes())
                 {
-                    // Another thread may have come first; then this copy is dropped.
-                    let _ = slot.set(self.strip.clone());
+                    // Another thread may have come first, or other inputs before; then this copy is dropped.
+                    if slot.set(self.strip.clone()).is_err() {
+                        plan.cache.room.fetch_add(self.strip.bytes(), Ordering::Relaxed);
+                    }
                 }
                 &self.strip
             }

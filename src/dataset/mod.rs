@@ -71,7 +71,7 @@ pub enum DatasetError {
         why: ImageError,
     },
     /// A thread that makes batches has failed.
-    #[error("a loading thread failed, which is a fault of Lapwing's: {what}")]
+    #[error("a thread that loads pictures failed: {what}")]
     Thread {
         /// What it said.
         what: String,

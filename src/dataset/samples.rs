@@ -1,6 +1,6 @@
 //! Which rows and cameras count, with which label, and how much.
 
-use std::path::PathBuf;
+use std::{fs, path::PathBuf};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -63,6 +63,13 @@ impl Selection {
             rows: None,
             smooth: one_row(),
         }
+    }
+
+    /// Which data set it is, whatever way it is named; a copy elsewhere is another.
+    pub fn place(&self) -> PathBuf {
+        let folder = if self.path.ends_with("driving_log.csv") { self.path.parent() } else { None };
+        let path = folder.unwrap_or(&self.path);
+        fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
     }
 
     fn check(&self) -> Result<(), DatasetError> {

@@ -254,6 +254,32 @@ fn a_broken_picture_is_named() {
 }
 
 #[test]
+fn a_thread_that_panics_is_an_error_and_a_loader_that_is_dropped_lets_go_of_all() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |_| 0.0, 20);
+    for beside in [true, false] {
+        let samples = Arc::new(open(dir.path(), Set::All, Balance::default()));
+        let start = |order| {
+            let (samples, cache) = (Arc::clone(&samples), Cache::new(&samples, 0));
+            Loader::start(samples, cache, inputs(1), Augmentation::none(), order, 2, (0, 0, 0), Workers::all(beside))
+                .unwrap()
+        };
+        let outcome: Vec<_> = start(vec![0, 1, 2, 9999, 4, 5]).collect();
+        let failed: Vec<bool> = outcome.iter().map(|batch| matches!(batch, Err(DatasetError::Thread { .. }))).collect();
+        assert_eq!(failed, [false, true, false], "no such sample");
+        drop(start((0..20).collect()));
+        let held = Arc::downgrade(&samples);
+        drop(samples);
+        // The threads end once they have made what they were at.
+        let ended = (0..500).any(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(10));
+            held.upgrade().is_none()
+        });
+        assert!(ended);
+    }
+}
+
+#[test]
 fn labels_may_be_means_over_neighbours_of_the_same_drive() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), |row| if row == 6 { 0.9 } else { 0.0 }, 20);

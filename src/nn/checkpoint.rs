@@ -44,8 +44,8 @@ pub enum Precision {
     /// 32: as they are.
     #[default]
     F32,
-    /// 16, of which 8 are the exponent's. Stored: in half the bytes: three significant digits of each weight. Vectors (biases and batch norm) stay f32; they are
-    /// a thousandth of the file.
+    /// 16, of which 8 are the exponent's: three significant digits in half the bytes. Vectors (biases and batch norm)
+    /// are stored in 32; they are a thousandth of the file.
     Bf16,
 }
 

@@ -57,7 +57,7 @@ impl ResNetGru {
     pub(super) fn forward(&self, frames: &Tensor, speed: Option<&Tensor>, train: bool) -> Result<Tensor, NnError> {
         let [batch, steps] = [frames.size()[0], frames.size()[1]];
         let seen = self.see(&frames.f_flatten(0, 1)?, train)?; // (B * 5, features + 1)
-        self.steer(&seen.f_reshape([batch, steps, -1])?, speed)
+        self.steer(&seen.f_reshape([batch, steps, -1])?, speed, train)
     }
 
     /// What is kept of a frame: (B, 3, H, W) to (B, features + 1), the features and the steering by this frame alone.
@@ -68,7 +68,7 @@ impl ResNetGru {
     }
 
     /// (B, 5, features + 1) of frames seen, the oldest first, and (B, 1) to (B, 1).
-    pub(super) fn steer(&self, seen: &Tensor, speed: Option<&Tensor>) -> Result<Tensor, NnError> {
+    pub(super) fn steer(&self, seen: &Tensor, speed: Option<&Tensor>, train: bool) -> Result<Tensor, NnError> {
         let [batch, steps] = [seen.size()[0], seen.size()[1]];
         let input = match speed {
             Some(speed) => {
@@ -81,7 +81,8 @@ impl ResNetGru {
         let weight = |tensor: &Tensor| in_kind_of(&input, tensor);
         let weights = [weight(w_input)?, weight(w_state)?, weight(b_input)?, weight(b_state)?];
         let start = Tensor::f_zeros([1, batch, HIDDEN], (input.kind(), input.device()))?;
-        let (_, last) = input.f_gru(&start, &weights, true, 1, 0.0, false, false, true)?; // (1, B, 512)
+        // cuDNN goes back only through what it has computed for training.
+        let (_, last) = input.f_gru(&start, &weights, true, 1, 0.0, train, false, true)?; // (1, B, 512)
         self.out.forward(&last.f_select(0, 0)?)
     }
 

@@ -208,7 +208,7 @@ impl Network {
             Layers::Gru(layers) => {
                 self.check_one(frame)?;
                 self.check_speed(speed, 1)?;
-                layers.steer(&memory.remember(layers.see(frame, false)?)?, speed)
+                layers.steer(&memory.remember(layers.see(frame, false)?)?, speed, false)
             }
         })
     }

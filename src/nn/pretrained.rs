@@ -29,7 +29,10 @@ const FIRST: &str = "conv1.weight";
 pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError> {
     let bytes = fs::read(path).map_err(|source| NnError::Read { path: path.to_owned(), source })?;
     let file = SafeTensors::deserialize(&bytes).map_err(NnError::NotSafetensors)?;
-    let tensors = if network.architecture().is_resnet() { network.tensors() } else { vec![] };
+    if !network.architecture().is_resnet() {
+        return Err(NnError::NoneFits { path: path.to_owned(), architecture: network.architecture() });
+    }
+    let tensors = network.tensors();
     let (backbone, behind): (Vec<_>, Vec<_>) = tensors.into_iter().partition(|(name, _)| of_backbone(name));
     let mut taken: Vec<(Tensor, Tensor)> = Vec::new();
     let mut missing = None;
@@ -63,16 +66,16 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     }
     let (head, memory): (Vec<_>, Vec<_>) = behind.into_iter().partition(|(name, _)| name.starts_with("head."));
     for part in [head, memory] {
-        let values: Result<Vec<_>, NnError> = part
-            .into_iter()
-            .map(|(name, variable)| {
-                let view = file.tensor(&name).map_err(NnError::NotSafetensors)?;
-                let value = tensor_of(&view, &name, &variable.size())?;
-                Ok((variable, value))
-            })
-            .collect();
         // Whole or not at all: half a perceptron answers nothing.
-        taken.extend(values.unwrap_or_default());
+        let fits = |(name, variable): &(String, Tensor)| {
+            file.tensor(name).is_ok_and(|of| of.shape().iter().map(|n| *n as i64).eq(variable.size()))
+        };
+        if part.iter().all(fits) {
+            for (name, variable) in part {
+                let value = tensor_of(&file.tensor(&name).map_err(NnError::NotSafetensors)?, &name, &variable.size())?;
+                taken.push((variable, value));
+            }
+        }
     }
     tch::no_grad(|| {
         for (variable, value) in &mut taken {

@@ -40,6 +40,17 @@ pub fn set_threads(threads: u16) {
     tch::set_num_threads(i32::from(threads.max(1)));
 }
 
+/// Whether this processor multiplies bf16 itself. Where it does not, libtorch does it in steps, many times slower than
+/// f32: 37 against 700 pictures a second in training PilotNet on a Xeon with AVX512 alone.
+pub fn knows_bf16() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::is_x86_feature_detected!("avx512bf16");
+    #[cfg(target_arch = "aarch64")]
+    return std::arch::is_aarch64_feature_detected!("bf16");
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    false
+}
+
 /// Keeps glibc from returning tensor memory to the system after every operation
 /// and faulting it in again at the next: a quarter less time for PilotNet, 5 ms
 /// of 60 for ResNet50. Called once, at the start of a program.

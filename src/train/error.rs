@@ -40,7 +40,7 @@ pub enum TrainError {
     },
     /// The loss is no number any more.
     #[error(
-        "the loss became {loss} in epoch {epoch}, step {step}: lower the learning rate (now {rate}) or clip gradients (optimiser.clip); the last whole epoch is saved"
+        "the loss became {loss} in epoch {epoch}, step {step}: lower the learning rate (now {rate}) or clip gradients (optimiser.clip); the last whole epoch, if there is one, is saved"
     )]
     NotFinite {
         /// What it became.
@@ -54,7 +54,7 @@ pub enum TrainError {
     },
     /// The validation error is no number any more.
     #[error(
-        "the validation error became {mse} in epoch {epoch}: lower the learning rate or clip gradients (optimiser.clip); the last whole epoch is saved"
+        "the validation error became {mse} in epoch {epoch}: lower the learning rate or clip gradients (optimiser.clip); the last whole epoch, if there is one, is saved"
     )]
     Validation {
         /// What it became.

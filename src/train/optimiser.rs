@@ -162,4 +162,46 @@ mod tests {
         let x = path(settings, 1);
         assert!((x[0] - 0.75).abs() < 1e-6, "{x:?}");
     }
+
+    /// Three steps on a made-up loss over two weights, by `step` after each backward pass.
+    fn weights_after(mut step: impl FnMut(&VarStore) -> Box<dyn FnMut(&Tensor)>) -> Vec<f64> {
+        let store = VarStore::new(Device::Cpu);
+        let weight = store.root().var("a", &[3, 2], tch::nn::Init::Const(0.5));
+        let bias = store.root().var("b", &[2], tch::nn::Init::Const(-0.25));
+        let mut step = step(&store);
+        let x = Tensor::from_slice(&[1.0f32, -2.0, 0.5, 3.0, 0.25, -1.0]).view([2, 3]); // (2, 3)
+        for _ in 0..3 {
+            step(&(x.matmul(&weight) + &bias).sin().square().sum(Kind::Float));
+        }
+        [weight, bias].iter().flat_map(|tensor| Vec::<f64>::try_from(tensor.detach().flatten(0, -1)).unwrap()).collect()
+    }
+
+    #[test]
+    fn weights_of_several_shapes_go_the_way_that_libtorchs_own_optimisers_go() {
+        use tch::nn::{AdamW, OptimizerConfig, Sgd};
+        let (rate, decay, clip) = (0.05, 0.1, 0.7);
+        let adamw = AdamW { wd: decay, ..AdamW::default() };
+        let sgd = Sgd { momentum: 0.9, wd: decay, ..Sgd::default() };
+        for kind in [OptimiserKind::Adam, OptimiserKind::Sgd] {
+            let settings = Optimiser { kind, weight_decay: decay, clip: Some(clip), ..Optimiser::default() };
+            let ours = weights_after(|store| {
+                let weights = ["a", "b"].map(|name| (name.to_owned(), store.variables()[name].shallow_clone()));
+                let mut stepper = Stepper::new(settings.clone(), weights.into()).unwrap();
+                Box::new(move |loss| {
+                    stepper.forget_gradients();
+                    loss.backward();
+                    stepper.step(rate).unwrap();
+                })
+            });
+            let theirs = weights_after(|store| {
+                let mut optimizer = match kind {
+                    OptimiserKind::Adam => adamw.build(store, rate).unwrap(),
+                    OptimiserKind::Sgd => sgd.build(store, rate).unwrap(),
+                };
+                Box::new(move |loss| optimizer.backward_step_clip_norm(loss, clip))
+            });
+            assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 1e-5), "{kind:?}: {ours:?} {theirs:?}");
+            assert!(ours.iter().any(|x| (x.abs() - 0.5).abs() > 0.05), "it moved: {ours:?}");
+        }
+    }
 }

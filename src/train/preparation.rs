@@ -1,6 +1,6 @@
 //! What must be in order before a training begins.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use super::{
     Recipe, TrainError,
@@ -41,9 +41,8 @@ pub(super) fn data(recipe: &Recipe) -> Result<(Samples, Samples), TrainError> {
 
 /// Whether two selections have rows in common.
 fn overlap(a: &Selection, b: &Selection) -> bool {
-    let place = |of: &Selection| fs::canonicalize(&of.path).unwrap_or_else(|_| of.path.clone());
     let (from, to) = (a.rows.unwrap_or((0, usize::MAX)), b.rows.unwrap_or((0, usize::MAX)));
-    place(a) == place(b) && from.0 < to.1 && to.0 < from.1
+    a.place() == b.place() && from.0 < to.1 && to.0 < from.1
 }
 
 /// Asks whether there would be memory for the batches that wait and the one that is learnt from.
@@ -56,9 +55,12 @@ pub(super) fn check_room(recipe: &Recipe, inputs: &Inputs) -> Result<(), TrainEr
         .map_err(|why| TrainError::Memory { batch: recipe.batch, why: why.to_string() })
 }
 
+/// Whether both sides are steered to, as recorded: a side camera's offset is no steering.
 fn check_sides(samples: &Samples, flip: f64) -> Result<(), TrainError> {
-    let steering = || samples.samples.iter().map(|sample| sample.steering);
-    let (least, most) = (steering().fold(f64::MAX, f64::min), steering().fold(f64::MIN, f64::max));
+    let steering =
+        || samples.samples.iter().map(|of| samples.sources[of.source as usize].rows[of.row as usize].steering);
+    let (least, most) =
+        steering().fold((f64::MAX, f64::MIN), |(least, most), x| (least.min(x.get()), most.max(x.get())));
     let both = least < -0.01 && most > 0.01;
     if both || (flip > 0.0 && most.abs().max(least.abs()) > 0.01) {
         return Ok(());

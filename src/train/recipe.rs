@@ -54,8 +54,8 @@ pub struct Recipe {
     pub validation_samples: Option<usize>,
     /// What all dice follow; default 0.
     pub seed: u64,
-    /// Numbers of the forward and backward pass; bf16 takes about half the time where the processor knows it. Weights
-    /// are moved in f32 in either case.
+    /// Numbers of the forward and backward pass. bf16 takes about half the time where the processor knows it (AVX512
+    /// BF16, AMX), and many times as long where it does not. Weights are moved in f32 in either case.
     pub precision: Precision,
     /// Pictures laid out channel by channel (false) or pixel by pixel (true, the default: faster in most networks).
     pub channels_last: bool,
@@ -64,8 +64,8 @@ pub struct Recipe {
     /// Passes without a better validation error after which training ends; default never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patience: Option<usize>,
-    /// Share that an average over the weights of past steps keeps at each step, above 0 and below 1, such as 0.999; the average is what is
-    /// measured and saved. Default none.
+    /// Share that an average over the weights of past steps keeps at each step, above 0 and below 1, such as 0.999; the
+    /// average is what is measured and saved. Default none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ema: Option<f64>,
     /// How weights are stored.

@@ -161,8 +161,15 @@ fn labels_that_steer_to_one_side_are_refused_unless_pictures_are_mirrored() {
     Trainer::new(recipe(dir.path()), &dir.path().join("mirrored"), false).unwrap();
     let straight = tempfile::tempdir().unwrap();
     folder(straight.path(), 40, |_| 0.0);
-    let error = Trainer::new(recipe(straight.path()), &dir.path().join("straight"), false).unwrap_err();
-    assert!(matches!(error, TrainError::OneSided { .. }), "{error}");
+    let refused = |name: &str| {
+        let error = Trainer::new(recipe(straight.path()), &dir.path().join(name), false).unwrap_err();
+        assert!(matches!(error, TrainError::OneSided { .. }), "{error}");
+    };
+    refused("straight");
+    // What is added for side cameras is nobody's steering.
+    let log: String = (0..40).map(|row| format!("{row}.jpg,{row}.jpg,{row}.jpg,0,0.5,0,15\n")).collect();
+    fs::write(straight.path().join("driving_log.csv"), log).unwrap();
+    refused("three cameras");
 }
 
 #[test]

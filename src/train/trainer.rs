@@ -151,6 +151,9 @@ impl Trainer {
         let (training, validation) = (with_cache(training, 4), with_cache(validation, 1));
 
         let device = Device::cuda_if_available();
+        if inputs.bf16 && device == Device::Cpu && !nn::runtime::knows_bf16() {
+            tracing::warn!("this processor knows no bf16: training is many times faster with precision f32");
+        }
         tch::manual_seed(recipe.seed as i64);
         let fresh = || {
             let store = VarStore::new(device);
@@ -158,8 +161,9 @@ impl Trainer {
             Ok::<_, TrainError>((store, network))
         };
         let (store, mut network) = fresh()?;
-        if let Some(path) = &recipe.pretrained {
-            nn::load_pretrained(&network, path)?;
+        if let Some(path) = recipe.pretrained.as_ref().filter(|_| stored.is_none()) {
+            let taken = nn::load_pretrained(&network, path)?;
+            tracing::info!("{taken} of {} tensors are taken from {}", network.tensors().len(), path.display());
         }
         if recipe.freeze_backbone {
             network.freeze_backbone()?;
@@ -368,6 +372,9 @@ impl Trainer {
     /// Keeps what an epoch has come to. The state comes last: where that is not written any more, the epoch is done
     /// again, and all else written once more.
     fn close_epoch(&mut self, epoch: Epoch, events: &mut Option<Events>) -> Result<(), TrainError> {
+        if !self.out.join(STATE).exists() {
+            self.save_state()?; // so that a model never stands in the folder without what goes on from it
+        }
         self.position.epoch += 1;
         self.position.step = 0;
         let best = epoch.best;
