@@ -14,7 +14,8 @@ use crate::{
 };
 
 /// A sheet with a line for the pictures as recorded, one for each of the five changes alone, and one for all together,
-/// each drawn anew with its probability. The arrow leans to the label as the change has corrected it.
+/// each drawn anew with its probability. The arrow leans to the label as the change has corrected it. Here the whole
+/// picture is changed; in training what the network sees of it.
 ///
 /// # Errors
 /// [`DatasetError::Picture`], [`DatasetError::Image`] where one of the pictures shown is missing or broken.
@@ -23,11 +24,11 @@ pub fn preview(source: &Source, augmentation: &Augmentation, seed: u64) -> Resul
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut shapes = Vec::new();
     let mut y = MARGIN;
-    let lines = std::iter::once("as recorded").chain(Augmentation::NAMES).chain(["all, as in training"]);
+    let lines = std::iter::once("as recorded").chain(Augmentation::NAMES).chain(["all together"]);
     for line in lines {
         let only = match line {
             "as recorded" => Augmentation::none(),
-            "all, as in training" => augmentation.clone(),
+            "all together" => augmentation.clone(),
             name => alone(augmentation, name),
         };
         shapes.push(Shape::Text { at: (MARGIN, y + LINE_PX / 2.0), text: line.into() });
