@@ -4,6 +4,7 @@ mod architecture;
 mod bridge;
 mod driver;
 mod driving_logs;
+mod models;
 mod parity;
 mod program;
 mod recording;
