@@ -17,7 +17,6 @@ import argparse
 import shutil
 import sys
 import time
-from pathlib import Path
 
 import checks_clients
 import checks_drives
@@ -47,21 +46,6 @@ CHECKS = [
     ("python-socketio", checks_clients.python_socketio, False, "python-socketio 5 and 4"),
     ("socket.io-client", checks_clients.js_socketio, False, "socket.io-client 4 and 2"),
 ]
-
-
-# These keep to the wall clock. Where the host of a virtual machine gave its processors to others meanwhile, a failure says
-# nothing of the bridge, and the check is made again: the same check with the same bounds, so many times at most.
-PACED = {"steady": 5, "many": 5}
-STOLEN = 0.01
-
-
-def ticks():
-    """Processor time so far, all of it and what the host gave to others (`man 5 proc`); none where no system tells."""
-    try:
-        times = [int(n) for n in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
-    except OSError:
-        return 0, 0
-    return sum(times), times[7]
 
 
 def outcome(check, needs_shared, quick):
@@ -99,16 +83,8 @@ def main():
         if arguments.only and name not in arguments.only:
             continue
         began = time.monotonic()
-        for attempt in range(PACED.get(name, 1)):
-            if attempt:
-                print(f"{name:17} again   the host took {stolen:.1%} of the processors: {figures}", flush=True)
-            before = ticks()
-            word, figures = outcome(check, needs_shared, arguments.quick)
-            figures = " ".join(figures.split())
-            passed, stolen = (now - then for now, then in zip(ticks(), before))
-            stolen /= max(passed, 1)
-            if word != "FAILED" or stolen < STOLEN:
-                break
+        word, figures = outcome(check, needs_shared, arguments.quick)
+        figures = " ".join(figures.split())
         counts[word] += 1
         print(f"{name:17} {word:7} {figures}  [{time.monotonic() - began:.1f} s]", flush=True)
     skipped = f", {counts['skipped']} skipped" if counts["skipped"] else ""
