@@ -1,6 +1,10 @@
 //! What learning costs: the step alone on tensors in memory, the loader alone, and both as `lapwing train` has them.
 
-use std::{fs, path::Path, time::Duration};
+use std::{
+    fs,
+    path::Path,
+    time::{Duration, Instant},
+};
 
 use divan::{Bencher, counter::ItemsCount};
 use lapwing::{
@@ -72,6 +76,34 @@ fn train(bencher: Bencher, precision: &str) {
         }
         epoch += 1;
     });
+}
+
+/// Both in turn, a pass each, for what slows a machine down for a while slows both: prints, of each pair of passes, how
+/// many of the images that the step alone learns from training does, sorted.
+#[divan::bench(args = precisions(), sample_count = 15, sample_size = 1)]
+fn train_against_step(bencher: Bencher, precision: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(dir.path(), precision);
+    let batch = trainer.batches(0, 0).unwrap().next().unwrap().unwrap();
+    let ready = trainer.tensors(batch).unwrap();
+    let mut epoch = 0;
+    let mut shares = Vec::new();
+    bencher.counter(ItemsCount::new(2 * BATCH * STEPS)).bench_local(|| {
+        let began = Instant::now();
+        for _ in 0..STEPS {
+            trainer.learn(&ready, 1e-3).unwrap();
+        }
+        let step = began.elapsed();
+        for batch in trainer.batches(epoch, 0).unwrap() {
+            let tensors = trainer.tensors(batch.unwrap()).unwrap();
+            trainer.learn(&tensors, 1e-3).unwrap();
+        }
+        shares.push(step.as_secs_f64() / (began.elapsed() - step).as_secs_f64());
+        epoch += 1;
+    });
+    shares.remove(0); // the pass that fills the cache
+    shares.sort_by(f64::total_cmp);
+    eprintln!("{shares:.2?}");
 }
 
 /// The loader alone: decode, augment, preprocess, on all cores.

@@ -18,7 +18,7 @@ use super::{DatasetError, moments::is_run};
 use crate::{
     protocol::{CameraImage, Telemetry, Truth},
     recording::{
-        By, CommandRecord, Item, Moment, Recorder, RecorderOptions, RecordingError, RunHeader, RunReader, Step,
+        CommandRecord, Item, Moment, Recorder, RecorderOptions, RecordingError, RunHeader, RunReader, Step,
         udacity::{DrivingLog, DrivingLogWriter, Row, Sample},
     },
     units::Throttle,
@@ -160,20 +160,7 @@ fn items(row: &Row, jpeg: Bytes) -> [Item; 3] {
         image: CameraImage::default(),
         truth: Truth { brake: Some(row.brake), ..Truth::default() },
     };
-    let command = CommandRecord {
-        by: By::Human,
-        steering: row.steering,
-        throttle: Throttle::saturating(row.throttle.get() - row.brake),
-        prediction: None,
-        p: None,
-        i: None,
-        saturated: false,
-        decode_ns: 0,
-        preprocess_ns: 0,
-        forward_ns: 0,
-        driver_ns: 0,
-        latency_ns: None,
-    };
+    let command = CommandRecord::of_human(row.steering, Throttle::saturating(row.throttle.get() - row.brake));
     [Item::Telemetry(telemetry), Item::Frame(jpeg), Item::Command(command)]
 }
 

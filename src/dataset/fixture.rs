@@ -11,7 +11,7 @@ use super::*;
 use crate::{
     protocol::Telemetry,
     recording::{
-        Item, Moment, Recorder, RecorderOptions, RunHeader, RunReader, Step,
+        CommandRecord, Item, Moment, Recorder, RecorderOptions, RunHeader, RunReader, Step,
         udacity::{DrivingLogWriter, Sample},
     },
     units::{Mph, Steering, Throttle},
@@ -68,8 +68,8 @@ pub(super) fn steps(run: &Path) -> Vec<Step> {
     RunReader::open(run).unwrap().moments().filter_map(step).collect()
 }
 
-/// Records a telemetry each, with its picture where there is one.
-pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>]) {
+/// Records a telemetry each, with its picture where there is one, and this answer.
+pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>], answer: Option<&CommandRecord>) {
     let header = RunHeader {
         name_hint: None,
         dialect: None,
@@ -87,6 +87,9 @@ pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>]) {
         recorder.record(at, Item::Telemetry(telemetry));
         if let Some(jpeg) = picture {
             recorder.record(at, Item::Frame(jpeg.clone().into()));
+        }
+        if let Some(answer) = answer {
+            recorder.record(at, Item::Command(answer.clone()));
         }
     }
     assert!(recorder.finish().error.is_none());

@@ -353,21 +353,10 @@ impl Worker {
             let mut scale = 1.0;
             for (t, row) in source.sequence(sample.row as usize, plan.inputs.frames).enumerate() {
                 let at = (i * plan.inputs.frames + t) * numbers;
+                let (out, picture) = (at..at + numbers, (sample.source, row, sample.camera));
                 scale = match &mut frames.numbers {
-                    Numbers::F32(all) => self.picture(
-                        plan,
-                        (sample.source, row, sample.camera),
-                        &change,
-                        &mut all[at..at + numbers],
-                        |x| x,
-                    ),
-                    Numbers::Bf16(all) => self.picture(
-                        plan,
-                        (sample.source, row, sample.camera),
-                        &change,
-                        &mut all[at..at + numbers],
-                        rounded,
-                    ),
+                    Numbers::F32(all) => self.picture(plan, picture, &change, &mut all[out], |x| x),
+                    Numbers::Bf16(all) => self.picture(plan, picture, &change, &mut all[out], rounded),
                 }?;
             }
             steering.push(change.steering(sample.steering, scale) as f32);

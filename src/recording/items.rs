@@ -105,6 +105,26 @@ pub struct CommandRecord {
     pub latency_ns: Option<u64>,
 }
 
+impl CommandRecord {
+    /// What a person at the wheel did: nobody predicted, controlled or was waited for.
+    pub fn of_human(steering: Steering, throttle: Throttle) -> Self {
+        Self {
+            by: By::Human,
+            steering,
+            throttle,
+            prediction: None,
+            p: None,
+            i: None,
+            saturated: false,
+            decode_ns: 0,
+            preprocess_ns: 0,
+            forward_ns: 0,
+            driver_ns: 0,
+            latency_ns: None,
+        }
+    }
+}
+
 /// What happens in a run besides telemetry and commands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]

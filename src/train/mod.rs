@@ -20,6 +20,7 @@ mod metrics;
 mod optimiser;
 mod origin;
 mod preparation;
+mod progress;
 mod recipe;
 mod state;
 mod trainer;
@@ -27,8 +28,9 @@ mod trainer;
 pub use error::TrainError;
 pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;
+pub use progress::{Epoch, Go, Outcome, Progress};
 pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Recording, Schedule};
-pub use trainer::{Epoch, Go, Outcome, Progress, Trainer};
+pub use trainer::Trainer;
 
 #[cfg(test)]
 mod tests;

@@ -7,17 +7,17 @@ use std::{
     time::Instant,
 };
 
-use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
 
 use super::{
-    Keep, Measured, Metrics, Recipe, Schedule, Tensors, TrainError,
+    Keep, Metrics, Recipe, Schedule, Tensors, TrainError,
     events::Events,
     log,
     measure::{BATCH, measure},
     optimiser::Stepper,
     origin::Origin,
     preparation,
+    progress::{Epoch, Go, Outcome, Progress},
     state::{self, MODEL, Position, STATE},
 };
 use crate::{
@@ -25,68 +25,6 @@ use crate::{
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
     perception::Resize,
 };
-
-/// What an epoch was like.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Epoch {
-    /// From 1.
-    pub number: usize,
-    /// How long its training took, without the measuring.
-    pub seconds: f64,
-    /// Samples a second.
-    pub images_per_s: f64,
-    /// At its end.
-    pub learning_rate: f64,
-    /// Against the labels of the changed pictures, while the weights moved; of an epoch that was stopped, of the steps
-    /// since training went on.
-    pub training: Metrics,
-    /// Against the held-out labels, at its end.
-    pub validation: Measured,
-    /// Whether it is the best so far.
-    pub best: bool,
-}
-
-/// What is going on.
-#[derive(Debug)]
-pub enum Progress<'a> {
-    /// A step was taken.
-    Step {
-        /// From 1.
-        epoch: usize,
-        /// Steps taken in this epoch.
-        step: usize,
-        /// Steps of an epoch.
-        steps: usize,
-        /// Samples of this step.
-        samples: usize,
-        /// Its mean squared error.
-        loss: f64,
-    },
-    /// An epoch ended.
-    Epoch(&'a Epoch),
-}
-
-/// Whether to go on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Go {
-    /// Yes.
-    On,
-    /// No: keep what there is and end.
-    Stop,
-}
-
-/// How a training ended.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
-    /// The checkpoint.
-    pub model: PathBuf,
-    /// Its SHA-256.
-    pub sha256: String,
-    /// The epoch whose weights these are, as the checkpoint says; absent where none was finished.
-    pub kept: Option<Epoch>,
-    /// Whether all epochs asked for were done, or patience ended it; otherwise it can be resumed.
-    pub finished: bool,
-}
 
 /// Plateau: epochs without a better error, and the factor then.
 const PLATEAU: (usize, f64) = (3, 0.1);

@@ -49,7 +49,7 @@ fn what_a_folder_says_was_steered_is_a_humans_command_in_the_run() {
 fn the_labels_of_a_runs_folder_are_what_was_in_effect_and_rows_without_picture_are_left_out() {
     let dir = tempfile::tempdir().unwrap();
     let (run, target) = (dir.path().join("a.mcap"), dir.path().join("drive"));
-    record(&run, &[Some(jpeg(0)), None, Some(jpeg(2))]);
+    record(&run, &[Some(jpeg(0)), None, Some(jpeg(2))], None);
     let counts = converted(&run, &target);
     assert_eq!((counts.rows, counts.without_picture), (2, 1));
     let rows = DrivingLog::open(&target).unwrap().rows;
@@ -102,7 +102,7 @@ fn a_picture_that_is_missing_or_no_jpeg_ends_it_and_leaves_nothing_behind() {
 fn a_run_without_pictures_leaves_no_folder_behind() {
     let dir = tempfile::tempdir().unwrap();
     let run = dir.path().join("a.mcap");
-    record(&run, &[None, None]);
+    record(&run, &[None, None], None);
     assert!(error(&run, &dir.path().join("drive")).contains("expected rows with pictures"));
     assert!(!dir.path().join("drive").exists());
 }

@@ -84,7 +84,7 @@ fn a_run_is_looked_over_like_a_folder_and_says_who_answered() {
 fn a_run_that_is_cut_off_says_so_and_a_frame_not_recorded_is_missing() {
     let dir = tempfile::tempdir().unwrap();
     let run = dir.path().join("a.mcap");
-    record(&run, &[Some(jpeg(0)), None, Some(b"nothing".to_vec())]);
+    record(&run, &[Some(jpeg(0)), None, Some(b"nothing".to_vec())], None);
     let found = looked_over(&run);
     let told: Vec<_> = found.problems.iter().map(|p| (p.row, p.missing, p.file.as_deref())).collect();
     assert_eq!(told, [(1, true, None), (2, false, None)]);

@@ -1,6 +1,11 @@
 use std::{fs, path::Path};
 
 use super::*;
+use crate::{
+    dataset::fixture,
+    recording::CommandRecord,
+    units::{Steering, Throttle},
+};
 
 /// A folder of so many rows, 67 ms apart by the names of its pictures, which are empty files; `log` writes each row
 /// behind those.
@@ -94,8 +99,8 @@ fn a_picture_that_is_not_there_is_no_sample_and_sequences_begin_anew_behind_it()
 fn moments_of_a_run_without_picture_or_label_part_it() {
     let dir = tempfile::tempdir().unwrap();
     let (data, run) = (dir.path().join("data"), dir.path().join("run.mcap"));
-    crate::dataset::fixture::folder(&data, 6, false);
-    crate::dataset::fixture::converted(&data, &run);
+    fixture::folder(&data, 6, false);
+    fixture::converted(&data, &run);
     assert_eq!(Source::open(&run).unwrap().rows.len(), 6);
 
     // As it is read: the third telemetry without its picture, the others answered by a person.
@@ -107,43 +112,9 @@ fn moments_of_a_run_without_picture_or_label_part_it() {
 
 /// A run of six telemetries, all answered, of which one has no picture.
 fn record(run: &Path, without_picture: usize) {
-    use std::time::Duration;
-
-    use crate::recording::{By, CommandRecord, Item, Recorder, RecorderOptions, RunHeader};
-    let header = RunHeader {
-        name_hint: None,
-        dialect: None,
-        model: None,
-        seed: None,
-        config: serde_json::Value::Null,
-        lapwing: "0.1.0".into(),
-        started: "2024-05-17T10:00:00Z".parse().unwrap(),
-    };
-    let recorder = Recorder::create_file(run, header, RecorderOptions::default()).unwrap();
-    for i in 0..6 {
-        let at = Duration::from_millis(100 * i as u64);
-        let telemetry = r#"{"steering_deg":-5,"throttle":0.25,"speed_mph":9}"#;
-        recorder.record(at, Item::Telemetry(serde_json::from_str(telemetry).unwrap()));
-        if i != without_picture {
-            recorder.record(at, Item::Frame(crate::dataset::fixture::jpeg(i).into()));
-        }
-        let command = CommandRecord {
-            by: By::Human,
-            steering: crate::units::Steering::new(0.1).unwrap(),
-            throttle: crate::units::Throttle::new(0.2).unwrap(),
-            prediction: None,
-            p: None,
-            i: None,
-            saturated: false,
-            decode_ns: 0,
-            preprocess_ns: 0,
-            forward_ns: 0,
-            driver_ns: 0,
-            latency_ns: None,
-        };
-        recorder.record(at, Item::Command(command));
-    }
-    assert!(recorder.finish().error.is_none());
+    let answer = CommandRecord::of_human(Steering::new(0.1).unwrap(), Throttle::new(0.2).unwrap());
+    let pictures: Vec<_> = (0..6).map(|i| (i != without_picture).then(|| fixture::jpeg(i))).collect();
+    fixture::record(run, &pictures, Some(&answer));
 }
 
 #[test]
