@@ -40,6 +40,8 @@ pub enum Verb {
     Evaluate(Evaluate),
     /// Show a recording to a model, or to any bridge, and compare the steering
     Replay(Replay),
+    /// Say what recorded runs were worth, for people and for CI
+    Score(Score),
     /// Look over, convert and split recordings as data sets
     Dataset(Dataset),
     /// Say which libtorch is in use, and what is wrong if anything
@@ -142,12 +144,18 @@ pub enum PilotKind {
     Expert,
 }
 
-/// What a run must reach, or the exit status is 3.
+/// What a run must reach, or the exit status is 3; over [thresholds] of the settings.
 #[derive(Debug, Args)]
 pub struct Thresholds {
     /// Least completion, in percent of the laps asked for
-    #[arg(long, value_name = "PERCENT", value_parser = not_negative)]
+    #[arg(long, value_name = "PERCENT")]
     pub min_completion: Option<f64>,
+    /// Least autonomy, in percent
+    #[arg(long, value_name = "PERCENT")]
+    pub min_autonomy: Option<f64>,
+    /// Least driving score, 0 to 100
+    #[arg(long, value_name = "POINTS")]
+    pub min_driving_score: Option<f64>,
     /// Most collisions
     #[arg(long, value_name = "N")]
     pub max_collisions: Option<u32>,
@@ -155,8 +163,33 @@ pub struct Thresholds {
     #[arg(long, value_name = "N")]
     pub max_off_road: Option<u32>,
     /// Largest |cte| anywhere, in metres
-    #[arg(long, value_name = "METRES", value_parser = not_negative)]
+    #[arg(long, value_name = "METRES")]
     pub max_cte: Option<f64>,
+    /// Largest mean |cte|, in metres
+    #[arg(long, value_name = "METRES")]
+    pub max_mean_cte: Option<f64>,
+}
+
+/// `lapwing score`
+#[derive(Debug, Args)]
+pub struct Score {
+    /// Runs (.mcap), or folders of them
+    #[arg(value_name = "RUN", required_unless_present = "explain")]
+    pub runs: Vec<PathBuf>,
+    #[command(flatten)]
+    pub thresholds: Thresholds,
+    /// An earlier result (--json): exit status 3 if a figure got worse beyond noise
+    #[arg(long, value_name = "FILE")]
+    pub against: Option<PathBuf>,
+    /// Write the thresholds as test cases of a JUnit report
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Print the scorecards as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Print what each figure means, and after whom
+    #[arg(long, exclusive = true)]
+    pub explain: bool,
 }
 
 /// `lapwing simulate`

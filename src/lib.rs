@@ -30,7 +30,7 @@
 //! | [`control`] | speed controllers, standstill, hand-over | `units` |
 //! | [`driver`] | the function above | everything above |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
-//! | [`score`] | what a run is judged to be | `protocol`, `recording`, `units` |
+//! | [`score`] | what a run is judged to be | `config`, `protocol`, `recording`, `units` |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts | `perception` |
 //! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |

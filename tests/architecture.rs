@@ -17,7 +17,7 @@ const MAY_IMPORT: [(&str, &[&str]); 19] = [
     ("control", &["units"]),
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
-    ("score", &["protocol", "recording", "units"]),
+    ("score", &["config", "protocol", "recording", "units"]),
     ("drawing", &["perception"]),
     ("dataset", &["drawing", "perception", "protocol", "recording", "units"]),
     ("simulator", &["config", "drawing", "perception", "pilot", "protocol", "recording", "units"]),

@@ -13,7 +13,8 @@ use lapwing::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
-    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunReader},
+    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunReader},
+    score::{self, Figure},
     simulator::{
         camera::Scenery,
         conditions::Conditions,
@@ -83,9 +84,13 @@ fn the_expert_drives_every_kind_of_road_without_leaving_it() {
     // Track, set speed in mph, largest mean |cte| in metres.
     for (name, mph, mean_cte) in [("lake", 30.0, 0.2), ("jungle", 20.0, 0.4), ("random:7", 30.0, 0.4)] {
         let (_, Drive { card, .. }) = driven(setup(open(name)), PurePursuit::default(), mph);
-        assert_eq!(card.completion, Some(1.0), "{name}: {card}");
-        assert_eq!((card.collisions, card.off_roads), (Some(0), Some(0)), "{name}: {card}");
-        assert!(card.mean_cte_m.unwrap() < mean_cte, "{name}: {card}");
+        assert_eq!(card.value(Figure::Completion), Some(1.0), "{name}: {card}");
+        assert_eq!(
+            (card.value(Figure::Collisions), card.value(Figure::OffRoads)),
+            (Some(0.0), Some(0.0)),
+            "{name}: {card}"
+        );
+        assert!(card.value(Figure::MeanCte).unwrap() < mean_cte, "{name}: {card}");
     }
 }
 
@@ -93,8 +98,8 @@ fn the_expert_drives_every_kind_of_road_without_leaving_it() {
 fn who_steers_straight_on_ends_beside_the_road() {
     let (world, Drive { card, .. }) = driven(setup(lake()), straight_on(), 15.0);
     assert!(matches!(world.ending(), Some(Ending::Lost | Ending::Collision(_))), "{:?}", world.ending());
-    assert!(card.completion.unwrap() < 0.2, "{card}");
-    assert_eq!(card.off_roads, Some(1), "{card}");
+    assert!(card.value(Figure::Completion).unwrap() < 0.2, "{card}");
+    assert_eq!(card.value(Figure::OffRoads), Some(1.0), "{card}");
 }
 
 #[test]
@@ -102,9 +107,9 @@ fn after_a_crash_the_car_may_go_on_from_the_next_waypoint() {
     let setup = Setup { on_crash: OnCrash::Reset, longest_s: Some(120.0), ..setup(lake()) };
     let (world, Drive { card, .. }) = driven(setup, straight_on(), 20.0);
     assert_eq!(world.ending(), Some(&Ending::TimeOver));
-    assert!(card.resets.unwrap() >= 3, "{card}");
-    assert_eq!(card.off_roads, card.resets, "{card}");
-    assert!(card.completion.unwrap() > 0.2, "{card}");
+    assert!(card.value(Figure::Resets).unwrap() >= 3.0, "{card}");
+    assert_eq!(card.value(Figure::OffRoads), card.value(Figure::Resets), "{card}");
+    assert!(card.value(Figure::Completion).unwrap() > 0.2, "{card}");
 }
 
 #[test]
@@ -208,9 +213,8 @@ fn an_unbraked_car_hits_the_standing_one_at_the_speed_it_had() {
     assert_eq!(world.ending(), Some(&Ending::Collision("a car".into())));
 }
 
-#[test]
-fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
-    let dir = tempfile::tempdir().unwrap();
+/// Drives at 20 mph and records it.
+fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Drive, RecordingReport) {
     let header = RunHeader {
         name_hint: Some("lake".into()),
         dialect: None,
@@ -221,12 +225,38 @@ fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
         started: jiff::Timestamp::UNIX_EPOCH,
     };
     // A queue of few items: the world stands still for a slow disk, and nothing is dropped.
-    let recorder = Recorder::create(dir.path(), header, RecorderOptions { queue: 16 }).unwrap();
-    let mut world = Simulation::new(Setup { longest_s: Some(20.0), ..setup(lake()) }).unwrap();
-    let pilot = PurePursuit::default();
-    let Drive { frames, .. } =
-        drive::run(&mut world, &mut driver(pilot, 20.0), Some(&recorder), |_, _, _| Ok(())).unwrap();
-    let report = recorder.finish();
+    let recorder = Recorder::create(dir, header, RecorderOptions { queue: 16 }).unwrap();
+    let mut world = Simulation::new(setup).unwrap();
+    let control = Control { speed_mph: Mph::new(20.0).unwrap(), ..Control::default() };
+    let mut driver = Driver::new(pilot, &control, Instant::now);
+    let driven = drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
+    (driven, recorder.finish())
+}
+
+#[test]
+fn a_recorded_run_is_judged_as_its_drive_was() {
+    let short = || Setup { longest_s: Some(20.0), ..setup(lake()) };
+    let human = Human { from_s: 5.0, for_s: 4.0, speed: Mph::new(20.0).unwrap() };
+    let drives: [(&str, Setup, Box<dyn Pilot>); 3] = [
+        ("well", short(), Box::new(PurePursuit::default())),
+        ("off the road, again and again", Setup { on_crash: OnCrash::Reset, ..short() }, Box::new(straight_on())),
+        ("with a human", Setup { human: Some(human), ..short() }, Box::new(PurePursuit::default())),
+    ];
+    for (how, setup, pilot) in drives {
+        let dir = tempfile::tempdir().unwrap();
+        let (Drive { card, .. }, report) = recorded(dir.path(), setup, pilot);
+        let again = score::of_run(&mut RunReader::open(&report.path).unwrap()).unwrap();
+        assert_eq!(again, card, "{how}");
+        let counts = [Figure::Takeovers, Figure::Collisions].map(|figure| card.value(figure));
+        assert_eq!(counts, [Some(f64::from(how == "with a human")), Some(0.0)], "{how}: {card}");
+    }
+}
+
+#[test]
+fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let setup = Setup { longest_s: Some(20.0), ..setup(lake()) };
+    let (Drive { frames, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
     assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (frames, 0, 0));
     let mut events = vec![];
     let mut telemetries = 0u32;

@@ -8,7 +8,7 @@ use std::{
 use serde::Serialize;
 use serde_json::json;
 
-use super::{Ended, world};
+use super::{Ended, thresholds, world};
 use crate::{
     cli::{self, PilotKind},
     drive::{self, Drive},
@@ -16,7 +16,7 @@ use crate::{
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
     recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader},
-    score::Scorecard,
+    score::{self, Figure, Scorecard},
     simulator::world::Simulation,
     units::Mph,
 };
@@ -39,7 +39,8 @@ struct Result_<'a> {
 }
 
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let mut layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
+    let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
+    let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
     if let Some(dir) = &arguments.recordings {
         layers = layers.set("--recordings", "recording.dir", dir.to_string_lossy().into_owned())?;
     }
@@ -99,10 +100,9 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let report = recorder.map(Recorder::finish);
     let Drive { card, fingerprint, frames } = driven.map_err(|error| anyhow::anyhow!(error))?;
     let made = pictures.finish(&simulation)?;
-    let thresholds = world::thresholds(&arguments.thresholds);
-    let missed = thresholds.missed(&card);
+    let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
-    let times_real_time = card.time_s / wall.as_secs_f64().max(1e-9);
+    let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
     if arguments.json {
         let run = report.as_ref().map(|report| report.path.display().to_string());
         let result = Result_ {
@@ -131,7 +131,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     if let Some(error) = report.and_then(|report| report.error) {
         return Err(error.into());
     }
-    Ok(world::ended(&missed))
+    Ok(thresholds::ended(&missed))
 }
 
 fn paced(wall: Duration, times: f64) -> String {

@@ -6,8 +6,10 @@ mod drive;
 mod evaluate;
 mod record;
 mod replay;
+mod score;
 mod serve;
 mod simulate;
+mod thresholds;
 mod train;
 mod world;
 
@@ -60,6 +62,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Evaluate(arguments) => evaluate::run(arguments),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
+        Verb::Score(arguments) => score::run(&arguments, config),
         Verb::Dataset(arguments) => dataset::run(arguments),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
     };

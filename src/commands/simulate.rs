@@ -7,15 +7,15 @@ use std::{
 
 use serde::Serialize;
 
-use super::{Ended, Interrupted, world};
+use super::{Ended, Interrupted, thresholds, world};
 use crate::{
     cli,
-    config::Control,
+    config::{Control, Settings},
     driver::Driver,
     pilot::PurePursuit,
     protocol::{Answer, Observation, Sight, World},
     recording::Eventful,
-    score::{Scorecard, Scorer},
+    score::{self, Scorecard, Scorer},
     simulator::{
         client::{self, ClientOptions},
         world::{Human, Simulation},
@@ -33,7 +33,8 @@ struct Result_<'a> {
 }
 
 pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
+    let layers = world::layers(super::undriven_layers(config)?, &arguments.world)?;
+    let settings = thresholds::layers(layers, &arguments.thresholds)?.resolve()?;
     let mut setup = world::setup(&settings, &arguments.world, arguments.laps)?;
     setup.human = arguments.human_from.zip(arguments.human_for).map(|(from_s, for_s)| Human {
         from_s,
@@ -58,7 +59,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
                 Ok(report) => report,
                 Err(error) => {
                     // What was driven until then is still worth its pictures and its score.
-                    finish(live, address, &arguments)?;
+                    finish(live, address, &arguments, &settings)?;
                     return Err(error.into());
                 }
             };
@@ -77,14 +78,14 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
             "the expert".to_owned()
         }
     };
-    finish(live, &driver, &arguments)
+    finish(live, &driver, &arguments, &settings)
 }
 
-fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate) -> anyhow::Result<Ended> {
+fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Settings) -> anyhow::Result<Ended> {
     live.listen();
     let made = live.pictures.finish(&live.simulation)?;
     let card = live.scorer.finish();
-    let missed = world::thresholds(&arguments.thresholds).missed(&card);
+    let missed = score::missed(&settings.thresholds, &card);
     let seed = live.simulation.setup().seed;
     if arguments.json {
         let result = Result_ { driver, seed, card: &card, missed: &missed };
@@ -96,7 +97,7 @@ fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate) -> anyhow::Re
         }
         super::print(&text);
     }
-    Ok(world::ended(&missed))
+    Ok(thresholds::ended(&missed))
 }
 
 /// The world while somebody drives it: paced, filmed, scored.

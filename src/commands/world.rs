@@ -15,7 +15,6 @@ use crate::{
     cli::{self, View},
     config::{ConfigError, Layers, Settings},
     perception::Frame,
-    score::Thresholds,
     simulator::{
         camera::{Camera, Renderer, Scenery},
         conditions::Conditions,
@@ -192,22 +191,4 @@ impl Progress {
     pub(super) fn clear(&self) {
         self.bar.finish_and_clear();
     }
-}
-
-/// The thresholds of the flags.
-pub(super) fn thresholds(flags: &cli::Thresholds) -> Thresholds {
-    Thresholds {
-        min_completion: flags.min_completion.map(|percent| percent / 100.0),
-        max_collisions: flags.max_collisions,
-        max_off_roads: flags.max_off_road,
-        max_cte_m: flags.max_cte,
-    }
-}
-
-/// Says each threshold that was missed.
-pub(super) fn ended(missed: &[String]) -> super::Ended {
-    for missed in missed {
-        eprintln!("missed: {missed}");
-    }
-    if missed.is_empty() { super::Ended::Passed } else { super::Ended::Missed }
 }

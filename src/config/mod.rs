@@ -39,6 +39,8 @@ pub struct Settings {
     pub recording: Recording,
     /// The headless simulator.
     pub simulator: Simulator,
+    /// What a run must reach.
+    pub thresholds: Thresholds,
 }
 
 /// `[bridge]`
@@ -119,6 +121,33 @@ pub struct Recording {
     pub dir: PathBuf,
     /// Items that may wait for the disk before frames are left out. Default 512, some 6 s of one simulator at 20 Hz.
     pub queue: usize,
+}
+
+/// `[thresholds]`: what a run must reach, or the exit status is 3. None is set by default.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Thresholds {
+    /// Least completion, percent of the laps asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_completion: Option<f64>,
+    /// Least autonomy, percent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_autonomy: Option<f64>,
+    /// Least driving score (CARLA 2.1), 0 to 100.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_driving_score: Option<f64>,
+    /// Most collisions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_collisions: Option<u32>,
+    /// Most times off the road.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_off_road: Option<u32>,
+    /// Largest |cte| allowed anywhere, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_cte: Option<f64>,
+    /// Largest mean |cte|, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_mean_cte: Option<f64>,
 }
 
 impl Default for Bridge {
@@ -273,6 +302,19 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     }
     if settings.model.threads > 1024 {
         return Err(error(format!("model.threads: expected at most 1024, got {}", settings.model.threads)));
+    }
+    let Thresholds { min_completion, min_autonomy, min_driving_score, max_cte, max_mean_cte, .. } = settings.thresholds;
+    for (key, limit, most) in [
+        ("min_completion", min_completion, 100.0),
+        ("min_autonomy", min_autonomy, 100.0),
+        ("min_driving_score", min_driving_score, 100.0),
+        ("max_cte", max_cte, f64::MAX),
+        ("max_mean_cte", max_mean_cte, f64::MAX),
+    ] {
+        if let Some(limit) = limit.filter(|limit| !(0.0..=most).contains(limit)) {
+            let expected = if most > 100.0 { "0 or more".into() } else { format!("0 to {most}") };
+            return Err(error(format!("thresholds.{key}: expected {expected}, got {limit}")));
+        }
     }
     settings.simulator.rules.check().map_err(|why| error(format!("simulator.rules: {why}")))?;
     if !(1.0..=50.0).contains(&settings.simulator.hz) {

@@ -85,8 +85,11 @@ pub fn run<W: Eventful>(
             hash.update(command.steering.get().to_le_bytes());
             hash.update(command.throttle.get().to_le_bytes());
         }
+        let took = trace.total;
+        if let Answer::Steer(command) = answer {
+            scorer.command(&turn::record_of(command, &trace, took));
+        }
         if let Some(recorder) = recorder {
-            let took = trace.total;
             record(recorder, at, telemetry, answer, trace, Some(took));
         }
     }

@@ -46,7 +46,7 @@ pub(super) fn events_of(happening: Happening) -> Vec<EventRecord> {
     }
 }
 
-fn record_of(command: Command, trace: &Trace, latency: Duration) -> CommandRecord {
+pub(super) fn record_of(command: Command, trace: &Trace, latency: Duration) -> CommandRecord {
     let ns = |duration: Duration| duration.as_nanos().try_into().unwrap_or(u64::MAX);
     CommandRecord {
         by: match trace.by {

@@ -11,10 +11,8 @@
 //! 1.6 m behind the line. That, and not the line's own direction, is what the heading is held against.
 
 use super::{Pilot, PilotError, Prediction, View};
-use crate::units::{Degrees, MetresPerSecond, Mph, PathPoint, Steering};
+use crate::units::{Degrees, MetresPerSecond, Mph, PathPoint, Steering, WHEELBASE_M};
 
-/// From axle to axle of the stock simulator's car, in metres.
-const WHEELBASE_M: f64 = 2.87;
 /// From the rear axle to the car's origin, in metres.
 const REAR_M: f64 = 1.6;
 

@@ -1,180 +1,94 @@
-//! The judgement, for people and for scripts.
+//! The judgement, for scripts; [`super::table`] is for people.
 
-use std::fmt;
+use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{
+    Serialize, Serializer,
+    ser::{Error, SerializeMap},
+};
 
-/// What a run was worth. `None` is what the run does not tell.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+use super::{Figure, Latency, Measure, STAGES, Unit};
+
+/// What the JSON of a scorecard is called. A key's meaning never changes under one number; new keys may come.
+pub const SCHEMA: &str = "lapwing.scorecard/1";
+
+/// What a run was worth.
+///
+/// As JSON it is one object: `schema`; `track`, `scenario`, `ended`, `laps_asked`, each a value or null; a number or null
+/// under the key of each [`Figure`]; `lap_times_s`; `latency_ms` with p50, p95 and p99 of each of the [`STAGES`] that were
+/// measured; `estimates`, which names the figures that are estimates with `uncertainty` and `from`; `not_measurable`,
+/// which gives the reason of each null; and `notes` in words.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Scorecard {
-    /// The track.
+    /// The track, where the run tells it.
     pub track: Option<String>,
+    /// The script of the other traffic.
+    pub scenario: Option<String>,
     /// Why the run ended.
     pub ended: Option<String>,
-    /// From the first telemetry to the last, in seconds of the world.
-    pub time_s: f64,
-    /// Metres driven: told by the world, else speed over time.
-    pub distance_m: f64,
-    /// Mean speed over time, in mph.
-    pub mean_mph: Option<f64>,
-    /// Highest speed told, in mph.
-    pub max_mph: f64,
     /// Laps asked for.
     pub laps_asked: Option<u32>,
-    /// Laps completed.
-    pub laps: Option<u32>,
-    /// How long each took, in seconds.
+    /// How long each lap took, in seconds.
     pub lap_times_s: Vec<f64>,
-    /// Completion rate (Lu): the way that the car got, as a share of the laps asked for, 0 to 1.
-    pub completion: Option<f64>,
-    /// Contacts with anything.
-    pub collisions: Option<u32>,
-    /// Contacts a kilometre.
-    pub collisions_per_km: Option<f64>,
-    /// Times that the car left the road.
-    pub off_roads: Option<u32>,
-    /// Seconds that it was off it.
-    pub off_road_s: Option<f64>,
-    /// Times that it was put back on the road.
-    pub resets: Option<u32>,
-    /// Times that it did not get away.
-    pub stuck: Option<u32>,
-    /// Mean of |cte|, in metres.
-    pub mean_cte_m: Option<f64>,
-    /// 95th percentile of |cte|, in metres.
-    pub p95_cte_m: Option<f64>,
-    /// Largest |cte|, in metres.
-    pub max_cte_m: Option<f64>,
-    /// Root mean square of the steering rate over time, in degrees a second: sqrt(∫(dδ/dt)² dt / ∫dt) with the steering
-    /// angle δ told in telemetry, a straight line between two of them. Small is smooth. `None` where no two follow one
-    /// another; what lies in a gap of more than a second or across a reset does not count.
-    pub steering_rate_deg_s: Option<f64>,
-    /// Times that a human took the wheel.
-    pub takeovers: u32,
-    /// Frames that could not be driven by.
-    pub bad_frames: u32,
+    /// Of each of the [`STAGES`].
+    pub latency: [Option<Latency>; STAGES.len()],
+    /// What whoever reads this should know besides: a file that is cut off, messages that cannot be read.
+    pub notes: Vec<String>,
+    /// In the order of [`Figure::ALL`].
+    pub(super) figures: [Measure; Figure::ALL.len()],
 }
 
-/// What a run must reach. `None` asks for nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Thresholds {
-    /// Least completion, 0 to 1.
-    pub min_completion: Option<f64>,
-    /// Most collisions.
-    pub max_collisions: Option<u32>,
-    /// Most times off the road.
-    pub max_off_roads: Option<u32>,
-    /// Largest |cte| allowed anywhere, in metres.
-    pub max_cte_m: Option<f64>,
-}
+impl Scorecard {
+    /// What the run says of a figure.
+    pub fn get(&self, figure: Figure) -> Measure {
+        self.figures[figure as usize]
+    }
 
-impl Thresholds {
-    /// Each threshold that a run misses, in words. What the run does not tell misses, too.
-    pub fn missed(&self, card: &Scorecard) -> Vec<String> {
-        let mut missed = vec![];
-        let mut check = |what: &str, expected: Option<String>, got: Option<String>, ok: bool| {
-            if let Some(expected) = expected
-                && !ok
-            {
-                let got = got.unwrap_or_else(|| "nothing: the run does not tell it".into());
-                missed.push(format!("{what}: expected {expected}, got {got}"));
-            }
-        };
-        let percent = |share: f64| format!("{:.1} %", share * 100.0);
-        check(
-            "completion",
-            self.min_completion.map(|min| format!("at least {}", percent(min))),
-            card.completion.map(percent),
-            self.min_completion.zip(card.completion).is_some_and(|(min, got)| got >= min),
-        );
-        check(
-            "collisions",
-            self.max_collisions.map(|max| format!("at most {max}")),
-            card.collisions.map(|got| got.to_string()),
-            self.max_collisions.zip(card.collisions).is_some_and(|(max, got)| got <= max),
-        );
-        check(
-            "times off the road",
-            self.max_off_roads.map(|max| format!("at most {max}")),
-            card.off_roads.map(|got| got.to_string()),
-            self.max_off_roads.zip(card.off_roads).is_some_and(|(max, got)| got <= max),
-        );
-        check(
-            "largest |cte|",
-            self.max_cte_m.map(|max| format!("at most {max} m")),
-            card.max_cte_m.map(|got| format!("{got:.2} m")),
-            self.max_cte_m.zip(card.max_cte_m).is_some_and(|(max, got)| got <= max),
-        );
-        missed
+    /// The value of a figure, told or estimated.
+    pub fn value(&self, figure: Figure) -> Option<f64> {
+        self.get(figure).value()
     }
 }
 
-impl fmt::Display for Scorecard {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let unknown = || "not measurable: the run does not tell it".to_owned();
-        let told = |value: Option<String>| value.unwrap_or_else(unknown);
-        let mut rows: Vec<(&str, String)> = vec![];
-        if let Some(why) = &self.ended {
-            rows.push(("ended", why.clone()));
+impl Serialize for Scorecard {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Estimate {
+            uncertainty: f64,
+            from: &'static str,
         }
-        rows.push((
-            "completion",
-            match (self.completion, self.laps, self.laps_asked) {
-                (Some(share), Some(laps), Some(asked)) => {
-                    format!("{:.1} %, {laps} of {asked} {}", share * 100.0, if asked == 1 { "lap" } else { "laps" })
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("schema", SCHEMA)?;
+        map.serialize_entry("track", &self.track)?;
+        map.serialize_entry("scenario", &self.scenario)?;
+        map.serialize_entry("ended", &self.ended)?;
+        map.serialize_entry("laps_asked", &self.laps_asked)?;
+        let (mut estimates, mut unknown) = (BTreeMap::new(), BTreeMap::new());
+        for figure in Figure::ALL {
+            let measure = self.get(figure);
+            match measure {
+                Measure::Told(_) => {}
+                Measure::Estimate { uncertainty, from, .. } => {
+                    estimates.insert(figure.key(), Estimate { uncertainty, from });
                 }
-                (_, Some(laps), None) => format!("{laps} laps, none asked for"),
-                _ => unknown(),
-            },
-        ));
-        if !self.lap_times_s.is_empty() {
-            let times = self.lap_times_s.iter().map(|t| format!("{t:.1}")).collect::<Vec<_>>().join(", ");
-            rows.push(("lap times", format!("{times} s")));
-        }
-        rows.push((
-            "collisions",
-            told(self.collisions.map(|n| match self.collisions_per_km {
-                Some(rate) if n > 0 => format!("{n} ({rate:.2} /km)"),
-                _ => n.to_string(),
-            })),
-        ));
-        rows.push((
-            "off the road",
-            told(self.off_roads.zip(self.off_road_s).map(|(n, s)| match n {
-                0 => "never".into(),
-                1 => format!("once, {s:.1} s"),
-                _ => format!("{n} times, {s:.1} s"),
-            })),
-        ));
-        for (name, count) in [("stuck", self.stuck), ("put back", self.resets)] {
-            if let Some(n @ 1..) = count {
-                rows.push((name, format!("{n} times")));
+                Measure::Unknown(why) => {
+                    unknown.insert(figure.key(), why);
+                }
+            }
+            match measure.value() {
+                Some(value) if !value.is_finite() => {
+                    return Err(S::Error::custom(format!("{} is {value}", figure.key())));
+                }
+                Some(value) if figure.unit() == Unit::Count => map.serialize_entry(figure.key(), &(value as u64))?,
+                value => map.serialize_entry(figure.key(), &value)?,
             }
         }
-        rows.push((
-            "|cte|",
-            told(
-                self.mean_cte_m.zip(self.p95_cte_m.zip(self.max_cte_m)).map(|(mean, (p95, max))| {
-                    format!("{mean:.2} m mean, {p95:.2} m 95th percentile, {max:.2} m largest")
-                }),
-            ),
-        ));
-        rows.push(("steering rate", told(self.steering_rate_deg_s.map(|rate| format!("{rate:.1} deg/s RMS")))));
-        rows.push(("distance", format!("{:.1} m in {:.1} s", self.distance_m, self.time_s)));
-        rows.push((
-            "speed",
-            match self.mean_mph {
-                Some(mean) => format!("{mean:.2} mph mean, {:.2} mph maximum", self.max_mph),
-                None => format!("{:.2} mph maximum", self.max_mph),
-            },
-        ));
-        if self.takeovers > 0 {
-            rows.push(("human takeovers", self.takeovers.to_string()));
-        }
-        if self.bad_frames > 0 {
-            rows.push(("bad frames", self.bad_frames.to_string()));
-        }
-        let rows: Vec<_> = rows.into_iter().map(|(name, value)| format!("  {name:<17} {value}")).collect();
-        f.write_str(&rows.join("\n"))
+        map.serialize_entry("lap_times_s", &self.lap_times_s)?;
+        let latency: BTreeMap<_, _> = STAGES.into_iter().zip(self.latency).filter_map(|(s, l)| Some((s, l?))).collect();
+        map.serialize_entry("latency_ms", &latency)?;
+        map.serialize_entry("estimates", &estimates)?;
+        map.serialize_entry("not_measurable", &unknown)?;
+        map.serialize_entry("notes", &self.notes)?;
+        map.end()
     }
 }

@@ -1,11 +1,38 @@
 //! What a run was worth.
 //!
-//! A [`Scorer`] watches a run item by item, live or from a file, and ends in a
-//! [`Scorecard`]. It judges by what the world tells of itself (its position,
-//! laps and collisions); what a run cannot tell is absent, never 0.
+//! A [`Scorer`] watches a run item by item, live or from a file ([`of_run`]), and ends in a [`Scorecard`]: a [`Measure`]
+//! for each [`Figure`]. What the world tells of itself (its position, laps and collisions) is told on; what follows
+//! from other things is marked as an estimate, with its uncertainty; what a run cannot tell is not measurable, with
+//! the reason, never 0.
+//!
+//! | file | holds |
+//! |---|---|
+//! | [`figure`] | each figure's unit, formula and source |
+//! | `scorer` | from items to figures |
+//! | `infractions`, `smoothness`, `latency` | the figures that take a formula |
+//! | `card`, `table` | the scorecard as JSON and for people |
+//! | `thresholds`, [`junit`] | what a run must reach, and how CI is told |
+//! | [`summary`], [`against`] | several runs in one, and whether they got worse |
 
+pub mod against;
 mod card;
+pub mod figure;
+mod infractions;
+pub mod junit;
+mod latency;
+mod measure;
+mod run;
 mod scorer;
+mod smoothness;
+pub mod summary;
+mod table;
+mod thresholds;
 
-pub use card::{Scorecard, Thresholds};
+pub use card::{SCHEMA, Scorecard};
+pub use figure::{Better, Figure, Unit};
+pub use latency::{Latency, STAGES};
+pub use measure::Measure;
+pub use run::of_run;
 pub use scorer::Scorer;
+pub use summary::Spread;
+pub use thresholds::{Check, checks, missed};

@@ -2,61 +2,80 @@
 
 use std::time::Duration;
 
-use super::Scorecard;
+use super::{
+    Figure, Measure, Scorecard,
+    infractions::{Struck, autonomies, driving_scores},
+    latency::Stages,
+    smoothness::{GAP_S, Sample, Smoothness},
+};
 use crate::{
     protocol::Telemetry,
-    recording::EventRecord,
-    units::{Degrees, MPS_PER_MPH, Metres},
+    recording::{By, CommandRecord, EventRecord, Item},
+    units::{MPS_PER_MPH, Metres},
 };
 
-/// Telemetries farther apart than this say nothing of how the wheel turned between them.
-const STEERING_GAP: Duration = Duration::from_secs(1);
+/// A run that ends within so many seconds of a collision ended by it.
+const AFTERMATH_S: f64 = 2.0;
+/// How far off a distance may be that follows from speed and time, as a share: the speed is that of the moment, and
+/// telemetries come when they come.
+const DISTANCE_OFF: f64 = 0.01;
+
+const NO_POSITION: &str = "the run tells no position: the stock build does not";
+const NO_JUDGE: &str = "the run tells no collisions and no road: the stock build does not";
+const NO_LAPS_ASKED: &str = "no laps were asked for";
+const NO_TIME: &str = "the run has fewer than two telemetries";
+const NO_ANSWERS: &str = "the run has no answers";
+const NO_PILOT: &str = "no pilot drove";
+const TOO_SHORT: &str = "no half second of the run is told without a gap";
 
 /// Watches one run.
 #[derive(Debug, Clone, Default)]
 pub struct Scorer {
     course: Option<Course>,
-    first: Option<Duration>,
-    last: Option<(Duration, f64)>,
+    first_s: Option<f64>,
+    /// Time and speed of the telemetry before, in s and m/s.
+    last: Option<(f64, f64)>,
+    telemetries: u64,
     driven_m: f64,
+    /// Metres of distance that fall into gaps.
+    in_gaps_m: f64,
+    off_road_m: f64,
     max_mph: f64,
     told_m: Option<f64>,
     /// |cte| of each telemetry that tells it.
     offsets_m: Vec<f64>,
-    /// When and where the wheel was last told.
-    steered: Option<(Duration, Degrees)>,
-    steering_rate: SquaredRate,
+    samples: Vec<Sample>,
+    /// The car was put elsewhere since the last sample.
+    was_put: bool,
     /// Furthest that the car came, in laps.
     progress: f64,
     laps: Vec<f64>,
-    collisions: u32,
+    struck: Vec<Struck>,
+    /// Episodes that had a collision, and whether this one has.
+    struck_episodes: u32,
+    struck_now: bool,
+    last_collision_s: Option<f64>,
     off_roads: u32,
     off_road_s: f64,
-    off_since: Option<Duration>,
+    off_since: Option<f64>,
+    ended_off_road: bool,
     resets: u32,
     stuck: u32,
+    is_stuck: bool,
     takeovers: u32,
+    human_s: f64,
+    human_since: Option<f64>,
+    /// Seconds and metres at the first infraction.
+    survived: Option<(f64, f64)>,
     bad_frames: u32,
+    missed_frames: u64,
+    /// Answers, and those of a pilot.
+    answers: (u64, u64),
+    unanswered: bool,
+    stages: Stages,
+    told: Told,
     ended: Option<String>,
-}
-
-/// The integral of a squared rate of change, and of the time that it is taken over.
-#[derive(Debug, Clone, Default)]
-struct SquaredRate {
-    squares: f64,
-    seconds: f64,
-}
-
-impl SquaredRate {
-    /// A change at an even rate: (change / s)² over s.
-    fn take(&mut self, change: f64, seconds: f64) {
-        self.squares += change.powi(2) / seconds;
-        self.seconds += seconds;
-    }
-
-    fn rms(&self) -> Option<f64> {
-        (self.seconds > 0.0).then(|| (self.squares / self.seconds).sqrt())
-    }
+    notes: Vec<String>,
 }
 
 #[derive(Debug, Clone)]
@@ -64,56 +83,117 @@ struct Course {
     track: String,
     waypoints: u32,
     laps: Option<u32>,
+    scenario: Option<String>,
+}
+
+/// What forks count themselves, where nothing else in the run tells it.
+#[derive(Debug, Clone, Default)]
+struct Told {
+    laps: Counter,
+    crashes: Counter,
+    out_of_bounds: Counter,
+}
+
+/// A count that may begin anew.
+#[derive(Debug, Clone, Default)]
+struct Counter {
+    last: Option<u32>,
+    total: u32,
+}
+
+impl Counter {
+    /// Whether it went up.
+    fn take(&mut self, count: Option<u32>) -> bool {
+        let more = count.zip(self.last).map_or(0, |(now, before)| now.saturating_sub(before));
+        self.total += more;
+        self.last = count.or(self.last);
+        more > 0
+    }
+
+    fn total(&self) -> Option<f64> {
+        self.last.map(|_| self.total.into())
+    }
 }
 
 impl Scorer {
-    /// Takes a telemetry, in the order of time.
-    pub fn telemetry(&mut self, at: Duration, telemetry: &Telemetry) {
-        let mph = telemetry.speed.get();
-        self.first.get_or_insert(at);
-        if let Some((before, was_mph)) = self.last {
-            // Trapezium: the speed changes evenly between two telemetries.
-            self.driven_m += at.saturating_sub(before).as_secs_f64() * (mph + was_mph) / 2.0 * MPS_PER_MPH;
-        }
-        self.last = Some((at, mph));
-        self.max_mph = self.max_mph.max(mph);
-        self.steering(at, telemetry.steering);
-        let truth = &telemetry.truth;
-        self.told_m = truth.distance.map(Metres::get).or(self.told_m);
-        self.offsets_m.extend(truth.cte.map(|cte| cte.get().abs()));
-        if let (Some(course), Some(lap), Some(waypoint)) = (&self.course, truth.lap, truth.waypoint) {
-            let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
-            self.progress = self.progress.max(progress);
+    /// Takes an item of a run, in the order of the file.
+    pub fn item(&mut self, at: Duration, item: &Item) {
+        match item {
+            Item::Telemetry(telemetry) => self.telemetry(at, telemetry),
+            Item::Command(command) => self.command(command),
+            Item::Event(event) => self.event(at, event),
+            Item::Frame(_) => {}
         }
     }
 
-    fn steering(&mut self, at: Duration, angle: Degrees) {
-        if let Some((before, was)) = self.steered {
-            let apart = at.saturating_sub(before);
-            if apart.is_zero() {
-                return; // no time in which to turn: the next one is measured from the earlier
-            }
-            if apart <= STEERING_GAP {
-                self.steering_rate.take(angle.get() - was.get(), apart.as_secs_f64());
-            }
+    /// Takes a telemetry, in the order of time.
+    pub fn telemetry(&mut self, at: Duration, telemetry: &Telemetry) {
+        let (at, mph) = (at.as_secs_f64(), telemetry.speed.get());
+        let speed_mps = mph * MPS_PER_MPH;
+        self.telemetries += 1;
+        self.missed_frames += u64::from(std::mem::replace(&mut self.unanswered, true));
+        self.first_s.get_or_insert(at);
+        let apart = self.last.map_or(0.0, |(before, _)| (at - before).max(0.0));
+        if let Some((_, was_mps)) = self.last {
+            // Trapezium: the speed changes evenly between two telemetries.
+            let way = apart * (speed_mps + was_mps) / 2.0;
+            self.driven_m += way;
+            self.in_gaps_m += if apart > GAP_S { way } else { 0.0 };
+            self.off_road_m += if self.off_since.is_some() { way } else { 0.0 };
         }
-        self.steered = Some((at, angle));
+        // Of two at one time the first is what counts: in no time nothing turns.
+        if self.last.is_none() || apart > 0.0 {
+            let goes_on = self.last.is_some() && apart <= GAP_S && !self.was_put;
+            self.samples.push(Sample { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on });
+            self.was_put = false;
+        }
+        self.last = Some((at, speed_mps));
+        self.max_mph = self.max_mph.max(mph);
+        let truth = &telemetry.truth;
+        self.told_m = truth.distance.map(Metres::get).or(self.told_m);
+        self.offsets_m.extend(truth.cte.map(|cte| cte.get().abs()));
+        self.told.laps.take(truth.lap);
+        let infraction = self.told.crashes.take(truth.crashes) | self.told.out_of_bounds.take(truth.out_of_bounds);
+        match (&self.course, truth.lap, truth.waypoint) {
+            (Some(course), Some(lap), Some(waypoint)) => {
+                let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
+                self.progress = self.progress.max(progress);
+            }
+            (None, ..) if infraction => self.infraction(at),
+            _ => {}
+        }
+    }
+
+    /// Takes an answer.
+    pub fn command(&mut self, command: &CommandRecord) {
+        self.unanswered = false;
+        self.answers.0 += 1;
+        self.answers.1 += u64::from(command.by == By::Pilot);
+        self.stages.take(command);
     }
 
     /// Takes what happened besides.
     pub fn event(&mut self, at: Duration, event: &EventRecord) {
+        let at = at.as_secs_f64();
         match event {
-            EventRecord::Course { track, waypoints, laps, .. } => {
-                self.course = Some(Course { track: track.clone(), waypoints: *waypoints, laps: *laps });
+            EventRecord::Course { track, waypoints, laps, scenario, .. } => {
+                let (track, scenario) = (track.clone(), scenario.clone());
+                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario });
             }
             EventRecord::Lap { number, time_s } => {
                 self.laps.push(*time_s);
                 self.progress = self.progress.max(f64::from(*number));
             }
-            EventRecord::Collision { .. } => self.collisions += 1,
+            EventRecord::Collision { with, .. } => {
+                self.struck.push(Struck::by_name(with));
+                self.struck_episodes += u32::from(!std::mem::replace(&mut self.struck_now, true));
+                self.last_collision_s = Some(at);
+                self.infraction(at);
+            }
             EventRecord::OffRoad { .. } => {
                 self.off_roads += 1;
                 self.off_since = Some(at);
+                self.infraction(at);
             }
             EventRecord::BackOnRoad { after_s } => {
                 self.off_road_s += after_s;
@@ -121,204 +201,176 @@ impl Scorer {
             }
             EventRecord::Reset { .. } => {
                 self.resets += 1;
-                self.steered = None; // the wheel is put straight with the car
+                self.was_put = true; // the wheel is put straight with the car
+                self.struck_now = false;
+                self.last_collision_s = None;
+                self.is_stuck = false;
                 self.back_on_road(at);
+                self.infraction(at);
             }
-            EventRecord::Stuck => self.stuck += 1,
-            EventRecord::TakeoverBegan => self.takeovers += 1,
+            EventRecord::Stuck => {
+                self.stuck += 1;
+                self.is_stuck = true;
+                self.infraction(at);
+            }
+            EventRecord::Moving => self.is_stuck = false,
+            EventRecord::TakeoverBegan => {
+                self.takeovers += 1;
+                self.human_since = Some(at);
+                self.unanswered = false;
+                self.infraction(at);
+            }
+            EventRecord::TakeoverEnded { duration_s } => {
+                self.human_s += duration_s;
+                self.human_since = None;
+            }
             EventRecord::BadFrame { .. } => self.bad_frames += 1,
             EventRecord::RunEnded { why } => {
                 self.ended = Some(why.clone());
+                self.ended_off_road = self.off_since.is_some();
                 self.back_on_road(at);
             }
             _ => {}
         }
     }
 
-    fn back_on_road(&mut self, at: Duration) {
+    /// Something about the run that whoever reads its scorecard should know.
+    pub fn note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
+    fn infraction(&mut self, at: f64) {
+        let (first, way) = (self.first_s.unwrap_or(at), self.told_m.unwrap_or(self.driven_m));
+        self.survived.get_or_insert(((at - first).max(0.0), way));
+    }
+
+    fn back_on_road(&mut self, at: f64) {
         if let Some(since) = self.off_since.take() {
-            self.off_road_s += at.saturating_sub(since).as_secs_f64();
+            self.off_road_s += (at - since).max(0.0);
         }
+    }
+
+    /// Whether the run ended in a way that somebody would have had to end.
+    fn ended_badly(&self, last_s: f64) -> bool {
+        self.ended_off_road || self.is_stuck || self.last_collision_s.is_some_and(|at| last_s - at <= AFTERMATH_S)
     }
 
     /// The judgement.
     pub fn finish(mut self) -> Scorecard {
-        let (first, last) = (self.first.unwrap_or_default(), self.last.map_or(Duration::ZERO, |(at, _)| at));
+        use Figure as F;
+        let first = self.first_s.unwrap_or_default();
+        let last = self.last.map_or(first, |(at, _)| at);
+        let time_s = last - first;
+        self.ended_off_road |= self.off_since.is_some(); // where the file is cut off
         self.back_on_road(last);
-        let time_s = last.saturating_sub(first).as_secs_f64();
-        let distance_m = self.told_m.unwrap_or(self.driven_m);
-        self.offsets_m.sort_by(f64::total_cmp);
-        let n = self.offsets_m.len();
-        let told = n > 0;
+        if let Some(since) = self.human_since.take() {
+            self.human_s += (last - since).max(0.0);
+        }
         let judged = self.course.is_some();
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
-        Scorecard {
-            track: self.course.as_ref().map(|course| course.track.clone()),
-            ended: self.ended,
-            time_s,
-            distance_m,
-            mean_mph: (time_s > 0.0).then(|| self.driven_m / time_s / MPS_PER_MPH),
-            max_mph: self.max_mph,
-            laps_asked,
-            laps: judged.then_some(self.laps.len() as u32),
-            lap_times_s: self.laps,
-            completion: laps_asked.map(|asked| (self.progress / f64::from(asked.max(1))).min(1.0)),
-            collisions: judged.then_some(self.collisions),
-            collisions_per_km: (judged && distance_m > 0.0).then(|| f64::from(self.collisions) / (distance_m / 1000.0)),
-            off_roads: judged.then_some(self.off_roads),
-            off_road_s: judged.then_some(self.off_road_s),
-            resets: judged.then_some(self.resets),
-            stuck: judged.then_some(self.stuck),
-            mean_cte_m: told.then(|| self.offsets_m.iter().sum::<f64>() / n as f64),
-            p95_cte_m: told.then(|| self.offsets_m[(n * 95).div_ceil(100).max(1) - 1]),
-            max_cte_m: self.offsets_m.last().copied(),
-            steering_rate_deg_s: self.steering_rate.rms(),
-            takeovers: self.takeovers,
-            bad_frames: self.bad_frames,
+        let mut figures = Figures::new();
+
+        let distance = match self.told_m {
+            Some(told) => Measure::Told(told),
+            None => Measure::Estimate {
+                value: self.driven_m,
+                uncertainty: DISTANCE_OFF * self.driven_m + self.in_gaps_m / 2.0,
+                from: "speed over time",
+            },
+        };
+        let way = self.told_m.unwrap_or(self.driven_m);
+        figures.set(F::DistanceM, distance);
+        figures.set(F::TimeS, Measure::told(self.last.map(|_| time_s), NO_TIME));
+        let timed = time_s > 0.0;
+        figures.told(F::MeanMph, timed.then(|| self.driven_m / time_s / MPS_PER_MPH), NO_TIME);
+        figures.told(F::MaxMph, self.last.map(|_| self.max_mph), NO_TIME);
+
+        let completion = laps_asked.map(|asked| (self.progress / f64::from(asked.max(1))).min(1.0));
+        figures.told(F::Completion, completion, if judged { NO_LAPS_ASKED } else { NO_POSITION });
+        let count = |told: &Counter, judge: u32| if judged { Some(f64::from(judge)) } else { told.total() };
+        let collisions = count(&self.told.crashes, self.struck.len() as u32);
+        figures.told(F::Laps, count(&self.told.laps, self.laps.len() as u32), NO_POSITION);
+        figures.told(F::Collisions, collisions, NO_JUDGE);
+        figures.told(F::CollisionsPerKm, collisions.filter(|_| way > 0.0).map(|n| n / (way / 1000.0)), NO_JUDGE);
+        let by_judge = |value: f64| judged.then_some(value);
+        let episodes = f64::from(self.resets + 1);
+        figures.told(F::Episodes, by_judge(episodes), NO_JUDGE);
+        figures.told(F::CollisionRate, by_judge(f64::from(self.struck_episodes) / episodes), NO_JUDGE);
+        figures.told(F::OffRoads, count(&self.told.out_of_bounds, self.off_roads), NO_JUDGE);
+        figures.told(F::OffRoadS, by_judge(self.off_road_s), NO_JUDGE);
+        let off_road_share = if self.driven_m > 0.0 { self.off_road_m / self.driven_m } else { 0.0 };
+        figures.told(F::OffRoadShare, by_judge(off_road_share), NO_JUDGE);
+        figures.told(F::Stuck, by_judge(self.stuck.into()), NO_JUDGE);
+        figures.told(F::Resets, by_judge(self.resets.into()), NO_JUDGE);
+        let scores = completion.map(|completion| driving_scores(completion, off_road_share, &self.struck));
+        let why = if judged { NO_LAPS_ASKED } else { NO_JUDGE };
+        figures.told(F::DrivingScore, scores.map(|(new, _)| new), why);
+        figures.told(F::DrivingScoreProduct, scores.map(|(_, old)| old), why);
+
+        let interventions = self.resets + u32::from(self.ended_badly(last));
+        figures.told(F::Takeovers, Some(self.takeovers.into()), NO_TIME);
+        figures.told(F::HumanS, Some(self.human_s), NO_TIME);
+        figures.told(F::Interventions, by_judge(interventions.into()), NO_JUDGE);
+        let by_human = self.answers.0 > 0 && self.answers.1 == 0;
+        let autonomies = (timed && !by_human).then(|| autonomies(time_s, self.takeovers, self.human_s, interventions));
+        let why = if timed { NO_PILOT } else { NO_TIME };
+        figures.told(F::Autonomy, autonomies.map(|(counted, _)| counted), why);
+        figures.told(F::AutonomyMeasured, autonomies.map(|(_, measured)| measured), why);
+
+        self.offsets_m.sort_by(f64::total_cmp);
+        let (n, offsets) = (self.offsets_m.len(), &self.offsets_m);
+        let told = n > 0;
+        let mean = |of: fn(&f64) -> f64| told.then(|| offsets.iter().map(of).sum::<f64>() / n as f64);
+        figures.told(F::MeanCte, mean(|cte| *cte), NO_POSITION);
+        figures.told(F::RmsCte, mean(|cte| cte * cte).map(f64::sqrt), NO_POSITION);
+        figures.told(F::P95Cte, told.then(|| offsets[(n * 95).div_ceil(100).max(1) - 1]), NO_POSITION);
+        figures.told(F::MaxCte, offsets.last().copied(), NO_POSITION);
+
+        let smooth = Smoothness::of(&self.samples);
+        figures.told(F::SteeringRate, smooth.steering_rate_deg_s, NO_TIME);
+        figures.told(F::SteeringReversals, smooth.reversals_per_min, NO_TIME);
+        figures.told(F::RmsJerk, smooth.rms_jerk, TOO_SHORT);
+        if let Some((value, uncertainty)) = smooth.comfort {
+            figures.set(F::Comfort, Measure::Estimate { value, uncertainty, from: "the yaw rate of a bicycle" });
+        } else {
+            figures.told(F::Comfort, None, TOO_SHORT);
         }
+
+        let (survival_s, survival_m) = self.survived.unwrap_or((time_s, way));
+        figures.told(F::SurvivalS, self.last.map(|_| survival_s), NO_TIME);
+        figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
+        figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / time_s), NO_TIME);
+        figures.told(F::BadFrames, Some(self.bad_frames.into()), NO_TIME);
+        figures.told(F::MissedFrames, (self.answers.0 > 0).then_some(self.missed_frames as f64), NO_ANSWERS);
+        let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
+        Scorecard {
+            track,
+            scenario: scenario.flatten(),
+            ended: self.ended,
+            laps_asked,
+            lap_times_s: self.laps,
+            latency: self.stages.latencies(),
+            notes: self.notes,
+            figures: figures.0,
+        }
+    }
+}
+
+struct Figures([Measure; Figure::ALL.len()]);
+
+impl Figures {
+    fn new() -> Self {
+        Self([Measure::Unknown("nothing says it"); Figure::ALL.len()])
+    }
+
+    fn set(&mut self, figure: Figure, measure: Measure) {
+        self.0[figure as usize] = measure;
+    }
+
+    fn told(&mut self, figure: Figure, value: Option<f64>, why: &'static str) {
+        self.set(figure, Measure::told(value, why));
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{protocol::Truth, units::Mph};
-
-    fn at(s: f64) -> Duration {
-        Duration::from_secs_f64(s)
-    }
-
-    fn told(mph: f64, cte: f64, lap: u32, waypoint: u32) -> Telemetry {
-        Telemetry {
-            steering: Default::default(),
-            throttle: Default::default(),
-            speed: Mph::new(mph).unwrap(),
-            image: Default::default(),
-            truth: Truth {
-                cte: Some(Metres::new(cte).unwrap()),
-                lap: Some(lap),
-                waypoint: Some(waypoint),
-                ..Default::default()
-            },
-        }
-    }
-
-    fn course(laps: u32) -> EventRecord {
-        EventRecord::Course {
-            track: "lake".into(),
-            length_m: 1000.0,
-            waypoints: 100,
-            laps: Some(laps),
-            edge_m: 3.35,
-            scenario: None,
-        }
-    }
-
-    #[test]
-    fn half_of_the_second_lap_of_two_is_three_quarters() {
-        let mut scorer = Scorer::default();
-        scorer.event(at(0.0), &course(2));
-        scorer.telemetry(at(0.0), &told(10.0, 0.0, 0, 0));
-        scorer.event(at(60.0), &EventRecord::Lap { number: 1, time_s: 60.0 });
-        scorer.telemetry(at(90.0), &told(10.0, 0.0, 1, 50));
-        let card = scorer.finish();
-        assert_eq!(card.completion, Some(0.75));
-        assert_eq!((card.laps, card.lap_times_s), (Some(1), vec![60.0]));
-    }
-
-    #[test]
-    fn distance_is_speed_over_time_and_offsets_are_ranked() {
-        let mut scorer = Scorer::default();
-        scorer.event(at(0.0), &course(1));
-        for i in 0..=100 {
-            scorer.telemetry(at(f64::from(i) / 10.0), &told(20.0, -f64::from(i) / 100.0, 0, 0));
-        }
-        let card = scorer.finish();
-        assert!((card.distance_m - 10.0 * 20.0 * MPS_PER_MPH).abs() < 1e-9);
-        assert!((card.mean_cte_m.unwrap() - 0.5).abs() < 1e-9);
-        assert_eq!((card.p95_cte_m, card.max_cte_m), (Some(0.95), Some(1.0)));
-    }
-
-    #[test]
-    fn a_run_that_tells_nothing_is_not_said_to_be_free_of_collisions() {
-        let mut scorer = Scorer::default();
-        let mut stock = told(10.0, 0.0, 0, 0);
-        stock.truth = Truth::default();
-        scorer.telemetry(at(0.0), &stock);
-        scorer.telemetry(at(1.0), &stock);
-        let card = scorer.finish();
-        assert_eq!((card.collisions, card.laps, card.mean_cte_m, card.completion), (None, None, None, None));
-    }
-
-    #[test]
-    fn time_off_the_road_counts_to_the_end_of_a_run_that_ends_there() {
-        let mut scorer = Scorer::default();
-        scorer.event(at(0.0), &course(1));
-        scorer.telemetry(at(0.0), &told(10.0, 0.0, 0, 0));
-        scorer.event(at(2.0), &EventRecord::OffRoad { offset_m: 3.4 });
-        scorer.event(at(3.0), &EventRecord::BackOnRoad { after_s: 1.0 });
-        scorer.event(at(5.0), &EventRecord::OffRoad { offset_m: 3.4 });
-        scorer.telemetry(at(7.5), &told(10.0, 9.0, 0, 1));
-        let card = scorer.finish();
-        assert_eq!((card.off_roads, card.off_road_s), (Some(2), Some(3.5)));
-    }
-
-    /// The steering rate of a wheel told at these times and angles.
-    fn steering_rate(told_at: &[(f64, f64)]) -> Option<f64> {
-        let mut scorer = Scorer::default();
-        for (s, deg) in told_at {
-            scorer.telemetry(at(*s), &turned(*deg));
-        }
-        scorer.finish().steering_rate_deg_s
-    }
-
-    fn turned(deg: f64) -> Telemetry {
-        Telemetry { steering: Degrees::new(deg).unwrap(), ..told(10.0, 0.0, 0, 0) }
-    }
-
-    #[test]
-    fn a_second_at_10_and_one_at_20_degrees_a_second_are_15_8_rms() {
-        // sqrt((10² + 20²) / 2); three telemetries of the even second are as good as two.
-        let rate = steering_rate(&[(0.0, 0.0), (0.25, 2.5), (1.0, 10.0), (2.0, -10.0)]).unwrap();
-        assert!((rate - 250f64.sqrt()).abs() < 1e-9, "{rate}");
-        assert_eq!(steering_rate(&[(0.0, 5.0), (0.5, 5.0)]), Some(0.0));
-    }
-
-    #[test]
-    fn one_telemetry_tells_no_steering_rate() {
-        assert_eq!(steering_rate(&[]), None);
-        assert_eq!(steering_rate(&[(0.0, 5.0)]), None);
-        assert_eq!(steering_rate(&[(1.0, 0.0), (1.0, 5.0)]), None);
-    }
-
-    #[test]
-    fn the_wheel_does_not_turn_in_a_gap_or_across_a_reset() {
-        assert_eq!(steering_rate(&[(0.0, 0.0), (1.5, 20.0)]), None);
-        let rate = steering_rate(&[(0.0, 0.0), (0.5, 5.0), (9.0, -20.0), (9.5, -15.0)]).unwrap();
-        assert!((rate - 10.0).abs() < 1e-9, "{rate}");
-
-        let mut scorer = Scorer::default();
-        scorer.telemetry(at(0.0), &turned(0.0));
-        scorer.telemetry(at(0.5), &turned(5.0));
-        scorer.event(at(0.5), &EventRecord::Reset { waypoint: 0 });
-        scorer.telemetry(at(0.6), &turned(-20.0));
-        scorer.telemetry(at(1.1), &turned(-15.0));
-        let rate = scorer.finish().steering_rate_deg_s.unwrap();
-        assert!((rate - 10.0).abs() < 1e-9, "{rate}");
-    }
-
-    #[test]
-    fn two_telemetries_at_one_time_make_no_infinite_rate() {
-        assert_eq!(steering_rate(&[(0.0, 0.0), (0.0, 5.0), (0.5, 5.0)]), Some(10.0));
-    }
-
-    #[test]
-    fn the_steering_rate_stands_below_the_offset() {
-        let mut scorer = Scorer::default();
-        scorer.telemetry(at(0.0), &turned(0.0));
-        scorer.telemetry(at(0.5), &turned(6.17));
-        let card = scorer.finish().to_string();
-        let lines: Vec<_> = card.lines().skip_while(|line| !line.contains("|cte|")).collect();
-        assert_eq!(lines[1], "  steering rate     12.3 deg/s RMS", "{card}");
-    }
-}
+mod tests;

@@ -1,7 +1,10 @@
 //! From a log and the edges in its pictures to places on the road.
 
 use super::{Edges, Lens, Pose};
-use crate::simulator::track::{Edge, Side, Track};
+use crate::{
+    simulator::track::{Edge, Side, Track},
+    units::WHEELBASE_M,
+};
 
 /// Rows of a picture by which the car's offset and yaw are fitted. Rows 80, 100 and 120 and their
 /// neighbours are not among them: there, rendered and real edges are compared.
@@ -12,8 +15,6 @@ pub const FIT_ROWS: [usize; 16] = [84, 86, 88, 90, 92, 94, 96, 104, 106, 108, 11
 const LINE_M: f64 = 0.1;
 /// Metres ahead of the car's origin on which [`super::Detector::paved`] looks.
 const PAVED_AHEAD_M: f64 = 4.5;
-/// Wheelbase of the stock car, for the curvature that a steering angle drives.
-const WHEELBASE_M: f64 = 2.87;
 /// Metres between samples of curvature, and the half width of their Hann window.
 const GRID_M: f64 = 1.0;
 const WINDOW: usize = 15;

@@ -1,0 +1,207 @@
+//! `lapwing score`: what recorded runs were worth.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+
+use super::{Ended, thresholds};
+use crate::{
+    cli,
+    recording::{RunHeader, RunReader},
+    score::{
+        self, Check, Figure, Scorecard, Unit,
+        against::{Baseline, Change, Turn, changes},
+        junit,
+        summary::{Spread, summary},
+    },
+};
+
+/// What the JSON is called.
+const SCHEMA: &str = "lapwing.score/1";
+
+/// Figures that stand in the table of several runs.
+const COMPARED: [Figure; 8] = [
+    Figure::Completion,
+    Figure::Collisions,
+    Figure::OffRoads,
+    Figure::MeanCte,
+    Figure::Autonomy,
+    Figure::DrivingScore,
+    Figure::MeanMph,
+    Figure::SteeringRate,
+];
+
+#[derive(Serialize)]
+struct Result_<'a> {
+    schema: &'static str,
+    runs: Vec<Scored<'a>>,
+    summary: BTreeMap<&'static str, Spread>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    against: Vec<Change>,
+}
+
+#[derive(Serialize)]
+struct Scored<'a> {
+    run: String,
+    started: String,
+    model: Option<&'a str>,
+    model_sha256: Option<&'a str>,
+    seed: Option<u64>,
+    #[serde(flatten)]
+    card: &'a Scorecard,
+    missed: Vec<&'a str>,
+}
+
+/// A run, judged.
+struct Run {
+    path: PathBuf,
+    header: RunHeader,
+    card: Scorecard,
+    checks: Vec<Check>,
+}
+
+impl Run {
+    fn open(path: PathBuf, limits: &crate::config::Thresholds) -> anyhow::Result<Self> {
+        let mut reader = RunReader::open(&path)?;
+        let card = score::of_run(&mut reader)?;
+        let checks = score::checks(limits, &card);
+        Ok(Self { header: reader.header().clone(), path, card, checks })
+    }
+
+    fn name(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    fn model(&self) -> Option<&str> {
+        self.header.model.as_ref().map(|model| model.name.as_str())
+    }
+
+    fn missed(&self) -> impl Iterator<Item = &str> {
+        self.checks.iter().filter(|check| !check.passed).map(|check| check.words.as_str())
+    }
+
+    fn title(&self) -> String {
+        let driver = self.model().map_or_else(String::new, |model| format!(", {model}"));
+        let track = self.card.track.as_ref().map_or_else(String::new, |track| format!(" on {track}"));
+        let seed = self.header.seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
+        format!("{}{driver}{track}{seed}", self.name())
+    }
+}
+
+pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Result<Ended> {
+    if arguments.explain {
+        super::print(&explained());
+        return Ok(Ended::Passed);
+    }
+    let limits = thresholds::layers(super::undriven_layers(config)?, &arguments.thresholds)?.resolve()?.thresholds;
+    let paths = files(&arguments.runs)?;
+    let runs = paths.into_iter().map(|path| Run::open(path, &limits)).collect::<anyhow::Result<Vec<_>>>()?;
+    let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
+    let summary = summary(&cards);
+    let against = arguments.against.as_deref().map(|path| Ok::<_, anyhow::Error>(changes(&baseline(path)?, &summary)));
+    let against = against.transpose()?.unwrap_or_default();
+    if let Some(path) = &arguments.junit {
+        let cases: Vec<_> = runs.iter().map(|run| (run.name(), &run.card, run.checks.clone())).collect();
+        fs::write(path, junit::report(&cases)?).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    if arguments.json {
+        let scored = runs.iter().map(|run| Scored {
+            run: run.name(),
+            started: run.header.started.to_string(),
+            model: run.model(),
+            model_sha256: run.header.model.as_ref().map(|model| model.sha256.as_str()),
+            seed: run.header.seed,
+            card: &run.card,
+            missed: run.missed().collect(),
+        });
+        let result = Result_ { schema: SCHEMA, runs: scored.collect(), summary, against: against.clone() };
+        super::print(&serde_json::to_string_pretty(&result)?);
+    } else if let [run] = &runs[..] {
+        super::print(&format!("{}\n{}", run.title(), run.card));
+    } else {
+        super::print(&table(&runs, &summary));
+    }
+    if !arguments.json {
+        for change in against.iter().filter(|change| change.turn == Turn::Better) {
+            super::print(&format!("better: {change}"));
+        }
+    }
+    let named = |run: &Run| run.missed().map(|missed| format!("{}: {missed}", run.name())).collect::<Vec<_>>();
+    let worse = against.iter().filter(|change| change.turn == Turn::Worse).map(|change| format!("worse: {change}"));
+    Ok(thresholds::ended(&runs.iter().flat_map(named).chain(worse).collect::<Vec<_>>()))
+}
+
+fn baseline(path: &Path) -> anyhow::Result<Baseline> {
+    let cannot = || format!("{}: expected the JSON of lapwing score", path.display());
+    let text = fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let baseline: Baseline = serde_json::from_str(&text).with_context(cannot)?;
+    if baseline.schema != SCHEMA {
+        bail!("{}: expected schema {SCHEMA}, got {:?}", path.display(), baseline.schema);
+    }
+    Ok(baseline)
+}
+
+/// The runs that are meant; of a folder all in it, by name.
+fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = vec![];
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let cannot = || format!("{}: cannot be read", path.display());
+        let mut inside = vec![];
+        for entry in fs::read_dir(path).with_context(cannot)? {
+            inside.push(entry.with_context(cannot)?.path());
+        }
+        inside.retain(|file| file.extension().is_some_and(|extension| extension == "mcap"));
+        if inside.is_empty() {
+            bail!("{}: expected runs (.mcap) in the folder, got none", path.display());
+        }
+        inside.sort();
+        files.extend(inside);
+    }
+    Ok(files)
+}
+
+/// A line for each run, and their mean.
+fn table(runs: &[Run], spreads: &BTreeMap<&'static str, Spread>) -> String {
+    let mut rows: Vec<Vec<String>> = vec![];
+    rows.push(std::iter::once("run").chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
+    for run in runs {
+        let cell = |figure: Figure| run.card.value(figure).map_or_else(|| "-".to_owned(), |v| figure.unit().show(v));
+        rows.push(std::iter::once(run.name()).chain(COMPARED.map(cell)).collect());
+    }
+    let mean = |figure: Figure| {
+        spreads.get(figure.key()).map_or_else(
+            || "-".to_owned(),
+            |spread| match figure.unit() {
+                Unit::Count => format!("{:.2}", spread.mean), // a mean of counts is no count
+                unit => unit.show(spread.mean),
+            },
+        )
+    };
+    rows.push(std::iter::once(format!("mean of {}", runs.len())).chain(COMPARED.map(mean)).collect());
+    let widths: Vec<_> =
+        (0..=COMPARED.len()).map(|i| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0)).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).enumerate();
+        let cells =
+            cells.map(|(i, (cell, &width))| if i == 0 { format!("{cell:<width$}") } else { format!("{cell:>width$}") });
+        cells.collect::<Vec<_>>().join("  ")
+    };
+    let mut lines: Vec<_> = rows.iter().map(line).collect();
+    lines.push("- is not measurable; lapwing score RUN says why.".into());
+    lines.join("\n")
+}
+
+/// Every figure's key, unit, formula and source.
+fn explained() -> String {
+    let line = |figure: Figure| format!("{:<27} {}", figure.key(), figure.meaning());
+    Figure::ALL.map(line).join("\n")
+}

@@ -1,0 +1,202 @@
+//! What is measured: each figure with its unit, formula and source.
+//!
+//! The text behind each is its documentation here and in `lapwing score --explain`. Sources by short name:
+//!
+//! - Lu: End to End Learning for Self-Driving Cars, which judged by collision rate, maximum speed and completion rate.
+//! - Bojarski: End to End Learning for Self-Driving Cars, arXiv 1604.07316 (2016), section 7.1.
+//! - CARLA: the leaderboard's evaluation criteria, versions 1.0 and 2.1 (leaderboard.carla.org).
+//! - nuPlan: `ego_is_comfortable` of the nuPlan benchmark (Caesar et al., arXiv 2106.11810) and its development kit.
+//! - J2944: SAE J2944, Operational Definitions of Driving Performance Measures and Statistics (2015).
+//! - SelfOracle: the simulator of Stocco et al., Misbehaviour Prediction for Autonomous Driving Systems (2020).
+
+/// What a figure is counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unit {
+    /// 0 to 1; people are shown percent.
+    Share,
+    /// A whole number.
+    Count,
+    /// 0 to 100.
+    Points,
+    /// So many a kilometre.
+    PerKm,
+    /// So many a minute.
+    PerMinute,
+    /// So many a second.
+    PerSecond,
+    /// Metres.
+    Metres,
+    /// Seconds.
+    Seconds,
+    /// Miles an hour.
+    Mph,
+    /// Degrees a second.
+    DegreesPerSecond,
+    /// Metres a second cubed.
+    Jerk,
+}
+
+impl Unit {
+    /// A value as people read it.
+    pub fn show(self, value: f64) -> String {
+        match self {
+            Self::Share => format!("{:.1} %", value * 100.0),
+            Self::Count => format!("{value:.0}"),
+            Self::Points => format!("{value:.1}"),
+            Self::PerKm => format!("{value:.2} a km"),
+            Self::PerMinute => format!("{value:.1} times a minute"),
+            Self::PerSecond => format!("{value:.1} a second"),
+            Self::Metres => format!("{value:.2} m"),
+            Self::Seconds => format!("{value:.1} s"),
+            Self::Mph => format!("{value:.2} mph"),
+            Self::DegreesPerSecond => format!("{value:.1} deg/s"),
+            Self::Jerk => format!("{value:.2} m/s3"),
+        }
+    }
+}
+
+/// Which way a figure gets better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Better {
+    /// More is better.
+    Higher,
+    /// Less is better.
+    Lower,
+    /// It tells what was driven, not how well.
+    Neither,
+}
+
+macro_rules! figures {
+    ($($name:ident = $key:literal, $label:literal, $unit:ident, $better:ident, $meaning:literal;)+) => {
+        /// A figure of a [`Scorecard`](super::Scorecard).
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Figure {
+            $(#[doc = $meaning] $name,)+
+        }
+
+        impl Figure {
+            /// All, in the order of the scorecard.
+            pub const ALL: [Self; [$(Self::$name),+].len()] = [$(Self::$name),+];
+
+            /// Its name in JSON, unit included.
+            pub const fn key(self) -> &'static str {
+                match self { $(Self::$name => $key,)+ }
+            }
+
+            /// What people call it.
+            pub const fn label(self) -> &'static str {
+                match self { $(Self::$name => $label,)+ }
+            }
+
+            /// What it is counted in.
+            pub const fn unit(self) -> Unit {
+                match self { $(Self::$name => Unit::$unit,)+ }
+            }
+
+            /// Which way it gets better.
+            pub const fn better(self) -> Better {
+                match self { $(Self::$name => Better::$better,)+ }
+            }
+
+            /// How it is computed, and after whom.
+            pub const fn meaning(self) -> &'static str {
+                match self { $(Self::$name => $meaning,)+ }
+            }
+        }
+    };
+}
+
+figures! {
+    Completion = "completion", "completion", Share, Higher,
+        "The way that the car got, as a share of the laps asked for (Lu's completion rate).";
+    Laps = "laps", "laps", Count, Higher,
+        "Times that waypoint 0 was reached in sequence (SelfOracle).";
+    Collisions = "collisions", "collisions", Count, Lower,
+        "Contacts with anything; touching on is the same one (Lu).";
+    CollisionsPerKm = "collisions_per_km", "collisions per km", PerKm, Lower,
+        "Collisions over the distance driven.";
+    Episodes = "episodes", "episodes", Count, Neither,
+        "Drives from a start to the next: one, and one more for each time that the car was put back.";
+    CollisionRate = "collision_rate", "collision rate", Share, Lower,
+        "Episodes with a collision as a share of all (Lu).";
+    MeanMph = "mean_mph", "mean speed", Mph, Higher,
+        "The integral of the speed told over time, divided by the time.";
+    MaxMph = "max_mph", "maximum speed", Mph, Neither,
+        "Highest speed told (Lu).";
+    Autonomy = "autonomy", "autonomy", Share, Higher,
+        "1 - 6 s x (takeovers + interventions) / time, at least 0 (Bojarski, who takes 6 s for what an intervention costs).";
+    AutonomyMeasured = "autonomy_measured", "autonomy, measured", Share, Higher,
+        "1 - (seconds that humans drove + 6 s x interventions) / time, at least 0: Bojarski's with takeovers as long as they were.";
+    Takeovers = "takeovers", "human takeovers", Count, Lower,
+        "Times that a human took the wheel.";
+    HumanS = "human_s", "driven by humans", Seconds, Lower,
+        "How long humans had the wheel.";
+    Interventions = "interventions", "interventions", Count, Lower,
+        "Virtual ones: each time that the car was put back on the road, and once more if the run ended within 2 s of a collision, off the road or stuck.";
+    DrivingScore = "driving_score", "driving score", Points, Higher,
+        "100 x completion x (1 - share of the way off the road) / (1 + sum of 1.0 for each person hit, 0.7 for each vehicle, 0.6 for anything else) (CARLA 2.1).";
+    DrivingScoreProduct = "driving_score_product", "driving score 1.0", Points, Higher,
+        "100 x completion x (1 - share of the way off the road) x 0.5 for each person hit x 0.6 for each vehicle x 0.65 for anything else (CARLA 1.0).";
+    MeanCte = "mean_cte_m", "mean |cte|", Metres, Lower,
+        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world tells it, over telemetries.";
+    RmsCte = "rms_cte_m", "RMS cte", Metres, Lower,
+        "Root of the mean squared distance from the line to drive.";
+    P95Cte = "p95_cte_m", "95th percentile of |cte|", Metres, Lower,
+        "Distance from the line to drive that 95 of 100 telemetries keep within.";
+    MaxCte = "max_cte_m", "largest |cte|", Metres, Lower,
+        "Largest distance from the line to drive.";
+    OffRoads = "off_roads", "times off the road", Count, Lower,
+        "Episodes out of bounds: times that the car left the road (SelfOracle's tot_obes).";
+    OffRoadS = "off_road_s", "time off the road", Seconds, Lower,
+        "How long it was off the road.";
+    OffRoadShare = "off_road_share", "share off the road", Share, Lower,
+        "Distance driven off the road as a share of all.";
+    SteeringRate = "steering_rate_deg_s", "steering rate", DegreesPerSecond, Lower,
+        "Whiteness: root mean square of the steering angle's rate over time, sqrt(integral of (d angle / dt)^2 dt / time), a straight line between two telemetries; gaps of more than a second and resets do not count.";
+    SteeringReversals = "steering_reversals_per_min", "steering reversals", PerMinute, Lower,
+        "Times a minute that the steering angle turns back by at least 1 degree of the front wheels (J2944, whose gap is of the hand wheel).";
+    RmsJerk = "rms_jerk_m_s3", "jerk", Jerk, Lower,
+        "Root mean square of the speed's second derivative, each from a parabola fitted to the telemetries within half a second.";
+    Comfort = "comfort", "comfortable", Share, Higher,
+        "Telemetries within nuPlan's bounds as a share of all: acceleration -4.05 to 2.40 m/s2 along and 4.89 across, jerk 4.13 m/s3 along and 8.37 in all, yaw rate 0.95 rad/s and its rate 1.93 rad/s2; derivatives as for jerk, the yaw rate that of a bicycle with the steering and speed told.";
+    TimeS = "time_s", "time", Seconds, Neither,
+        "From the first telemetry to the last, in seconds of the world.";
+    DistanceM = "distance_m", "distance", Metres, Neither,
+        "Metres driven: told by the world, else speed over time.";
+    SurvivalS = "survival_s", "survived", Seconds, Higher,
+        "Time to the first infraction (collision, leaving the road, being stuck, takeover, being put back), or to the end.";
+    SurvivalM = "survival_m", "distance survived", Metres, Higher,
+        "Distance to the first infraction, or to the end.";
+    Stuck = "stuck", "stuck", Count, Lower,
+        "Times that the car did not get away: under 1 mph for 2 s (SelfOracle).";
+    Resets = "resets", "put back", Count, Lower,
+        "Times that the car was put back on the road.";
+    FramesPerS = "frames_per_s", "frame rate", PerSecond, Neither,
+        "Telemetries a second.";
+    BadFrames = "bad_frames", "bad frames", Count, Lower,
+        "Telemetries or pictures that could not be driven by.";
+    MissedFrames = "missed_frames", "missed frames", Count, Lower,
+        "Telemetries that another followed before they were answered.";
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn keys_are_told_apart_and_stand_in_their_order() {
+        let keys: BTreeSet<_> = Figure::ALL.iter().map(|figure| figure.key()).collect();
+        assert_eq!(keys.len(), Figure::ALL.len());
+        for (i, figure) in Figure::ALL.into_iter().enumerate() {
+            assert_eq!(figure as usize, i);
+        }
+    }
+
+    #[test]
+    fn shares_are_shown_in_percent() {
+        assert_eq!(Figure::Completion.unit().show(0.125), "12.5 %");
+        assert_eq!(Figure::Collisions.unit().show(2.0), "2");
+    }
+}

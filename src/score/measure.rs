@@ -1,0 +1,45 @@
+//! A value with how sure it is.
+
+/// What a run says of a figure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Measure {
+    /// The run tells it.
+    Told(f64),
+    /// It follows from what the run tells, nearly.
+    Estimate {
+        /// The value.
+        value: f64,
+        /// How far off it may be, in the figure's unit.
+        uncertainty: f64,
+        /// What it follows from.
+        from: &'static str,
+    },
+    /// Not measurable.
+    Unknown(&'static str),
+}
+
+impl Measure {
+    /// A value, or why there is none.
+    pub fn told(value: Option<f64>, why: &'static str) -> Self {
+        value.map_or(Self::Unknown(why), Self::Told)
+    }
+
+    /// The value, if there is one.
+    pub fn value(self) -> Option<f64> {
+        match self {
+            Self::Told(value) | Self::Estimate { value, .. } => Some(value),
+            Self::Unknown(_) => None,
+        }
+    }
+
+    /// Another value that follows from this one and is as sure; `scale` is how many of its units one of these is.
+    pub fn map(self, of: impl Fn(f64) -> f64, scale: f64) -> Self {
+        match self {
+            Self::Told(value) => Self::Told(of(value)),
+            Self::Estimate { value, uncertainty, from } => {
+                Self::Estimate { value: of(value), uncertainty: uncertainty * scale.abs(), from }
+            }
+            unknown @ Self::Unknown(_) => unknown,
+        }
+    }
+}

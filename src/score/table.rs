@@ -1,0 +1,137 @@
+//! A scorecard for people.
+
+use std::fmt;
+
+use super::{Figure as F, Measure, STAGES, Scorecard};
+
+/// Width of the names in front of what is told.
+const NAMES: usize = 17;
+
+impl Scorecard {
+    /// A figure in words: its value, with how far off it may be, or why there is none.
+    pub fn words(&self, figure: F) -> String {
+        match self.get(figure) {
+            Measure::Told(value) => figure.unit().show(value),
+            Measure::Estimate { value, uncertainty, from } => {
+                let show = |value| figure.unit().show(value);
+                format!("{} (estimated from {from}, ± {})", show(value), show(uncertainty))
+            }
+            Measure::Unknown(why) => format!("not measurable: {why}"),
+        }
+    }
+
+    /// Figures that belong together, in one line, or why none of them is known.
+    fn together(&self, parts: &[(F, &str)]) -> String {
+        let known: Vec<_> = parts
+            .iter()
+            .filter(|(figure, _)| self.value(*figure).is_some())
+            .map(|(figure, name)| format!("{}{name}", self.words(*figure)))
+            .collect();
+        if known.is_empty() { self.words(parts[0].0) } else { known.join(", ") }
+    }
+
+    fn rows(&self) -> Vec<(&'static str, String)> {
+        let count = |figure| self.value(figure).unwrap_or(0.0);
+        let mut rows: Vec<(&str, String)> = vec![];
+        if let Some(why) = &self.ended {
+            rows.push(("ended", why.clone()));
+        }
+        let laps = match (self.value(F::Laps), self.laps_asked) {
+            (Some(laps), Some(asked)) => format!(", {laps:.0} of {asked} {}", if asked == 1 { "lap" } else { "laps" }),
+            (Some(laps), None) => format!("; {laps:.0} laps"),
+            (None, _) => String::new(),
+        };
+        rows.push(("completion", self.words(F::Completion) + &laps));
+        if !self.lap_times_s.is_empty() {
+            let times: Vec<_> = self.lap_times_s.iter().map(|t| format!("{t:.1}")).collect();
+            rows.push(("lap times", format!("{} s", times.join(", "))));
+        }
+        rows.push((
+            "collisions",
+            match count(F::Collisions) {
+                n if n > 0.0 => format!("{} ({})", self.words(F::Collisions), self.words(F::CollisionsPerKm)),
+                _ => self.words(F::Collisions),
+            },
+        ));
+        rows.push((
+            "off the road",
+            match self.value(F::OffRoads) {
+                None => self.words(F::OffRoads),
+                Some(0.0) => "never".into(),
+                Some(n) => {
+                    let times = if n == 1.0 { "once".into() } else { format!("{n:.0} times") };
+                    let how_long = self.value(F::OffRoadS).map(|_| format!(", {}", self.words(F::OffRoadS)));
+                    times + &how_long.unwrap_or_default()
+                }
+            },
+        ));
+        for (name, figure) in [("stuck", F::Stuck), ("put back", F::Resets)] {
+            if count(figure) > 0.0 {
+                rows.push((name, format!("{} times", self.words(figure))));
+            }
+        }
+        let offsets =
+            [(F::MeanCte, " mean"), (F::RmsCte, " RMS"), (F::P95Cte, " 95th percentile"), (F::MaxCte, " largest")];
+        rows.push(("|cte|", self.together(&offsets)));
+        rows.push((
+            "autonomy",
+            match self.value(F::Autonomy) {
+                None => self.words(F::Autonomy),
+                Some(_) => {
+                    let (takeovers, put) = (count(F::Takeovers), count(F::Interventions));
+                    let why = format!(" ({takeovers:.0} takeovers, {put:.0} interventions)");
+                    let measured = if count(F::HumanS) > 0.0 {
+                        format!(
+                            "; {} measured, humans drove {}",
+                            self.words(F::AutonomyMeasured),
+                            self.words(F::HumanS)
+                        )
+                    } else {
+                        String::new()
+                    };
+                    self.words(F::Autonomy) + &why + &measured
+                }
+            },
+        ));
+        let scores = [(F::DrivingScore, " (CARLA 2.1)"), (F::DrivingScoreProduct, " (1.0)")];
+        rows.push(("driving score", self.together(&scores)));
+        rows.push(("steering", self.together(&[(F::SteeringRate, " RMS"), (F::SteeringReversals, " reversed")])));
+        rows.push(("comfortable", self.words(F::Comfort)));
+        rows.push(("jerk", self.together(&[(F::RmsJerk, " RMS")])));
+        rows.push(("distance", format!("{} in {}", self.words(F::DistanceM), self.words(F::TimeS))));
+        rows.push(("speed", self.together(&[(F::MeanMph, " mean"), (F::MaxMph, " maximum")])));
+        if self.value(F::SurvivalS).zip(self.value(F::TimeS)).is_some_and(|(survived, time)| survived < time) {
+            rows.push((
+                "first infraction",
+                format!("after {}, {}", self.words(F::SurvivalS), self.words(F::SurvivalM)),
+            ));
+        }
+        for figure in [F::BadFrames, F::MissedFrames] {
+            if count(figure) > 0.0 {
+                rows.push((figure.label(), self.words(figure)));
+            }
+        }
+        rows.extend(self.latency_rows());
+        rows.extend(self.notes.iter().map(|note| ("note", note.clone())));
+        rows
+    }
+
+    fn latency_rows(&self) -> Option<(&'static str, String)> {
+        // The others are in the JSON.
+        let told = STAGES.into_iter().zip(self.latency).filter(|(stage, _)| ["forward", "answer"].contains(stage));
+        let stages: Vec<_> = told
+            .filter_map(|(stage, latency)| {
+                let latency = latency?;
+                Some(format!("{stage} {:.2}, {:.2}, {:.2}", latency.p50, latency.p95, latency.p99))
+            })
+            .collect();
+        (!stages.is_empty()).then(|| ("latency", format!("{} ms (p50, p95, p99)", stages.join("; "))))
+    }
+}
+
+impl fmt::Display for Scorecard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows: Vec<_> = self.rows().into_iter().map(|(name, told)| format!("  {name:<NAMES$} {told}")).collect();
+        f.write_str(&rows.join("\n"))
+    }
+}
