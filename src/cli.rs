@@ -8,6 +8,7 @@ use crate::{
     nn::Precision,
     protocol::number::Culture,
     replay::Rate,
+    suite::Shard,
     train::{Keep, OptimiserKind, Schedule},
 };
 
@@ -42,6 +43,10 @@ pub enum Verb {
     Replay(Replay),
     /// Say what recorded runs were worth, for people and for CI
     Score(Score),
+    /// Drive pilots x tracks x conditions x seeds over all cores, and compare them
+    Suite(Suite),
+    /// Put the results of a suite's parts together
+    Merge(Merge),
     /// Look over, convert and split recordings as data sets
     Dataset(Dataset),
     /// Say which libtorch is in use, and what is wrong if anything
@@ -184,12 +189,55 @@ pub struct Score {
     /// Write the thresholds as test cases of a JUnit report
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
+    /// Write the runs side by side as one page for a browser
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Print the scorecards as JSON
     #[arg(long)]
     pub json: bool,
     /// Print what each figure means, and after whom
     #[arg(long, exclusive = true)]
     pub explain: bool,
+}
+
+/// `lapwing suite`
+#[derive(Debug, Args)]
+pub struct Suite {
+    /// What is driven (.toml)
+    #[arg(value_name = "FILE")]
+    pub suite: PathBuf,
+    /// Folder for the results; what lies there is not driven again
+    #[arg(long, value_name = "DIR", default_value = "suite")]
+    pub out: PathBuf,
+    /// Drive one part of so many only, such as 2/8; merge puts them together
+    #[arg(long, value_name = "PART/OF")]
+    pub shard: Option<Shard>,
+    /// Drives at a time [default: one a core]
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<usize>,
+    /// Heat map for a browser [default: suite.html in the folder]
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Print the groups as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing merge`
+#[derive(Debug, Args)]
+pub struct Merge {
+    /// Folders of a suite's parts
+    #[arg(value_name = "DIR", required = true)]
+    pub folders: Vec<PathBuf>,
+    /// Folder for all of them
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Heat map for a browser [default: suite.html in the folder]
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Print the groups as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `lapwing simulate`

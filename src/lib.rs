@@ -31,6 +31,7 @@
 //! | [`driver`] | the function above | everything above |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
 //! | [`score`] | what a run is judged to be | `config`, `protocol`, `recording`, `units` |
+//! | [`suite`] | many drives as one: which, their results, what they come to | `score` |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts | `perception` |
 //! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
@@ -65,5 +66,6 @@ pub mod recording;
 pub mod replay;
 pub mod score;
 pub mod simulator;
+pub mod suite;
 pub mod train;
 pub mod units;

@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 19] = [
+const MAY_IMPORT: [(&str, &[&str]); 20] = [
     ("units", &[]),
     ("config", &["units"]),
     ("protocol", &["units"]),
@@ -18,6 +18,7 @@ const MAY_IMPORT: [(&str, &[&str]); 19] = [
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
     ("score", &["config", "protocol", "recording", "units"]),
+    ("suite", &["score"]),
     ("drawing", &["perception"]),
     ("dataset", &["drawing", "perception", "protocol", "recording", "units"]),
     ("simulator", &["config", "drawing", "perception", "pilot", "protocol", "recording", "units"]),
@@ -25,7 +26,7 @@ const MAY_IMPORT: [(&str, &[&str]); 19] = [
     ("replay", &["recording", "driver", "protocol", "units"]),
     ("train", &["dataset", "nn", "perception"]),
     ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
-    ("cli", &["nn", "protocol", "replay", "train"]),
+    ("cli", &["nn", "protocol", "replay", "suite", "train"]),
     (
         "commands",
         &[
@@ -45,6 +46,7 @@ const MAY_IMPORT: [(&str, &[&str]); 19] = [
             "replay",
             "score",
             "simulator",
+            "suite",
             "train",
             "units",
         ],

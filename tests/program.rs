@@ -76,3 +76,59 @@ fn the_doctor_names_the_libtorch_that_is_loaded() {
         assert!(Path::new(findings["libtorch"]["file"].as_str().unwrap()).exists(), "{findings}");
     }
 }
+
+#[test]
+fn a_score_below_a_threshold_is_3_and_says_what_it_was_in_every_form() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (junit, html, baseline) = (path("a.xml"), path("a.html"), path("a.json"));
+    let (code, out, err) = said(&lapwing(&["score", RUN, "--json", "--html", &html]));
+    assert_eq!(code, 0, "{out}{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&result["schema"], &result["runs"][0]["track"]), (&"lapwing.score/1".into(), &"lake".into()));
+    let completion = result["runs"][0]["completion"].as_f64().unwrap();
+    assert!((0.05..0.2).contains(&completion), "{completion}");
+    assert!(std::fs::read_to_string(&html).unwrap().contains("data:image/jpeg;base64"));
+
+    let (code, out, err) = said(&lapwing(&["score", RUN, "--min-completion", "100", "--junit", &junit]));
+    assert_eq!(code, 3, "{out}{err}");
+    assert!(err.contains("completion: expected at least 100.0 %, got 1"), "{err}");
+    assert!(std::fs::read_to_string(&junit).unwrap().contains(r#"failures="1""#));
+
+    // Against itself nothing is worse; against a better one it is.
+    std::fs::write(&baseline, serde_json::to_string(&result).unwrap()).unwrap();
+    assert_eq!(said(&lapwing(&["score", RUN, "--against", &baseline])).0, 0);
+    let mut better = result.clone();
+    better["summary"]["completion"]["mean"] = 1.0.into();
+    std::fs::write(&baseline, better.to_string()).unwrap();
+    let (code, _, err) = said(&lapwing(&["score", RUN, "--against", &baseline]));
+    assert_eq!(code, 3, "{err}");
+    assert!(err.contains("worse: completion: 100.0 % before"), "{err}");
+}
+
+#[test]
+fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (suite, parts, whole) = (path("suite.toml"), [path("one"), path("two")], path("whole"));
+    let text = "tracks = [\"lake\", \"mountain\"]\nlongest_s = 2.0\n[[pilot]]\nname = \"expert\"\nexpert = true\n";
+    std::fs::write(&suite, text).unwrap();
+    for (shard, part) in ["1/2", "2/2"].into_iter().zip(&parts) {
+        let (code, out, err) = said(&lapwing(&["suite", &suite, "--out", part, "--shard", shard]));
+        assert_eq!((code, out.lines().count()), (0, 2), "{out}{err}");
+        assert!(err.contains("1 cells, 0 of them driven before"), "{err}");
+    }
+    let (code, out, err) = said(&lapwing(&["merge", &parts[0], &parts[1], "--out", &whole]));
+    assert_eq!((code, out.lines().count()), (0, 3), "{out}{err}");
+    let mut roads = vec![];
+    for cell in std::fs::read_dir(format!("{whole}/cells")).unwrap() {
+        let cell: serde_json::Value = serde_json::from_slice(&std::fs::read(cell.unwrap().path()).unwrap()).unwrap();
+        assert_eq!(cell["cell"]["track"], cell["card"]["track"]);
+        roads.push(cell["card"]["track"].as_str().unwrap().to_owned());
+    }
+    roads.sort();
+    assert_eq!(roads, ["lake", "mountain"]);
+    let (code, _, err) = said(&lapwing(&["suite", &suite, "--out", &whole]));
+    assert_eq!(code, 0);
+    assert!(err.contains("2 cells, 2 of them driven before"), "{err}");
+}

@@ -245,7 +245,7 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
     for (how, setup, pilot) in drives {
         let dir = tempfile::tempdir().unwrap();
         let (Drive { card, .. }, report) = recorded(dir.path(), setup, pilot);
-        let again = score::of_run(&mut RunReader::open(&report.path).unwrap()).unwrap();
+        let again = score::of_run(&mut RunReader::open(&report.path).unwrap(), |_, _| ()).unwrap();
         assert_eq!(again, card, "{how}");
         let counts = [Figure::Takeovers, Figure::Collisions].map(|figure| card.value(figure));
         assert_eq!(counts, [Some(f64::from(how == "with a human")), Some(0.0)], "{how}: {card}");

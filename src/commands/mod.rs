@@ -9,6 +9,7 @@ mod replay;
 mod score;
 mod serve;
 mod simulate;
+mod suite;
 mod thresholds;
 mod train;
 mod world;
@@ -63,6 +64,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
         Verb::Score(arguments) => score::run(&arguments, config),
+        Verb::Suite(arguments) => suite::run(&arguments, config),
+        Verb::Merge(arguments) => suite::merge(&arguments),
         Verb::Dataset(arguments) => dataset::run(arguments),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
     };

@@ -12,17 +12,23 @@ use serde::Serialize;
 use super::{Ended, thresholds};
 use crate::{
     cli,
+    config::Thresholds,
     recording::{RunHeader, RunReader},
     score::{
         self, Check, Figure, Scorecard, Unit,
         against::{Baseline, Change, Turn, changes},
         junit,
+        page::{self, Collector, Drawn, Outline, Shown},
         summary::{Spread, summary},
     },
+    simulator::track::Track,
 };
 
 /// What the JSON is called.
 const SCHEMA: &str = "lapwing.score/1";
+
+/// Metres between points of a road's edge on the page.
+const OUTLINE_M: f64 = 3.0;
 
 /// Figures that stand in the table of several runs.
 const COMPARED: [Figure; 8] = [
@@ -63,14 +69,22 @@ struct Run {
     header: RunHeader,
     card: Scorecard,
     checks: Vec<Check>,
+    /// What a page shows of it, where one is asked for.
+    drawn: Option<(Drawn, Option<Outline>)>,
 }
 
 impl Run {
-    fn open(path: PathBuf, limits: &crate::config::Thresholds) -> anyhow::Result<Self> {
+    fn open(path: PathBuf, limits: &Thresholds, for_page: bool) -> anyhow::Result<Self> {
         let mut reader = RunReader::open(&path)?;
-        let card = score::of_run(&mut reader)?;
+        let mut collector = for_page.then(Collector::default);
+        let card = score::of_run(&mut reader, |at, item| {
+            if let Some(collector) = &mut collector {
+                collector.item(at, item);
+            }
+        })?;
         let checks = score::checks(limits, &card);
-        Ok(Self { header: reader.header().clone(), path, card, checks })
+        let drawn = collector.map(|collector| (collector.finish(), card.track.as_deref().and_then(outline)));
+        Ok(Self { header: reader.header().clone(), path, card, checks, drawn })
     }
 
     fn name(&self) -> String {
@@ -100,7 +114,10 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     }
     let limits = thresholds::layers(super::undriven_layers(config)?, &arguments.thresholds)?.resolve()?.thresholds;
     let paths = files(&arguments.runs)?;
-    let runs = paths.into_iter().map(|path| Run::open(path, &limits)).collect::<anyhow::Result<Vec<_>>>()?;
+    let runs = paths
+        .into_iter()
+        .map(|path| Run::open(path, &limits, arguments.html.is_some()))
+        .collect::<anyhow::Result<Vec<_>>>()?;
     let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
     let summary = summary(&cards);
     let against = arguments.against.as_deref().map(|path| Ok::<_, anyhow::Error>(changes(&baseline(path)?, &summary)));
@@ -108,6 +125,9 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     if let Some(path) = &arguments.junit {
         let cases: Vec<_> = runs.iter().map(|run| (run.name(), &run.card, run.checks.clone())).collect();
         fs::write(path, junit::report(&cases)?).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    if let Some(path) = &arguments.html {
+        fs::write(path, page(&runs)?).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     if arguments.json {
         let scored = runs.iter().map(|run| Scored {
@@ -144,6 +164,26 @@ fn baseline(path: &Path) -> anyhow::Result<Baseline> {
         bail!("{}: expected schema {SCHEMA}, got {:?}", path.display(), baseline.schema);
     }
     Ok(baseline)
+}
+
+fn page(runs: &[Run]) -> Result<String, serde_json::Error> {
+    let shown = runs.iter().filter_map(|run| {
+        let (drawn, outline) = run.drawn.as_ref()?;
+        let missed = run.missed().collect();
+        Some(Shown { title: run.title(), card: &run.card, drawn, outline: outline.as_ref(), missed })
+    });
+    page::render(&shown.collect::<Vec<_>>())
+}
+
+/// The edges of a track that Lapwing knows by name.
+fn outline(name: &str) -> Option<Outline> {
+    let track = Track::open(name).ok()?;
+    let edge = |offset: f64| {
+        let steps = (track.length() / OUTLINE_M).ceil() as u32;
+        let point = |i| track.point(f64::from(i) * OUTLINE_M, offset);
+        (0..steps).map(point).map(|point| [point.x as f32, point.z as f32]).collect()
+    };
+    Some(Outline { left: edge(-track.half_width()), right: edge(track.half_width()) })
 }
 
 /// The runs that are meant; of a folder all in it, by name.
@@ -187,17 +227,7 @@ fn table(runs: &[Run], spreads: &BTreeMap<&'static str, Spread>) -> String {
         )
     };
     rows.push(std::iter::once(format!("mean of {}", runs.len())).chain(COMPARED.map(mean)).collect());
-    let widths: Vec<_> =
-        (0..=COMPARED.len()).map(|i| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0)).collect();
-    let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).enumerate();
-        let cells =
-            cells.map(|(i, (cell, &width))| if i == 0 { format!("{cell:<width$}") } else { format!("{cell:>width$}") });
-        cells.collect::<Vec<_>>().join("  ")
-    };
-    let mut lines: Vec<_> = rows.iter().map(line).collect();
-    lines.push("- is not measurable; lapwing score RUN says why.".into());
-    lines.join("\n")
+    score::aligned(&rows, 1) + "\n- is not measurable; lapwing score RUN says why."
 }
 
 /// Every figure's key, unit, formula and source.

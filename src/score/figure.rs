@@ -9,6 +9,8 @@
 //! - J2944: SAE J2944, Operational Definitions of Driving Performance Measures and Statistics (2015).
 //! - SelfOracle: the simulator of Stocco et al., Misbehaviour Prediction for Autonomous Driving Systems (2020).
 
+use serde::Serialize;
+
 /// What a figure is counted in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
@@ -37,6 +39,22 @@ pub enum Unit {
 }
 
 impl Unit {
+    /// Its symbol behind a number; nothing for counts and points. Shares are shown as percent.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::Share => "%",
+            Self::Count | Self::Points => "",
+            Self::PerKm => "/km",
+            Self::PerMinute => "/min",
+            Self::PerSecond => "/s",
+            Self::Metres => "m",
+            Self::Seconds => "s",
+            Self::Mph => "mph",
+            Self::DegreesPerSecond => "deg/s",
+            Self::Jerk => "m/s3",
+        }
+    }
+
     /// A value as people read it.
     pub fn show(self, value: f64) -> String {
         match self {
@@ -56,7 +74,8 @@ impl Unit {
 }
 
 /// Which way a figure gets better.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Better {
     /// More is better.
     Higher,
@@ -64,6 +83,16 @@ pub enum Better {
     Lower,
     /// It tells what was driven, not how well.
     Neither,
+}
+
+/// A figure as pages are told of it.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Described {
+    key: &'static str,
+    label: &'static str,
+    unit: &'static str,
+    better: Better,
+    meaning: &'static str,
 }
 
 macro_rules! figures {
@@ -101,6 +130,18 @@ macro_rules! figures {
             /// How it is computed, and after whom.
             pub const fn meaning(self) -> &'static str {
                 match self { $(Self::$name => $meaning,)+ }
+            }
+
+            /// All figures, described.
+            pub fn described() -> Vec<Described> {
+                let described = |figure: Self| Described {
+                    key: figure.key(),
+                    label: figure.label(),
+                    unit: figure.unit().symbol(),
+                    better: figure.better(),
+                    meaning: figure.meaning(),
+                };
+                Self::ALL.map(described).into()
             }
         }
     };

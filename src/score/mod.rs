@@ -12,6 +12,7 @@
 //! | `infractions`, `smoothness`, `latency` | the figures that take a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | `thresholds`, [`junit`] | what a run must reach, and how CI is told |
+//! | [`page`] | runs as a page for a browser |
 //! | [`summary`], [`against`] | several runs in one, and whether they got worse |
 
 pub mod against;
@@ -21,6 +22,7 @@ mod infractions;
 pub mod junit;
 mod latency;
 mod measure;
+pub mod page;
 mod run;
 mod scorer;
 mod smoothness;
@@ -35,4 +37,5 @@ pub use measure::Measure;
 pub use run::of_run;
 pub use scorer::Scorer;
 pub use summary::Spread;
+pub use table::aligned;
 pub use thresholds::{Check, checks, missed};

@@ -1,13 +1,15 @@
 //! A run's file as a scorecard.
 
+use std::time::Duration;
+
 use super::{Scorecard, Scorer};
 use crate::recording::{EventRecord, Item, RecordingError, RunReader};
 
-/// Reads a run to its end and judges it. What is wrong with the file stands in the notes.
+/// Reads a run to its end and judges it; `watch` sees each item, too. What is wrong with the file stands in the notes.
 ///
 /// # Errors
 /// [`RecordingError::Io`] where the file cannot be read any more.
-pub fn of_run(run: &mut RunReader) -> Result<Scorecard, RecordingError> {
+pub fn of_run(run: &mut RunReader, mut watch: impl FnMut(Duration, &Item)) -> Result<Scorecard, RecordingError> {
     let mut scorer = Scorer::default();
     let mut unreadable: Option<(u64, RecordingError)> = None;
     let mut not_recorded = 0;
@@ -18,6 +20,7 @@ pub fn of_run(run: &mut RunReader) -> Result<Scorecard, RecordingError> {
                     not_recorded += count;
                 }
                 scorer.item(at, &item);
+                watch(at, &item);
             }
             Err(error @ RecordingError::Message { .. }) => {
                 unreadable = Some(unreadable.map_or_else(|| (1, error), |(n, first)| (n + 1, first)));

@@ -38,6 +38,22 @@ impl Spread {
     }
 }
 
+/// Quantiles of Student's t at 97.5 %, for 1, 2, 3 … degrees of freedom.
+const STUDENT: [f64; 30] = [
+    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
+    2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
+];
+/// And of the normal distribution, which it becomes.
+const NORMAL: f64 = 1.960;
+
+impl Spread {
+    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single run.
+    pub fn confidence(&self) -> Option<f64> {
+        let t = self.runs.checked_sub(2).map(|i| STUDENT.get(i).copied().unwrap_or(NORMAL))?;
+        Some(t * self.deviation? / (self.runs as f64).sqrt())
+    }
+}
+
 /// Each figure's spread, by key; the collision rate is that of all episodes together.
 pub fn summary(cards: &[&Scorecard]) -> BTreeMap<&'static str, Spread> {
     let values = |figure| cards.iter().filter_map(|card| card.value(figure)).collect::<Vec<_>>();
@@ -64,7 +80,9 @@ mod tests {
         let spread = Spread::of(&[1.0, 2.0, 6.0]).unwrap();
         assert_eq!((spread.runs, spread.mean, spread.least, spread.most), (3, 3.0, 1.0, 6.0));
         assert!((spread.deviation.unwrap() - 7f64.sqrt()).abs() < 1e-12);
-        assert_eq!(Spread::of(&[4.0]).unwrap().deviation, None);
+        assert!((spread.confidence().unwrap() - 4.303 * (7f64 / 3.0).sqrt()).abs() < 1e-12);
+        let one = Spread::of(&[4.0]).unwrap();
+        assert_eq!((one.deviation, one.confidence()), (None, None));
         assert_eq!(Spread::of(&[]), None);
     }
 }

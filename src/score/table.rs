@@ -135,3 +135,18 @@ impl fmt::Display for Scorecard {
         f.write_str(&rows.join("\n"))
     }
 }
+
+/// Rows under one another, columns aligned: the first `left` of them to the left, the others to the right.
+pub fn aligned(rows: &[Vec<String>], left: usize) -> String {
+    let columns = rows.first().map_or(0, Vec::len);
+    let width = |i: usize| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0);
+    let widths: Vec<_> = (0..columns).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).enumerate();
+        let cell = |(i, (cell, &width)): (usize, (&String, &usize))| {
+            if i < left { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
+        };
+        cells.map(cell).collect::<Vec<_>>().join("  ")
+    };
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+}

@@ -1,0 +1,112 @@
+use std::{fs, path::Path};
+
+use serde_json::json;
+
+use super::*;
+
+const SUITE: &str = r#"
+tracks = ["lake", "jungle"]
+conditions = ["fair", "noise=4"]
+speeds_mph = [20, 30]
+seeds = 3
+
+[[pilot]]
+name = "built in"
+
+[[pilot]]
+name = "expert"
+expert = true
+"#;
+
+fn cells(text: &str) -> Vec<Cell> {
+    let sha256 = |pilot: &Contestant| (!pilot.expert).then(|| "00ff".to_owned());
+    Suite::parse(text).unwrap().cells(&json!({"kp": 0.1}), sha256)
+}
+
+#[test]
+fn a_suite_is_every_combination_once() {
+    let cells = cells(SUITE);
+    assert_eq!(cells.len(), 2 * 2 * 2 * 3 * 2);
+    let ids: std::collections::BTreeSet<_> = cells.iter().map(Cell::id).collect();
+    assert_eq!(ids.len(), cells.len());
+    assert_eq!(cells[0].to_string(), "built in on lake, fair, 20 mph, seed 0");
+}
+
+#[test]
+fn a_cell_is_another_one_as_soon_as_anything_is_that_its_drive_depends_on() {
+    let cell = cells(SUITE).remove(0);
+    let changed = [
+        Cell { model_sha256: Some("00fe".into()), ..cell.clone() },
+        Cell { settings: json!({"kp": 0.2}), ..cell.clone() },
+        Cell { laps: 2, ..cell.clone() },
+    ];
+    assert!(changed.iter().all(|other| other.id() != cell.id()));
+    assert_eq!(cell.clone().id(), cell.id());
+}
+
+#[test]
+fn shards_share_a_suite_out_and_leave_nothing() {
+    let cells = cells(SUITE);
+    let shards: Vec<Shard> = ["1/5", "2/5", "3/5", "4/5", "5/5"].map(|text| text.parse().unwrap()).into();
+    for i in 0..cells.len() {
+        assert_eq!(shards.iter().filter(|shard| shard.has(i)).count(), 1);
+    }
+    for wrong in ["0/5", "6/5", "1", "a/b", "1/0"] {
+        assert!(wrong.parse::<Shard>().unwrap_err().contains("such as 2/8"), "{wrong}");
+    }
+}
+
+#[test]
+fn what_is_wrong_in_a_suite_is_said() {
+    let error = |text: &str| Suite::parse(text).unwrap_err().to_string();
+    assert_eq!(error("tracks = []\n[[pilot]]\nname = \"a\""), "suite: tracks: expected at least one, got none");
+    let twice = "tracks = [\"lake\"]\n[[pilot]]\nname = \"a\"\n[[pilot]]\nname = \"a\"";
+    assert_eq!(error(twice), "suite: pilot: expected names that are told apart, got \"a\" twice");
+    let fast = "tracks = [\"lake\"]\nspeeds_mph = [0]\n[[pilot]]\nname = \"a\"";
+    assert_eq!(error(fast), "suite: speeds_mph: expected speeds from 0.1 to 1000, got 0");
+    assert!(error("track = \"lake\"").contains("unknown field `track`"));
+}
+
+fn done(cell: &Cell, completion: f64) -> Done {
+    Done::new(cell.clone(), json!({"completion": completion, "time_s": 10.0, "collisions": null}), "ab".into(), 1.5)
+}
+
+#[test]
+fn results_come_back_and_what_is_none_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let results = Results::open(dir.path()).unwrap();
+    let cells = cells(SUITE);
+    assert_eq!(results.get(&cells[0]).unwrap(), None);
+    results.keep(&done(&cells[0], 0.5)).unwrap();
+    assert_eq!(results.get(&cells[0]).unwrap(), Some(done(&cells[0], 0.5)));
+    assert_eq!(results.all().unwrap().len(), 1);
+    // What a killed write leaves is no result.
+    fs::write(dir.path().join("cells/half.partial"), "{").unwrap();
+    assert_eq!(results.all().unwrap().len(), 1);
+    fs::write(dir.path().join("cells/other.json"), "{}").unwrap();
+    let error = results.all().unwrap_err().to_string();
+    assert!(error.contains("other.json: expected the result of a cell (lapwing.cell/1), got missing field"), "{error}");
+    assert!(Results::open(Path::new("/proc/nowhere")).unwrap_err().to_string().contains("cannot make the folder"));
+}
+
+#[test]
+fn groups_are_over_seeds_and_the_table_has_a_line_for_each() {
+    let cells = cells(SUITE);
+    let done: Vec<_> = cells.iter().map(|cell| done(cell, 0.4 + 0.2 * cell.seed as f64)).collect();
+    let groups = groups(&done);
+    assert_eq!(groups.len(), 16);
+    let completion = groups[0].figures["completion"];
+    assert!((completion.spread.mean - 0.6).abs() < 1e-9 && completion.spread.runs == 3);
+    assert!(!groups[0].figures.contains_key("collisions"), "not measurable is no zero");
+    let table = table(&groups);
+    assert_eq!(table.lines().count(), 17);
+    assert!(table.lines().nth(1).unwrap().starts_with("built in  jungle  fair"), "{table}");
+    assert!(table.contains("60.0 % ± 49.7 %"), "{table}");
+}
+
+#[test]
+fn no_name_gets_out_of_its_place_in_the_page() {
+    let cell = Cell { pilot: "</script>".into(), ..cells(SUITE).remove(0) };
+    let page = render(&groups(&[done(&cell, 1.0)])).unwrap();
+    assert_eq!(page.matches("</script>").count(), 2);
+}
