@@ -1,11 +1,14 @@
 //! `lapwing suite`: many drives, over all cores, and `lapwing merge`: what they came to.
 
 use std::{
-    collections::{BTreeMap, VecDeque},
+    collections::{BTreeMap, BTreeSet, VecDeque},
     fs,
     io::{self, IsTerminal},
     path::Path,
-    sync::{Arc, Mutex},
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
@@ -16,13 +19,13 @@ use serde_json::json;
 use super::{Ended, Interrupted, world};
 use crate::{
     cli,
-    config::Layers,
+    config::{Layers, Settings},
     drive,
     driver::Driver,
-    nn::runtime,
+    nn::{self, runtime},
     pilot::{self, Model, Pilot, PurePursuit},
     simulator::{
-        camera::Scenery,
+        track::Track,
         world::{Ending, Simulation},
     },
     suite::{Cell, Contestant, Done, Results, Suite, groups, render, table},
@@ -31,9 +34,9 @@ use crate::{
 
 pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Result<Ended> {
     let layers = super::undriven_layers(config)?;
-    let settings = layers.clone().resolve()?;
-    let text = fs::read_to_string(&arguments.suite).with_context(|| arguments.suite.display().to_string())?;
-    let suite = Suite::parse(&text).with_context(|| arguments.suite.display().to_string())?;
+    let named = || arguments.suite.display().to_string();
+    let text = fs::read_to_string(&arguments.suite).with_context(named)?;
+    let suite = Suite::parse(&text).with_context(named)?;
     let mut models = BTreeMap::new();
     for contestant in &suite.pilots {
         if let Some(model) = model_of(contestant)? {
@@ -41,8 +44,22 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
         }
     }
     let sha256 = |contestant: &Contestant| models.get(&contestant.name).map(|model| model.sha256().to_owned());
-    let depends = json!({ "control": settings.control, "simulator": settings.simulator });
-    let cells: Vec<_> = suite.cells(&depends, sha256);
+    let mut cells = suite.cells(sha256);
+    // What is wrong with a track or conditions is said before the first drive, not hours later.
+    let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
+    let tracks: BTreeMap<_, _> = tracks.collect::<anyhow::Result<_>>()?;
+    let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
+    let beside: BTreeMap<_, _> = beside.collect::<anyhow::Result<_>>()?;
+    for cell in &mut cells {
+        let (flags, settings) = resolved(&layers, cell)?;
+        cell.settings = json!({
+            "lapwing": env!("CARGO_PKG_VERSION"), "control": settings.control, "simulator": settings.simulator,
+            "beside_model_sha256": beside[&cell.pilot],
+        });
+        cell.world = json!({ "conditions": world::conditions(&flags)?, "track_sha256": tracks[&cell.track] });
+    }
+    let mut ids = BTreeSet::new();
+    cells.retain(|cell| ids.insert(cell.id()));
     let results = Results::open(&arguments.out)?;
     let mut open = VecDeque::new();
     let mut before = 0;
@@ -55,13 +72,50 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     tracing::info!("{} cells, {before} of them driven before", before + open.len());
     // Each drive has one thread, and the same bytes on every machine.
     runtime::set_threads(1);
-    let course = Course { layers, models, worlds: Mutex::default() };
     let interrupted = super::interrupted();
-    drive_all(&course, open, &results, arguments.jobs, &interrupted)?;
+    drive_all(&Course { layers, models }, open, &results, arguments.jobs, &interrupted)?;
     if interrupted.is_pressed() {
         bail!("interrupted; the same command goes on where it was");
     }
-    report(results.all()?, &arguments.out, arguments.html.as_deref(), arguments.json)
+    // Of what else lies in the folder nothing belongs to this suite.
+    let done = cells.iter().filter_map(|cell| results.get(cell).transpose()).collect::<Result<_, _>>()?;
+    report(done, &arguments.out, arguments.html.as_deref(), arguments.json)
+}
+
+/// The hash of a track's file; of one that comes with Lapwing none.
+fn track_sha256(track: &str) -> anyhow::Result<Option<String>> {
+    Track::open(track)?;
+    if !Path::new(track).is_file() {
+        return Ok(None);
+    }
+    let bytes = fs::read(track).with_context(|| track.to_owned())?;
+    Ok(Some(nn::sha256_hex(&bytes)))
+}
+
+/// The hash of what lies beside a TorchScript model and says how its frames are prepared.
+fn beside(contestant: &Contestant) -> anyhow::Result<Option<String>> {
+    let Some(path) = contestant.model.as_ref().filter(|path| path.extension().is_some_and(|e| e == "pt")) else {
+        return Ok(None);
+    };
+    let side = path.with_extension("toml");
+    let bytes = fs::read(&side).with_context(|| side.display().to_string())?;
+    Ok(Some(nn::sha256_hex(&bytes)))
+}
+
+/// A cell's world as flags, and all settings.
+fn resolved(layers: &Layers, cell: &Cell) -> anyhow::Result<(cli::World, Settings)> {
+    let flags = cli::World {
+        track: Some(cell.track.clone()),
+        seed: cell.seed,
+        conditions: (cell.conditions != "fair").then(|| cell.conditions.clone()),
+        scenario: None,
+        hz: None,
+        on_crash: None,
+        max_time: Some(cell.longest_s),
+    };
+    let mut settings = world::layers(layers.clone(), &flags)?.resolve()?;
+    settings.control.speed_mph = Mph::saturating(cell.speed_mph);
+    Ok((flags, settings))
 }
 
 /// `lapwing merge`: the results of several folders in one.
@@ -111,8 +165,6 @@ fn model_of(contestant: &Contestant) -> anyhow::Result<Option<Model>> {
 struct Course {
     layers: Layers,
     models: BTreeMap<String, Model>,
-    /// What stands along each track, built once.
-    worlds: Mutex<BTreeMap<String, Arc<Scenery>>>,
 }
 
 fn drive_all(
@@ -128,14 +180,21 @@ fn drive_all(
     bar.set_style(ProgressStyle::with_template(template).expect("the template is written here"));
     let open = Mutex::new(open);
     let next = || open.lock().ok().and_then(|mut open| open.pop_front());
+    // The first error ends all.
+    let failed = AtomicBool::new(false);
+    let one = |cell: Cell| -> anyhow::Result<()> {
+        let name = cell.to_string();
+        bar.set_message(name.clone());
+        if let Some(done) = drive_one(course, cell, interrupted).context(name)? {
+            results.keep(&done)?;
+            bar.inc(1);
+        }
+        Ok(())
+    };
     let work = || -> anyhow::Result<()> {
-        while let Some(cell) = (!interrupted.is_pressed()).then(next).flatten() {
-            let name = cell.to_string();
-            bar.set_message(name.clone());
-            if let Some(done) = drive_one(course, cell, interrupted).context(name)? {
-                results.keep(&done)?;
-                bar.inc(1);
-            }
+        while !interrupted.is_pressed() && !failed.load(Ordering::Relaxed) {
+            let Some(cell) = next() else { break };
+            one(cell).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
         }
         Ok(())
     };
@@ -153,22 +212,8 @@ fn drive_all(
 /// Drives a cell; `None` where Ctrl-C came between.
 fn drive_one(course: &Course, cell: Cell, interrupted: &Interrupted) -> anyhow::Result<Option<Done>> {
     let began = Instant::now();
-    let fair = cell.conditions == "fair";
-    let flags = cli::World {
-        track: Some(cell.track.clone()),
-        seed: cell.seed,
-        conditions: (!fair).then(|| cell.conditions.clone()),
-        scenario: None,
-        hz: None,
-        on_crash: None,
-        max_time: Some(cell.longest_s),
-    };
-    let mut settings = world::layers(course.layers.clone(), &flags)?.resolve()?;
-    settings.control.speed_mph = Mph::saturating(cell.speed_mph);
-    let mut setup = world::setup(&settings, &flags, Some(cell.laps))?;
-    if let Ok(mut worlds) = course.worlds.lock() {
-        setup.scenery = worlds.entry(cell.track.clone()).or_insert_with(|| setup.scenery.clone()).clone();
-    }
+    let (flags, settings) = resolved(&course.layers, &cell)?;
+    let setup = world::setup(&settings, &flags, Some(cell.laps))?;
     let pilot: Box<dyn Pilot> = match course.models.get(&cell.pilot) {
         Some(model) => model.pilot(),
         None => Box::new(PurePursuit::default()),

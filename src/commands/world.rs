@@ -59,7 +59,27 @@ pub(super) fn setup(settings: &Settings, world: &cli::World, laps: Option<u32>) 
         _ => &settings.simulator.track,
     };
     let track = Track::open(name)?;
-    let conditions = match world.conditions.as_deref() {
+    let longest_s = world.max_time.or(scenario.as_ref().map(|s| s.duration_s));
+    Ok(Setup {
+        scenery: Arc::new(Scenery::new(&track)),
+        track: Arc::new(track),
+        // One lap where nothing else ends the run.
+        laps: laps.or(scenario.is_none().then_some(1)),
+        scenario,
+        conditions: conditions(world)?,
+        seed: world.seed,
+        hz: settings.simulator.hz,
+        longest_s,
+        on_crash: settings.simulator.on_crash,
+        rules: settings.simulator.rules.clone(),
+        human: None,
+        stock: false,
+    })
+}
+
+/// The conditions that the flags name.
+pub(super) fn conditions(world: &cli::World) -> anyhow::Result<Conditions> {
+    Ok(match world.conditions.as_deref() {
         None => Conditions::default(),
         Some("random") => Conditions::random(world.seed),
         Some(path) if path.ends_with(".toml") => {
@@ -70,22 +90,6 @@ pub(super) fn setup(settings: &Settings, world: &cli::World, laps: Option<u32>) 
             conditions
         }
         Some(list) => Conditions::parse(list).with_context(|| format!("--conditions {list}"))?,
-    };
-    let longest_s = world.max_time.or(scenario.as_ref().map(|s| s.duration_s));
-    Ok(Setup {
-        scenery: Arc::new(Scenery::new(&track)),
-        track: Arc::new(track),
-        // One lap where nothing else ends the run.
-        laps: laps.or(scenario.is_none().then_some(1)),
-        scenario,
-        conditions,
-        seed: world.seed,
-        hz: settings.simulator.hz,
-        longest_s,
-        on_crash: settings.simulator.on_crash,
-        rules: settings.simulator.rules.clone(),
-        human: None,
-        stock: false,
     })
 }
 

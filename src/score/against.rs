@@ -4,11 +4,11 @@ use std::{collections::BTreeMap, fmt};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Better, Figure, Spread, Unit};
+use super::{Better, Figure, Spread, Unit, summary::student};
 
-/// Standard errors of the difference of two means beyond which it is no noise: one difference in twenty is larger
-/// where nothing changed.
-const SIGMAS: f64 = 2.0;
+/// A difference is none by chance where it is so many times the half width of its confidence interval at 95 %: some
+/// thirty figures are compared, and one of them would often lie outside the interval itself.
+const CERTAIN: f64 = 2.0;
 /// Where one run alone tells a figure nobody knows its noise; a change of so large a share is taken for one.
 const ALONE: f64 = 0.05;
 
@@ -54,7 +54,7 @@ pub struct Baseline {
 /// are new, and left out.
 pub fn changes(baseline: &Baseline, now: &BTreeMap<&'static str, Spread>) -> Vec<Change> {
     let change = |figure: Figure| {
-        let before = *baseline.summary.get(figure.key())?;
+        let before = *baseline.summary.get(figure.key()).filter(|before| before.runs > 0)?;
         let now = now.get(figure.key()).copied();
         let sign = match figure.better() {
             Better::Higher => 1.0,
@@ -73,12 +73,19 @@ pub fn changes(baseline: &Baseline, now: &BTreeMap<&'static str, Spread>) -> Vec
 }
 
 fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
-    let variance = |spread: &Spread| spread.deviation.map(|deviation| deviation.powi(2) / spread.runs as f64);
-    let chance = match (variance(before), variance(now)) {
-        (Some(before), Some(now)) => SIGMAS * (before + now).sqrt(),
+    let of = |spread: &Spread| Some((spread.deviation?.powi(2), (spread.runs - 1) as f64));
+    let each = 1.0 / before.runs as f64 + 1.0 / now.runs as f64;
+    let chance = match (of(before), of(now)) {
         // A collision more is one however few runs there were.
-        _ if unit == Unit::Count => 0.0,
-        _ => ALONE * before.mean.abs(),
+        (None, None) if unit == Unit::Count => 0.0,
+        (None, None) => ALONE * before.mean.abs(),
+        // The scatter of both together; of one alone where the other is a single run.
+        (a, b) => {
+            let ((a, of_a), (b, of_b)) = (a.unwrap_or((0.0, 0.0)), b.unwrap_or((0.0, 0.0)));
+            let freedom = of_a + of_b;
+            let variance = (a * of_a + b * of_b) / freedom;
+            CERTAIN * student(freedom as usize) * (variance * each).sqrt()
+        }
     };
     chance.max(trifle(unit))
 }
@@ -122,7 +129,7 @@ mod tests {
     fn what_lies_within_the_scatter_of_the_runs_is_no_change() {
         let before = [0.20, 0.24, 0.28];
         assert_eq!(changed(Figure::MeanCte, &before, &[0.22, 0.26, 0.30]), Turn::Same);
-        assert_eq!(changed(Figure::MeanCte, &before, &[0.42, 0.46, 0.50]), Turn::Worse);
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.42, 0.46, 0.50]), Turn::Worse, "5.6 times 0.033");
         assert_eq!(changed(Figure::MeanCte, &before, &[0.05, 0.06, 0.07]), Turn::Better);
     }
 
@@ -132,6 +139,13 @@ mod tests {
         assert_eq!(changed(Figure::Collisions, &[1.0], &[1.0]), Turn::Same);
         assert_eq!(changed(Figure::Completion, &[1.0], &[0.9]), Turn::Worse);
         assert_eq!(changed(Figure::Completion, &[0.98], &[1.0]), Turn::Same, "within 5 %");
+    }
+
+    #[test]
+    fn one_run_is_held_against_the_scatter_of_many() {
+        let before = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0];
+        assert_eq!(changed(Figure::Collisions, &before, &[1.0]), Turn::Same);
+        assert_eq!(changed(Figure::Collisions, &before, &[3.0]), Turn::Worse);
     }
 
     #[test]

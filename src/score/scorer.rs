@@ -24,6 +24,7 @@ const NO_POSITION: &str = "the run tells no position: the stock build does not";
 const NO_JUDGE: &str = "the run tells no collisions and no road: the stock build does not";
 const NO_LAPS_ASKED: &str = "no laps were asked for";
 const NO_TIME: &str = "the run has fewer than two telemetries";
+const NO_WAY: &str = "the car did not move";
 const NO_ANSWERS: &str = "the run has no answers";
 const NO_PILOT: &str = "no pilot drove";
 const TOO_SHORT: &str = "no half second of the run is told without a gap";
@@ -41,7 +42,6 @@ pub struct Scorer {
     in_gaps_m: f64,
     off_road_m: f64,
     max_mph: f64,
-    told_m: Option<f64>,
     /// |cte| of each telemetry that tells it.
     offsets_m: Vec<f64>,
     samples: Vec<Sample>,
@@ -49,6 +49,7 @@ pub struct Scorer {
     was_put: bool,
     /// Furthest that the car came, in laps.
     progress: f64,
+    tells_waypoints: bool,
     laps: Vec<f64>,
     struck: Vec<Struck>,
     /// Episodes that had a collision, and whether this one has.
@@ -86,32 +87,33 @@ struct Course {
     scenario: Option<String>,
 }
 
-/// What forks count themselves, where nothing else in the run tells it.
+/// What worlds count themselves.
 #[derive(Debug, Clone, Default)]
 struct Told {
     laps: Counter,
     crashes: Counter,
     out_of_bounds: Counter,
+    distance_m: Counter,
 }
 
-/// A count that may begin anew.
+/// A count that was begun before the run, perhaps, and may begin anew.
 #[derive(Debug, Clone, Default)]
 struct Counter {
-    last: Option<u32>,
-    total: u32,
+    last: Option<f64>,
+    total: f64,
 }
 
 impl Counter {
     /// Whether it went up.
-    fn take(&mut self, count: Option<u32>) -> bool {
-        let more = count.zip(self.last).map_or(0, |(now, before)| now.saturating_sub(before));
+    fn take(&mut self, count: Option<f64>) -> bool {
+        let more = count.zip(self.last).map_or(0.0, |(now, before)| (now - before).max(0.0));
         self.total += more;
         self.last = count.or(self.last);
-        more > 0
+        more > 0.0
     }
 
     fn total(&self) -> Option<f64> {
-        self.last.map(|_| self.total.into())
+        self.last.map(|_| self.total)
     }
 }
 
@@ -128,12 +130,14 @@ impl Scorer {
 
     /// Takes a telemetry, in the order of time.
     pub fn telemetry(&mut self, at: Duration, telemetry: &Telemetry) {
-        let (at, mph) = (at.as_secs_f64(), telemetry.speed.get());
+        // A clock that was set back stands still until it has caught up.
+        let at = self.last.map_or(at.as_secs_f64(), |(before, _)| at.as_secs_f64().max(before));
+        let mph = telemetry.speed.get();
         let speed_mps = mph * MPS_PER_MPH;
         self.telemetries += 1;
         self.missed_frames += u64::from(std::mem::replace(&mut self.unanswered, true));
         self.first_s.get_or_insert(at);
-        let apart = self.last.map_or(0.0, |(before, _)| (at - before).max(0.0));
+        let apart = self.last.map_or(0.0, |(before, _)| at - before);
         if let Some((_, was_mps)) = self.last {
             // Trapezium: the speed changes evenly between two telemetries.
             let way = apart * (speed_mps + was_mps) / 2.0;
@@ -150,10 +154,12 @@ impl Scorer {
         self.last = Some((at, speed_mps));
         self.max_mph = self.max_mph.max(mph);
         let truth = &telemetry.truth;
-        self.told_m = truth.distance.map(Metres::get).or(self.told_m);
+        self.told.distance_m.take(truth.distance.map(Metres::get));
+        self.tells_waypoints |= truth.lap.is_some() && truth.waypoint.is_some();
         self.offsets_m.extend(truth.cte.map(|cte| cte.get().abs()));
-        self.told.laps.take(truth.lap);
-        let infraction = self.told.crashes.take(truth.crashes) | self.told.out_of_bounds.take(truth.out_of_bounds);
+        self.told.laps.take(truth.lap.map(f64::from));
+        let infraction = self.told.crashes.take(truth.crashes.map(f64::from))
+            | self.told.out_of_bounds.take(truth.out_of_bounds.map(f64::from));
         match (&self.course, truth.lap, truth.waypoint) {
             (Some(course), Some(lap), Some(waypoint)) => {
                 let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
@@ -181,7 +187,7 @@ impl Scorer {
                 self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario });
             }
             EventRecord::Lap { number, time_s } => {
-                self.laps.push(*time_s);
+                self.laps.push(within(*time_s, at));
                 self.progress = self.progress.max(f64::from(*number));
             }
             EventRecord::Collision { with, .. } => {
@@ -195,9 +201,9 @@ impl Scorer {
                 self.off_since = Some(at);
                 self.infraction(at);
             }
-            EventRecord::BackOnRoad { after_s } => {
-                self.off_road_s += after_s;
-                self.off_since = None;
+            // After a reset it was counted already.
+            EventRecord::BackOnRoad { after_s } if self.off_since.take().is_some() => {
+                self.off_road_s += within(*after_s, at);
             }
             EventRecord::Reset { .. } => {
                 self.resets += 1;
@@ -221,7 +227,7 @@ impl Scorer {
                 self.infraction(at);
             }
             EventRecord::TakeoverEnded { duration_s } => {
-                self.human_s += duration_s;
+                self.human_s += within(*duration_s, at);
                 self.human_since = None;
             }
             EventRecord::BadFrame { .. } => self.bad_frames += 1,
@@ -240,7 +246,7 @@ impl Scorer {
     }
 
     fn infraction(&mut self, at: f64) {
-        let (first, way) = (self.first_s.unwrap_or(at), self.told_m.unwrap_or(self.driven_m));
+        let (first, way) = (self.first_s.unwrap_or(at), self.told.distance_m.total().unwrap_or(self.driven_m));
         self.survived.get_or_insert(((at - first).max(0.0), way));
     }
 
@@ -270,7 +276,8 @@ impl Scorer {
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
         let mut figures = Figures::new();
 
-        let distance = match self.told_m {
+        let told_m = self.told.distance_m.total();
+        let distance = match told_m {
             Some(told) => Measure::Told(told),
             None => Measure::Estimate {
                 value: self.driven_m,
@@ -278,7 +285,7 @@ impl Scorer {
                 from: "speed over time",
             },
         };
-        let way = self.told_m.unwrap_or(self.driven_m);
+        let way = told_m.unwrap_or(self.driven_m);
         figures.set(F::DistanceM, distance);
         figures.set(F::TimeS, Measure::told(self.last.map(|_| time_s), NO_TIME));
         let timed = time_s > 0.0;
@@ -286,12 +293,21 @@ impl Scorer {
         figures.told(F::MaxMph, self.last.map(|_| self.max_mph), NO_TIME);
 
         let completion = laps_asked.map(|asked| (self.progress / f64::from(asked.max(1))).min(1.0));
-        figures.told(F::Completion, completion, if judged { NO_LAPS_ASKED } else { NO_POSITION });
+        // Laps alone say nothing of the last, unfinished one.
+        let completion = completion.filter(|share| self.tells_waypoints || *share >= 1.0);
+        let no_completion = if judged && laps_asked.is_none() { NO_LAPS_ASKED } else { NO_POSITION };
+        figures.told(F::Completion, completion, no_completion);
         let count = |told: &Counter, judge: u32| if judged { Some(f64::from(judge)) } else { told.total() };
         let collisions = count(&self.told.crashes, self.struck.len() as u32);
         figures.told(F::Laps, count(&self.told.laps, self.laps.len() as u32), NO_POSITION);
         figures.told(F::Collisions, collisions, NO_JUDGE);
-        figures.told(F::CollisionsPerKm, collisions.filter(|_| way > 0.0).map(|n| n / (way / 1000.0)), NO_JUDGE);
+        match collisions {
+            Some(n) if way > 0.0 => {
+                figures.set(F::CollisionsPerKm, distance.map(|way| n / (way / 1000.0), n / way / way * 1000.0))
+            }
+            Some(_) => figures.told(F::CollisionsPerKm, None, NO_WAY),
+            None => figures.told(F::CollisionsPerKm, None, NO_JUDGE),
+        }
         let by_judge = |value: f64| judged.then_some(value);
         let episodes = f64::from(self.resets + 1);
         figures.told(F::Episodes, by_judge(episodes), NO_JUDGE);
@@ -303,17 +319,26 @@ impl Scorer {
         figures.told(F::Stuck, by_judge(self.stuck.into()), NO_JUDGE);
         figures.told(F::Resets, by_judge(self.resets.into()), NO_JUDGE);
         let scores = completion.map(|completion| driving_scores(completion, off_road_share, &self.struck));
-        let why = if judged { NO_LAPS_ASKED } else { NO_JUDGE };
-        figures.told(F::DrivingScore, scores.map(|(new, _)| new), why);
-        figures.told(F::DrivingScoreProduct, scores.map(|(_, old)| old), why);
+        figures.told(F::DrivingScore, scores.map(|(new, _)| new), no_completion);
+        figures.told(F::DrivingScoreProduct, scores.map(|(_, old)| old), no_completion);
 
         let interventions = self.resets + u32::from(self.ended_badly(last));
-        figures.told(F::Takeovers, Some(self.takeovers.into()), NO_TIME);
-        figures.told(F::HumanS, Some(self.human_s), NO_TIME);
-        figures.told(F::Interventions, by_judge(interventions.into()), NO_JUDGE);
+        let seen = self.last.is_some();
         let by_human = self.answers.0 > 0 && self.answers.1 == 0;
-        let autonomies = (timed && !by_human).then(|| autonomies(time_s, self.takeovers, self.human_s, interventions));
-        let why = if timed { NO_PILOT } else { NO_TIME };
+        let why = if seen { NO_PILOT } else { NO_TIME };
+        figures.told(F::Takeovers, (seen && !by_human).then_some(self.takeovers.into()), why);
+        figures.told(F::HumanS, seen.then_some(if by_human { time_s } else { self.human_s }), NO_TIME);
+        figures.told(F::Interventions, by_judge(interventions.into()), NO_JUDGE);
+        // Nobody may have been there to take over, so that takeovers alone say nothing.
+        let autonomies =
+            (timed && !by_human && judged).then(|| autonomies(time_s, self.takeovers, self.human_s, interventions));
+        let why = if !timed {
+            NO_TIME
+        } else if by_human {
+            NO_PILOT
+        } else {
+            NO_JUDGE
+        };
         figures.told(F::Autonomy, autonomies.map(|(counted, _)| counted), why);
         figures.told(F::AutonomyMeasured, autonomies.map(|(_, measured)| measured), why);
 
@@ -337,10 +362,15 @@ impl Scorer {
         }
 
         let (survival_s, survival_m) = self.survived.unwrap_or((time_s, way));
-        figures.told(F::SurvivalS, self.last.map(|_| survival_s), NO_TIME);
-        figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
+        if judged || self.told.crashes.total().is_some() {
+            figures.told(F::SurvivalS, seen.then_some(survival_s), NO_TIME);
+            figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
+        } else {
+            figures.told(F::SurvivalS, None, NO_JUDGE);
+            figures.told(F::SurvivalM, None, NO_JUDGE);
+        }
         figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / time_s), NO_TIME);
-        figures.told(F::BadFrames, Some(self.bad_frames.into()), NO_TIME);
+        figures.told(F::BadFrames, seen.then_some(self.bad_frames.into()), NO_TIME);
         figures.told(F::MissedFrames, (self.answers.0 > 0).then_some(self.missed_frames as f64), NO_ANSWERS);
         let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
         Scorecard {
@@ -354,6 +384,11 @@ impl Scorer {
             figures: figures.0,
         }
     }
+}
+
+/// A duration of a file, which may say anything, in seconds: not below 0, and not longer than the run was then.
+fn within(seconds: f64, at: f64) -> f64 {
+    if seconds.is_finite() { seconds.clamp(0.0, at.max(0.0)) } else { 0.0 }
 }
 
 struct Figures([Measure; Figure::ALL.len()]);

@@ -46,11 +46,15 @@ const STUDENT: [f64; 30] = [
 /// And of the normal distribution, which it becomes.
 const NORMAL: f64 = 1.960;
 
+/// The quantile for so many degrees of freedom, at least one.
+pub(super) fn student(freedom: usize) -> f64 {
+    STUDENT.get(freedom.max(1) - 1).copied().unwrap_or(NORMAL)
+}
+
 impl Spread {
     /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single run.
     pub fn confidence(&self) -> Option<f64> {
-        let t = self.runs.checked_sub(2).map(|i| STUDENT.get(i).copied().unwrap_or(NORMAL))?;
-        Some(t * self.deviation? / (self.runs as f64).sqrt())
+        Some(student(self.runs - 1) * self.deviation? / (self.runs as f64).sqrt())
     }
 }
 

@@ -306,8 +306,8 @@ impl Simulation {
             };
             self.car.step(command, ground);
             self.place = track.locate(self.car.position, Some(self.place.station.s));
+            self.driven_m += DVec3::new(self.car.position.x - before.x, 0.0, self.car.position.z - before.z).length();
         }
-        self.driven_m += DVec3::new(self.car.position.x - before.x, 0.0, self.car.position.z - before.z).length();
         if let Some(traffic) = &mut self.traffic {
             traffic.step(t, vehicle::STEP_S, &self.setup.track, &self.car, &self.place);
         }

@@ -1,12 +1,14 @@
 //! Results of cells: files, groups over seeds, and the table.
 
 use std::{
-    collections::BTreeMap,
-    fs, io,
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    io::{self, Write},
     path::{Path, PathBuf},
 };
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use super::Cell;
 use crate::score::{Figure, Spread, Unit, aligned};
@@ -91,13 +93,24 @@ impl Results {
         self.0.join(format!("{}.json", cell.id()))
     }
 
-    /// The result of a cell, if it was driven.
+    /// The result of a cell, if it was driven. A file that cannot be understood, as a failing disk leaves it, is none;
+    /// that is logged.
     ///
     /// # Errors
-    /// [`ResultsError`].
+    /// [`ResultsError::Io`].
     pub fn get(&self, cell: &Cell) -> Result<Option<Done>, ResultsError> {
         let path = self.path(cell);
-        if path.exists() { read(&path).map(Some) } else { Ok(None) }
+        if !path.exists() {
+            return Ok(None);
+        }
+        match read(&path) {
+            Ok(done) => Ok(Some(done)),
+            Err(error @ ResultsError::NotACell { .. }) => {
+                tracing::warn!("{error}; it is driven again");
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
     }
 
     /// Keeps a result: whole or not at all.
@@ -108,7 +121,9 @@ impl Results {
         let path = self.path(&done.cell);
         let partial = path.with_extension("partial");
         let write = || {
-            fs::write(&partial, serde_json::to_vec_pretty(done)?)?;
+            let mut file = fs::File::create(&partial)?;
+            file.write_all(&serde_json::to_vec_pretty(done)?)?;
+            file.sync_all()?;
             fs::rename(&partial, &path)
         };
         write().map_err(ResultsError::io("write the result", &path))
@@ -164,18 +179,26 @@ pub struct Over {
     pub confidence: Option<f64>,
 }
 
-/// Groups in the order of pilot, track, conditions and speed.
+/// Groups in the order of pilot, track, conditions and speed. Where cells of one name were driven with other models, laps
+/// or settings, the pilot's name says which.
 pub fn groups(done: &[Done]) -> Vec<Group> {
     let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
     for one in done {
         let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, .. } = &one.cell;
-        let others = format!("{laps} {longest_s} {settings}");
+        let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
         // The bits of positive numbers are ordered as they are.
-        let key = (pilot, track, conditions, speed_mph.to_bits(), model_sha256, others);
-        by_key.entry(key).or_default().push(one);
+        by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others)).or_default().push(one);
     }
-    let group = |done: Vec<&Done>| {
-        let Cell { pilot, model_sha256, track, conditions, speed_mph, .. } = done[0].cell.clone();
+    let several = |pilot: &str| {
+        let others = by_key.keys().filter(|key| key.0 == pilot).map(|key| &key.4);
+        others.collect::<BTreeSet<_>>().len() > 1
+    };
+    let group = |(key, done): (&(&String, _, _, _, String), &Vec<&Done>)| {
+        let Cell { mut pilot, model_sha256, track, conditions, speed_mph, .. } = done[0].cell.clone();
+        if several(&pilot) {
+            let id: String = Sha256::digest(&key.4).iter().take(3).map(|byte| format!("{byte:02x}")).collect();
+            pilot = format!("{pilot} (settings {id})");
+        }
         let over = |figure: Figure| {
             let values: Vec<_> = done.iter().filter_map(|one| one.value(figure)).collect();
             let spread = Spread::of(&values)?;
@@ -184,7 +207,7 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
         let figures = Figure::ALL.into_iter().filter_map(over).collect();
         Group { pilot, model_sha256, track, conditions, speed_mph, figures }
     };
-    by_key.into_values().map(group).collect()
+    by_key.iter().map(group).collect()
 }
 
 /// A line for each group.

@@ -114,8 +114,10 @@ pub struct Cell {
     pub laps: u32,
     /// Longest time in seconds.
     pub longest_s: f64,
-    /// The other settings in force.
+    /// The settings in force, and the version of the program.
     pub settings: serde_json::Value,
+    /// What the names of track and conditions stand for with this seed.
+    pub world: serde_json::Value,
 }
 
 impl Cell {
@@ -188,11 +190,9 @@ impl Suite {
 
     /// All drives; the seed changes slowest, so that the first of them are already of every kind. `model_sha256` gives a
     /// pilot's.
-    pub fn cells(
-        &self,
-        settings: &serde_json::Value,
-        model_sha256: impl Fn(&Contestant) -> Option<String>,
-    ) -> Vec<Cell> {
+    ///
+    /// Settings and world are for the caller to fill in.
+    pub fn cells(&self, model_sha256: impl Fn(&Contestant) -> Option<String>) -> Vec<Cell> {
         let hashes: Vec<_> = self.pilots.iter().map(model_sha256).collect();
         let mut cells = vec![];
         for seed in self.seeds() {
@@ -209,7 +209,8 @@ impl Suite {
                                 seed,
                                 laps: self.laps,
                                 longest_s: self.longest_s,
-                                settings: settings.clone(),
+                                settings: serde_json::Value::Null,
+                                world: serde_json::Value::Null,
                             });
                         }
                     }

@@ -20,7 +20,7 @@ expert = true
 
 fn cells(text: &str) -> Vec<Cell> {
     let sha256 = |pilot: &Contestant| (!pilot.expert).then(|| "00ff".to_owned());
-    Suite::parse(text).unwrap().cells(&json!({"kp": 0.1}), sha256)
+    Suite::parse(text).unwrap().cells(sha256)
 }
 
 #[test]
@@ -39,6 +39,7 @@ fn a_cell_is_another_one_as_soon_as_anything_is_that_its_drive_depends_on() {
         Cell { model_sha256: Some("00fe".into()), ..cell.clone() },
         Cell { settings: json!({"kp": 0.2}), ..cell.clone() },
         Cell { laps: 2, ..cell.clone() },
+        Cell { world: json!({"fog": 1}), ..cell.clone() },
     ];
     assert!(changed.iter().all(|other| other.id() != cell.id()));
     assert_eq!(cell.clone().id(), cell.id());
@@ -83,6 +84,10 @@ fn results_come_back_and_what_is_none_is_named() {
     // What a killed write leaves is no result.
     fs::write(dir.path().join("cells/half.partial"), "{").unwrap();
     assert_eq!(results.all().unwrap().len(), 1);
+    // Nor is what a failing disk leaves of one: its cell is driven again.
+    fs::write(dir.path().join(format!("cells/{}.json", cells[1].id())), "").unwrap();
+    assert_eq!(results.get(&cells[1]).unwrap(), None);
+    results.keep(&done(&cells[1], 0.5)).unwrap();
     fs::write(dir.path().join("cells/other.json"), "{}").unwrap();
     let error = results.all().unwrap_err().to_string();
     assert!(error.contains("other.json: expected the result of a cell (lapwing.cell/1), got missing field"), "{error}");
@@ -92,12 +97,25 @@ fn results_come_back_and_what_is_none_is_named() {
 #[test]
 fn groups_are_over_seeds_and_the_table_has_a_line_for_each() {
     let cells = cells(SUITE);
-    let done: Vec<_> = cells.iter().map(|cell| done(cell, 0.4 + 0.2 * cell.seed as f64)).collect();
-    let groups = groups(&done);
+    let all: Vec<_> = cells.iter().map(|cell| done(cell, 0.4 + 0.2 * cell.seed as f64)).collect();
+    let groups = groups(&all);
     assert_eq!(groups.len(), 16);
     let completion = groups[0].figures["completion"];
     assert!((completion.spread.mean - 0.6).abs() < 1e-9 && completion.spread.runs == 3);
     assert!(!groups[0].figures.contains_key("collisions"), "not measurable is no zero");
+    // Random weather is another one with each seed, and yet one group; other settings are another group, and named so.
+    let varied = |settings: u32| {
+        let cells =
+            cells.iter().filter(|cell| cell.pilot == "expert" && cell.track == "lake" && cell.speed_mph == 20.0);
+        let cells = cells.filter(|cell| cell.conditions == "fair");
+        let cells = cells.map(move |cell| Cell { settings: json!(settings), world: json!(cell.seed), ..cell.clone() });
+        cells.map(|cell| done(&cell, 1.0)).collect::<Vec<_>>()
+    };
+    let one = varied(1);
+    assert_eq!(super::groups(&one).len(), 1);
+    let both = super::groups(&[one, varied(2)].concat());
+    assert_eq!(both.len(), 2);
+    assert!(both[0].pilot.starts_with("expert (settings ") && both[0].pilot != both[1].pilot, "{}", both[0].pilot);
     let table = table(&groups);
     assert_eq!(table.lines().count(), 17);
     assert!(table.lines().nth(1).unwrap().starts_with("built in  jungle  fair"), "{table}");

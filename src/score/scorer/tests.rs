@@ -97,7 +97,15 @@ fn a_run_that_tells_nothing_is_not_said_to_be_free_of_collisions() {
     scorer.telemetry(at(0.0), &stock(10.0));
     scorer.telemetry(at(1.0), &stock(10.0));
     let card = scorer.finish();
-    for figure in [Figure::Collisions, Figure::Laps, Figure::MeanCte, Figure::Completion, Figure::DrivingScore] {
+    for figure in [
+        Figure::Collisions,
+        Figure::Laps,
+        Figure::MeanCte,
+        Figure::Completion,
+        Figure::DrivingScore,
+        Figure::Autonomy,
+        Figure::SurvivalS,
+    ] {
         assert!(matches!(card.get(figure), Measure::Unknown(_)), "{}", figure.key());
     }
     let json = serde_json::to_value(&card).unwrap();
@@ -145,7 +153,10 @@ fn autonomy_counts_takeovers_and_interventions_apart() {
         (19.0, EventRecord::TakeoverEnded { duration_s: 9.0 }),
         (30.0, EventRecord::OffRoad { offset_m: 3.4 }),
         (31.0, EventRecord::Reset { waypoint: 3 }),
+        // The simulator's judge sees the car on the road again after it was put there.
+        (31.02, EventRecord::BackOnRoad { after_s: 1.02 }),
     ]);
+    close(&card, Figure::OffRoadS, 1.0);
     let counts = [Figure::Takeovers, Figure::HumanS, Figure::Interventions].map(|figure| card.value(figure));
     assert_eq!(counts, [Some(1.0), Some(9.0), Some(1.0)]);
     close(&card, Figure::Autonomy, 1.0 - 12.0 / 60.0);
@@ -179,13 +190,54 @@ fn the_driving_score_weighs_what_was_hit_and_takes_off_the_way_beside_the_road()
 }
 
 #[test]
+fn laps_alone_do_not_say_how_far_the_last_one_went() {
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(2));
+    scorer.telemetry(at(0.0), &stock(10.0));
+    scorer.event(at(60.0), &EventRecord::Lap { number: 1, time_s: 60.0 });
+    scorer.telemetry(at(90.0), &stock(10.0));
+    assert_eq!(scorer.clone().finish().get(Figure::Completion), Measure::Unknown(NO_POSITION));
+    scorer.event(at(120.0), &EventRecord::Lap { number: 2, time_s: 60.0 });
+    assert_eq!(scorer.finish().get(Figure::Completion), Measure::Told(1.0));
+}
+
+#[test]
+fn an_odometer_counts_from_where_the_run_began_and_on_when_it_is_set_back() {
+    let mut scorer = Scorer::default();
+    for (second, metres) in [(0.0, 500.0), (1.0, 510.0), (2.0, 0.0), (3.0, 7.0)] {
+        let truth = Truth { distance: Some(Metres::new(metres).unwrap()), ..Truth::default() };
+        scorer.telemetry(at(second), &Telemetry { truth, ..stock(10.0) });
+    }
+    assert_eq!(scorer.finish().get(Figure::DistanceM), Measure::Told(17.0));
+}
+
+#[test]
+fn what_a_damaged_file_says_makes_no_impossible_figure() {
+    let card = minute(&[
+        (10.0, EventRecord::TakeoverEnded { duration_s: -1e308 }),
+        (11.0, EventRecord::TakeoverEnded { duration_s: 1e308 }),
+        (12.0, EventRecord::Lap { number: 0, time_s: f64::NAN }),
+    ]);
+    assert_eq!(card.value(Figure::HumanS), Some(11.0));
+    assert!(serde_json::to_string(&card).is_ok());
+    let mut scorer = Scorer::default();
+    for second in [5.0, 6.0, 2.0, 7.0] {
+        scorer.telemetry(at(second), &stock(10.0));
+    }
+    let card = scorer.finish();
+    assert_eq!((card.value(Figure::TimeS), card.value(Figure::SteeringRate)), (Some(2.0), Some(0.0)));
+}
+
+#[test]
 fn a_human_who_drives_all_the_way_is_no_autonomy() {
     let mut scorer = Scorer::default();
     for i in 0..10 {
         scorer.telemetry(at(f64::from(i)), &stock(10.0));
         scorer.command(&CommandRecord::of_human(Steering::ZERO, Throttle::ZERO));
     }
-    assert_eq!(scorer.finish().get(Figure::Autonomy), Measure::Unknown(NO_PILOT));
+    let card = scorer.finish();
+    assert_eq!(card.get(Figure::Autonomy), Measure::Unknown(NO_PILOT));
+    assert_eq!((card.value(Figure::HumanS), card.value(Figure::Takeovers)), (Some(9.0), None));
 }
 
 #[test]
