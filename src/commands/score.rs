@@ -15,7 +15,7 @@ use crate::{
     config::Thresholds,
     recording::{RunHeader, RunReader},
     score::{
-        self, Check, Figure, Scorecard, Unit,
+        self, Check, Figure, Scorecard,
         against::{Baseline, Change, Turn, changes},
         junit,
         page::{self, Collector, Drawn, Outline, Shown},
@@ -221,13 +221,7 @@ fn table(runs: &[Run], spreads: &BTreeMap<&'static str, Spread>) -> String {
         rows.push(std::iter::once(run.name()).chain(COMPARED.map(cell)).collect());
     }
     let mean = |figure: Figure| {
-        spreads.get(figure.key()).map_or_else(
-            || "-".to_owned(),
-            |spread| match figure.unit() {
-                Unit::Count => format!("{:.2}", spread.mean), // a mean of counts is no count
-                unit => unit.show(spread.mean),
-            },
-        )
+        spreads.get(figure.key()).map_or_else(|| "-".to_owned(), |spread| figure.unit().show_mean(spread.mean))
     };
     rows.push(std::iter::once(format!("mean of {}", runs.len())).chain(COMPARED.map(mean)).collect());
     score::aligned(&rows, 1) + "\n- is not measurable; lapwing score RUN says why."

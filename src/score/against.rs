@@ -104,10 +104,7 @@ fn trifle(unit: Unit) -> f64 {
 
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let show = |value: f64| match self.unit {
-            Unit::Count => format!("{value:.2}"), // a mean of counts is no count
-            unit => unit.show(value),
-        };
+        let show = |mean: f64| self.unit.show_mean(mean);
         let now = self.now.map_or_else(|| "not measurable".into(), |now| show(now.mean));
         write!(f, "{}: {} before, {now} now, noise {}", self.figure, show(self.before.mean), show(self.noise))
     }

@@ -71,6 +71,11 @@ impl Unit {
             Self::Jerk => format!("{value:.2} m/s3"),
         }
     }
+
+    /// A mean over runs as people read it: one of counts is no count.
+    pub fn show_mean(self, mean: f64) -> String {
+        if self == Self::Count { format!("{mean:.2}") } else { self.show(mean) }
+    }
 }
 
 /// Which way a figure gets better.

@@ -287,7 +287,7 @@ impl Scorer {
         };
         let way = told_m.unwrap_or(self.driven_m);
         figures.set(F::DistanceM, distance);
-        figures.set(F::TimeS, Measure::told(self.last.map(|_| time_s), NO_TIME));
+        figures.told(F::TimeS, self.last.map(|_| time_s), NO_TIME);
         let timed = time_s > 0.0;
         figures.told(F::MeanMph, timed.then(|| self.driven_m / time_s / MPS_PER_MPH), NO_TIME);
         figures.told(F::MaxMph, self.last.map(|_| self.max_mph), NO_TIME);

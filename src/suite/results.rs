@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::Cell;
-use crate::score::{Figure, Spread, Unit, aligned};
+use crate::score::{Figure, Spread, aligned};
 
 /// What the file of a cell is called.
 const SCHEMA: &str = "lapwing.cell/1";
@@ -226,10 +226,7 @@ pub fn table(groups: &[Group]) -> String {
 
 impl Over {
     fn words(&self, figure: Figure) -> String {
-        let show = |value: f64| match figure.unit() {
-            Unit::Count => format!("{value:.2}"), // a mean of counts is no count
-            unit => unit.show(value),
-        };
+        let show = |mean: f64| figure.unit().show_mean(mean);
         let confidence = self.confidence.map_or_else(String::new, |half| format!(" ± {}", show(half)));
         show(self.spread.mean) + &confidence
     }
