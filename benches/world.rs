@@ -4,7 +4,7 @@ use std::{hint::black_box, sync::Arc, time::Instant};
 
 use divan::{Bencher, counter::ItemsCount};
 use lapwing::{
-    config::{Control, OnCrash, Rules},
+    config::{Control, OnCrash},
     drive,
     driver::Driver,
     nn::runtime,
@@ -28,20 +28,9 @@ const FRAMES: usize = 300;
 
 fn setup(name: &str) -> Setup {
     let track = Track::open(name).unwrap();
-    Setup {
-        scenery: Arc::new(Scenery::new(&track)),
-        track: Arc::new(track),
-        scenario: None,
-        conditions: Conditions::default(),
-        seed: 0,
-        hz: 15.0,
-        laps: None,
-        longest_s: Some(FRAMES as f64 / 15.0),
-        on_crash: OnCrash::Reset,
-        rules: Rules::default(),
-        human: None,
-        stock: false,
-    }
+    let scenery = Arc::new(Scenery::new(&track));
+    let longest_s = Some(FRAMES as f64 / 15.0);
+    Setup { laps: None, longest_s, on_crash: OnCrash::Reset, ..Setup::new(Arc::new(track), scenery) }
 }
 
 /// Pictures all around the track, as the car sees them on its line. 700 a second are asked for on the lake.

@@ -181,6 +181,12 @@ pub struct Score {
     /// Runs (.mcap), or folders of them
     #[arg(value_name = "RUN", required_unless_present = "explain")]
     pub runs: Vec<PathBuf>,
+    /// Another road that a run which tells no position may be on: random:SEED, or a track file (.toml)
+    #[arg(long = "track", value_name = "NAME")]
+    pub tracks: Vec<String>,
+    /// Laps asked for, where the run does not tell
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub laps: u32,
     #[command(flatten)]
     pub thresholds: Thresholds,
     /// An earlier result (--json): exit status 3 if a figure got worse beyond noise

@@ -30,10 +30,11 @@
 //! | [`control`] | speed controllers, standstill, hand-over | `units` |
 //! | [`driver`] | the function above | everything above |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders | `units`, `protocol` |
-//! | [`score`] | what a run is judged to be | `config`, `protocol`, `recording`, `units` |
+//! | [`odometry`] | where a car was, by its speed, steering and pictures alone | `perception` |
+//! | [`score`] | what a run is judged to be | `config`, `odometry`, `perception`, `protocol`, `recording`, `units` |
 //! | [`suite`] | many drives as one: which, their results, what they come to | `score` |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts | `perception` |
-//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `perception`, `pilot`, `protocol`, `recording`, `units` |
+//! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `odometry`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
 //! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `units` |
 //! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader | `drawing`, `perception`, `protocol`, `recording`, `units` |
@@ -59,6 +60,7 @@ pub mod drawing;
 pub mod drive;
 pub mod driver;
 pub mod nn;
+pub mod odometry;
 pub mod perception;
 pub mod pilot;
 pub mod protocol;

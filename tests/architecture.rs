@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 20] = [
+const MAY_IMPORT: [(&str, &[&str]); 21] = [
     ("units", &[]),
     ("config", &["units"]),
     ("protocol", &["units"]),
@@ -17,11 +17,12 @@ const MAY_IMPORT: [(&str, &[&str]); 20] = [
     ("control", &["units"]),
     ("driver", &["units", "config", "protocol", "perception", "nn", "pilot", "control"]),
     ("recording", &["units", "protocol"]),
-    ("score", &["config", "protocol", "recording", "units"]),
+    ("odometry", &["perception"]),
+    ("score", &["config", "odometry", "perception", "protocol", "recording", "units"]),
     ("suite", &["score"]),
     ("drawing", &["perception"]),
     ("dataset", &["drawing", "perception", "protocol", "recording", "units"]),
-    ("simulator", &["config", "drawing", "perception", "pilot", "protocol", "recording", "units"]),
+    ("simulator", &["config", "drawing", "odometry", "perception", "pilot", "protocol", "recording", "units"]),
     ("drive", &["driver", "protocol", "recording", "score", "units"]),
     ("replay", &["recording", "driver", "protocol", "units"]),
     ("train", &["dataset", "nn", "perception"]),
@@ -39,6 +40,7 @@ const MAY_IMPORT: [(&str, &[&str]); 20] = [
             "drive",
             "driver",
             "nn",
+            "odometry",
             "perception",
             "pilot",
             "protocol",

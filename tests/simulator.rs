@@ -8,13 +8,13 @@ use std::{
 };
 
 use lapwing::{
-    config::{Control, OnCrash, Rules, Takeover},
+    config::{Control, OnCrash, Takeover},
     drive::{self, Drive},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
     recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunReader},
-    score::{self, Figure},
+    score::{self, Figure, Scorer},
     simulator::{
         camera::Scenery,
         conditions::Conditions,
@@ -38,20 +38,7 @@ fn open(name: &str) -> (Arc<Track>, Arc<Scenery>) {
 }
 
 fn setup((track, scenery): (Arc<Track>, Arc<Scenery>)) -> Setup {
-    Setup {
-        track,
-        scenery,
-        scenario: None,
-        conditions: Conditions::default(),
-        seed: 0,
-        hz: 15.0,
-        laps: Some(1),
-        longest_s: None,
-        on_crash: OnCrash::Stop,
-        rules: Rules::default(),
-        human: None,
-        stock: false,
-    }
+    Setup::new(track, scenery)
 }
 
 fn driver(pilot: impl Pilot + 'static, mph: f64) -> Driver {
@@ -245,7 +232,7 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
     for (how, setup, pilot) in drives {
         let dir = tempfile::tempdir().unwrap();
         let (Drive { card, .. }, report) = recorded(dir.path(), setup, pilot);
-        let again = score::of_run(&mut RunReader::open(&report.path).unwrap(), |_, _| ()).unwrap();
+        let again = score::of_run(&mut RunReader::open(&report.path).unwrap(), Scorer::default(), |_, _| ()).unwrap();
         assert_eq!(again, card, "{how}");
         let counts = [Figure::Takeovers, Figure::Collisions].map(|figure| card.value(figure));
         assert_eq!(counts, [Some(f64::from(how == "with a human")), Some(0.0)], "{how}: {card}");

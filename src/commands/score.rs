@@ -1,9 +1,11 @@
 //! `lapwing score`: what recorded runs were worth.
 
 use std::{
+    cell::OnceCell,
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use anyhow::{Context, bail};
@@ -13,15 +15,17 @@ use super::{Ended, thresholds};
 use crate::{
     cli,
     config::Thresholds,
+    odometry::Road,
+    protocol::Dialect,
     recording::{RunHeader, RunReader},
     score::{
-        self, Check, Figure, Scorecard,
+        self, Check, Figure, Scorecard, Scorer,
         against::{Baseline, Change, Turn, changes},
         junit,
         page::{self, Collector, Drawn, Outline, Shown},
         summary::{Spread, summary},
     },
-    simulator::track::Track,
+    simulator::{survey, track::Track},
 };
 
 /// What the JSON is called.
@@ -63,6 +67,24 @@ struct Scored<'a> {
     missed: Vec<&'a str>,
 }
 
+/// Roads that a run may be on which does not say; made once they are asked for.
+struct Roads<'a> {
+    arguments: &'a cli::Score,
+    known: OnceCell<Vec<Arc<Road>>>,
+}
+
+impl Roads<'_> {
+    fn known(&self) -> anyhow::Result<&[Arc<Road>]> {
+        if let Some(known) = self.known.get() {
+            return Ok(known);
+        }
+        let names = Track::NAMES.into_iter().chain(self.arguments.tracks.iter().map(String::as_str));
+        let known =
+            names.map(|name| Ok(Arc::new(survey::known_road(Track::open(name)?)))).collect::<anyhow::Result<_>>()?;
+        Ok(self.known.get_or_init(|| known))
+    }
+}
+
 /// A run, judged.
 struct Run {
     path: PathBuf,
@@ -74,10 +96,15 @@ struct Run {
 }
 
 impl Run {
-    fn open(path: PathBuf, limits: &Thresholds, for_page: bool) -> anyhow::Result<Self> {
+    fn open(path: PathBuf, limits: &Thresholds, roads: &Roads<'_>, for_page: bool) -> anyhow::Result<Self> {
         let mut reader = RunReader::open(&path)?;
+        let scorer = match reader.header().dialect {
+            // Whatever another build leaves untold, it is not the position.
+            None | Some(Dialect::Term1) => Scorer::on(roads.known()?, Some(roads.arguments.laps)),
+            Some(_) => Scorer::default(),
+        };
         let mut collector = for_page.then(Collector::default);
-        let card = score::of_run(&mut reader, |at, item| {
+        let card = score::of_run(&mut reader, scorer, |at, item| {
             if let Some(collector) = &mut collector {
                 collector.item(at, item);
             }
@@ -114,9 +141,10 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     }
     let limits = thresholds::layers(super::undriven_layers(config)?, &arguments.thresholds)?.resolve()?.thresholds;
     let paths = files(&arguments.runs)?;
+    let roads = Roads { arguments, known: OnceCell::new() };
     let runs = paths
         .into_iter()
-        .map(|path| Run::open(path, &limits, arguments.html.is_some()))
+        .map(|path| Run::open(path, &limits, &roads, arguments.html.is_some()))
         .collect::<anyhow::Result<Vec<_>>>()?;
     let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
     let summary = summary(&cards);

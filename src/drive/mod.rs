@@ -54,7 +54,7 @@ pub fn run<W: Eventful>(
         for (at, event) in events {
             last = last.max(at);
             scorer.event(at, &event);
-            if let Some(recorder) = recorder {
+            if let Some(recorder) = recorder.filter(|_| world.is_recorded()) {
                 recorder.record(at, Item::Event(event));
             }
         }

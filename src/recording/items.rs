@@ -236,6 +236,11 @@ pub enum EventRecord {
 pub trait Eventful: World {
     /// What has happened since the last call, in the order of time.
     fn take_events(&mut self) -> Vec<(Duration, EventRecord)>;
+
+    /// Whether a run of this world holds what it says: not where it plays one that says nothing.
+    fn is_recorded(&self) -> bool {
+        true
+    }
 }
 
 /// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.

@@ -9,6 +9,7 @@
 //! |---|---|
 //! | [`figure`] | each figure's unit, formula and source |
 //! | `scorer` | from items to figures |
+//! | `blind` | what the stock build does not tell, as well as it can be found out |
 //! | `infractions`, `smoothness`, `latency` | the figures that take a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | `thresholds`, [`junit`] | what a run must reach, and how CI is told |
@@ -16,6 +17,7 @@
 //! | [`summary`], [`against`] | several runs in one, and whether they got worse |
 
 pub mod against;
+mod blind;
 mod card;
 pub mod figure;
 mod infractions;

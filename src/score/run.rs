@@ -5,12 +5,15 @@ use std::time::Duration;
 use super::{Scorecard, Scorer};
 use crate::recording::{EventRecord, Item, RecordingError, RunReader};
 
-/// Reads a run to its end and judges it; `watch` sees each item, too. What is wrong with the file stands in the notes.
+/// Reads a run to its end and judges it by this scorer; `watch` sees each item, too. What is wrong with the file stands in the notes.
 ///
 /// # Errors
 /// [`RecordingError::Io`] where the file cannot be read any more.
-pub fn of_run(run: &mut RunReader, mut watch: impl FnMut(Duration, &Item)) -> Result<Scorecard, RecordingError> {
-    let mut scorer = Scorer::default();
+pub fn of_run(
+    run: &mut RunReader,
+    mut scorer: Scorer,
+    mut watch: impl FnMut(Duration, &Item),
+) -> Result<Scorecard, RecordingError> {
     let mut unreadable: Option<(u64, RecordingError)> = None;
     let mut not_recorded = 0;
     for item in run.by_ref() {

@@ -77,6 +77,26 @@ pub struct Setup {
     pub stock: bool,
 }
 
+impl Setup {
+    /// One lap in fair weather, without other traffic.
+    pub fn new(track: Arc<Track>, scenery: Arc<Scenery>) -> Self {
+        Self {
+            track,
+            scenery,
+            scenario: None,
+            conditions: Conditions::default(),
+            seed: 0,
+            hz: 15.0,
+            laps: Some(1),
+            longest_s: None,
+            on_crash: OnCrash::Stop,
+            rules: Rules::default(),
+            human: None,
+            stock: false,
+        }
+    }
+}
+
 /// Why a run ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Ending {
@@ -436,6 +456,10 @@ impl Simulation {
 impl Eventful for Simulation {
     fn take_events(&mut self) -> Vec<(Duration, EventRecord)> {
         std::mem::take(&mut self.events)
+    }
+
+    fn is_recorded(&self) -> bool {
+        !self.setup.stock
     }
 }
 

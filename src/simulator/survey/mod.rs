@@ -12,13 +12,16 @@
 //! |---|---|
 //! | `edges` | finds the road's edges in a row of a picture |
 //! | `view` | where a road's edges lie in a picture, by geometry |
+//! | `known` | a track as a road that drives are found on again |
 //! | `localise` | from a log and the edges to places on the road |
 
 mod edges;
+mod known;
 mod localise;
 mod view;
 
 pub use edges::{Detector, Edges};
+pub use known::known_road;
 pub use localise::{FIT_ROWS, Fix, LocaliseError, Moment, Odometry, localise};
 pub use view::{Lens, Pose};
 

@@ -1,0 +1,251 @@
+//! How far `lapwing score` is to be believed where a run tells neither position nor collisions.
+//!
+//! ```sh
+//! cargo run --release --example blind
+//! ```
+//!
+//! drives the three tracks a hundred times in random weather: experts and PilotNet, the small CNN, PilotNet with pictures
+//! that come half a second to one and a half late, and pilots that do not look. Each run is recorded as the stock build
+//! would have it, scored from that file alone, and held against what the judge in the simulator saw. Exit status 1 where
+//! a track is named wrongly, a completion is further off than 2 percentage points, a lap count differs, or collisions
+//! are found with a precision or recall below 0.9.
+
+use std::{
+    path::Path,
+    process::ExitCode,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicUsize, Ordering},
+    },
+    thread,
+    time::Instant,
+};
+
+use lapwing::{
+    config::Control,
+    drive::{self, Drive},
+    driver::Driver,
+    nn::runtime,
+    odometry::Road,
+    pilot::{self, ConstantPilot, Model, Pilot, PurePursuit},
+    protocol::Dialect,
+    recording::{Recorder, RecorderOptions, RunHeader, RunReader},
+    score::{self, Figure, Scorecard, Scorer},
+    simulator::{
+        camera::Scenery,
+        conditions::Conditions,
+        survey::known_road,
+        track::Track,
+        world::{Setup, Simulation},
+    },
+    units::{Mph, Steering},
+};
+
+type Error = Box<dyn std::error::Error + Send + Sync>;
+
+const RUNS: usize = 100;
+/// Points of completion that an estimate may be off.
+const COMPLETION: f64 = 0.02;
+/// Least precision and recall of collisions.
+const COLLISIONS: f64 = 0.9;
+
+#[derive(Clone, Copy)]
+enum Who {
+    Expert,
+    PilotNet,
+    Cps,
+    Late(f64),
+    Constant(f64),
+}
+
+impl Who {
+    /// One for each run: a quarter each good, good with a network, bad, terrible.
+    fn of(run: usize) -> Self {
+        match run / 3 % 8 {
+            0 => Self::Expert,
+            1 | 2 => Self::PilotNet,
+            3 | 4 => Self::Cps,
+            5 => Self::Late([500.0, 900.0, 1500.0][run / 24 % 3]),
+            6 => Self::Late(700.0),
+            _ => Self::Constant([0.0, 0.15, -0.15, -0.06, 0.06][run / 24 % 5]),
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Expert => "expert".into(),
+            Self::PilotNet => "pilotnet".into(),
+            Self::Cps => "cps".into(),
+            Self::Late(ms) => format!("pilotnet, {ms} ms late"),
+            Self::Constant(steering) => format!("steering {steering}"),
+        }
+    }
+}
+
+struct Roads {
+    worlds: Vec<(Arc<Track>, Arc<Scenery>)>,
+    known: Vec<Arc<Road>>,
+    pilotnet: Model,
+    cps: Model,
+}
+
+struct Row {
+    run: usize,
+    who: Who,
+    mph: f64,
+    truth: Scorecard,
+    /// By the judge's waypoints.
+    completion: f64,
+    found: Scorecard,
+}
+
+fn main() -> Result<ExitCode, Error> {
+    runtime::set_threads(1);
+    let mut roads = Roads {
+        worlds: vec![],
+        known: vec![],
+        pilotnet: pilot::built_in(Instant::now)?,
+        cps: pilot::load("models/cps.safetensors", Instant::now)?,
+    };
+    for name in Track::NAMES {
+        let track = Track::named(name)?;
+        roads.known.push(Arc::new(known_road(track.clone())));
+        roads.worlds.push((Arc::new(track.clone()), Arc::new(Scenery::new(&track))));
+    }
+    let folder = tempfile::tempdir()?;
+    let (next, rows) = (AtomicUsize::new(0), Mutex::new(vec![]));
+    let work = || -> Result<(), Error> {
+        loop {
+            let run = next.fetch_add(1, Ordering::Relaxed);
+            if run >= RUNS {
+                return Ok(());
+            }
+            let row = drive(&roads, run, folder.path())?;
+            eprintln!("{}", told(&row));
+            rows.lock().map_err(|_| "a thread panicked")?.push(row);
+        }
+    };
+    let workers = thread::available_parallelism().map_or(1, usize::from);
+    thread::scope(|scope| {
+        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|_| Err("a thread panicked".into())))
+    })?;
+    let mut rows = rows.into_inner().map_err(|_| "a thread panicked")?;
+    rows.sort_by_key(|row| row.run);
+    Ok(report(&rows))
+}
+
+/// Drives and scores one run.
+fn drive(roads: &Roads, run: usize, folder: &Path) -> Result<Row, Error> {
+    let who = Who::of(run);
+    let (track, scenery) = roads.worlds[run % roads.worlds.len()].clone();
+    let mph: f64 = [20.0, 15.0, 25.0, 30.0][(run / 3 + run / 24) % 4];
+    let mph = if track.file().name == "jungle" { mph.min(20.0) } else { mph };
+    let laps = 1 + (run / 24 % 2) as u32;
+    let mut conditions = Conditions::random(run as u64);
+    if let Who::Late(ms) = who {
+        conditions.latency_ms = ms;
+    }
+    let setup = Setup {
+        laps: Some(laps),
+        longest_s: Some(600.0),
+        seed: run as u64,
+        stock: true,
+        conditions,
+        ..Setup::new(track, scenery)
+    };
+    let pilot: Box<dyn Pilot> = match who {
+        Who::Expert => Box::new(PurePursuit::default()),
+        Who::PilotNet | Who::Late(_) => roads.pilotnet.pilot(),
+        Who::Cps => roads.cps.pilot(),
+        Who::Constant(steering) => Box::new(ConstantPilot::new(Steering::saturating(steering))),
+    };
+    let control = Control { speed_mph: Mph::new(mph)?, ..Control::default() };
+    let mut driver = Driver::new(pilot, &control, Instant::now);
+    let header = RunHeader {
+        name_hint: None,
+        dialect: Some(Dialect::Term1),
+        model: None,
+        seed: Some(run as u64),
+        config: serde_json::Value::Null,
+        lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+        started: jiff::Timestamp::now(),
+    };
+    let recorder = Recorder::create(&folder.join(run.to_string()), header, RecorderOptions::default())?;
+    let mut world = Simulation::new(setup)?;
+    let driven = drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(()));
+    let recorded = recorder.finish();
+    let Drive { card: truth, .. } = driven?;
+    let judge = world.judge();
+    let progress = f64::from(judge.laps()) + judge.waypoint() as f64 / judge.waypoints() as f64;
+    let completion = (progress / f64::from(laps)).min(1.0);
+    let scorer = Scorer::on(&roads.known, Some(laps));
+    let found = score::of_run(&mut RunReader::open(&recorded.path)?, scorer, |_, _| ())?;
+    std::fs::remove_file(&recorded.path)?;
+    Ok(Row { run, who, mph, truth, completion, found })
+}
+
+fn figure(card: &Scorecard, figure: Figure) -> f64 {
+    card.value(figure).unwrap_or(f64::NAN)
+}
+
+fn told(row: &Row) -> String {
+    let Row { run, who, mph, truth, completion, found } = row;
+    let track = |card: &Scorecard| card.track.clone().unwrap_or_else(|| "-".into());
+    let both = |of: Figure| format!("{:>6} {:>6}", figure(truth, of), figure(found, of));
+    format!(
+        "{run:>3}  {:<24} {mph:>2}  {:<8} {:<8}  {}  {}  {}  {}{}",
+        who.name(),
+        track(truth),
+        track(found),
+        format_args!("{:>6.1} {:>6.1}", 100.0 * completion, 100.0 * figure(found, Figure::Completion)),
+        both(Figure::Laps),
+        both(Figure::Collisions),
+        truth.ended.as_deref().unwrap_or("-"),
+        if wrong(row).is_empty() { String::new() } else { format!("  WRONG: {}", wrong(row).join(", ")) },
+    )
+}
+
+/// How far off the completion is, if there is any.
+fn off(row: &Row) -> Option<f64> {
+    Some((row.found.value(Figure::Completion)? - row.completion).abs())
+}
+
+/// What of a run is not as the judge saw it, collisions left aside.
+fn wrong(row: &Row) -> Vec<&'static str> {
+    let Row { truth, found, .. } = row;
+    [
+        (truth.track != found.track, "track"),
+        (off(row).is_none_or(|off| off > COMPLETION), "completion"),
+        (truth.value(Figure::Laps) != found.value(Figure::Laps), "laps"),
+    ]
+    .into_iter()
+    .filter_map(|(wrong, what)| wrong.then_some(what))
+    .collect()
+}
+
+fn report(rows: &[Row]) -> ExitCode {
+    println!(
+        "run  pilot                   mph  track    found     completion %    laps           collisions     ended"
+    );
+    for row in rows {
+        println!("{}", told(row));
+    }
+    let (mut both, mut told, mut seen) = (0.0, 0.0, 0.0);
+    for Row { truth, found, .. } in rows {
+        let [truth, found] = [truth, found].map(|card| figure(card, Figure::Collisions));
+        (both, told, seen) = (both + truth.min(found), told + found, seen + truth);
+    }
+    let (precision, recall) = (both / f64::max(told, 1.0), both / f64::max(seen, 1.0));
+    let right = |what: &str| rows.iter().filter(|row| !wrong(row).contains(&what)).count();
+    let n = rows.len();
+    let worst = rows.iter().filter_map(off).fold(0.0, f64::max);
+    println!("track named right     {} of {n}", right("track"));
+    println!("completion within 2 % {} of {n}, worst {:.1} points off", right("completion"), 100.0 * worst);
+    println!("lap counts equal      {} of {n}", right("laps"));
+    println!(
+        "collisions            precision {precision:.2} ({both} of {told}), recall {recall:.2} ({both} of {seen})"
+    );
+    let good = rows.iter().all(|row| wrong(row).is_empty()) && precision >= COLLISIONS && recall >= COLLISIONS;
+    if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}

@@ -1,0 +1,259 @@
+//! A particle filter on one road.
+
+use std::sync::Arc;
+
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+use super::{Match, Motion, Road};
+
+/// Particles at the road's start, where most drives begin, and all along it.
+const FROM_START: usize = 300;
+const FROM_ANYWHERE: usize = 6000;
+/// Fewest particles, once it is known where the car is, and how many for each 2 m of road where it may be.
+const FEWEST: usize = 400;
+const FOR_A_BIN: usize = 30;
+const BIN_M: f64 = 2.0;
+/// What being sought anew speaks against a road.
+const SOUGHT: f64 = 10.0;
+/// Drivers keep their heading within so many radians of the road's, and their place within so many metres of its middle,
+/// for most of the time.
+const HEADING_RAD: f64 = 0.14;
+const OFFSET_M: f64 = 2.0;
+/// One such look says nothing new within so many metres.
+const NEW_AFTER_M: f64 = 10.0;
+/// No look speaks against a place by more than this, in squared standard deviations: cars do leave roads.
+const AGAINST: f64 = 12.0;
+/// Over so many metres a road is to explain a drive by more than half of that, or the car is sought anew.
+const LOST_AFTER_M: f64 = 40.0;
+/// The least log likelihood of a look, on average, on the road that it is: real drives come to -0.6 on the lake and -1.9 in
+/// the jungle, on other roads than theirs to between -3 and -5.
+const EXPLAINED: f64 = -3.0;
+/// What is not known of the car, as standard deviations: how far a told metre is, how much a told radian turns (tyres
+/// slip), and what drifts over a metre besides.
+const SCALE: f64 = 0.01;
+const GAIN: f64 = 0.08;
+const DRIFT_RAD: f64 = 0.006;
+const SLIP_M: f64 = 0.03;
+
+/// One guess.
+#[derive(Debug, Clone, Copy)]
+struct Particle {
+    /// Metres along the road, 0 to its length.
+    s: f64,
+    /// Metres along it since the drive began, laps adding up.
+    progress_m: f64,
+    /// Metres to the right of its middle.
+    offset: f64,
+    /// Radians clockwise of its heading.
+    error: f64,
+    scale: f64,
+    gain: f64,
+    log_weight: f64,
+}
+
+impl Particle {
+    /// A guess at a place; `spread` is 1 for a car that is somewhere on the road, less for one that stands straight.
+    fn new(s: f64, spread: f64, random: &mut ChaCha8Rng) -> Self {
+        Self {
+            s,
+            progress_m: 0.0,
+            offset: spread * OFFSET_M * gauss(random),
+            error: spread * HEADING_RAD * gauss(random),
+            scale: 1.0 + SCALE * gauss(random),
+            gain: 1.0 + GAIN * gauss(random),
+            log_weight: 0.0,
+        }
+    }
+}
+
+/// Guesses all along the road.
+fn anywhere(road: &Road, random: &mut ChaCha8Rng) -> Vec<Particle> {
+    let step = road.length_m / FROM_ANYWHERE as f64;
+    (0..FROM_ANYWHERE).map(|i| Particle::new(step * i as f64, 1.0, random)).collect()
+}
+
+/// Guesses that the car stands at the road's start.
+fn from_start(road: &Road, random: &mut ChaCha8Rng) -> Vec<Particle> {
+    (0..FROM_START).map(|_| Particle::new(road.start_m + gauss(random), 0.3, random)).collect()
+}
+
+/// Where the car is, by all guesses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Metres along the road, 0 to its length.
+    pub s_m: f64,
+    /// Standard deviation of that, in metres; that of any place on the road where the guesses are all over it.
+    pub deviation_m: f64,
+    /// Metres along the road since the drive began, laps adding up.
+    pub progress_m: f64,
+}
+
+/// Follows a car along one road.
+#[derive(Debug, Clone)]
+pub struct Filter {
+    road: Arc<Road>,
+    particles: Vec<Particle>,
+    random: ChaCha8Rng,
+    /// Log of how well the road explains the drive, against a drive that is always in its middle.
+    evidence: f64,
+    /// The same of late, for each look, as an average over [`LOST_AFTER_M`].
+    of_late: f64,
+    /// Metres driven.
+    way_m: f64,
+    /// Where it began is known for certain.
+    is_anchored: bool,
+}
+
+impl Filter {
+    /// A car that is known to stand at the road's start.
+    pub fn at_start(road: Arc<Road>, mut random: ChaCha8Rng) -> Self {
+        let particles = from_start(&road, &mut random);
+        Self { road, particles, random, evidence: 0.0, of_late: 0.0, way_m: 0.0, is_anchored: true }
+    }
+
+    /// A car at the road's start or, as likely, anywhere on it.
+    pub fn new(road: Arc<Road>, mut random: ChaCha8Rng) -> Self {
+        let mut particles = anywhere(&road, &mut random);
+        let count = FROM_START + FROM_ANYWHERE;
+        let of_half = |n: usize| (count as f64 / 2.0 / n as f64).ln();
+        particles.iter_mut().for_each(|particle| particle.log_weight = of_half(FROM_ANYWHERE));
+        let at_start = from_start(&road, &mut random).into_iter();
+        particles.extend(at_start.map(|particle| Particle { log_weight: of_half(FROM_START), ..particle }));
+        Self { road, particles, random, evidence: 0.0, of_late: 0.0, way_m: 0.0, is_anchored: false }
+    }
+
+    /// The car moved.
+    pub fn step(&mut self, motion: Motion) {
+        if motion.way_m <= 0.0 {
+            return; // who stands learns nothing
+        }
+        self.way_m += motion.way_m;
+        let Self { road, particles, random, .. } = self;
+        let (drift, slip) = (DRIFT_RAD * motion.way_m.sqrt(), SLIP_M * motion.way_m.sqrt());
+        let news = motion.way_m / NEW_AFTER_M;
+        for particle in particles.iter_mut() {
+            let way = motion.way_m * particle.scale;
+            let heading = road.heading(particle.s);
+            // The road under the car is longer or shorter than its middle in a bend, which the gain and scale take up.
+            let along = way * particle.error.cos() + slip * gauss(random);
+            particle.offset += way * particle.error.sin();
+            let ahead = particle.s + along;
+            particle.error += motion.turn_rad * particle.gain - (road.heading(ahead) - heading) + drift * gauss(random);
+            particle.s = ahead.rem_euclid(road.length_m);
+            particle.progress_m += along;
+            let off = (particle.error / HEADING_RAD).powi(2) + (particle.offset / OFFSET_M).powi(2);
+            particle.log_weight -= 0.5 * off.min(AGAINST) * news;
+        }
+        let explained = self.settle();
+        let share = (motion.way_m / LOST_AFTER_M).min(1.0);
+        self.of_late += share * (explained / news - self.of_late);
+        if !self.is_anchored && self.of_late < -0.5 * AGAINST / 2.0 {
+            self.seek();
+        }
+    }
+
+    /// Half of the guesses stay, the others are spread over the road.
+    fn seek(&mut self) {
+        let place = self.place();
+        let keep = FROM_ANYWHERE.min(self.particles.len());
+        let (step, from) = (self.particles.len() as f64 / keep as f64, uniform(&mut self.random));
+        let kept = (0..keep).map(|i| self.particles[((i as f64 + from) * step) as usize % self.particles.len()]);
+        let half = |count: usize| ((keep + FROM_ANYWHERE) as f64 / 2.0 / count as f64).ln();
+        let (stay, leave) = (half(keep), half(FROM_ANYWHERE));
+        let mut particles: Vec<_> = kept.map(|p| Particle { log_weight: p.log_weight + stay, ..p }).collect();
+        // Wherever it is, it has driven as far as it has.
+        let progress_m = place.progress_m;
+        let spread = anywhere(&self.road, &mut self.random).into_iter();
+        particles.extend(spread.map(|p| Particle { log_weight: leave, progress_m, ..p }));
+        self.particles = particles;
+        self.evidence -= SOUGHT;
+        self.of_late = 0.0;
+        self.settle();
+    }
+
+    /// Brings the weights to a mean of one, and draws the particles anew where few of them carry all. Says the log of
+    /// what the mean was.
+    fn settle(&mut self) -> f64 {
+        let n = self.particles.len() as f64;
+        let most = self.particles.iter().fold(f64::NEG_INFINITY, |most, p| most.max(p.log_weight));
+        let weights: Vec<f64> = self.particles.iter().map(|p| (p.log_weight - most).exp()).collect();
+        let sum: f64 = weights.iter().sum();
+        let mean = most + (sum / n).ln();
+        self.evidence += mean;
+        for particle in &mut self.particles {
+            particle.log_weight -= mean;
+        }
+        let effective = sum * sum / weights.iter().map(|w| w * w).sum::<f64>();
+        if effective < n / 2.0 {
+            self.redraw(&weights, sum);
+        }
+        mean
+    }
+
+    /// Systematic resampling.
+    fn redraw(&mut self, weights: &[f64], sum: f64) {
+        // As many as it takes to hold all places where the car may be (Fox, KLD-sampling, 2001, in short).
+        let mut bins: Vec<i64> =
+            self.particles.iter().zip(weights).filter(|(_, w)| **w > 1e-3).map(|(p, _)| (p.s / BIN_M) as i64).collect();
+        bins.sort_unstable();
+        bins.dedup();
+        let n = (FOR_A_BIN * bins.len()).clamp(FEWEST, FROM_START + FROM_ANYWHERE);
+        let step = sum / n as f64;
+        let mut until = step * uniform(&mut self.random);
+        let mut reached = 0.0;
+        let mut drawn = Vec::with_capacity(n);
+        for (particle, weight) in self.particles.iter().zip(weights) {
+            reached += weight;
+            while until < reached && drawn.len() < n {
+                // What is not known of the car is drawn a little anew, or all would soon share one guess.
+                let scale = particle.scale + 0.3 * SCALE * gauss(&mut self.random);
+                let gain = particle.gain + 0.3 * GAIN * gauss(&mut self.random);
+                drawn.push(Particle { log_weight: 0.0, scale, gain, ..*particle });
+                until += step;
+            }
+        }
+        // Rounding may leave the last place empty.
+        while let (true, Some(last)) = (drawn.len() < n, drawn.last().copied()) {
+            drawn.push(last);
+        }
+        self.particles = drawn;
+    }
+
+    /// Where the car is.
+    pub fn place(&self) -> Place {
+        let weighted = |of: &dyn Fn(&Particle) -> f64| -> f64 {
+            self.particles.iter().map(|p| p.log_weight.exp() * of(p)).sum::<f64>()
+        };
+        let sum = weighted(&|_| 1.0);
+        // Places on a circle: the mean is that of the points on it.
+        let angle = |p: &Particle| std::f64::consts::TAU * p.s / self.road.length_m;
+        let (x, y) = (weighted(&|p| angle(p).cos()) / sum, weighted(&|p| angle(p).sin()) / sum);
+        let metres = self.road.length_m / std::f64::consts::TAU;
+        let s_m = (y.atan2(x) * metres).rem_euclid(self.road.length_m);
+        let deviation_m = (-2.0 * x.hypot(y).clamp(1e-6, 1.0).ln()).sqrt() * metres;
+        Place { s_m, deviation_m, progress_m: weighted(&|p| p.progress_m) / sum }
+    }
+
+    /// How well the road explains the drive so far, as a log likelihood: comparable between roads.
+    pub fn evidence(&self) -> f64 {
+        self.evidence
+    }
+
+    /// What is known by now.
+    pub fn found(&self) -> Match {
+        let explains = self.is_anchored || self.evidence > EXPLAINED * (self.way_m / NEW_AFTER_M).max(1.0);
+        Match { road: self.road.clone(), evidence: self.evidence, explains, place: self.place() }
+    }
+}
+
+/// 0 to 1.
+fn uniform(random: &mut ChaCha8Rng) -> f64 {
+    f64::from(random.next_u32()) / (f64::from(u32::MAX) + 1.0)
+}
+
+/// Normal, by Box and Muller.
+fn gauss(random: &mut ChaCha8Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - uniform(random)).ln()).sqrt();
+    radius * (std::f64::consts::TAU * uniform(random)).cos()
+}

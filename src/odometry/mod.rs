@@ -1,0 +1,76 @@
+//! Where a car was, by its speed, its steering and its pictures: the stock build tells no position.
+//!
+//! Speed and steering say how far the car went and how it turned; a known road says where it bends. A particle filter
+//! for each known road ([`Filter`]) holds the two against one another, and [`Matcher`] says which road explains the
+//! drive best and where on it the car is. The method is that of Monte Carlo localisation (Thrun, Burgard and Fox,
+//! Probabilistic Robotics, 2005, chapter 8), with what drivers do, to stay on the road, in place of a sensor.
+//!
+//! Pictures tell a place that was seen before ([`Look`]): the start of a known road, or the drive's own beginning, which
+//! says how long a lap is on a road that nobody knows ([`laps`]).
+//!
+//! A filter's step costs as much as it has particles, so that telemetries are gathered until the car has gone
+//! [`STEP_M`].
+
+mod filter;
+mod look;
+mod matcher;
+mod revisits;
+
+use std::f64::consts::{PI, TAU};
+
+pub use filter::{Filter, Place};
+pub use look::Look;
+pub use matcher::{Match, Matcher, STEP_M};
+pub use revisits::{BEGINNING_M, EVERY_M, laps};
+
+/// How a car moved from one telemetry to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Metres driven.
+    pub way_m: f64,
+    /// Radians turned, clockwise as seen from above: by a bicycle with the steering told.
+    pub turn_rad: f64,
+}
+
+/// A road as it is matched: its heading by the distance along it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Road {
+    /// Its name.
+    pub name: String,
+    /// Where drives begin, in metres along it.
+    pub start_m: f64,
+    /// Once around, in metres.
+    pub length_m: f64,
+    /// What one sees at the start.
+    pub start: Option<Look>,
+    /// Headings in radians, clockwise, without leaps, evenly spaced from 0 to the whole length, both ends included.
+    headings: Vec<f64>,
+}
+
+impl Road {
+    /// A road of headings in radians, clockwise, evenly spaced once around; the first and the last are those of the same
+    /// place. At least two.
+    pub fn new(name: String, start_m: f64, length_m: f64, start: Option<Look>, mut headings: Vec<f64>) -> Self {
+        assert!(headings.len() > 1, "a road has headings, got {}", headings.len());
+        // From one to the next nothing turns by half a circle.
+        let mut before = headings.first().copied().unwrap_or(0.0);
+        for heading in &mut headings {
+            *heading = before + (*heading - before + PI).rem_euclid(TAU) - PI;
+            before = *heading;
+        }
+        Self { name, start_m, length_m, start, headings }
+    }
+
+    /// The heading at any distance along it; laps add up.
+    fn heading(&self, s: f64) -> f64 {
+        let (first, last) = (self.headings[0], self.headings[self.headings.len() - 1]);
+        let laps = (s / self.length_m).floor();
+        let place = (s / self.length_m - laps) * (self.headings.len() - 1) as f64;
+        let i = (place as usize).min(self.headings.len() - 2);
+        let part = place - i as f64;
+        self.headings[i] * (1.0 - part) + self.headings[i + 1] * part + laps * (last - first)
+    }
+}
+
+#[cfg(test)]
+mod tests;
