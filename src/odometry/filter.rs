@@ -11,7 +11,7 @@ use super::{Match, Motion, Road};
 const FROM_START: usize = 300;
 const FROM_ANYWHERE: usize = 6000;
 /// Fewest particles, once it is known where the car is, and how many for each 2 m of road where it may be.
-const FEWEST: usize = 400;
+const FEWEST: usize = 800;
 const FOR_A_BIN: usize = 30;
 const BIN_M: f64 = 2.0;
 /// What being sought anew speaks against a road.
@@ -136,10 +136,11 @@ impl Filter {
             let way = motion.way_m * particle.scale;
             let heading = road.heading(particle.s);
             // The road under the car is longer or shorter than its middle in a bend, which the gain and scale take up.
-            let along = way * particle.error.cos() + slip * gauss(random);
+            let (slips, drifts) = two_gauss(random);
+            let along = way * particle.error.cos() + slip * slips;
             particle.offset += way * particle.error.sin();
             let ahead = particle.s + along;
-            particle.error += motion.turn_rad * particle.gain - (road.heading(ahead) - heading) + drift * gauss(random);
+            particle.error += motion.turn_rad * particle.gain - (road.heading(ahead) - heading) + drift * drifts;
             particle.s = ahead.rem_euclid(road.length_m);
             particle.progress_m += along;
             let off = (particle.error / HEADING_RAD).powi(2) + (particle.offset / OFFSET_M).powi(2);
@@ -252,8 +253,14 @@ fn uniform(random: &mut ChaCha8Rng) -> f64 {
     f64::from(random.next_u32()) / (f64::from(u32::MAX) + 1.0)
 }
 
-/// Normal, by Box and Muller.
+/// Normal.
 fn gauss(random: &mut ChaCha8Rng) -> f64 {
+    two_gauss(random).0
+}
+
+/// Two that are normal, by Box and Muller.
+fn two_gauss(random: &mut ChaCha8Rng) -> (f64, f64) {
     let radius = (-2.0 * (1.0 - uniform(random)).ln()).sqrt();
-    radius * (std::f64::consts::TAU * uniform(random)).cos()
+    let (sin, cos) = (std::f64::consts::TAU * uniform(random)).sin_cos();
+    (radius * cos, radius * sin)
 }

@@ -29,9 +29,11 @@ const GAP_S: f64 = 1.0;
 const SURE: f64 = 5.0;
 /// Where no picture tells the start, metres of road that it takes to know one by its bends.
 const BENDS_M: f64 = 250.0;
-/// Odometry at its best, in metres, and where laps are looked for around where they are expected.
+/// Odometry at its best; how much of its uncertainty may make a lap by itself; and where laps are looked for around where
+/// they are expected; in metres.
 const NEAR_M: f64 = 3.0;
-const SEARCH_M: f64 = 25.0;
+const SURELY_M: f64 = 20.0;
+const SEARCH_M: f64 = 80.0;
 /// Of ten collisions nine are found, and of ten found ones nine are collisions: the example `blind`.
 const IN_TEN: f64 = 0.1;
 
@@ -154,7 +156,7 @@ impl Blind {
         };
         let (length_m, progress_m) = (on.road.length_m, on.place.progress_m.max(0.0));
         let near_m = (2.0 * on.place.deviation_m).max(NEAR_M);
-        let counted = ((progress_m + near_m.min(SEARCH_M)) / length_m) as u32;
+        let counted = ((progress_m + near_m.min(SURELY_M)) / length_m) as u32;
         let from_line = (progress_m - length_m * (progress_m / length_m).round()).abs();
         // Laps as long as the speeds told make them.
         let lap_m = length_m * if progress_m > 0.0 { self.way_m / progress_m } else { 1.0 };
