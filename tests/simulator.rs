@@ -188,7 +188,7 @@ fn an_unbraked_car_hits_the_standing_one_at_the_speed_it_had() {
     let mut hit = None;
     while let Some(seen) = world.observe().unwrap() {
         hit = hit.or(world.take_events().into_iter().find_map(|(_, event)| match event {
-            EventRecord::Collision { with, speed_mph } => Some((with, speed_mph)),
+            EventRecord::Collision { with, speed_mph, .. } => Some((with, speed_mph)),
             _ => None,
         }));
         let (answer, _) = driver.drive(&seen);

@@ -77,6 +77,7 @@ impl<'a> Payload<'a> {
                 brake: fields.number("brake").ok(),
                 distance: fields.optional("distance"),
                 sim_time_s: fields.number("sim_time_us").map(|us| us / 1e6).or_else(|_| fields.number("sim_time")).ok(),
+                time_to_collision_s: fields.number("ttc").ok(),
                 heading_error: fields.optional("ang_diff"),
                 position: position(),
                 hit: fields.text("hit").filter(|hit| hit != "none"),
@@ -103,7 +104,7 @@ enum Scalar<'a> {
 }
 
 /// The fields that mean something, in the order of `values`.
-const FIELDS: [&str; 25] = [
+const FIELDS: [&str; 26] = [
     "steering_angle",
     "throttle",
     "speed",
@@ -121,6 +122,7 @@ const FIELDS: [&str; 25] = [
     "distance",
     "sim_time",
     "sim_time_us",
+    "ttc",
     "ang_diff",
     "pos_x",
     "pos_y",
@@ -328,14 +330,27 @@ mod tests {
     }
 
     #[test]
+    fn in_traffic_the_time_to_collision_stands_before_our_own_clock() {
+        let truth =
+            Truth { lap: Some(0), time_to_collision_s: Some(1.234_56), sim_time_s: Some(2.5), ..Truth::default() };
+        let expected = concat!(
+            r#"42["telemetry",{"steering_angle":"-1.2500","throttle":"0.3000","speed":"30.1903","#,
+            r#""lapNumber":"0","sim_time":"2","ttc":"1.2346","sim_time_us":"2500000","image":"/9j/4AAQ"}]"#
+        );
+        assert_eq!(encode_superset(&Telemetry { truth, ..known(STOCK).1 }, "/9j/4AAQ", Culture::ALL[0]), expected);
+    }
+
+    #[test]
     fn ground_truth_comes_through_the_wire_in_every_culture() {
         let calm = Telemetry {
             truth: Truth { crashed: Some(false), brake: Some(0.0), sim_time_s: Some(0.0), ..with_truth().truth },
             ..with_truth()
         };
         let little = Telemetry { truth: Truth { lap: Some(1), ..Truth::default() }, ..with_truth() };
+        let clear = Truth { time_to_collision_s: Some(Truth::CLEAR_S), ..with_truth().truth };
+        let clear = Telemetry { truth: clear, ..with_truth() };
         for culture in Culture::ALL {
-            for telemetry in [with_truth(), calm.clone(), little.clone()] {
+            for telemetry in [with_truth(), calm.clone(), little.clone(), clear.clone()] {
                 let text = encode_superset(&telemetry, "/9j/4AAQ", culture);
                 assert_eq!(known(&text), (Dialect::SelfOracle, telemetry), "{}: {text}", culture.name);
             }

@@ -90,6 +90,10 @@ pub struct Truth {
     /// The simulator's own time, in seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sim_time_s: Option<f64>,
+    /// Time to collision with whatever else is on the road ahead, in seconds: 0 to [`Truth::CLEAR_S`], which is so long,
+    /// or never. Worlds without a scenario do not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_to_collision_s: Option<f64>,
     /// Angle between the car's heading and the road's.
     #[serde(rename = "heading_error_deg", skip_serializing_if = "Option::is_none")]
     pub heading_error: Option<Degrees>,
@@ -112,6 +116,9 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// The longest time to collision that is told, in seconds.
+    pub const CLEAR_S: f64 = 60.0;
+
     /// Whether nothing was told beyond the stock build that is worth a record; the path never is.
     pub fn is_empty(&self) -> bool {
         *self == Self { path: self.path.clone(), ..Self::default() }
@@ -167,7 +174,7 @@ pub fn encode_telemetry(telemetry: &Telemetry, image: &str, culture: Culture) ->
 /// Keys stand as in that family's `CommandServer.cs`, the picture last. Its bridges read counts and
 /// `sim_time` with Python's `int()` and the rest with `float()`. So `sim_time` is in whole seconds and
 /// `distance`, which soon has thousands, without grouping; `sim_time_us`, which is Lapwing's own and
-/// passed over by others, has the time in full.
+/// passed over by others, has the time in full. So is `ttc`, the time to collision in seconds, where a scenario is played.
 pub fn encode_superset(telemetry: &Telemetry, image: &str, culture: Culture) -> String {
     let truth = &telemetry.truth;
     if truth.lap.is_none() {
@@ -195,6 +202,7 @@ pub fn encode_superset(telemetry: &Telemetry, image: &str, culture: Culture) -> 
     field("brake", truth.brake.and_then(n4));
     field("sim_time", truth.sim_time_s.map(|s| format!("{:.0}", s.floor())));
     field("ang_diff", truth.heading_error.and_then(|error| n4(error.get())));
+    field("ttc", truth.time_to_collision_s.and_then(n4));
     field("sim_time_us", truth.sim_time_s.map(|s| format!("{:.0}", s * 1e6)));
     text.push_str(r#""image":""#);
     text.push_str(image);

@@ -130,6 +130,7 @@ const TELEMETRY: &str = r#"{
         "brake": {"type": "number", "description": "brake in effect, 0 to 1"},
         "distance_m": {"type": "number"},
         "sim_time_s": {"type": "number"},
+        "time_to_collision_s": {"type": "number", "description": "with other traffic ahead; 60 is so long, or never"},
         "heading_error_deg": {"type": "number"},
         "position_m": {"type": "array", "items": {"type": "number"}, "description": "x right, y up, z forward"},
         "hit": {"type": "string", "description": "the collider that is hit"},

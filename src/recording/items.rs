@@ -196,6 +196,9 @@ pub enum EventRecord {
         with: String,
         /// How fast the two met.
         speed_mph: f64,
+        /// How fast the car itself was; earlier versions did not tell.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        own_mph: Option<f64>,
     },
     /// The car left the road.
     OffRoad {

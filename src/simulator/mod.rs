@@ -7,7 +7,8 @@
 //! | [`expert`] | drives a known road well: for recordings, and as the scripted human |
 //! | [`scene`] | what stands and moves on the road |
 //! | [`scenario`], [`traffic`] | scripts of other traffic, and who follows them |
-//! | [`obstacles`] | oriented boxes, and whether they touch |
+//! | [`obstacles`] | oriented boxes, whether they touch, and when they will |
+//! | [`collision_course`] | how long until the car hits what is ahead |
 //! | [`judge`] | laps, collisions, off the road, stuck, wrong way |
 //! | [`camera`], [`conditions`] | what a camera on the car sees, in which light and weather |
 //! | [`world`] | all of it under one clock, as a [`crate::protocol::World`] |
@@ -17,6 +18,7 @@
 
 pub mod camera;
 pub mod client;
+pub mod collision_course;
 pub mod conditions;
 pub mod expert;
 pub mod film;

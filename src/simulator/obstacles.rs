@@ -16,6 +16,9 @@ pub const BODY_CENTRE_M: f64 = (1.27 - 1.60) / 2.0;
 /// How far ahead of the car's origin its front bumper is, in metres.
 pub const FRONT_M: f64 = BODY_CENTRE_M + BODY.z / 2.0;
 
+/// What moves slower along an axis stands still on it, in m/s.
+const STILL: f64 = 1e-9;
+
 /// A rectangle on the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Box2 {
@@ -88,12 +91,36 @@ impl Box2 {
         if between.length_squared() > (self.half.length() + other.half.length()).powi(2) {
             return false; // even the circles around them are apart
         }
+        self.shadows(other).all(|(axis, reach)| between.dot(axis).abs() <= reach)
+    }
+
+    /// In how many seconds they begin to touch, should `other` move past this one at `velocity`, in m/s, and neither
+    /// turn: 0 where they touch now, none where they never will.
+    pub fn meets(&self, other: &Self, velocity: DVec2) -> Option<f64> {
+        let between = other.centre - self.centre;
+        let (mut from, mut until) = (0.0_f64, f64::INFINITY);
+        // They touch while their shadows overlap on every axis; on each that is one stretch of time.
+        for (axis, reach) in self.shadows(other) {
+            let (apart, speed) = (between.dot(axis), velocity.dot(axis));
+            if speed.abs() > STILL {
+                let (one, another) = ((-reach - apart) / speed, (reach - apart) / speed);
+                from = from.max(one.min(another));
+                until = until.min(one.max(another));
+            } else if apart.abs() > reach {
+                return None;
+            }
+        }
+        (from <= until).then_some(from)
+    }
+
+    /// The directions of both boxes' sides, and how near along each their middles are where their shadows touch.
+    fn shadows(&self, other: &Self) -> impl Iterator<Item = (DVec2, f64)> {
         let (own, others) = (self.axes(), other.axes());
-        own.iter().chain(&others).all(|axis| {
-            let shadow =
-                |axes: &[DVec2; 2], half: DVec2| axes[0].dot(*axis).abs() * half.x + axes[1].dot(*axis).abs() * half.y;
-            between.dot(*axis).abs() <= shadow(&own, self.half) + shadow(&others, other.half)
-        })
+        let (half, others_half) = (self.half, other.half);
+        let shadow =
+            |axes: [DVec2; 2], half: DVec2, on: DVec2| axes[0].dot(on).abs() * half.x + axes[1].dot(on).abs() * half.y;
+        let reach = move |on| (on, shadow(own, half, on) + shadow(others, others_half, on));
+        own.into_iter().chain(others).map(reach)
     }
 }
 
@@ -154,6 +181,49 @@ mod tests {
             }
         }
         assert!(inside > 300, "{inside}");
+    }
+
+    #[test]
+    fn boxes_meet_when_their_sides_have_come_together() {
+        let still = square(0.0, 0.0, 1.0, 0.0);
+        for (name, other, velocity, expected) in [
+            ("head on", square(0.0, 12.0, 1.0, 0.0), (0.0, -5.0), Some(2.0)),
+            ("head on, touching by a hair", square(1.999, 12.0, 1.0, 0.0), (0.0, -5.0), Some(2.0)),
+            ("passing by a hair", square(2.001, 12.0, 1.0, 0.0), (0.0, -5.0), None),
+            ("going away", square(0.0, 12.0, 1.0, 0.0), (0.0, 5.0), None),
+            ("standing apart", square(0.0, 12.0, 1.0, 0.0), (0.0, 0.0), None),
+            ("standing on each other", square(0.5, 0.5, 1.0, 0.0), (0.0, 0.0), Some(0.0)),
+            ("a corner first", square(0.0, 11.0 + SQRT_2, 1.0, FRAC_PI_4), (0.0, -5.0), Some(2.0)),
+            ("from the side and ahead at once", square(7.0, 12.0, 1.0, 0.0), (-2.5, -5.0), Some(2.0)),
+            ("across, before it comes", square(7.0, 12.0, 1.0, 0.0), (-5.0, -5.0), None),
+        ] {
+            let velocity = DVec2::from(velocity);
+            for met in [still.meets(&other, velocity), other.meets(&still, -velocity)] {
+                let same = met.zip(expected).is_none_or(|(met, expected)| (met - expected).abs() < 1e-9);
+                assert!(same && met.is_some() == expected.is_some(), "{name}: {met:?}, expected {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_touch_from_the_moment_on_at_which_they_meet() {
+        let car = Box2 { centre: DVec2::ZERO, half: DVec2::new(1.2, 2.2), yaw: 0.4 };
+        let mut met = 0;
+        for i in 0..2000_i32 {
+            let centre = DVec2::new(f64::from(i % 40) - 20.0, f64::from(i / 40) - 25.0);
+            let velocity = DVec2::new(f64::from(i % 7) - 3.0, f64::from(i % 5) - 2.0);
+            let other = Box2 { centre, half: DVec2::new(0.3, 0.9), yaw: f64::from(i) };
+            let then = |s: f64| car.touches(&Box2 { centre: centre + velocity * s, ..other });
+            match car.meets(&other, velocity) {
+                Some(0.0) => assert!(then(0.0)),
+                Some(s) => {
+                    met += 1;
+                    assert!(!then(s - 1e-6) && then(s + 1e-6), "{other:?} in {s} s");
+                }
+                None => assert!((0..200).all(|tenth| !then(f64::from(tenth) / 10.0)), "{other:?} at {velocity}"),
+            }
+        }
+        assert!(met > 100, "{met}");
     }
 
     #[test]

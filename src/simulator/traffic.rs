@@ -271,7 +271,7 @@ impl Mover {
 }
 
 /// From `from` to `to` along the road, in metres, negative where `to` is behind: the shorter way round.
-fn signed(track: &Track, from: f64, to: f64) -> f64 {
+pub(super) fn signed(track: &Track, from: f64, to: f64) -> f64 {
     let ahead = track.ahead(from, to);
     if ahead > track.length() / 2.0 { ahead - track.length() } else { ahead }
 }

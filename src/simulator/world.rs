@@ -14,6 +14,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     camera::{Camera, JPEG_QUALITY, Renderer, Scenery, Shot, encode_jpeg},
+    collision_course::time_to_collision,
     conditions::Conditions,
     expert::{Expert, path_ahead},
     judge::{Hit, Judge, Verdict},
@@ -358,12 +359,12 @@ impl Simulation {
             }
             Verdict::Collision { with, speed } => {
                 let with = name_of(&with);
-                self.car.speed = 0.0;
+                let own_mph = Some(std::mem::take(&mut self.car.speed).abs() / MPS_PER_MPH);
                 if self.wrecked.is_none() {
                     let until = self.steps + (WRECKED_S / vehicle::STEP_S) as u64;
                     self.wrecked = Some((until, Ending::Collision(with.clone())));
                 }
-                EventRecord::Collision { with, speed_mph: speed / MPS_PER_MPH }
+                EventRecord::Collision { with, speed_mph: speed / MPS_PER_MPH, own_mph }
             }
             Verdict::OffRoad { offset_m } => {
                 if self.setup.on_crash == OnCrash::Reset && self.wrecked.is_none() {
@@ -424,6 +425,9 @@ impl Simulation {
                 brake: Some((-self.command.throttle.get()).max(0.0)),
                 distance: Some(Metres::saturating(self.driven_m)),
                 sim_time_s: Some(self.time_s()),
+                time_to_collision_s: self.traffic.as_ref().map(|traffic| {
+                    time_to_collision(track, &self.car, &self.place, traffic.actors()).min(Truth::CLEAR_S)
+                }),
                 heading_error: Some(Degrees::saturating(error.to_degrees())),
                 position: Some([position.x, position.y, position.z].map(Metres::saturating)),
                 ..truth

@@ -149,7 +149,7 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
         EventRecord::PilotArmed => "the pilot was switched on".into(),
         EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
-        EventRecord::Collision { with, speed_mph } => format!("collision with {with} at {speed_mph:.1} mph"),
+        EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
         EventRecord::OffRoad { offset_m } => format!("off the road, {:.1} m from its middle", offset_m.abs()),
         EventRecord::BackOnRoad { after_s } => format!("back on the road after {after_s:.1} s"),
         EventRecord::Stuck => "stuck".into(),

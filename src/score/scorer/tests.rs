@@ -39,7 +39,7 @@ fn course(laps: u32) -> EventRecord {
 }
 
 fn collision(with: &str) -> EventRecord {
-    EventRecord::Collision { with: with.into(), speed_mph: 10.0 }
+    EventRecord::Collision { with: with.into(), speed_mph: 10.0, own_mph: Some(10.0) }
 }
 
 /// A run of 60 s at 10 mph, told each second, on a course of one lap of which half is driven, and what happened in it.
