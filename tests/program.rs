@@ -57,6 +57,9 @@ fn a_replay_that_agrees_is_0_and_one_that_does_not_is_1_with_the_frames_named() 
     assert_eq!(result["golden"]["first"][0]["frame"], 0);
     assert!(result["golden"]["differing_frames"].as_u64().unwrap() > 100, "{result}");
     assert_eq!(result["moments"], 225);
+    let card = &result["card"];
+    assert_eq!((&card["schema"], &card["steering_mae"]), (&"lapwing.scorecard/1".into(), &result["steering"]["mae"]));
+    assert!(card["not_measurable"]["completion"].as_str().unwrap().starts_with("nothing was driven"), "{card}");
 }
 
 #[test]

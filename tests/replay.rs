@@ -11,7 +11,8 @@ use lapwing::{
     driver::Driver,
     pilot,
     protocol::{Answer, number::Culture},
-    replay::{self, Agreement, Golden, Rate, Replay},
+    replay::{self, Golden, Rate, Replay},
+    score::Agreement,
     simulator::client::{self, ClientError, ClientOptions},
     units::Steering,
 };

@@ -11,10 +11,10 @@ use lapwing::{
     config::{Control, OnCrash, Takeover},
     drive::{self, Drive},
     driver::Driver,
-    pilot::{ConstantPilot, Pilot, PurePursuit},
+    pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
     recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunReader},
-    score::{self, Figure, Scorer},
+    score::{self, Figure, Measure, Scorer},
     simulator::{
         camera::Scenery,
         conditions::Conditions,
@@ -174,7 +174,7 @@ fn a_human_takes_the_wheel_when_the_script_says() {
 
 #[test]
 fn a_stock_world_tells_a_pilot_nothing_but_what_the_stock_build_tells() {
-    let mut world = Simulation::new(Setup { stock: true, ..setup(lake()) }).unwrap();
+    let mut world = Simulation::new(Setup { stock: true, ..standing_car() }).unwrap();
     let Sight::Telemetry(telemetry) = world.observe().unwrap().unwrap().sight else { panic!("no telemetry") };
     assert!(telemetry.truth.is_empty(), "{:?}", telemetry.truth);
 }
@@ -198,6 +198,80 @@ fn an_unbraked_car_hits_the_standing_one_at_the_speed_it_had() {
     assert_eq!(with, "a car");
     assert!((mph - began_mph).abs() < 1.5, "hit at {mph} mph, began at {began_mph}");
     assert_eq!(world.ending(), Some(&Ending::Collision("a car".into())));
+}
+
+/// Follows the line, and after so many moments stops.
+struct Stops {
+    line: PurePursuit,
+    after: u32,
+}
+
+impl Stops {
+    fn after(moments: u32) -> Self {
+        Self { line: PurePursuit::default(), after: moments }
+    }
+}
+
+impl Pilot for Stops {
+    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
+        let prediction = self.line.steer(view)?;
+        self.after = self.after.saturating_sub(1);
+        Ok(if self.after > 0 { prediction } else { Prediction { speed_limit: Some(Mph::ZERO), ..prediction } })
+    }
+
+    fn needs_picture(&self) -> bool {
+        self.line.needs_picture()
+    }
+
+    fn reset(&mut self) {}
+}
+
+/// A car stands 80 m ahead of ours, which goes 48.2 km/h.
+fn standing_car() -> Setup {
+    let scenario = Scenario::named("ccrs").unwrap().cases().pop();
+    Setup { scenario, laps: None, longest_s: Some(12.0), ..setup(lake()) }
+}
+
+#[test]
+fn braking_tells_who_hits_the_standing_car_and_who_stops_short_of_it() {
+    let mph = standing_car().scenario.unwrap().ego.speed_mph();
+    let (_, Drive { card, .. }) = driven(standing_car(), PurePursuit::default(), mph);
+    let [avoided, impact, taken_off, until] =
+        [Figure::BrakingAvoided, Figure::Impact, Figure::SpeedReduction, Figure::MinTimeToCollision]
+            .map(|figure| card.value(figure).unwrap_or_else(|| panic!("{figure:?} in {card}")));
+    assert_eq!((avoided, until), (0.0, 0.0), "{card}");
+    assert!((impact - mph).abs() < 1.5 && taken_off.abs() < 1.5, "{card}");
+    assert!((impact + taken_off - mph).abs() < 0.1, "what was not taken off was met: {card}");
+
+    let (_, Drive { card, .. }) = driven(standing_car(), Stops::after(30), mph);
+    assert_eq!(card.get(Figure::BrakingAvoided), Measure::Told(1.0), "{card}");
+    assert_eq!(card.words(Figure::Impact), "not measurable: nothing was hit");
+    assert_eq!(card.get(Figure::FalseAlarms), Measure::Told(0.0), "{card}");
+    assert!(card.value(Figure::SpeedReduction).unwrap() > 20.0, "{card}");
+    assert!((0.5..5.0).contains(&card.value(Figure::MinTimeToCollision).unwrap()), "{card}");
+
+    // The same with nobody in the way is no avoidance and no alarm that a scenario asked for.
+    let (_, Drive { card, .. }) = driven(Setup { scenario: None, ..standing_car() }, Stops::after(30), mph);
+    assert_eq!(card.words(Figure::BrakingAvoided), "not measurable: no scenario asked for braking");
+}
+
+#[test]
+fn who_stops_for_a_child_that_waits_raises_a_false_alarm() {
+    let text = r#"name = "waits"
+        description = "A child beside the road"
+        duration_s = 10.0
+        ego = { speed_kmh = 40.0 }
+        [[actor]]
+        script = "parked"
+        kind = "child"
+        ahead_m = 60.0
+        offset_m = 4.0"#;
+    let scenario = Some(Scenario::parse(text).unwrap());
+    let setup = Setup { scenario, laps: None, longest_s: Some(10.0), ..setup(lake()) };
+    let (_, Drive { card, .. }) = driven(setup, Stops::after(30), 24.9);
+    let time_s = card.value(Figure::TimeS).unwrap();
+    assert_eq!(card.value(Figure::FalseAlarms), Some(3600.0 / time_s), "{card}");
+    assert!(card.value(Figure::MinTimeToCollision).is_none(), "{card}");
 }
 
 /// Drives at 20 mph and records it.
@@ -224,10 +298,12 @@ fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Drive, Recordin
 fn a_recorded_run_is_judged_as_its_drive_was() {
     let short = || Setup { longest_s: Some(20.0), ..setup(lake()) };
     let human = Human { from_s: 5.0, for_s: 4.0, speed: Mph::new(20.0).unwrap() };
-    let drives: [(&str, Setup, Box<dyn Pilot>); 3] = [
+    let drives: [(&str, Setup, Box<dyn Pilot>); 5] = [
         ("well", short(), Box::new(PurePursuit::default())),
         ("off the road, again and again", Setup { on_crash: OnCrash::Reset, ..short() }, Box::new(straight_on())),
         ("with a human", Setup { human: Some(human), ..short() }, Box::new(PurePursuit::default())),
+        ("into a standing car", standing_car(), Box::new(PurePursuit::default())),
+        ("up to a standing car", standing_car(), Box::new(Stops::after(30))),
     ];
     for (how, setup, pilot) in drives {
         let dir = tempfile::tempdir().unwrap();
@@ -235,7 +311,11 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
         let again = score::of_run(&mut RunReader::open(&report.path).unwrap(), Scorer::default(), |_, _| ()).unwrap();
         assert_eq!(again, card, "{how}");
         let counts = [Figure::Takeovers, Figure::Collisions].map(|figure| card.value(figure));
-        assert_eq!(counts, [Some(f64::from(how == "with a human")), Some(0.0)], "{how}: {card}");
+        let expected = ["with a human", "into a standing car"].map(|one| Some(f64::from(how == one)));
+        assert_eq!(counts, expected, "{how}: {card}");
+        let avoided = [("into a standing car", 0.0), ("up to a standing car", 1.0)].into_iter();
+        let avoided = avoided.filter_map(|(one, share)| (one == how).then_some(share)).next();
+        assert_eq!(card.value(Figure::BrakingAvoided), avoided, "{how}: {card}");
     }
 }
 

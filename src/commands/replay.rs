@@ -15,6 +15,7 @@ use crate::{
     cli,
     driver::Driver,
     replay::{self, Difference, Golden, Replay, Report},
+    score::Scorecard,
     simulator::client::{self, ClientOptions},
 };
 
@@ -25,6 +26,7 @@ const NAMED: usize = 10;
 struct Result_<'a> {
     #[serde(flatten)]
     report: &'a Report,
+    card: Scorecard,
     #[serde(skip_serializing_if = "Option::is_none")]
     golden: Option<Comparison>,
 }
@@ -84,7 +86,8 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         _ => Ended::Passed,
     };
     if arguments.json {
-        super::print(&serde_json::to_string_pretty(&Result_ { report: &report, golden: comparison })?);
+        let card = Scorecard::of_replay(report.steering.as_ref());
+        super::print(&serde_json::to_string_pretty(&Result_ { report: &report, card, golden: comparison })?);
     } else {
         let comparison = comparison.as_ref().map(told).unwrap_or_default();
         super::print(&format!("{report}{comparison}"));

@@ -13,7 +13,7 @@ mod report;
 mod source;
 
 pub use golden::{Difference, Golden, GoldenError};
-pub use report::{Agreement, Latency, Report};
+pub use report::{Latency, Report};
 pub use source::{Answered, Rate, Replay, ReplayError};
 
 use std::time::{Duration, Instant};

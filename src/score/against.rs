@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Better, Figure, Spread, Unit, summary::student};
 
 /// A difference is none by chance where it is so many times the half width of its confidence interval at 95 %: some
-/// thirty figures are compared, and one of them would often lie outside the interval itself.
+/// forty figures are compared, and one of them would often lie outside the interval itself.
 const CERTAIN: f64 = 2.0;
 /// Where one run alone tells a figure nobody knows its noise; a change of so large a share is taken for one.
 const ALONE: f64 = 0.05;
@@ -94,10 +94,11 @@ fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
 fn trifle(unit: Unit) -> f64 {
     match unit {
         Unit::Count => 0.0,
-        Unit::Share => 0.001,
-        Unit::PerKm | Unit::Metres => 0.01,
+        Unit::Share | Unit::Lock => 0.001,
+        Unit::LockSquared => 0.0001,
+        Unit::PerKm | Unit::Metres | Unit::Correlation => 0.01,
         Unit::Mph | Unit::Points | Unit::Seconds | Unit::DegreesPerSecond => 0.1,
-        Unit::PerMinute | Unit::PerSecond => 0.5,
+        Unit::PerMinute | Unit::PerSecond | Unit::PerHour => 0.5,
         Unit::Jerk => 0.05,
     }
 }

@@ -50,6 +50,37 @@ impl Scorecard {
     }
 }
 
+/// A scorecard's figures while they are found.
+pub(super) struct Figures([Measure; Figure::ALL.len()]);
+
+impl Figures {
+    pub(super) fn unknown(why: &'static str) -> Self {
+        Self([Measure::Unknown(why); Figure::ALL.len()])
+    }
+
+    /// A scorecard of them and nothing else.
+    pub(super) fn card(self) -> Scorecard {
+        Scorecard {
+            track: None,
+            scenario: None,
+            ended: None,
+            laps_asked: None,
+            lap_times_s: vec![],
+            latency: Default::default(),
+            notes: vec![],
+            figures: self.0,
+        }
+    }
+
+    pub(super) fn set(&mut self, figure: Figure, measure: Measure) {
+        self.0[figure as usize] = measure;
+    }
+
+    pub(super) fn told(&mut self, figure: Figure, value: Option<f64>, why: &'static str) {
+        self.set(figure, Measure::told(value, why));
+    }
+}
+
 impl Serialize for Scorecard {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         #[derive(Serialize)]

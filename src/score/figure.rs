@@ -6,6 +6,9 @@
 //! - Bojarski: End to End Learning for Self-Driving Cars, arXiv 1604.07316 (2016), section 7.1.
 //! - CARLA: the leaderboard's evaluation criteria, versions 1.0 and 2.1 (leaderboard.carla.org).
 //! - nuPlan: `ego_is_comfortable` of the nuPlan benchmark (Caesar et al., arXiv 2106.11810) and its development kit.
+//! - Hayward: Near miss determination through use of a scale of danger, Highway Research Record 384 (1972).
+//! - Euro NCAP: the test protocols AEB Car-to-Car v4 and AEB/LSS VRU v4 (2023), after which the scenarios are made.
+//! - Codevilla: On Offline Evaluation of Vision-based Driving Models, arXiv 1809.04843 (2018).
 //! - J2944: SAE J2944, Operational Definitions of Driving Performance Measures and Statistics (2015).
 //! - SelfOracle: the simulator of Stocco et al., Misbehaviour Prediction for Autonomous Driving Systems (2020).
 
@@ -26,6 +29,8 @@ pub enum Unit {
     PerMinute,
     /// So many a second.
     PerSecond,
+    /// So many an hour.
+    PerHour,
     /// Metres.
     Metres,
     /// Seconds.
@@ -36,22 +41,31 @@ pub enum Unit {
     DegreesPerSecond,
     /// Metres a second cubed.
     Jerk,
+    /// Normalised steering: 1 is full lock.
+    Lock,
+    /// Its square.
+    LockSquared,
+    /// -1 to 1.
+    Correlation,
 }
 
 impl Unit {
-    /// Its symbol behind a number; nothing for counts and points. Shares are shown as percent.
+    /// Its symbol behind a number; nothing for counts, points and correlations. Shares are shown as percent.
     pub const fn symbol(self) -> &'static str {
         match self {
             Self::Share => "%",
-            Self::Count | Self::Points => "",
+            Self::Count | Self::Points | Self::Correlation => "",
             Self::PerKm => "/km",
             Self::PerMinute => "/min",
             Self::PerSecond => "/s",
+            Self::PerHour => "/h",
             Self::Metres => "m",
             Self::Seconds => "s",
             Self::Mph => "mph",
             Self::DegreesPerSecond => "deg/s",
             Self::Jerk => "m/s3",
+            Self::Lock => "lock",
+            Self::LockSquared => "lock2",
         }
     }
 
@@ -64,11 +78,15 @@ impl Unit {
             Self::PerKm => format!("{value:.2} a km"),
             Self::PerMinute => format!("{value:.1} times a minute"),
             Self::PerSecond => format!("{value:.1} a second"),
+            Self::PerHour => format!("{value:.1} an hour"),
             Self::Metres => format!("{value:.2} m"),
             Self::Seconds => format!("{value:.1} s"),
             Self::Mph => format!("{value:.2} mph"),
             Self::DegreesPerSecond => format!("{value:.1} deg/s"),
             Self::Jerk => format!("{value:.2} m/s3"),
+            Self::Lock => format!("{value:.4} of full lock"),
+            Self::LockSquared => format!("{value:.5} of full lock squared"),
+            Self::Correlation => format!("{value:.3}"),
         }
     }
 
@@ -205,6 +223,22 @@ figures! {
         "Root mean square of the speed's second derivative, each from a parabola fitted to the telemetries within half a second.";
     Comfort = "comfort", "comfortable", Share, Higher,
         "Telemetries within nuPlan's bounds as a share of all: acceleration -4.05 to 2.40 m/s2 along and 4.89 across, jerk 4.13 m/s3 along and 8.37 in all, yaw rate 0.95 rad/s and its rate 1.93 rad/s2; derivatives as for jerk, the yaw rate that of a bicycle with the steering and speed told.";
+    BrakingAvoided = "braking_avoided", "avoided by braking", Share, Higher,
+        "Braking situations in which nothing was hit, as a share of all. One begins where the time to collision falls below 10 s (Euro NCAP's tests begin at 4 s) and ends with what is hit, or after 1 s without a collision course; one that the run's end cuts short does not count.";
+    Impact = "impact_mph", "impact speed", Mph, Lower,
+        "How fast the car met what it hit in a braking situation, relative to it, mean over those (Euro NCAP's relative impact speed).";
+    SpeedReduction = "speed_reduction_mph", "speed reduction", Mph, Higher,
+        "The car's speed where a braking situation began less its speed at the impact, or where nothing was hit its lowest in the situation; mean over situations (Euro NCAP: test speed less impact speed).";
+    MinTimeToCollision = "min_time_to_collision_s", "least time to collision", Seconds, Higher,
+        "Shortest time until the car would hit other traffic ahead, should both hold speed and path: gap / closing speed while they close (Hayward), of the true boxes, the road laid out straight; 0 where it was hit.";
+    FalseAlarms = "false_alarms_per_h", "false alarms", PerHour, Lower,
+        "Times an hour that the pilot began emergency braking (throttle -0.8 or less above 5 mph, none in the second before) outside braking situations, that is with no collision in the next 10 s.";
+    SteeringMae = "steering_mae", "steering MAE", Lock, Lower,
+        "Open-loop replay: mean of |a - b| over frames, a the driver's normalised steering (-1 to 1, full lock) for a recorded picture, b the steering recorded with it (Codevilla).";
+    SteeringMse = "steering_mse", "steering MSE", LockSquared, Lower,
+        "Open-loop replay: mean of (a - b)^2 over frames, normalised steering as for MAE (Codevilla).";
+    SteeringR = "steering_r", "steering r", Correlation, Higher,
+        "Open-loop replay: Pearson's correlation of the driver's steering and the recorded one over frames.";
     TimeS = "time_s", "time", Seconds, Neither,
         "From the first telemetry to the last, in seconds of the world.";
     DistanceM = "distance_m", "distance", Metres, Neither,

@@ -10,7 +10,7 @@
 //! | [`figure`] | each figure's unit, formula and source |
 //! | `scorer` | from items to figures |
 //! | `blind` | what the stock build does not tell, as well as it can be found out |
-//! | `infractions`, `smoothness`, `latency` | the figures that take a formula |
+//! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that take a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | `thresholds`, [`junit`] | what a run must reach, and how CI is told |
 //! | [`page`] | runs as a page for a browser |
@@ -18,12 +18,14 @@
 
 pub mod against;
 mod blind;
+mod braking;
 mod card;
 pub mod figure;
 mod infractions;
 pub mod junit;
 mod latency;
 mod measure;
+mod offline;
 pub mod page;
 mod run;
 mod scorer;
@@ -36,6 +38,7 @@ pub use card::{SCHEMA, Scorecard};
 pub use figure::{Better, Figure, Unit};
 pub use latency::{Latency, STAGES};
 pub use measure::Measure;
+pub use offline::Agreement;
 pub use run::of_run;
 pub use scorer::Scorer;
 pub use summary::Spread;

@@ -5,8 +5,11 @@ use std::{sync::Arc, time::Duration};
 use super::{
     Figure, Measure, Scorecard,
     blind::Blind,
+    braking::{Braking, Known},
+    card::Figures,
     infractions::{Struck, autonomies, driving_scores},
     latency::Stages,
+    offline::not_replayed,
     smoothness::{GAP_S, Sample, Smoothness},
 };
 use crate::{
@@ -23,9 +26,9 @@ const AFTERMATH_S: f64 = 2.0;
 const DISTANCE_OFF: f64 = 0.01;
 
 const NO_POSITION: &str = "the run tells no position: the stock build does not";
-const NO_JUDGE: &str = "the run tells no collisions and no road: the stock build does not";
+pub(super) const NO_JUDGE: &str = "the run tells no collisions and no road: the stock build does not";
 const NO_LAPS_ASKED: &str = "no laps were asked for";
-const NO_TIME: &str = "the run has fewer than two telemetries";
+pub(super) const NO_TIME: &str = "the run has fewer than two telemetries";
 const NO_WAY: &str = "the car did not move";
 const NO_ANSWERS: &str = "the run has no answers";
 const NO_PILOT: &str = "no pilot drove";
@@ -76,6 +79,7 @@ pub struct Scorer {
     answers: (u64, u64),
     unanswered: bool,
     stages: Stages,
+    braking: Braking,
     told: Told,
     ended: Option<String>,
     notes: Vec<String>,
@@ -165,6 +169,7 @@ impl Scorer {
         self.last = Some((at, speed_mps));
         self.max_mph = self.max_mph.max(mph);
         let truth = &telemetry.truth;
+        self.braking.telemetry(at, telemetry.speed, truth);
         self.told.distance_m.take(truth.distance.map(Metres::get));
         self.tells_waypoints |= truth.lap.is_some() && truth.waypoint.is_some();
         self.offsets_m.extend(truth.cte.map(|cte| cte.get().abs()));
@@ -188,6 +193,7 @@ impl Scorer {
         self.answers.1 += u64::from(command.by == By::Pilot);
         self.blind.command(command.throttle.get());
         self.stages.take(command);
+        self.braking.command(command);
     }
 
     /// Takes what happened besides.
@@ -202,7 +208,8 @@ impl Scorer {
                 self.laps.push(within(*time_s, at));
                 self.progress = self.progress.max(f64::from(*number));
             }
-            EventRecord::Collision { with, .. } => {
+            EventRecord::Collision { with, speed_mph, own_mph } => {
+                self.braking.collision(*speed_mph, *own_mph);
                 self.struck.push(Struck::by_name(with));
                 self.struck_episodes += u32::from(!std::mem::replace(&mut self.struck_now, true));
                 self.last_collision_s = Some(at);
@@ -220,6 +227,7 @@ impl Scorer {
             EventRecord::Reset { .. } => {
                 self.resets += 1;
                 self.was_put = true; // the wheel is put straight with the car
+                self.braking.put();
                 self.struck_now = false;
                 self.last_collision_s = None;
                 self.is_stuck = false;
@@ -286,7 +294,7 @@ impl Scorer {
         }
         let judged = self.course.is_some();
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
-        let mut figures = Figures::new();
+        let mut figures = Figures::unknown("nothing says it");
 
         let told_m = self.told.distance_m.total();
         let distance = match told_m {
@@ -381,6 +389,9 @@ impl Scorer {
             figures.told(F::SurvivalS, None, NO_JUDGE);
             figures.told(F::SurvivalM, None, NO_JUDGE);
         }
+        let scenario = self.course.as_ref().is_some_and(|course| course.scenario.is_some());
+        let braking = self.braking.figures(Known { time_s, judged, scenario });
+        braking.into_iter().chain(not_replayed()).for_each(|(figure, measure)| figures.set(figure, measure));
         figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / time_s), NO_TIME);
         figures.told(F::BadFrames, seen.then_some(self.bad_frames.into()), NO_TIME);
         figures.told(F::MissedFrames, (self.answers.0 > 0).then_some(self.missed_frames as f64), NO_ANSWERS);
@@ -396,7 +407,7 @@ impl Scorer {
             lap_times_s: self.laps,
             latency: self.stages.latencies(),
             notes: self.notes,
-            figures: figures.0,
+            ..figures.card()
         }
     }
 }
@@ -404,23 +415,6 @@ impl Scorer {
 /// A duration of a file, which may say anything, in seconds: not below 0, and not longer than the run was then.
 fn within(seconds: f64, at: f64) -> f64 {
     if seconds.is_finite() { seconds.clamp(0.0, at.max(0.0)) } else { 0.0 }
-}
-
-/// The figures of a scorecard in the making.
-pub(super) struct Figures([Measure; Figure::ALL.len()]);
-
-impl Figures {
-    fn new() -> Self {
-        Self([Measure::Unknown("nothing says it"); Figure::ALL.len()])
-    }
-
-    pub(super) fn set(&mut self, figure: Figure, measure: Measure) {
-        self.0[figure as usize] = measure;
-    }
-
-    pub(super) fn told(&mut self, figure: Figure, value: Option<f64>, why: &'static str) {
-        self.set(figure, Measure::told(value, why));
-    }
 }
 
 #[cfg(test)]

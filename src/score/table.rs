@@ -95,7 +95,23 @@ impl Scorecard {
         ));
         let scores = [(F::DrivingScore, " (CARLA 2.1)"), (F::DrivingScoreProduct, " (1.0)")];
         rows.push(("driving score", self.together(&scores)));
+        let braking = [
+            (F::BrakingAvoided, " avoided"),
+            (F::Impact, " at impact"),
+            (F::SpeedReduction, " taken off"),
+            (F::MinTimeToCollision, " least time to collision"),
+        ];
+        if self.scenario.is_some() || self.value(F::MinTimeToCollision).is_some() {
+            rows.push(("braking", self.together(&braking)));
+        }
+        if self.value(F::FalseAlarms).is_some() {
+            rows.push((F::FalseAlarms.label(), self.words(F::FalseAlarms)));
+        }
         rows.push(("steering", self.together(&[(F::SteeringRate, " RMS"), (F::SteeringReversals, " reversed")])));
+        if self.value(F::SteeringMae).is_some() {
+            let errors = [(F::SteeringMae, " MAE"), (F::SteeringMse, " MSE"), (F::SteeringR, " r")];
+            rows.push(("steering error", self.together(&errors)));
+        }
         rows.push(("comfortable", self.words(F::Comfort)));
         rows.push(("jerk", self.together(&[(F::RmsJerk, " RMS")])));
         rows.push(("distance", format!("{} in {}", self.words(F::DistanceM), self.words(F::TimeS))));

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 
 use self::impacts::Impacts;
-use super::{Figure, Measure, scorer::Figures};
+use super::{Figure, Measure, card::Figures};
 use crate::{
     config::Rules,
     odometry::{BEGINNING_M, EVERY_M, Look, Match, Matcher, Motion, Road, laps},

@@ -13,7 +13,7 @@ function el(tag, attributes = {}, ...children) {
   return node;
 }
 
-const DECIMALS = { "": 0, "%": 1, m: 2, s: 1, mph: 2 };
+const DECIMALS = { "": 0, "%": 1, m: 2, s: 1, mph: 2, lock: 4, lock2: 5 };
 function show(figure, value) {
   if (value === null || value === undefined) return "–";
   if (figure.unit === "%") return (100 * value).toFixed(1) + " %";

@@ -1,0 +1,97 @@
+//! Open-loop replays: a driver's steering against the recorded one.
+
+use serde::Serialize;
+
+use super::{Figure, Measure, Scorecard, card::Figures};
+
+const NO_REPLAY: &str = "the run tells one driver's steering only: lapwing replay holds another against it";
+const OPEN_LOOP: &str = "nothing was driven: an open-loop replay shows what was recorded";
+const NO_STEERING: &str = "the recording has no steering to compare with";
+const NO_VARIATION: &str = "the steering does not vary";
+
+/// How well two series of normalised steering agree.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Agreement {
+    /// Frames compared.
+    pub frames: u64,
+    /// Mean absolute error.
+    pub mae: f64,
+    /// Mean squared error.
+    pub mse: f64,
+    /// Pearson's correlation coefficient; absent where one of the series does not vary.
+    pub r: Option<f64>,
+}
+
+impl Agreement {
+    /// Of pairs (ours, recorded); `None` of no pairs.
+    pub fn of(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> Option<Self> {
+        let n = pairs.clone().count() as f64;
+        if n == 0.0 {
+            return None;
+        }
+        let mean = |f: fn((f64, f64)) -> f64| pairs.clone().map(f).sum::<f64>() / n;
+        let (mean_a, mean_b) = (mean(|(a, _)| a), mean(|(_, b)| b));
+        let covariance = pairs.clone().map(|(a, b)| (a - mean_a) * (b - mean_b)).sum::<f64>();
+        let variances = pairs.clone().map(|(a, _)| (a - mean_a).powi(2)).sum::<f64>()
+            * pairs.clone().map(|(_, b)| (b - mean_b).powi(2)).sum::<f64>();
+        Some(Self {
+            frames: n as u64,
+            mae: mean(|(a, b)| (a - b).abs()),
+            mse: mean(|(a, b)| (a - b).powi(2)),
+            // Sums of squares below rounding are a series that stands still.
+            r: (variances > 1e-20).then(|| (covariance / variances.sqrt()).clamp(-1.0, 1.0)),
+        })
+    }
+}
+
+/// The figures of a run's steering where nothing was replayed.
+pub(super) fn not_replayed() -> [(Figure, Measure); 3] {
+    [Figure::SteeringMae, Figure::SteeringMse, Figure::SteeringR].map(|figure| (figure, Measure::Unknown(NO_REPLAY)))
+}
+
+impl Scorecard {
+    /// Of an open-loop replay: how well the driver's steering agrees with the recorded one, and nothing else, for
+    /// what became of the car is the recorded drive's. `None` where there was nothing to compare with.
+    pub fn of_replay(steering: Option<&Agreement>) -> Self {
+        let mut figures = Figures::unknown(OPEN_LOOP);
+        figures.told(Figure::SteeringMae, steering.map(|agreement| agreement.mae), NO_STEERING);
+        figures.told(Figure::SteeringMse, steering.map(|agreement| agreement.mse), NO_STEERING);
+        let why = if steering.is_some() { NO_VARIATION } else { NO_STEERING };
+        figures.told(Figure::SteeringR, steering.and_then(|agreement| agreement.r), why);
+        figures.card()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn agreement_is_mae_mse_and_pearsons_r() {
+        let pairs = [(1.0, 2.0), (2.0, 4.0), (3.0, 6.0)];
+        let agreement = Agreement::of(pairs.into_iter()).unwrap();
+        assert_eq!((agreement.frames, agreement.mae), (3, 2.0));
+        assert!((agreement.mse - 14.0 / 3.0).abs() < 1e-12);
+        assert!((agreement.r.unwrap() - 1.0).abs() < 1e-12);
+        let opposite = Agreement::of(pairs.into_iter().map(|(a, b)| (a, -b))).unwrap();
+        assert!((opposite.r.unwrap() + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_series_that_does_not_vary_has_no_correlation() {
+        assert_eq!(Agreement::of([(0.1, 0.0), (0.2, 0.0)].into_iter()).unwrap().r, None);
+        assert_eq!(Agreement::of(std::iter::empty()), None);
+    }
+
+    #[test]
+    fn a_replays_card_tells_the_steering_and_why_it_tells_nothing_else() {
+        let card = Scorecard::of_replay(Agreement::of([(0.1, 0.0), (0.1, 0.4)].into_iter()).as_ref());
+        assert_eq!(card.words(Figure::SteeringMae), "0.2000 of full lock");
+        assert_eq!(card.words(Figure::SteeringMse), "0.05000 of full lock squared");
+        assert_eq!(card.get(Figure::SteeringR), Measure::Unknown(NO_VARIATION));
+        assert_eq!(card.get(Figure::Collisions), Measure::Unknown(OPEN_LOOP));
+        let json = serde_json::to_value(&card).unwrap();
+        assert_eq!((json["steering_mae"].as_f64(), &json["completion"]), (Some(0.2), &serde_json::Value::Null));
+        assert_eq!(Scorecard::of_replay(None).get(Figure::SteeringMse), Measure::Unknown(NO_STEERING));
+    }
+}
