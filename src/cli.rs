@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use crate::{
     nn::Precision,
     protocol::number::Culture,
-    replay::Rate,
+    replay::{Rate, closed_loop::DEFAULT_LIMIT_M},
     suite::Shard,
     train::{Keep, OptimiserKind, Schedule},
 };
@@ -39,7 +39,7 @@ pub enum Verb {
     Train(Train),
     /// Say how far a model's steering lies from that of data sets
     Evaluate(Evaluate),
-    /// Show a recording to a model, or to any bridge, and compare the steering
+    /// Show a recording to a model, or to any bridge, and compare the steering; or drive along it
     Replay(Replay),
     /// Say what recorded runs were worth, for people and for CI
     Score(Score),
@@ -173,6 +173,23 @@ pub struct Thresholds {
     /// Largest mean |cte|, in metres
     #[arg(long, value_name = "METRES")]
     pub max_mean_cte: Option<f64>,
+}
+
+impl Thresholds {
+    /// The first that is given, by its flag.
+    pub fn first(&self) -> Option<&'static str> {
+        [
+            ("--min-completion", self.min_completion.is_some()),
+            ("--min-autonomy", self.min_autonomy.is_some()),
+            ("--min-driving-score", self.min_driving_score.is_some()),
+            ("--max-collisions", self.max_collisions.is_some()),
+            ("--max-off-road", self.max_off_road.is_some()),
+            ("--max-cte", self.max_cte.is_some()),
+            ("--max-mean-cte", self.max_mean_cte.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(flag, given)| given.then_some(flag))
+    }
 }
 
 /// `lapwing score`
@@ -521,6 +538,23 @@ pub struct Replay {
     /// Play the recording to a bridge as the Unity build would, instead of driving in process
     #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
     pub connect: Option<String>,
+    /// Drive along the recording: a virtual car steers, and sees the recorded pictures from where it is
+    #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
+    pub closed_loop: bool,
+    /// How far beside the recorded path the virtual car may be before it is put back, in metres
+    #[arg(long, value_name = "METRES", default_value_t = DEFAULT_LIMIT_M, value_parser = above_zero, requires = "closed_loop")]
+    pub limit: f64,
+    /// Take the recorded car's turning from recorded steering and speed alone, not from the pictures
+    #[arg(long, requires = "closed_loop")]
+    pub by_steering: bool,
+    /// Film of what the pilot sees: FILE.mp4, FILE.gif, or a folder for single pictures
+    #[arg(long, value_name = "FILE", requires = "closed_loop")]
+    pub film: Option<PathBuf>,
+    /// Record the closed loop as a run in this folder
+    #[arg(long, value_name = "DIR", requires = "closed_loop")]
+    pub recordings: Option<PathBuf>,
+    #[command(flatten)]
+    pub thresholds: Thresholds,
     /// Culture in which the simulator writes its numbers, with --connect
     #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
     pub culture: Culture,

@@ -36,7 +36,7 @@
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts | `perception` |
 //! | [`simulator`] | the headless world: track, car, camera, traffic; and the client that speaks as the Unity build does | `config`, `drawing`, `odometry`, `perception`, `pilot`, `protocol`, `recording`, `units` |
 //! | [`drive`] | a world driven in this process: driver, recorder and scorer around it | `driver`, `protocol`, `recording`, `score`, `units` |
-//! | [`replay`] | a recording as a world, open loop | `recording`, `driver`, `protocol`, `score`, `units` |
+//! | [`replay`] | a recording as a world, open loop and closed loop, where it needs the simulator's car and cameras | `recording`, `driver`, `perception`, `protocol`, `score`, `simulator`, `units` |
 //! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader | `drawing`, `perception`, `protocol`, `recording`, `units` |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes | `dataset`, `nn`, `perception` |
 //! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `recording` |

@@ -24,7 +24,7 @@ const MAY_IMPORT: [(&str, &[&str]); 21] = [
     ("dataset", &["drawing", "perception", "protocol", "recording", "units"]),
     ("simulator", &["config", "drawing", "odometry", "perception", "pilot", "protocol", "recording", "units"]),
     ("drive", &["driver", "protocol", "recording", "score", "units"]),
-    ("replay", &["recording", "driver", "protocol", "score", "units"]),
+    ("replay", &["recording", "driver", "perception", "protocol", "score", "simulator", "units"]),
     ("train", &["dataset", "nn", "perception"]),
     ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
     ("cli", &["nn", "protocol", "replay", "suite", "train"]),

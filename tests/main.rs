@@ -2,6 +2,7 @@
 
 mod architecture;
 mod bridge;
+mod closed_loop;
 mod driver;
 mod driving_logs;
 mod models;

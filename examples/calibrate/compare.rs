@@ -2,15 +2,13 @@
 
 use lapwing::{
     protocol::Command,
+    replay::closed_loop::Turn,
     simulator::vehicle::{Car, Ground, STEP_S, WHEELBASE_M},
     units::{FULL_STEERING_DEG, MPS_PER_MPH, Steering, Throttle},
 };
 use serde::Serialize;
 
-use super::{
-    recording::{Row, at},
-    rotation::Turn,
-};
+use super::recording::{Row, at};
 
 /// How far ahead speeds are compared, in seconds.
 pub const HORIZONS_S: [f64; 3] = [1.0, 2.0, 5.0];

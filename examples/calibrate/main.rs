@@ -15,10 +15,9 @@
 //! recording by the very error printed here.
 
 mod compare;
-mod flow;
 mod recording;
-mod rotation;
 mod route;
+mod turns;
 
 use std::path::{Path, PathBuf};
 
@@ -91,7 +90,7 @@ fn main() -> Result<()> {
 fn examine(folder: &Path, track: Option<&str>) -> Result<Report> {
     let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let rows = recording::read(folder)?;
-    let turns = rotation::between(&rows)?;
+    let turns = turns::between(&rows)?;
     ensure!(turns.len() + 1 == rows.len(), "{name}: expected {} turns, got {}", rows.len() - 1, turns.len());
     let track = track.or_else(|| Track::NAMES.into_iter().find(|known| *known == name));
     let track = track.map(|name| Track::named(name).map(|track| (name.to_owned(), track))).transpose()?;

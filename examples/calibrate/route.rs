@@ -1,8 +1,8 @@
 //! Where on the track a drive was, and how steep it was there.
 
-use lapwing::simulator::track::Track;
+use lapwing::{replay::closed_loop::Turn, simulator::track::Track};
 
-use super::{recording::Row, rotation::Turn};
+use super::recording::Row;
 
 /// Headings are compared over this distance, in metres.
 const COMPARED_M: usize = 24;

@@ -1,5 +1,6 @@
 //! One file a verb. Results go to stdout, diagnostics to stderr.
 
+mod closed_loop;
 mod dataset;
 mod doctor;
 mod drive;
@@ -62,6 +63,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Train(arguments) => train::run(arguments),
         Verb::Evaluate(arguments) => evaluate::run(arguments),
         Verb::Serve(arguments) => serve::run(arguments, config),
+        Verb::Replay(arguments) if arguments.closed_loop => closed_loop::run(&arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
         Verb::Score(arguments) => score::run(&arguments, config),
         Verb::Suite(arguments) => suite::run(&arguments, config),

@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::Ended;
 use crate::{
     cli,
+    config::ConfigError,
     driver::Driver,
     replay::{self, Difference, Golden, Replay, Report},
     score::Scorecard,
@@ -39,6 +40,14 @@ struct Comparison {
 }
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
+    if let Some(flag) = arguments.thresholds.first() {
+        // What is only answered, and not driven, has no such figures.
+        return Err(ConfigError::Value {
+            layer: flag.into(),
+            why: "expected together with --closed-loop, got it alone: an open loop is not driven".into(),
+        }
+        .into());
+    }
     let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
     // Read before the work is done, so that a wrong file does not cost a whole replay.
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
@@ -109,7 +118,7 @@ fn told(Comparison { tolerance, differing_frames, first }: &Comparison) -> Strin
     text
 }
 
-fn progress_bar(frames: Option<u64>) -> ProgressBar {
+pub(super) fn progress_bar(frames: Option<u64>) -> ProgressBar {
     if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }

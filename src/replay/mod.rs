@@ -1,4 +1,4 @@
-//! A recording as a world, open loop: every recorded moment is shown to a driver
+//! A recording as a world. Closed loop in [`closed_loop`]; here open loop: every recorded moment is shown to a driver
 //! and its answer set against what was steered then.
 //!
 //! ```text
@@ -8,6 +8,7 @@
 //!        Golden (frame by frame)      ◀──┘
 //! ```
 
+pub mod closed_loop;
 mod golden;
 mod report;
 mod source;

@@ -64,6 +64,9 @@ const RIGHT: Outline = &[
     (123.5, 160.0),
 ];
 
+/// A camera further from the car's middle than this, in metres, is one of the side cameras.
+const ASIDE_M: f64 = 0.4;
+
 /// The row of an outline at a column; below the picture beyond its ends.
 fn row(outline: Outline, column: f32) -> f32 {
     for pair in outline.windows(2) {
@@ -73,6 +76,18 @@ fn row(outline: Outline, column: f32) -> f32 {
         }
     }
     200.0
+}
+
+/// The first row that the bonnet covers at a column of a stock camera's picture, both counted from the picture's
+/// corner at 320x160; beyond the picture where it covers none.
+pub fn bonnet_row(camera: &Camera, column: f32) -> f32 {
+    let side = camera.mount.position.x;
+    let outline = match () {
+        () if side.abs() < ASIDE_M => CENTER,
+        () if side < 0.0 => LEFT,
+        () => RIGHT,
+    };
+    row(outline, column)
 }
 
 /// The pixels that the bonnet covers, painted once.
@@ -91,7 +106,7 @@ impl Bonnet {
             let mut span: Option<(usize, Vec<u8>)> = None;
             for x in 0..width {
                 let at = ((x as f32 + 0.5) * 320.0 / width as f32, (y as f32 + 0.5) * 160.0 / height as f32);
-                let colour = if side.abs() < 0.4 { center(at, look) } else { aside(at, side < 0.0, look) };
+                let colour = if side.abs() < ASIDE_M { center(at, look) } else { aside(at, side < 0.0, look) };
                 match colour {
                     Some(colour) => {
                         let (_, pixels) = span.get_or_insert_with(|| ((y * width + x) * 3, Vec::new()));

@@ -54,10 +54,10 @@ use self::{
 use super::{conditions::Conditions, scene::Actor, vehicle::Car};
 use crate::perception::Frame;
 
-pub use self::{jpeg::encode_jpeg, scenery::Scenery};
+pub use self::{bonnet::bonnet_row, jpeg::encode_jpeg, scenery::Scenery};
 
 /// How high the stock car's origin rides over the ground, in metres: its camera at 1.2 m was measured 1.26 m up.
-const RIDE_M: f64 = 0.06;
+pub const RIDE_M: f64 = 0.06;
 
 /// Size and field of view of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]

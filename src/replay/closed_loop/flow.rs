@@ -1,12 +1,13 @@
 //! Where patches of one picture are in the next: pyramidal Lucas-Kanade, checked there and back.
 
-use std::path::Path;
-
-use anyhow::{Context, Result, ensure};
+use super::warp::SIZE;
+use crate::perception::Frame;
 
 const LEVELS: usize = 3;
 /// Half the side of a patch, in pixels of its level.
-const REACH: i32 = 7;
+const REACH: usize = 7;
+/// The side.
+const SIDE: usize = 2 * REACH + 1;
 /// Rows of the picture that are used: sky, scenery, and what of the road lies just below the horizon.
 const ROWS: usize = 104;
 /// The distant scenery's rows, whose common shift is the first guess.
@@ -16,9 +17,11 @@ const FARTHEST: i32 = 44;
 /// A patch tracked there and back must return this closely, in pixels.
 const RETURNS: f32 = 0.5;
 
-/// A grey picture, at its full size and at halves of it.
+/// The upper rows of a picture in grey, at its full size and at halves of it.
+#[derive(Debug)]
 pub struct Pyramid(Vec<Grey>);
 
+#[derive(Debug)]
 struct Grey {
     width: usize,
     height: usize,
@@ -35,6 +38,37 @@ impl Grey {
         (above[0] * (1.0 - s) + above[1] * s) * (1.0 - t) + (below[0] * (1.0 - s) + below[1] * s) * t
     }
 
+    /// The square around a place whose sides are `out`'s, in rows. All its pixels lie alike between those of the picture,
+    /// so that four weights do for all.
+    fn square<const N: usize>(&self, x: f32, y: f32, out: &mut [[f32; N]; N]) {
+        let (left, top) = (x.floor() - (N / 2) as f32, y.floor() - (N / 2) as f32);
+        let inside = left >= 0.0
+            && top >= 0.0
+            && left + (N as f32) < self.width as f32 - 1.0
+            && top + (N as f32) < self.height as f32 - 1.0;
+        if !inside {
+            for (j, row) in out.iter_mut().enumerate() {
+                for (i, pixel) in row.iter_mut().enumerate() {
+                    *pixel = self.at(x + i as f32 - (N / 2) as f32, y + j as f32 - (N / 2) as f32);
+                }
+            }
+            return;
+        }
+        let (s, t) = (x - x.floor(), y - y.floor());
+        let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
+        let first = top as usize * self.width + left as usize;
+        for (j, row) in out.iter_mut().enumerate() {
+            let above = &self.light[first + j * self.width..][..N + 1];
+            let below = &self.light[first + (j + 1) * self.width..][..N + 1];
+            for (i, pixel) in row.iter_mut().enumerate() {
+                *pixel = weights[0] * above[i]
+                    + weights[1] * above[i + 1]
+                    + weights[2] * below[i]
+                    + weights[3] * below[i + 1];
+            }
+        }
+    }
+
     fn half(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let pixel = |i: usize| {
@@ -46,17 +80,18 @@ impl Grey {
 }
 
 impl Pyramid {
-    /// Opens a camera picture.
-    pub fn open(path: &Path) -> Result<Self> {
-        let picture = image::open(path).with_context(|| format!("cannot open {}", path.display()))?.to_luma8();
-        let (width, height) = (picture.width() as usize, picture.height() as usize);
-        ensure!((width, height) == (320, 160), "{}: expected 320x160, got {width}x{height}", path.display());
-        let light = picture.as_raw()[..width * ROWS].iter().map(|&v| f32::from(v)).collect();
-        let mut levels = vec![Grey { width, height: ROWS, light }];
+    /// Of a camera picture; `None` where it is not 320x160.
+    pub fn of(picture: &Frame) -> Option<Self> {
+        if (picture.width(), picture.height()) != SIZE {
+            return None;
+        }
+        let grey = |rgb: &[u8]| 0.2126 * f32::from(rgb[0]) + 0.7152 * f32::from(rgb[1]) + 0.0722 * f32::from(rgb[2]);
+        let light = picture.rgb().chunks_exact(3).take(SIZE.0 * ROWS).map(grey).collect();
+        let mut levels = vec![Grey { width: SIZE.0, height: ROWS, light }];
         for level in 1..LEVELS {
             levels.push(levels[level - 1].half());
         }
-        Ok(Self(levels))
+        Some(Self(levels))
     }
 
     /// How many pixels to the right the distant scenery moves from here to `next`, in whole pixels.
@@ -65,7 +100,7 @@ impl Pyramid {
         let difference = |shift: i32| {
             let columns = (-shift).max(40)..(320 - shift).min(280);
             let mut sum = 0.0;
-            for y in BAND {
+            for y in BAND.step_by(2) {
                 for x in columns.clone() {
                     let (i, j) = (y * a.width + x as usize, y * a.width + (x + shift) as usize);
                     sum += (a.light[i] - b.light[j]).abs();
@@ -100,17 +135,20 @@ fn follow(here: &Pyramid, next: &Pyramid, from: [f32; 2], guess: [f32; 2]) -> Op
         let scale = (1 << level) as f32;
         let (a, b) = (&here.0[level], &next.0[level]);
         let (x, y) = ((from[0] + 0.5) / scale - 0.5, (from[1] + 0.5) / scale - 0.5);
-        let mut patch = [(0.0, 0.0, 0.0); (2 * REACH as usize + 1).pow(2)];
+        let mut wide = [[0.0; SIDE + 2]; SIDE + 2];
+        a.square(x, y, &mut wide);
+        let (mut light, mut across, mut down) = ([[0.0; SIDE]; SIDE], [[0.0; SIDE]; SIDE], [[0.0; SIDE]; SIDE]);
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for (i, pixel) in patch.iter_mut().enumerate() {
-            let (u, v) = (x + (i as i32 % 15 - REACH) as f32, y + (i as i32 / 15 - REACH) as f32);
-            let dx = (a.at(u + 1.0, v) - a.at(u - 1.0, v)) / 2.0;
-            let dy = (a.at(u, v + 1.0) - a.at(u, v - 1.0)) / 2.0;
-            (xx, xy, yy) = (xx + dx * dx, xy + dx * dy, yy + dy * dy);
-            *pixel = (a.at(u, v), dx, dy);
+        for j in 0..SIDE {
+            for i in 0..SIDE {
+                let dx = (wide[j + 1][i + 2] - wide[j + 1][i]) / 2.0;
+                let dy = (wide[j + 2][i + 1] - wide[j][i + 1]) / 2.0;
+                (xx, xy, yy) = (xx + dx * dx, xy + dx * dy, yy + dy * dy);
+                (light[j][i], across[j][i], down[j][i]) = (wide[j + 1][i + 1], dx, dy);
+            }
         }
         let determinant = xx * yy - xy * xy;
-        let weakest = (xx + yy - ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt()) / 2.0 / patch.len() as f32;
+        let weakest = (xx + yy - ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt()) / 2.0 / (SIDE * SIDE) as f32;
         if weakest < 2.0 {
             if level == 0 {
                 return None;
@@ -118,15 +156,23 @@ fn follow(here: &Pyramid, next: &Pyramid, from: [f32; 2], guess: [f32; 2]) -> Op
             continue;
         }
         let (mut u, mut v) = (flow[0] / scale, flow[1] / scale);
+        let mut there = [[0.0; SIDE]; SIDE];
         for _ in 0..12 {
-            let (mut ex, mut ey) = (0.0, 0.0);
-            for (i, (light, dx, dy)) in patch.iter().enumerate() {
-                let (px, py) = (x + u + (i as i32 % 15 - REACH) as f32, y + v + (i as i32 / 15 - REACH) as f32);
-                let error = light - b.at(px, py);
-                (ex, ey) = (ex + error * dx, ey + error * dy);
+            b.square(x + u, y + v, &mut there);
+            let (mut ex, mut ey) = ([0.0; SIDE], [0.0; SIDE]);
+            for j in 0..SIDE {
+                for i in 0..SIDE {
+                    let error = light[j][i] - there[j][i];
+                    ex[i] += error * across[j][i];
+                    ey[i] += error * down[j][i];
+                }
             }
+            let (ex, ey) = (ex.iter().sum::<f32>(), ey.iter().sum::<f32>());
             let (du, dv) = ((yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant);
             (u, v) = (u + du, v + dv);
+            if !(u.is_finite() && v.is_finite()) {
+                return None;
+            }
             if du.abs() + dv.abs() < 0.01 {
                 break;
             }

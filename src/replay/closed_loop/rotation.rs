@@ -3,10 +3,9 @@
 //! Forward motion moves every patch along the line from the point the car drives to, by an amount that depends on
 //! how far away it is. What moves a patch across that line is rotation alone. So no distance has to be known.
 
-use anyhow::Result;
 use glam::{DMat3, DVec3};
 
-use super::{flow::Pyramid, recording::Row};
+use super::flow::Pyramid;
 
 /// Focal length of the stock camera, in pixels.
 const FOCAL_PX: f64 = 138.56;
@@ -20,7 +19,7 @@ const PATCHES: usize = 20;
 /// Errors beyond this, in pixels, count little.
 const OUTLIER_PX: f64 = 0.5;
 
-/// A turn of the car between two rows.
+/// A turn of the car between two pictures.
 #[derive(Debug, Clone, Copy)]
 pub struct Turn {
     /// Nose up, in radians.
@@ -31,34 +30,11 @@ pub struct Turn {
     pub roll: f64,
 }
 
-/// The turns from each row to the next, where there is enough to see. On as many threads as there are cores.
-pub fn between(rows: &[Row]) -> Result<Vec<Option<Turn>>> {
-    let pairs = rows.len() - 1;
-    let share = pairs.div_ceil(std::thread::available_parallelism().map_or(1, usize::from));
-    std::thread::scope(|scope| {
-        let parts: Vec<_> = (0..pairs)
-            .step_by(share)
-            .map(|from| scope.spawn(move || some(&rows[from..=(from + share).min(pairs)])))
-            .collect();
-        let mut all = Vec::new();
-        for part in parts {
-            all.extend(part.join().map_err(|_| anyhow::anyhow!("a thread that looks at pictures died"))??);
-        }
-        Ok(all)
-    })
-}
-
-fn some(rows: &[Row]) -> Result<Vec<Option<Turn>>> {
-    let mut before = Pyramid::open(&rows[0].image)?;
-    let mut turns = Vec::new();
-    for pair in rows.windows(2) {
-        let next = Pyramid::open(&pair[1].image)?;
-        let shift = before.shift(&next);
-        let rolled = (pair[0].speed + pair[1].speed) / 2.0 * (pair[1].time - pair[0].time);
-        turns.push(solve(&before.track(&next, shift), f64::from(shift), rolled));
-        before = next;
-    }
-    Ok(turns)
+/// How the car turned between two pictures of the centre camera while it rolled `rolled_m` metres; `None` where there
+/// is too little to see.
+pub fn turn(before: &Pyramid, next: &Pyramid, rolled_m: f64) -> Option<Turn> {
+    let shift = before.shift(next);
+    solve(&before.track(next, shift), f64::from(shift), rolled_m)
 }
 
 /// Where a pixel lies in the car's frame: right, up, forward.

@@ -1,0 +1,108 @@
+//! The road: a lap of it recorded, and driven with the replay's interventions.
+
+use std::{path::Path, sync::Arc, time::Duration};
+
+use anyhow::Result;
+use lapwing::{
+    config::{OnCrash, Rules},
+    protocol::{Answer, Observation, World},
+    recording::{
+        EventRecord, Eventful,
+        udacity::{DrivingLogWriter, Sample},
+    },
+    replay::closed_loop::FURTHEST_HEADING_DEG,
+    simulator::{
+        camera::{Camera, Scenery},
+        conditions::Conditions,
+        track::Track,
+        world::{Setup, Simulation},
+    },
+    units::{MPS_PER_MPH, Mph},
+};
+
+/// As the stock recorder.
+const HZ: f64 = 15.0;
+
+fn simulation(track: &Track, seconds: Option<f64>) -> Result<Simulation> {
+    Ok(Simulation::new(Setup {
+        scenery: Arc::new(Scenery::new(track)),
+        track: Arc::new(track.clone()),
+        scenario: None,
+        conditions: Conditions::default(),
+        seed: 0,
+        hz: HZ,
+        laps: Some(1),
+        longest_s: seconds,
+        on_crash: OnCrash::Reset,
+        rules: Rules::default(),
+        human: None,
+        stock: false,
+    })?)
+}
+
+/// The expert's lap in a Udacity folder, as `lapwing record` writes it.
+pub fn record(track: &Track, speed: Mph, seconds: Option<f64>, one_camera: bool, folder: &Path) -> Result<()> {
+    let mut world = simulation(track, seconds)?;
+    let mut log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
+    let mut frame = 0_u32;
+    while world.ending().is_none() {
+        let command = world.expert(speed);
+        let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| world.picture(c));
+        log.row(&Sample {
+            at: Duration::from_secs_f64(f64::from(frame) / HZ),
+            center: &center,
+            left: (!one_camera).then_some(&left),
+            right: (!one_camera).then_some(&right),
+            steering: command.steering,
+            throttle: command.throttle,
+            brake: (-command.throttle.get()).max(0.0),
+            speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
+        })?;
+        frame += 1;
+        world.apply(Answer::Steer(command));
+    }
+    log.finish()?;
+    Ok(())
+}
+
+/// A simulation whose car is put back on its line as the closed loop on a recording does it: beyond the limit, at once,
+/// at its speed.
+pub struct Kept {
+    simulation: Simulation,
+    limit_m: f64,
+    events: Vec<(Duration, EventRecord)>,
+}
+
+impl Kept {
+    pub fn new(track: &Track, limit_m: f64, seconds: Option<f64>) -> Result<Self> {
+        Ok(Self { simulation: simulation(track, seconds)?, limit_m, events: vec![] })
+    }
+}
+
+impl World for Kept {
+    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+        self.simulation.observe()
+    }
+
+    fn apply(&mut self, answer: Answer) {
+        self.simulation.apply(answer);
+        let (place, car) = (self.simulation.place(), self.simulation.car());
+        let line = self.simulation.setup().track.file().driving_line_m;
+        let askew = (car.yaw - place.station.yaw).cos() < FURTHEST_HEADING_DEG.to_radians().cos();
+        if (place.offset - line).abs() > self.limit_m || askew {
+            let (s, speed) = (place.station.s, car.speed);
+            self.simulation.put(s, line, 0.0, speed);
+            let at = Duration::from_secs_f64(self.simulation.time_s());
+            self.events.push((at, EventRecord::Reset { waypoint: self.simulation.judge().waypoint() as u32 }));
+        }
+    }
+}
+
+impl Eventful for Kept {
+    fn take_events(&mut self) -> Vec<(Duration, EventRecord)> {
+        let mut events = self.simulation.take_events();
+        events.append(&mut self.events);
+        events.sort_by_key(|(at, _)| *at);
+        events
+    }
+}

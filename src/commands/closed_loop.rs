@@ -1,0 +1,188 @@
+//! `lapwing replay --closed-loop`: drive along a recording.
+
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use anyhow::Context;
+use serde::Serialize;
+use serde_json::json;
+
+use super::{Ended, replay::progress_bar, thresholds};
+use crate::{
+    cli,
+    drive::{self, Drive},
+    driver::Driver,
+    perception::Frame,
+    protocol::Dialect,
+    recording::{ModelId, Recorder, RecorderOptions, RunHeader},
+    replay::closed_loop::{Beside, RecordedWorld, Sources, Yaw},
+    score::{self, Scorecard},
+    simulator::film::Film,
+};
+
+/// A film's pixels for each of the picture's, along and across.
+const ENLARGED: usize = 2;
+/// An intervention shows in a film for so long, in seconds.
+const SHOWN_S: f64 = 0.5;
+
+#[derive(Serialize)]
+struct Result_<'a> {
+    pilot: &'a str,
+    source: String,
+    limit_m: f64,
+    #[serde(flatten)]
+    card: &'a Scorecard,
+    frames: u64,
+    rows_read: usize,
+    rows_standing: usize,
+    turned_by_pictures: usize,
+    turned_by_steering: usize,
+    fingerprint: &'a str,
+    frames_per_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    run: Option<String>,
+    missed: &'a [String],
+}
+
+pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let layers = thresholds::layers(super::layers(config, &arguments.driving)?, &arguments.thresholds)?;
+    let mut settings = layers.resolve()?;
+    settings.model.threads = 1; // as `drive`: the same bytes everywhere
+    let model = super::load_model(&settings)?;
+    let name = model.name().to_owned();
+    let source = arguments.source.display().to_string();
+    let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
+    let mut world = RecordedWorld::open(&arguments.source, arguments.limit, yaw)?;
+    let (rows, read, stood) = world.rows();
+    let recorder = arguments.recordings.as_deref().map(|dir| {
+        let header = RunHeader {
+            name_hint: Some(format!("{}-closed-loop", world.name())),
+            dialect: Some(Dialect::SelfOracle),
+            model: Some(ModelId { name: name.clone(), sha256: model.sha256().to_owned() }),
+            seed: None,
+            config: json!({
+                "settings": settings,
+                "world": { "closed_loop_on": source, "limit_m": arguments.limit, "by_steering": arguments.by_steering },
+            }),
+            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+            started: jiff::Timestamp::now(),
+        };
+        Recorder::create(dir, header, RecorderOptions { queue: settings.recording.queue })
+    });
+    let recorder = recorder.transpose()?;
+    let mut film = arguments.film.as_deref().map(|path| Seen::new(path, &world)).transpose()?;
+    let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
+    let bar = progress_bar(Some(rows as u64));
+    let interrupted = super::interrupted();
+    let began = Instant::now();
+    let driven = drive::run(&mut world, &mut driver, recorder.as_ref(), |world, seen, _| {
+        bar.inc(1);
+        if interrupted.is_pressed() {
+            world.end("interrupted");
+        }
+        film.as_mut().map_or(Ok(()), |film| film.take(world, seen.at))
+    });
+    let wall = began.elapsed();
+    bar.finish_and_clear();
+    let report = recorder.map(Recorder::finish);
+    let Drive { card, fingerprint, frames } = driven.map_err(|e| anyhow::anyhow!(e)).context(source.clone())?;
+    film.map(|film| film.film.finish()).transpose()?;
+    let missed = score::missed(&settings.thresholds, &card);
+    let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
+    let Sources { pictures, steering } = world.sources();
+    let run = report.as_ref().map(|report| report.path.display().to_string());
+    if arguments.json {
+        let result = Result_ {
+            pilot: &name,
+            source,
+            limit_m: arguments.limit,
+            card: &card,
+            frames,
+            rows_read: read,
+            rows_standing: stood,
+            turned_by_pictures: pictures,
+            turned_by_steering: steering,
+            fingerprint: &fingerprint,
+            frames_per_s,
+            run,
+            missed: &missed,
+        };
+        super::print(&serde_json::to_string_pretty(&result)?);
+    } else {
+        let line = |label: &str, what: String| format!("\n  {label:<17} {what}");
+        let mut text = format!("{name} along {source}, put back beyond {} m\n{card}", arguments.limit);
+        text += &line(
+            "frames",
+            format!("{frames} in {:.1} s, {frames_per_s:.0}/s; {stood} of {read} stood", wall.as_secs_f64()),
+        );
+        text += &line("recorded turning", format!("from pictures {pictures} times, from steering {steering}"));
+        text += &line("fingerprint", fingerprint[..16].to_owned());
+        text += &run.map_or_else(String::new, |run| line("run", run));
+        text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));
+        super::print(&text);
+    }
+    if let Some(error) = report.and_then(|report| report.error) {
+        return Err(error.into());
+    }
+    Ok(thresholds::ended(&missed))
+}
+
+/// A film of what the pilot sees, with where it is.
+struct Seen {
+    film: Film,
+    frame: Frame,
+    interventions: u32,
+    marked_until: Duration,
+}
+
+impl Seen {
+    fn new(path: &Path, world: &RecordedWorld) -> anyhow::Result<Self> {
+        let (width, height) = (world.picture().width() * ENLARGED, world.picture().height() * ENLARGED);
+        let frame = Frame::new(width, height, vec![0; width * height * 3]).context("a film without pixels")?;
+        let film = Film::create(path, width, height, world.hz())?;
+        Ok(Self { film, frame, interventions: 0, marked_until: Duration::ZERO })
+    }
+
+    fn take(&mut self, world: &RecordedWorld, at: Duration) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+        let (width, height) = (self.frame.width(), self.frame.height());
+        let from = world.picture();
+        for (i, pixel) in self.frame.rgb_mut().chunks_exact_mut(3).enumerate() {
+            let (x, y) = (i % width / ENLARGED, i / width / ENLARGED);
+            pixel.copy_from_slice(&from.pixel(x, y).unwrap_or_default());
+        }
+        if world.interventions() > self.interventions {
+            self.interventions = world.interventions();
+            self.marked_until = at + Duration::from_secs_f64(SHOWN_S);
+        }
+        let mut bar = |left: f64, right: f64, top: usize, bottom: usize, colour: [u8; 3]| {
+            let (left, right) = (left.clamp(0.0, width as f64) as usize, right.clamp(0.0, width as f64) as usize);
+            for y in top..bottom.min(height) {
+                let row = &mut self.frame.rgb_mut()[y * width * 3..(y + 1) * width * 3];
+                row[left.min(right) * 3..left.max(right) * 3]
+                    .chunks_exact_mut(3)
+                    .for_each(|p| p.copy_from_slice(&colour));
+            }
+        };
+        // A scale as wide as what is allowed: the path in its middle, the car's offset below, its heading as a dash.
+        let Beside { offset_m, heading_rad } = world.beside();
+        let (middle, reach) = (width as f64 / 2.0, width as f64 / 4.0);
+        let at_offset = middle + reach * offset_m / world.limit_m();
+        bar(middle - reach, middle + reach, 8, 10, WHITE);
+        for tick in [-1.0, 0.0, 1.0] {
+            bar(middle + tick * reach - 1.0, middle + tick * reach + 1.0, 4, 14, WHITE);
+        }
+        bar(at_offset - 4.0, at_offset + 4.0, 3, 15, YELLOW);
+        bar(at_offset, at_offset + reach * heading_rad.to_degrees() / 10.0, 16, 19, YELLOW);
+        if at < self.marked_until {
+            bar(0.0, width as f64, height - 8, height, RED);
+            bar(0.0, width as f64, 0, 3, RED);
+        }
+        Ok(self.film.frame(&self.frame)?)
+    }
+}
+
+const WHITE: [u8; 3] = [255; 3];
+const YELLOW: [u8; 3] = [255, 210, 0];
+const RED: [u8; 3] = [220, 30, 30];

@@ -1,0 +1,209 @@
+//! Driving along a recording.
+
+use std::{fs, path::Path, sync::Arc, time::Instant};
+
+use lapwing::{
+    config::{Control, OnCrash, Rules},
+    drive::{self, Drive},
+    driver::Driver,
+    pilot::{self, ConstantPilot, Pilot},
+    protocol::{Answer, Command, Observation, Sight, World},
+    recording::{
+        EventRecord, Eventful,
+        udacity::{DrivingLogWriter, Sample},
+    },
+    replay::closed_loop::{Beside, RecordedWorld, Yaw},
+    score::Figure,
+    simulator::{
+        camera::{Camera, Scenery},
+        conditions::Conditions,
+        track::Track,
+        world::{Setup, Simulation},
+    },
+    units::{MPS_PER_MPH, Mph, Steering, Throttle},
+};
+use tempfile::{TempDir, tempdir};
+
+use crate::support::jpeg;
+
+fn simulation(seconds: f64) -> Simulation {
+    let track = Track::named("lake").unwrap();
+    Simulation::new(Setup {
+        scenery: Arc::new(Scenery::new(&track)),
+        track: Arc::new(track),
+        scenario: None,
+        conditions: Conditions::default(),
+        seed: 0,
+        hz: 15.0,
+        laps: None,
+        longest_s: Some(seconds),
+        on_crash: OnCrash::Stop,
+        rules: Rules::default(),
+        human: None,
+        stock: false,
+    })
+    .unwrap()
+}
+
+/// What the stock recorder leaves of the expert's drive, and the heading at each row, in radians.
+fn recorded(seconds: f64) -> (TempDir, Vec<f64>) {
+    let dir = tempdir().unwrap();
+    let folder = dir.path().join("lake");
+    let mut world = simulation(seconds);
+    let mut log = DrivingLogWriter::create(&folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0)).unwrap();
+    let mut yaws = vec![];
+    while world.ending().is_none() {
+        let command = world.expert(Mph::constant(20.0));
+        let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| world.picture(c));
+        let sample = Sample {
+            at: std::time::Duration::from_secs_f64(yaws.len() as f64 / 15.0),
+            center: &center,
+            left: Some(&left),
+            right: Some(&right),
+            steering: command.steering,
+            throttle: command.throttle,
+            brake: 0.0,
+            speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
+        };
+        log.row(&sample).unwrap();
+        yaws.push(world.car().yaw);
+        world.apply(Answer::Steer(command));
+    }
+    log.finish().unwrap();
+    (dir, yaws)
+}
+
+fn open(dir: &TempDir, yaw: Yaw) -> RecordedWorld {
+    RecordedWorld::open(&dir.path().join("lake"), 1.0, yaw).unwrap()
+}
+
+fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Drive {
+    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    drive::run(world, &mut driver, None, |_, _, _| Ok(())).unwrap()
+}
+
+/// The steering of each row of a folder's log.
+fn steering(folder: &Path) -> Vec<Steering> {
+    let log = lapwing::recording::udacity::DrivingLog::open(folder).unwrap();
+    log.rows.iter().filter(|row| row.speed.get() >= 1.0).map(|row| row.steering).collect()
+}
+
+/// Steers as recorded and says how far beside it came, and what happened.
+fn as_recorded(dir: &TempDir, yaw: Yaw) -> (Vec<Beside>, Vec<EventRecord>) {
+    let mut world = open(dir, yaw);
+    let (mut besides, mut events) = (vec![], vec![]);
+    for steering in steering(&dir.path().join("lake")) {
+        assert!(world.observe().unwrap().is_some());
+        besides.push(world.beside());
+        world.apply(Answer::Steer(Command { steering, throttle: Throttle::ZERO }));
+        events.extend(world.take_events().into_iter().map(|(_, event)| event));
+    }
+    (besides, events)
+}
+
+#[test]
+fn steering_as_recorded_leads_along_the_path() {
+    let (dir, _) = recorded(20.0);
+    let (besides, _) = as_recorded(&dir, Yaw::Steering);
+    assert!(besides.len() > 200 && besides.iter().all(|beside| *beside == Beside::default()), "{besides:?}");
+}
+
+#[test]
+fn the_pictures_tell_how_the_recorded_car_turned() {
+    let (dir, yaws) = recorded(40.0);
+    let (besides, events) = as_recorded(&dir, Yaw::Pictures);
+    // The same car with the same steering turns as the recorded one did: what is between them is the pictures' error.
+    let resets = events.iter().filter(|event| matches!(event, EventRecord::Reset { .. })).count();
+    let turned = yaws.iter().map(|yaw| (yaw - yaws[0]).abs()).fold(0.0, f64::max).to_degrees();
+    let worst = besides.iter().map(|beside| beside.heading_rad.abs()).fold(0.0, f64::max).to_degrees();
+    assert!(turned > 60.0, "the road bends: {turned:.0} degrees");
+    assert!(worst < 6.0 && resets <= 2, "{worst:.1} degrees apart, put back {resets} times");
+}
+
+#[test]
+fn a_pilot_that_knows_the_road_keeps_it_and_one_that_does_not_look_is_put_back() {
+    let (dir, _) = recorded(40.0);
+    let pilotnet = driven(&mut open(&dir, Yaw::Pictures), pilot::built_in(Instant::now).unwrap().pilot()).card;
+    let straight = driven(&mut open(&dir, Yaw::Pictures), Box::new(ConstantPilot::new(Steering::ZERO))).card;
+    assert_eq!(pilotnet.value(Figure::Autonomy), Some(1.0), "{pilotnet}");
+    assert!(pilotnet.value(Figure::MeanCte).unwrap() < 0.3, "{pilotnet}");
+    let interventions = straight.value(Figure::Interventions).unwrap();
+    assert!(interventions >= 3.0, "{straight}");
+    // Bojarski's: 6 s each.
+    let expected = (1.0 - 6.0 * interventions / straight.value(Figure::TimeS).unwrap()).max(0.0);
+    assert!((straight.value(Figure::Autonomy).unwrap() - expected).abs() < 1e-9, "{straight}");
+    assert!(straight.value(Figure::MaxCte).unwrap() <= 1.0, "put back before it is shown further off: {straight}");
+}
+
+#[test]
+fn the_car_comes_out_on_the_side_to_which_it_is_steered_and_is_put_back_there() {
+    let (dir, _) = recorded(15.0);
+    for (steering, sign) in [(0.3, 1.0), (-0.3, -1.0)] {
+        let mut world = open(&dir, Yaw::Pictures);
+        let mut offsets = vec![];
+        while let Some(Observation { sight: Sight::Telemetry(telemetry), .. }) = world.observe().unwrap() {
+            let command = Command { steering: Steering::constant(steering), throttle: Throttle::ZERO };
+            assert_eq!(telemetry.truth.cte.unwrap().get(), world.beside().offset_m);
+            world.apply(Answer::Steer(command));
+            for (_, event) in world.take_events() {
+                if let EventRecord::OffRoad { offset_m } = event {
+                    offsets.push(offset_m);
+                    assert_eq!(world.beside(), Beside::default());
+                }
+            }
+        }
+        assert!(!offsets.is_empty() && offsets.iter().all(|offset| offset * sign > 1.0), "{steering}: {offsets:?}");
+    }
+}
+
+#[test]
+fn the_shipped_run_is_driven_along_and_its_time_is_without_its_standing() {
+    let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap");
+    let mut world = RecordedWorld::open(&run, 1.0, Yaw::Pictures).unwrap();
+    let (rows, read, stood) = world.rows();
+    assert_eq!((rows + stood, read), (225, 225));
+    let card = driven(&mut world, pilot::built_in(Instant::now).unwrap().pilot()).card;
+    assert_eq!(card.value(Figure::Autonomy), Some(1.0), "{card}");
+    assert!((card.value(Figure::TimeS).unwrap() - (rows - 1) as f64 / 15.0).abs() < 0.1, "{card}");
+    assert_eq!(card.track.as_deref(), Some("lake (recorded)"));
+}
+
+#[test]
+fn a_closed_loop_is_the_same_each_time() {
+    let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap");
+    let prints = [(); 2].map(|()| {
+        let mut world = RecordedWorld::open(&run, 1.0, Yaw::Pictures).unwrap();
+        driven(&mut world, Box::new(ConstantPilot::new(Steering::constant(0.02)))).fingerprint
+    });
+    assert_eq!(prints[0], prints[1]);
+}
+
+/// A folder of three rows with this picture at this speed.
+fn folder(picture: &[u8], mph: f64) -> TempDir {
+    let dir = tempdir().unwrap();
+    fs::create_dir(dir.path().join("IMG")).unwrap();
+    let mut log = String::new();
+    for i in 0..3 {
+        let name = format!("center_2026_11_22_08_00_00_{i}00.jpg");
+        fs::write(dir.path().join("IMG").join(&name), picture).unwrap();
+        log += &format!("{name},,,0,0,0,{mph}\n");
+    }
+    fs::write(dir.path().join("driving_log.csv"), log).unwrap();
+    dir
+}
+
+#[test]
+fn a_recording_that_cannot_be_driven_along_says_why() {
+    let error = |dir: &TempDir| RecordedWorld::open(dir.path(), 1.0, Yaw::Pictures).err().unwrap().to_string();
+    assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded drive, got 3 rows with a picture, in 3 of"));
+    assert!(error(&folder(b"no picture", 9.0)).contains("center_2026_11_22_08_00_00_000.jpg: expected a JPEG"));
+    let mut small = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new(&mut small).encode(&[90; 12], 2, 2, image::ExtendedColorType::Rgb8).unwrap();
+    assert!(error(&folder(&small, 9.0)).contains("expected a picture of 320x160 pixels, got 2x2"));
+    let missing = folder(&jpeg(90), 9.0);
+    fs::remove_file(missing.path().join("IMG/center_2026_11_22_08_00_00_100.jpg")).unwrap();
+    let mut world = RecordedWorld::open(missing.path(), 1.0, Yaw::Pictures).unwrap();
+    world.observe().unwrap();
+    world.apply(Answer::Manual);
+    assert!(world.observe().unwrap_err().to_string().contains("center_2026_11_22_08_00_00_100.jpg"));
+}
