@@ -48,7 +48,7 @@ pub struct Road {
 }
 
 impl Road {
-    /// A road of headings in radians, clockwise, evenly spaced once around; the first and the last are those of the same
+    /// A road by the line that is driven on it, of headings in radians, clockwise, evenly spaced once around; the first and the last are those of the same
     /// place. At least two.
     pub fn new(name: String, start_m: f64, length_m: f64, start: Option<Look>, mut headings: Vec<f64>) -> Self {
         assert!(headings.len() > 1, "a road has headings, got {}", headings.len());
