@@ -29,42 +29,37 @@ struct Grey {
 }
 
 impl Grey {
-    fn at(&self, x: f32, y: f32) -> f32 {
-        let (x, y) = (x.clamp(0.0, self.width as f32 - 1.001), y.clamp(0.0, self.height as f32 - 1.001));
-        let (i, j) = (x as usize, y as usize);
-        let (s, t) = (x - i as f32, y - j as f32);
-        let k = j * self.width + i;
-        let (above, below) = (&self.light[k..k + 2], &self.light[k + self.width..k + self.width + 2]);
-        (above[0] * (1.0 - s) + above[1] * s) * (1.0 - t) + (below[0] * (1.0 - s) + below[1] * s) * t
-    }
-
-    /// The square around a place whose sides are `out`'s, in rows. All its pixels lie alike between those of the picture,
-    /// so that four weights do for all.
+    /// The square around a place whose sides are `out`'s, in rows, at most 30; beyond the picture its rim goes on. All its
+    /// pixels lie alike between those of the picture, so that four weights do for all.
     fn square<const N: usize>(&self, x: f32, y: f32, out: &mut [[f32; N]; N]) {
         let (left, top) = (x.floor() - (N / 2) as f32, y.floor() - (N / 2) as f32);
-        let inside = left >= 0.0
-            && top >= 0.0
-            && left + (N as f32) < self.width as f32 - 1.0
-            && top + (N as f32) < self.height as f32 - 1.0;
-        if !inside {
-            for (j, row) in out.iter_mut().enumerate() {
-                for (i, pixel) in row.iter_mut().enumerate() {
-                    *pixel = self.at(x + i as f32 - (N / 2) as f32, y + j as f32 - (N / 2) as f32);
-                }
-            }
-            return;
-        }
         let (s, t) = (x - x.floor(), y - y.floor());
         let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
-        let first = top as usize * self.width + left as usize;
+        let columns: [usize; 31] = std::array::from_fn(|i| ((left + i as f32).max(0.0) as usize).min(self.width - 1));
+        let line = |j: usize| {
+            let row = ((top + j as f32).max(0.0) as usize).min(self.height - 1);
+            &self.light[row * self.width..][..self.width]
+        };
+        let inside = left >= 0.0 && left + (N as f32) < self.width as f32;
         for (j, row) in out.iter_mut().enumerate() {
-            let above = &self.light[first + j * self.width..][..N + 1];
-            let below = &self.light[first + (j + 1) * self.width..][..N + 1];
-            for (i, pixel) in row.iter_mut().enumerate() {
-                *pixel = weights[0] * above[i]
-                    + weights[1] * above[i + 1]
-                    + weights[2] * below[i]
-                    + weights[3] * below[i + 1];
+            let (above, below) = (line(j), line(j + 1));
+            if inside {
+                let (above, below) = (&above[columns[0]..][..N + 1], &below[columns[0]..][..N + 1]);
+                for (i, pixel) in row.iter_mut().enumerate() {
+                    let (up, down) = (
+                        weights[0] * above[i] + weights[1] * above[i + 1],
+                        weights[2] * below[i] + weights[3] * below[i + 1],
+                    );
+                    *pixel = up + down;
+                }
+            } else {
+                for (pixel, at) in row.iter_mut().zip(columns.windows(2)) {
+                    let (up, down) = (
+                        weights[0] * above[at[0]] + weights[1] * above[at[1]],
+                        weights[2] * below[at[0]] + weights[3] * below[at[1]],
+                    );
+                    *pixel = up + down;
+                }
             }
         }
     }
@@ -100,7 +95,7 @@ impl Pyramid {
         let difference = |shift: i32| {
             let columns = (-shift).max(40)..(320 - shift).min(280);
             let mut sum = 0.0;
-            for y in BAND.step_by(2) {
+            for y in BAND.step_by(3) {
                 for x in columns.clone() {
                     let (i, j) = (y * a.width + x as usize, y * a.width + (x + shift) as usize);
                     sum += (a.light[i] - b.light[j]).abs();
