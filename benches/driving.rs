@@ -21,6 +21,7 @@ use tch::{Device, Kind, Tensor, nn::VarStore};
 
 mod lock_step;
 mod networks;
+mod odometry;
 mod training;
 mod world;
 

@@ -103,8 +103,8 @@ mod tests {
     #[test]
     fn beside_is_where_two_free_cars_would_be_in_a_bend() {
         let mut pair = Abreast::default();
-        for i in 0..150 {
-            let driven = if i < 75 { 0.32 } else { 0.25 };
+        for i in 0..125 {
+            let driven = if i < 75 { 0.33 } else { 0.3 };
             let recorded = Recorded { speed: 9.0, steering: Steering::saturating(0.3), yaw_rate: None };
             pair.step(recorded, Steering::saturating(driven));
         }

@@ -78,7 +78,7 @@ fn on_the_path_a_picture_stays_as_it_is() {
 fn a_car_that_faces_elsewhere_sees_what_the_warped_picture_shows() {
     for heading_rad in [-0.1, 0.1] {
         let (warped, unwarped) = error(Beside { offset_m: 0.0, heading_rad }, 1);
-        assert!(warped < 0.35 * unwarped, "{heading_rad}: {warped:.2} against {unwarped:.2}");
+        assert!(warped < 0.5 * unwarped, "{heading_rad}: {warped:.2} against {unwarped:.2}");
     }
 }
 

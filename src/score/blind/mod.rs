@@ -176,6 +176,7 @@ impl Blind {
     /// Fills in what the run itself does not tell. Says the track.
     pub fn fill(mut self, figures: &mut Figures, distance: Measure, time_s: f64) -> Option<String> {
         use Figure as F;
+        self.matcher.as_ref()?; // nobody asked
         let found = self.find();
         let estimate =
             |value: f64, uncertainty: f64, from: &'static str| Measure::Estimate { value, uncertainty, from };
@@ -217,3 +218,6 @@ impl Blind {
         self.impacts.first_s.unwrap_or_default()
     }
 }
+
+#[cfg(test)]
+mod tests;

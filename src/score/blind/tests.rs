@@ -1,0 +1,68 @@
+use std::{f64::consts::TAU, time::Duration};
+
+use super::*;
+use crate::{
+    protocol::{Telemetry, Truth},
+    score::{Scorecard, Scorer},
+    units::{Degrees, MPS_PER_MPH, Mph, Throttle},
+};
+
+const LENGTH_M: f64 = 1000.0;
+const MPS: f64 = 9.0;
+
+/// Heading along a road that is a circle with a few bends of its own.
+fn heading(s: f64) -> f64 {
+    let share = s / LENGTH_M;
+    TAU * share + 0.8 * (3.0 * TAU * share).sin() + 0.3 * (7.0 * TAU * share).sin()
+}
+
+fn road() -> Arc<Road> {
+    Arc::new(Road::new("bends".into(), 0.0, LENGTH_M, None, (0..=500).map(|i| heading(f64::from(i) * 2.0)).collect()))
+}
+
+fn telemetry(steering_deg: f64, mps: f64) -> Telemetry {
+    Telemetry {
+        steering: Degrees::saturating(steering_deg),
+        throttle: Throttle::saturating(0.3),
+        speed: Mph::saturating(mps / MPS_PER_MPH),
+        image: Default::default(),
+        truth: Truth::default(),
+    }
+}
+
+/// A drive of so many metres that ends in standing still from one telemetry to the next.
+fn crashed_after(metres: f64, roads: &[Arc<Road>], heading: impl Fn(f64) -> f64) -> Scorecard {
+    let mut scorer = Scorer::on(roads, Some(2));
+    let way = MPS / 15.0;
+    let steps = (metres / way) as u32;
+    for i in 0..=steps {
+        let s = way * f64::from(i);
+        let curvature = (heading(s + way) - heading(s)) / way;
+        let steering = (curvature * WHEELBASE_M).atan().to_degrees();
+        scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry(steering, MPS));
+    }
+    for i in 1..10 {
+        scorer.telemetry(Duration::from_secs_f64(f64::from(steps + i) / 15.0), &telemetry(0.0, 0.0));
+    }
+    scorer.finish()
+}
+
+#[test]
+fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
+    let card = crashed_after(1500.0, &[road()], heading);
+    assert_eq!(card.track.as_deref(), Some("bends"));
+    let Measure::Estimate { value, uncertainty, .. } = card.get(Figure::Completion) else { panic!("{card}") };
+    assert!((value - 0.75).abs() < 0.02 && (0.001..0.05).contains(&uncertainty), "{card}");
+    for (figure, expected) in [(Figure::Laps, 1.0), (Figure::Collisions, 1.0), (Figure::Stuck, 0.0)] {
+        assert!(matches!(card.get(figure), Measure::Estimate { value, .. } if value == expected), "{figure:?}: {card}");
+    }
+    assert!((card.value(Figure::SurvivalS).unwrap() - 1500.0 / MPS).abs() < 0.2, "{card}");
+}
+
+#[test]
+fn on_a_road_that_nobody_knows_neither_track_nor_completion_is_made_up() {
+    let other = |s: f64| -s / 80.0 + 1.5 * (s / 30.0).sin();
+    let card = crashed_after(900.0, &[road()], other);
+    assert_eq!((card.track.as_deref(), card.value(Figure::Completion), card.value(Figure::Laps)), (None, None, None));
+    assert_eq!(card.value(Figure::Collisions), Some(1.0));
+}
