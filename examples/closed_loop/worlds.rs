@@ -4,7 +4,7 @@ use std::{path::Path, sync::Arc, time::Duration};
 
 use anyhow::Result;
 use lapwing::{
-    config::{OnCrash, Rules},
+    config::OnCrash,
     protocol::{Answer, Observation, World},
     recording::{
         EventRecord, Eventful,
@@ -13,7 +13,6 @@ use lapwing::{
     replay::closed_loop::FURTHEST_HEADING_DEG,
     simulator::{
         camera::{Camera, Scenery},
-        conditions::Conditions,
         track::Track,
         world::{Setup, Simulation},
     },
@@ -24,20 +23,9 @@ use lapwing::{
 const HZ: f64 = 15.0;
 
 fn simulation(track: &Track, seconds: Option<f64>) -> Result<Simulation> {
-    Ok(Simulation::new(Setup {
-        scenery: Arc::new(Scenery::new(track)),
-        track: Arc::new(track.clone()),
-        scenario: None,
-        conditions: Conditions::default(),
-        seed: 0,
-        hz: HZ,
-        laps: Some(1),
-        longest_s: seconds,
-        on_crash: OnCrash::Reset,
-        rules: Rules::default(),
-        human: None,
-        stock: false,
-    })?)
+    let scenery = Arc::new(Scenery::new(track));
+    let fair = Setup::new(Arc::new(track.clone()), scenery);
+    Ok(Simulation::new(Setup { hz: HZ, longest_s: seconds, on_crash: OnCrash::Reset, ..fair })?)
 }
 
 /// The expert's lap in a Udacity folder, as `lapwing record` writes it.

@@ -1,34 +1,17 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::{
-    config::{OnCrash, Rules},
-    simulator::{
-        camera::{Renderer, Scenery},
-        conditions::Conditions,
-        track::Track,
-        world::{Setup, Simulation},
-    },
+use crate::simulator::{
+    camera::{Renderer, Scenery},
+    track::Track,
+    world::{Setup, Simulation},
 };
 
 /// The lake, and a car on it.
 fn lake() -> (Simulation, Renderer) {
     let track = Track::named("lake").unwrap();
     let scenery = Arc::new(Scenery::new(&track));
-    let setup = Setup {
-        scenery: scenery.clone(),
-        track: Arc::new(track),
-        scenario: None,
-        conditions: Conditions::default(),
-        seed: 0,
-        hz: 15.0,
-        laps: None,
-        longest_s: None,
-        on_crash: OnCrash::Reset,
-        rules: Rules::default(),
-        human: None,
-        stock: false,
-    };
+    let setup = Setup::new(Arc::new(track), scenery.clone());
     (Simulation::new(setup).unwrap(), Renderer::new(scenery))
 }
 

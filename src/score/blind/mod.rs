@@ -9,7 +9,7 @@
 
 mod impacts;
 
-use std::sync::Arc;
+use std::{collections::BTreeSet, sync::Arc};
 
 use bytes::Bytes;
 
@@ -160,11 +160,12 @@ impl Blind {
         let from_line = (progress_m - length_m * (progress_m / length_m).round()).abs();
         // Laps as long as the speeds told make them.
         let lap_m = length_m * if progress_m > 0.0 { self.way_m / progress_m } else { 1.0 };
-        let expected = |way: f64| {
-            let laps = way / lap_m;
-            laps > 0.5 && (laps - laps.round()).abs() * length_m < SEARCH_M + BEGINNING_M
-        };
-        let seen = laps(&self.looks(|way| way <= BEGINNING_M || expected(way))).len() as u32;
+        let from_lap = |way: f64| ((way / lap_m) - (way / lap_m).round()).abs() * length_m;
+        let expected = |way: f64| way > lap_m / 2.0 && from_lap(way) < SEARCH_M + BEGINNING_M;
+        let again = laps(&self.looks(|way| way <= BEGINNING_M || expected(way)));
+        // Places may look like the start a little before and after it: each lap is one.
+        let near_lines = again.into_iter().filter(|way| from_lap(*way) < SEARCH_M);
+        let seen = near_lines.map(|way| (way / lap_m).round() as u32).collect::<BTreeSet<_>>().len() as u32;
         Found {
             track: Some(on.road.name.clone()),
             way: Some((length_m, progress_m, near_m.min(length_m / 2.0), "bends driven, matched with known roads")),
