@@ -103,7 +103,7 @@ impl Braking {
         // A file may say anything.
         let own_mph = own_mph.map_or(self.mph, |mph| Mph::saturating(mph).get());
         self.impacts_mph.push(Mph::saturating(speed_mph).get().abs());
-        self.reductions_mph.push(situation.start_mph - own_mph);
+        self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
     }
 
     /// The car was put elsewhere: what it was heading for is no longer ahead.

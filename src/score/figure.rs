@@ -228,7 +228,7 @@ figures! {
     Impact = "impact_mph", "impact speed", Mph, Lower,
         "How fast the car met what it hit in a braking situation, relative to it, mean over those (Euro NCAP's relative impact speed).";
     SpeedReduction = "speed_reduction_mph", "speed reduction", Mph, Higher,
-        "The car's speed where a braking situation began less its speed at the impact, or where nothing was hit its lowest in the situation; mean over situations (Euro NCAP: test speed less impact speed).";
+        "The car's speed where a braking situation began less its speed at the impact, or where nothing was hit its lowest in the situation, at least 0; mean over situations (Euro NCAP: test speed less impact speed).";
     MinTimeToCollision = "min_time_to_collision_s", "least time to collision", Seconds, Higher,
         "Shortest time until the car would hit other traffic ahead, should both hold speed and path: gap / closing speed while they close (Hayward), of the true boxes, the road laid out straight; 0 where it was hit.";
     FalseAlarms = "false_alarms_per_h", "false alarms", PerHour, Lower,

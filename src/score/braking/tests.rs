@@ -42,6 +42,14 @@ fn a_car_that_brakes_too_late_hits_with_what_is_left() {
 }
 
 #[test]
+fn who_speeds_up_into_it_has_taken_off_nothing() {
+    let mut braking = Braking::default();
+    told(&mut braking, 0.0, 20.0, 5.0);
+    braking.collision(22.0, Some(22.0));
+    assert_eq!(told_so(braking, SCENARIO)[1..3], [Told(22.0), Told(0.0)]);
+}
+
+#[test]
 fn situations_are_apart_by_a_second_and_their_figures_are_means() {
     let mut braking = Braking::default();
     // Half a second without a collision course is a wheel that turned, not another situation.
