@@ -60,9 +60,8 @@ pub(super) fn setup(settings: &Settings, world: &cli::World, laps: Option<u32>) 
     };
     let track = Track::open(name)?;
     let longest_s = world.max_time.or(scenario.as_ref().map(|s| s.duration_s));
+    let scenery = Arc::new(Scenery::new(&track));
     Ok(Setup {
-        scenery: Arc::new(Scenery::new(&track)),
-        track: Arc::new(track),
         // One lap where nothing else ends the run.
         laps: laps.or(scenario.is_none().then_some(1)),
         scenario,
@@ -72,8 +71,7 @@ pub(super) fn setup(settings: &Settings, world: &cli::World, laps: Option<u32>) 
         longest_s,
         on_crash: settings.simulator.on_crash,
         rules: settings.simulator.rules.clone(),
-        human: None,
-        stock: false,
+        ..Setup::new(Arc::new(track), scenery)
     })
 }
 

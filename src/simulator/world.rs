@@ -5,7 +5,7 @@
 //! time of day, so the same [`Setup`] under the same answers is the same to the
 //! last byte, however fast it runs.
 
-use std::{f64::consts::PI, fmt, sync::Arc, time::Duration};
+use std::{fmt, sync::Arc, time::Duration};
 
 use bytes::Bytes;
 use glam::DVec3;
@@ -19,7 +19,7 @@ use super::{
     expert::{Expert, path_ahead},
     judge::{Hit, Judge, Verdict},
     scenario::{Scenario, ScenarioError},
-    track::{Place, Track},
+    track::{Place, Track, turn},
     traffic::Traffic,
     vehicle::{self, Car, Ground},
 };
@@ -413,7 +413,7 @@ impl Simulation {
         path_ahead(track, &self.place, &self.car, &mut truth.path);
         if !self.setup.stock {
             let Place { station, offset } = self.place;
-            let error = (self.car.yaw - station.yaw + PI).rem_euclid(2.0 * PI) - PI;
+            let error = turn(self.car.yaw - station.yaw);
             let position = self.car.position;
             truth = Truth {
                 cte: Some(Metres::saturating(offset - track.file().driving_line_m)),

@@ -15,7 +15,7 @@ use crate::{
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
     recording::{EventRecord, Eventful},
     simulator::{camera::encode_jpeg, vehicle::STEP_S},
-    units::{Degrees, FULL_STEERING_DEG, MPS_PER_MPH, Metres, Steering, WHEELBASE_M},
+    units::{Degrees, FULL_STEERING_DEG, Metres, Steering, WHEELBASE_M},
 };
 
 /// How far beside the path the virtual car may be, in metres: NVIDIA's (Bojarski et al. 2016, section 6.1).
@@ -315,19 +315,5 @@ impl World for RecordedWorld {
             self.intervene();
         }
         self.arrive();
-    }
-}
-
-/// Progress, 0 to 1.
-impl RecordedWorld {
-    /// Share of the rows that are behind.
-    pub fn progress(&self) -> f64 {
-        self.row as f64 / self.recorded.rows.len().max(1) as f64
-    }
-
-    /// Miles an hour now, as recorded.
-    pub fn speed_mph(&self) -> f64 {
-        let row = self.recorded.rows.get(self.row).or(self.recorded.rows.last());
-        row.map_or(0.0, |row| row.speed.metres_per_second().get() / MPS_PER_MPH)
     }
 }

@@ -99,11 +99,14 @@ impl Blind {
     }
 
     pub fn frame(&mut self, jpeg: &Bytes) {
+        if self.matcher.is_none() {
+            return; // nobody asks
+        }
         if !std::mem::replace(&mut self.has_looked, true) {
             self.look_around(jpeg);
         }
         let apart = if self.way_m < BEGINNING_M { 1.0 } else { EVERY_M };
-        if self.matcher.is_some() && self.pictures.last().is_none_or(|(way, _)| self.way_m - way >= apart) {
+        if self.pictures.last().is_none_or(|(way, _)| self.way_m - way >= apart) {
             // A copy: what it is cut from is a whole chunk of the file.
             self.pictures.push((self.way_m, Bytes::copy_from_slice(jpeg)));
             self.newest = None;
@@ -114,8 +117,7 @@ impl Blind {
 
     /// Whether the drive begins where a known road does.
     fn look_around(&mut self, jpeg: &[u8]) {
-        let mut frame = Frame::default();
-        let Some(look) = decode_jpeg(jpeg, &mut frame).ok().and_then(|()| Look::of(&frame)) else { return };
+        let Some(look) = look(jpeg, &mut Frame::default()) else { return };
         let agrees = |road: &&Arc<Road>| road.start.as_ref().map_or(0.0, |start| start.agrees(&look));
         let best = self.roads.iter().max_by(|a, b| agrees(a).total_cmp(&agrees(b)));
         if let Some(road) = best.filter(|road| agrees(road) >= Look::SAME && self.way_m < NEAR_M) {
@@ -128,11 +130,7 @@ impl Blind {
     fn looks(&self, at: impl Fn(f64) -> bool) -> Vec<(f64, Look)> {
         let mut frame = Frame::default();
         let pictures = self.pictures.iter().filter(|(way, _)| at(*way));
-        let look = |(way, jpeg): &(f64, Bytes)| {
-            decode_jpeg(jpeg, &mut frame).ok()?;
-            Some((*way, Look::of(&frame)?))
-        };
-        pictures.filter_map(look).collect()
+        pictures.filter_map(|(way, jpeg)| Some((*way, look(jpeg, &mut frame)?))).collect()
     }
 
     /// The road that was driven.
@@ -218,6 +216,12 @@ impl Blind {
     fn first_s(&self) -> f64 {
         self.impacts.first_s.unwrap_or_default()
     }
+}
+
+/// The look of a picture, which is decoded into `frame`; `None` where it cannot be.
+fn look(jpeg: &[u8], frame: &mut Frame) -> Option<Look> {
+    decode_jpeg(jpeg, frame).ok()?;
+    Look::of(frame)
 }
 
 #[cfg(test)]

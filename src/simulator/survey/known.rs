@@ -1,9 +1,6 @@
 //! A track as a road that drives are found on again.
 
-use std::{
-    f64::consts::{PI, TAU},
-    sync::Arc,
-};
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -12,7 +9,7 @@ use crate::{
     perception::Frame,
     simulator::{
         camera::{Camera, Renderer, Scenery},
-        track::Track,
+        track::{Track, turn},
         world::{Setup, Simulation},
     },
 };
@@ -35,7 +32,7 @@ pub fn known_road(track: Track) -> Road {
         // The last point's way to the first is a part of the road as well.
         let (next, until) = line.get(after).map_or((line[0], length_m), |point| (*point, point.travelled));
         let part = (travelled - before.travelled) / (until - before.travelled).max(1e-9);
-        before.yaw + part.min(1.0) * ((next.yaw - before.yaw + PI).rem_euclid(TAU) - PI)
+        before.yaw + part.min(1.0) * turn(next.yaw - before.yaw)
     };
     let headings = (0..=steps as u32).map(heading).collect();
     let scenery = Arc::new(Scenery::new(&track));
@@ -68,7 +65,7 @@ mod tests {
             for i in first..first + line.len() / 2 {
                 let (here, next) = (line[i % line.len()], line[(i + 1) % line.len()]);
                 let way_m = (next.position - here.position).with_y(0.0).length();
-                filter.step(Motion { way_m, turn_rad: (next.yaw - here.yaw + PI).rem_euclid(TAU) - PI });
+                filter.step(Motion { way_m, turn_rad: turn(next.yaw - here.yaw) });
                 driven += way_m;
             }
             let place = filter.found().place;

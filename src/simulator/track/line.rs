@@ -42,7 +42,7 @@ pub(super) fn lay_out(control: &[[f64; 3]], step: f64) -> (Vec<Station>, f64) {
 }
 
 /// An angle brought between -PI and PI.
-pub(super) fn turn(angle: f64) -> f64 {
+pub(in crate::simulator) fn turn(angle: f64) -> f64 {
     (angle + PI).rem_euclid(TAU) - PI
 }
 

@@ -18,6 +18,7 @@ use glam::DVec3;
 
 pub use driving::LinePoint;
 pub use file::{Edge, Side, Start, Stretch, Theme, TrackError, TrackFile};
+pub(super) use line::turn;
 pub use random::RandomTrack;
 
 /// Distance between stations, at most: they divide the length evenly.
