@@ -22,7 +22,7 @@ fn matched_with_three_roads(bencher: Bencher) {
             Motion { way_m: 0.5, turn_rad: 0.5 * point.curvature }
         })
         .collect();
-    let roads: Vec<Arc<Road>> = Track::NAMES.map(|name| Arc::new(known_road(Track::named(name).unwrap()))).into();
+    let roads: Vec<Arc<Road>> = Track::NAMES.map(|name| Arc::new(known_road(name).unwrap())).into();
     bencher.counter(ItemsCount::new(TELEMETRIES)).bench_local(|| {
         let mut matcher = Matcher::new(roads.iter().cloned(), 1);
         motions.iter().for_each(|motion| matcher.step(*motion));

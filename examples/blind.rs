@@ -8,10 +8,11 @@
 //! that come half a second to one and a half late, and pilots that do not look. Each run is recorded as the stock build
 //! would have it, scored from that file alone, and held against what the judge in the simulator saw. Exit status 1 where
 //! a track is named wrongly, a completion is further off than 2 percentage points, a lap count differs, or collisions
-//! are found with a precision or recall below 0.9. Numbers after `--` are the runs to drive, of 0 to 99.
+//! are found with a precision or recall below 0.9. After `--` stand the runs to drive, of 0 to 99, and `--keep DIR`, where
+//! they stay, to be looked into.
 
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     process::ExitCode,
     sync::{
         Arc, Mutex,
@@ -109,17 +110,21 @@ fn main() -> Result<ExitCode, Error> {
     };
     for name in Track::NAMES {
         let track = Track::named(name)?;
-        roads.known.push(Arc::new(known_road(track.clone())));
+        roads.known.push(Arc::new(known_road(name)?));
         roads.worlds.push((Arc::new(track.clone()), Arc::new(Scenery::new(&track))));
     }
-    let folder = tempfile::tempdir()?;
-    let runs: Vec<usize> = std::env::args().skip(1).map(|run| run.parse()).collect::<Result<_, _>>()?;
+    let scratch = tempfile::tempdir()?;
+    let mut args: Vec<String> = std::env::args().skip(1).collect();
+    let keep = args.iter().position(|arg| arg == "--keep").filter(|at| at + 1 < args.len());
+    let keep = keep.map(|at| args.drain(at..at + 2).nth(1).map(PathBuf::from).unwrap_or_default());
+    let folder = keep.as_deref().unwrap_or(scratch.path());
+    let runs: Vec<usize> = args.iter().map(|run| run.parse()).collect::<Result<_, _>>()?;
     let runs = if runs.is_empty() { (0..RUNS).collect() } else { runs };
     let (next, rows) = (AtomicUsize::new(0), Mutex::new(vec![]));
     let work = || -> Result<(), Error> {
         loop {
             let Some(&run) = runs.get(next.fetch_add(1, Ordering::Relaxed)) else { return Ok(()) };
-            let row = drive(&roads, run, folder.path())?;
+            let row = drive(&roads, run, folder, keep.is_some())?;
             eprintln!("{}", told(&row));
             rows.lock().map_err(|_| "a thread panicked")?.push(row);
         }
@@ -135,7 +140,7 @@ fn main() -> Result<ExitCode, Error> {
 }
 
 /// Drives and scores one run.
-fn drive(roads: &Roads, run: usize, folder: &Path) -> Result<Row, Error> {
+fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Error> {
     let who = Who::of(run);
     let (track, scenery) = roads.worlds[run % roads.worlds.len()].clone();
     let mph: f64 = [20.0, 15.0, 25.0, 30.0][(run / 3 + run / 24) % 4];
@@ -180,7 +185,9 @@ fn drive(roads: &Roads, run: usize, folder: &Path) -> Result<Row, Error> {
     let completion = (progress / f64::from(laps)).min(1.0);
     let scorer = Scorer::on(&roads.known, Some(laps));
     let found = score::of_run(&mut RunReader::open(&recorded.path)?, scorer, |_, _| ())?;
-    std::fs::remove_file(&recorded.path)?;
+    if !keep {
+        std::fs::remove_file(&recorded.path)?;
+    }
     Ok(Row { run, who, mph, truth, completion, found })
 }
 

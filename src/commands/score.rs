@@ -79,8 +79,7 @@ impl Roads<'_> {
             return Ok(known);
         }
         let names = Track::NAMES.into_iter().chain(self.arguments.tracks.iter().map(String::as_str));
-        let known =
-            names.map(|name| Ok(Arc::new(survey::known_road(Track::open(name)?)))).collect::<anyhow::Result<_>>()?;
+        let known = names.map(|name| Ok(Arc::new(survey::known_road(name)?))).collect::<anyhow::Result<_>>()?;
         Ok(self.known.get_or_init(|| known))
     }
 }

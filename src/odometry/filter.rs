@@ -10,7 +10,9 @@ use super::{Match, Motion, Road};
 /// Particles at the road's start, where most drives begin, and all along it.
 const FROM_START: usize = 300;
 const FROM_ANYWHERE: usize = 6000;
-/// Fewest particles, once it is known where the car is, and how many for each 2 m of road where it may be.
+/// All particles where the start is known for certain: drivers who weave at full lock are not lost by so many.
+const FROM_KNOWN_START: usize = 3000;
+/// Fewest particles otherwise, once it is known where the car is, and how many for each 2 m of road where it may be.
 const FEWEST: usize = 800;
 const FOR_A_BIN: usize = 30;
 const BIN_M: f64 = 2.0;
@@ -20,15 +22,24 @@ const SOUGHT: f64 = 10.0;
 /// for most of the time.
 const HEADING_RAD: f64 = 0.14;
 const OFFSET_M: f64 = 2.0;
+/// The same of one who weaves; what share of the guesses holds the driver for one; and of how many drawn anew it is drawn
+/// anew. On a road that is still sought nobody does, for weaving explains any bend.
+const WEAVING_RAD: f64 = 0.4;
+const WEAVING: f64 = 0.2;
+const CHANGES: f64 = 0.02;
 /// One such look says nothing new within so many metres.
 const NEW_AFTER_M: f64 = 10.0;
 /// No look speaks against a place by more than this, in squared standard deviations: cars do leave roads.
 const AGAINST: f64 = 12.0;
 /// Over so many metres a road is to explain a drive by more than half of that, or the car is sought anew.
 const LOST_AFTER_M: f64 = 40.0;
+/// Who began at a known start and is lost is that far from where it seems, as a standard deviation.
+const LOST_WITHIN_M: f64 = 20.0;
 /// The least log likelihood of a look, on average, on the road that it is: real drives come to -0.6 on the lake and -1.9 in
 /// the jungle, on other roads than theirs to between -3 and -5.
 const EXPLAINED: f64 = -3.0;
+/// Metres from one time to the next that it is asked how far the car has gone for certain.
+const SURE_EVERY_M: f64 = 20.0;
 /// What is not known of the car, as standard deviations: how far a told metre is, how much a told radian turns (tyres
 /// slip), and what drifts over a metre besides.
 const SCALE: f64 = 0.01;
@@ -45,8 +56,9 @@ struct Particle {
     progress_m: f64,
     /// Metres to the right of its middle.
     offset: f64,
-    /// Radians clockwise of its heading.
+    /// Radians clockwise of its heading, and how far that goes, as a standard deviation.
     error: f64,
+    keeps_rad: f64,
     scale: f64,
     gain: f64,
     log_weight: f64,
@@ -60,6 +72,7 @@ impl Particle {
             progress_m: 0.0,
             offset: spread * OFFSET_M * gauss(random),
             error: spread * HEADING_RAD * gauss(random),
+            keeps_rad: HEADING_RAD,
             scale: 1.0 + SCALE * gauss(random),
             gain: 1.0 + GAIN * gauss(random),
             log_weight: 0.0,
@@ -74,8 +87,8 @@ fn anywhere(road: &Road, random: &mut ChaCha8Rng) -> Vec<Particle> {
 }
 
 /// Guesses that the car stands at the road's start.
-fn from_start(road: &Road, random: &mut ChaCha8Rng) -> Vec<Particle> {
-    (0..FROM_START).map(|_| Particle::new(road.start_m + gauss(random), 0.3, random)).collect()
+fn from_start(count: usize, road: &Road, random: &mut ChaCha8Rng) -> Vec<Particle> {
+    (0..count).map(|_| Particle::new(road.start_m + gauss(random), 0.3, random)).collect()
 }
 
 /// Where the car is, by all guesses.
@@ -101,6 +114,9 @@ pub struct Filter {
     of_late: f64,
     /// Metres driven.
     way_m: f64,
+    /// Metres along the road that the car has gone for certain, and the metres driven when that was last asked.
+    sure_m: f64,
+    asked_m: f64,
     /// Where it began is known for certain.
     is_anchored: bool,
 }
@@ -108,8 +124,19 @@ pub struct Filter {
 impl Filter {
     /// A car that is known to stand at the road's start.
     pub fn at_start(road: Arc<Road>, mut random: ChaCha8Rng) -> Self {
-        let particles = from_start(&road, &mut random);
-        Self { road, particles, random, evidence: 0.0, of_late: 0.0, way_m: 0.0, is_anchored: true }
+        let mut particles = from_start(FROM_KNOWN_START, &road, &mut random);
+        particles.iter_mut().for_each(|particle| particle.keeps_rad = keeps(&mut random));
+        Self {
+            road,
+            particles,
+            random,
+            evidence: 0.0,
+            of_late: 0.0,
+            way_m: 0.0,
+            sure_m: 0.0,
+            asked_m: 0.0,
+            is_anchored: true,
+        }
     }
 
     /// A car at the road's start or, as likely, anywhere on it.
@@ -118,9 +145,19 @@ impl Filter {
         let count = FROM_START + FROM_ANYWHERE;
         let of_half = |n: usize| (count as f64 / 2.0 / n as f64).ln();
         particles.iter_mut().for_each(|particle| particle.log_weight = of_half(FROM_ANYWHERE));
-        let at_start = from_start(&road, &mut random).into_iter();
+        let at_start = from_start(FROM_START, &road, &mut random).into_iter();
         particles.extend(at_start.map(|particle| Particle { log_weight: of_half(FROM_START), ..particle }));
-        Self { road, particles, random, evidence: 0.0, of_late: 0.0, way_m: 0.0, is_anchored: false }
+        Self {
+            road,
+            particles,
+            random,
+            evidence: 0.0,
+            of_late: 0.0,
+            way_m: 0.0,
+            sure_m: 0.0,
+            asked_m: 0.0,
+            is_anchored: false,
+        }
     }
 
     /// The car moved.
@@ -137,36 +174,56 @@ impl Filter {
             let heading = road.heading(particle.s);
             // The road under the car is longer or shorter than its middle in a bend, which the gain and scale take up.
             let (slips, drifts) = two_gauss(random);
-            let along = way * particle.error.cos() + slip * slips;
-            particle.offset += way * particle.error.sin();
+            let turn = motion.turn_rad * particle.gain;
+            // The heading in the middle of the way.
+            let (sin, cos) = (particle.error + turn / 2.0).sin_cos();
+            let along = way * cos + slip * slips;
+            particle.offset += way * sin;
             let ahead = particle.s + along;
-            particle.error += motion.turn_rad * particle.gain - (road.heading(ahead) - heading) + drift * drifts;
-            particle.s = ahead.rem_euclid(road.length_m);
+            particle.error += turn - (road.heading(ahead) - heading) + drift * drifts;
+            particle.s = if (0.0..road.length_m).contains(&ahead) { ahead } else { ahead.rem_euclid(road.length_m) };
             particle.progress_m += along;
-            let off = (particle.error / HEADING_RAD).powi(2) + (particle.offset / OFFSET_M).powi(2);
-            particle.log_weight -= 0.5 * off.min(AGAINST) * news;
+            let off = (particle.error / particle.keeps_rad).powi(2) + (particle.offset / OFFSET_M).powi(2);
+            let spread = (particle.keeps_rad / HEADING_RAD).ln();
+            particle.log_weight -= (0.5 * off.min(AGAINST) + spread) * news;
         }
         let explained = self.settle();
         let share = (motion.way_m / LOST_AFTER_M).min(1.0);
         self.of_late += share * (explained / news - self.of_late);
-        if !self.is_anchored && self.of_late < -0.5 * AGAINST / 2.0 {
+        if self.of_late < -0.5 * AGAINST / 2.0 {
             self.seek();
+        } else if self.way_m - self.asked_m >= SURE_EVERY_M {
+            self.asked_m = self.way_m;
+            let place = self.place();
+            self.sure_m = self.sure_m.max(place.progress_m - 2.0 * place.deviation_m);
         }
     }
 
-    /// Half of the guesses stay, the others are spread over the road.
+    /// Half of the guesses stay, the others are spread over the road, or around where they were if the start is known.
     fn seek(&mut self) {
         let place = self.place();
         let keep = FROM_ANYWHERE.min(self.particles.len());
         let (step, from) = (self.particles.len() as f64 / keep as f64, uniform(&mut self.random));
         let kept = (0..keep).map(|i| self.particles[((i as f64 + from) * step) as usize % self.particles.len()]);
-        let half = |count: usize| ((keep + FROM_ANYWHERE) as f64 / 2.0 / count as f64).ln();
-        let (stay, leave) = (half(keep), half(FROM_ANYWHERE));
-        let mut particles: Vec<_> = kept.map(|p| Particle { log_weight: p.log_weight + stay, ..p }).collect();
+        let kept: Vec<_> = kept.collect();
         // Wherever it is, it has driven as far as it has.
         let progress_m = place.progress_m;
-        let spread = anywhere(&self.road, &mut self.random).into_iter();
-        particles.extend(spread.map(|p| Particle { log_weight: leave, progress_m, ..p }));
+        let random = &mut self.random;
+        let spread: Vec<_> = if self.is_anchored {
+            let near = |_| {
+                let off = LOST_WITHIN_M * gauss(random);
+                let s = (place.s_m + off).rem_euclid(self.road.length_m);
+                let keeps_rad = keeps(random);
+                Particle { progress_m: progress_m + off, keeps_rad, ..Particle::new(s, 1.0, random) }
+            };
+            (0..keep).map(near).collect()
+        } else {
+            anywhere(&self.road, random).into_iter().map(|p| Particle { progress_m, ..p }).collect()
+        };
+        let half = |count: usize| ((kept.len() + spread.len()) as f64 / 2.0 / count as f64).ln();
+        let (stay, leave) = (half(kept.len()), half(spread.len()));
+        let stayed = kept.iter().map(|p| Particle { log_weight: p.log_weight + stay, ..*p });
+        let particles = stayed.chain(spread.iter().map(|p| Particle { log_weight: leave, ..*p })).collect();
         self.particles = particles;
         self.evidence -= SOUGHT;
         self.of_late = 0.0;
@@ -199,18 +256,23 @@ impl Filter {
             self.particles.iter().zip(weights).filter(|(_, w)| **w > 1e-3).map(|(p, _)| (p.s / BIN_M) as i64).collect();
         bins.sort_unstable();
         bins.dedup();
-        let n = (FOR_A_BIN * bins.len()).clamp(FEWEST, FROM_START + FROM_ANYWHERE);
+        let fewest = if self.is_anchored { FROM_KNOWN_START } else { FEWEST };
+        let n = (FOR_A_BIN * bins.len()).clamp(fewest, FROM_START + FROM_ANYWHERE);
         let step = sum / n as f64;
         let mut until = step * uniform(&mut self.random);
         let mut reached = 0.0;
-        let mut drawn = Vec::with_capacity(n);
+        let mut drawn: Vec<Particle> = Vec::with_capacity(n);
         for (particle, weight) in self.particles.iter().zip(weights) {
             reached += weight;
             while until < reached && drawn.len() < n {
                 // What is not known of the car is drawn a little anew, or all would soon share one guess.
                 let scale = particle.scale + 0.3 * SCALE * gauss(&mut self.random);
                 let gain = particle.gain + 0.3 * GAIN * gauss(&mut self.random);
-                drawn.push(Particle { log_weight: 0.0, scale, gain, ..*particle });
+                let mut keeps_rad = particle.keeps_rad;
+                if self.is_anchored && uniform(&mut self.random) < CHANGES {
+                    keeps_rad = keeps(&mut self.random);
+                }
+                drawn.push(Particle { log_weight: 0.0, scale, gain, keeps_rad, ..*particle });
                 until += step;
             }
         }
@@ -244,8 +306,14 @@ impl Filter {
     /// What is known by now.
     pub fn found(&self) -> Match {
         let explains = self.is_anchored || self.evidence > EXPLAINED * (self.way_m / NEW_AFTER_M).max(1.0);
-        Match { road: self.road.clone(), evidence: self.evidence, explains, place: self.place() }
+        let (road, place) = (self.road.clone(), self.place());
+        Match { road, evidence: self.evidence, explains, place, sure_m: self.sure_m }
     }
+}
+
+/// How far a driver's heading goes.
+fn keeps(random: &mut ChaCha8Rng) -> f64 {
+    if uniform(random) < WEAVING { WEAVING_RAD } else { HEADING_RAD }
 }
 
 /// 0 to 1.
@@ -258,9 +326,11 @@ fn gauss(random: &mut ChaCha8Rng) -> f64 {
     two_gauss(random).0
 }
 
-/// Two that are normal, by Box and Muller.
+/// Two that are nearly normal: sums of four even ones each, which reach 3.5 standard deviations. A step asks for thousands
+/// of them, and has no use for the tails.
 fn two_gauss(random: &mut ChaCha8Rng) -> (f64, f64) {
-    let radius = (-2.0 * (1.0 - uniform(random)).ln()).sqrt();
-    let (sin, cos) = (std::f64::consts::TAU * uniform(random)).sin_cos();
-    (radius * cos, radius * sin)
+    const DEVIATION: f64 = 147.8; // of the sum of four bytes
+    let normal = |bytes: [u8; 4]| (f64::from(bytes.map(u16::from).iter().sum::<u16>()) - 510.0) / DEVIATION;
+    let bits = random.next_u64();
+    (normal((bits as u32).to_le_bytes()), normal(((bits >> 32) as u32).to_le_bytes()))
 }

@@ -23,6 +23,8 @@ pub struct Match {
     pub explains: bool,
     /// Where on it the car is.
     pub place: Place,
+    /// Metres along the road that it has gone at least, by two standard deviations when it was known best.
+    pub sure_m: f64,
 }
 
 /// Follows a car on all known roads at once.

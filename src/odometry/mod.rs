@@ -45,6 +45,8 @@ pub struct Road {
     pub start: Option<Look>,
     /// Headings in radians, clockwise, without leaps, evenly spaced from 0 to the whole length, both ends included.
     headings: Vec<f64>,
+    /// Headings a metre.
+    per_m: f64,
 }
 
 impl Road {
@@ -58,14 +60,16 @@ impl Road {
             *heading = before + (*heading - before + PI).rem_euclid(TAU) - PI;
             before = *heading;
         }
-        Self { name, start_m, length_m, start, headings }
+        let per_m = (headings.len() - 1) as f64 / length_m;
+        Self { name, start_m, length_m, start, headings, per_m }
     }
 
     /// The heading at any distance along it; laps add up.
     fn heading(&self, s: f64) -> f64 {
         let (first, last) = (self.headings[0], self.headings[self.headings.len() - 1]);
-        let laps = (s / self.length_m).floor();
-        let place = (s / self.length_m - laps) * (self.headings.len() - 1) as f64;
+        // Nearly all are asked for on the first lap, and this is what a filter does most.
+        let laps = if (0.0..self.length_m).contains(&s) { 0.0 } else { (s / self.length_m).floor() };
+        let place = (s - laps * self.length_m) * self.per_m;
         let i = (place as usize).min(self.headings.len() - 2);
         let part = place - i as f64;
         self.headings[i] * (1.0 - part) + self.headings[i + 1] * part + laps * (last - first)

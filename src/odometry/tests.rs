@@ -89,6 +89,25 @@ fn a_road_that_is_not_known_is_none_of_the_known_ones() {
 }
 
 #[test]
+fn who_weaves_from_verge_to_verge_is_followed() {
+    let road = bends("a", 1000.0, 0.3);
+    for seed in 0..6 {
+        let mut matcher = Matcher::at_start(road.clone(), seed);
+        let (mut s, mut way) = (0.0_f64, 0.0_f64);
+        let error = |way: f64| 0.7 * (TAU * way / 25.0).sin();
+        while s < 1000.0 {
+            let along = 0.5 * (error(way) / 2.0 + error(way + 0.5) / 2.0).cos();
+            let turn = road.heading(s + along) - road.heading(s) + error(way + 0.5) - error(way);
+            matcher.step(Motion { way_m: 0.5, turn_rad: turn });
+            (s, way) = (s + along, way + 0.5);
+        }
+        assert!(way > 1100.0, "{way}");
+        let place = matcher.matches().remove(0).place;
+        assert!((place.progress_m - 1000.0).abs() < 15.0, "seed {seed}: {place:?}");
+    }
+}
+
+#[test]
 fn a_car_that_is_known_to_begin_at_the_start_is_followed_off_the_road_too() {
     let road = bends("a", 1000.0, 0.3);
     let mut matcher = Matcher::at_start(road.clone(), 6);

@@ -8,6 +8,7 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::Cell;
@@ -185,6 +186,11 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
     let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
     for one in done {
         let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, .. } = &one.cell;
+        let mut settings = settings.clone();
+        // What the group's name says already.
+        for (section, said) in [("simulator", "track"), ("control", "speed_mph")] {
+            settings.get_mut(section).and_then(Value::as_object_mut).and_then(|section| section.remove(said));
+        }
         let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
         // The bits of positive numbers are ordered as they are.
         by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others)).or_default().push(one);

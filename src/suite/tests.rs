@@ -96,7 +96,11 @@ fn results_come_back_and_what_is_none_is_named() {
 
 #[test]
 fn groups_are_over_seeds_and_the_table_has_a_line_for_each() {
-    let cells = cells(SUITE);
+    let mut cells = cells(SUITE);
+    for cell in &mut cells {
+        let (track, mph) = (&cell.track, cell.speed_mph);
+        cell.settings = json!({ "simulator": { "track": track }, "control": { "speed_mph": mph } });
+    }
     let all: Vec<_> = cells.iter().map(|cell| done(cell, 0.4 + 0.2 * cell.seed as f64)).collect();
     let groups = groups(&all);
     assert_eq!(groups.len(), 16);

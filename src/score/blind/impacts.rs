@@ -34,6 +34,11 @@ pub(super) struct Impacts {
 }
 
 impl Impacts {
+    /// Whether there was one, or the car was stuck.
+    pub fn any(&self) -> bool {
+        !self.collisions.is_empty() || !self.stuck.is_empty()
+    }
+
     /// The throttle that was answered, negative to brake.
     pub fn command(&mut self, throttle: f64) {
         self.throttle = throttle;

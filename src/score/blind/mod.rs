@@ -29,11 +29,13 @@ const GAP_S: f64 = 1.0;
 const SURE: f64 = 5.0;
 /// Where no picture tells the start, metres of road that it takes to know one by its bends.
 const BENDS_M: f64 = 250.0;
-/// Odometry at its best; how much of its uncertainty may make a lap by itself; and where laps are looked for around where
-/// they are expected; in metres.
+/// Metres that odometry is off at its best, and that it may be off besides where the driver weaves.
 const NEAR_M: f64 = 3.0;
+const WEAVING_M: f64 = 6.0;
+/// How many metres of uncertainty may make a lap by themselves, and how far from where they are expected laps are looked
+/// for, at least and at most.
 const SURELY_M: f64 = 20.0;
-const SEARCH_M: f64 = 80.0;
+const SEARCH_M: (f64, f64) = (30.0, 80.0);
 /// Of ten collisions nine are found, and of ten found ones nine are collisions: the example `blind`.
 const IN_TEN: f64 = 0.1;
 
@@ -57,6 +59,8 @@ pub(super) struct Blind {
     /// Seconds, m/s and 1/m.
     last: Option<(f64, f64, f64)>,
     way_m: f64,
+    /// Metres driven until the first collision, or until it was stuck.
+    unhurt_m: Option<f64>,
     /// JPEGs by the metres driven until then.
     pictures: Vec<(f64, Bytes)>,
     newest: Option<(f64, Bytes)>,
@@ -92,6 +96,9 @@ impl Blind {
             }
         }
         self.last = Some((at, mps, curvature));
+        if self.unhurt_m.is_none() && self.impacts.any() {
+            self.unhurt_m = Some(self.way_m);
+        }
     }
 
     pub fn command(&mut self, throttle: f64) {
@@ -153,22 +160,25 @@ impl Blind {
             return Found { track: None, way: lap, laps, laps_unsure: false };
         };
         let (length_m, progress_m) = (on.road.length_m, on.place.progress_m.max(0.0));
-        let near_m = (2.0 * on.place.deviation_m).max(NEAR_M);
+        let near_m = (2.0 * on.place.deviation_m).hypot(WEAVING_M);
+        let search_m = (3.0 * near_m).clamp(SEARCH_M.0, SEARCH_M.1);
         let counted = ((progress_m + near_m.min(SURELY_M)) / length_m) as u32;
         let from_line = (progress_m - length_m * (progress_m / length_m).round()).abs();
         // Laps as long as the speeds told make them.
         let lap_m = length_m * if progress_m > 0.0 { self.way_m / progress_m } else { 1.0 };
         let from_lap = |way: f64| ((way / lap_m) - (way / lap_m).round()).abs() * length_m;
-        let expected = |way: f64| way > lap_m / 2.0 && from_lap(way) < SEARCH_M + BEGINNING_M;
+        let expected = |way: f64| way > lap_m / 2.0 && from_lap(way) < search_m + BEGINNING_M;
         let again = laps(&self.looks(|way| way <= BEGINNING_M || expected(way)));
         // Places may look like the start a little before and after it: each lap is one.
-        let near_lines = again.into_iter().filter(|way| from_lap(*way) < SEARCH_M);
+        let near_lines = again.into_iter().filter(|way| from_lap(*way) < search_m);
         let seen = near_lines.map(|way| (way / lap_m).round() as u32).collect::<BTreeSet<_>>().len() as u32;
+        // Where the car went astray since, it had driven these.
+        let sure = ((on.sure_m / length_m) as u32).max(seen);
         Found {
             track: Some(on.road.name.clone()),
             way: Some((length_m, progress_m, near_m.min(length_m / 2.0), "bends driven, matched with known roads")),
-            laps: Some(counted.max(seen)),
-            laps_unsure: from_line < near_m && seen < counted,
+            laps: Some(counted.max(sure)),
+            laps_unsure: from_line < near_m && sure < counted,
         }
     }
 
@@ -192,8 +202,10 @@ impl Blind {
                 let waypoints = (length_m / Rules::default().waypoint_spacing_m).round().max(3.0);
                 let reached = (progress_m / length_m * waypoints).floor() / waypoints;
                 let share = reached.max(found.laps.unwrap_or(0).into()) / asked;
-                figures
-                    .set(F::Completion, estimate(share.min(1.0), (near_m / length_m + 1.0 / waypoints) / asked, from));
+                // Who drove all laps for certain has, wherever the car went then.
+                let whole = !found.laps_unsure && f64::from(found.laps.unwrap_or(0)) >= asked;
+                let unsure = if whole { 0.0 } else { (near_m / length_m + 1.0 / waypoints) / asked };
+                figures.set(F::Completion, estimate(share.min(1.0), unsure, from));
             }
             _ => figures.told(F::Completion, None, UNKNOWN_ROAD),
         }
@@ -210,6 +222,8 @@ impl Blind {
         figures.set(F::Stuck, estimate(stuck, 0.0, "speed under throttle"));
         let first = self.impacts.collisions.iter().chain(&self.impacts.stuck).copied().reduce(f64::min);
         figures.set(F::SurvivalS, estimate(first.map_or(time_s, |at| at - self.first_s()), 1.0, from));
+        let way_m = self.unhurt_m.unwrap_or(self.way_m);
+        figures.set(F::SurvivalM, distance.map(|_| way_m, 1.0));
         found.track
     }
 

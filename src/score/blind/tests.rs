@@ -57,6 +57,7 @@ fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
         assert!(matches!(card.get(figure), Measure::Estimate { value, .. } if value == expected), "{figure:?}: {card}");
     }
     assert!((card.value(Figure::SurvivalS).unwrap() - 1500.0 / MPS).abs() < 0.2, "{card}");
+    assert!((card.value(Figure::SurvivalM).unwrap() - 1500.0).abs() < 2.0, "{card}");
 }
 
 #[test]
