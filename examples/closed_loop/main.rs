@@ -182,10 +182,8 @@ fn draw(arguments: &Arguments, rows: &[Row]) -> Chart {
     let title = format!("Autonomy of {} pilots on {} at {} mph", rows.len(), arguments.track, arguments.speed);
     let mut chart =
         Chart::new(title, percent("along a recording of the road, %"), percent("on the road in the simulator, %"));
-    chart.series.push(Series::new("", Marks::Line(vec![(0.0, 0.0), (100.0, 100.0)])));
-    for row in rows {
-        let point = (100.0 * autonomy(&row.replay), 100.0 * autonomy(&row.road));
-        chart.series.push(Series::new(&row.pilot, Marks::Points(vec![point])));
-    }
+    chart.series.push(Series::new("the same in both", Marks::Line(vec![(0.0, 0.0), (100.0, 100.0)])));
+    let points = rows.iter().map(|row| (100.0 * autonomy(&row.replay), 100.0 * autonomy(&row.road))).collect();
+    chart.series.push(Series::new("a pilot each", Marks::Points(points)));
     chart
 }

@@ -31,15 +31,17 @@ pub struct Handicap {
 const NONE: Handicap = Handicap { gain: 1.0, bias: 0.0, late: 0, noise: 0.0 };
 
 /// What is tried of the built-in network.
-const HANDICAPS: [(&str, Handicap); 9] = [
-    ("gain 0.7", Handicap { gain: 0.7, ..NONE }),
+const HANDICAPS: [(&str, Handicap); 11] = [
     ("gain 0.5", Handicap { gain: 0.5, ..NONE }),
+    ("gain 0.4", Handicap { gain: 0.4, ..NONE }),
     ("gain 0.3", Handicap { gain: 0.3, ..NONE }),
-    ("bias 0.06 right", Handicap { bias: 0.06, ..NONE }),
+    ("gain 0.2", Handicap { gain: 0.2, ..NONE }),
     ("bias 0.12 left", Handicap { bias: -0.12, ..NONE }),
-    ("0.6 s late", Handicap { late: 9, ..NONE }),
+    ("bias 0.25 left", Handicap { bias: -0.25, ..NONE }),
+    ("0.4 s late", Handicap { late: 6, ..NONE }),
     ("noise 0.1", Handicap { noise: 0.1, ..NONE }),
-    ("noise 0.25", Handicap { noise: 0.25, ..NONE }),
+    ("noise 0.14", Handicap { noise: 0.14, ..NONE }),
+    ("noise 0.18", Handicap { noise: 0.18, ..NONE }),
     ("straight on", Handicap { gain: 0.0, ..NONE }),
 ];
 

@@ -5,7 +5,8 @@ use std::time::Duration;
 use super::{Scorecard, Scorer};
 use crate::recording::{EventRecord, Item, RecordingError, RunReader};
 
-/// Reads a run to its end and judges it by this scorer; `watch` sees each item, too. What is wrong with the file stands in the notes.
+/// Reads a run to its end and judges it by this scorer; `watch` sees each item, too, and as events what the scorer suspects
+/// where the run does not tell. What is wrong with the file stands in the notes.
 ///
 /// # Errors
 /// [`RecordingError::Io`] where the file cannot be read any more.
@@ -24,6 +25,9 @@ pub fn of_run(
                 }
                 scorer.item(at, &item);
                 watch(at, &item);
+                if let Some(event) = scorer.suspicion() {
+                    watch(at, &Item::Event(event));
+                }
             }
             Err(error @ RecordingError::Message { .. }) => {
                 unreadable = Some(unreadable.map_or_else(|| (1, error), |(n, first)| (n + 1, first)));

@@ -186,6 +186,17 @@ impl Scorer {
         }
     }
 
+    /// Whether the run itself says what happened.
+    fn tells(&self) -> bool {
+        self.course.is_some() || self.told.crashes.total().is_some() || self.told.laps.total().is_some()
+    }
+
+    /// What the last telemetry gives to suspect, where the run itself does not say what happened.
+    pub(super) fn suspicion(&mut self) -> Option<EventRecord> {
+        let text = self.blind.suspicion()?.to_owned();
+        (!self.tells()).then_some(EventRecord::Note { text })
+    }
+
     /// Takes an answer.
     pub fn command(&mut self, command: &CommandRecord) {
         self.unanswered = false;
@@ -292,7 +303,7 @@ impl Scorer {
         if let Some(since) = self.human_since.take() {
             self.human_s += (last - since).max(0.0);
         }
-        let judged = self.course.is_some();
+        let (judged, tells) = (self.course.is_some(), self.tells());
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
         let mut figures = Figures::unknown("nothing says it");
 
@@ -395,7 +406,6 @@ impl Scorer {
         figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / time_s), NO_TIME);
         figures.told(F::BadFrames, seen.then_some(self.bad_frames.into()), NO_TIME);
         figures.told(F::MissedFrames, (self.answers.0 > 0).then_some(self.missed_frames as f64), NO_ANSWERS);
-        let tells = judged || self.told.crashes.total().is_some() || self.told.laps.total().is_some();
         let laps_asked = laps_asked.or(self.blind.laps_asked.filter(|_| !tells));
         let found = if tells { None } else { self.blind.fill(&mut figures, distance, time_s) };
         let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();

@@ -15,8 +15,10 @@ const GRID: Colour = [0xdd, 0xd8, 0xcc];
 const APART: f64 = 6.0;
 /// Least pixels from tick to tick, across and up.
 const TICK: Point = (84.0, 40.0);
-/// Half the side of a dot, in pixels.
+/// Half the side of a dot, in pixels; and where they are few.
 const DOT: f64 = 1.5;
+const BIG_DOT: f64 = 4.0;
+const FEW: usize = 50;
 
 /// The room between the axes, in pixels, and their scales.
 struct Field {
@@ -96,8 +98,9 @@ fn marks(chart: &Chart, marks: &Marks, colour: Colour, field: &Field, shapes: &m
             }
         }
         Marks::Points(points) => {
+            let dot = if points.len() <= FEW { BIG_DOT } else { DOT };
             for (x, y) in points.iter().filter(|point| shown(point)).map(|point| field.at(*point)) {
-                shapes.push(Shape::rectangle((x - DOT, y - DOT), (x + DOT, y + DOT), colour));
+                shapes.push(Shape::rectangle((x - dot, y - dot), (x + dot, y + dot), colour));
             }
         }
         Marks::Bars { from, width, heights } => {

@@ -31,6 +31,8 @@ pub(super) struct Impacts {
     pub collisions: Vec<f64>,
     /// When, in seconds.
     pub stuck: Vec<f64>,
+    /// What the last speed gave to suspect, in words.
+    pub suspicion: Option<&'static str>,
 }
 
 impl Impacts {
@@ -47,11 +49,13 @@ impl Impacts {
     /// The speed at a time, in m/s and s. Times never go back.
     pub fn speed(&mut self, at: f64, mps: f64) {
         let first = *self.first_s.get_or_insert(at);
+        self.suspicion = None;
         if let Some((before, was)) = self.last.filter(|(before, _)| at - before <= GAP_S) {
             let explained = (at - before) * if self.throttle < 0.0 { BRAKES } else { ROLLS };
             let lost = was - mps - explained;
             if lost > LOST && self.collisions.last().is_none_or(|last| at - last > APART_S) {
                 self.collisions.push(at);
+                self.suspicion = Some("a collision, it seems: the car lost speed that it cannot lose by itself");
             }
         }
         self.last = Some((at, mps));
@@ -61,6 +65,7 @@ impl Impacts {
         } else if at - *self.slow_since.get_or_insert(at) >= STUCK_S && !self.is_stuck {
             self.is_stuck = true;
             self.stuck.push(at);
+            self.suspicion = Some("stuck, it seems: the car stands under throttle");
         }
     }
 }

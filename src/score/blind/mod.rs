@@ -101,6 +101,11 @@ impl Blind {
         }
     }
 
+    /// What the last telemetry gives to suspect, once, if anybody asks.
+    pub fn suspicion(&mut self) -> Option<&'static str> {
+        self.impacts.suspicion.take().filter(|_| self.matcher.is_some())
+    }
+
     pub fn command(&mut self, throttle: f64) {
         self.impacts.command(throttle);
     }

@@ -67,3 +67,19 @@ fn on_a_road_that_nobody_knows_neither_track_nor_completion_is_made_up() {
     assert_eq!((card.track.as_deref(), card.value(Figure::Completion), card.value(Figure::Laps)), (None, None, None));
     assert_eq!(card.value(Figure::Collisions), Some(1.0));
 }
+
+#[test]
+fn a_suspicion_is_said_once_and_not_of_a_run_that_tells_collisions() {
+    let said = |mut scorer: Scorer, crashes: Option<u32>| -> usize {
+        let watch = |i: u32| {
+            let mut telemetry = telemetry(0.0, if i < 30 { MPS } else { 0.0 });
+            telemetry.truth.crashes = crashes;
+            scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry);
+            scorer.suspicion()
+        };
+        (0..45).filter_map(watch).count()
+    };
+    assert_eq!(said(Scorer::on(&[], None), None), 1);
+    assert_eq!(said(Scorer::on(&[], None), Some(0)), 0);
+    assert_eq!(said(Scorer::default(), None), 0);
+}

@@ -228,7 +228,8 @@ function tiles(run) {
 
 function table(shown) {
   const head = el("thead", {}, el("tr", {}, el("th", {}, ""), ...shown.map((run) => el("th", { title: run.title }, run.title))));
-  const rows = figures.map((figure) => {
+  const told = (figure) => shown.some((run) => run.card[figure.key] !== null);
+  const rows = figures.filter(told).map((figure) => {
     const values = shown.map((run) => run.card[figure.key]);
     const known = values.filter((value) => value !== null);
     const best = figure.better === "higher" ? Math.max(...known) : figure.better === "lower" ? Math.min(...known) : NaN;
@@ -241,6 +242,10 @@ function table(shown) {
     });
     return el("tr", { title: figure.meaning }, el("td", {}, figure.label), ...cells);
   });
+  const others = figures.filter((figure) => !told(figure)).map((figure) =>
+    el("span", { title: `${figure.meaning}\nNot measurable: ${shown[0].card.not_measurable[figure.key]}.` }, figure.label));
+  const list = others.flatMap((one, i) => (i ? [", ", one] : [one]));
+  if (list.length) rows.push(el("tr", { class: "untold" }, el("td", {}, "not told"), el("td", { colspan: shown.length }, ...list)));
   return el("table", {}, head, el("tbody", {}, ...rows));
 }
 
