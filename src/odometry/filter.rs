@@ -126,17 +126,7 @@ impl Filter {
     pub fn at_start(road: Arc<Road>, mut random: ChaCha8Rng) -> Self {
         let mut particles = from_start(FROM_KNOWN_START, &road, &mut random);
         particles.iter_mut().for_each(|particle| particle.keeps_rad = keeps(&mut random));
-        Self {
-            road,
-            particles,
-            random,
-            evidence: 0.0,
-            of_late: 0.0,
-            way_m: 0.0,
-            sure_m: 0.0,
-            asked_m: 0.0,
-            is_anchored: true,
-        }
+        Self::begin(road, particles, random, true)
     }
 
     /// A car at the road's start or, as likely, anywhere on it.
@@ -147,17 +137,12 @@ impl Filter {
         particles.iter_mut().for_each(|particle| particle.log_weight = of_half(FROM_ANYWHERE));
         let at_start = from_start(FROM_START, &road, &mut random).into_iter();
         particles.extend(at_start.map(|particle| Particle { log_weight: of_half(FROM_START), ..particle }));
-        Self {
-            road,
-            particles,
-            random,
-            evidence: 0.0,
-            of_late: 0.0,
-            way_m: 0.0,
-            sure_m: 0.0,
-            asked_m: 0.0,
-            is_anchored: false,
-        }
+        Self::begin(road, particles, random, false)
+    }
+
+    fn begin(road: Arc<Road>, particles: Vec<Particle>, random: ChaCha8Rng, is_anchored: bool) -> Self {
+        let (evidence, of_late, way_m, sure_m, asked_m) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        Self { road, particles, random, evidence, of_late, way_m, sure_m, asked_m, is_anchored }
     }
 
     /// The car moved.
