@@ -241,7 +241,9 @@ impl Filter {
             self.particles.iter().zip(weights).filter(|(_, w)| **w > 1e-3).map(|(p, _)| (p.s / BIN_M) as i64).collect();
         bins.sort_unstable();
         bins.dedup();
-        let fewest = if self.is_anchored { FROM_KNOWN_START } else { FEWEST };
+        let weaving = self.particles.iter().zip(weights).filter(|(p, _)| p.keeps_rad > HEADING_RAD);
+        let weaving = weaving.map(|(_, w)| w).sum::<f64>() / sum;
+        let fewest = FEWEST + ((3.0 * weaving).min(1.0) * (FROM_KNOWN_START - FEWEST) as f64) as usize;
         let n = (FOR_A_BIN * bins.len()).clamp(fewest, FROM_START + FROM_ANYWHERE);
         let step = sum / n as f64;
         let mut until = step * uniform(&mut self.random);

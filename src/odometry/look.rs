@@ -33,22 +33,26 @@ impl Look {
         if cell_w == 0 || cell_h == 0 {
             return None;
         }
-        let mut cells = vec![0.0; across * down];
+        // Sums of red, green and blue: a picture has so many pixels that each is to cost little.
+        let mut sums = vec![[0_u32; 3]; across * down];
         for (y, row) in frame.rgb().chunks_exact(3 * width).take(cell_h * down).enumerate() {
-            for (x, rgb) in row.as_chunks::<3>().0.iter().take(cell_w * across).enumerate() {
-                let [r, g, b] = rgb.map(f64::from);
-                // Rec. 601, as JPEG has it.
-                cells[y / cell_h * across + x / cell_w] += 0.299 * r + 0.587 * g + 0.114 * b;
+            let of_row = &mut sums[y / cell_h * across..][..across];
+            for (sum, cell) in of_row.iter_mut().zip(row.chunks_exact(3 * cell_w)) {
+                for rgb in cell.as_chunks::<3>().0 {
+                    (0..3).for_each(|i| sum[i] += u32::from(rgb[i]));
+                }
             }
         }
         let size = (cell_w * cell_h) as f64;
-        cells.iter_mut().for_each(|cell| *cell /= size);
+        // Rec. 601, as JPEG has it.
+        let luma = |[r, g, b]: [f64; 3]| (0.299 * r + 0.587 * g + 0.114 * b) / size;
+        let cells: Vec<f64> = sums.iter().map(|sum| luma(sum.map(f64::from))).collect();
         let normalised = (0..across * down).map(|i| {
             let (x, y) = (i % across, i / across);
             let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
             for v in y.saturating_sub(AROUND)..(y + AROUND + 1).min(down) {
                 for u in x.saturating_sub(AROUND)..(x + AROUND + 1).min(across) {
-                    let cell: f64 = cells[v * across + u];
+                    let cell = cells[v * across + u];
                     (n, sum, squares) = (n + 1.0, sum + cell, squares + cell * cell);
                 }
             }
