@@ -1,5 +1,9 @@
 //! `lapwing suite`: many drives, over all cores, and `lapwing merge`: what they came to.
 
+mod merge;
+#[cfg(test)]
+mod tests;
+
 use std::{
     collections::{BTreeMap, BTreeSet, VecDeque},
     fs,
@@ -16,6 +20,8 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+pub(super) use merge::run as merge;
+
 use super::{Ended, Interrupted, world};
 use crate::{
     cli,
@@ -25,10 +31,11 @@ use crate::{
     nn::{self, runtime},
     pilot::{self, Model, Pilot, PurePursuit},
     simulator::{
+        conditions::Conditions,
         track::Track,
         world::{Ending, Simulation},
     },
-    suite::{Cell, Contestant, Done, Results, Suite, groups, render, table},
+    suite::{Cell, Contestant, Done, Outcome, Plan, Results, Suite, groups, render, table},
     units::Mph,
 };
 
@@ -44,23 +51,10 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
         }
     }
     let sha256 = |contestant: &Contestant| models.get(&contestant.name).map(|model| model.sha256().to_owned());
-    let mut cells = suite.cells(sha256);
-    // What is wrong with a track or conditions is said before the first drive, not hours later.
-    let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
-    let tracks: BTreeMap<_, _> = tracks.collect::<anyhow::Result<_>>()?;
-    let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
-    let beside: BTreeMap<_, _> = beside.collect::<anyhow::Result<_>>()?;
-    for cell in &mut cells {
-        let (flags, settings) = resolved(&layers, cell)?;
-        cell.settings = json!({
-            "lapwing": env!("CARGO_PKG_VERSION"), "control": settings.control, "simulator": settings.simulator,
-            "beside_model_sha256": beside[&cell.pilot],
-        });
-        cell.world = json!({ "conditions": world::conditions(&flags)?, "track_sha256": tracks[&cell.track] });
-    }
-    let mut ids = BTreeSet::new();
-    cells.retain(|cell| ids.insert(cell.id()));
+    let cells = planned(&suite, &layers, sha256)?;
     let results = Results::open(&arguments.out)?;
+    let plan = Plan::new(&cells);
+    results.keep_plan(&plan)?;
     let mut open = VecDeque::new();
     let mut before = 0;
     for (_, cell) in cells.iter().enumerate().filter(|(i, _)| arguments.shard.is_none_or(|shard| shard.has(*i))) {
@@ -78,8 +72,62 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
         bail!("interrupted; the same command goes on where it was");
     }
     // Of what else lies in the folder nothing belongs to this suite.
-    let done = cells.iter().filter_map(|cell| results.get(cell).transpose()).collect::<Result<_, _>>()?;
-    report(done, &arguments.out, arguments.html.as_deref(), arguments.json)
+    let done: Vec<_> = cells.iter().filter_map(|cell| results.get(cell).transpose()).collect::<Result<_, _>>()?;
+    let found = Found { planned: Some(plan.count()), missing: plan.missing(&done).len(), done };
+    found.report(&arguments.out, arguments.html.as_deref(), arguments.json)?;
+    Ok(Ended::Passed)
+}
+
+/// The cells of a suite, with all that they depend on; none that would only be another one over again.
+fn planned(
+    suite: &Suite,
+    layers: &Layers,
+    sha256: impl Fn(&Contestant) -> Option<String>,
+) -> anyhow::Result<Vec<Cell>> {
+    let mut cells = suite.cells(sha256);
+    // What is wrong with a track or conditions is said before the first drive, not hours later.
+    let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
+    let tracks: BTreeMap<_, _> = tracks.collect::<anyhow::Result<_>>()?;
+    let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
+    let beside: BTreeMap<_, _> = beside.collect::<anyhow::Result<_>>()?;
+    for cell in &mut cells {
+        let (flags, settings) = resolved(layers, cell)?;
+        cell.settings = json!({
+            "lapwing": env!("CARGO_PKG_VERSION"), "control": settings.control, "simulator": settings.simulator,
+            "beside_model_sha256": beside[&cell.pilot],
+        });
+        cell.world = json!({ "conditions": world::conditions(&flags)?, "track_sha256": tracks[&cell.track] });
+    }
+    let mut ids = BTreeSet::new();
+    cells.retain(|cell| ids.insert(cell.id()));
+    let count = cells.len();
+    let cells = told_apart(cells, |cell| cell);
+    if let left_out @ 1.. = count - cells.len() {
+        tracing::info!("{left_out} cells are left out: another seed changes nothing in their drives");
+    }
+    Ok(cells)
+}
+
+/// Those, in their order, of which no earlier one was the same drive under another seed.
+fn told_apart<T>(mut all: Vec<T>, cell: impl Fn(&T) -> &Cell) -> Vec<T> {
+    let mut known = BTreeSet::new();
+    all.retain(|one| whatever_the_seed(cell(one)).is_none_or(|id| known.insert(id)));
+    all
+}
+
+/// An id of the drive that a cell is under every seed; none where the seed makes another one of it.
+fn whatever_the_seed(cell: &Cell) -> Option<String> {
+    let mut cell = Cell { seed: 0, ..cell.clone() };
+    if cell.model_sha256.is_none() {
+        // The expert looks at no picture, and conditions change nothing else.
+        cell.world = cell.world["track_sha256"].take();
+    } else {
+        let conditions: Conditions = serde_json::from_value(cell.world["conditions"].clone()).ok()?;
+        if conditions.left_to_chance() {
+            return None;
+        }
+    }
+    Some(cell.id())
 }
 
 /// The hash of a track's file; of one that comes with Lapwing none.
@@ -118,39 +166,23 @@ fn resolved(layers: &Layers, cell: &Cell) -> anyhow::Result<(cli::World, Setting
     Ok((flags, settings))
 }
 
-/// `lapwing merge`: the results of several folders in one.
-pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
-    let target = Results::open(&arguments.out)?;
-    for folder in &arguments.folders {
-        if !folder.join("cells").is_dir() {
-            bail!("{}: expected the folder of a suite, with cells in it", folder.display());
-        }
-        for done in Results::open(folder)?.all()? {
-            match target.get(&done.cell)? {
-                Some(other) if other.fingerprint != done.fingerprint => {
-                    bail!(
-                        "{}: driven twice, with other frames: {} and {}",
-                        done.cell,
-                        other.fingerprint,
-                        done.fingerprint
-                    );
-                }
-                Some(_) => {}
-                None => target.keep(&done)?,
-            }
-        }
-    }
-    report(target.all()?, &arguments.out, arguments.html.as_deref(), arguments.json)
+/// What results there are, and what is known of those that are not.
+struct Found {
+    done: Vec<Done>,
+    planned: Option<usize>,
+    missing: usize,
 }
 
-fn report(done: Vec<Done>, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<Ended> {
-    let groups = groups(&done);
-    let text = serde_json::to_string_pretty(&json!({ "schema": "lapwing.suite/1", "groups": groups }))?;
-    let write = |path: &Path, text: &str| fs::write(path, text).with_context(|| path.display().to_string());
-    write(&out.join("suite.json"), &text)?;
-    write(html.unwrap_or(&out.join("suite.html")), &render(&groups)?)?;
-    super::print(&if as_json { text } else { table(&groups) });
-    Ok(Ended::Passed)
+impl Found {
+    fn report(self, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
+        let outcome = Outcome::new(groups(&self.done), self.planned, self.missing);
+        let text = serde_json::to_string_pretty(&outcome)?;
+        let write = |path: &Path, text: &str| fs::write(path, text).with_context(|| path.display().to_string());
+        write(&out.join("suite.json"), &text)?;
+        write(html.unwrap_or(&out.join("suite.html")), &render(&outcome)?)?;
+        super::print(&if as_json { text } else { table(&outcome.groups) });
+        Ok(())
+    }
 }
 
 fn model_of(contestant: &Contestant) -> anyhow::Result<Option<Model>> {

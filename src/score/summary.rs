@@ -22,12 +22,22 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the values; `None` of none.
+    /// Of values that count alike; `None` of none.
     pub fn of(values: &[f64]) -> Option<Self> {
+        Self::weighted(&values.iter().map(|value| (*value, 1.0)).collect::<Vec<_>>())
+    }
+
+    /// Of values, each with its weight above 0; `None` of none.
+    ///
+    /// The mean is sum(w x) / sum(w), and the deviation goes with it: the root of
+    /// sum((w / mean w)^2 (x - mean)^2) / (n - 1), so that deviation / sqrt(n) is the mean's standard error (Cochran,
+    /// Sampling Techniques, 1977, chapter 6: the ratio estimate). Equal weights make both the usual ones.
+    pub fn weighted(values: &[(f64, f64)]) -> Option<Self> {
         let n = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / n;
-        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-        let extreme = |of: fn(f64, f64) -> f64| values.iter().copied().reduce(of);
+        let weights: f64 = values.iter().map(|(_, weight)| weight).sum();
+        let mean = values.iter().map(|(value, weight)| weight * value).sum::<f64>() / weights;
+        let squares: f64 = values.iter().map(|(value, weight)| (weight * n / weights * (value - mean)).powi(2)).sum();
+        let extreme = |of: fn(f64, f64) -> f64| values.iter().map(|(value, _)| *value).reduce(of);
         Some(Self {
             runs: values.len(),
             mean,
@@ -35,6 +45,11 @@ impl Spread {
             least: extreme(f64::min)?,
             most: extreme(f64::max)?,
         })
+    }
+
+    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single run.
+    pub fn confidence(&self) -> Option<f64> {
+        Some(student(self.runs - 1) * self.deviation? / (self.runs as f64).sqrt())
     }
 }
 
@@ -44,35 +59,40 @@ const STUDENT: [f64; 30] = [
     2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
 ];
 /// And of the normal distribution, which it becomes.
-const NORMAL: f64 = 1.960;
+const NORMAL: f64 = 1.959964;
 
-/// The quantile for so many degrees of freedom, at least one.
+/// The quantile for so many degrees of freedom, at least one; beyond the table by its expansion about the normal one
+/// (Abramowitz and Stegun 1964, 26.7.5), which is right to 0.0001 there.
 pub(super) fn student(freedom: usize) -> f64 {
-    STUDENT.get(freedom.max(1) - 1).copied().unwrap_or(NORMAL)
+    let table = STUDENT.get(freedom.max(1) - 1).copied();
+    table.unwrap_or_else(|| {
+        let (z, of) = (NORMAL, freedom as f64);
+        let first = (z.powi(3) + z) / 4.0;
+        let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
+        let third = (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0;
+        z + first / of + second / of.powi(2) + third / of.powi(3)
+    })
 }
 
-impl Spread {
-    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single run.
-    pub fn confidence(&self) -> Option<f64> {
-        Some(student(self.runs - 1) * self.deviation? / (self.runs as f64).sqrt())
-    }
+/// Each figure's spread over runs that `value` reads it from, by key.
+///
+/// A run counts once, but in the collision rate once for each of its episodes: the mean is the rate of all episodes
+/// together (Lu), and deviation and confidence are that mean's own.
+pub fn spreads<R>(runs: &[R], value: impl Fn(&R, Figure) -> Option<f64>) -> BTreeMap<&'static str, Spread> {
+    let weight = |run: &R, figure: Figure| match figure {
+        Figure::CollisionRate => value(run, Figure::Episodes).filter(|episodes| *episodes > 0.0),
+        _ => Some(1.0),
+    };
+    let spread = |figure: Figure| {
+        let told: Vec<_> = runs.iter().filter_map(|run| value(run, figure).zip(weight(run, figure))).collect();
+        Some((figure.key(), Spread::weighted(&told)?))
+    };
+    Figure::ALL.into_iter().filter_map(spread).collect()
 }
 
-/// Each figure's spread, by key; the collision rate is that of all episodes together.
+/// Each figure's spread over scorecards, by key: [`spreads`].
 pub fn summary(cards: &[&Scorecard]) -> BTreeMap<&'static str, Spread> {
-    let values = |figure| cards.iter().filter_map(|card| card.value(figure)).collect::<Vec<_>>();
-    let mut spreads: BTreeMap<_, _> =
-        Figure::ALL.into_iter().filter_map(|figure| Some((figure.key(), Spread::of(&values(figure))?))).collect();
-    if let Some(rate) = spreads.get_mut(Figure::CollisionRate.key()) {
-        let (mut episodes, mut with) = (0.0, 0.0);
-        for card in cards {
-            if let Some((n, rate)) = card.value(Figure::Episodes).zip(card.value(Figure::CollisionRate)) {
-                (episodes, with) = (episodes + n, with + n * rate);
-            }
-        }
-        rate.mean = with / episodes;
-    }
-    spreads
+    spreads(cards, |card, figure| card.value(figure))
 }
 
 #[cfg(test)]
@@ -88,5 +108,57 @@ mod tests {
         let one = Spread::of(&[4.0]).unwrap();
         assert_eq!((one.deviation, one.confidence()), (None, None));
         assert_eq!(Spread::of(&[]), None);
+    }
+
+    #[test]
+    fn students_quantiles_go_on_beyond_the_table_without_a_jump() {
+        for (freedom, expected) in [(31, 2.0395), (60, 2.0003), (120, 1.9799), (1_000_000, 1.95997)] {
+            assert!((student(freedom) - expected).abs() < 1e-4, "{freedom}: {}", student(freedom));
+        }
+        for freedom in 1..1000 {
+            let (this, next) = (student(freedom), student(freedom + 1));
+            assert!(next < this && next > NORMAL, "{freedom}: {this}, then {next}");
+            assert!(freedom < 20 || this - next < 0.007, "{freedom}: {this}, then {next}");
+        }
+    }
+
+    #[test]
+    fn values_of_equal_weight_are_spread_as_without() {
+        let values = [0.2, 0.5, 0.9, 0.4];
+        let weighted = Spread::weighted(&values.map(|value| (value, 3.0))).unwrap();
+        let plain = Spread::of(&values).unwrap();
+        assert!((weighted.mean - plain.mean).abs() < 1e-12);
+        assert!((weighted.deviation.unwrap() - plain.deviation.unwrap()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_collision_rate_is_that_of_all_episodes_and_its_deviation_goes_with_it() {
+        // Episodes and the share of them with a collision: 2 of 10 in all.
+        let runs = [Some((1.0, 1.0)), Some((8.0, 0.125)), Some((1.0, 0.0)), None];
+        let value = |run: &Option<(f64, f64)>, figure| match figure {
+            Figure::Episodes => run.map(|(episodes, _)| episodes),
+            Figure::CollisionRate => run.map(|(_, rate)| rate),
+            _ => None,
+        };
+        let spreads = spreads(&runs, value);
+        assert_eq!(spreads.keys().copied().collect::<Vec<_>>(), ["collision_rate", "episodes"]);
+        let rate = spreads["collision_rate"];
+        assert_eq!((rate.runs, rate.least, rate.most), (3, 0.0, 1.0));
+        assert!((rate.mean - 0.2).abs() < 1e-12);
+        // Each run's collisions less those that the mean expects of it, for a run of 10/3 episodes.
+        let off: f64 = [1.0 - 0.2, 1.0 - 1.6, 0.0 - 0.2].map(|off: f64| (off / (10.0 / 3.0)).powi(2)).iter().sum();
+        assert!((rate.deviation.unwrap() - (off / 2.0).sqrt()).abs() < 1e-12);
+        assert!((rate.confidence().unwrap() - 4.303 * (off / 2.0 / 3.0).sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_run_without_episodes_says_nothing_of_their_share() {
+        let value = |run: &f64, figure| match figure {
+            Figure::Episodes => Some(*run),
+            Figure::CollisionRate => Some(0.5),
+            _ => None,
+        };
+        assert_eq!(spreads(&[0.0, 2.0], value)["collision_rate"], Spread::of(&[0.5]).unwrap());
+        assert!(!spreads(&[0.0], value).contains_key("collision_rate"));
     }
 }

@@ -166,6 +166,11 @@ impl Conditions {
         conditions
     }
 
+    /// Whether a run's seed changes anything under these: only rain, noise and dropped frames fall by chance.
+    pub fn left_to_chance(&self) -> bool {
+        self.rain > 0.0 || self.noise > 0.0 || self.dropped > 0.0
+    }
+
     fn values(&self) -> [Option<f64>; 10] {
         [
             self.sun_height_deg,

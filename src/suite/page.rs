@@ -2,12 +2,13 @@
 
 use serde::Serialize;
 
-use super::Group;
+use super::Outcome;
 use crate::score::{Figure, figure::Described};
 
 #[derive(Serialize)]
 struct Page<'a> {
-    groups: &'a [Group],
+    #[serde(flatten)]
+    outcome: &'a Outcome,
     figures: Vec<Described>,
 }
 
@@ -15,8 +16,8 @@ struct Page<'a> {
 ///
 /// # Errors
 /// Where a figure is a number that JSON does not have.
-pub fn render(groups: &[Group]) -> Result<String, serde_json::Error> {
-    let page = Page { groups, figures: Figure::described() };
+pub fn render(outcome: &Outcome) -> Result<String, serde_json::Error> {
+    let page = Page { outcome, figures: Figure::described() };
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
     Ok(include_str!("page.html").replace("/*DATA*/", &data))

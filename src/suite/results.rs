@@ -1,24 +1,18 @@
-//! Results of cells: files, groups over seeds, and the table.
+//! Results of cells, and the plan beside them, as files in a folder.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
     fs,
     io::{self, Write},
     path::{Path, PathBuf},
 };
 
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-use sha2::{Digest, Sha256};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use super::Cell;
-use crate::score::{Figure, Spread, aligned};
+use super::{Cell, Plan, plan};
+use crate::score::Figure;
 
 /// What the file of a cell is called.
 const SCHEMA: &str = "lapwing.cell/1";
-/// Figures of the table.
-const SHOWN: [Figure; 6] =
-    [Figure::Completion, Figure::Collisions, Figure::OffRoads, Figure::MeanCte, Figure::Autonomy, Figure::DrivingScore];
 
 /// A cell that was driven.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -40,7 +34,7 @@ impl Done {
         Self { schema: SCHEMA.into(), cell, card, fingerprint, took_s }
     }
 
-    fn value(&self, figure: Figure) -> Option<f64> {
+    pub(super) fn value(&self, figure: Figure) -> Option<f64> {
         self.card.get(figure.key())?.as_f64()
     }
 }
@@ -58,11 +52,13 @@ pub enum ResultsError {
         /// Why not.
         source: io::Error,
     },
-    /// Not the result of a cell.
-    #[error("{path}: expected the result of a cell ({SCHEMA}), got {got}")]
-    NotACell {
+    /// Not what a file of its name holds.
+    #[error("{path}: expected {expected}, got {got}")]
+    Content {
         /// The file.
         path: PathBuf,
+        /// What it should be.
+        expected: String,
         /// What it is.
         got: String,
     },
@@ -79,19 +75,23 @@ impl ResultsError {
 #[derive(Debug, Clone)]
 pub struct Results(PathBuf);
 
+/// The id of a cell, and why its result cannot be read.
+pub type Unreadable = (String, ResultsError);
+
 impl Results {
     /// In this folder, which is made where it is not there.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
     pub fn open(folder: &Path) -> Result<Self, ResultsError> {
-        let cells = folder.join("cells");
+        let results = Self(folder.to_owned());
+        let cells = results.cells();
         fs::create_dir_all(&cells).map_err(ResultsError::io("make the folder", &cells))?;
-        Ok(Self(cells))
+        Ok(results)
     }
 
-    fn path(&self, cell: &Cell) -> PathBuf {
-        self.0.join(format!("{}.json", cell.id()))
+    fn cells(&self) -> PathBuf {
+        self.0.join("cells")
     }
 
     /// The result of a cell, if it was driven. A file that cannot be understood, as a failing disk leaves it, is none;
@@ -100,14 +100,14 @@ impl Results {
     /// # Errors
     /// [`ResultsError::Io`].
     pub fn get(&self, cell: &Cell) -> Result<Option<Done>, ResultsError> {
-        let path = self.path(cell);
+        let path = self.cells().join(format!("{}.json", cell.id()));
         if !path.exists() {
             return Ok(None);
         }
-        match read(&path) {
+        match read_cell(&path) {
             Ok(done) => Ok(Some(done)),
-            Err(error @ ResultsError::NotACell { .. }) => {
-                tracing::warn!("{error}; it is driven again");
+            Err(error @ ResultsError::Content { .. }) => {
+                tracing::warn!("{error}; the cell counts as not driven");
                 Ok(None)
             }
             Err(error) => Err(error),
@@ -119,121 +119,83 @@ impl Results {
     /// # Errors
     /// [`ResultsError::Io`].
     pub fn keep(&self, done: &Done) -> Result<(), ResultsError> {
-        let path = self.path(&done.cell);
-        let partial = path.with_extension("partial");
-        let write = || {
-            let mut file = fs::File::create(&partial)?;
-            file.write_all(&serde_json::to_vec_pretty(done)?)?;
-            file.sync_all()?;
-            fs::rename(&partial, &path)
-        };
-        write().map_err(ResultsError::io("write the result", &path))
+        let path = self.cells().join(format!("{}.json", done.cell.id()));
+        write("write the result", &path, &path.with_extension("partial"), done)
     }
 
-    /// All results that lie here, in no order.
+    /// All results that lie here, by the names of their files. One that cannot be read is an error of its own, by the id of
+    /// its cell.
+    ///
+    /// # Errors
+    /// [`ResultsError::Io`] where the folder cannot be read.
+    pub fn all(&self) -> Result<Vec<Result<Done, Unreadable>>, ResultsError> {
+        let cells = self.cells();
+        let mut paths = vec![];
+        for entry in fs::read_dir(&cells).map_err(ResultsError::io("read the folder", &cells))? {
+            paths.push(entry.map_err(ResultsError::io("read the folder", &cells))?.path());
+        }
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == "json"));
+        paths.sort();
+        let id = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(paths.iter().map(|path| read_cell(path).map_err(|error| (id(path), error))).collect())
+    }
+
+    fn plan_path(&self) -> PathBuf {
+        self.0.join("plan.json")
+    }
+
+    /// The plan of the suite that was driven here last; none where it was driven before there were plans.
     ///
     /// # Errors
     /// [`ResultsError`].
-    pub fn all(&self) -> Result<Vec<Done>, ResultsError> {
-        let mut all = vec![];
-        for entry in fs::read_dir(&self.0).map_err(ResultsError::io("read the folder", &self.0))? {
-            let path = entry.map_err(ResultsError::io("read the folder", &self.0))?.path();
-            if path.extension().is_some_and(|extension| extension == "json") {
-                all.push(read(&path)?);
-            }
+    pub fn plan(&self) -> Result<Option<Plan>, ResultsError> {
+        let path = self.plan_path();
+        if !path.exists() {
+            return Ok(None);
         }
-        Ok(all)
+        read(&path, "the plan of a suite", plan::SCHEMA, |plan: &Plan| &plan.schema).map(Some)
+    }
+
+    /// Keeps a plan in the place of whichever was there.
+    ///
+    /// # Errors
+    /// [`ResultsError::Io`].
+    pub fn keep_plan(&self, plan: &Plan) -> Result<(), ResultsError> {
+        let there = || matches!(self.plan(), Ok(Some(there)) if there == *plan);
+        if there() {
+            return Ok(());
+        }
+        let path = self.plan_path();
+        let partial = path.with_extension(format!("{}.partial", std::process::id()));
+        // Of parts that share a folder and begin at once, one is enough.
+        write("write the plan", &path, &partial, plan).or_else(|error| if there() { Ok(()) } else { Err(error) })
     }
 }
 
-fn read(path: &Path) -> Result<Done, ResultsError> {
-    let bytes = fs::read(path).map_err(ResultsError::io("read the result", path))?;
-    let not = |got: String| ResultsError::NotACell { path: path.to_owned(), got };
-    let done: Done = serde_json::from_slice(&bytes).map_err(|why| not(why.to_string()))?;
-    if done.schema == SCHEMA { Ok(done) } else { Err(not(done.schema)) }
-}
-
-/// The cells that differ in nothing but their seed.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Group {
-    /// Who drove.
-    pub pilot: String,
-    /// Which model.
-    pub model_sha256: Option<String>,
-    /// The track.
-    pub track: String,
-    /// The conditions.
-    pub conditions: String,
-    /// The set speed in mph.
-    pub speed_mph: f64,
-    /// Each figure over the seeds, by key.
-    pub figures: BTreeMap<&'static str, Over>,
-}
-
-/// A figure over seeds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Over {
-    /// Its spread.
-    #[serde(flatten)]
-    pub spread: Spread,
-    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single seed.
-    pub confidence: Option<f64>,
-}
-
-/// Groups in the order of pilot, track, conditions and speed. Where cells of one name were driven with other models, laps
-/// or settings, the pilot's name says which.
-pub fn groups(done: &[Done]) -> Vec<Group> {
-    let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
-    for one in done {
-        let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, .. } = &one.cell;
-        let mut settings = settings.clone();
-        // What the group's name says already.
-        for (section, said) in [("simulator", "track"), ("control", "speed_mph")] {
-            settings.get_mut(section).and_then(Value::as_object_mut).and_then(|section| section.remove(said));
-        }
-        let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
-        // The bits of positive numbers are ordered as they are.
-        by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others)).or_default().push(one);
-    }
-    let several = |pilot: &str| {
-        let others = by_key.keys().filter(|key| key.0 == pilot).map(|key| &key.4);
-        others.collect::<BTreeSet<_>>().len() > 1
+/// Writes a file: whole or not at all.
+fn write(what: &'static str, path: &Path, partial: &Path, content: &impl Serialize) -> Result<(), ResultsError> {
+    let write = || {
+        let mut file = fs::File::create(partial)?;
+        file.write_all(&serde_json::to_vec_pretty(content)?)?;
+        file.sync_all()?;
+        fs::rename(partial, path)
     };
-    let group = |(key, done): (&(&String, _, _, _, String), &Vec<&Done>)| {
-        let Cell { mut pilot, model_sha256, track, conditions, speed_mph, .. } = done[0].cell.clone();
-        if several(&pilot) {
-            let id: String = Sha256::digest(&key.4).iter().take(3).map(|byte| format!("{byte:02x}")).collect();
-            pilot = format!("{pilot} (settings {id})");
-        }
-        let over = |figure: Figure| {
-            let values: Vec<_> = done.iter().filter_map(|one| one.value(figure)).collect();
-            let spread = Spread::of(&values)?;
-            Some((figure.key(), Over { confidence: spread.confidence(), spread }))
-        };
-        let figures = Figure::ALL.into_iter().filter_map(over).collect();
-        Group { pilot, model_sha256, track, conditions, speed_mph, figures }
-    };
-    by_key.iter().map(group).collect()
+    write().map_err(ResultsError::io(what, path))
 }
 
-/// A line for each group.
-pub fn table(groups: &[Group]) -> String {
-    let mut rows = vec![["pilot", "track", "conditions", "mph", "seeds"].map(str::to_owned).to_vec()];
-    rows[0].extend(SHOWN.map(|figure| figure.label().to_owned()));
-    for group in groups {
-        let seeds = group.figures.get(Figure::TimeS.key()).map_or(0, |over| over.spread.runs);
-        let Group { pilot, track, conditions, speed_mph, .. } = group;
-        let mut row = vec![pilot.clone(), track.clone(), conditions.clone(), speed_mph.to_string(), seeds.to_string()];
-        row.extend(SHOWN.map(|figure| group.figures.get(figure.key()).map_or("-".into(), |over| over.words(figure))));
-        rows.push(row);
-    }
-    aligned(&rows, 3)
+fn read_cell(path: &Path) -> Result<Done, ResultsError> {
+    read(path, "the result of a cell", SCHEMA, |done: &Done| &done.schema)
 }
 
-impl Over {
-    fn words(&self, figure: Figure) -> String {
-        let show = |mean: f64| figure.unit().show_mean(mean);
-        let confidence = self.confidence.map_or_else(String::new, |half| format!(" ± {}", show(half)));
-        show(self.spread.mean) + &confidence
-    }
+/// Reads a file that says itself of which schema it is.
+fn read<T: DeserializeOwned>(
+    path: &Path,
+    what: &str,
+    schema: &str,
+    schema_of: impl Fn(&T) -> &str,
+) -> Result<T, ResultsError> {
+    let bytes = fs::read(path).map_err(ResultsError::io("read the file", path))?;
+    let not = |got| ResultsError::Content { path: path.to_owned(), expected: format!("{what} ({schema})"), got };
+    let read: T = serde_json::from_slice(&bytes).map_err(|why| not(why.to_string()))?;
+    if schema_of(&read) == schema { Ok(read) } else { Err(not(schema_of(&read).to_owned())) }
 }

@@ -80,18 +80,42 @@ fn results_come_back_and_what_is_none_is_named() {
     assert_eq!(results.get(&cells[0]).unwrap(), None);
     results.keep(&done(&cells[0], 0.5)).unwrap();
     assert_eq!(results.get(&cells[0]).unwrap(), Some(done(&cells[0], 0.5)));
-    assert_eq!(results.all().unwrap().len(), 1);
+    let all = |results: &Results| results.all().unwrap();
+    assert_eq!(all(&results).len(), 1);
     // What a killed write leaves is no result.
     fs::write(dir.path().join("cells/half.partial"), "{").unwrap();
-    assert_eq!(results.all().unwrap().len(), 1);
+    assert_eq!(all(&results).len(), 1);
     // Nor is what a failing disk leaves of one: its cell is driven again.
     fs::write(dir.path().join(format!("cells/{}.json", cells[1].id())), "").unwrap();
     assert_eq!(results.get(&cells[1]).unwrap(), None);
     results.keep(&done(&cells[1], 0.5)).unwrap();
     fs::write(dir.path().join("cells/other.json"), "{}").unwrap();
-    let error = results.all().unwrap_err().to_string();
+    let (readable, not): (Vec<_>, Vec<_>) = all(&results).into_iter().partition(Result::is_ok);
+    assert_eq!((readable.len(), not.len()), (2, 1), "one file that is none takes no other with it");
+    let (id, error) = not[0].as_ref().map_err(|(id, error)| (id.clone(), error.to_string())).unwrap_err();
+    assert_eq!(id, "other");
     assert!(error.contains("other.json: expected the result of a cell (lapwing.cell/1), got missing field"), "{error}");
     assert!(Results::open(Path::new("/proc/nowhere")).unwrap_err().to_string().contains("cannot make the folder"));
+}
+
+#[test]
+fn a_plan_knows_what_is_missing_and_takes_in_other_plans() {
+    let dir = tempfile::tempdir().unwrap();
+    let results = Results::open(dir.path()).unwrap();
+    assert_eq!(results.plan().unwrap(), None, "as of results from before there were plans");
+    let cells = cells(SUITE);
+    let (mut plan, rest) = (Plan::new(&cells[..3]), Plan::new(&cells[2..4]));
+    results.keep_plan(&rest).unwrap();
+    results.keep_plan(&plan).unwrap();
+    assert_eq!(results.plan().unwrap(), Some(plan.clone()), "the last one");
+    plan.add(rest);
+    assert!(plan.count() == 4 && plan.has(&cells[3].id()) && !plan.has(&cells[4].id()));
+    let there = [0, 2].map(|i| done(&cells[i], 1.0));
+    let missing = ["expert on lake, fair, 20 mph, seed 0", "expert on lake, fair, 30 mph, seed 0"];
+    assert_eq!(plan.missing(&there), missing);
+    fs::write(dir.path().join("plan.json"), "{\"schema\": \"lapwing.plan/9\", \"cells\": []}").unwrap();
+    let error = results.plan().unwrap_err().to_string();
+    assert!(error.contains("plan.json: expected the plan of a suite (lapwing.plan/1), got lapwing.plan/9"), "{error}");
 }
 
 #[test]
@@ -127,8 +151,72 @@ fn groups_are_over_seeds_and_the_table_has_a_line_for_each() {
 }
 
 #[test]
+fn a_single_drive_has_no_interval() {
+    let groups = groups(&[done(&cells(SUITE)[0], 1.0)]);
+    let over = groups[0].figures["completion"];
+    assert_eq!((over.spread.runs, over.confidence), (1, None));
+    let table = table(&groups);
+    assert!(table.contains("20  1 ") && !table.contains('±'), "{table}");
+}
+
+#[test]
+fn the_collision_rate_of_a_group_is_that_of_all_its_episodes() {
+    let cells = cells(SUITE);
+    let done = |i: usize, episodes: u32, rate: f64| {
+        let card = json!({"episodes": episodes, "collision_rate": rate});
+        Done::new(cells[i].clone(), card, "ab".into(), 1.5)
+    };
+    // The second cell of a group is the first of the next seed.
+    let over = groups(&[done(0, 1, 1.0), done(cells.len() / 3, 4, 0.25)])[0].figures["collision_rate"];
+    assert!((over.spread.mean - 0.4).abs() < 1e-12, "{over:?}");
+    assert_eq!(Some(over.spread), crate::score::Spread::weighted(&[(1.0, 1.0), (0.25, 4.0)]));
+    assert_eq!(over.confidence, over.spread.confidence());
+}
+
+#[test]
+fn every_key_of_the_files_is_documented() {
+    fn keys(value: &serde_json::Value, path: &str, found: &mut std::collections::BTreeSet<String>) {
+        // These are documented where they are made, and every figure has the same keys.
+        let told_elsewhere = ["card", "cell.settings.control", "cell.settings.simulator", "cell.world.conditions"];
+        let inside = match value {
+            serde_json::Value::Object(map) if !told_elsewhere.contains(&path) => {
+                let inside = |(key, value)| {
+                    let key: &String = key;
+                    let key = if path == "groups[].figures" { "KEY" } else { key };
+                    (if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }, value)
+                };
+                map.iter().map(inside).collect()
+            }
+            serde_json::Value::Array(list) => list.iter().map(|value| (format!("{path}[]"), value)).collect(),
+            _ => {
+                found.insert(path.to_owned());
+                vec![]
+            }
+        };
+        for (path, value) in inside {
+            keys(value, &path, found);
+        }
+    }
+    let mut cell = cells(SUITE).remove(0);
+    cell.settings = json!({"lapwing": "0", "control": {}, "simulator": {}, "beside_model_sha256": null});
+    cell.world = json!({"conditions": {}, "track_sha256": null});
+    let done = done(&cell, 1.0);
+    let outcome = Outcome::new(groups(std::slice::from_ref(&done)), Some(1), 0);
+    let mut found = std::collections::BTreeSet::new();
+    keys(&json!(outcome), "", &mut found);
+    keys(&json!(Plan::new(&[cell])), "", &mut found);
+    keys(&json!(done), "", &mut found);
+    assert!(found.len() > 30, "{found:?}");
+    let documented = include_str!("mod.rs");
+    for key in found {
+        assert!(documented.contains(&format!("//! | `{key}` | ")), "{key}");
+    }
+}
+
+#[test]
 fn no_name_gets_out_of_its_place_in_the_page() {
     let cell = Cell { pilot: "</script>".into(), ..cells(SUITE).remove(0) };
-    let page = render(&groups(&[done(&cell, 1.0)])).unwrap();
+    let page = render(&Outcome::new(groups(&[done(&cell, 1.0)]), None, 0)).unwrap();
     assert_eq!(page.matches("</script>").count(), 2);
+    assert!(page.contains("n = ${over.runs}"), "how many drives stand behind a mean is shown");
 }

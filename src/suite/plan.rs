@@ -1,0 +1,56 @@
+//! What a suite is made of, kept beside its results, so that whoever puts parts together knows what is missing.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Cell, Done};
+
+/// What the file of a plan is called.
+pub(super) const SCHEMA: &str = "lapwing.plan/1";
+
+/// All cells of a suite, those of other parts included, in the order in which they are driven.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    pub(super) schema: String,
+    cells: Vec<Planned>,
+}
+
+/// One of them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Planned {
+    /// [`Cell::id`].
+    id: String,
+    /// What people call it.
+    drive: String,
+}
+
+impl Plan {
+    /// Of these cells.
+    pub fn new(cells: &[Cell]) -> Self {
+        let planned = |cell: &Cell| Planned { id: cell.id(), drive: cell.to_string() };
+        Self { schema: SCHEMA.into(), cells: cells.iter().map(planned).collect() }
+    }
+
+    /// Takes in what another plans besides.
+    pub fn add(&mut self, other: Self) {
+        let known: BTreeSet<_> = self.cells.iter().map(|cell| cell.id.clone()).collect();
+        self.cells.extend(other.cells.into_iter().filter(|cell| !known.contains(&cell.id)));
+    }
+
+    /// How many cells there are.
+    pub fn count(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Whether it has a cell of this id.
+    pub fn has(&self, id: &str) -> bool {
+        self.cells.iter().any(|cell| cell.id == id)
+    }
+
+    /// The cells without a result, as people call them.
+    pub fn missing(&self, done: &[Done]) -> Vec<&str> {
+        let there: BTreeSet<_> = done.iter().map(|done| done.cell.id()).collect();
+        self.cells.iter().filter(|cell| !there.contains(&cell.id)).map(|cell| cell.drive.as_str()).collect()
+    }
+}
