@@ -30,7 +30,7 @@ use lapwing::{
     odometry::Road,
     pilot::{self, ConstantPilot, Model, Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{Recorder, RecorderOptions, RunHeader, RunReader},
+    recording::{EventRecord, Item, Recorder, RecorderOptions, RunHeader, RunReader},
     score::{self, Figure, Scorecard, Scorer},
     simulator::{
         camera::Scenery,
@@ -47,6 +47,8 @@ type Error = Box<dyn std::error::Error + Send + Sync>;
 const RUNS: usize = 100;
 /// Points of completion that an estimate may be off.
 const COMPLETION: f64 = 0.02;
+/// A collision is found where one is suspected within so many seconds of it.
+const SAME_S: f64 = 2.0;
 /// Least precision and recall of collisions.
 const COLLISIONS: f64 = 0.9;
 
@@ -98,6 +100,8 @@ struct Row {
     /// By the judge's waypoints.
     completion: f64,
     found: Scorecard,
+    /// When the car seems to have collided, in seconds.
+    suspected: Vec<f64>,
 }
 
 fn main() -> Result<ExitCode, Error> {
@@ -184,11 +188,16 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Er
     let progress = f64::from(judge.laps()) + judge.waypoint() as f64 / judge.waypoints() as f64;
     let completion = (progress / f64::from(laps)).min(1.0);
     let scorer = Scorer::on(&roads.known, Some(laps));
-    let found = score::of_run(&mut RunReader::open(&recorded.path)?, scorer, |_, _| ())?;
+    let mut suspected = vec![];
+    let found = score::of_run(&mut RunReader::open(&recorded.path)?, scorer, |at, item| {
+        if matches!(item, Item::Event(EventRecord::Note { text }) if text.starts_with("a collision")) {
+            suspected.push(at.as_secs_f64());
+        }
+    })?;
     if !keep {
         std::fs::remove_file(&recorded.path)?;
     }
-    Ok(Row { run, who, mph, truth, completion, found })
+    Ok(Row { run, who, mph, truth, completion, found, suspected })
 }
 
 fn figure(card: &Scorecard, figure: Figure) -> f64 {
@@ -196,7 +205,7 @@ fn figure(card: &Scorecard, figure: Figure) -> f64 {
 }
 
 fn told(row: &Row) -> String {
-    let Row { run, who, mph, truth, completion, found } = row;
+    let Row { run, who, mph, truth, completion, found, .. } = row;
     let track = |card: &Scorecard| card.track.clone().unwrap_or_else(|| "-".into());
     let both = |of: Figure| format!("{:>6} {:>6}", figure(truth, of), figure(found, of));
     format!(
@@ -215,6 +224,13 @@ fn told(row: &Row) -> String {
 /// How far off the completion is, if there is any.
 fn off(row: &Row) -> Option<f64> {
     Some((row.found.value(Figure::Completion)? - row.completion).abs())
+}
+
+/// How far off each lap's time is, in seconds.
+fn lap_times_off(row: &Row) -> impl Iterator<Item = f64> {
+    let (truth, found) = (&row.truth.lap_times_s, &row.found.lap_times_s);
+    let pairs = truth.iter().zip(found).filter(|_| truth.len() == found.len());
+    pairs.map(|(truth, found)| (truth - found).abs())
 }
 
 /// What of a run is not as the judge saw it, collisions left aside.
@@ -238,9 +254,12 @@ fn report(rows: &[Row]) -> ExitCode {
         println!("{}", told(row));
     }
     let (mut both, mut told, mut seen) = (0.0, 0.0, 0.0);
-    for Row { truth, found, .. } in rows {
-        let [truth, found] = [truth, found].map(|card| figure(card, Figure::Collisions));
-        (both, told, seen) = (both + truth.min(found), told + found, seen + truth);
+    for Row { truth, suspected, .. } in rows {
+        let struck = figure(truth, Figure::Collisions);
+        // A run ends with its collision.
+        let right = suspected.iter().any(|at| (at - figure(truth, Figure::TimeS)).abs() < SAME_S);
+        both += if right { struck } else { 0.0 };
+        (told, seen) = (told + suspected.len() as f64, seen + struck);
     }
     let (precision, recall) = (both / f64::max(told, 1.0), both / f64::max(seen, 1.0));
     let right = |what: &str| rows.iter().filter(|row| !wrong(row).contains(&what)).count();
@@ -249,6 +268,14 @@ fn report(rows: &[Row]) -> ExitCode {
     println!("track named right     {} of {n}", right("track"));
     println!("completion within 2 % {} of {n}, worst {:.1} points off", right("completion"), 100.0 * worst);
     println!("lap counts equal      {} of {n}", right("laps"));
+    let mut times: Vec<f64> = rows.iter().flat_map(lap_times_off).collect();
+    times.sort_by(f64::total_cmp);
+    if let (Some(middle), Some(worst)) = (times.get(times.len() / 2), times.last()) {
+        println!(
+            "lap times             {} of laps, {middle:.1} s off in the median, {worst:.1} s at worst",
+            times.len()
+        );
+    }
     println!(
         "collisions            precision {precision:.2} ({both} of {told}), recall {recall:.2} ({both} of {seen})"
     );

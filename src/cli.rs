@@ -195,7 +195,7 @@ impl Thresholds {
 /// `lapwing score`
 #[derive(Debug, Args)]
 pub struct Score {
-    /// Runs (.mcap), or folders of them
+    /// Runs (.mcap), Udacity folders (driving_log.csv), or folders of runs
     #[arg(value_name = "RUN", required_unless_present = "explain")]
     pub runs: Vec<PathBuf>,
     /// Another road that a run which tells no position may be on: random:SEED, or a track file (.toml)

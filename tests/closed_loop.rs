@@ -3,17 +3,17 @@
 use std::{fs, path::Path, sync::Arc, time::Instant};
 
 use lapwing::{
-    config::Control,
+    config::{Control, Thresholds},
     drive::{self, Drive},
     driver::Driver,
     pilot::{self, ConstantPilot, Pilot},
-    protocol::{Answer, Command, Observation, Sight, World},
+    protocol::{Answer, Command, Dialect, Observation, Sight, World},
     recording::{
-        EventRecord, Eventful,
+        EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunReader,
         udacity::{DrivingLogWriter, Sample},
     },
     replay::closed_loop::{Beside, RecordedWorld, Yaw},
-    score::Figure,
+    score::{self, Figure, Scorer},
     simulator::{
         camera::{Camera, Scenery},
         track::Track,
@@ -119,7 +119,37 @@ fn a_pilot_that_knows_the_road_keeps_it_and_one_that_does_not_look_is_put_back()
     // Bojarski's: 6 s each.
     let expected = (1.0 - 6.0 * interventions / straight.value(Figure::TimeS).unwrap()).max(0.0);
     assert!((straight.value(Figure::Autonomy).unwrap() - expected).abs() < 1e-9, "{straight}");
-    assert!(straight.value(Figure::MaxCte).unwrap() <= 1.0, "put back before it is shown further off: {straight}");
+    assert!(straight.value(Figure::MaxCte).unwrap() > 1.0, "so far off it was put back: {straight}");
+}
+
+#[test]
+fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of_it() {
+    let (dir, _) = recorded(15.0);
+    let header = RunHeader {
+        name_hint: None,
+        dialect: Some(Dialect::SelfOracle),
+        model: None,
+        seed: None,
+        config: serde_json::Value::Null,
+        lapwing: "test".into(),
+        started: jiff::Timestamp::UNIX_EPOCH,
+    };
+    let recorder = Recorder::create(dir.path(), header, RecorderOptions { queue: 16 }).unwrap();
+    let pilot = Box::new(ConstantPilot::new(Steering::constant(0.3)));
+    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let mut world = open(&dir, Yaw::Pictures);
+    let card = drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap().card;
+    let run = recorder.finish().path;
+    let again = score::of_run(&mut RunReader::open(&run).unwrap(), Scorer::default(), |_, _| ()).unwrap();
+    assert_eq!(again, card);
+    for figure in [Figure::Collisions, Figure::Laps, Figure::Completion, Figure::OffRoads, Figure::DrivingScore] {
+        assert!(card.words(figure).starts_with("not measurable: a recording "), "{}: {card}", figure.key());
+    }
+    assert_eq!(card.value(Figure::Interventions), Some(world.interventions().into()), "{card}");
+    assert!(card.value(Figure::MaxCte).unwrap() > 1.0 && card.value(Figure::SteeringRate).is_some(), "{card}");
+    let limits = Thresholds { max_collisions: Some(0), ..Thresholds::default() };
+    let expected = "collisions: expected at most 0, got not measurable: a recording has no obstacles to hit";
+    assert_eq!(score::missed(&limits, &card), [expected]);
 }
 
 #[test]

@@ -4,9 +4,17 @@
 use std::{
     env, fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
-use lapwing::{protocol::number, recording::udacity::DrivingLog};
+use lapwing::{
+    dataset,
+    odometry::Road,
+    protocol::number,
+    recording::{RunReader, udacity::DrivingLog},
+    score::{self, Figure, Scorer},
+    simulator::{survey::known_road, track::Track},
+};
 
 /// A folder of shared test data: `$LAPWING_SHARED`, by default beside the project's.
 fn shared(folder: &str) -> Option<PathBuf> {
@@ -78,4 +86,28 @@ fn every_number_of_real_drives_is_written_as_the_simulator_wrote_it() {
         count == 4 * (2200 + 1500 + 1084) && with_exponent > 10,
         "{count} numbers, {with_exponent} with an exponent"
     );
+}
+
+#[test]
+fn real_drives_are_known_by_their_bends_and_their_collisions_found_in_log_and_run_alike() {
+    let Some(folder) = shared("recordings") else { return };
+    let roads: Vec<Arc<Road>> = Track::NAMES.iter().map(|name| Arc::new(known_road(name).unwrap())).collect();
+    let dir = tempfile::tempdir().unwrap();
+    // No known road fits what was driven on the mountain.
+    for (name, track, laps, collision_s) in [
+        ("lake", Some("lake"), Some(1.0), 152.5),
+        ("jungle", Some("jungle"), Some(0.0), 119.1),
+        ("mountain", None, None, 107.6),
+    ] {
+        let log = folder.join(name);
+        let card = score::of_log(&DrivingLog::open(&log).unwrap(), Scorer::on(&roads, Some(1)), |_, _| ());
+        assert_eq!((card.track.as_deref(), card.value(Figure::Laps)), (track, laps), "{name}: {card}");
+        assert_eq!(card.value(Figure::Collisions), Some(1.0), "{name}: {card}");
+        assert!((card.value(Figure::SurvivalS).unwrap() - collision_s).abs() < 0.1, "{name}: {card}");
+        let run = dir.path().join(name).with_extension("mcap");
+        dataset::convert(&log, &run, &mut |_, _| ()).unwrap();
+        let mut run = RunReader::open(&run).unwrap();
+        let of_run = score::of_run(&mut run, Scorer::on(&roads, Some(1)), |_, _| ()).unwrap();
+        assert_eq!(of_run, card, "{name}");
+    }
 }

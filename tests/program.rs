@@ -102,11 +102,19 @@ fn a_score_below_a_threshold_is_3_and_says_what_it_was_in_every_form() {
     std::fs::write(&baseline, serde_json::to_string(&result).unwrap()).unwrap();
     assert_eq!(said(&lapwing(&["score", RUN, "--against", &baseline])).0, 0);
     let mut better = result.clone();
-    better["summary"]["completion"]["mean"] = 1.0.into();
+    better["runs"][0]["completion"] = 1.0.into();
     std::fs::write(&baseline, better.to_string()).unwrap();
-    let (code, _, err) = said(&lapwing(&["score", RUN, "--against", &baseline]));
+    let (code, _, err) = said(&lapwing(&["score", RUN, "--against", &baseline, "--junit", &junit]));
     assert_eq!(code, 3, "{err}");
-    assert!(err.contains("worse: completion: 100.0 % before"), "{err}");
+    assert!(err.contains("worse: lake, 20 mph: completion: 100.0 % before"), "{err}");
+    assert!(std::fs::read_to_string(&junit).unwrap().contains(r#"failures="1""#));
+
+    // What cannot be read does not keep the others from being scored.
+    let broken = path("broken.mcap");
+    std::fs::write(&broken, b"noise").unwrap();
+    let (code, out, err) = said(&lapwing(&["score", RUN, &broken, "--junit", &junit]));
+    assert!(code == 1 && out.contains("completion") && err.contains("1 of 2 runs cannot be scored"), "{out}{err}");
+    assert!(std::fs::read_to_string(&junit).unwrap().contains(r#"errors="1""#));
 }
 
 #[test]

@@ -19,6 +19,7 @@ use lapwing::{
         camera::Scenery,
         conditions::Conditions,
         scenario::Scenario,
+        survey::known_road,
         track::Track,
         world::{Ending, Human, Setup, Simulation},
     },
@@ -317,6 +318,19 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
         let avoided = avoided.filter_map(|(one, share)| (one == how).then_some(share)).next();
         assert_eq!(card.value(Figure::BrakingAvoided), avoided, "{how}: {card}");
     }
+}
+
+#[test]
+fn laps_of_a_road_that_nobody_knows_are_seen_and_it_is_taken_for_none_that_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let setup = Setup { laps: Some(2), longest_s: Some(300.0), stock: true, ..setup(open("random:14")) };
+    let (Drive { card: truth, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
+    let roads: Vec<_> = Track::NAMES.iter().map(|name| Arc::new(known_road(name).unwrap())).collect();
+    let scorer = Scorer::on(&roads, Some(2));
+    let card = score::of_run(&mut RunReader::open(&report.path).unwrap(), scorer, |_, _| ()).unwrap();
+    assert_eq!((card.track.as_deref(), card.value(Figure::Laps)), (None, Some(2.0)), "{card}");
+    let times = truth.lap_times_s.iter().zip(&card.lap_times_s);
+    assert!(times.map(|(told, seen)| (told - seen).abs()).fold(0.0, f64::max) < 1.0, "{truth}\n{card}");
 }
 
 #[test]

@@ -9,6 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
+use glam::DVec3;
 use serde::Serialize;
 
 use super::{Ended, thresholds};
@@ -17,10 +18,10 @@ use crate::{
     config::Thresholds,
     odometry::Road,
     protocol::Dialect,
-    recording::{RunHeader, RunReader},
+    recording::{Item, RunHeader, RunReader, is_run, udacity::DrivingLog},
     score::{
-        self, Check, Figure, Scorecard, Scorer,
-        against::{Baseline, Change, Turn, changes},
+        self, Check, Figure, Measure, Scorecard, Scorer, Unit,
+        against::{self, Baseline, Comparison, Turn},
         junit,
         page::{self, Collector, Drawn, Outline, Shown},
         summary::{Spread, summary},
@@ -28,7 +29,15 @@ use crate::{
     simulator::{survey, track::Track},
 };
 
-/// What the JSON is called.
+/// What the JSON is called; a key's meaning never changes under one number, new keys may come. It is one object:
+///
+/// | key | holds |
+/// |---|---|
+/// | `schema` | this |
+/// | `runs` | of each run: `run` (its path), `started` (RFC 3339), `model`, `model_sha256`, `seed`, `setting` ([`against::setting`]), all keys of a [`Scorecard`], and `missed`, the thresholds that it missed, in words |
+/// | `summary` | under each figure's key, over the runs that tell it, a [`Spread`]: `runs`, `mean`, `deviation`, `least`, `most` |
+/// | `against` | with `--against`, a [`Comparison`]: `changes` (`setting`, `figure`, `before`, `now`, `noise`, `turn`), `missing`, `new` |
+/// | `unscored` | under the path of each run that could not be scored, why |
 const SCHEMA: &str = "lapwing.score/1";
 
 /// Metres between points of a road's edge on the page.
@@ -51,8 +60,11 @@ struct Result_<'a> {
     schema: &'static str,
     runs: Vec<Scored<'a>>,
     summary: BTreeMap<&'static str, Spread>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    against: Vec<Change>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    against: Option<&'a Comparison>,
+    /// Runs that could not be scored, and why.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    unscored: BTreeMap<&'a str, &'a str>,
 }
 
 #[derive(Serialize)]
@@ -62,6 +74,7 @@ struct Scored<'a> {
     model: Option<&'a str>,
     model_sha256: Option<&'a str>,
     seed: Option<u64>,
+    setting: String,
     #[serde(flatten)]
     card: &'a Scorecard,
     missed: Vec<&'a str>,
@@ -78,9 +91,19 @@ impl Roads<'_> {
         if let Some(known) = self.known.get() {
             return Ok(known);
         }
-        let names = Track::NAMES.into_iter().chain(self.arguments.tracks.iter().map(String::as_str));
-        let known = names.map(|name| Ok(Arc::new(survey::known_road(name)?))).collect::<anyhow::Result<_>>()?;
+        let known = self.names().map(|name| Ok(Arc::new(survey::known_road(name)?))).collect::<anyhow::Result<_>>()?;
         Ok(self.known.get_or_init(|| known))
+    }
+
+    /// As [`Track::open`] takes them.
+    fn names(&self) -> impl Iterator<Item = &str> {
+        Track::NAMES.into_iter().chain(self.arguments.tracks.iter().map(String::as_str))
+    }
+
+    /// The track that calls itself so, if it is known.
+    fn track(&self, name: &str) -> Option<Track> {
+        let known = |track: &Track| track.file().name == name;
+        Track::open(name).ok().or_else(|| self.names().filter_map(|name| Track::open(name).ok()).find(known))
     }
 }
 
@@ -96,25 +119,40 @@ struct Run {
 
 impl Run {
     fn open(path: PathBuf, limits: &Thresholds, roads: &Roads<'_>, for_page: bool) -> anyhow::Result<Self> {
-        let mut reader = RunReader::open(&path)?;
-        let scorer = match reader.header().dialect {
-            // Whatever another build leaves untold, it is not the position.
-            None | Some(Dialect::Term1) => Scorer::on(roads.known()?, Some(roads.arguments.laps)),
-            Some(_) => Scorer::default(),
-        };
         let mut collector = for_page.then(Collector::default);
-        let card = score::of_run(&mut reader, scorer, |at, item| {
-            if let Some(collector) = &mut collector {
-                collector.item(at, item);
-            }
-        })?;
+        let watch = |at, item: &Item| collector.iter_mut().for_each(|collector| collector.item(at, item));
+        let blind = || Ok::<_, anyhow::Error>(Scorer::on(roads.known()?, Some(roads.arguments.laps)));
+        let (header, card) = if is_run(&path) {
+            let mut reader = RunReader::open(&path)?;
+            let scorer = match reader.header().dialect {
+                // Whatever another build leaves untold, it is not the position.
+                None | Some(Dialect::Term1) => blind()?,
+                Some(_) => Scorer::default(),
+            };
+            let card = score::of_run(&mut reader, scorer, watch)?;
+            (reader.header().clone(), card)
+        } else {
+            let log = DrivingLog::open(&path)?;
+            (log.header(), score::of_log(&log, blind()?, watch))
+        };
         let checks = score::checks(limits, &card);
-        let drawn = collector.map(|collector| (collector.finish(), card.track.as_deref().and_then(outline)));
-        Ok(Self { header: reader.header().clone(), path, card, checks, drawn })
+        let track = card.track.as_deref().filter(|_| for_page).and_then(|name| roads.track(name));
+        let drawn = collector.map(|collector| {
+            let mut drawn = collector.finish();
+            if let Some(track) = &track {
+                drawn.locate(&whereabouts(&card, track));
+            }
+            (drawn, track.as_ref().map(outline))
+        });
+        Ok(Self { header, path, card, checks, drawn })
     }
 
     fn name(&self) -> String {
         self.path.display().to_string()
+    }
+
+    fn setting(&self) -> String {
+        against::setting(&self.header, &self.card)
     }
 
     fn model(&self) -> Option<&str> {
@@ -141,17 +179,26 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let limits = thresholds::layers(super::undriven_layers(config)?, &arguments.thresholds)?.resolve()?.thresholds;
     let paths = files(&arguments.runs)?;
     let roads = Roads { arguments, known: OnceCell::new() };
-    let runs = paths
-        .into_iter()
-        .map(|path| Run::open(path, &limits, &roads, arguments.html.is_some()))
-        .collect::<anyhow::Result<Vec<_>>>()?;
+    let (mut runs, mut unscored) = (vec![], vec![]);
+    for path in paths {
+        let name = path.display().to_string();
+        match Run::open(path, &limits, &roads, arguments.html.is_some()) {
+            Ok(run) => runs.push(run),
+            Err(error) => unscored.push((name, format!("{error:#}"))),
+        }
+    }
+    if let ([], [(_, why)]) = (&runs[..], &unscored[..]) {
+        bail!("{why}");
+    }
     let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
     let summary = summary(&cards);
-    let against = arguments.against.as_deref().map(|path| Ok::<_, anyhow::Error>(changes(&baseline(path)?, &summary)));
-    let against = against.transpose()?.unwrap_or_default();
+    let settings: Vec<_> = runs.iter().map(|run| (run.setting(), &run.card)).collect();
+    let against = arguments.against.as_deref().map(|path| Ok::<_, anyhow::Error>(baseline(path)?.compare(&settings)));
+    let against = against.transpose()?;
     if let Some(path) = &arguments.junit {
         let cases: Vec<_> = runs.iter().map(|run| (run.name(), &run.card, run.checks.clone())).collect();
-        fs::write(path, junit::report(&cases)?).with_context(|| format!("{}: cannot be written", path.display()))?;
+        let report = junit::report(&cases, &unscored, against.as_ref())?;
+        fs::write(path, report).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     if let Some(path) = &arguments.html {
         fs::write(path, page(&runs)?).with_context(|| format!("{}: cannot be written", path.display()))?;
@@ -163,24 +210,32 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
             model: run.model(),
             model_sha256: run.header.model.as_ref().map(|model| model.sha256.as_str()),
             seed: run.header.seed,
+            setting: run.setting(),
             card: &run.card,
             missed: run.missed().collect(),
         });
-        let result = Result_ { schema: SCHEMA, runs: scored.collect(), summary, against: against.clone() };
+        let unscored = unscored.iter().map(|(name, why)| (name.as_str(), why.as_str())).collect();
+        let result = Result_ { schema: SCHEMA, runs: scored.collect(), summary, against: against.as_ref(), unscored };
         super::print(&serde_json::to_string_pretty(&result)?);
     } else if let [run] = &runs[..] {
         super::print(&format!("{}\n{}", run.title(), run.card));
     } else {
         super::print(&table(&runs, &summary));
     }
-    if !arguments.json {
-        for change in against.iter().filter(|change| change.turn == Turn::Better) {
-            super::print(&format!("better: {change}"));
-        }
+    for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Turn::Better) {
+        eprintln!("better: {change}");
+    }
+    for setting in against.iter().flat_map(|against| &against.new) {
+        eprintln!("not compared: {setting}: the baseline has no run");
     }
     let named = |run: &Run| run.missed().map(|missed| format!("{}: {missed}", run.name())).collect::<Vec<_>>();
-    let worse = against.iter().filter(|change| change.turn == Turn::Worse).map(|change| format!("worse: {change}"));
-    Ok(thresholds::ended(&runs.iter().flat_map(named).chain(worse).collect::<Vec<_>>()))
+    let worse = against.iter().flat_map(Comparison::worse).map(|worse| format!("worse: {worse}"));
+    let ended = thresholds::ended(&runs.iter().flat_map(named).chain(worse).collect::<Vec<_>>());
+    if !unscored.is_empty() {
+        unscored.iter().for_each(|(_, why)| eprintln!("error: {why}"));
+        bail!("{} of {} runs cannot be scored", unscored.len(), unscored.len() + runs.len());
+    }
+    Ok(ended)
 }
 
 fn baseline(path: &Path) -> anyhow::Result<Baseline> {
@@ -202,18 +257,29 @@ fn page(runs: &[Run]) -> Result<String, serde_json::Error> {
     page::render(&shown.collect::<Vec<_>>())
 }
 
-/// The edges of a track that Lapwing knows by name.
-fn outline(name: &str) -> Option<Outline> {
-    let track = Track::open(name).ok()?;
+/// A track's edges.
+fn outline(track: &Track) -> Outline {
     let edge = |offset: f64| {
         let steps = (track.length() / OUTLINE_M).ceil() as u32;
-        let point = |i| track.point(f64::from(i) * OUTLINE_M, offset);
-        (0..steps).map(point).map(|point| [point.x as f32, point.z as f32]).collect()
+        (0..steps).map(|i| from_above(track.point(f64::from(i) * OUTLINE_M, offset))).collect()
     };
-    Some(Outline { left: edge(-track.half_width()), right: edge(track.half_width()) })
+    Outline { left: edge(-track.half_width()), right: edge(track.half_width()) }
 }
 
-/// The runs that are meant; of a folder all in it, by name.
+/// Where a run that tells no position seems to have been: seconds, and places on the line to drive.
+fn whereabouts(card: &Scorecard, track: &Track) -> Vec<(f64, [f32; 2])> {
+    card.whereabouts.iter().map(|(at, s)| (*at, from_above(track.on_driving_line(*s).position))).collect()
+}
+
+fn from_above(point: DVec3) -> [f32; 2] {
+    [point.x as f32, point.z as f32]
+}
+
+fn ends(file: &Path, ending: &str) -> bool {
+    file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
+}
+
+/// The runs and driving logs that are meant; of a folder all in it, by name.
 fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = vec![];
     for path in paths {
@@ -226,9 +292,16 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         for entry in fs::read_dir(path).with_context(cannot)? {
             inside.push(entry.with_context(cannot)?.path());
         }
-        inside.retain(|file| file.extension().is_some_and(|extension| extension == "mcap"));
+        let pictures = inside.iter().filter(|file| ends(file, "jpg")).count();
+        inside.retain(|file| ends(file, "mcap") || file.file_name().is_some_and(|name| name == "driving_log.csv"));
         if inside.is_empty() {
-            bail!("{}: expected runs (.mcap) in the folder, got none", path.display());
+            let got = match pictures {
+                0 => "neither".to_owned(),
+                n => format!(
+                    "{n} pictures alone, which tell neither speed nor steering: let lapwing serve record the drive"
+                ),
+            };
+            bail!("{}: expected runs (.mcap) or a driving_log.csv in the folder, got {got}", path.display());
         }
         inside.sort();
         files.extend(inside);
@@ -244,18 +317,29 @@ fn table(runs: &[Run], spreads: &BTreeMap<&'static str, Spread>) -> String {
     let mut rows: Vec<Vec<String>> = vec![];
     rows.push(std::iter::once("run").chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
     for run in runs {
-        let cell = |figure: Figure| run.card.value(figure).map_or_else(|| "-".to_owned(), |v| figure.unit().show(v));
+        let cell = |figure: Figure| match run.card.get(figure) {
+            Measure::Told(value) => figure.unit().show(value),
+            Measure::Estimate { value, .. } => format!("~{}", figure.unit().show(value)),
+            Measure::Unknown(_) => "-".to_owned(),
+        };
         rows.push(std::iter::once(run.name()).chain(COMPARED.map(cell)).collect());
     }
     let mean = |figure: Figure| {
         spreads.get(figure.key()).map_or_else(|| "-".to_owned(), |spread| figure.unit().show_mean(spread.mean))
     };
     rows.push(std::iter::once(format!("mean of {}", runs.len())).chain(COMPARED.map(mean)).collect());
-    score::aligned(&rows, 1) + "\n- is not measurable; lapwing score RUN says why."
+    score::aligned(&rows, 1) + "\n~ is an estimate, - not measurable; lapwing score RUN says more."
 }
 
 /// Every figure's key, unit, formula and source.
 fn explained() -> String {
-    let line = |figure: Figure| format!("{:<27} {}", figure.key(), figure.meaning());
+    let unit = |figure: Figure| match figure.unit() {
+        Unit::Share => "0 to 1",
+        Unit::Count => "count",
+        Unit::Points => "0 to 100",
+        Unit::Correlation => "-1 to 1",
+        unit => unit.symbol(),
+    };
+    let line = |figure: Figure| format!("{:<27} {:<8} {}", figure.key(), unit(figure), figure.meaning());
     Figure::ALL.map(line).join("\n")
 }

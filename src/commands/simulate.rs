@@ -11,10 +11,11 @@ use super::{Ended, Interrupted, thresholds, world};
 use crate::{
     cli,
     config::{Control, Settings},
+    control::{Change, Handover},
     driver::Driver,
     pilot::PurePursuit,
     protocol::{Answer, Observation, Sight, World},
-    recording::Eventful,
+    recording::{EventRecord, Eventful},
     score::{self, Scorecard, Scorer},
     simulator::{
         client::{self, ClientOptions},
@@ -44,7 +45,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
     let pictures = world::Pictures::new(&arguments.pictures, &setup)?;
     let mut live = Live {
         simulation: Simulation::new(setup)?,
-        scorer: Scorer::default(),
+        judge: Judge::default(),
         pictures,
         progress: world::Progress::new(),
         interrupted: super::interrupted(),
@@ -84,7 +85,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
 fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Settings) -> anyhow::Result<Ended> {
     live.listen();
     let made = live.pictures.finish(&live.simulation)?;
-    let card = live.scorer.finish();
+    let card = live.judge.scorer.finish();
     let missed = score::missed(&settings.thresholds, &card);
     let seed = live.simulation.setup().seed;
     if arguments.json {
@@ -103,7 +104,7 @@ fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Se
 /// The world while somebody drives it: paced, filmed, scored.
 struct Live {
     simulation: Simulation,
-    scorer: Scorer,
+    judge: Judge,
     pictures: world::Pictures,
     progress: world::Progress,
     interrupted: Interrupted,
@@ -114,7 +115,39 @@ struct Live {
 impl Live {
     fn listen(&mut self) {
         for (at, event) in self.simulation.take_events() {
+            self.judge.scorer.event(at, &event);
+        }
+    }
+}
+
+/// The scorer, and what a bridge's driver would tell it: who has the wheel.
+struct Judge {
+    scorer: Scorer,
+    handover: Handover,
+}
+
+impl Default for Judge {
+    fn default() -> Self {
+        Self { scorer: Scorer::default(), handover: Handover::new(false) }
+    }
+}
+
+impl Judge {
+    fn sight(&mut self, at: Duration, sight: &Sight) {
+        let change = match sight {
+            Sight::HumanDrives => self.handover.human_drives(at),
+            Sight::Telemetry(_) => self.handover.command_asked(at),
+            Sight::Unreadable(_) => None,
+        };
+        let event = change.map(|change| match change {
+            Change::TakeoverBegan => EventRecord::TakeoverBegan,
+            Change::TakeoverEnded(after) => EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() },
+        });
+        if let Some(event) = event {
             self.scorer.event(at, &event);
+        }
+        if let Sight::Telemetry(telemetry) = sight {
+            self.scorer.telemetry(at, telemetry);
         }
     }
 }
@@ -129,9 +162,7 @@ impl World for Live {
             if let Some(began) = self.began {
                 std::thread::sleep((began + *at).saturating_duration_since(Instant::now()).min(Duration::from_secs(1)));
             }
-            if let Sight::Telemetry(telemetry) = sight {
-                self.scorer.telemetry(*at, telemetry);
-            }
+            self.judge.sight(*at, sight);
             self.pictures.take(&self.simulation)?;
         }
         Ok(observation)
@@ -139,5 +170,54 @@ impl World for Live {
 
     fn apply(&mut self, answer: Answer) {
         self.simulation.apply(answer);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::{
+        score::Figure,
+        simulator::{camera::Scenery, track::Track, world::Setup},
+    };
+
+    /// The judgement of half a minute on the lake, driven by the expert, with this human.
+    fn judged(human: Option<Human>) -> Scorecard {
+        let track = Track::named("lake").unwrap();
+        let scenery = Arc::new(Scenery::new(&track));
+        let setup = Setup { laps: None, longest_s: Some(30.0), hz: 5.0, human, ..Setup::new(Arc::new(track), scenery) };
+        let mut world = Simulation::new(setup).unwrap();
+        let mut judge = Judge::default();
+        loop {
+            let seen = world.observe().unwrap();
+            world.take_events().iter().for_each(|(at, event)| judge.scorer.event(*at, event));
+            let Some(Observation { at, sight }) = seen else { break };
+            judge.sight(at, &sight);
+            let command = world.expert(Mph::constant(10.0));
+            world.apply(Answer::Steer(command));
+        }
+        judge.scorer.finish()
+    }
+
+    #[test]
+    fn a_human_who_takes_the_wheel_is_heard_of_and_costs_autonomy() {
+        let card = judged(Some(Human { from_s: 10.0, for_s: 9.0, speed: Mph::constant(10.0) }));
+        assert_eq!((card.value(Figure::Takeovers), card.value(Figure::HumanS)), (Some(1.0), Some(9.0)), "{card}");
+        let time_s = card.value(Figure::TimeS).unwrap();
+        let autonomies = [Figure::Autonomy, Figure::AutonomyMeasured].map(|figure| card.value(figure).unwrap());
+        // Bojarski's 6 s, and as long as it was.
+        for (autonomy, lost_s) in autonomies.into_iter().zip([6.0, 9.0]) {
+            assert!((autonomy - (1.0 - lost_s / time_s)).abs() < 1e-9, "{card}");
+        }
+        assert!((card.value(Figure::SurvivalS).unwrap() - 10.0).abs() < 1e-9, "{card}");
+    }
+
+    #[test]
+    fn without_a_human_the_pilot_drives_all_the_way() {
+        let card = judged(None);
+        let figures = [Figure::Takeovers, Figure::HumanS, Figure::Autonomy].map(|figure| card.value(figure));
+        assert_eq!(figures, [Some(0.0), Some(0.0), Some(1.0)], "{card}");
     }
 }

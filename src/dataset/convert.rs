@@ -11,17 +11,15 @@
 
 use std::{fs, io, path::Path};
 
-use bytes::Bytes;
-use jiff::{Timestamp, tz::TimeZone};
+use jiff::tz::TimeZone;
 
-use super::{DatasetError, moments::is_run};
+use super::DatasetError;
 use crate::{
-    protocol::{CameraImage, Telemetry, Truth},
+    protocol::CameraImage,
     recording::{
-        CommandRecord, Item, Moment, Recorder, RecorderOptions, RecordingError, RunHeader, RunReader, Step,
-        udacity::{DrivingLog, DrivingLogWriter, Row, Sample},
+        Moment, Recorder, RecorderOptions, RecordingError, RunReader, Step, is_run,
+        udacity::{DrivingLog, DrivingLogWriter, Sample},
     },
-    units::Throttle,
 };
 
 /// What became of a conversion.
@@ -93,24 +91,13 @@ fn to_run(source: &Path, target: &Path, progress: &mut dyn FnMut(u64, Option<u64
     if let Some(parent) = target.parent() {
         fs::create_dir_all(parent).map_err(|why| io_error("create the folder", parent, why))?;
     }
-    let header = RunHeader {
-        name_hint: None,
-        dialect: None,
-        model: None,
-        seed: None,
-        config: serde_json::json!({ "converted_from": "driving_log.csv" }),
-        lapwing: env!("CARGO_PKG_VERSION").into(),
-        started: started(&log),
-    };
-    let recorder = Recorder::create_file(target, header, RecorderOptions::default())?;
+    let recorder = Recorder::create_file(target, log.header(), RecorderOptions::default())?;
     let mut converted = Converted::default();
     let written = log.rows.iter().try_for_each(|row| {
-        let jpeg = jpeg(&row.center)?;
+        let jpeg = row.jpeg()?;
         // The disk of a conversion may be slow: nothing must be dropped.
         recorder.wait_for_room();
-        for item in items(row, jpeg) {
-            recorder.record(row.at, item);
-        }
+        row.items(Some(jpeg)).for_each(|item| recorder.record(row.at, item));
         converted.rows += 1;
         converted.side_pictures += [&row.left, &row.right].into_iter().flatten().count() as u64;
         progress(converted.rows, Some(log.rows.len() as u64));
@@ -131,37 +118,6 @@ fn to_run(source: &Path, target: &Path, progress: &mut dyn FnMut(u64, Option<u64
         let _ = fs::remove_file(target);
     }
     finished
-}
-
-/// When the first picture was taken, by its name in this place's time; else when the log was written last.
-fn started(log: &DrivingLog) -> Timestamp {
-    let named = log.rows.first().and_then(|row| row.taken_at);
-    let named = named.and_then(|taken| taken.to_zoned(TimeZone::system()).ok()).map(|taken| taken.timestamp());
-    let written = || fs::metadata(&log.path).and_then(|m| m.modified()).ok().and_then(|t| t.try_into().ok());
-    named.or_else(written).unwrap_or(Timestamp::UNIX_EPOCH)
-}
-
-fn jpeg(path: &Path) -> Result<Bytes, DatasetError> {
-    let wrong = |why: String| DatasetError::Picture { picture: path.display().to_string(), why };
-    let bytes = fs::read(path).map_err(|e| wrong(e.to_string()))?;
-    if bytes.starts_with(b"\xff\xd8") {
-        Ok(bytes.into())
-    } else {
-        Err(wrong("expected a JPEG, got another kind".into()))
-    }
-}
-
-/// A row as the items of one step.
-fn items(row: &Row, jpeg: Bytes) -> [Item; 3] {
-    let telemetry = Telemetry {
-        steering: row.steering.degrees(),
-        throttle: row.throttle,
-        speed: row.speed,
-        image: CameraImage::default(),
-        truth: Truth { brake: Some(row.brake), ..Truth::default() },
-    };
-    let command = CommandRecord::of_human(row.steering, Throttle::saturating(row.throttle.get() - row.brake));
-    [Item::Telemetry(telemetry), Item::Frame(jpeg), Item::Command(command)]
 }
 
 fn to_folder(

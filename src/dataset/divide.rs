@@ -6,9 +6,9 @@ use std::{
     path::{self, Path, PathBuf},
 };
 
-use super::{Blocks, DatasetError, moments::is_run};
+use super::{Blocks, DatasetError};
 use crate::recording::{
-    RecordingError,
+    RecordingError, is_run,
     udacity::{DrivingLog, Row},
 };
 

@@ -16,11 +16,11 @@ use serde::Serialize;
 
 use super::{
     DatasetError,
-    moments::{CAMERAS, Drive, Moment, Picture, is_run},
+    moments::{CAMERAS, Drive, Moment, Picture},
 };
 use crate::{
     perception::{Frame, decode_jpeg},
-    recording::RecordingError,
+    recording::{RecordingError, is_run},
 };
 
 /// Rows further apart than this, in time, are told as a gap, and no sequence or mean reaches across: recorders write

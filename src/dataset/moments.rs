@@ -12,18 +12,12 @@ use jiff::civil::DateTime;
 use super::DatasetError;
 use crate::{
     protocol::CameraImage,
-    recording::{By, Moments, RunReader, Step, udacity},
+    recording::{By, Moments, RunReader, Step, is_run, udacity},
     units::Steering,
 };
 
 /// Names of the cameras, in the order in which a moment has its pictures.
 pub(super) const CAMERAS: [&str; 3] = ["center", "left", "right"];
-
-/// Whether a path is that of a run, by its ending or by being a file that is no CSV.
-pub(super) fn is_run(path: &Path) -> bool {
-    let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-    ends("mcap") || path.is_file() && !ends("csv")
-}
 
 /// Where the bytes of a picture are.
 #[derive(Debug, Clone)]

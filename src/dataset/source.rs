@@ -10,10 +10,10 @@ use bytes::Bytes;
 use jiff::civil::DateTime;
 use serde::{Deserialize, Serialize};
 
-use super::{DatasetError, LONGEST_GAP, moments::is_run};
+use super::{DatasetError, LONGEST_GAP};
 use crate::{
     protocol::CameraImage,
-    recording::{By, Moment, RunReader, udacity::DrivingLog},
+    recording::{By, Moment, RunReader, is_run, udacity::DrivingLog},
     units::{Mph, Steering},
 };
 

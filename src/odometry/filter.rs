@@ -36,10 +36,12 @@ const LOST_AFTER_M: f64 = 40.0;
 /// Who began at a known start and is lost is that far from where it seems, as a standard deviation.
 const LOST_WITHIN_M: f64 = 20.0;
 /// The least log likelihood of a look, on average, on the road that it is: real drives come to -0.6 on the lake and -1.9 in
-/// the jungle, on other roads than theirs to between -3 and -5.
-const EXPLAINED: f64 = -3.0;
-/// Metres from one time to the next that it is asked how far the car has gone for certain.
+/// the jungle; drives around roads that are none of those known to -2.6 at best.
+const EXPLAINED: f64 = -2.3;
+/// Metres from one time to the next that it is asked where the car is, and how far it has gone for certain.
 const SURE_EVERY_M: f64 = 20.0;
+/// Standard deviation, in metres, from which on nobody would say that it is known where the car is.
+const VAGUE_M: f64 = 15.0;
 /// What is not known of the car, as standard deviations: how far a told metre is, how much a told radian turns (tyres
 /// slip), and what drifts over a metre besides.
 const SCALE: f64 = 0.01;
@@ -102,6 +104,19 @@ pub struct Place {
     pub progress_m: f64,
 }
 
+/// Where the car was when it had driven so far.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Milestone {
+    /// Metres driven.
+    pub way_m: f64,
+    /// Metres along the road, 0 to its length.
+    pub s_m: f64,
+    /// Metres along the road since the drive began, laps adding up.
+    pub progress_m: f64,
+    /// Standard deviation of both, in metres.
+    pub deviation_m: f64,
+}
+
 /// Follows a car along one road.
 #[derive(Debug, Clone)]
 pub struct Filter {
@@ -117,6 +132,10 @@ pub struct Filter {
     /// Metres along the road that the car has gone for certain, and the metres driven when that was last asked.
     sure_m: f64,
     asked_m: f64,
+    /// Where it seemed to be when it was last sought anew, and the metres driven until then.
+    sought: Option<(Place, f64)>,
+    /// Where it was, as often as that was asked and known.
+    trail: Vec<Milestone>,
     /// Where it began is known for certain.
     is_anchored: bool,
 }
@@ -142,7 +161,11 @@ impl Filter {
 
     fn begin(road: Arc<Road>, particles: Vec<Particle>, random: ChaCha8Rng, is_anchored: bool) -> Self {
         let (evidence, of_late, way_m, sure_m, asked_m) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        Self { road, particles, random, evidence, of_late, way_m, sure_m, asked_m, is_anchored }
+        let (sought, trail) = (None, vec![]);
+        let mut filter =
+            Self { road, particles, random, evidence, of_late, way_m, sure_m, asked_m, sought, trail, is_anchored };
+        filter.trail = filter.milestone(filter.place()).into_iter().collect();
+        filter
     }
 
     /// The car moved.
@@ -179,14 +202,31 @@ impl Filter {
             self.seek();
         } else if self.way_m - self.asked_m >= SURE_EVERY_M {
             self.asked_m = self.way_m;
-            let place = self.place();
+            let place = self.settled();
             self.sure_m = self.sure_m.max(place.progress_m - 2.0 * place.deviation_m);
+            self.trail.extend(self.milestone(place));
+        }
+    }
+
+    /// The car moved unseen: so far along the road, up to a standard deviation.
+    pub fn skip(&mut self, way_m: f64, deviation_m: f64) {
+        self.way_m += way_m;
+        let Self { road, particles, random, .. } = self;
+        for particle in particles {
+            let (along, across) = two_gauss(random);
+            let along = (way_m + deviation_m * along).max(0.0);
+            particle.s = (particle.s + along).rem_euclid(road.length_m);
+            particle.progress_m += along;
+            // Whoever drove, drove on the road.
+            particle.offset = OFFSET_M * across;
+            particle.error = HEADING_RAD * gauss(random);
         }
     }
 
     /// Half of the guesses stay, the others are spread over the road, or around where they were if the start is known.
     fn seek(&mut self) {
         let place = self.place();
+        self.sought = Some((place, self.way_m));
         let keep = FROM_ANYWHERE.min(self.particles.len());
         let (step, from) = (self.particles.len() as f64 / keep as f64, uniform(&mut self.random));
         let kept = (0..keep).map(|i| self.particles[((i as f64 + from) * step) as usize % self.particles.len()]);
@@ -270,6 +310,20 @@ impl Filter {
         self.particles = drawn;
     }
 
+    /// Where the car is, as far as that is proven: where it was just sought anew, it may as well have left the road there as
+    /// have gone on.
+    fn settled(&self) -> Place {
+        let Some((before, on)) = self.sought.map(|(place, way_m)| (place, self.way_m - way_m)) else {
+            return self.place();
+        };
+        if on >= LOST_AFTER_M {
+            return self.place();
+        }
+        let s_m = (before.s_m + on / 2.0).rem_euclid(self.road.length_m);
+        let deviation_m = before.deviation_m.max(LOST_WITHIN_M);
+        Place { s_m, deviation_m, progress_m: before.progress_m + on / 2.0 }
+    }
+
     /// Where the car is.
     pub fn place(&self) -> Place {
         let weighted = |of: &dyn Fn(&Particle) -> f64| -> f64 {
@@ -285,6 +339,12 @@ impl Filter {
         Place { s_m, deviation_m, progress_m: weighted(&|p| p.progress_m) / sum }
     }
 
+    /// The place as one of the trail, if it is known well enough.
+    fn milestone(&self, place: Place) -> Option<Milestone> {
+        let Place { s_m, deviation_m, progress_m } = place;
+        (deviation_m < VAGUE_M).then_some(Milestone { way_m: self.way_m, s_m, progress_m, deviation_m })
+    }
+
     /// How well the road explains the drive so far, as a log likelihood: comparable between roads.
     pub fn evidence(&self) -> f64 {
         self.evidence
@@ -293,8 +353,9 @@ impl Filter {
     /// What is known by now.
     pub fn found(&self) -> Match {
         let explains = self.is_anchored || self.evidence > EXPLAINED * (self.way_m / NEW_AFTER_M).max(1.0);
-        let (road, place) = (self.road.clone(), self.place());
-        Match { road, evidence: self.evidence, explains, place, sure_m: self.sure_m }
+        let (road, place) = (self.road.clone(), self.settled());
+        let trail = self.trail.iter().copied().chain(self.milestone(place)).collect();
+        Match { road, evidence: self.evidence, explains, place, sure_m: self.sure_m, trail }
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Filter, Motion, Place, Road};
+use super::{Filter, Milestone, Motion, Place, Road};
 
 /// Motions are gathered over so many metres.
 pub const STEP_M: f64 = 2.0;
@@ -25,6 +25,8 @@ pub struct Match {
     pub place: Place,
     /// Metres along the road that it has gone at least, by two standard deviations when it was known best.
     pub sure_m: f64,
+    /// Where it was on the way there, every 20 m or so as far as that was known.
+    pub trail: Vec<Milestone>,
 }
 
 /// Follows a car on all known roads at once.
@@ -58,6 +60,12 @@ impl Matcher {
         if self.gathered.way_m >= STEP_M {
             self.flush();
         }
+    }
+
+    /// The car moved unseen: so far along the road, up to a standard deviation.
+    pub fn skip(&mut self, way_m: f64, deviation_m: f64) {
+        self.flush();
+        self.filters.iter_mut().for_each(|filter| filter.skip(way_m, deviation_m));
     }
 
     fn flush(&mut self) {

@@ -18,7 +18,7 @@ mod revisits;
 
 use std::f64::consts::{PI, TAU};
 
-pub use filter::{Filter, Place};
+pub use filter::{Filter, Milestone, Place};
 pub use look::Look;
 pub use matcher::{Match, Matcher, STEP_M};
 pub use revisits::{BEGINNING_M, EVERY_M, laps};
@@ -50,8 +50,8 @@ pub struct Road {
 }
 
 impl Road {
-    /// A road by the line that is driven on it, of headings in radians, clockwise, evenly spaced once around; the first and the last are those of the same
-    /// place. At least two.
+    /// A road by the line that is driven on it, of headings in radians, clockwise, evenly spaced once around; the first and
+    /// the last are those of the same place. At least two.
     pub fn new(name: String, start_m: f64, length_m: f64, start: Option<Look>, mut headings: Vec<f64>) -> Self {
         assert!(headings.len() > 1, "a road has headings, got {}", headings.len());
         // From one to the next nothing turns by half a circle.

@@ -14,6 +14,8 @@ const SHORTEST_M: f64 = 100.0;
 /// better. Rows of looks at other places agree by 0.3 at most.
 const ROW: (usize, f64) = (6, 0.45);
 const FEW: f64 = 0.62;
+/// What agrees by less than this share of the best row only looks like the beginning.
+const BESIDE_BEST: f64 = 0.6;
 
 /// How far the car had driven each time that it came back to where the drive began, in metres. `looks` stand in the order
 /// of the metres driven until then.
@@ -50,7 +52,8 @@ pub fn laps(looks: &[(f64, Look)]) -> Vec<f64> {
             _ => found.push((lap, mean)),
         }
     }
-    found.into_iter().map(|(lap, _)| lap).collect()
+    let best = found.iter().fold(0.0, |best, (_, mean)| f64::max(best, *mean));
+    found.into_iter().filter(|(_, mean)| *mean >= BESIDE_BEST * best).map(|(lap, _)| lap).collect()
 }
 
 #[cfg(test)]

@@ -246,6 +246,9 @@ pub trait Eventful: World {
     }
 }
 
+/// Behind the name of a recording that is the course.
+const RECORDED: &str = " (recorded)";
+
 /// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
 pub(super) const MAX_TEXT: usize = 2000;
 
@@ -263,6 +266,18 @@ impl Item {
 }
 
 impl EventRecord {
+    /// The course of whoever drives along the path of a recording of this name and may be `limit_m` beside it: a path
+    /// and nothing else, which ends somewhere. It has no laps, nothing stands on it, and nobody knows how wide the road is.
+    pub fn recorded_path(recording: &str, length_m: f64, waypoints: u32, limit_m: f64) -> Self {
+        let track = format!("{recording}{RECORDED}");
+        Self::Course { track, length_m, waypoints, laps: None, edge_m: limit_m, scenario: None }
+    }
+
+    /// Whether this is such a course, in runs of earlier versions, too.
+    pub fn is_recorded_path(&self) -> bool {
+        matches!(self, Self::Course { track, laps: None, scenario: None, .. } if track.ends_with(RECORDED))
+    }
+
     fn shorten(&mut self) {
         let cut = |text: &mut String| {
             if let Some((end, _)) = text.char_indices().nth(MAX_TEXT) {
@@ -418,6 +433,19 @@ mod tests {
             r#"{"kind":"bad-frame","why":"no JPEG","count_in_row":2}"#
         );
         assert_eq!(text(EventRecord::FramesNotRecorded { count: 3 }), r#"{"kind":"frames-not-recorded","count":3}"#);
+    }
+
+    #[test]
+    fn the_path_of_a_recording_is_told_from_a_track_in_earlier_runs_too() {
+        let is_path = |event: &str| serde_json::from_str::<EventRecord>(event).unwrap().is_recorded_path();
+        let course = |track: &str, more: &str| {
+            format!(r#"{{"kind":"course","track":"{track}","length_m":525.8,"waypoints":27,{more}"edge_m":1.0}}"#)
+        };
+        assert!(is_path(&course("data (recorded)", "")));
+        assert!(!is_path(&course("lake", "")));
+        assert!(!is_path(&course("data (recorded)", r#""laps":1,"#)), "a track that somebody calls so");
+        assert!(!is_path(r#"{"kind":"kick"}"#));
+        assert!(EventRecord::recorded_path("data", 525.8, 27, 1.0).is_recorded_path());
     }
 
     #[test]

@@ -143,12 +143,26 @@ pub enum RecordingError {
         /// The folder.
         path: PathBuf,
     },
+    /// A picture that cannot be read.
+    #[error("{} cannot be read: {why}; `lapwing dataset inspect` lists every such picture", path.display())]
+    Picture {
+        /// The picture.
+        path: PathBuf,
+        /// What was expected, and what came.
+        why: String,
+    },
     /// A driving log without a row.
     #[error("{}: expected rows of a driving log, got none", path.display())]
     NoRows {
         /// The CSV file.
         path: PathBuf,
     },
+}
+
+/// Whether a path is that of a run, by its ending or by being a file that is no CSV; others are Udacity folders.
+pub fn is_run(path: &Path) -> bool {
+    let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    ends("mcap") || path.is_file() && !ends("csv")
 }
 
 impl RecordingError {

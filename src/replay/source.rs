@@ -12,7 +12,7 @@ use super::pace;
 use crate::{
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
     recording::{
-        By, EventRecord, Moment, Moments, RecordingError, RunReader,
+        By, EventRecord, Moment, Moments, RecordingError, RunReader, is_run,
         udacity::{DrivingLog, Row},
     },
     units::Steering,
@@ -98,12 +98,11 @@ impl Replay {
     /// # Errors
     /// [`ReplayError`], with file, line and field.
     pub fn open(path: &Path, rate: Rate) -> Result<Self, ReplayError> {
-        let is_log = path.is_dir() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-        let source = if is_log {
+        let source = if is_run(path) {
+            Source::Run(Box::new(RunReader::open(path)?.moments()))
+        } else {
             let rows = DrivingLog::open(path)?.rows;
             Source::Folder { frames: rows.len() as u64, rows: rows.into_iter() }
-        } else {
-            Source::Run(Box::new(RunReader::open(path)?.moments()))
         };
         Ok(Self {
             source,

@@ -12,12 +12,15 @@ use super::{Figure, Latency, Measure, STAGES, Unit};
 /// What the JSON of a scorecard is called. A key's meaning never changes under one number; new keys may come.
 pub const SCHEMA: &str = "lapwing.scorecard/1";
 
+/// What lap times are estimated from.
+pub(super) const LAP_TIMES_FROM: &str = "where it seems that laps ended";
+
 /// What a run was worth.
 ///
 /// As JSON it is one object: `schema`; `track`, `scenario`, `ended`, `laps_asked`, each a value or null; a number or null
 /// under the key of each [`Figure`]; `lap_times_s`; `latency_ms` with p50, p95 and p99 of each of the [`STAGES`] that were
-/// measured; `estimates`, which names the figures that are estimates with `uncertainty` and `from`; `not_measurable`,
-/// which gives the reason of each null; and `notes` in words.
+/// measured; `estimates`, which names the figures, and lap times, that are estimates with `uncertainty` and `from`; `not_measurable`,
+/// which gives the reason of each null; `damaged`, where parts of the file cannot be read; and `notes` in words.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scorecard {
     /// The track, where the run tells it.
@@ -30,8 +33,15 @@ pub struct Scorecard {
     pub laps_asked: Option<u32>,
     /// How long each lap took, in seconds.
     pub lap_times_s: Vec<f64>,
+    /// How far off each of them may be, in seconds, where they are estimates.
+    pub lap_times_off_s: Option<f64>,
+    /// Where it was on a known track, for a map, in a run that tells no position: seconds of the run, and metres along the
+    /// track's driving line. Estimates, and no part of the JSON.
+    pub whereabouts: Vec<(f64, f64)>,
     /// Of each of the [`STAGES`].
     pub latency: [Option<Latency>; STAGES.len()],
+    /// The run's file is cut off, or part of it cannot be read: the figures are those of the rest.
+    pub damaged: bool,
     /// What whoever reads this should know besides: a file that is cut off, messages that cannot be read.
     pub notes: Vec<String>,
     /// In the order of [`Figure::ALL`].
@@ -66,7 +76,10 @@ impl Figures {
             ended: None,
             laps_asked: None,
             lap_times_s: vec![],
+            lap_times_off_s: None,
+            whereabouts: vec![],
             latency: Default::default(),
+            damaged: false,
             notes: vec![],
             figures: self.0,
         }
@@ -115,10 +128,14 @@ impl Serialize for Scorecard {
             }
         }
         map.serialize_entry("lap_times_s", &self.lap_times_s)?;
+        if let Some(uncertainty) = self.lap_times_off_s {
+            estimates.insert("lap_times_s", Estimate { uncertainty, from: LAP_TIMES_FROM });
+        }
         let latency: BTreeMap<_, _> = STAGES.into_iter().zip(self.latency).filter_map(|(s, l)| Some((s, l?))).collect();
         map.serialize_entry("latency_ms", &latency)?;
         map.serialize_entry("estimates", &estimates)?;
         map.serialize_entry("not_measurable", &unknown)?;
+        map.serialize_entry("damaged", &self.damaged)?;
         map.serialize_entry("notes", &self.notes)?;
         map.end()
     }

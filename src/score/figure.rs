@@ -178,7 +178,7 @@ figures! {
     Collisions = "collisions", "collisions", Count, Lower,
         "Contacts with anything; touching on is the same one (Lu).";
     CollisionsPerKm = "collisions_per_km", "collisions per km", PerKm, Lower,
-        "Collisions over the distance driven.";
+        "Collisions over the distance driven (CARLA counts infractions a kilometre).";
     Episodes = "episodes", "episodes", Count, Neither,
         "Drives from a start to the next: one, and one more for each time that the car was put back.";
     CollisionRate = "collision_rate", "collision rate", Share, Lower,
@@ -202,13 +202,13 @@ figures! {
     DrivingScoreProduct = "driving_score_product", "driving score 1.0", Points, Higher,
         "100 x completion x (1 - share of the way off the road) x 0.5 for each person hit x 0.6 for each vehicle x 0.65 for anything else (CARLA 1.0).";
     MeanCte = "mean_cte_m", "mean |cte|", Metres, Lower,
-        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world tells it, over telemetries.";
+        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world tells it, over telemetries (the cross-track error of SelfOracle's telemetry); along a recording the offset at which the car was put back counts once, too.";
     RmsCte = "rms_cte_m", "RMS cte", Metres, Lower,
-        "Root of the mean squared distance from the line to drive.";
+        "Root of the mean squared distance from the line to drive (as the mean).";
     P95Cte = "p95_cte_m", "95th percentile of |cte|", Metres, Lower,
-        "Distance from the line to drive that 95 of 100 telemetries keep within.";
+        "Distance from the line to drive that 95 of 100 telemetries keep within (as the mean).";
     MaxCte = "max_cte_m", "largest |cte|", Metres, Lower,
-        "Largest distance from the line to drive.";
+        "Largest distance from the line to drive (as the mean).";
     OffRoads = "off_roads", "times off the road", Count, Lower,
         "Episodes out of bounds: times that the car left the road (SelfOracle's tot_obes).";
     OffRoadS = "off_road_s", "time off the road", Seconds, Lower,
@@ -238,7 +238,7 @@ figures! {
     SteeringMse = "steering_mse", "steering MSE", LockSquared, Lower,
         "Open-loop replay: mean of (a - b)^2 over frames, normalised steering as for MAE (Codevilla).";
     SteeringR = "steering_r", "steering r", Correlation, Higher,
-        "Open-loop replay: Pearson's correlation of the driver's steering and the recorded one over frames.";
+        "Open-loop replay: Pearson's correlation of the driver's steering and the recorded one over frames (Codevilla).";
     TimeS = "time_s", "time", Seconds, Neither,
         "From the first telemetry to the last, in seconds of the world.";
     DistanceM = "distance_m", "distance", Metres, Neither,

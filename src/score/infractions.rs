@@ -49,7 +49,7 @@ pub(super) fn driving_scores(completion: f64, off_road_share: f64, struck: &[Str
 }
 
 /// What an intervention costs, in seconds (Bojarski et al. 2016).
-const INTERVENTION_S: f64 = 6.0;
+pub(super) const INTERVENTION_S: f64 = 6.0;
 
 /// Autonomy after Bojarski et al. 2016, and with takeovers as long as they were; 0 to 1.
 pub(super) fn autonomies(time_s: f64, takeovers: u32, human_s: f64, interventions: u32) -> (f64, f64) {

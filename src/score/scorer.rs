@@ -1,10 +1,12 @@
 //! From the items of a run to its scorecard.
 
+mod recorded;
+
 use std::{sync::Arc, time::Duration};
 
 use super::{
     Figure, Measure, Scorecard,
-    blind::Blind,
+    blind::{Blind, Driven},
     braking::{Braking, Known},
     card::Figures,
     infractions::{Struck, autonomies, driving_scores},
@@ -31,7 +33,7 @@ const NO_LAPS_ASKED: &str = "no laps were asked for";
 pub(super) const NO_TIME: &str = "the run has fewer than two telemetries";
 const NO_WAY: &str = "the car did not move";
 const NO_ANSWERS: &str = "the run has no answers";
-const NO_PILOT: &str = "no pilot drove";
+pub(super) const NO_PILOT: &str = "no pilot drove";
 const TOO_SHORT: &str = "no half second of the run is told without a gap";
 
 /// Watches one run.
@@ -83,6 +85,7 @@ pub struct Scorer {
     told: Told,
     ended: Option<String>,
     notes: Vec<String>,
+    damaged: bool,
     /// For what the run does not tell.
     blind: Blind,
 }
@@ -93,6 +96,8 @@ struct Course {
     waypoints: u32,
     laps: Option<u32>,
     scenario: Option<String>,
+    /// A recording's path, not a track.
+    is_recorded: bool,
 }
 
 /// What worlds count themselves.
@@ -191,6 +196,11 @@ impl Scorer {
         self.course.is_some() || self.told.crashes.total().is_some() || self.told.laps.total().is_some()
     }
 
+    /// Whether it is a recording that is driven along.
+    fn is_recorded(&self) -> bool {
+        self.course.as_ref().is_some_and(|course| course.is_recorded)
+    }
+
     /// What the last telemetry gives to suspect, where the run itself does not say what happened.
     pub(super) fn suspicion(&mut self) -> Option<EventRecord> {
         let text = self.blind.suspicion()?.to_owned();
@@ -213,7 +223,8 @@ impl Scorer {
         match event {
             EventRecord::Course { track, waypoints, laps, scenario, .. } => {
                 let (track, scenario) = (track.clone(), scenario.clone());
-                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario });
+                let is_recorded = event.is_recorded_path();
+                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario, is_recorded });
             }
             EventRecord::Lap { number, time_s } => {
                 self.laps.push(within(*time_s, at));
@@ -226,7 +237,11 @@ impl Scorer {
                 self.last_collision_s = Some(at);
                 self.infraction(at);
             }
-            EventRecord::OffRoad { .. } => {
+            EventRecord::OffRoad { offset_m } => {
+                if self.is_recorded() {
+                    // It is put back before a telemetry shows it there.
+                    self.offsets_m.push(Metres::saturating(*offset_m).get().abs());
+                }
                 self.off_roads += 1;
                 self.off_since = Some(at);
                 self.infraction(at);
@@ -253,6 +268,7 @@ impl Scorer {
             EventRecord::Moving => self.is_stuck = false,
             EventRecord::TakeoverBegan => {
                 self.takeovers += 1;
+                self.blind.takeover(at);
                 self.human_since = Some(at);
                 self.unanswered = false;
                 self.infraction(at);
@@ -274,6 +290,12 @@ impl Scorer {
     /// Something about the run that whoever reads its scorecard should know.
     pub fn note(&mut self, note: String) {
         self.notes.push(note);
+    }
+
+    /// Parts of the run cannot be read, for this reason.
+    pub fn damaged(&mut self, why: String) {
+        self.damaged = true;
+        self.note(why);
     }
 
     fn infraction(&mut self, at: f64) {
@@ -310,6 +332,7 @@ impl Scorer {
         let told_m = self.told.distance_m.total();
         let distance = match told_m {
             Some(told) => Measure::Told(told),
+            None if self.last.is_none() => Measure::Unknown(NO_TIME),
             None => Measure::Estimate {
                 value: self.driven_m,
                 uncertainty: DISTANCE_OFF * self.driven_m + self.in_gaps_m / 2.0,
@@ -400,22 +423,37 @@ impl Scorer {
             figures.told(F::SurvivalS, None, NO_JUDGE);
             figures.told(F::SurvivalM, None, NO_JUDGE);
         }
+        if self.is_recorded() {
+            recorded::untell(&mut figures);
+            self.notes.push(recorded::NOTE.to_owned());
+        }
         let scenario = self.course.as_ref().is_some_and(|course| course.scenario.is_some());
         let braking = self.braking.figures(Known { time_s, judged, scenario });
         braking.into_iter().chain(not_replayed()).for_each(|(figure, measure)| figures.set(figure, measure));
         figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / time_s), NO_TIME);
-        figures.told(F::BadFrames, seen.then_some(self.bad_frames.into()), NO_TIME);
-        figures.told(F::MissedFrames, (self.answers.0 > 0).then_some(self.missed_frames as f64), NO_ANSWERS);
+        let why = if by_human { NO_PILOT } else { NO_TIME };
+        figures.told(F::BadFrames, (seen && !by_human).then_some(self.bad_frames.into()), why);
+        let why = if by_human { NO_PILOT } else { NO_ANSWERS };
+        let answered = self.answers.0 > 0 && !by_human;
+        figures.told(F::MissedFrames, answered.then_some(self.missed_frames as f64), why);
         let laps_asked = laps_asked.or(self.blind.laps_asked.filter(|_| !tells));
-        let found = if tells { None } else { self.blind.fill(&mut figures, distance, time_s) };
+        let found = if tells {
+            None
+        } else {
+            self.blind.fill(&mut figures, &Driven { distance, time_s, human_s: self.human_s, by_pilot: !by_human })
+        };
+        let found = found.unwrap_or_default();
         let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
         Scorecard {
-            track: track.or(found),
+            track: track.or(found.track),
             scenario: scenario.flatten(),
             ended: self.ended,
             laps_asked,
-            lap_times_s: self.laps,
+            lap_times_s: if found.lap_times_off_s.is_some() { found.lap_times_s } else { self.laps },
+            lap_times_off_s: found.lap_times_off_s,
+            whereabouts: found.whereabouts,
             latency: self.stages.latencies(),
+            damaged: self.damaged,
             notes: self.notes,
             ..figures.card()
         }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Figure as F, Measure, STAGES, Scorecard};
+use super::{Figure as F, Measure, STAGES, Scorecard, card::LAP_TIMES_FROM};
 
 /// Width of the names in front of what is told.
 const NAMES: usize = 17;
@@ -11,12 +11,16 @@ impl Scorecard {
     /// A figure in words: its value, with how far off it may be, or why there is none.
     pub fn words(&self, figure: F) -> String {
         match self.get(figure) {
-            Measure::Told(value) => figure.unit().show(value),
-            Measure::Estimate { value, uncertainty, from } => {
-                let show = |value| figure.unit().show(value);
-                format!("{} (estimated from {from}, ± {})", show(value), show(uncertainty))
-            }
             Measure::Unknown(why) => format!("not measurable: {why}"),
+            Measure::Told(value) | Measure::Estimate { value, .. } => figure.unit().show(value) + &self.how(figure),
+        }
+    }
+
+    /// How an estimate came about, and how far off it may be; empty of what is told.
+    fn how(&self, figure: F) -> String {
+        match self.get(figure) {
+            Measure::Estimate { uncertainty, from, .. } => estimated(from, &figure.unit().show(uncertainty)),
+            Measure::Told(_) | Measure::Unknown(_) => String::new(),
         }
     }
 
@@ -37,6 +41,7 @@ impl Scorecard {
             rows.push(("ended", why.clone()));
         }
         let laps = match (self.value(F::Laps), self.laps_asked) {
+            (Some(laps), Some(asked)) if laps > f64::from(asked) => format!(", {laps:.0} laps, {asked} asked for"),
             (Some(laps), Some(asked)) => format!(", {laps:.0} of {asked} {}", if asked == 1 { "lap" } else { "laps" }),
             (Some(laps), None) => format!("; {laps:.0} laps"),
             (None, _) => String::new(),
@@ -44,12 +49,17 @@ impl Scorecard {
         rows.push(("completion", self.words(F::Completion) + &laps));
         if !self.lap_times_s.is_empty() {
             let times: Vec<_> = self.lap_times_s.iter().map(|t| format!("{t:.1}")).collect();
-            rows.push(("lap times", format!("{} s", times.join(", "))));
+            let off = self.lap_times_off_s.map(|off| estimated(LAP_TIMES_FROM, &format!("{off:.1} s")));
+            rows.push(("lap times", format!("{} s{}", times.join(", "), off.unwrap_or_default())));
         }
         rows.push((
             "collisions",
             match count(F::Collisions) {
-                n if n > 0.0 => format!("{} ({})", self.words(F::Collisions), self.words(F::CollisionsPerKm)),
+                n if n > 0.0 => {
+                    let a_km =
+                        self.value(F::CollisionsPerKm).map(|n| format!(", {}", F::CollisionsPerKm.unit().show(n)));
+                    F::Collisions.unit().show(n) + &a_km.unwrap_or_default() + &self.how(F::Collisions)
+                }
                 _ => self.words(F::Collisions),
             },
         ));
@@ -114,7 +124,8 @@ impl Scorecard {
         }
         rows.push(("comfortable", self.words(F::Comfort)));
         rows.push(("jerk", self.together(&[(F::RmsJerk, " RMS")])));
-        rows.push(("distance", format!("{} in {}", self.words(F::DistanceM), self.words(F::TimeS))));
+        let time = self.value(F::TimeS).map_or_else(String::new, |_| format!(" in {}", self.words(F::TimeS)));
+        rows.push(("distance", self.words(F::DistanceM) + &time));
         rows.push(("speed", self.together(&[(F::MeanMph, " mean"), (F::MaxMph, " maximum")])));
         if self.value(F::SurvivalS).zip(self.value(F::TimeS)).is_some_and(|(survived, time)| survived < time) {
             rows.push((
@@ -143,6 +154,10 @@ impl Scorecard {
             .collect();
         (!stages.is_empty()).then(|| ("latency", format!("{} ms (p50, p95, p99)", stages.join("; "))))
     }
+}
+
+fn estimated(from: &str, uncertainty: &str) -> String {
+    format!(" (estimated from {from}, ± {uncertainty})")
 }
 
 impl fmt::Display for Scorecard {

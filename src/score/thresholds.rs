@@ -14,7 +14,7 @@ pub struct Check {
     pub words: String,
 }
 
-/// Every threshold that is set, held against a run.
+/// Every threshold that is set, held against a run; of what is damaged nobody knows whether it reaches them.
 pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
     let share = |percent: Option<f64>| percent.map(|percent| percent / 100.0);
     let count = |count: Option<u32>| count.map(f64::from);
@@ -47,7 +47,12 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
         };
     let least = least.into_iter().map(|threshold| check("at least", threshold, |value, limit| value >= limit));
     let most = most.into_iter().map(|threshold| check("at most", threshold, |value, limit| value <= limit));
-    least.chain(most).flatten().collect()
+    let mut checks: Vec<Check> = least.chain(most).flatten().collect();
+    if card.damaged && !checks.is_empty() {
+        let words = "the run's file: expected a whole one, got one that is damaged: what is lost may have been worse";
+        checks.push(Check { name: "whole", passed: false, words: words.into() });
+    }
+    checks
 }
 
 /// Each threshold that a run misses, in words.

@@ -17,7 +17,7 @@
 //!   pictures that lie elsewhere;
 //! - decimal points and decimal commas, see [`line`].
 //!
-//! Pictures are not opened here, and need not exist.
+//! Pictures are opened when they are asked for ([`Row::jpeg`]), and need not exist.
 //!
 //! [`DrivingLogWriter`] writes such folders, exactly as the simulator's recorder does.
 
@@ -30,12 +30,20 @@ use std::{
     time::Duration,
 };
 
-use jiff::civil::{Date, DateTime, Time};
+use bytes::Bytes;
+use jiff::{
+    Timestamp,
+    civil::{Date, DateTime, Time},
+    tz::TimeZone,
+};
 
 use self::line::{Bad, Column, Layout};
 pub use self::writer::{DrivingLogWriter, Sample};
-use super::RecordingError;
-use crate::units::{Mph, Steering, Throttle};
+use super::{CommandRecord, Item, RecordingError, RunHeader};
+use crate::{
+    protocol::{CameraImage, Telemetry, Truth},
+    units::{Mph, Steering, Throttle},
+};
 
 /// Time between two rows whose picture names hold no time: the simulator records 15 times a second at most.
 pub const FALLBACK_INTERVAL: Duration = Duration::from_nanos(1_000_000_000 / 15);
@@ -58,9 +66,11 @@ pub struct Row {
     /// Line in the CSV file, counted from 1.
     pub line: usize,
     /// Time since the first row, by the pictures' names. Where a name holds no
-    /// time, or one before the previous row's or more than [`LONGEST_INTERVAL`]
-    /// after it (two drives joined), [`FALLBACK_INTERVAL`] passes.
+    /// time, or one that belongs to another drive, [`FALLBACK_INTERVAL`] passes.
     pub at: Duration,
+    /// Another drive begins here: the picture's name holds a time before the
+    /// previous row's, or more than [`LONGEST_INTERVAL`] after it.
+    pub joined: bool,
     /// Picture of the centre camera.
     pub center: PathBuf,
     /// Picture of the left camera.
@@ -105,6 +115,59 @@ impl DrivingLog {
     }
 }
 
+impl DrivingLog {
+    /// The header of a run made of it.
+    pub fn header(&self) -> RunHeader {
+        RunHeader {
+            name_hint: None,
+            dialect: None,
+            model: None,
+            seed: None,
+            config: serde_json::json!({ "converted_from": "driving_log.csv" }),
+            lapwing: env!("CARGO_PKG_VERSION").into(),
+            started: self.started(),
+        }
+    }
+
+    /// When the first picture was taken, by its name in this place's time; else when the log was written last.
+    fn started(&self) -> Timestamp {
+        let named = self.rows.first().and_then(|row| row.taken_at);
+        let named = named.and_then(|taken| taken.to_zoned(TimeZone::system()).ok()).map(|taken| taken.timestamp());
+        let written = || fs::metadata(&self.path).and_then(|m| m.modified()).ok().and_then(|t| t.try_into().ok());
+        named.or_else(written).unwrap_or(Timestamp::UNIX_EPOCH)
+    }
+}
+
+impl Row {
+    /// The bytes of the centre camera's picture.
+    ///
+    /// # Errors
+    /// [`RecordingError::Picture`] where it cannot be read, or is no JPEG.
+    pub fn jpeg(&self) -> Result<Bytes, RecordingError> {
+        let wrong = |why: String| RecordingError::Picture { path: self.center.clone(), why };
+        let bytes = fs::read(&self.center).map_err(|e| wrong(e.to_string()))?;
+        if bytes.starts_with(b"\xff\xd8") {
+            Ok(bytes.into())
+        } else {
+            Err(wrong("expected a JPEG, got another kind".into()))
+        }
+    }
+
+    /// The row as items of a run, all at its time: a human drove.
+    pub fn items(&self, jpeg: Option<Bytes>) -> impl Iterator<Item = Item> {
+        let telemetry = Telemetry {
+            steering: self.steering.degrees(),
+            throttle: self.throttle,
+            speed: self.speed,
+            image: CameraImage::default(),
+            truth: Truth { brake: Some(self.brake), ..Truth::default() },
+        };
+        let command = CommandRecord::of_human(self.steering, Throttle::saturating(self.throttle.get() - self.brake));
+        let told = [Some(Item::Telemetry(telemetry)), jpeg.map(Item::Frame), Some(Item::Command(command))];
+        told.into_iter().flatten()
+    }
+}
+
 /// The rows of a log's text; an error comes with its line.
 fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -122,7 +185,9 @@ fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
         let mut row = row(&layout, line, images).map_err(|bad| (number, bad))?;
         row.line = number;
         if let Some(previous) = rows.last() {
-            row.at = previous.at + interval(previous.taken_at, row.taken_at);
+            let passed = interval(previous.taken_at, row.taken_at);
+            row.at = previous.at + passed.unwrap_or(FALLBACK_INTERVAL);
+            row.joined = passed.is_none() && previous.taken_at.is_some() && row.taken_at.is_some();
         }
         rows.push(row);
     }
@@ -155,6 +220,7 @@ fn row(layout: &Layout, line: &str, images: &Path) -> Result<Row, Bad> {
     Ok(Row {
         line: 0,
         at: Duration::ZERO,
+        joined: false,
         taken_at: taken_at(name),
         center: resolve((name, written)),
         left: image(Column::Left)?.map(resolve),
@@ -167,9 +233,9 @@ fn row(layout: &Layout, line: &str, images: &Path) -> Result<Row, Bad> {
     })
 }
 
-fn interval(from: Option<DateTime>, to: Option<DateTime>) -> Duration {
-    let passed = || Duration::try_from(to?.duration_since(from?)).ok();
-    passed().filter(|passed| *passed <= LONGEST_INTERVAL).unwrap_or(FALLBACK_INTERVAL)
+/// What passed within one drive.
+fn interval(from: Option<DateTime>, to: Option<DateTime>) -> Option<Duration> {
+    Duration::try_from(to?.duration_since(from?)).ok().filter(|passed| *passed <= LONGEST_INTERVAL)
 }
 
 /// The time in a picture's name: its last seven numbers, year to millisecond.
@@ -322,6 +388,9 @@ mod tests {
         assert_eq!(at(days), [ms(0), ms(70), ms(70) + FALLBACK_INTERVAL]);
         let joined = ["2021_01_01_00_00_01_000.jpg", "2020_01_01_00_00_00_000.jpg", "2020_01_01_00_00_00_100.jpg"];
         assert_eq!(at(joined), [ms(0), FALLBACK_INTERVAL, FALLBACK_INTERVAL + ms(100)]);
+        let joins: Vec<_> =
+            rows(&joined.map(|n| format!("{n},,,0,0,0,1\n")).concat()).iter().map(|r| r.joined).collect();
+        assert_eq!(joins, [false, true, false]);
         assert_eq!(at(["a_2020_13_01_00_00_00_000.jpg", "b.jpg", "c.jpg"])[2], FALLBACK_INTERVAL * 2);
     }
 

@@ -14,6 +14,10 @@
 //! on real recordings), so that whoever steers as recorded stays on the path wherever the pictures do not tell
 //! otherwise.
 //!
+//! What can be judged of it: interventions, and autonomy after them; offsets from the recorded path, those included at
+//! which the car was put back; how it was steered. Speed is the recording's, and there are no laps, nothing to hit and no
+//! edge of the road: the scorecard says so of all that hangs on them, and a threshold for it is missed.
+//!
 //! | file | holds |
 //! |---|---|
 //! | `world` | [`RecordedWorld`], the above |

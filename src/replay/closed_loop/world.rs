@@ -86,14 +86,8 @@ impl RecordedWorld {
         let name = path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let shown = recorded.show(0)?;
         let length_m = recorded.length_m();
-        let course = EventRecord::Course {
-            track: format!("{name} (recorded)"),
-            length_m,
-            waypoints: ((length_m / WAYPOINT_M).ceil() as u32).max(1),
-            laps: None, // a recording ends somewhere
-            edge_m: limit_m,
-            scenario: None,
-        };
+        let waypoints = ((length_m / WAYPOINT_M).ceil() as u32).max(1);
+        let course = EventRecord::recorded_path(&name, length_m, waypoints, limit_m);
         let mut world = Self {
             warp: Warp::new(),
             abreast: Abreast::default(),
@@ -214,7 +208,7 @@ impl RecordedWorld {
         self.driven_m += rolled;
     }
 
-    /// Puts the virtual car back where it is too far off.
+    /// Puts the virtual car back where it is too far off. No telemetry shows it there: the event tells how far it was.
     fn intervene(&mut self) {
         let Beside { offset_m, heading_rad } = self.abreast.beside();
         if offset_m.abs() <= self.limit_m && heading_rad.abs() <= FURTHEST_HEADING_DEG.to_radians() {

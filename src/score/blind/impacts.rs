@@ -1,6 +1,6 @@
 //! Collisions and being stuck, by speed and throttle alone.
 
-use crate::units::MPS_PER_MPH;
+use crate::{score::smoothness::GAP_S, units::MPS_PER_MPH};
 
 /// The hardest that the car slows down by itself, in m/s2: rolling out uphill, and braking. Brakes of the stock build come
 /// to 8.5 in real drives, tyres to 11.
@@ -10,8 +10,6 @@ const BRAKES: f64 = 12.0;
 const LOST: f64 = 1.0;
 /// What follows within so many seconds is the same collision: one bounces.
 const APART_S: f64 = 2.0;
-/// Telemetries further apart tell nothing of what was between them, in seconds.
-const GAP_S: f64 = 1.0;
 /// Stuck: under this speed, with this throttle at least, for so long (SelfOracle: 120 game frames).
 const STUCK_MPH: f64 = 1.0;
 const STUCK_THROTTLE: f64 = 0.05;
@@ -36,9 +34,11 @@ pub(super) struct Impacts {
 }
 
 impl Impacts {
-    /// Whether there was one, or the car was stuck.
-    pub fn any(&self) -> bool {
-        !self.collisions.is_empty() || !self.stuck.is_empty()
+    /// When there was one, or the car was stuck, in seconds, in order.
+    pub fn times(&self) -> Vec<f64> {
+        let mut times: Vec<f64> = self.collisions.iter().chain(&self.stuck).copied().collect();
+        times.sort_by(f64::total_cmp);
+        times
     }
 
     /// The throttle that was answered, negative to brake.

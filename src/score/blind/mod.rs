@@ -3,18 +3,30 @@
 //! | figure | from |
 //! |---|---|
 //! | track, completion, laps | speed and steering on known roads ([`Matcher`]), the look of their starts, and the look of the drive's own beginning ([`laps`]) |
+//! | lap times, a map | where it was when it had driven so far (`passage`) |
 //! | collisions, stuck, survival | speeds that the car cannot reach by itself (`impacts`) |
+//! | autonomy | takeovers and collisions, where all laps were driven: who leaves the road for long does not come around |
 //!
 //! `cargo run --release --example blind` holds all of it against the judge of simulated runs.
 
 mod impacts;
+mod passage;
 
 use std::{collections::BTreeSet, sync::Arc};
 
 use bytes::Bytes;
 
-use self::impacts::Impacts;
-use super::{Figure, Measure, card::Figures};
+use self::{
+    impacts::Impacts,
+    passage::{Clock, way_to},
+};
+use super::{
+    Figure, Measure,
+    card::Figures,
+    infractions::{INTERVENTION_S, autonomies},
+    scorer::NO_PILOT,
+    smoothness::GAP_S,
+};
 use crate::{
     config::Rules,
     odometry::{BEGINNING_M, EVERY_M, Look, Match, Matcher, Motion, Road, laps},
@@ -22,8 +34,6 @@ use crate::{
     units::WHEELBASE_M,
 };
 
-/// Telemetries further apart than this, in seconds, tell no way between them.
-const GAP_S: f64 = 1.0;
 /// A road is the one that was driven where it explains the drive better than all others by so much, as a log likelihood:
 /// 150 to 1.
 const SURE: f64 = 5.0;
@@ -32,6 +42,8 @@ const BENDS_M: f64 = 250.0;
 /// Metres that odometry is off at its best, and that it may be off besides where the driver weaves.
 const NEAR_M: f64 = 3.0;
 const WEAVING_M: f64 = 6.0;
+/// How far off the mean of the speeds before and after a gap may be from that in it, in m/s.
+const UNSEEN_MPS: f64 = 2.5;
 /// How many metres of uncertainty may make a lap by themselves, and how far from where they are expected laps are looked
 /// for, at least and at most.
 const SURELY_M: f64 = 20.0;
@@ -42,6 +54,9 @@ const IN_TEN: f64 = 0.1;
 /// Of the particles; the same run has the same scorecard.
 const SEED: u64 = 0;
 
+const SPEEDS: &str = "speeds that the car cannot lose by itself";
+const INFRACTIONS: &str = "takeovers, and collisions that are suspected";
+const NOT_AROUND: &str = "the run does not tell whether the car left the road: it is not known to have driven all laps";
 const UNKNOWN_ROAD: &str = "the run tells no position, and no known road explains it: --track names more of them";
 const NO_LAP: &str = "the run tells no position, no known road explains it, and no picture shows its beginning again";
 
@@ -59,8 +74,9 @@ pub(super) struct Blind {
     /// Seconds, m/s and 1/m.
     last: Option<(f64, f64, f64)>,
     way_m: f64,
-    /// Metres driven until the first collision, or until it was stuck.
-    unhurt_m: Option<f64>,
+    clock: Clock,
+    /// When humans took over, in seconds.
+    takeovers: Vec<f64>,
     /// JPEGs by the metres driven until then.
     pictures: Vec<(f64, Bytes)>,
     newest: Option<(f64, Bytes)>,
@@ -76,6 +92,30 @@ struct Found {
     laps: Option<u32>,
     /// Whether a lap more or less is possible.
     laps_unsure: bool,
+    /// Metres driven when each lap ended, and how far off that may be; empty where it is not known of all.
+    lap_ends_m: Vec<(f64, f64)>,
+    /// When it was where along the track.
+    whereabouts: Vec<(f64, f64)>,
+}
+
+/// What is known of the drive besides.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Driven {
+    pub distance: Measure,
+    pub time_s: f64,
+    /// Seconds that a human drove.
+    pub human_s: f64,
+    /// Some of it was a pilot's.
+    pub by_pilot: bool,
+}
+
+/// What is found besides figures.
+#[derive(Debug, Default)]
+pub(super) struct Besides {
+    pub track: Option<String>,
+    pub lap_times_s: Vec<f64>,
+    pub lap_times_off_s: Option<f64>,
+    pub whereabouts: Vec<(f64, f64)>,
 }
 
 impl Blind {
@@ -87,23 +127,29 @@ impl Blind {
     pub fn telemetry(&mut self, at: f64, mps: f64, steering_deg: f64) {
         self.impacts.speed(at, mps);
         let curvature = steering_deg.to_radians().tan() / WHEELBASE_M;
-        if let Some((before, was_mps, was_curvature)) = self.last.filter(|(before, ..)| at - before <= GAP_S) {
-            let way_m = (at - before) * (mps + was_mps) / 2.0;
+        if let Some((before, was_mps, was_curvature)) = self.last {
+            let apart = at - before;
+            let way_m = apart * (mps + was_mps) / 2.0;
             self.way_m += way_m;
             let turn_rad = way_m * (curvature + was_curvature) / 2.0;
-            if let Some(matcher) = &mut self.matcher {
-                matcher.step(Motion { way_m, turn_rad });
+            match &mut self.matcher {
+                // While a human drives, the simulator tells nothing.
+                Some(matcher) if apart > GAP_S => matcher.skip(way_m, UNSEEN_MPS * apart),
+                Some(matcher) => matcher.step(Motion { way_m, turn_rad }),
+                None => {}
             }
         }
+        self.clock.note(at, self.way_m);
         self.last = Some((at, mps, curvature));
-        if self.unhurt_m.is_none() && self.impacts.any() {
-            self.unhurt_m = Some(self.way_m);
-        }
     }
 
     /// What the last telemetry gives to suspect, once, if anybody asks.
     pub fn suspicion(&mut self) -> Option<&'static str> {
         self.impacts.suspicion.take().filter(|_| self.matcher.is_some())
+    }
+
+    pub fn takeover(&mut self, at: f64) {
+        self.takeovers.push(at);
     }
 
     pub fn command(&mut self, throttle: f64) {
@@ -154,23 +200,37 @@ impl Blind {
         (sure && best.explains).then_some(best)
     }
 
+    /// Whether the drive's beginning, where it is seen again for the first time, is once around this road.
+    fn comes_around(&self, on: &Match) -> bool {
+        let lap_m = self.lap_m(on);
+        let once_around = self.looks(|way| way <= lap_m + SEARCH_M.1 + BEGINNING_M);
+        laps(&once_around).first().is_none_or(|way| (way - lap_m).abs() < SEARCH_M.1)
+    }
+
+    /// Laps as long as the speeds told make them.
+    fn lap_m(&self, on: &Match) -> f64 {
+        on.road.length_m * if on.place.progress_m > 0.0 { self.way_m / on.place.progress_m } else { 1.0 }
+    }
+
     fn find(&mut self) -> Found {
         self.pictures.extend(self.newest.take()); // a lap may end with the run
-        let Some(on) = self.road() else {
+        let Some(on) = self.road().filter(|on| self.is_anchored || self.comes_around(on)) else {
             let seen = laps(&self.looks(|_| true));
             // Until the beginning comes again, nobody knows how long a lap is.
             let lap =
                 seen.first().map(|lap_m| (*lap_m, self.way_m, NEAR_M, "pictures of the drive's beginning, seen again"));
             let laps = (!seen.is_empty()).then_some(seen.len() as u32);
-            return Found { track: None, way: lap, laps, laps_unsure: false };
+            let lap_ends_m = seen.into_iter().map(|way_m| (way_m, NEAR_M)).collect();
+            let whereabouts = vec![];
+            return Found { track: None, way: lap, laps, laps_unsure: false, lap_ends_m, whereabouts };
         };
         let (length_m, progress_m) = (on.road.length_m, on.place.progress_m.max(0.0));
-        let near_m = (2.0 * on.place.deviation_m).hypot(WEAVING_M);
+        let near = |deviation_m: f64| (2.0 * deviation_m).hypot(WEAVING_M);
+        let near_m = near(on.place.deviation_m);
         let search_m = (3.0 * near_m).clamp(SEARCH_M.0, SEARCH_M.1);
         let counted = ((progress_m + near_m.min(SURELY_M)) / length_m) as u32;
         let from_line = (progress_m - length_m * (progress_m / length_m).round()).abs();
-        // Laps as long as the speeds told make them.
-        let lap_m = length_m * if progress_m > 0.0 { self.way_m / progress_m } else { 1.0 };
+        let lap_m = self.lap_m(&on);
         let from_lap = |way: f64| ((way / lap_m) - (way / lap_m).round()).abs() * length_m;
         let expected = |way: f64| way > lap_m / 2.0 && from_lap(way) < search_m + BEGINNING_M;
         let again = laps(&self.looks(|way| way <= BEGINNING_M || expected(way)));
@@ -179,27 +239,36 @@ impl Blind {
         let seen = near_lines.map(|way| (way / lap_m).round() as u32).collect::<BTreeSet<_>>().len() as u32;
         // Where the car went astray since, it had driven these.
         let sure = ((on.sure_m / length_m) as u32).max(seen);
+        let laps = counted.max(sure);
+        let lap_end = |lap: u32| {
+            let end_m = f64::from(lap) * length_m;
+            // One that counts already may seem to end just behind the drive's end.
+            let at_end = || ((end_m - progress_m).abs() <= near_m).then_some((self.way_m, on.place.deviation_m));
+            way_to(end_m, &on.trail).or_else(at_end).map(|(way_m, deviation_m)| (way_m, near(deviation_m)))
+        };
         Found {
             track: Some(on.road.name.clone()),
             way: Some((length_m, progress_m, near_m.min(length_m / 2.0), "bends driven, matched with known roads")),
-            laps: Some(counted.max(sure)),
+            laps: Some(laps),
             laps_unsure: from_line < near_m && sure < counted,
+            lap_ends_m: (1..=laps).map(lap_end).collect::<Option<_>>().unwrap_or_default(),
+            whereabouts: self.clock.whereabouts(&on.trail, length_m),
         }
     }
 
-    /// Fills in what the run itself does not tell. Says the track.
-    pub fn fill(mut self, figures: &mut Figures, distance: Measure, time_s: f64) -> Option<String> {
+    /// Fills in what the run itself does not tell, if anybody asks.
+    pub fn fill(mut self, figures: &mut Figures, drive: &Driven) -> Option<Besides> {
         use Figure as F;
         self.matcher.as_ref()?; // nobody asked
         let found = self.find();
-        let estimate =
-            |value: f64, uncertainty: f64, from: &'static str| Measure::Estimate { value, uncertainty, from };
         match (found.way, found.laps) {
             (Some((.., from)), Some(laps)) => {
                 figures.set(F::Laps, estimate(laps.into(), if found.laps_unsure { 1.0 } else { 0.0 }, from));
             }
             _ => figures.told(F::Laps, None, NO_LAP),
         }
+        // Who drove all laps for certain has, wherever the car went then.
+        let is_whole = self.laps_asked.is_some_and(|asked| found.laps >= Some(asked.max(1)) && !found.laps_unsure);
         match (found.way, self.laps_asked) {
             (Some((length_m, progress_m, near_m, from)), Some(asked)) => {
                 let asked = f64::from(asked.max(1));
@@ -207,34 +276,64 @@ impl Blind {
                 let waypoints = (length_m / Rules::default().waypoint_spacing_m).round().max(3.0);
                 let reached = (progress_m / length_m * waypoints).floor() / waypoints;
                 let share = reached.max(found.laps.unwrap_or(0).into()) / asked;
-                // Who drove all laps for certain has, wherever the car went then.
-                let whole = !found.laps_unsure && f64::from(found.laps.unwrap_or(0)) >= asked;
-                let unsure = if whole { 0.0 } else { (near_m / length_m + 1.0 / waypoints) / asked };
+                let unsure = if is_whole { 0.0 } else { (near_m / length_m + 1.0 / waypoints) / asked };
                 figures.set(F::Completion, estimate(share.min(1.0), unsure, from));
             }
             _ => figures.told(F::Completion, None, UNKNOWN_ROAD),
         }
-        let from = "speeds that the car cannot lose by itself";
-        let struck = self.impacts.collisions.len() as f64;
-        figures.set(F::Collisions, estimate(struck, (IN_TEN * struck).ceil(), from));
-        if let Some(way) = distance.value().filter(|way| *way > 0.0) {
-            figures.set(
-                F::CollisionsPerKm,
-                estimate(struck / way * 1000.0, (IN_TEN * struck).ceil() / way * 1000.0, from),
-            );
-        }
-        let stuck = self.impacts.stuck.len() as f64;
-        figures.set(F::Stuck, estimate(stuck, 0.0, "speed under throttle"));
-        let first = self.impacts.collisions.iter().chain(&self.impacts.stuck).copied().reduce(f64::min);
-        figures.set(F::SurvivalS, estimate(first.map_or(time_s, |at| at - self.first_s()), 1.0, from));
-        let way_m = self.unhurt_m.unwrap_or(self.way_m);
-        figures.set(F::SurvivalM, distance.map(|_| way_m, 1.0));
-        found.track
+        self.infractions(figures, drive, is_whole);
+        let (ends_m, off_m): (Vec<_>, Vec<_>) = found.lap_ends_m.into_iter().unzip();
+        let lap_times_s = self.clock.laps(&ends_m);
+        let longest_s = lap_times_s.iter().copied().reduce(f64::max);
+        let off_m = off_m.into_iter().fold(0.0, f64::max);
+        let lap_times_off_s = longest_s.zip(found.way).map(|(time_s, (length_m, ..))| time_s * off_m / length_m);
+        Some(Besides { track: found.track, lap_times_s, lap_times_off_s, whereabouts: found.whereabouts })
     }
 
-    fn first_s(&self) -> f64 {
-        self.impacts.first_s.unwrap_or_default()
+    /// What went wrong, and what follows from it.
+    fn infractions(&self, figures: &mut Figures, drive: &Driven, is_whole: bool) {
+        use Figure as F;
+        let Driven { distance, time_s, human_s, by_pilot } = *drive;
+        let struck = self.impacts.collisions.len() as f64;
+        // Where none was found, one may have been missed.
+        let off = (IN_TEN * struck).ceil().max(1.0);
+        figures.set(F::Collisions, estimate(struck, off, SPEEDS));
+        if let Some(way) = distance.value().filter(|way| *way > 0.0) {
+            figures.set(F::CollisionsPerKm, estimate(struck / way * 1000.0, off / way * 1000.0, SPEEDS));
+        }
+        figures.set(F::Stuck, estimate(self.impacts.stuck.len() as f64, 1.0, "speed under throttle"));
+        let suspected = self.impacts.times();
+        let first = suspected.iter().chain(&self.takeovers).copied().reduce(f64::min);
+        let first_s = self.impacts.first_s.unwrap_or_default();
+        figures.set(F::SurvivalS, estimate(first.map_or(time_s, |at| at - first_s), 1.0, INFRACTIONS));
+        let way_m = first.map_or(self.way_m, |at| self.clock.way_m(at));
+        figures.set(F::SurvivalM, distance.map(|_| way_m, 1.0));
+        if !is_whole || !by_pilot || time_s <= 0.0 {
+            let why = if by_pilot { NOT_AROUND } else { NO_PILOT };
+            for figure in [F::Interventions, F::Autonomy, F::AutonomyMeasured] {
+                figures.told(figure, None, why);
+            }
+            return;
+        }
+        // One that a human saw to is the takeover's, and one that soon follows another is the same.
+        let soon = |at: f64, then: f64| (0.0..=INTERVENTION_S).contains(&(then - at));
+        let mut own: Vec<f64> = vec![];
+        for at in suspected {
+            let is_known =
+                own.last().is_some_and(|last| soon(*last, at)) || self.takeovers.iter().any(|t| soon(at, *t));
+            own.extend((!is_known).then_some(at));
+        }
+        let (takeovers, own) = (self.takeovers.len() as u32, own.len() as u32);
+        let (counted, measured) = autonomies(time_s, takeovers, human_s, own);
+        let one = (INTERVENTION_S / time_s).min(1.0);
+        figures.set(F::Interventions, estimate(own.into(), 1.0, SPEEDS));
+        figures.set(F::Autonomy, estimate(counted, one, INFRACTIONS));
+        figures.set(F::AutonomyMeasured, estimate(measured, one, INFRACTIONS));
     }
+}
+
+fn estimate(value: f64, uncertainty: f64, from: &'static str) -> Measure {
+    Measure::Estimate { value, uncertainty, from }
 }
 
 /// The look of a picture, which is decoded into `frame`; `None` where it cannot be.

@@ -3,8 +3,9 @@ use std::{f64::consts::TAU, time::Duration};
 use super::*;
 use crate::{
     protocol::{Telemetry, Truth},
+    recording::{By, CommandRecord, EventRecord},
     score::{Scorecard, Scorer},
-    units::{Degrees, MPS_PER_MPH, Mph, Throttle},
+    units::{Degrees, MPS_PER_MPH, Mph, Steering, Throttle},
 };
 
 const LENGTH_M: f64 = 1000.0;
@@ -56,6 +57,10 @@ fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
     for (figure, expected) in [(Figure::Laps, 1.0), (Figure::Collisions, 1.0), (Figure::Stuck, 0.0)] {
         assert!(matches!(card.get(figure), Measure::Estimate { value, .. } if value == expected), "{figure:?}: {card}");
     }
+    let ([lap_s], Some(off_s)) = (&card.lap_times_s[..], card.lap_times_off_s) else { panic!("{card}") };
+    assert!((lap_s - LENGTH_M / MPS).abs() < off_s && (0.1..3.0).contains(&off_s), "{card}");
+    let (at, s) = card.whereabouts[card.whereabouts.len() / 2];
+    assert!(((at * MPS) % LENGTH_M - s).abs() < 10.0, "{at} s, {s} m");
     assert!((card.value(Figure::SurvivalS).unwrap() - 1500.0 / MPS).abs() < 0.2, "{card}");
     assert!((card.value(Figure::SurvivalM).unwrap() - 1500.0).abs() < 2.0, "{card}");
 }
@@ -82,4 +87,38 @@ fn a_suspicion_is_said_once_and_not_of_a_run_that_tells_collisions() {
     assert_eq!(said(Scorer::on(&[], None), None), 1);
     assert_eq!(said(Scorer::on(&[], None), Some(0)), 0);
     assert_eq!(said(Scorer::default(), None), 0);
+}
+
+#[test]
+fn while_a_human_drives_unseen_the_car_goes_on_along_the_road_and_his_takeover_counts() {
+    let mut scorer = Scorer::on(&[road()], Some(1));
+    let pilot = CommandRecord { by: By::Pilot, ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) };
+    let way = MPS / 15.0;
+    let mut taken = false;
+    for i in 0..=(1010.0 / way) as u32 {
+        let (s, at) = (way * f64::from(i), Duration::from_secs_f64(f64::from(i) / 15.0));
+        if (40.0..50.0).contains(&at.as_secs_f64()) {
+            if !std::mem::replace(&mut taken, true) {
+                scorer.event(at, &EventRecord::TakeoverBegan);
+            }
+            continue;
+        }
+        let curvature = (heading(s + way) - heading(s)) / way;
+        scorer.telemetry(at, &telemetry((curvature * WHEELBASE_M).atan().to_degrees(), MPS));
+        scorer.command(&pilot);
+    }
+    scorer.event(Duration::from_secs(50), &EventRecord::TakeoverEnded { duration_s: 10.0 });
+    let card = scorer.finish();
+    assert_eq!((card.value(Figure::Completion), card.value(Figure::Laps)), (Some(1.0), Some(1.0)), "{card}");
+    assert!((card.value(Figure::SurvivalS).unwrap() - 40.0).abs() < 0.2, "{card}");
+    assert!((card.value(Figure::SurvivalM).unwrap() - 40.0 * MPS).abs() < 2.0, "{card}");
+    let autonomy = 1.0 - 6.0 / (1010.0 / MPS);
+    assert!((card.value(Figure::Autonomy).unwrap() - autonomy).abs() < 0.001, "{card}");
+    assert!(matches!(card.get(Figure::Autonomy), Measure::Estimate { .. }));
+}
+
+#[test]
+fn of_a_run_that_did_not_drive_all_laps_nobody_knows_whether_it_left_the_road() {
+    let card = crashed_after(400.0, &[road()], heading);
+    assert_eq!(card.value(Figure::Autonomy), None, "{card}");
 }

@@ -20,6 +20,9 @@ const PICTURED: usize = 60;
 /// Pictures of an event are so far from it, in seconds.
 const AROUND_S: [f64; 4] = [-1.0, -0.3, 0.0, 0.7];
 
+/// A place counts for telemetries within so many seconds.
+const APART_S: f64 = 0.1;
+
 /// Both edges of a road as seen from above: x and z in metres, in the telemetry's axes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Outline {
@@ -39,9 +42,27 @@ pub struct Drawn {
     cte: Vec<Option<f32>>,
     /// x and z.
     at: Vec<Option<[f32; 2]>>,
+    /// Where it was is an estimate: how far beside the line to drive is not known.
+    on_line: bool,
     /// Of each answer: when, and its milliseconds.
     answers: Vec<[f32; 2]>,
     events: Vec<Happened>,
+}
+
+impl Drawn {
+    /// Where the car seems to have been, for a run that tells no position: seconds in order, and x and z in metres.
+    pub fn locate(&mut self, places: &[(f64, [f32; 2])]) {
+        if places.is_empty() || self.at.iter().any(Option::is_some) {
+            return;
+        }
+        self.on_line = true;
+        for (t, at) in self.t.iter().zip(&mut self.at) {
+            let next = places.partition_point(|(then, _)| *then < f64::from(*t));
+            let near = places[next.saturating_sub(1)..].iter().take(2);
+            let near = near.min_by(|a, b| (a.0 - f64::from(*t)).abs().total_cmp(&(b.0 - f64::from(*t)).abs()));
+            *at = near.filter(|(then, _)| (then - f64::from(*t)).abs() < APART_S).map(|(_, at)| *at);
+        }
+    }
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -150,8 +171,8 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::PilotArmed => "the pilot was switched on".into(),
         EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
         EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
-        EventRecord::OffRoad { offset_m } => format!("off the road, {:.1} m from its middle", offset_m.abs()),
-        EventRecord::BackOnRoad { after_s } => format!("back on the road after {after_s:.1} s"),
+        EventRecord::OffRoad { offset_m } => format!("out of bounds, {:.1} m from the middle", offset_m.abs()),
+        EventRecord::BackOnRoad { after_s } => format!("back in bounds after {after_s:.1} s"),
         EventRecord::Stuck => "stuck".into(),
         EventRecord::Moving => "moving again".into(),
         EventRecord::WrongWay => "the wrong way round".into(),

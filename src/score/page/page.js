@@ -84,8 +84,8 @@ function before(times, t) {
 
 function overTime(run, title, ys, unit, colour, ...also) {
   const { t, events } = run.drawn;
+  if (!ys.some((value) => value !== null)) return title;
   const box = el("div", {}, el("h3", {}, title));
-  if (!ys.some((value) => value !== null)) return box.append(el("p", { class: "readout" }, "not told by this run")), box;
   const [t0, t1] = extent(t);
   const { svg, x, y } = frame(120, [t0, t1], extent(ys, ...also), ([value]) => clock(value).replace(/\.0$/, ""));
   for (const event of events) {
@@ -110,8 +110,9 @@ function overTime(run, title, ys, unit, colour, ...also) {
 
 function histogram(run) {
   const offsets = run.drawn.cte.filter((value) => value !== null);
-  const box = el("div", {}, el("h3", {}, "Offset from the line, share of the telemetries"));
-  if (!offsets.length) return box.append(el("p", { class: "readout" }, "not told by this run")), box;
+  const title = "Offset from the line, share of the telemetries";
+  if (!offsets.length) return title;
+  const box = el("div", {}, el("h3", {}, title));
   const [low, high] = extent(offsets);
   const reach = Math.max(0.5, Math.ceil(10 * Math.max(-low, high)) / 10), bins = 40, width = (2 * reach) / bins;
   const counts = new Array(bins).fill(0);
@@ -128,8 +129,9 @@ function histogram(run) {
 
 function latency(run) {
   const { answers } = run.drawn;
-  const box = el("div", {}, el("h3", {}, "Time to answer, ms (slowest of each few)"));
-  if (!answers.length) return box.append(el("p", { class: "readout" }, "not told by this run")), box;
+  const title = "Time to answer, ms (slowest of each few)";
+  if (!answers.length) return title;
+  const box = el("div", {}, el("h3", {}, title));
   const [ts, ms] = [answers.map((a) => a[0]), answers.map((a) => a[1])];
   const { svg, x, y } = frame(120, extent(ts), extent(ms, 0), ([value]) => clock(value).replace(/\.0$/, ""));
   svg.append(el("path", { d: path(ts, ms, x, y), fill: "none", stroke: css("--b"), "stroke-width": 1 }));
@@ -150,8 +152,9 @@ function colour(share) {
 function map(run) {
   const { at, events, t } = run.drawn;
   const told = at.filter((place) => place !== null);
-  const box = el("div", {}, el("h3", {}, "From above"));
-  if (!told.length) return box.append(el("p", { class: "readout" }, "not told by this run")), box;
+  if (!told.length) return "From above";
+  const guessed = run.drawn.on_line ? " (estimated: how far along the road, not where across it)" : "";
+  const box = el("div", {}, el("h3", {}, "From above" + guessed));
   const canvas = el("canvas"), bar = el("i"), least = el("span"), most = el("span");
   box.append(canvas, el("div", { class: "legend" }, least, bar, most));
   const road = run.outline ? [...run.outline.left, ...run.outline.right] : [];
@@ -187,7 +190,7 @@ function map(run) {
       pen.beginPath(); pen.moveTo(px(from[0]), py(from[1])); pen.lineTo(px(to[0]), py(to[1])); pen.stroke();
     }
     for (const event of events) {
-      if (!["collision", "off-road", "stuck", "takeover-began", "bad-frame"].includes(event.kind)) continue;
+      if (!["collision", "off-road", "stuck", "takeover-began", "bad-frame", "note"].includes(event.kind)) continue;
       const place = at[before(t, event.t)];
       if (!place) continue;
       pen.fillStyle = css("--bad"); pen.strokeStyle = css("--card"); pen.lineWidth = 2;
@@ -228,12 +231,14 @@ function tiles(run) {
 
 function table(shown) {
   const head = el("thead", {}, el("tr", {}, el("th", {}, ""), ...shown.map((run) => el("th", { title: run.title }, run.title))));
+  // On different tracks none is the best.
+  const comparable = new Set(shown.map((run) => JSON.stringify([run.card.track, run.card.scenario]))).size === 1;
   const told = (figure) => shown.some((run) => run.card[figure.key] !== null);
   const rows = figures.filter(told).map((figure) => {
     const values = shown.map((run) => run.card[figure.key]);
     const known = values.filter((value) => value !== null);
     const best = figure.better === "higher" ? Math.max(...known) : figure.better === "lower" ? Math.min(...known) : NaN;
-    const differ = new Set(known).size > 1;
+    const differ = comparable && new Set(known).size > 1;
     const cells = shown.map((run, i) => {
       const why = run.card.not_measurable[figure.key], estimate = run.card.estimates[figure.key];
       const kind = values[i] === null ? "none" : differ && values[i] === best ? "best" : "";
@@ -253,11 +258,18 @@ if (runs.length > 1) main.append(el("section", { class: "wide" }, el("h2", {}, "
 for (const run of runs) {
   const section = el("section", {}, el("h2", {}, run.title));
   if (run.missed.length) section.append(el("ul", { class: "missed" }, ...run.missed.map((words) => el("li", {}, words))));
-  section.append(tiles(run), map(run),
+  const laps = run.card.lap_times_s.map((s) => s.toFixed(1)).join(", "), guess = run.card.estimates.lap_times_s;
+  const off = guess ? ` (estimated, ± ${guess.uncertainty.toFixed(1)} s)` : "";
+  // What a run does not tell is its name alone.
+  const parts = [map(run),
     overTime(run, "Speed, mph", run.drawn.speed, "mph", css("--a"), 0),
     overTime(run, "Steering, degrees", run.drawn.steering, "degrees", css("--b"), 0),
     overTime(run, "Offset from the line, m", run.drawn.cte, "m", css("--good"), 0),
-    histogram(run), latency(run), events(run));
+    histogram(run), latency(run)];
+  const untold = parts.filter((part) => typeof part === "string").join("; ");
+  section.append(tiles(run), laps ? el("p", { class: "readout" }, `Lap times: ${laps} s${off}`) : "",
+    ...parts.filter((part) => typeof part !== "string"),
+    untold ? el("p", { class: "readout" }, `Not told by this run: ${untold}`) : "", events(run));
   if (runs.length === 1) section.append(el("details", {}, el("summary", {}, "All figures"), table(runs)));
   for (const note of run.card.notes) section.append(el("p", { class: "readout" }, "Note: " + note));
   main.append(section);

@@ -52,6 +52,17 @@ fn long_series_are_thinned_out_alike() {
 }
 
 #[test]
+fn a_run_that_tells_no_position_is_drawn_where_it_seems_to_have_been() {
+    let mut drawn = drawn(&[]);
+    drawn.locate(&[(1.0, [10.0, 0.0]), (1.1, [11.0, 0.0])]);
+    let told: Vec<_> = drawn.at.iter().enumerate().filter_map(|(i, at)| Some((i, (*at)?[0]))).collect();
+    assert_eq!((told, drawn.on_line), (vec![(10, 10.0), (11, 11.0)], true));
+    // What is told counts for more.
+    drawn.locate(&[(1.0, [99.0, 0.0])]);
+    assert_eq!(drawn.at[10], Some([10.0, 0.0]));
+}
+
+#[test]
 fn no_text_of_a_run_gets_out_of_its_place_in_the_page() {
     let drawn = drawn(&[(1.0, EventRecord::Note { text: "</script><b>/*SCRIPT*/".into() })]);
     let card = Scorer::default().finish();

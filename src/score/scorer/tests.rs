@@ -229,6 +229,31 @@ fn what_a_damaged_file_says_makes_no_impossible_figure() {
 }
 
 #[test]
+fn what_is_left_of_a_damaged_run_reaches_no_threshold() {
+    use crate::config::Thresholds;
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(1));
+    scorer.telemetry(at(0.0), &told(10.0, 0.0, 0, 0));
+    scorer.telemetry(at(1.0), &told(10.0, 0.0, 0, 1));
+    scorer.damaged("cut off".into());
+    let card = scorer.finish();
+    let limits = Thresholds { max_collisions: Some(0), ..Default::default() };
+    assert_eq!(super::super::missed(&limits, &card).len(), 1, "{card}");
+    assert_eq!(super::super::missed(&Thresholds::default(), &card).len(), 0);
+    assert_eq!(card.notes, ["cut off"]);
+}
+
+#[test]
+fn a_run_without_a_telemetry_tells_no_distance() {
+    let card = Scorer::default().finish();
+    assert_eq!(card.get(Figure::DistanceM), Measure::Unknown(NO_TIME));
+    assert!(
+        card.to_string().contains("distance          not measurable: the run has fewer than two telemetries"),
+        "{card}"
+    );
+}
+
+#[test]
 fn a_human_who_drives_all_the_way_is_no_autonomy() {
     let mut scorer = Scorer::default();
     for i in 0..10 {
@@ -326,7 +351,11 @@ fn junit_has_a_failure_for_each_threshold_that_is_missed() {
     use crate::{config::Thresholds, score::checks};
     let limits = Thresholds { min_completion: Some(80.0), max_collisions: Some(0), ..Default::default() };
     let card = minute(&[]);
-    let xml = crate::score::junit::report(&[("runs/a.mcap".into(), &card, checks(&limits, &card))]).unwrap();
+    let runs = [("runs/a.mcap".into(), &card, checks(&limits, &card))];
+    let xml = crate::score::junit::report(&runs, &[], None).unwrap();
     assert!(xml.contains(r#"tests="2""#) && xml.contains(r#"failures="1""#), "{xml}");
     assert!(xml.contains("completion: expected at least 80.0 %, got 50.0 %"), "{xml}");
+    let unread = [("runs/b.mcap".to_owned(), "no run".to_owned())];
+    let xml = crate::score::junit::report(&runs, &unread, Some(&Default::default())).unwrap();
+    assert!(xml.contains(r#"tests="3""#) && xml.contains(r#"errors="1""#) && xml.contains("no run"), "{xml}");
 }

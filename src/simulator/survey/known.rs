@@ -9,7 +9,7 @@ use crate::{
     perception::{Frame, decode_jpeg},
     simulator::{
         camera::{Camera, Renderer, Scenery},
-        track::{Track, TrackError, turn},
+        track::{Track, TrackError},
         world::{Setup, Simulation},
     },
 };
@@ -34,15 +34,7 @@ pub fn known_road(name: &str) -> Result<Road, TrackError> {
     let start = line.iter().min_by(|a, b| a.position.distance_squared(at).total_cmp(&b.position.distance_squared(at)));
     let start = start.map_or(0.0, |point| point.travelled);
     let steps = (length_m / STEP_M).ceil().max(2.0);
-    let heading = |i: u32| {
-        let travelled = length_m * f64::from(i) / steps;
-        let after = line.partition_point(|point| point.travelled <= travelled);
-        let before = line[after.saturating_sub(1)];
-        // The last point's way to the first is a part of the road as well.
-        let (next, until) = line.get(after).map_or((line[0], length_m), |point| (*point, point.travelled));
-        let part = (travelled - before.travelled) / (until - before.travelled).max(1e-9);
-        before.yaw + part.min(1.0) * turn(next.yaw - before.yaw)
-    };
+    let heading = |i: u32| track.on_driving_line(length_m * f64::from(i) / steps).yaw;
     let headings = (0..=steps as u32).map(heading).collect();
     let called = track.file().name.clone();
     let mut seen = Frame::default();
@@ -68,7 +60,7 @@ mod tests {
     use super::*;
     use crate::{
         odometry::{Filter, Motion},
-        simulator::camera::encode_jpeg,
+        simulator::{camera::encode_jpeg, track::turn},
     };
 
     #[test]

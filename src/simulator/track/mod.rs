@@ -149,6 +149,24 @@ impl Track {
         self.driving_line_length
     }
 
+    /// The line to drive after so many metres along it, which wrap.
+    pub fn on_driving_line(&self, travelled: f64) -> LinePoint {
+        let (line, length) = (&self.driving_line, self.driving_line_length);
+        let travelled = travelled.rem_euclid(length);
+        let after = line.partition_point(|point| point.travelled <= travelled);
+        let a = line[after.saturating_sub(1)];
+        // The last point's way to the first is a part of the road as well.
+        let (b, until) = line.get(after).map_or((line[0], length), |point| (*point, point.travelled));
+        let t = (travelled - a.travelled) / (until - a.travelled).max(1e-9);
+        LinePoint {
+            travelled,
+            position: a.position.lerp(b.position, t),
+            offset: a.offset + t * (b.offset - a.offset),
+            yaw: a.yaw + t * line::turn(b.yaw - a.yaw),
+            curvature: a.curvature + t * (b.curvature - a.curvature),
+        }
+    }
+
     /// The road at distance `s`, which wraps.
     pub fn at(&self, s: f64) -> Station {
         let n = self.stations.len();
@@ -222,6 +240,21 @@ impl Track {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_driving_line_goes_around_without_a_leap() {
+        let track = Track::named("jungle").unwrap();
+        let (length, step) = (track.driving_line_length(), 0.4);
+        for i in 0..(length / step) as u32 + 4 {
+            let travelled = step * f64::from(i);
+            let (here, next) = (track.on_driving_line(travelled), track.on_driving_line(travelled + step));
+            let moved = (next.position - here.position).with_y(0.0).length();
+            assert!((0.9 * step..=1.001 * step).contains(&moved), "{travelled}: {moved}");
+            assert!(line::turn(next.yaw - here.yaw).abs() < 0.1, "{travelled}");
+            let middle = track.locate(here.position, None);
+            assert!((middle.offset - here.offset).abs() < 0.05, "{travelled}: {middle:?}, {here:?}");
+        }
+    }
 
     #[test]
     fn the_tracks_are_as_long_as_the_simulators() {

@@ -1,0 +1,98 @@
+//! When the car was where, from what is known by the metres driven.
+
+use crate::odometry::Milestone;
+
+/// Metres driven from a place that is known to one that is guessed from it at most.
+const FURTHEST_M: f64 = 250.0;
+
+/// When the car had driven how far.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Clock(Vec<(f64, f64)>);
+
+impl Clock {
+    /// At so many seconds it had driven so many metres. Neither goes back.
+    pub fn note(&mut self, at: f64, way_m: f64) {
+        self.0.push((at, way_m));
+    }
+
+    /// How far it had driven then, in metres.
+    pub fn way_m(&self, at: f64) -> f64 {
+        self.0[..self.0.partition_point(|(then, _)| *then <= at)].last().map_or(0.0, |(_, way_m)| *way_m)
+    }
+
+    /// When it had driven so far, in seconds; `None` before and after the drive.
+    fn at(&self, way_m: f64) -> Option<f64> {
+        let next = self.0.partition_point(|(_, way)| *way < way_m);
+        let (until, to) = *self.0.get(next)?;
+        let Some((since, from)) = next.checked_sub(1).map(|i| self.0[i]) else { return (to <= way_m).then_some(until) };
+        Some(since + (until - since) * (way_m - from) / (to - from))
+    }
+
+    /// The time between each of these ways and the one before, the first from the drive's beginning, in seconds; empty where
+    /// one of them was not driven.
+    pub fn laps(&self, ways_m: &[f64]) -> Vec<f64> {
+        let Some(&(first, _)) = self.0.first() else { return vec![] };
+        let Some(ends) = ways_m.iter().map(|way| self.at(*way)).collect::<Option<Vec<f64>>>() else { return vec![] };
+        let begins = std::iter::once(first).chain(ends.iter().copied());
+        ends.iter().zip(begins).map(|(end, begin)| end - begin).collect()
+    }
+
+    /// When it was where along a road of this length: seconds and metres. Between milestones the metres driven count.
+    pub fn whereabouts(&self, trail: &[Milestone], length_m: f64) -> Vec<(f64, f64)> {
+        let place = |&(at, way_m): &(f64, f64)| {
+            let passed = trail.partition_point(|milestone| milestone.way_m <= way_m);
+            let near = trail.get(passed.saturating_sub(1))?;
+            let on = way_m - near.way_m;
+            (on.abs() <= FURTHEST_M).then(|| (at, (near.s_m + on).rem_euclid(length_m)))
+        };
+        self.0.iter().filter_map(place).collect()
+    }
+}
+
+/// How far the car had driven when it came so far along the road for the first time, in metres, and the standard deviation
+/// of that.
+pub(super) fn way_to(progress_m: f64, trail: &[Milestone]) -> Option<(f64, f64)> {
+    let (before, after) = trail
+        .array_windows()
+        .find_map(|[a, b]| (a.progress_m < progress_m && progress_m <= b.progress_m).then_some((a, b)))?;
+    let part = (progress_m - before.progress_m) / (after.progress_m - before.progress_m);
+    Some((before.way_m + part * (after.way_m - before.way_m), before.deviation_m.max(after.deviation_m)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 10 m/s, a stop of 5 s at 200 m, and on.
+    fn clock() -> Clock {
+        let mut clock = Clock::default();
+        (0..=20).for_each(|s| clock.note(f64::from(s), f64::from(10 * s)));
+        (1..=30).for_each(|s| clock.note(f64::from(s + 25), f64::from(200 + 10 * s)));
+        clock
+    }
+
+    #[test]
+    fn laps_take_the_time_from_end_to_end_and_a_stop_counts() {
+        let laps = clock().laps(&[105.0, 215.0, 500.0]);
+        assert!(laps.iter().zip([10.5, 16.0, 28.5]).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{laps:?}");
+        assert_eq!(clock().laps(&[105.0, 501.0]), [0.0; 0]);
+        assert_eq!(Clock::default().laps(&[1.0]), [0.0; 0]);
+        assert_eq!((clock().way_m(10.4), clock().way_m(-1.0)), (100.0, 0.0));
+    }
+
+    #[test]
+    fn between_milestones_the_metres_driven_count_and_far_from_them_nothing_is_known() {
+        let trail = [(100.0, 390.0), (120.0, 9.0)].map(|(way_m, s_m)| Milestone {
+            way_m,
+            s_m,
+            progress_m: way_m,
+            deviation_m: s_m / 100.0,
+        });
+        let seen = clock().whereabouts(&trail, 400.0);
+        let at = |t: f64| seen.iter().find(|(at, _)| *at == t).map(|(_, s)| *s);
+        assert_eq!([at(0.0), at(10.0), at(11.0), at(13.0)], [Some(290.0), Some(390.0), Some(0.0), Some(19.0)]);
+        assert_eq!((at(42.0), at(43.0)), (Some(259.0), None));
+        assert_eq!(way_to(110.0, &trail), Some((110.0, 3.9)));
+        assert_eq!(way_to(121.0, &trail), None);
+    }
+}
