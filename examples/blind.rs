@@ -272,7 +272,7 @@ fn report(rows: &[Row]) -> ExitCode {
     times.sort_by(f64::total_cmp);
     if let (Some(middle), Some(worst)) = (times.get(times.len() / 2), times.last()) {
         println!(
-            "lap times             {} of laps, {middle:.1} s off in the median, {worst:.1} s at worst",
+            "lap times             {} laps, {middle:.1} s off in the median, {worst:.1} s at worst",
             times.len()
         );
     }

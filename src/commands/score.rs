@@ -187,9 +187,6 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
             Err(error) => unscored.push((name, format!("{error:#}"))),
         }
     }
-    if let ([], [(_, why)]) = (&runs[..], &unscored[..]) {
-        bail!("{why}");
-    }
     let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
     let summary = summary(&cards);
     let settings: Vec<_> = runs.iter().map(|run| (run.setting(), &run.card)).collect();
@@ -217,10 +214,12 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         let unscored = unscored.iter().map(|(name, why)| (name.as_str(), why.as_str())).collect();
         let result = Result_ { schema: SCHEMA, runs: scored.collect(), summary, against: against.as_ref(), unscored };
         super::print(&serde_json::to_string_pretty(&result)?);
-    } else if let [run] = &runs[..] {
-        super::print(&format!("{}\n{}", run.title(), run.card));
     } else {
-        super::print(&table(&runs, &summary));
+        match &runs[..] {
+            [] => {}
+            [run] => super::print(&format!("{}\n{}", run.title(), run.card)),
+            _ => super::print(&table(&runs, &summary)),
+        }
     }
     for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Turn::Better) {
         eprintln!("better: {change}");
@@ -231,11 +230,14 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let named = |run: &Run| run.missed().map(|missed| format!("{}: {missed}", run.name())).collect::<Vec<_>>();
     let worse = against.iter().flat_map(Comparison::worse).map(|worse| format!("worse: {worse}"));
     let ended = thresholds::ended(&runs.iter().flat_map(named).chain(worse).collect::<Vec<_>>());
-    if !unscored.is_empty() {
-        unscored.iter().for_each(|(_, why)| eprintln!("error: {why}"));
-        bail!("{} of {} runs cannot be scored", unscored.len(), unscored.len() + runs.len());
+    match &unscored[..] {
+        [] => Ok(ended),
+        [(_, why)] if runs.is_empty() => bail!("{why}"),
+        several => {
+            several.iter().for_each(|(_, why)| eprintln!("error: {why}"));
+            bail!("{} of {} runs cannot be scored", several.len(), several.len() + runs.len())
+        }
     }
-    Ok(ended)
 }
 
 fn baseline(path: &Path) -> anyhow::Result<Baseline> {
