@@ -271,10 +271,7 @@ fn report(rows: &[Row]) -> ExitCode {
     let mut times: Vec<f64> = rows.iter().flat_map(lap_times_off).collect();
     times.sort_by(f64::total_cmp);
     if let (Some(middle), Some(worst)) = (times.get(times.len() / 2), times.last()) {
-        println!(
-            "lap times             {} laps, {middle:.1} s off in the median, {worst:.1} s at worst",
-            times.len()
-        );
+        println!("lap times             {} laps, {middle:.1} s off in the median, {worst:.1} s at worst", times.len());
     }
     println!(
         "collisions            precision {precision:.2} ({both} of {told}), recall {recall:.2} ({both} of {seen})"
