@@ -25,7 +25,7 @@ def simulate_serve(_):
     equal("drives (dialect, telemetries, human messages, bad frames)", drives, [
         ("self-oracle", SECONDS * HZ, 0, 0), ("self-oracle", SECONDS * HZ, 0, 0),
         ("term1", SECONDS * HZ, 0, 0), ("self-oracle", (SECONDS - 4) * HZ, 4 * HZ, 0)])
-    equal("takeovers", human["takeovers"], 0)  # the simulator's own account knows no takeover, the bridge's does
+    equal("takeovers and the human's seconds", (human["takeovers"], round(human["human_s"], 1)), (1, 4.0))
     return f"{told['distance_m']:.1f} m alike in de-DE and en-US, stock and human spans whole"
 
 
