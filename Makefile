@@ -3,7 +3,7 @@
 PYTHON ?= python3
 CARGO ?= cargo
 
-.PHONY: drive test build lint bench interop clean
+.PHONY: drive test build lint bench interop soak clean
 
 # A lap of the lake in the headless simulator: first by the expert, who knows the road, then by the shipped model.
 drive: build
@@ -26,6 +26,10 @@ bench: .libtorch/build-version
 # Real clients against the real bridge; needs Node.js with npm, and fetches from PyPI and npm.
 interop: build
 	$(PYTHON) tests/interop/run.py
+
+# A million telemetries from four simulators in rough company; some twenty minutes, not part of the gate.
+soak: build
+	$(PYTHON) tests/interop/soak.py
 
 # A libtorch of the user's own, named by these variables, needs no fetching.
 .libtorch/build-version:

@@ -64,14 +64,14 @@ def wait_for(what, seconds, found):
 # -- the bridge --------------------------------------------------------------
 
 class Bridge:
-    """`lapwing serve` on a free port with its model loaded, as a context. It is
+    """`lapwing serve` on a free port, or the one given, with its model loaded, as a context. It is
     stopped with SIGINT at the end; `summaries` and `log` are whole then."""
 
-    def __init__(self, *arguments):
+    def __init__(self, *arguments, port=0):
         RUNS.mkdir(parents=True, exist_ok=True)
         self.dir = RUNS / f"{len(list(RUNS.iterdir())):02}"
         self.dir.mkdir()
-        self.command = [LAPWING, "serve", "--port", "0", "--json", "--recordings", self.dir / "mcap", *arguments]
+        self.command = [LAPWING, "serve", "--port", str(port), "--json", "--recordings", self.dir / "mcap", *arguments]
         self.ended = False
 
     def __enter__(self):
@@ -133,6 +133,12 @@ class Bridge:
         """Of the only drive there was."""
         equal("summaries on stdout", len(self.summaries), 1)
         return self.summaries[0]
+
+
+def resident_mb(pid):
+    """Memory that a process holds, as Linux tells it."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS")) / 1024
 
 
 def lapwing(*arguments):
