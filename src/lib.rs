@@ -48,6 +48,8 @@
 #![warn(missing_docs)]
 // What comes over a wire, from a file or a flag is an error, never a panic.
 #![warn(clippy::unwrap_used, clippy::panic, clippy::todo, clippy::unimplemented)]
+// These panic where nobody reads any more; `commands::terminal` does not.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod bridge;
 #[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text

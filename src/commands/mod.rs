@@ -1,5 +1,8 @@
 //! One file a verb. Results go to stdout, diagnostics to stderr.
 
+#[macro_use]
+mod terminal;
+
 mod closed_loop;
 mod dataset;
 mod doctor;
@@ -48,10 +51,11 @@ enum Ended {
 
 /// Runs the verb; 0 passed, 1 failed, 2 wrong usage, 3 finished below a threshold.
 pub fn run(cli: Cli) -> ExitCode {
+    terminal::outlive_full_files();
     let log = EnvFilter::try_from_env("LAPWING_LOG").unwrap_or_else(|_| EnvFilter::new("lapwing=info,warn"));
     tracing_subscriber::fmt()
         .with_env_filter(log)
-        .with_writer(io::stderr)
+        .with_writer(|| terminal::Log)
         .with_ansi(io::stderr().is_terminal())
         .with_target(false)
         .init();
@@ -76,7 +80,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Ok(Ended::Failed) => ExitCode::FAILURE,
         Ok(Ended::Missed) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("error: {}", told(&error));
+            say!("error: {}", told(&error));
             ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
         }
     }
@@ -87,7 +91,7 @@ fn print(text: &str) {
     if let Err(error) = writeln!(io::stdout().lock(), "{text}")
         && error.kind() != io::ErrorKind::BrokenPipe
     {
-        eprintln!("error: the result could not be printed: {error}");
+        say!("error: the result could not be printed: {error}");
     }
 }
 
@@ -100,17 +104,17 @@ fn told(error: &anyhow::Error) -> String {
         .fold(error.to_string(), |told, cause| if told.contains(&cause) { told } else { format!("{told}: {cause}") })
 }
 
-/// Ctrl-C, for a loop that is to end in an orderly way.
+/// Ctrl-C, SIGTERM or a terminal that was closed, for a loop that is to end in an orderly way.
 #[derive(Clone)]
 struct Interrupted(Arc<AtomicBool>);
 
 impl Interrupted {
-    /// Whether Ctrl-C was pressed.
+    /// Whether the loop is to end.
     fn is_pressed(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Ends the run if Ctrl-C was pressed.
+    /// Ends the run if it is to end.
     fn end(&self, simulation: &mut Simulation) {
         if self.is_pressed() {
             simulation.end(Ending::Interrupted);
@@ -118,22 +122,17 @@ impl Interrupted {
     }
 }
 
-/// Listens for Ctrl-C from now on; a second one ends the program where it is.
+/// Listens for them from now on; a second Ctrl-C ends the program where it is.
 fn interrupted() -> Interrupted {
     let pressed = Interrupted(Arc::default());
     let told = pressed.clone();
     std::thread::spawn(move || {
         let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
         runtime.block_on(async {
-            for again in [false, true] {
-                if tokio::signal::ctrl_c().await.is_err() {
-                    return;
-                }
-                if again {
-                    std::process::exit(130);
-                }
-                told.0.store(true, Ordering::Relaxed);
-            }
+            let Ok(mut asked) = terminal::Asked::listen() else { return };
+            asked.first().await;
+            told.0.store(true, Ordering::Relaxed);
+            asked.again().await;
         });
     });
     pressed

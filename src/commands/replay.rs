@@ -59,7 +59,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
             let options = ClientOptions { culture: arguments.culture, ..Default::default() };
             let report = client::play(&mut replay, address, &options, |_| bar.inc(1))?;
             if report.lost_tokens > 0 {
-                eprintln!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
+                say!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
             }
             (format!("the bridge at {address}"), report.round_trips, began)
         }
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let report = Report::new((source.clone(), driver.clone()), answers, replay.losses(), (&times, wall));
     if let Some(path) = &arguments.write_golden {
         Golden::new(&source, &driver, answers).write(path)?;
-        eprintln!("written: {}", path.display());
+        say!("written: {}", path.display());
     }
     let comparison = golden.map(|golden| {
         let differences = golden.compare(answers, arguments.tolerance);

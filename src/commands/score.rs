@@ -222,10 +222,10 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         }
     }
     for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Turn::Better) {
-        eprintln!("better: {change}");
+        say!("better: {change}");
     }
     for setting in against.iter().flat_map(|against| &against.new) {
-        eprintln!("not compared: {setting}: the baseline has no run");
+        say!("not compared: {setting}: the baseline has no run");
     }
     let named = |run: &Run| run.missed().map(|missed| format!("{}: {missed}", run.name())).collect::<Vec<_>>();
     let worse = against.iter().flat_map(Comparison::worse).map(|worse| format!("worse: {worse}"));
@@ -234,7 +234,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         [] => Ok(ended),
         [(_, why)] if runs.is_empty() => bail!("{why}"),
         several => {
-            several.iter().for_each(|(_, why)| eprintln!("error: {why}"));
+            several.iter().for_each(|(_, why)| say!("error: {why}"));
             bail!("{} of {} runs cannot be scored", several.len(), several.len() + runs.len())
         }
     }

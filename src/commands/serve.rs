@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::Context;
 
-use super::Ended;
+use super::{Ended, terminal::Asked};
 use crate::{
     bridge::{self, Bridge, Listener, Summary},
     cli,
@@ -43,7 +43,8 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
 
 async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
-    eprintln!("{}", how_to_connect(listener.address()));
+    let asked = Asked::listen().context("cannot wait for the signal to end")?;
+    say!("{}", how_to_connect(listener.address()));
     let bridge = Bridge::new(settings.clone(), move |summary| print(summary, json));
     arm_on_enter(bridge.clone());
     let loading = tokio::task::spawn_blocking({
@@ -61,7 +62,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let (ended, end) = tokio::sync::oneshot::channel();
     let shutdown = async move {
         let why = tokio::select! {
-            signal = signal() => signal,
+            () = end_asked_for(asked) => Ok(()),
             error = failure => Err(error.unwrap_or_else(|_| anyhow::anyhow!("the runtime is gone"))),
         };
         // The receiver waits below for as long as the bridge serves.
@@ -74,26 +75,11 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     }
 }
 
-/// Ctrl-C or SIGTERM. A second Ctrl-C ends the program where it is.
-async fn signal() -> anyhow::Result<()> {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        let mut terminate = signal(SignalKind::terminate()).context("cannot wait for SIGTERM")?;
-        tokio::select! {
-            ctrl_c = tokio::signal::ctrl_c() => ctrl_c?,
-            _ = terminate.recv() => {}
-        }
-    }
-    #[cfg(not(unix))]
-    tokio::signal::ctrl_c().await?;
-    eprintln!("stopping: runs are being closed (Ctrl-C again to leave at once)");
-    tokio::spawn(async {
-        if tokio::signal::ctrl_c().await.is_ok() {
-            std::process::exit(130);
-        }
-    });
-    Ok(())
+/// Waits until the program is asked to end. A second Ctrl-C ends it where it is.
+async fn end_asked_for(mut asked: Asked) {
+    asked.first().await;
+    say!("stopping: runs are being closed (Ctrl-C again to leave at once)");
+    tokio::spawn(async move { asked.again().await });
 }
 
 fn print(summary: &Summary, json: bool) {

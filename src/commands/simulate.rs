@@ -65,7 +65,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
                 }
             };
             if report.lost_tokens > 0 {
-                eprintln!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
+                say!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
             }
             format!("the bridge at {address}")
         }

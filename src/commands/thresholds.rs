@@ -35,7 +35,7 @@ pub(super) fn layers(mut layers: Layers, flags: &cli::Thresholds) -> Result<Laye
 /// Says each threshold that was missed.
 pub(super) fn ended(missed: &[String]) -> Ended {
     for missed in missed {
-        eprintln!("missed: {missed}");
+        say!("missed: {missed}");
     }
     if missed.is_empty() { Ended::Passed } else { Ended::Missed }
 }

@@ -62,7 +62,7 @@ pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
 }
 
 fn say(epoch: &Epoch, epochs: usize) {
-    eprintln!(
+    say!(
         "epoch {:>3}/{epochs}  train {}  validation {}  9-frame mean {}  {:.0} images/s{}",
         epoch.number,
         told(&epoch.training),

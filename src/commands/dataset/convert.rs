@@ -19,13 +19,13 @@ pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
     let Converted { rows, without_picture, side_pictures, truncated } = converted;
     print(&format!("{rows} rows, in {}", target.display()));
     if without_picture > 0 {
-        eprintln!("{without_picture} telemetries are left out: their picture was not recorded");
+        say!("{without_picture} telemetries are left out: their picture was not recorded");
     }
     if side_pictures > 0 {
-        eprintln!("{side_pictures} pictures of the side cameras are left out: a run has the centre camera only");
+        say!("{side_pictures} pictures of the side cameras are left out: a run has the centre camera only");
     }
     if let Some(truncated) = truncated {
-        eprintln!("{} is {truncated}", source.display());
+        say!("{} is {truncated}", source.display());
     }
     Ok(Ended::Passed)
 }

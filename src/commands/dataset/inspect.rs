@@ -32,7 +32,7 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
     } else {
         print(&table(&inspections));
         for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
-            eprintln!("written: {}", picture.display());
+            say!("written: {}", picture.display());
         }
     }
     let sound = inspections.iter().all(|i| i.problems.is_empty() && i.truncated.is_none());

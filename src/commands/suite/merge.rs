@@ -126,22 +126,22 @@ fn say(plan: Option<&Plan>, done: &[Done], missing: &[String], gathered: &Gather
     match plan {
         Some(plan) => {
             let (all, without) = (plan.count(), plan.missing(done).len());
-            eprintln!("{} of the suite's {all} cells are there, {without} are missing", all - without);
+            say!("{} of the suite's {all} cells are there, {without} are missing", all - without);
             for folder in &gathered.unplanned {
-                eprintln!("{}: what else its suite is made of is not known, it has no plan.json", folder.display());
+                say!("{}: what else its suite is made of is not known, it has no plan.json", folder.display());
             }
         }
         None => {
-            eprintln!("{} cells are there; how many the suite has is not known, no folder has a plan.json", done.len())
+            say!("{} cells are there; how many the suite has is not known, no folder has a plan.json", done.len())
         }
     }
     for name in missing.iter().take(NAMED) {
-        eprintln!("missing: {name}");
+        say!("missing: {name}");
     }
     if let more @ 1.. = missing.len().saturating_sub(NAMED) {
-        eprintln!("missing: {more} more");
+        say!("missing: {more} more");
     }
     if gathered.plans.len() > 1 && !missing.is_empty() {
-        eprintln!("the parts plan other cells: were they driven with other settings, models or versions of Lapwing?");
+        say!("the parts plan other cells: were they driven with other settings, models or versions of Lapwing?");
     }
 }

@@ -1,0 +1,121 @@
+//! What a person at the terminal is told, and how they end a verb.
+//!
+//! Nobody need be there: `eprintln!` panics once the reader of stderr has gone (Ctrl-C in
+//! `lapwing serve 2>&1 | tee log` ends `tee` first) or the file behind it is full, and a panic would leave a
+//! car with its last throttle. So all diagnostics, the log's included, take this way, and what cannot be
+//! written is let go.
+
+use std::io::{self, Write};
+
+/// Says a line on stderr, as `eprintln!` would.
+macro_rules! say {
+    ($($line:tt)*) => { $crate::commands::terminal::say_line(format_args!($($line)*)) };
+}
+
+pub(super) fn say_line(line: std::fmt::Arguments<'_>) {
+    let _ = Log.write(format!("{line}\n").as_bytes()); // never an error, see there
+}
+
+/// Where the log goes: stderr, as far as it takes it.
+pub(super) struct Log;
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // To whom should it be told? An error here makes tracing panic.
+        let _ = io::stderr().lock().write_all(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Makes a write beyond the limit on file sizes (`ulimit -f`) fail as one to a full disk does: by default the
+/// system ends a program that tries.
+pub(super) fn outlive_full_files() {
+    #[cfg(unix)]
+    // SAFETY: no handler is installed, so none can do what a handler must not; called before any thread starts.
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+    }
+}
+
+/// What asks a program to end in an orderly way: Ctrl-C, SIGTERM, and SIGHUP when the terminal is closed.
+#[cfg(unix)]
+pub(super) struct Asked {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+    /// Absent where whoever started the program has it ignored, as `nohup` does.
+    hang_up: Option<tokio::signal::unix::Signal>,
+}
+
+#[cfg(unix)]
+impl Asked {
+    /// Listens from now on.
+    pub(super) fn listen() -> io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hang_up: if is_ignored(libc::SIGHUP) { None } else { Some(signal(SignalKind::hangup())?) },
+        })
+    }
+
+    /// Waits for the first of them.
+    pub(super) async fn first(&mut self) {
+        let Self { interrupt, terminate, hang_up } = self;
+        let hung_up = async {
+            match hang_up {
+                Some(hang_up) => hang_up.recv().await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+            _ = hung_up => {}
+        }
+    }
+
+    /// Waits for Ctrl-C, and ends the program where it is: the second time somebody means at once. A terminal
+    /// that closes may send several SIGHUP.
+    pub(super) async fn again(&mut self) {
+        self.interrupt.recv().await;
+        std::process::exit(130);
+    }
+}
+
+#[cfg(unix)]
+fn is_ignored(signal: libc::c_int) -> bool {
+    // SAFETY: a sigaction of zeros is a valid one, and without a new action the call only writes the old one to it.
+    unsafe {
+        let mut action: libc::sigaction = std::mem::zeroed();
+        libc::sigaction(signal, std::ptr::null(), &raw mut action) == 0 && action.sa_sigaction == libc::SIG_IGN
+    }
+}
+
+/// What asks a program to end in an orderly way: Ctrl-C.
+#[cfg(not(unix))]
+pub(super) struct Asked;
+
+#[cfg(not(unix))]
+impl Asked {
+    /// Listens from now on.
+    pub(super) fn listen() -> io::Result<Self> {
+        Ok(Self)
+    }
+
+    /// Waits for it.
+    pub(super) async fn first(&mut self) {
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending().await
+        }
+    }
+
+    /// Waits for another one, and ends the program where it is.
+    pub(super) async fn again(&mut self) {
+        self.first().await;
+        std::process::exit(130);
+    }
+}
