@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 
 use crate::{
     nn::Precision,
@@ -16,7 +16,7 @@ use crate::{
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100)]
 pub struct Cli {
-    /// Settings file [default: lapwing.toml of this folder, if there is one]
+    /// Settings file, over your own in ~/.config/lapwing [default: lapwing.toml of this folder, if there is one]
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// What to do.
@@ -226,9 +226,11 @@ pub struct Score {
 /// `lapwing suite`
 #[derive(Debug, Args)]
 pub struct Suite {
-    /// What is driven (.toml)
+    /// What is driven (.toml); the code of TorchScript models (.pt) that it names runs with --allow-torchscript only
     #[arg(value_name = "FILE")]
     pub suite: PathBuf,
+    #[command(flatten)]
+    pub trust: Trust,
     /// Folder for the results; what lies there is not driven again
     #[arg(long, value_name = "DIR", default_value = "suite")]
     pub out: PathBuf,
@@ -322,13 +324,14 @@ pub struct Record {
 
 /// `lapwing train`
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("learnt from").args(["data", "recipe", "resume"]).required(true).multiple(true)))]
 pub struct Train {
-    /// A training, whole (.toml); the flags below change it
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["data", "resume"])]
-    pub recipe: Option<PathBuf>,
     /// Data to learn from: folders with driving_log.csv, or runs; DIR@2 is drawn twice as often
     #[arg(long, value_name = "DIR[@WEIGHT]", num_args = 1..)]
     pub data: Vec<String>,
+    /// A training, whole (.toml); the other flags change it
+    #[arg(long, value_name = "FILE")]
+    pub recipe: Option<PathBuf>,
     /// Data to measure by [default: one block of 50 rows in five, held out]
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub validation: Vec<PathBuf>,
@@ -424,8 +427,9 @@ pub struct Train {
 /// `lapwing evaluate`
 #[derive(Debug, Args)]
 pub struct Evaluate {
-    /// Checkpoint (.safetensors)
-    pub model: PathBuf,
+    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), whose code runs: load only files that you
+    /// trust [default: the PilotNet built in]
+    pub model: Option<PathBuf>,
     /// Data sets: folders with driving_log.csv, or runs
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
@@ -490,9 +494,12 @@ pub struct Serve {
 /// What drives and how; shared by all verbs that drive.
 #[derive(Debug, Args)]
 pub struct Driving {
-    /// Checkpoint (.safetensors) or TorchScript (.pt with a side .toml) [default: the PilotNet built in]
+    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), whose code runs: load only files that you
+    /// trust [default: the PilotNet built in]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    #[command(flatten)]
+    pub trust: Trust,
     /// Set speed of the PI law, limit of the quadratic one, in mph [default: 9]
     #[arg(long, value_name = "MPH", allow_negative_numbers = true)]
     pub speed: Option<f64>,
@@ -502,6 +509,15 @@ pub struct Driving {
     /// After a human lets go: drive on, or stay off until armed (Enter, or POST /arm) [default: resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
+}
+
+/// Whose models are trusted; shared by all verbs that may be told one by a file.
+#[derive(Debug, Args)]
+pub struct Trust {
+    /// Run the code of a TorchScript model (.pt) even where a file names it that others may have written:
+    /// lapwing.toml, --config, a suite
+    #[arg(long)]
+    pub allow_torchscript: bool,
 }
 
 /// How fast the model thinks; shared by the verbs that need not give the same bytes everywhere.
@@ -570,6 +586,9 @@ pub struct Replay {
     /// Largest difference in steering and throttle that --golden forgives
     #[arg(long, default_value_t = 1e-3, value_parser = tolerance, allow_negative_numbers = true, requires = "golden")]
     pub tolerance: f64,
+    /// Do not fail where more than 1 % of the frames are bad: seen by no network, and in no figure
+    #[arg(long)]
+    pub allow_bad_frames: bool,
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,

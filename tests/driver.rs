@@ -167,7 +167,7 @@ struct Failing;
 
 impl Pilot for Failing {
     fn steer(&mut self, _: &View<'_>) -> Result<Prediction, PilotError> {
-        Err(PilotError::NotFinite(f64::NAN))
+        Err(PilotError::NotFinite { output: "steering".into(), got: f64::NAN })
     }
     fn reset(&mut self) {}
 }

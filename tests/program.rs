@@ -5,6 +5,8 @@ use std::{
     process::{Command, Output},
 };
 
+use crate::support::torchscript;
+
 fn lapwing(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lapwing"))
         .args(arguments)
@@ -60,6 +62,236 @@ fn a_replay_that_agrees_is_0_and_one_that_does_not_is_1_with_the_frames_named() 
     let card = &result["card"];
     assert_eq!((&card["schema"], &card["steering_mae"]), (&"lapwing.scorecard/1".into(), &result["steering"]["mae"]));
     assert!(card["not_measurable"]["completion"].as_str().unwrap().starts_with("nothing was driven"), "{card}");
+}
+
+/// A folder of so many rows as the stock recorder leaves it, with pictures of the given kind.
+fn folder(rows: usize, picture: impl Fn(usize) -> Vec<u8>) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir(dir.path().join("IMG")).unwrap();
+    let mut log = String::new();
+    for row in 0..rows {
+        std::fs::write(dir.path().join(format!("IMG/{row}.jpg")), picture(row)).unwrap();
+        log += &format!("IMG/{row}.jpg,,,{},0.5,0,9.1\n", (row as f64 * 0.7).sin() / 2.0);
+    }
+    std::fs::write(dir.path().join("driving_log.csv"), log).unwrap();
+    dir
+}
+
+#[test]
+fn a_replay_of_frames_that_no_network_saw_fails_unless_they_are_allowed() {
+    let png = b"\x89PNG\r\n\x1a\n".to_vec();
+    let (all, golden) = (folder(40, |_| png.clone()), tempfile::tempdir().unwrap());
+    let golden = golden.path().join("m.golden");
+    let (all, golden) = (all.path().to_str().unwrap(), golden.to_str().unwrap());
+    let (code, out, err) = said(&lapwing(&["replay", all, "--write-golden", golden]));
+    assert_eq!(code, 1, "{out}{err}");
+    assert!(out.contains("bad frames              40 (100.0 %): no network saw them"), "{out}");
+    assert!(out.contains("steering error   not measurable: no network saw a frame"), "{out}");
+    assert!(err.contains("expected at most 1 % bad frames, which no network sees, got 40 of 40"), "{err}");
+    assert!(!Path::new(golden).exists(), "what failed is not kept to compare with");
+
+    let (code, out, err) = said(&lapwing(&["replay", all, "--allow-bad-frames", "--json", "--write-golden", golden]));
+    assert_eq!(code, 0, "{out}{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&result["bad_frames"], &result["steering"], &result["latency"]), (&40.into(), &NULL, &NULL));
+    assert_eq!(result["card"]["not_measurable"]["steering_mae"], "no network saw a frame");
+    // Frames that are seen now are not those that were not.
+    let seen = folder(40, |row| crate::support::jpeg(row as u8));
+    let (code, out, err) = said(&lapwing(&["replay", seen.path().to_str().unwrap(), "--golden", golden]));
+    assert_eq!(code, 1, "{out}{err}");
+    assert!(out.contains("40 differ") && out.contains("expected a bad frame, which no network saw"), "{out}");
+    // Of a hundred one may be bad, and is told.
+    let one = folder(100, |row| if row == 7 { png.clone() } else { crate::support::jpeg(row as u8) });
+    let (code, out, err) = said(&lapwing(&["replay", one.path().to_str().unwrap()]));
+    assert_eq!(code, 0, "{out}{err}");
+    assert!(out.contains("(1.0 %): no network saw them") && out.contains("over 99 frames"), "{out}");
+}
+
+#[test]
+fn the_same_training_makes_the_same_file_bit_for_bit() {
+    let data = folder(60, |row| crate::support::jpeg(row as u8));
+    let out = tempfile::tempdir().unwrap();
+    let [first, second] = ["first", "second"].map(|name| {
+        let out = out.path().join(name);
+        let (data, out) = (data.path().to_str().unwrap(), out.to_str().unwrap());
+        let flags = ["--network", "cps", "--epochs", "2", "--batch", "16", "--seed", "3"];
+        let (code, _, err) = said(&lapwing(&[&["train", "--data", data, "--out", out], &flags[..]].concat()));
+        assert_eq!(code, 0, "{err}");
+        let log = std::fs::read_to_string(format!("{out}/log.csv")).unwrap();
+        assert!(log.starts_with("epoch,seconds,images_per_s,"), "how long it took stands in the log: {log}");
+        std::fs::read(format!("{out}/model.safetensors")).unwrap()
+    });
+    assert!(first == second, "the files differ");
+}
+
+/// The program in a folder of its own, with settings of its own for all folders, or none.
+fn lapwing_in(folder: &Path, own_settings: &str, arguments: &[&str]) -> (i32, String, String) {
+    let config = tempfile::tempdir().unwrap();
+    std::fs::create_dir(config.path().join("lapwing")).unwrap();
+    std::fs::write(config.path().join("lapwing/lapwing.toml"), own_settings).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(arguments)
+        .current_dir(folder)
+        .env("XDG_CONFIG_HOME", config.path())
+        .output();
+    said(&output.unwrap())
+}
+
+#[test]
+fn a_file_that_anybody_may_have_written_does_not_run_code_without_the_users_word() {
+    let dir = tempfile::tempdir().unwrap();
+    let (net, folder) = (dir.path().join("net.pt"), dir.path());
+    torchscript(&net, |input| input.mean(tch::Kind::Float) * 0.0);
+    let settings = "[model]\npath = \"net.pt\"\n";
+    for name in ["lapwing.toml", "other.toml"] {
+        std::fs::write(folder.join(name), settings).unwrap();
+    }
+    let suite = "tracks = [\"lake\"]\nlongest_s = 1.0\n[[pilot]]\nname = \"theirs\"\nmodel = \"net.pt\"\n";
+    std::fs::write(folder.join("suite.toml"), suite).unwrap();
+    let empty = tempfile::tempdir().unwrap();
+    let drive = ["drive", "--max-time", "1", "--no-recording"];
+    let of_folder = |own: &str, more: &[&str]| lapwing_in(folder, own, &[&drive[..], more].concat());
+    for (code, out, err) in [
+        of_folder("", &[]),
+        of_folder("", &["--config", "other.toml"]),
+        lapwing_in(folder, "", &["serve", "--port", "0"]),
+        lapwing_in(folder, "", &["doctor"]),
+        lapwing_in(folder, "", &["suite", "suite.toml"]),
+        lapwing_in(folder, "", &["replay", concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap")]),
+        // The user's own file, with a path that means another file in each folder.
+        lapwing_in(folder, settings, &[&drive[..], &["--config", "/dev/null"]].concat()),
+    ] {
+        assert_eq!((code, out.as_str()), (2, ""), "{err}");
+        assert!(err.contains("net.pt, which is TorchScript and runs code"), "{err}");
+    }
+    let allowed = "[model]\nallow_torchscript = true\n";
+    let own = format!("[model]\npath = {net:?}\n");
+    for (code, out, err) in [
+        of_folder("", &["--model", "net.pt"]),
+        of_folder("", &["--allow-torchscript"]),
+        of_folder(allowed, &[]),
+        lapwing_in(empty.path(), &own, &drive),
+        lapwing_in(folder, "", &["suite", "suite.toml", "--allow-torchscript"]),
+        lapwing_in(folder, "", &["score", concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap")]),
+    ] {
+        assert_eq!(code, 0, "{out}{err}");
+    }
+    // No file but the user's own allows it.
+    std::fs::write(folder.join("lapwing.toml"), format!("{settings}allow_torchscript = true\n")).unwrap();
+    let (code, _, err) = of_folder("", &[]);
+    assert!(code == 2 && err.contains("model.allow_torchscript: expected in your own settings"), "{err}");
+}
+
+#[test]
+fn every_verb_that_takes_a_model_says_that_torchscript_is_code() {
+    for verb in ["drive", "serve", "replay", "suite", "evaluate", "doctor"] {
+        for help in ["-h", "--help"] {
+            let (_, out, _) = said(&lapwing(&[verb, help]));
+            let words = out.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(words.contains("TorchScript") && words.contains("code"), "{verb} {help}: {out}");
+        }
+    }
+}
+
+/// A checkpoint of the shipped network that answers blank pictures and has nothing finite for others: its first
+/// convolution sees differences alone, and calls them huge.
+fn checkpoint_of_infinities(path: &Path) {
+    let shipped = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors")).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&shipped).unwrap();
+    let (_, table) = safetensors::SafeTensors::read_metadata(&shipped).unwrap();
+    let numbers = |values: Vec<f32>| values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
+    let change = |name: &str, data: &[u8]| match name {
+        "conv1.weight" => {
+            let mut weights = vec![0f32; data.len() / 4];
+            (weights[0], weights[1]) = (3e38, -3e38);
+            numbers(weights)
+        }
+        "conv1.bias" => vec![0; data.len()],
+        "conv2.weight" => numbers(vec![1e38; data.len() / 4]),
+        _ => data.to_vec(),
+    };
+    let tensors: Vec<_> = file.iter().map(|(name, view)| (name, view.clone(), change(name, view.data()))).collect();
+    let views = tensors.iter().map(|(name, view, data)| {
+        (*name, safetensors::tensor::TensorView::new(view.dtype(), view.shape().to_vec(), data).unwrap())
+    });
+    std::fs::write(path, safetensors::serialize(views, table.metadata().clone()).unwrap()).unwrap();
+}
+
+#[test]
+fn evaluate_takes_what_drive_takes_and_fails_where_an_answer_is_no_number() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = folder(20, |row| crate::support::jpeg(row as u8));
+    let data = data.path().to_str().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let evaluate = |model: &[&str]| said(&lapwing(&[&["evaluate"], model, &["--data", data, "--json"]].concat()));
+    torchscript(Path::new(&path("zero.pt")), |input| input.mean(tch::Kind::Float) * 0.0);
+    let (code, out, err) = evaluate(&[&path("zero.pt")]);
+    assert_eq!(code, 0, "{out}{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let mean = (0..20).map(|row| ((f64::from(row) * 0.7).sin() / 2.0).abs()).sum::<f64>() / 20.0;
+    let mae = result["results"][0]["raw"]["mae"].as_f64().unwrap();
+    assert!((mae - mean).abs() < 1e-6, "{mae} {mean}");
+    // The model built in, and the same by its name.
+    let [built_in, named] = [&[][..], &["models/pilotnet.safetensors"]].map(|model| {
+        let (code, out, err) = evaluate(model);
+        assert_eq!(code, 0, "{out}{err}");
+        serde_json::from_str::<serde_json::Value>(&out).unwrap()["results"].clone()
+    });
+    assert_eq!(built_in, named);
+
+    torchscript(Path::new(&path("lost.pt")), crate::support::lost_for_words);
+    let (code, out, err) = evaluate(&[&path("lost.pt")]);
+    assert_eq!((code, out.as_str()), (1, ""), "{err}");
+    assert!(err.contains("IMG/0.jpg: expected a finite steering from the network, got NaN"), "{err}");
+    checkpoint_of_infinities(Path::new(&path("wild.safetensors")));
+    let (code, out, err) = evaluate(&[&path("wild.safetensors")]);
+    assert_eq!((code, out.as_str()), (1, ""), "{err}");
+    assert!(err.contains("expected finite answers from pilotnet") && err.contains("20 of 20"), "{err}");
+}
+
+#[test]
+fn a_model_whose_crop_no_picture_of_ours_fills_is_refused_before_it_drives() {
+    let dir = tempfile::tempdir().unwrap();
+    let net = dir.path().join("net.pt");
+    torchscript(&net, |input| input.mean(tch::Kind::Float) * 0.0);
+    let side = std::fs::read_to_string(net.with_extension("toml")).unwrap();
+    let crop = "[preprocess]\ncrop = { top = 60, bottom = 200 }\n";
+    std::fs::write(net.with_extension("toml"), side.replace("[preprocess]\n", crop)).unwrap();
+    let (code, out, err) = lapwing_in(dir.path(), "", &["drive", "--model", "net.pt"]);
+    assert_eq!((code, out.as_str()), (1, ""), "{err}");
+    assert!(err.contains("expected a frame of at least 200 rows for the crop to row 200, got 320x160"), "{err}");
+    assert!(!dir.path().join("recordings").exists(), "nothing is left of it");
+}
+
+#[test]
+fn a_training_without_data_asks_for_data_first() {
+    let (code, out, err) = said(&lapwing(&["train", "--out", "/nowhere"]));
+    assert_eq!((code, out.as_str()), (2, ""));
+    assert!(err.contains("<--data <DIR[@WEIGHT]>...|--recipe <FILE>|--resume>"), "{err}");
+}
+
+const NULL: serde_json::Value = serde_json::Value::Null;
+
+#[test]
+fn a_golden_file_tells_the_processor_and_a_difference_names_both() {
+    let dir = tempfile::tempdir().unwrap();
+    let golden = dir.path().join("lake.golden");
+    let golden = golden.to_str().unwrap();
+    assert_eq!(said(&lapwing(&["replay", RUN, "--write-golden", golden])).0, 0);
+    let text = std::fs::read_to_string(golden).unwrap();
+    let here = lapwing::nn::runtime::processor();
+    let header: serde_json::Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
+    assert_eq!(header["written_on"]["cpu"], here.as_str());
+    assert!(header["written_on"]["libtorch"].as_str().unwrap().starts_with("2.13.0"), "{header}");
+    std::fs::write(golden, text.replacen(&here, "another processor", 1)).unwrap();
+    let faster = &["replay", RUN, "--golden", golden, "--speed", "20"];
+    let (code, out, err) = said(&lapwing(faster));
+    assert_eq!(code, 1, "{out}{err}");
+    assert!(out.contains("written on       another processor, libtorch 2.13.0"), "{out}");
+    assert!(out.contains(&format!("compared on      {here}, libtorch 2.13.0")), "{out}");
+    // The shipped one is from before processors were told.
+    let (_, out, _) = said(&lapwing(&["replay", RUN, "--golden", "recordings/lake.golden", "--speed", "20"]));
+    assert!(out.contains("written on       not told"), "{out}");
 }
 
 #[test]

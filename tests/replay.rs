@@ -10,8 +10,8 @@ use lapwing::{
     config::Control,
     driver::Driver,
     pilot,
-    protocol::{Answer, number::Culture},
-    replay::{self, Golden, Rate, Replay},
+    protocol::{Command, number::Culture},
+    replay::{self, Answered, Golden, Rate, Replay, Report, Response},
     score::Agreement,
     simulator::client::{self, ClientError, ClientOptions},
     units::Steering,
@@ -23,6 +23,12 @@ use crate::support::{Running, jpeg, settings};
 
 fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap")
+}
+
+/// What a pilot that saw the frame says.
+fn steered(answered: &Answered) -> Command {
+    let Response::Steer(command) = answered.response else { panic!("{answered:?}") };
+    command
 }
 
 fn in_process(path: &Path) -> Replay {
@@ -56,10 +62,7 @@ fn udacity_folder(rows: u8) -> TempDir {
 fn the_shipped_run_is_answered_frame_by_frame() {
     let replay = in_process(&shipped());
     assert_eq!((replay.answers().len(), replay.losses()), (225, (0, None)));
-    let pairs = replay.answers().iter().map(|a| match a.answer {
-        Answer::Steer(command) => (command.steering.get(), a.recorded.unwrap().get()),
-        Answer::Manual => panic!("nobody drove by hand"),
-    });
+    let pairs = replay.answers().iter().map(|a| (steered(a).steering.get(), a.recorded.unwrap().get()));
     let agreement = Agreement::of(pairs).unwrap();
     assert_eq!(agreement.frames, 225);
     assert!(agreement.r.is_some());
@@ -70,7 +73,7 @@ fn a_replay_agrees_with_its_golden_file_and_another_models_does_not() {
     let dir = tempdir().unwrap();
     let path = dir.path().join("golden");
     let replay = in_process(&shipped());
-    Golden::new("run", "model", replay.answers()).write(&path).unwrap();
+    Golden::new("run", "model", replay.answers(), None).write(&path).unwrap();
     let golden = Golden::read(&path).unwrap();
     assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-6), []);
     let mut other = Replay::open(&shipped(), Rate::Max).unwrap();
@@ -100,7 +103,7 @@ async fn over_the_wire_the_same_commands_come_back_in_every_culture() {
         .await
         .unwrap();
         for (here, there) in here.answers().iter().zip(there.answers()) {
-            let (Answer::Steer(a), Answer::Steer(b)) = (here.answer, there.answer) else { panic!() };
+            let (a, b) = (steered(here), steered(there));
             // Four decimals on the wire.
             assert!((a.steering.get() - b.steering.get()).abs() < 1e-4, "{} {here:?} {there:?}", culture.name);
             assert!((a.throttle.get() - b.throttle.get()).abs() < 1e-4, "{} {here:?} {there:?}", culture.name);
@@ -125,10 +128,8 @@ async fn a_bridge_that_kicks_between_the_frames_of_a_slow_replay_does_not_mix_up
     })
     .await
     .unwrap();
-    let steering = |replay: &Replay| -> Vec<f64> {
-        let command = |answer| if let Answer::Steer(command) = answer { command } else { panic!() };
-        replay.answers().iter().map(|a| command(a.answer).steering.get()).collect()
-    };
+    let steering =
+        |replay: &Replay| -> Vec<f64> { replay.answers().iter().map(|a| steered(a).steering.get()).collect() };
     assert!(running.stop().await[0].kicks > 0);
     let (there, here) = (steering(&there), steering(&here));
     assert!((here[0] - here[5]).abs() > 1e-3, "the frames are told apart");
@@ -152,8 +153,7 @@ async fn a_run_recorded_by_the_bridge_replays_to_the_commands_that_were_given() 
     let again = in_process(&run);
     assert_eq!(again.answers().len(), 30);
     for answered in again.answers() {
-        let Answer::Steer(command) = answered.answer else { panic!() };
-        assert!((command.steering.get() - answered.recorded.unwrap().get()).abs() < 1e-6, "{answered:?}");
+        assert!((steered(answered).steering.get() - answered.recorded.unwrap().get()).abs() < 1e-6, "{answered:?}");
     }
 }
 
@@ -162,6 +162,47 @@ fn the_shipped_model_still_answers_the_shipped_run_as_it_did() {
     // Written by `lapwing replay recordings/lake.mcap --write-golden recordings/lake.golden`.
     let golden = Golden::read(&shipped().with_extension("golden")).unwrap();
     assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-3), []);
+}
+
+/// Makes these pictures of a folder PNGs under their old names, as a wrong tool does.
+fn turn_into_png(folder: &Path, which: impl Fn(usize) -> bool) {
+    let mut pictures: Vec<_> = fs::read_dir(folder.join("IMG")).unwrap().map(|e| e.unwrap().path()).collect();
+    pictures.sort();
+    for (_, path) in pictures.into_iter().enumerate().filter(|(i, _)| which(*i)) {
+        let picture = image::load_from_memory(&fs::read(&path).unwrap()).unwrap();
+        picture.save_with_format(&path, image::ImageFormat::Png).unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pictures_that_no_network_can_see_are_bad_frames_in_process_and_over_the_wire() {
+    let folder = udacity_folder(20);
+    turn_into_png(folder.path(), |i| i % 4 == 1);
+    let here = in_process(folder.path());
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let (path, address) = (folder.path().to_owned(), running.address.to_string());
+    let there = tokio::task::spawn_blocking(move || {
+        let mut replay = Replay::open(&path, Rate::Max).unwrap();
+        client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
+        replay
+    });
+    for replay in [here, there.await.unwrap()] {
+        for answered in replay.answers() {
+            match &answered.response {
+                Response::Bad { why } if answered.frame % 4 == 1 => {
+                    assert_eq!(why, "image: expected a JPEG (ff d8 ff), got bytes that begin with 89 50 4e 47");
+                }
+                Response::Steer(_) if answered.frame % 4 != 1 => {}
+                other => panic!("frame {}: {other:?}", answered.frame),
+            }
+        }
+        let times = vec![std::time::Duration::ZERO; 20];
+        let names = (String::new(), String::new());
+        let report = Report::new(names, replay.answers(), replay.losses(), (&times, times[0]));
+        assert_eq!((report.moments, report.bad_frames, report.steering.unwrap().frames), (20, 5, 15));
+        assert!(report.has_too_many_bad_frames());
+    }
 }
 
 #[test]

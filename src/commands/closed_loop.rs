@@ -9,7 +9,11 @@ use anyhow::Context;
 use serde::Serialize;
 use serde_json::json;
 
-use super::{Ended, replay::progress_bar, thresholds};
+use super::{
+    Ended,
+    replay::{progress_bar, too_many_bad_frames},
+    thresholds,
+};
 use crate::{
     cli,
     drive::{self, Drive},
@@ -17,8 +21,11 @@ use crate::{
     perception::Frame,
     protocol::Dialect,
     recording::{ModelId, Recorder, RecorderOptions, RunHeader},
-    replay::closed_loop::{Beside, RecordedWorld, Sources, Yaw},
-    score::{self, Scorecard},
+    replay::{
+        self,
+        closed_loop::{Beside, RecordedWorld, Sources, Yaw},
+    },
+    score::{self, Figure, Scorecard},
     simulator::film::Film,
 };
 
@@ -51,6 +58,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let mut settings = layers.resolve()?;
     settings.model.threads = 1; // as `drive`: the same bytes everywhere
     let model = super::load_model(&settings)?;
+    super::suits_our_cameras(&model)?;
     let name = model.name().to_owned();
     let source = arguments.source.display().to_string();
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
@@ -125,6 +133,11 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     }
     if let Some(error) = report.and_then(|report| report.error) {
         return Err(error.into());
+    }
+    let bad = card.value(Figure::BadFrames).unwrap_or(0.0) as u64;
+    if replay::too_many_bad_frames(bad, frames) && !arguments.allow_bad_frames {
+        say!("{}", too_many_bad_frames(&arguments.source.display().to_string(), bad, frames));
+        return Ok(Ended::Failed);
     }
     Ok(thresholds::ended(&missed))
 }

@@ -59,6 +59,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         PilotKind::Expert => (Box::new(PurePursuit::default()), EXPERT.to_owned(), None),
         PilotKind::Model => {
             let model = super::load_model(&settings)?;
+            super::suits_our_cameras(&model)?;
             let id = ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() };
             (model.pilot(), model.name().to_owned(), Some(id))
         }

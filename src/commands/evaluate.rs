@@ -1,34 +1,38 @@
 //! `lapwing evaluate`.
 
-use std::{path::Path, sync::Arc};
+use std::{path::Path, sync::Arc, time::Instant};
 
+use anyhow::{Context, ensure};
 use serde_json::json;
 
 use super::Ended;
 use crate::{
     cli,
-    dataset::{Balance, Blocks, Cache, Inputs, Samples, Selection, Set},
+    dataset::{Balance, Blocks, Cache, Inputs, Sample, Samples, Selection, Set},
     drawing::{
         Kind, Sheet,
         chart::{Axis, Chart, Marks, Series, stack},
     },
-    nn::Checkpoint,
-    train::{Recipe, measure},
+    nn::Network,
+    perception::{Frame, decode_jpeg},
+    pilot::{self, Model, View},
+    train::{Measured, Recipe, measure},
 };
 
 pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
-    let checkpoint = Checkpoint::load(&arguments.model)?;
-    let preprocess = checkpoint.metadata.preprocess.clone();
-    let inputs = Inputs::plain(preprocess, checkpoint.network.architecture().frames());
-    // Checkpoints made elsewhere say in their own words how they were trained.
-    let recipe: Option<Recipe> = serde_json::from_str(&checkpoint.metadata.training).ok();
+    let model = match &arguments.model {
+        Some(path) => pilot::load(path, Instant::now)?,
+        None => pilot::built_in(Instant::now)?,
+    };
+    let (name, network) = (model.name(), model.network());
+    // Models made elsewhere say in their own words how they were trained, or not at all.
+    let recipe: Option<Recipe> = model.training().and_then(|training| serde_json::from_str(training).ok());
     let (set, blocks) = match arguments.rows {
         cli::Rows::All => (Set::All, None),
         cli::Rows::HeldOut => {
-            anyhow::ensure!(
+            ensure!(
                 recipe.as_ref().is_none_or(|recipe| recipe.validation.is_empty()),
-                "{} was measured on data of their own and held no rows out: evaluate on those, with --rows all",
-                arguments.model.display()
+                "{name} was measured on data of their own and held no rows out: evaluate on those, with --rows all"
             );
             let blocks = recipe.as_ref().map_or_else(Blocks::default, |recipe| recipe.blocks);
             (Set::Validation, Some(blocks))
@@ -36,8 +40,7 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     };
     if recipe.is_none() {
         tracing::warn!(
-            "{} does not say by a recipe what it learnt from: whether these rows were held out is not known",
-            arguments.model.display()
+            "{name} does not say by a recipe what it learnt from: whether these rows were held out is not known"
         );
     }
     if let Some(path) = &arguments.plot {
@@ -49,9 +52,20 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     for path in &arguments.data {
         let selection = Selection { rows: arguments.before.map(|row| (0, row)), ..Selection::of(path) };
         let samples = Arc::new(Samples::open(&[selection], set, blocks, &Balance::default())?);
-        let cache = Cache::new(&samples, 0);
-        let (measured, answers) = measure(&checkpoint.network, &samples, &cache, &inputs)?;
+        let answers = match &network {
+            Some(network) => of_network(network, &model, &samples)?,
+            None => of_pilot(&model, &samples)?,
+        };
         let rows = samples.samples.len();
+        let no_number = |answer: &f64| !answer.is_finite();
+        if let Some(first) = answers.iter().position(|answer| no_number(answer)) {
+            let (count, row) = (answers.iter().filter(|answer| no_number(answer)).count(), samples.samples[first].row);
+            let (path, got) = (path.display(), answers[first]);
+            anyhow::bail!(
+                "{path}: expected finite answers from {name}, got {got} in row {row}, and {count} of {rows} like it"
+            );
+        }
+        let measured = Measured::of(&answers, &samples);
         let learnt = recipe.as_ref().map(|recipe| {
             let learnt = learnt_from(recipe, path);
             samples.samples.iter().filter(|sample| learnt(sample.row as usize)).count()
@@ -77,13 +91,33 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     }
     if arguments.json {
         super::print(&serde_json::to_string_pretty(&json!({
-            "model": arguments.model, "sha256": checkpoint.sha256, "held_out": blocks, "results": results,
+            "model": arguments.model.as_deref().unwrap_or(Path::new("built in")), "sha256": model.sha256(), "held_out": blocks, "results": results,
         }))?);
     } else {
         super::print(&format!("{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE"));
         lines.iter().for_each(|line| super::print(line));
     }
     Ok(Ended::Passed)
+}
+
+/// The steering that a network answers to each sample, many at once.
+fn of_network(network: &Network, model: &Model, samples: &Arc<Samples>) -> anyhow::Result<Vec<f64>> {
+    let inputs = Inputs::plain(model.preprocess().clone(), network.architecture().frames());
+    Ok(measure(network, samples, &Cache::new(samples, 0), &inputs)?.1)
+}
+
+/// The steering that a model answers to each sample as it would while driving: a network made elsewhere takes one
+/// picture at a time.
+fn of_pilot(model: &Model, samples: &Samples) -> anyhow::Result<Vec<f64>> {
+    let (mut pilot, mut frame) = (model.pilot(), Frame::default());
+    let answer = |sample: &Sample| {
+        let row = &samples.sources[sample.source as usize].rows[sample.row as usize];
+        let picture = row.pictures[sample.camera as usize].as_ref().context("a sample without a picture")?;
+        decode_jpeg(&picture.read()?, &mut frame).with_context(|| picture.name())?;
+        let view = View { speed: sample.speed, ..View::of(&frame) };
+        Ok(pilot.steer(&view).with_context(|| picture.name())?.steering)
+    };
+    samples.samples.iter().map(answer).collect()
 }
 
 /// Which rows of a data set a training learnt from, as far as paths tell: a copy elsewhere is another data set.

@@ -21,7 +21,7 @@ mod world;
 use std::{
     io::{self, IsTerminal, Write},
     num::NonZeroU16,
-    path::Path,
+    path::{Path, PathBuf},
     process::ExitCode,
     sync::{
         Arc,
@@ -30,14 +30,18 @@ use std::{
     time::Instant,
 };
 
+use anyhow::Context;
 use tracing_subscriber::EnvFilter;
 
 use crate::{
-    cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Verb},
-    config::{ConfigError, Layers, Settings},
+    cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Trust, Verb},
+    config::{self, ConfigError, Layers, Settings},
     nn::runtime,
     pilot::{self, Model},
-    simulator::world::{Ending, Simulation},
+    simulator::{
+        camera::{Camera, Lens},
+        world::{Ending, Simulation},
+    },
 };
 
 /// How a verb ended, as the exit status tells it.
@@ -138,11 +142,33 @@ fn interrupted() -> Interrupted {
     pressed
 }
 
-/// Settings file and environment.
+/// The user's own settings, for all folders: `lapwing/lapwing.toml` where the XDG base directories have such files.
+fn own_settings() -> Option<PathBuf> {
+    let named = std::env::var_os("XDG_CONFIG_HOME").map(PathBuf::from).filter(|path| path.is_absolute());
+    let folder = named.or_else(|| Some(std::env::home_dir()?.join(".config")))?;
+    Some(folder.join("lapwing").join(config::FILE))
+}
+
+/// Settings files and environment.
 fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
+    let own = own_settings().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(&path))?;
     // Variables that are no Unicode cannot be any of ours.
     let environment = std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v.into_string().ok()?)));
-    Layers::default().file(config)?.environment(environment)
+    own.file(config)?.environment(environment)
+}
+
+/// Refuses a model whose code would run because a file says so that anybody may have written.
+fn refuse_strangers_code(file: &str, model: &Path, settings: &Settings) -> Result<(), ConfigError> {
+    if !pilot::is_torchscript(model) || settings.model.allow_torchscript {
+        return Ok(());
+    }
+    let own = own_settings().map_or_else(|| "your own settings".into(), |path| path.display().to_string());
+    let why = format!(
+        "names the model {model}, which is TorchScript and runs code: expected your own word for that, got only the \
+         file's; trust it with --model {model}, --allow-torchscript, or model.allow_torchscript = true in {own}",
+        model = model.display(),
+    );
+    Err(ConfigError::Value { layer: file.into(), why })
 }
 
 /// Those, then the flags that all driving verbs share.
@@ -168,7 +194,20 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
         };
         layers = layers.set("--takeover", "control.takeover", name)?;
     }
+    let layers = allowing(layers, &driving.trust)?;
+    let settings = layers.clone().resolve()?;
+    if let (Some(file), Some(model)) = (layers.model_named_by_others(), &settings.model.path) {
+        refuse_strangers_code(file, model, &settings)?;
+    }
     Ok(layers)
+}
+
+/// Those, and whether others may name TorchScript models.
+fn allowing(layers: Layers, trust: &Trust) -> Result<Layers, ConfigError> {
+    match trust.allow_torchscript {
+        true => layers.set("--allow-torchscript", "model.allow_torchscript", true),
+        false => Ok(layers),
+    }
 }
 
 /// Those, then the flags of the verbs whose model may think in several threads.
@@ -178,6 +217,13 @@ fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking
         Some(threads) => layers.set("--threads", "model.threads", i64::from(threads)),
         None => Ok(layers),
     }
+}
+
+/// Refuses a model whose crop the cameras of our own worlds cannot fill, before anything is driven.
+fn suits_our_cameras(model: &Model) -> anyhow::Result<()> {
+    let Lens { width, height, .. } = Camera::CENTER.lens;
+    model.preprocess().rows_of(width, height).with_context(|| model.name().to_owned())?;
+    Ok(())
 }
 
 /// Loads the model that the settings name, or the one built in.

@@ -15,7 +15,8 @@ use crate::{
     cli,
     config::ConfigError,
     driver::Driver,
-    replay::{self, Difference, Golden, Replay, Report},
+    nn::runtime,
+    replay::{self, Difference, Golden, MOST_BAD_FRAMES, Machine, Replay, Report},
     score::Scorecard,
     simulator::client::{self, ClientOptions},
 };
@@ -37,6 +38,9 @@ struct Comparison {
     tolerance: f64,
     differing_frames: usize,
     first: Vec<Difference>,
+    /// Where the stored replay was written and where this one ran; absent where it is not told.
+    written_on: Option<Machine>,
+    compared_on: Option<Machine>,
 }
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -53,7 +57,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
     let mut replay = Replay::open(&arguments.source, arguments.rate)?;
     let bar = progress_bar(replay.frames());
-    let (driver, times, began) = match &arguments.connect {
+    let (driver, times, began, here) = match &arguments.connect {
         Some(address) => {
             let began = Instant::now();
             let options = ClientOptions { culture: arguments.culture, ..Default::default() };
@@ -61,7 +65,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
             if report.lost_tokens > 0 {
                 say!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
             }
-            (format!("the bridge at {address}"), report.round_trips, began)
+            (format!("the bridge at {address}"), report.round_trips, began, None)
         }
         None => {
             let model = super::load_model(&settings)?;
@@ -70,7 +74,9 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
             let times = replay::run(&mut replay, &mut driver, || bar.inc(1))
                 .map_err(|e| anyhow::anyhow!(e))
                 .with_context(|| arguments.source.display().to_string())?;
-            (model.name().to_owned(), times, began)
+            let libtorch = runtime::libtorch().version.unwrap_or_else(|| "of unknown version".into());
+            let here = Machine { cpu: runtime::processor(), libtorch };
+            (model.name().to_owned(), times, began, Some(here))
         }
     };
     let wall = began.elapsed();
@@ -78,8 +84,9 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let source = arguments.source.display().to_string();
     let answers = replay.answers();
     let report = Report::new((source.clone(), driver.clone()), answers, replay.losses(), (&times, wall));
-    if let Some(path) = &arguments.write_golden {
-        Golden::new(&source, &driver, answers).write(path)?;
+    let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
+    if let Some(path) = arguments.write_golden.as_ref().filter(|_| !too_many_bad) {
+        Golden::new(&source, &driver, answers, here.clone()).write(path)?;
         say!("written: {}", path.display());
     }
     let comparison = golden.map(|golden| {
@@ -88,23 +95,41 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
             tolerance: arguments.tolerance,
             differing_frames: differences.len(),
             first: differences.into_iter().take(NAMED).collect(),
+            written_on: golden.written_on().cloned(),
+            compared_on: here,
         }
     });
     let ended = match &comparison {
+        _ if too_many_bad => Ended::Failed,
         Some(comparison) if comparison.differing_frames > 0 => Ended::Failed,
         _ => Ended::Passed,
     };
     if arguments.json {
-        let card = Scorecard::of_replay(report.steering.as_ref());
+        let card = Scorecard::of_replay(report.agreement());
         super::print(&serde_json::to_string_pretty(&Result_ { report: &report, card, golden: comparison })?);
     } else {
         let comparison = comparison.as_ref().map(told).unwrap_or_default();
         super::print(&format!("{report}{comparison}"));
     }
+    if too_many_bad {
+        say!("{}", too_many_bad_frames(&report.source, report.bad_frames, report.for_the_pilot()));
+        if let Some(path) = &arguments.write_golden {
+            say!("not written: {}", path.display());
+        }
+    }
     Ok(ended)
 }
 
-fn told(Comparison { tolerance, differing_frames, first }: &Comparison) -> String {
+/// What is said of a replay that fails for its bad frames.
+pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
+    let most = MOST_BAD_FRAMES * 100.0;
+    format!(
+        "{source}: expected at most {most} % bad frames, which no network sees, got {bad} of {all}; \
+         --allow-bad-frames accepts them"
+    )
+}
+
+fn told(Comparison { tolerance, differing_frames, first, written_on, compared_on }: &Comparison) -> String {
     if *differing_frames == 0 {
         return format!("\n  golden           every command agrees within {tolerance}");
     }
@@ -114,6 +139,11 @@ fn told(Comparison { tolerance, differing_frames, first }: &Comparison) -> Strin
     }
     if *differing_frames > first.len() {
         text += &format!("\n    and {} more", differing_frames - first.len());
+    }
+    let machine = |machine: &Option<Machine>| machine.as_ref().map_or_else(|| "not told".into(), Machine::to_string);
+    text += &format!("\n    written on       {}\n    compared on      {}", machine(written_on), machine(compared_on));
+    if written_on != compared_on {
+        text += "\n    the last bits of a network's answers differ between kinds of processor and versions of libtorch";
     }
     text
 }

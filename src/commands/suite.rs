@@ -40,13 +40,18 @@ use crate::{
 };
 
 pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let layers = super::undriven_layers(config)?;
+    let layers = super::allowing(super::undriven_layers(config)?, &arguments.trust)?;
+    let settings = layers.clone().resolve()?;
     let named = || arguments.suite.display().to_string();
     let text = fs::read_to_string(&arguments.suite).with_context(named)?;
     let suite = Suite::parse(&text).with_context(named)?;
     let mut models = BTreeMap::new();
     for contestant in &suite.pilots {
+        if let Some(model) = contestant.model.as_ref().filter(|_| !contestant.expert) {
+            super::refuse_strangers_code(&named(), model, &settings)?;
+        }
         if let Some(model) = model_of(contestant)? {
+            super::suits_our_cameras(&model)?;
             models.insert(contestant.name.clone(), model);
         }
     }

@@ -16,7 +16,7 @@ use super::{Ended, record};
 use crate::{
     cli,
     dataset::{Augmentation, Selection},
-    train::{Epoch, Go, Metrics, Progress, Recipe, Recording, Trainer},
+    train::{Go, Metrics, Progress, Recipe, Recording, TimedEpoch, Trainer},
 };
 
 pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
@@ -61,14 +61,14 @@ pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
 }
 
-fn say(epoch: &Epoch, epochs: usize) {
+fn say(TimedEpoch { epoch, images_per_s, .. }: &TimedEpoch, epochs: usize) {
     say!(
         "epoch {:>3}/{epochs}  train {}  validation {}  9-frame mean {}  {:.0} images/s{}",
         epoch.number,
         told(&epoch.training),
         told(&epoch.validation.raw),
         told(&epoch.validation.smooth),
-        epoch.images_per_s,
+        images_per_s,
         if epoch.best { "  best" } else { "" },
     );
 }

@@ -1,4 +1,4 @@
-//! Settings: defaults < `lapwing.toml` < environment < flags, resolved once.
+//! Settings: defaults < your own `lapwing.toml` < the folder's < environment < flags, resolved once.
 //!
 //! Every layer is a TOML table of the same shape; unknown keys and impossible
 //! values are refused with the layer that holds them. The resolved whole goes
@@ -71,6 +71,11 @@ pub struct Model {
     /// Threads that libtorch may use for one forward pass; 0, the default, leaves the choice to the network.
     /// `drive` always takes one: another number rounds otherwise, and the same seed must give the same run everywhere.
     pub threads: u16,
+    /// Whether files that others may have written (the folder's `lapwing.toml`, one of `--config`, a suite) may name a
+    /// TorchScript model, whose code then runs. Default no; those files themselves may not say yes. It says nothing
+    /// about a drive, and is not recorded.
+    #[serde(skip_serializing)]
+    pub allow_torchscript: bool,
 }
 
 /// `[control]`
@@ -207,23 +212,46 @@ pub enum ConfigError {
 #[derive(Debug, Clone, Default)]
 pub struct Layers {
     merged: Table,
+    /// See [`Layers::model_named_by_others`].
+    model_named_by_others: Option<String>,
+}
+
+/// Whose word a layer is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Author {
+    /// Who runs the program: flags, environment.
+    User,
+    /// The same, written down for all folders.
+    UsersFile,
+    /// Whoever wrote the file. It is read because it lies in the folder, or was handed over as a whole.
+    Anybody,
 }
 
 impl Layers {
-    /// Adds a settings file. `None` looks for [`FILE`] in the working directory and is content without.
+    /// Adds the user's own settings file, and is content without.
+    ///
+    /// # Errors
+    /// As [`Layers::file`].
+    pub fn own_file(self, path: &Path) -> Result<Self, ConfigError> {
+        self.read(path, false, Author::UsersFile)
+    }
+
+    /// Adds a settings file, which anybody may have written. `None` looks for [`FILE`] in the working directory and is content without.
     ///
     /// # Errors
     /// [`ConfigError`] where the file cannot be read or holds something unknown.
     pub fn file(self, path: Option<&Path>) -> Result<Self, ConfigError> {
-        let named = path.is_some();
-        let path = path.unwrap_or(Path::new(FILE));
+        self.read(path.unwrap_or(Path::new(FILE)), path.is_some(), Author::Anybody)
+    }
+
+    fn read(self, path: &Path, must_be_there: bool, author: Author) -> Result<Self, ConfigError> {
         let text = match fs::read_to_string(path) {
             Ok(text) => text,
-            Err(e) if !named && e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            Err(e) if !must_be_there && e.kind() == io::ErrorKind::NotFound => return Ok(self),
             Err(source) => return Err(ConfigError::Read { path: path.into(), source }),
         };
         let table = text.parse::<Table>().map_err(|e| ConfigError::Syntax { path: path.into(), why: e.to_string() })?;
-        self.layer(&path.display().to_string(), table)
+        self.layer(&path.display().to_string(), table, author)
     }
 
     /// Adds the variables that begin with [`PREFIX`] and a known section.
@@ -254,7 +282,13 @@ impl Layers {
             value = Value::Table(Table::from_iter([(part.to_owned(), value)]));
         }
         let Value::Table(table) = value else { unreachable!("a key has at least one part") };
-        self.layer(layer, table)
+        self.layer(layer, table, Author::User)
+    }
+
+    /// The file that names the model, where that is no word of the user's own: one that anybody may have written, or
+    /// the user's with a path that depends on the folder.
+    pub fn model_named_by_others(&self) -> Option<&str> {
+        self.model_named_by_others.as_deref()
     }
 
     /// The settings.
@@ -265,7 +299,18 @@ impl Layers {
         check("settings", &self.merged)
     }
 
-    fn layer(mut self, name: &str, table: Table) -> Result<Self, ConfigError> {
+    fn layer(mut self, name: &str, table: Table, author: Author) -> Result<Self, ConfigError> {
+        let of_model = |key: &str| table.get("model").and_then(|model| model.get(key));
+        if author == Author::Anybody && of_model("allow_torchscript").is_some() {
+            let why = "model.allow_torchscript: expected in your own settings, the environment or as \
+                       --allow-torchscript, got it in a file that others may have written";
+            return Err(ConfigError::Value { layer: name.into(), why: why.into() });
+        }
+        if let Some(path) = of_model("path") {
+            let anywhere = path.as_str().is_some_and(|path| Path::new(path).is_absolute());
+            let own = author == Author::User || (author == Author::UsersFile && anywhere);
+            self.model_named_by_others = (!own).then(|| name.to_owned());
+        }
         merge(&mut self.merged, table);
         check(name, &self.merged)?; // the layers below passed: what is wrong now is this one's
         Ok(self)
@@ -364,6 +409,44 @@ mod tests {
         assert_eq!((settings.control.speed_mph.get(), settings.control.kp, settings.control.ki), (15.5, 0.2, 0.002));
         let settings = layers.set("--speed", "control.speed_mph", 20.0).unwrap().resolve().unwrap();
         assert_eq!(settings.control.speed_mph.get(), 20.0);
+    }
+
+    #[test]
+    fn a_file_names_a_model_by_its_own_word_until_the_user_names_one() {
+        let (_dir, path) = file("[model]\npath = \"/somewhere/net.pt\"\n");
+        let named_by = |layers: &Layers| layers.model_named_by_others().map(str::to_owned);
+        let others = Layers::default().file(Some(&path)).unwrap();
+        assert_eq!(named_by(&others), Some(path.display().to_string()));
+        let (flag, key) = ("--model", "model.path");
+        assert_eq!(named_by(&others.clone().set(flag, key, "net.pt").unwrap()), None);
+        let variable = [("LAPWING_MODEL__PATH".to_owned(), "net.pt".to_owned())];
+        assert_eq!(named_by(&others.environment(variable.into_iter()).unwrap()), None);
+        let own = Layers::default().own_file(&path).unwrap();
+        assert_eq!(named_by(&own), None);
+        assert_eq!(own.resolve().unwrap().model.path.as_deref(), Some(Path::new("/somewhere/net.pt")));
+        // What lies there differs from folder to folder.
+        let (_dir, relative) = file("[model]\npath = \"net.pt\"\n");
+        assert!(named_by(&Layers::default().own_file(&relative).unwrap()).is_some());
+        // The folder's file has the last word, and it is not the user's.
+        let both = Layers::default().own_file(&path).unwrap().file(Some(&relative)).unwrap();
+        assert_eq!(named_by(&both), Some(relative.display().to_string()));
+    }
+
+    #[test]
+    fn only_the_user_allows_code_to_run() {
+        let (_dir, path) = file("[model]\nallow_torchscript = true\n");
+        assert!(Layers::default().own_file(&path).unwrap().resolve().unwrap().model.allow_torchscript);
+        let error = Layers::default().file(Some(&path)).unwrap_err().to_string();
+        assert!(error.contains("model.allow_torchscript: expected in your own settings"), "{error}");
+        assert!(
+            !Layers::default()
+                .own_file(Path::new("/nowhere/lapwing.toml"))
+                .unwrap()
+                .resolve()
+                .unwrap()
+                .model
+                .allow_torchscript
+        );
     }
 
     #[test]

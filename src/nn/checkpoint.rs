@@ -164,7 +164,7 @@ fn read_tensor(file: &SafeTensors<'_>, name: &str, shape: &[i64]) -> Result<Tens
     tensor_of(&view, name, shape)
 }
 
-/// A tensor as f32, if it has the shape expected and floating-point numbers.
+/// A tensor as f32, if it has the shape expected and floating-point numbers, all of them finite.
 pub(super) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
     if !view.shape().iter().map(|n| *n as i64).eq(shape.iter().copied()) {
         return Err(NnError::Shape { name: name.to_owned(), expected: shape.to_vec(), got: view.shape().to_vec() });
@@ -175,7 +175,12 @@ pub(super) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Res
         Dtype::BF16 => Kind::BFloat16,
         got => return Err(NnError::Dtype { name: name.to_owned(), got }),
     };
-    Ok(Tensor::f_from_data_size(view.data(), shape, kind)?.f_to_kind(Kind::Float)?)
+    let tensor = Tensor::f_from_data_size(view.data(), shape, kind)?.f_to_kind(Kind::Float)?;
+    let finite = tensor.f_isfinite()?.f_sum(Kind::Int64)?.f_int64_value(&[])?;
+    match tensor.numel() as i64 - finite {
+        0 => Ok(tensor),
+        count => Err(NnError::NotFinite { name: name.to_owned(), count }),
+    }
 }
 
 /// The header in a fixed order: the same network makes the same bytes, and so the same hash.

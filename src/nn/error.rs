@@ -133,6 +133,14 @@ pub enum NnError {
         /// The network.
         architecture: Architecture,
     },
+    /// Weights that a network cannot compute with.
+    #[error("tensor {name}: expected finite numbers, got {count} that are NaN or infinite")]
+    NotFinite {
+        /// The tensor.
+        name: String,
+        /// How many of its numbers.
+        count: i64,
+    },
     /// A network was given a tensor that it does not take.
     #[error("expected an input of shape {expected}, got {got:?}")]
     Input {

@@ -35,6 +35,24 @@ pub fn libtorch() -> Libtorch {
     }
 }
 
+/// The processor, by its name where the system tells it, and how wide it computes: libtorch chooses its kernels by
+/// that, and they round differently.
+pub fn processor() -> String {
+    // Virtual machines often tell no more than a maker's name, and ARM's Linux none at all.
+    let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = told.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(':'));
+    let name = name.map_or("a processor without a name", |(_, name)| name.trim());
+    #[cfg(target_arch = "x86_64")]
+    let width = match () {
+        () if std::arch::is_x86_feature_detected!("avx512f") => ", AVX-512",
+        () if std::arch::is_x86_feature_detected!("avx2") => ", AVX2",
+        () => "",
+    };
+    #[cfg(not(target_arch = "x86_64"))]
+    let width = "";
+    format!("{name} ({}{width})", std::env::consts::ARCH)
+}
+
 /// Threads for one operation, from now on.
 pub fn set_threads(threads: u16) {
     tch::set_num_threads(i32::from(threads.max(1)));
@@ -124,6 +142,15 @@ mod tests {
         let libtorch = libtorch();
         assert_eq!(libtorch.version.as_deref().and_then(|v| v.split('+').next()), Some(WANTED), "{libtorch}");
         assert!(libtorch.troubles().is_empty(), "{libtorch}");
+    }
+
+    #[test]
+    fn the_processor_is_told_with_its_kind() {
+        let processor = processor();
+        assert!(processor.contains(&format!("({}", std::env::consts::ARCH)), "{processor}");
+        if cfg!(all(target_arch = "x86_64", target_os = "linux")) {
+            assert!(!processor.starts_with("a processor without a name"), "{processor}");
+        }
     }
 
     #[test]

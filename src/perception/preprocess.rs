@@ -47,6 +47,12 @@ pub struct Crop {
     pub bottom: usize,
 }
 
+impl Crop {
+    /// Most rows of a picture that a crop may ask for: VGA's. The stock simulator sends 160, and no build is known to
+    /// send more than VGA; what a network of larger pictures learnt from is no picture of this car's.
+    pub const MAX_BOTTOM: usize = 480;
+}
+
 /// A size in pixels and the way to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -169,6 +175,14 @@ pub enum PreprocessError {
         /// First row no longer kept.
         bottom: usize,
     },
+    /// A crop that reaches beyond any picture that is sent.
+    #[error("expected a crop within a picture's rows, 0 to {max}, got rows {top} to {bottom}", max = Crop::MAX_BOTTOM)]
+    CropBeyond {
+        /// First row kept.
+        top: usize,
+        /// First row no longer kept.
+        bottom: usize,
+    },
     /// A size of nought, or one that no network has.
     #[error("expected a resize to 1 to {max} pixels a side, got {width}x{height}", max = Resize::MAX_SIDE)]
     Size {
@@ -228,10 +242,13 @@ impl Preprocess {
     /// # Errors
     /// [`PreprocessError`] naming the first field that cannot be.
     pub fn validate(&self) -> Result<(), PreprocessError> {
-        if let Some(Crop { top, bottom }) = self.crop
-            && top >= bottom
-        {
-            return Err(PreprocessError::EmptyCrop { top, bottom });
+        if let Some(Crop { top, bottom }) = self.crop {
+            if top >= bottom {
+                return Err(PreprocessError::EmptyCrop { top, bottom });
+            }
+            if bottom > Crop::MAX_BOTTOM {
+                return Err(PreprocessError::CropBeyond { top, bottom });
+            }
         }
         let Resize { width, height, .. } = self.resize;
         let side = 1..=Resize::MAX_SIDE;
@@ -249,6 +266,21 @@ impl Preprocess {
             }
         }
         Ok(())
+    }
+
+    /// The rows that are kept of a picture of this size.
+    ///
+    /// # Errors
+    /// [`PreprocessError::EmptyFrame`], [`PreprocessError::CropOutside`].
+    pub fn rows_of(&self, width: usize, height: usize) -> Result<Crop, PreprocessError> {
+        if width == 0 || height == 0 {
+            return Err(PreprocessError::EmptyFrame { width, height });
+        }
+        let crop = self.crop.unwrap_or(Crop { top: 0, bottom: height });
+        if crop.bottom > height {
+            return Err(PreprocessError::CropOutside { bottom: crop.bottom, width, height });
+        }
+        Ok(crop)
     }
 }
 
@@ -291,6 +323,8 @@ mod tests {
     fn what_cannot_be_is_named_with_expected_and_got() {
         let error = |from, to| read(&PILOTNET.replace(from, to)).validate().unwrap_err().to_string();
         assert_eq!(error("135", "60"), "expected a crop whose top lies above its bottom, got rows 60 to 60");
+        assert_eq!(error("135", "1000"), "expected a crop within a picture's rows, 0 to 480, got rows 60 to 1000");
+        assert_eq!(read(&PILOTNET.replace("135", "480")).validate(), Ok(()));
         assert_eq!(error("200", "0"), "expected a resize to 1 to 4096 pixels a side, got 0x66");
         assert_eq!(error("200", "4097"), "expected a resize to 1 to 4096 pixels a side, got 4097x66");
         assert_eq!(

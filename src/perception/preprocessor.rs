@@ -82,13 +82,7 @@ impl Preprocessor {
     /// As [`Preprocessor::apply`].
     pub(crate) fn resize(&mut self, frame: &Frame) -> Result<&[u8], PreprocessError> {
         let (width, height) = (frame.width(), frame.height());
-        let Crop { top, bottom } = self.preprocess.crop.unwrap_or(Crop { top: 0, bottom: height });
-        if width == 0 || height == 0 {
-            return Err(PreprocessError::EmptyFrame { width, height });
-        }
-        if bottom > height {
-            return Err(PreprocessError::CropOutside { bottom, width, height });
-        }
+        let Crop { top, bottom } = self.preprocess.rows_of(width, height)?;
         // Whole rows lie side by side: the crop is a slice, and what is beyond it cannot bleed in.
         let rows = &frame.rgb()[top * width * 3..bottom * width * 3];
         let Resize { width: to_width, height: to_height, filter: Filter::BilinearAntialiased } = self.preprocess.resize;

@@ -72,10 +72,32 @@ pub enum PilotError {
     /// The forward pass fails.
     #[error(transparent)]
     Network(#[from] NnError),
-    /// The network answers nothing.
-    #[error("expected at least one number from the network, got a tensor of shape {0:?}")]
-    NoOutput(Vec<i64>),
+    /// The network answers more or fewer numbers than it is said to.
+    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}", expected = numbers(.outputs.len()), names = .outputs.join(", "))]
+    OutputShape {
+        /// What each number should be.
+        outputs: Vec<String>,
+        /// What came.
+        got: Vec<i64>,
+    },
     /// The network answers NaN or infinity.
-    #[error("expected a finite steering from the network, got {0}")]
-    NotFinite(f64),
+    #[error("expected a finite {output} from the network, got {got}")]
+    NotFinite {
+        /// Which output.
+        output: String,
+        /// What it is.
+        got: f64,
+    },
+    /// A model that cannot drive: made for something else, or even a blank picture is not answered as it should be.
+    #[error("{path}: {source}", path = path.display())]
+    Unfit {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: Box<PilotError>,
+    },
+}
+
+fn numbers(count: usize) -> String {
+    if count == 1 { "1 number".into() } else { format!("{count} numbers") }
 }

@@ -20,7 +20,7 @@ use std::time::Duration;
 
 pub use constant::ConstantPilot;
 pub use error::PilotError;
-pub use model::{Model, built_in, load};
+pub use model::{Model, built_in, is_torchscript, load};
 pub use pure_pursuit::{PurePursuit, Pursuit, PursuitGains};
 
 use crate::{

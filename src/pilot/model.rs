@@ -8,7 +8,7 @@ use std::{
 
 use super::{Pilot, PilotError, network::NetworkPilot, torchscript::TorchScriptPilot};
 use crate::{
-    nn::{Checkpoint, sha256_hex},
+    nn::{Checkpoint, Network, sha256_hex},
     perception::Preprocess,
     units::Clock,
 };
@@ -19,6 +19,7 @@ pub struct Model {
     name: String,
     sha256: String,
     preprocess: Preprocess,
+    training: Option<String>,
     threads: Option<u16>,
     /// The pilot that all others are shared from. It drives nobody; behind a lock because a tensor's handle belongs
     /// to one thread at a time.
@@ -42,11 +43,20 @@ pub fn built_in(clock: Clock) -> Result<Model, PilotError> {
     Model::of_checkpoint(Path::new("built in"), BUILT_IN, clock)
 }
 
+/// Whether [`load`] takes this file for TorchScript, and runs the code in it.
+pub fn is_torchscript(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "pt")
+}
+
 /// Reads a model: a checkpoint of this project (`.safetensors`, see
 /// [`Checkpoint`]) or a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)).
 ///
 /// The network answers a few times before this returns: the first frame is as
-/// fast as any. `clock` is what its pilots measure themselves by.
+/// fast as any, and what does not answer as it should is refused. `clock` is
+/// what its pilots measure themselves by.
+///
+/// A TorchScript module is code, which runs here and now: load only what the
+/// user named or trusts.
 ///
 /// # Errors
 /// [`PilotError`], naming the file.
@@ -55,13 +65,14 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, PilotError> {
     let read = || fs::read(path).map_err(|source| PilotError::Read { path: path.to_owned(), source });
     match path.extension().and_then(|e| e.to_str()) {
         Some("safetensors") => Model::of_checkpoint(path, &read()?, clock),
-        Some("pt") => {
+        Some(_) if is_torchscript(path) => {
             let bytes = read()?;
             let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
             Ok(Model {
                 name: format!("torchscript ({})", path.display()),
                 sha256: sha256_hex(&bytes),
                 preprocess: pilot.preprocess().clone(),
+                training: None,
                 threads: None,
                 prototype: Mutex::new(Prototype::TorchScript(Box::new(pilot))),
             })
@@ -74,12 +85,14 @@ impl Model {
     fn of_checkpoint(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, PilotError> {
         let checkpoint =
             Checkpoint::from_bytes(bytes).map_err(|source| PilotError::Checkpoint { path: path.to_owned(), source })?;
+        let unfit = |source| PilotError::Unfit { path: path.to_owned(), source: Box::new(source) };
         Ok(Self {
             name: format!("{} ({})", checkpoint.network.architecture().name(), path.display()),
             sha256: checkpoint.sha256.clone(),
             preprocess: checkpoint.metadata.preprocess.clone(),
+            training: Some(checkpoint.metadata.training.clone()),
             threads: checkpoint.network.architecture().threads(),
-            prototype: Mutex::new(Prototype::Network(Box::new(NetworkPilot::new(checkpoint, clock)?))),
+            prototype: Mutex::new(Prototype::Network(Box::new(NetworkPilot::new(checkpoint, clock).map_err(unfit)?))),
         })
     }
 
@@ -101,6 +114,19 @@ impl Model {
     /// What is done to a frame before the network sees it.
     pub fn preprocess(&self) -> &Preprocess {
         &self.preprocess
+    }
+
+    /// How it was trained and on what, in the words of whoever did; a TorchScript module does not say.
+    pub fn training(&self) -> Option<&str> {
+        self.training.as_deref()
+    }
+
+    /// Its network, of the same weights, where it is one of this project's architectures.
+    pub fn network(&self) -> Option<Network> {
+        match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
+            Prototype::Network(pilot) => Some(pilot.network()),
+            Prototype::TorchScript(_) => None,
+        }
     }
 
     /// A pilot of its own for one car.

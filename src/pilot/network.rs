@@ -28,7 +28,7 @@ impl NetworkPilot {
     /// Makes a pilot of a checkpoint and warms it up.
     ///
     /// # Errors
-    /// [`PilotError::NotSteering`], [`PilotError::Network`].
+    /// [`PilotError::NotSteering`], and those of an answer to a blank picture.
     pub fn new(checkpoint: Checkpoint, clock: Clock) -> Result<Self, PilotError> {
         let Checkpoint { metadata, network, .. } = checkpoint;
         let mut eye = Eye::new(metadata.preprocess, &metadata.outputs, clock)?;
@@ -36,6 +36,11 @@ impl NetworkPilot {
         eye.warm_up(|input| answer(&network, input, Mph::ZERO, &mut memory))?;
         memory.clear();
         Ok(Self { eye, network, memory })
+    }
+
+    /// The network, of the same weights.
+    pub fn network(&self) -> Network {
+        self.network.share()
     }
 
     /// Another pilot with the same weights and nothing else in common.
@@ -69,6 +74,8 @@ fn answer(network: &Network, input: &Tensor, speed: Mph, memory: &mut Memory) ->
 #[derive(Clone)]
 pub(super) struct Eye {
     preprocessor: Preprocessor,
+    /// What each number of an answer is, the steering first.
+    outputs: Vec<String>,
     /// (C, H, W) f32, flat.
     input: Vec<f32>,
     clock: Clock,
@@ -85,24 +92,25 @@ impl Eye {
         if outputs.first().is_none_or(|first| first != STEERING) {
             return Err(PilotError::NotSteering(outputs.to_vec()));
         }
-        Ok(Self { preprocessor: Preprocessor::new(preprocess)?, input: Vec::new(), clock })
+        let preprocessor = Preprocessor::new(preprocess)?;
+        Ok(Self { preprocessor, outputs: outputs.to_vec(), input: Vec::new(), clock })
     }
 
     pub(super) fn preprocess(&self) -> &Preprocess {
         self.preprocessor.preprocess()
     }
 
-    /// Passes naught through the network until libtorch has chosen and compiled
-    /// its kernels (TorchScript does so on the second pass), so that the first
-    /// frame is answered as fast as the others, and what cannot run is told now.
+    /// Shows blank pictures, black, grey and white, of the stock simulator's size or as high as the crop asks for. By
+    /// then libtorch has chosen and compiled its kernels (TorchScript does so on the second pass), so that the first
+    /// frame is answered as fast as the others, and a network that does not answer as it should is told now.
     pub(super) fn warm_up(
         &mut self,
         mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>,
     ) -> Result<(), PilotError> {
-        self.input.clear();
-        self.input.resize(self.preprocess().shape().iter().product(), 0.0);
-        for _ in 0..3 {
-            self.answer(&mut forward)?;
+        let (width, height) = (320, self.preprocess().crop.map_or(160, |crop| crop.bottom.max(160)));
+        for shade in [0, 128, 255] {
+            let blank = Frame::new(width, height, vec![shade; width * height * 3]);
+            self.steer(&blank.expect("there are three bytes for each pixel"), &mut forward)?;
         }
         Ok(())
     }
@@ -124,19 +132,25 @@ impl Eye {
         })
     }
 
-    /// The first number that `forward` makes of the input.
+    /// The first number that `forward` makes of the input, if it makes as many as there are outputs and all are finite.
     fn answer(&self, mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>) -> Result<f64, PilotError> {
         let [channels, height, width] = self.preprocess().shape().map(|n| n as i64);
-        let steering = tch::no_grad(|| {
+        tch::no_grad(|| {
             // (1, C, H, W) f32
             let input = torch(Tensor::f_from_slice(&self.input).and_then(|t| t.f_view([1, channels, height, width])))?;
             let output = forward(&input)?;
-            if output.numel() == 0 {
-                return Err(PilotError::NoOutput(output.size()));
+            if output.numel() != self.outputs.len() {
+                return Err(PilotError::OutputShape { outputs: self.outputs.clone(), got: output.size() });
             }
-            torch(output.f_reshape([-1]).and_then(|t| t.f_double_value(&[0])))
-        })?;
-        if steering.is_finite() { Ok(steering) } else { Err(PilotError::NotFinite(steering)) }
+            let output = torch(output.f_reshape([-1]))?; // (outputs,)
+            for (i, name) in self.outputs.iter().enumerate() {
+                let got = torch(output.f_double_value(&[i as i64]))?;
+                if !got.is_finite() {
+                    return Err(PilotError::NotFinite { output: name.clone(), got });
+                }
+            }
+            torch(output.f_double_value(&[0]))
+        })
     }
 }
 
@@ -165,8 +179,8 @@ mod tests {
     }
 
     #[test]
-    fn the_first_number_of_an_output_of_any_shape_is_the_steering() {
-        for shape in [vec![], vec![1], vec![1, 3], vec![1, 1, 1]] {
+    fn the_steering_is_one_number_in_whatever_shape() {
+        for shape in [vec![], vec![1], vec![1, 1], vec![1, 1, 1]] {
             let output = |input: &Tensor| Ok(input.mean(Kind::Float).expand(shape.clone(), false));
             let prediction = eye().steer(&frame(), output).unwrap();
             assert!((prediction.steering - 0.2).abs() < 1e-6, "{shape:?} {prediction:?}");
@@ -174,15 +188,35 @@ mod tests {
     }
 
     #[test]
+    fn an_answer_of_another_shape_than_the_outputs_is_an_error() {
+        let error = |outputs: &[&str], shape: &[i64]| {
+            let outputs: Vec<String> = outputs.iter().map(|name| (*name).to_owned()).collect();
+            let mut eye = Eye::new(eye().preprocess().clone(), &outputs, Instant::now).unwrap();
+            let answer = |_: &Tensor| Ok(Tensor::zeros(shape, (Kind::Float, Device::Cpu)));
+            eye.steer(&frame(), answer).map(|prediction| prediction.steering).map_err(|error| error.to_string())
+        };
+        assert_eq!(
+            error(&["steering"], &[1, 3]).unwrap_err(),
+            "expected 1 number from the network for its outputs steering, got a tensor of shape [1, 3]"
+        );
+        assert_eq!(
+            error(&["steering", "acceleration"], &[1, 1]).unwrap_err(),
+            "expected 2 numbers from the network for its outputs steering, acceleration, got a tensor of shape [1, 1]"
+        );
+        assert!(error(&["steering"], &[1, 0]).unwrap_err().ends_with("got a tensor of shape [1, 0]"));
+        assert_eq!(error(&["steering", "acceleration"], &[1, 2]), Ok(0.0));
+    }
+
+    #[test]
     fn an_answer_that_is_no_number_is_an_error() {
         let error = |value: f64| eye().steer(&frame(), |_| Ok(Tensor::from(value))).unwrap_err().to_string();
         assert_eq!(error(f64::NAN), "expected a finite steering from the network, got NaN");
         assert_eq!(error(f64::INFINITY), "expected a finite steering from the network, got inf");
-        let empty = |_: &Tensor| Ok(Tensor::zeros([1, 0], (Kind::Float, Device::Cpu)));
-        assert_eq!(
-            eye().steer(&frame(), empty).unwrap_err().to_string(),
-            "expected at least one number from the network, got a tensor of shape [1, 0]"
-        );
+        let outputs = ["steering".to_owned(), "acceleration".to_owned()];
+        let mut both = Eye::new(eye().preprocess().clone(), &outputs, Instant::now).unwrap();
+        let answer = |_: &Tensor| Ok(Tensor::from_slice(&[0.1, f64::NAN]).unsqueeze(0));
+        let error = both.steer(&frame(), answer).unwrap_err().to_string();
+        assert_eq!(error, "expected a finite acceleration from the network, got NaN");
     }
 
     #[test]

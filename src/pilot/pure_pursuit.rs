@@ -113,7 +113,7 @@ impl Pilot for PurePursuit {
     fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
         let pursuit = self.pursue(view.path, view.speed.metres_per_second()).ok_or(PilotError::NoPath)?;
         if !pursuit.steering.is_finite() {
-            return Err(PilotError::NotFinite(pursuit.steering));
+            return Err(PilotError::NotFinite { output: "steering".into(), got: pursuit.steering });
         }
         Ok(Prediction { steering: pursuit.steering, speed_limit: Some(pursuit.speed_limit), ..Prediction::default() })
     }

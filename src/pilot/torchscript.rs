@@ -2,9 +2,9 @@
 //! that says what the module itself cannot.
 //!
 //! `model.pt` is what `torch.jit.trace` or `torch.jit.script` made and
-//! `torch.jit.save` wrote; it takes (1, C, H, W) f32 and answers a tensor of any
-//! shape whose first number is the steering. `model.toml` has the keys
-//! `outputs` and `preprocess`, see [`Preprocess`]:
+//! `torch.jit.save` wrote; it takes (1, C, H, W) f32 and answers a tensor of as
+//! many numbers as there are outputs, the steering first. `model.toml` has the
+//! keys `outputs` and `preprocess`, see [`Preprocess`]:
 //!
 //! ```toml
 //! outputs = ["steering"]
@@ -50,8 +50,7 @@ impl TorchScriptPilot {
     /// the same stem beside it, puts it in evaluation mode and warms it up.
     ///
     /// # Errors
-    /// [`PilotError::NoSideFile`], [`PilotError::SideFile`], [`PilotError::NotTorchScript`], and those of a forward
-    /// pass.
+    /// [`PilotError::NoSideFile`], [`PilotError::SideFile`], [`PilotError::NotTorchScript`], [`PilotError::Unfit`].
     pub fn load(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, PilotError> {
         let side = path.with_extension("toml");
         let text = fs::read_to_string(&side).map_err(|source| PilotError::NoSideFile {
@@ -61,12 +60,13 @@ impl TorchScriptPilot {
         })?;
         let SideFile { outputs, preprocess } =
             toml::from_str(&text).map_err(|e| PilotError::SideFile { side, why: e.to_string() })?;
-        let mut eye = Eye::new(preprocess, &outputs, clock)?;
+        let unfit = |source| PilotError::Unfit { path: path.to_owned(), source: Box::new(source) };
+        let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
 
         let mut module = CModule::load_data_on_device(&mut &*bytes, Device::Cpu)
             .map_err(|e| PilotError::NotTorchScript { path: path.to_owned(), why: first_line(&e) })?;
         module.f_set_eval().map_err(NnError::from)?;
-        eye.warm_up(|input| Ok(module.forward_ts(&[input])?))?;
+        eye.warm_up(|input| Ok(module.forward_ts(&[input])?)).map_err(unfit)?;
         Ok(Self { eye, module: Arc::new(module) })
     }
 

@@ -2,17 +2,35 @@
 //! a change shows in a diff.
 
 use std::{
-    fs,
+    fmt, fs,
     io::{self, BufRead, Write},
     path::{Path, PathBuf},
 };
 
 use serde::{Deserialize, Serialize};
 
-use super::Answered;
-use crate::protocol::Answer;
+use super::{Answered, Response};
 
-const FORMAT: &str = "lapwing-golden/1";
+const FORMAT: &str = "lapwing-golden/2";
+
+/// Without `written_on`, and with bad frames as if a pilot had answered them.
+const OLDER_FORMAT: &str = "lapwing-golden/1";
+
+/// What the last bits of a network's answer hang on beside the network: libtorch chooses its kernels by the processor.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// The processor, and how wide it computes.
+    pub cpu: String,
+    /// Version of libtorch.
+    pub libtorch: String,
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, libtorch {}", self.cpu, self.libtorch)
+    }
+}
 
 /// The first line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,9 +40,12 @@ struct Header {
     source: String,
     driver: String,
     frames: u64,
+    /// Absent where a bridge answered, which does not say what it runs on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    written_on: Option<Machine>,
 }
 
-/// The further lines. Steering and throttle are absent where a human drove.
+/// The further lines. Steering and throttle are absent where a human drove, and of a frame that no network saw.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
@@ -33,15 +54,19 @@ struct Line {
     steering: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     throttle: Option<f64>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    bad: bool,
 }
 
 impl Line {
     fn of(answered: &Answered) -> Self {
-        let (steering, throttle) = match answered.answer {
-            Answer::Steer(command) => (Some(command.steering.get()), Some(command.throttle.get())),
-            Answer::Manual => (None, None),
+        let (command, bad) = match &answered.response {
+            Response::Steer(command) | Response::Off(command) => (Some(command), false),
+            Response::Human => (None, false),
+            Response::Bad { .. } => (None, true),
         };
-        Self { frame: answered.frame, steering, throttle }
+        let (steering, throttle) = (command.map(|c| c.steering.get()), command.map(|c| c.throttle.get()));
+        Self { frame: answered.frame, steering, throttle, bad }
     }
 }
 
@@ -89,14 +114,15 @@ pub struct Difference {
 }
 
 impl Golden {
-    /// From a replay's answers.
-    pub fn new(source: &str, driver: &str, answers: &[Answered]) -> Self {
+    /// From a replay's answers, given on this machine, if that is known.
+    pub fn new(source: &str, driver: &str, answers: &[Answered], written_on: Option<Machine>) -> Self {
         Self {
             header: Header {
                 format: FORMAT.into(),
                 source: source.into(),
                 driver: driver.into(),
                 frames: answers.len() as u64,
+                written_on,
             },
             lines: answers.iter().map(Line::of).collect(),
         }
@@ -137,7 +163,7 @@ impl Golden {
         let first = lines.next().map(|(_, line)| line.map_err(io)).transpose()?.unwrap_or_default();
         let header: Header = serde_json::from_str(&first)
             .map_err(|e| parse_error(0, "a golden file's header", &first, e.to_string()))?;
-        if header.format != FORMAT {
+        if ![FORMAT, OLDER_FORMAT].contains(&header.format.as_str()) {
             return Err(parse_error(0, FORMAT, &header.format, "written by another version".into()));
         }
         let lines = lines.map(|(i, line)| {
@@ -152,21 +178,34 @@ impl Golden {
         Ok(Self { header, lines })
     }
 
-    /// Where `answers` depart from this replay by more than `tolerance` in steering or throttle.
+    /// The machine that it was written on, where that was told.
+    pub fn written_on(&self) -> Option<&Machine> {
+        self.header.written_on.as_ref()
+    }
+
+    /// Where `answers` depart from this replay by more than `tolerance` in steering or throttle, or a frame is bad in
+    /// one of both alone.
     pub fn compare(&self, answers: &[Answered], tolerance: f64) -> Vec<Difference> {
         let mut differences: Vec<Difference> = self
             .lines
             .iter()
-            .zip(answers.iter().map(Line::of))
-            .filter_map(|(expected, got)| {
+            .zip(answers)
+            .filter_map(|(expected, answered)| {
+                let got = Line::of(answered);
                 let apart = |a: Option<f64>, b: Option<f64>| match (a, b) {
                     (Some(a), Some(b)) => (a - b).abs() > tolerance,
                     (a, b) => a.is_some() != b.is_some(),
                 };
-                let differs = apart(expected.steering, got.steering) || apart(expected.throttle, got.throttle);
-                differs.then(|| Difference {
-                    frame: got.frame,
-                    what: format!("expected {}, got {}", said(expected), said(&got)),
+                let differs = expected.bad != got.bad
+                    || apart(expected.steering, got.steering)
+                    || apart(expected.throttle, got.throttle);
+                differs.then(|| {
+                    let why = match &answered.response {
+                        Response::Bad { why } => format!(": {why}"),
+                        _ => String::new(),
+                    };
+                    let what = format!("expected {}, got {}{why}", said(expected), said(&got));
+                    Difference { frame: got.frame, what }
                 })
             })
             .collect();
@@ -183,6 +222,7 @@ impl Golden {
 fn said(line: &Line) -> String {
     match (line.steering, line.throttle) {
         (Some(steering), Some(throttle)) => format!("steering {steering:.5} throttle {throttle:.5}"),
+        _ if line.bad => "a bad frame, which no network saw".into(),
         _ => "a human".into(),
     }
 }
@@ -198,26 +238,68 @@ mod tests {
     };
 
     fn answers(steerings: &[Option<f64>]) -> Vec<Answered> {
-        let answer = |s: &Option<f64>| match s {
-            Some(s) => Answer::Steer(Command { steering: Steering::new(*s).unwrap(), throttle: Throttle::ZERO }),
-            None => Answer::Manual,
+        let response = |s: &Option<f64>| match s {
+            Some(s) => Response::Steer(Command { steering: Steering::new(*s).unwrap(), throttle: Throttle::ZERO }),
+            None => Response::Human,
         };
-        let answered = |(i, s)| Answered { frame: i as u64, at: Duration::ZERO, recorded: None, answer: answer(s) };
+        let answered = |(i, s)| Answered { frame: i as u64, at: Duration::ZERO, recorded: None, response: response(s) };
         steerings.iter().enumerate().map(answered).collect()
+    }
+
+    fn machine() -> Option<Machine> {
+        Some(Machine { cpu: "AMD EPYC (x86_64, AVX-512)".into(), libtorch: "2.13.0".into() })
+    }
+
+    fn with_a_bad_frame() -> Vec<Answered> {
+        let mut answers = answers(&[Some(0.125), Some(0.0)]);
+        answers[1].response = Response::Bad { why: "image: expected a JPEG".into() };
+        answers
     }
 
     #[test]
     fn a_golden_file_is_read_back_as_it_was_written() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.golden");
-        let golden = Golden::new("run", "model", &answers(&[Some(0.125), None]));
-        golden.write(&path).unwrap();
-        assert_eq!(Golden::read(&path).unwrap(), golden);
+        for (answers, on) in [(answers(&[Some(0.125), None]), None), (with_a_bad_frame(), machine())] {
+            let golden = Golden::new("run", "model", &answers, on.clone());
+            golden.write(&path).unwrap();
+            assert_eq!(Golden::read(&path).unwrap(), golden);
+            assert_eq!(golden.written_on(), on.as_ref());
+        }
+        let text = fs::read_to_string(&path).unwrap();
+        let on = r#""written_on":{"cpu":"AMD EPYC (x86_64, AVX-512)","libtorch":"2.13.0"}}"#;
+        assert!(text.lines().next().unwrap().ends_with(on), "{text}");
+        assert_eq!(text.lines().nth(2), Some(r#"{"frame":1,"bad":true}"#));
+    }
+
+    #[test]
+    fn a_file_from_before_machines_were_told_is_still_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.golden");
+        let header = r#"{"format":"lapwing-golden/1","source":"run","driver":"model","frames":1}"#;
+        fs::write(&path, format!("{header}\n{{\"frame\":0,\"steering\":0.1,\"throttle\":0.0}}\n")).unwrap();
+        let golden = Golden::read(&path).unwrap();
+        assert_eq!((golden.written_on(), golden.compare(&answers(&[Some(0.1)]), 1e-6)), (None, vec![]));
+    }
+
+    #[test]
+    fn a_frame_that_is_bad_on_one_side_alone_differs_whatever_was_sent_instead() {
+        let of = |answers: &[Answered]| Golden::new("run", "model", answers, machine());
+        let (bad, good) = (with_a_bad_frame(), answers(&[Some(0.125), Some(0.0)]));
+        assert_eq!(of(&bad).compare(&bad, 1e-3), []);
+        let got_bad = of(&good).compare(&bad, 1e-3);
+        let expected = "expected steering 0.00000 throttle 0.00000, got a bad frame, which no network saw: image: \
+                        expected a JPEG";
+        assert_eq!((got_bad.len(), got_bad[0].frame, got_bad[0].what.as_str()), (1, 1, expected));
+        let got_good = of(&bad).compare(&good, 1e-3);
+        assert!(got_good[0].what.starts_with("expected a bad frame, which no network saw, got steering"));
+        let human = of(&bad).compare(&answers(&[Some(0.125), None]), 1e-3);
+        assert!(human[0].what.ends_with("got a human"), "{human:?}");
     }
 
     #[test]
     fn frames_within_the_tolerance_agree_and_others_are_named() {
-        let golden = Golden::new("run", "model", &answers(&[Some(0.1), Some(0.2), None]));
+        let golden = Golden::new("run", "model", &answers(&[Some(0.1), Some(0.2), None]), None);
         assert_eq!(golden.compare(&answers(&[Some(0.1005), Some(0.1995), None]), 1e-3), []);
         let differences = golden.compare(&answers(&[Some(0.1), Some(0.3), Some(0.0)]), 1e-3);
         assert_eq!(differences.iter().map(|d| d.frame).collect::<Vec<_>>(), [1, 2]);
@@ -232,7 +314,7 @@ mod tests {
     fn a_cut_off_or_foreign_file_is_an_error_with_its_line() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.golden");
-        Golden::new("run", "model", &answers(&[Some(0.1), Some(0.2)])).write(&path).unwrap();
+        Golden::new("run", "model", &answers(&[Some(0.1), Some(0.2)]), None).write(&path).unwrap();
         let whole = fs::read_to_string(&path).unwrap();
         fs::write(&path, &whole[..whole.len() - 5]).unwrap();
         assert!(Golden::read(&path).unwrap_err().to_string().contains("line 3: expected a frame"));

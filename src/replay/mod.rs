@@ -7,15 +7,16 @@
 //!        Report (MAE, MSE, r, latency) ◀── answers ◀────────────────────────┘
 //!        Golden (frame by frame)      ◀──┘
 //! ```
+//! A frame that no network saw is a bad one: it is counted as such and is in no figure.
 
 pub mod closed_loop;
 mod golden;
 mod report;
 mod source;
 
-pub use golden::{Difference, Golden, GoldenError};
-pub use report::{Latency, Report};
-pub use source::{Answered, Rate, Replay, ReplayError};
+pub use golden::{Difference, Golden, GoldenError, Machine};
+pub use report::{BadFrame, Latency, MOST_BAD_FRAMES, Report, too_many_bad_frames};
+pub use source::{Answered, Rate, Replay, ReplayError, Response};
 
 use std::time::{Duration, Instant};
 
@@ -41,7 +42,7 @@ pub fn run(
             tracing::debug!("at {:.2} s: {happening:?}", observation.at.as_secs_f64());
         }
         times.push(trace.total);
-        replay.apply(answer);
+        replay.settle(Response::of(answer, &trace));
         progress();
     }
     Ok(times)

@@ -10,7 +10,9 @@ use std::{
 
 use super::pace;
 use crate::{
-    protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
+    driver::{By as DrivenBy, Happening, Trace},
+    perception::{self, Frame, ImageError},
+    protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, Truth, World},
     recording::{
         By, EventRecord, Moment, Moments, RecordingError, RunReader, is_run,
         udacity::{DrivingLog, Row},
@@ -60,7 +62,7 @@ pub enum ReplayError {
     },
 }
 
-/// What was answered to one frame.
+/// What became of one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answered {
     /// Number of the frame, from 0.
@@ -70,7 +72,42 @@ pub struct Answered {
     /// What was steered when it was recorded; absent where the recording does not tell.
     pub recorded: Option<Steering>,
     /// What is answered now.
-    pub answer: Answer,
+    pub response: Response,
+}
+
+/// What a driver makes of a frame. Only the first is the pilot's word.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Response {
+    /// The pilot saw the frame, and this is its command.
+    Steer(Command),
+    /// A human drives.
+    Human,
+    /// The pilot waits to be armed: this command is nobody's.
+    Off(Command),
+    /// No pilot saw the frame: it cannot be read, or the pilot has no answer to it. What the driver sends instead is
+    /// there for safety and says nothing about a pilot.
+    Bad {
+        /// What is wrong with it.
+        why: String,
+    },
+}
+
+impl Response {
+    /// Of a driver in this process, which tells who answered.
+    pub fn of(answer: Answer, trace: &Trace) -> Self {
+        match (answer, trace.by) {
+            (Answer::Manual, _) => Self::Human,
+            (Answer::Steer(command), DrivenBy::Nobody) => Self::Off(command),
+            (Answer::Steer(_), DrivenBy::Safety) => {
+                let why = trace.happenings.iter().find_map(|happening| match happening {
+                    Happening::BadFrame { why, .. } => Some(why.clone()),
+                    _ => None,
+                });
+                Self::Bad { why: why.unwrap_or_default() }
+            }
+            (Answer::Steer(command), _) => Self::Steer(command),
+        }
+    }
 }
 
 /// A recording as a world: yields what was recorded and keeps what is answered.
@@ -83,8 +120,17 @@ pub struct Replay {
     /// The pilot was armed since the last look.
     armed: bool,
     /// Shown and not yet answered.
-    waiting: VecDeque<(u64, Duration, Option<Steering>)>,
+    waiting: VecDeque<Shown>,
     answers: Vec<Answered>,
+    /// Memory for pictures that are looked at here.
+    scratch: Frame,
+}
+
+struct Shown {
+    frame: u64,
+    at: Duration,
+    recorded: Option<Steering>,
+    image: Option<CameraImage>,
 }
 
 enum Source {
@@ -113,6 +159,7 @@ impl Replay {
             armed: false,
             waiting: VecDeque::new(),
             answers: vec![],
+            scratch: Frame::default(),
         })
     }
 
@@ -141,6 +188,13 @@ impl Replay {
             Source::Folder { .. } => None,
         };
         (self.skipped, cut_off)
+    }
+
+    /// Takes what became of the frame that has waited longest.
+    pub(super) fn settle(&mut self, response: Response) {
+        if let Some(Shown { frame, at, recorded, .. }) = self.waiting.pop_front() {
+            self.answers.push(Answered { frame, at, recorded, response });
+        }
     }
 
     fn next(&mut self) -> Result<Option<(Observation, Option<Steering>)>, ReplayError> {
@@ -187,15 +241,36 @@ impl World for Replay {
         let Some((observation, recorded)) = self.next()? else { return Ok(None) };
         let began = *self.began.get_or_insert_with(Instant::now);
         pace(self.rate, began, self.shown, observation.at);
-        self.waiting.push_back((self.shown, observation.at, recorded));
+        let image = match &observation.sight {
+            Sight::Telemetry(telemetry) => Some(telemetry.image.clone()),
+            Sight::HumanDrives | Sight::Unreadable(_) => None,
+        };
+        self.waiting.push_back(Shown { frame: self.shown, at: observation.at, recorded, image });
         self.shown += 1;
         Ok(Some(observation))
     }
 
+    /// Takes the answer of a bridge, which does not tell what it is worth: a picture that cannot be read was seen by no
+    /// network behind it.
     fn apply(&mut self, answer: Answer) {
-        if let Some((frame, at, recorded)) = self.waiting.pop_front() {
-            self.answers.push(Answered { frame, at, recorded, answer });
-        }
+        let response = match answer {
+            Answer::Manual => Response::Human,
+            Answer::Steer(command) => {
+                let image = self.waiting.front().and_then(|shown| shown.image.as_ref());
+                match image.map_or(Ok(()), |image| readable(image, &mut self.scratch)) {
+                    Ok(()) => Response::Steer(command),
+                    Err(why) => Response::Bad { why: format!("image: {why}") },
+                }
+            }
+        };
+        self.settle(response);
+    }
+}
+
+fn readable(image: &CameraImage, scratch: &mut Frame) -> Result<(), ImageError> {
+    match image {
+        CameraImage::Jpeg(jpeg) => perception::decode_jpeg(jpeg, scratch),
+        CameraImage::Base64(text) => perception::decode_jpeg(&perception::decode_base64(text)?, scratch),
     }
 }
 

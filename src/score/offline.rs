@@ -6,7 +6,6 @@ use super::{Figure, Measure, Scorecard, card::Figures};
 
 const NO_REPLAY: &str = "the run tells one driver's steering only: lapwing replay holds another against it";
 const OPEN_LOOP: &str = "nothing was driven: an open-loop replay shows what was recorded";
-const NO_STEERING: &str = "the recording has no steering to compare with";
 const NO_VARIATION: &str = "the steering does not vary";
 
 /// How well two series of normalised steering agree.
@@ -51,13 +50,13 @@ pub(super) fn not_replayed() -> [(Figure, Measure); 3] {
 
 impl Scorecard {
     /// Of an open-loop replay: how well the driver's steering agrees with the recorded one, and nothing else, for
-    /// what became of the car is the recorded drive's. `None` where there was nothing to compare with.
-    pub fn of_replay(steering: Option<&Agreement>) -> Self {
+    /// what became of the car is the recorded drive's. Or the reason why there is nothing to compare.
+    pub fn of_replay(steering: Result<&Agreement, &'static str>) -> Self {
         let mut figures = Figures::unknown(OPEN_LOOP);
-        figures.told(Figure::SteeringMae, steering.map(|agreement| agreement.mae), NO_STEERING);
-        figures.told(Figure::SteeringMse, steering.map(|agreement| agreement.mse), NO_STEERING);
-        let why = if steering.is_some() { NO_VARIATION } else { NO_STEERING };
-        figures.told(Figure::SteeringR, steering.and_then(|agreement| agreement.r), why);
+        let why = steering.err().unwrap_or(NO_VARIATION);
+        figures.told(Figure::SteeringMae, steering.map(|agreement| agreement.mae).ok(), why);
+        figures.told(Figure::SteeringMse, steering.map(|agreement| agreement.mse).ok(), why);
+        figures.told(Figure::SteeringR, steering.ok().and_then(|agreement| agreement.r), why);
         figures.card()
     }
 }
@@ -85,13 +84,14 @@ mod tests {
 
     #[test]
     fn a_replays_card_tells_the_steering_and_why_it_tells_nothing_else() {
-        let card = Scorecard::of_replay(Agreement::of([(0.1, 0.0), (0.1, 0.4)].into_iter()).as_ref());
+        let card = Scorecard::of_replay(Agreement::of([(0.1, 0.0), (0.1, 0.4)].into_iter()).as_ref().ok_or(""));
         assert_eq!(card.words(Figure::SteeringMae), "0.2000 of full lock");
         assert_eq!(card.words(Figure::SteeringMse), "0.05000 of full lock squared");
         assert_eq!(card.get(Figure::SteeringR), Measure::Unknown(NO_VARIATION));
         assert_eq!(card.get(Figure::Collisions), Measure::Unknown(OPEN_LOOP));
         let json = serde_json::to_value(&card).unwrap();
         assert_eq!((json["steering_mae"].as_f64(), &json["completion"]), (Some(0.2), &serde_json::Value::Null));
-        assert_eq!(Scorecard::of_replay(None).get(Figure::SteeringMse), Measure::Unknown(NO_STEERING));
+        let nothing = Scorecard::of_replay(Err("no network saw a frame"));
+        assert_eq!(nothing.get(Figure::SteeringMse), Measure::Unknown("no network saw a frame"));
     }
 }

@@ -2,17 +2,17 @@
 
 use std::{io, path::Path, time::SystemTime};
 
-use super::{Epoch, Measured, TrainError, events::Events};
+use super::{Measured, TimedEpoch, TrainError, events::Events};
 use crate::nn::replace;
 
 const HEADER: &str = "epoch,seconds,images_per_s,learning_rate,train_mse,train_mae,train_r,\
     validation_mse,validation_mae,validation_r,smooth_mse,smooth_mae,smooth_r\n";
 
 /// Writes all epochs so far: a training that went on has one log.
-pub(super) fn write(path: &Path, history: &[Epoch]) -> Result<(), TrainError> {
+pub(super) fn write(path: &Path, history: &[TimedEpoch]) -> Result<(), TrainError> {
     let mut text = HEADER.to_owned();
-    for epoch in history {
-        text += &format!("{},{:.1},{:.1},{}", epoch.number, epoch.seconds, epoch.images_per_s, epoch.learning_rate);
+    for TimedEpoch { epoch, seconds, images_per_s } in history {
+        text += &format!("{},{seconds:.1},{images_per_s:.1},{}", epoch.number, epoch.learning_rate);
         for metrics in [&epoch.training, &epoch.validation.raw, &epoch.validation.smooth] {
             let r = metrics.r.map_or_else(String::new, |r| r.to_string());
             text += &format!(",{},{},{r}", metrics.mse, metrics.mae);
@@ -28,7 +28,8 @@ pub(super) fn now() -> f64 {
 }
 
 /// An epoch's numbers for TensorBoard.
-pub(super) fn curves(events: &mut Events, epoch: &Epoch) -> io::Result<()> {
+pub(super) fn curves(events: &mut Events, timed: &TimedEpoch) -> io::Result<()> {
+    let TimedEpoch { epoch, images_per_s, .. } = timed;
     let (step, wall) = (epoch.number as i64, now());
     let Measured { raw, smooth } = &epoch.validation;
     for (set, metrics) in [("training", &epoch.training), ("validation", raw), ("validation_9_frames", smooth)] {
@@ -39,6 +40,6 @@ pub(super) fn curves(events: &mut Events, epoch: &Epoch) -> io::Result<()> {
         }
     }
     events.scalar("learning_rate", step, wall, epoch.learning_rate as f32)?;
-    events.scalar("images_per_s", step, wall, epoch.images_per_s as f32)?;
+    events.scalar("images_per_s", step, wall, *images_per_s as f32)?;
     events.flush()
 }

@@ -20,6 +20,15 @@ pub struct Measured {
     pub smooth: Metrics,
 }
 
+impl Measured {
+    /// Of answers to these samples, one each in their order.
+    pub fn of(answers: &[f64], samples: &Samples) -> Self {
+        let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.steering).collect();
+        let smooth: Vec<f64> = samples.samples.iter().map(|sample| samples.mean_steering(sample, SMOOTH)).collect();
+        Self { raw: Metrics::of(answers, &labels), smooth: Metrics::of(answers, &smooth) }
+    }
+}
+
 /// Rows that a label is averaged over for [`Measured::smooth`].
 const SMOOTH: usize = 9;
 
@@ -107,8 +116,5 @@ pub fn measure(
         let steering = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
         answers.extend(Vec::<f64>::try_from(&steering)?);
     }
-    let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.steering).collect();
-    let smooth: Vec<f64> = samples.samples.iter().map(|sample| samples.mean_steering(sample, SMOOTH)).collect();
-    let measured = Measured { raw: Metrics::of(&answers, &labels), smooth: Metrics::of(&answers, &smooth) };
-    Ok((measured, answers))
+    Ok((Measured::of(&answers, samples), answers))
 }

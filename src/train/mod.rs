@@ -28,7 +28,7 @@ mod trainer;
 pub use error::TrainError;
 pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;
-pub use progress::{Epoch, Go, Outcome, Progress};
+pub use progress::{Epoch, Go, Outcome, Progress, TimedEpoch};
 pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Recording, Schedule};
 pub use trainer::Trainer;
 

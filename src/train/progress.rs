@@ -6,15 +6,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{Measured, Metrics};
 
-/// What an epoch was like.
+/// What an epoch came to. A checkpoint holds it, so that no clock may be in it: the same training makes the same file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Epoch {
     /// From 1.
     pub number: usize,
-    /// How long its training took, without the measuring.
-    pub seconds: f64,
-    /// Samples a second.
-    pub images_per_s: f64,
     /// At its end.
     pub learning_rate: f64,
     /// Against the labels of the changed pictures, while the weights moved; of an epoch that was stopped, of the steps
@@ -24,6 +20,18 @@ pub struct Epoch {
     pub validation: Measured,
     /// Whether it is the best so far.
     pub best: bool,
+}
+
+/// An epoch and the time it took, as the log tells it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TimedEpoch {
+    /// What it came to.
+    #[serde(flatten)]
+    pub epoch: Epoch,
+    /// How long its training took, without the measuring.
+    pub seconds: f64,
+    /// Samples a second.
+    pub images_per_s: f64,
 }
 
 /// What is going on.
@@ -43,7 +51,7 @@ pub enum Progress<'a> {
         loss: f64,
     },
     /// An epoch ended.
-    Epoch(&'a Epoch),
+    Epoch(&'a TimedEpoch),
 }
 
 /// Whether to go on.

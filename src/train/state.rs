@@ -10,7 +10,7 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, no_grad};
 
-use super::{Epoch, TrainError, origin::Origin};
+use super::{Epoch, TimedEpoch, TrainError, origin::Origin};
 use crate::nn::replace;
 
 /// Where a training is.
@@ -29,7 +29,7 @@ pub(super) struct Position {
     /// What the plateau schedule has made of the learning rate.
     pub factor: f64,
     /// What the epochs done were like.
-    pub history: Vec<Epoch>,
+    pub history: Vec<TimedEpoch>,
 }
 
 /// What the file is called in a training's folder, and the checkpoint beside it.

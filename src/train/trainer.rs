@@ -17,7 +17,7 @@ use super::{
     optimiser::Stepper,
     origin::Origin,
     preparation,
-    progress::{Epoch, Go, Outcome, Progress},
+    progress::{Epoch, Go, Outcome, Progress, TimedEpoch},
     state::{self, MODEL, Position, STATE},
 };
 use crate::{
@@ -181,7 +181,7 @@ impl Trainer {
     }
 
     /// Epochs done so far.
-    pub fn history(&self) -> &[Epoch] {
+    pub fn history(&self) -> &[TimedEpoch] {
         &self.position.history
     }
 
@@ -217,7 +217,7 @@ impl Trainer {
     }
 
     /// One pass; `None` where it was stopped, and its state saved.
-    fn epoch(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Option<Epoch>, TrainError> {
+    fn epoch(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Option<TimedEpoch>, TrainError> {
         let number = self.position.epoch;
         let loader = self.batches(number, self.position.step)?;
         let steps = loader.batches();
@@ -251,15 +251,14 @@ impl Trainer {
         if !mse.is_finite() {
             return Err(TrainError::Validation { mse, epoch: number + 1 });
         }
-        Ok(Some(Epoch {
+        let epoch = Epoch {
             number: number + 1,
-            seconds,
-            images_per_s: answers.len() as f64 / seconds.max(1e-9),
             learning_rate: rate,
             training: Metrics::of(&answers, &labels),
             validation,
             best: self.position.best.is_none_or(|best| mse < best),
-        }))
+        };
+        Ok(Some(TimedEpoch { epoch, seconds, images_per_s: answers.len() as f64 / seconds.max(1e-9) }))
     }
 
     /// A batch as this training takes it.
@@ -309,22 +308,22 @@ impl Trainer {
 
     /// Keeps what an epoch has come to. The state comes last: where that is not written any more, the epoch is done
     /// again, and all else written once more.
-    fn close_epoch(&mut self, epoch: Epoch, events: &mut Option<Events>) -> Result<(), TrainError> {
+    fn close_epoch(&mut self, timed: TimedEpoch, events: &mut Option<Events>) -> Result<(), TrainError> {
         if !self.out.join(STATE).exists() {
             self.save_state()?; // so that a model never stands in the folder without what goes on from it
         }
         self.position.epoch += 1;
         self.position.step = 0;
-        let best = epoch.best;
+        let best = timed.epoch.best;
         if best {
-            (self.position.best, self.position.waited) = (Some(epoch.validation.raw.mse), 0);
+            (self.position.best, self.position.waited) = (Some(timed.epoch.validation.raw.mse), 0);
         } else {
             self.position.waited += 1;
             if self.position.waited.is_multiple_of(PLATEAU.0) {
                 self.position.factor *= PLATEAU.1;
             }
         }
-        self.position.history.push(epoch);
+        self.position.history.push(timed);
         if best || self.recipe.keep == Keep::Last {
             self.save_model(&self.out.join(MODEL))?;
         }
@@ -334,7 +333,7 @@ impl Trainer {
                 Some(events) => events,
                 none => none.insert(Events::create(&self.out, log::now())?),
             };
-            self.position.history.last().map_or(Ok(()), |epoch| log::curves(events, epoch))
+            self.position.history.last().map_or(Ok(()), |timed| log::curves(events, timed))
         };
         write().map_err(TrainError::io("write the events", &self.out))?;
         self.save_state()
@@ -344,11 +343,12 @@ impl Trainer {
         let network = self.average.as_ref().unwrap_or(&self.network);
         let outputs = network.architecture().outputs().iter().map(|name| (*name).to_owned());
         let json = |value: serde_json::Result<String>| value.map_err(|why| TrainError::Recipe(why.to_string()));
+        let result = self.position.history.last().map(|timed| &timed.epoch);
         let metadata = Metadata {
             preprocess: self.inputs.preprocess.clone(),
             outputs: outputs.collect(),
             training: json(serde_json::to_string(&self.recipe))?,
-            result: json(serde_json::to_string(&self.position.history.last()))?,
+            result: json(serde_json::to_string(&result))?,
         };
         nn::save(path, &metadata, network, self.recipe.stored)?;
         Ok(())

@@ -2,11 +2,14 @@
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use futures_util::SinkExt;
-use lapwing::recording::{EventRecord, Moment, RunReader};
+use lapwing::{
+    pilot,
+    recording::{EventRecord, Moment, RunReader},
+};
 use tempfile::tempdir;
 use tokio_tungstenite::tungstenite::Message;
 
-use crate::support::{Running, Wire, jpeg, settings, steer, telemetry, telemetry_with};
+use crate::support::{Running, Wire, jpeg, lost_for_words, settings, steer, telemetry, telemetry_with, torchscript};
 
 /// A JPEG whose header says 30000x30000.
 fn huge() -> Vec<u8> {
@@ -80,4 +83,24 @@ async fn from_the_fifth_bad_frame_in_a_row_the_car_is_braked_to_a_standstill_and
     }
     assert_eq!(throttles, [0.0, 0.0, 0.0, 0.0, -1.0, -1.0, -1.0, -1.0, 0.0, 0.0]);
     assert!(steer(&simulator.ask(&telemetry("0.0000")).await).1 > 0.0, "a good frame and it drives again");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_network_without_an_answer_gets_the_car_a_safe_command_and_the_run_the_reason() {
+    let dir = tempdir().unwrap();
+    let path = dir.path().join("net.pt");
+    torchscript(&path, lost_for_words);
+    let running = Running::without_a_model(settings(dir.path())).await;
+    running.bridge.model_is_ready(pilot::load(&path, std::time::Instant::now).unwrap());
+    let mut simulator = Wire::simulator(running.address).await;
+    for _ in 0..3 {
+        assert_eq!(steer(&simulator.ask(&telemetry("7.0000")).await), (0.0, 0.0));
+    }
+    let run = running.stop().await.remove(0).run.unwrap().path;
+    let why = |moment| match moment {
+        Ok(Moment::Event { event: EventRecord::BadFrame { why, .. }, .. }) => Some(why),
+        _ => None,
+    };
+    let reasons: Vec<_> = RunReader::open(&run).unwrap().moments().filter_map(why).collect();
+    assert_eq!(reasons, vec!["pilot: expected a finite steering from the network, got NaN"; 3]);
 }

@@ -233,6 +233,27 @@ fn a_misshapen_tensor_and_one_of_integers_are_named() {
     assert_eq!(put(Dtype::I64, vec![10], 80), "tensor fc3.bias: expected F32, F16 or BF16, got I64");
 }
 
+#[test]
+fn weights_that_are_no_numbers_are_named() {
+    for (bad, name) in [(f32::NAN, "conv3.weight"), (f32::INFINITY, "fc2.bias")] {
+        let error = error_after(|parts| {
+            let (_, _, data) = parts.tensors.get_mut(name).unwrap();
+            data[..4].copy_from_slice(&bad.to_le_bytes());
+            data[8..12].copy_from_slice(&bad.to_le_bytes());
+        });
+        assert_eq!(error, format!("tensor {name}: expected finite numbers, got 2 that are NaN or infinite"));
+    }
+}
+
+#[test]
+fn a_crop_beyond_any_picture_is_refused() {
+    let text = PREPROCESS.replace("135", "1000");
+    assert_eq!(
+        error_after(|parts| drop(parts.metadata.insert("preprocess".into(), text))),
+        "metadata key preprocess: expected a crop within a picture's rows, 0 to 480, got rows 60 to 1000"
+    );
+}
+
 fn design(architecture: Architecture, speed: bool) -> (Metadata, Network) {
     let design = Design { speed, ..Design::of(architecture) };
     let store = VarStore::new(Device::Cpu);

@@ -84,3 +84,24 @@ fn what_is_neither_kind_of_file_or_not_there_is_named() {
     fs::write(&path, "").unwrap();
     assert_eq!(error(&path), format!("{}: expected a safetensors file: header too small", path.display()));
 }
+
+#[test]
+fn a_checkpoint_whose_network_answers_no_number_is_refused_when_loaded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("wild.safetensors");
+    // Finite weights, all of them, of which the last layers' products are not.
+    let shipped = fs::read(shipped()).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&shipped).unwrap();
+    let (_, table) = safetensors::SafeTensors::read_metadata(&shipped).unwrap();
+    let huge: Vec<u8> = std::iter::repeat_n(3e38f32.to_le_bytes(), 10).flatten().collect();
+    let views = file.iter().map(|(name, view)| {
+        let data = if ["fc3.bias", "fc4.weight"].contains(&name) { &huge[..] } else { view.data() };
+        (name, safetensors::tensor::TensorView::new(view.dtype(), view.shape().to_vec(), data).unwrap())
+    });
+    let views: Vec<_> = views.collect();
+    fs::write(&path, safetensors::serialize(views, table.metadata().clone()).unwrap()).unwrap();
+    Checkpoint::load(&path).unwrap();
+    let error = error(&path);
+    let expected = format!("{}: expected a finite steering from the network, got ", path.display());
+    assert!(error.starts_with(&expected), "{error}");
+}

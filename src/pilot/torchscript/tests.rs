@@ -71,7 +71,7 @@ fn a_side_file_with_an_unknown_or_missing_key_is_refused() {
     let missing = error(&torchscript(folder.path(), Some("outputs = [\"steering\"]")));
     assert!(missing.contains("missing field `preprocess`"), "{missing}");
     let other = error(&torchscript(folder.path(), Some(&SIDE.replace("steering", "brake"))));
-    assert_eq!(other, r#"expected a network whose first output is steering, got ["brake"]"#);
+    assert!(other.ends_with(r#"mean.pt: expected a network whose first output is steering, got ["brake"]"#), "{other}");
 }
 
 /// A zip of stored files, as `torch.save` writes.
@@ -133,5 +133,48 @@ fn a_torchscript_module_that_takes_another_shape_is_refused_when_loaded() {
     CModule::create_by_tracing("Linear", "forward", &input, &mut linear).unwrap().save(&path).unwrap();
     fs::write(folder.path().join("linear.toml"), SIDE.replace("height = 4", "height = 5")).unwrap();
     let error = error(&path);
-    assert!(error.starts_with("libtorch: ") && error.lines().count() == 1, "{error}");
+    assert!(error.contains("linear.pt: libtorch: ") && error.lines().count() == 1, "{error}");
+}
+
+/// Writes a module that answers what `answer` makes of its input, (1, 3, 4, 8), and the side file.
+fn traced(folder: &Path, answer: impl Fn(&Tensor) -> Tensor) -> PathBuf {
+    let path = folder.join("traced.pt");
+    let input = [Tensor::ones([1, 3, 4, 8], (Kind::Float, Device::Cpu))];
+    let mut answer = |inputs: &[Tensor]| vec![answer(&inputs[0])];
+    CModule::create_by_tracing("Traced", "forward", &input, &mut answer).unwrap().save(&path).unwrap();
+    fs::write(path.with_extension("toml"), SIDE).unwrap();
+    path
+}
+
+#[test]
+fn a_torchscript_module_that_answers_another_shape_than_its_outputs_or_no_number_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let three = traced(folder.path(), |x| x.mean_dim([2i64, 3].as_slice(), false, None));
+    let named = format!("{}: expected ", three.display());
+    assert_eq!(
+        error(&three),
+        format!("{named}1 number from the network for its outputs steering, got a tensor of shape [1, 3]")
+    );
+    let nan = traced(folder.path(), |x| (x.mean(Kind::Float) * 0.0 - 1.0).sqrt());
+    assert_eq!(error(&nan), format!("{named}a finite steering from the network, got NaN"));
+    let bright = traced(folder.path(), |x| (x.mean(Kind::Float) * -1.0 + 0.9).sqrt());
+    assert_eq!(error(&bright), format!("{named}a finite steering from the network, got NaN"), "of white alone");
+}
+
+#[test]
+fn a_crop_beyond_any_picture_is_refused_when_loaded_and_one_beyond_this_picture_when_it_comes() {
+    let folder = tempfile::tempdir().unwrap();
+    let with_crop = |bottom: usize| {
+        let path = torchscript(folder.path(), None);
+        let crop = format!("[preprocess]\ncrop = {{ top = 100, bottom = {bottom} }}");
+        fs::write(path.with_extension("toml"), SIDE.replace("[preprocess]", &crop)).unwrap();
+        path
+    };
+    let beyond = error(&with_crop(1000));
+    assert!(beyond.ends_with("expected a crop within a picture's rows, 0 to 480, got rows 100 to 1000"), "{beyond}");
+    let mut pilot = load(with_crop(300), Instant::now).unwrap().pilot();
+    assert_eq!(
+        pilot.steer(&View::of(&frame())).unwrap_err().to_string(),
+        "expected a frame of at least 300 rows for the crop to row 300, got 320x160"
+    );
 }
