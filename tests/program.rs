@@ -203,7 +203,8 @@ fn checkpoint_of_infinities(path: &Path) {
     let change = |name: &str, data: &[u8]| match name {
         "conv1.weight" => {
             let mut weights = vec![0f32; data.len() / 4];
-            (weights[0], weights[1]) = (3e38, -3e38);
+            // Powers of two, so that equal neighbours come to nought however it is added up.
+            (weights[0], weights[1]) = (2f32.powi(127), -2f32.powi(127));
             numbers(weights)
         }
         "conv1.bias" => vec![0; data.len()],
@@ -268,6 +269,18 @@ fn a_training_without_data_asks_for_data_first() {
     let (code, out, err) = said(&lapwing(&["train", "--out", "/nowhere"]));
     assert_eq!((code, out.as_str()), (2, ""));
     assert!(err.contains("<--data <DIR[@WEIGHT]>...|--recipe <FILE>|--resume>"), "{err}");
+}
+
+#[test]
+fn a_closed_loop_in_which_no_network_saw_a_frame_fails_unless_that_is_allowed() {
+    let (dir, data) = (tempfile::tempdir().unwrap(), folder(20, |row| crate::support::jpeg(row as u8)));
+    torchscript(&dir.path().join("lost.pt"), crate::support::lost_for_words);
+    let closed_loop = ["replay", data.path().to_str().unwrap(), "--closed-loop", "--model", "lost.pt"];
+    let (code, out, err) = lapwing_in(dir.path(), "", &closed_loop);
+    assert_eq!(code, 1, "{out}{err}");
+    assert!(err.contains("expected at most 1 % bad frames, which no network sees, got 20 of 20"), "{err}");
+    let (code, out, err) = lapwing_in(dir.path(), "", &[&closed_loop[..], &["--allow-bad-frames"]].concat());
+    assert_eq!(code, 0, "{out}{err}");
 }
 
 const NULL: serde_json::Value = serde_json::Value::Null;

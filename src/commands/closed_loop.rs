@@ -25,7 +25,7 @@ use crate::{
         self,
         closed_loop::{Beside, RecordedWorld, Sources, Yaw},
     },
-    score::{self, Figure, Scorecard},
+    score::{self, Scorecard},
     simulator::film::Film,
 };
 
@@ -95,7 +95,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let wall = began.elapsed();
     bar.finish_and_clear();
     let report = recorder.map(Recorder::finish);
-    let Drive { card, fingerprint, frames } = driven.map_err(|e| anyhow::anyhow!(e)).context(source.clone())?;
+    let Drive { card, fingerprint, frames, bad_frames } =
+        driven.map_err(|e| anyhow::anyhow!(e)).context(source.clone())?;
     film.map(|film| film.film.finish()).transpose()?;
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
@@ -134,9 +135,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     if let Some(error) = report.and_then(|report| report.error) {
         return Err(error.into());
     }
-    let bad = card.value(Figure::BadFrames).unwrap_or(0.0) as u64;
-    if replay::too_many_bad_frames(bad, frames) && !arguments.allow_bad_frames {
-        say!("{}", too_many_bad_frames(&arguments.source.display().to_string(), bad, frames));
+    if replay::too_many_bad_frames(bad_frames, frames) && !arguments.allow_bad_frames {
+        say!("{}", too_many_bad_frames(&arguments.source.display().to_string(), bad_frames, frames));
         return Ok(Ended::Failed);
     }
     Ok(thresholds::ended(&missed))

@@ -99,7 +99,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     bar.clear();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.map(Recorder::finish);
-    let Drive { card, fingerprint, frames } = driven.map_err(|error| anyhow::anyhow!(error))?;
+    let Drive { card, fingerprint, frames, .. } = driven.map_err(|error| anyhow::anyhow!(error))?;
     let made = pictures.finish(&simulation)?;
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;

@@ -2,7 +2,7 @@
 
 use std::{path::Path, sync::Arc, time::Instant};
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use serde_json::json;
 
 use super::Ended;
@@ -57,13 +57,11 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
             None => of_pilot(&model, &samples)?,
         };
         let rows = samples.samples.len();
-        let no_number = |answer: &f64| !answer.is_finite();
-        if let Some(first) = answers.iter().position(|answer| no_number(answer)) {
-            let (count, row) = (answers.iter().filter(|answer| no_number(answer)).count(), samples.samples[first].row);
-            let (path, got) = (path.display(), answers[first]);
-            anyhow::bail!(
-                "{path}: expected finite answers from {name}, got {got} in row {row}, and {count} of {rows} like it"
-            );
+        let not_finite: Vec<usize> = (0..answers.len()).filter(|i| !answers[*i].is_finite()).collect();
+        if let [first, ..] = not_finite[..] {
+            let (path, got, row, count) =
+                (path.display(), answers[first], samples.samples[first].row, not_finite.len());
+            bail!("{path}: expected finite answers from {name}, got {got} in row {row}, and {count} of {rows} like it");
         }
         let measured = Measured::of(&answers, &samples);
         let learnt = recipe.as_ref().map(|recipe| {

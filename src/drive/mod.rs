@@ -16,7 +16,7 @@ use sha2::{Digest, Sha256};
 pub use turn::record;
 
 use crate::{
-    driver::Driver,
+    driver::{By, Driver},
     protocol::{Answer, CameraImage, Observation, Sight},
     recording::{Eventful, Item, Recorder},
     score::{Scorecard, Scorer},
@@ -29,8 +29,10 @@ pub struct Drive {
     pub card: Scorecard,
     /// SHA-256 over all frames and commands in order: equal where two drives were the same.
     pub fingerprint: String,
-    /// Frames that were driven by.
+    /// Frames that were there to drive by.
     pub frames: u64,
+    /// Those of them that no pilot could drive by.
+    pub bad_frames: u64,
 }
 
 /// Drives a world to its end. `watch` sees each turn before the world moves on.
@@ -45,7 +47,7 @@ pub fn run<W: Eventful>(
 ) -> Result<Drive, Box<dyn std::error::Error + Send + Sync>> {
     let mut scorer = Scorer::default();
     let mut hash = Sha256::new();
-    let mut frames = 0;
+    let (mut frames, mut bad_frames) = (0, 0);
     let mut last = Duration::ZERO;
     loop {
         let seen = world.observe()?;
@@ -73,6 +75,7 @@ pub fn run<W: Eventful>(
         let telemetry = match observation.sight {
             Sight::Telemetry(telemetry) => {
                 frames += 1;
+                bad_frames += u64::from(trace.by == By::Safety);
                 scorer.telemetry(at, &telemetry);
                 if let CameraImage::Jpeg(jpeg) = &telemetry.image {
                     hash.update(jpeg);
@@ -94,5 +97,5 @@ pub fn run<W: Eventful>(
         }
     }
     let fingerprint = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok(Drive { card: scorer.finish(), fingerprint, frames })
+    Ok(Drive { card: scorer.finish(), fingerprint, frames, bad_frames })
 }
