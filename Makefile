@@ -20,6 +20,11 @@ lint: .libtorch/build-version
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --all-targets -- -D warnings
 
+# What the program is made of: licences, bans, sources, advisories; and whether NOTICES names it all.
+deny:
+	$(PYTHON) scripts/deny.py
+	$(PYTHON) scripts/notices.py --check
+
 bench: .libtorch/build-version
 	$(CARGO) bench
 
@@ -30,6 +35,18 @@ interop: build
 # A million telemetries from four simulators in rough company; some twenty minutes, not part of the gate.
 soak: build
 	$(PYTHON) tests/interop/soak.py
+
+# Each reader of outside bytes fed with whatever breaks it, for a minute; inputs that break one stay in fuzz/artifacts.
+# Needs cargo-fuzz (cargo install cargo-fuzz --locked) and a C++ compiler. `cargo test` replays fuzz/corpus without.
+FUZZ_SECONDS ?= 60
+FUZZ_LIMITS = -timeout=20 -rss_limit_mb=2048 -max_len=16384 -print_final_stats=1
+fuzz: .libtorch/build-version
+	@command -v cargo-fuzz >/dev/null || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz --locked" >&2; exit 1; }
+	for target in $$($(CARGO) fuzz list); do \
+	    mkdir -p fuzz/target/corpus/$$target && \
+	    $(CARGO) fuzz run --sanitizer none $$target fuzz/target/corpus/$$target fuzz/corpus/$$target -- \
+	        -max_total_time=$(FUZZ_SECONDS) $(FUZZ_LIMITS) || exit 1; \
+	done
 
 # A libtorch of the user's own, named by these variables, needs no fetching.
 .libtorch/build-version:

@@ -49,7 +49,6 @@ PLATFORMS = {
         ],
         linker_script="INPUT ( libtorch_cpu.so libc10.so )\n",
     ),
-    # No sha256 for the two CUDA wheels of this platform: pip still checks them against its index.
     ("Linux", "aarch64"): dict(
         tested=False,
         megabytes=1000,
@@ -58,8 +57,10 @@ PLATFORMS = {
              "092790c696a760c729fd5722835f50b9d81fd7c8f141571f3f3cf4081a8f664c",
              ["torch/lib/libtorch_cpu.so", "torch/lib/libc10.so", "torch/lib/libgomp.so.1", "torch/lib/libgfortran.so.*",
               "torch/lib/libarm_compute*.so", "torch/lib/libnvpl_*"]),
-            (CUDA_13[0][0], ["manylinux2014_aarch64", "manylinux_2_17_aarch64"], None, ["*/" + CUDA_13[0][1]]),
-            (CUDA_13[1][0], ["manylinux_2_25_aarch64"], None, ["*/" + CUDA_13[1][1]]),
+            (CUDA_13[0][0], ["manylinux2014_aarch64", "manylinux_2_17_aarch64"],
+             "ef9bcbe90493a2b9d810e43d249adb3d02e98dd30200d86607d8d02687c43f55", ["*/" + CUDA_13[0][1]]),
+            (CUDA_13[1][0], ["manylinux_2_25_aarch64"],
+             "796bd679890ee55fb14a94629b698b6db54bcfd833d391d5e94017dd9d7d3151", ["*/" + CUDA_13[1][1]]),
         ],
         linker_script="INPUT ( libtorch_cpu.so libc10.so )\n",
     ),
@@ -108,20 +109,19 @@ def download(requirement, pip_platforms, sha256, into):
     if len(fresh) != 1:
         raise Failed(f"pip said it downloaded {requirement}, but {len(fresh)} new wheels lie in {into}")
     wheel = fresh[0]
-    if sha256 is not None:
-        digest = hashlib.sha256()
-        with wheel.open("rb") as f:
-            for block in iter(lambda: f.read(1 << 20), b""):
-                digest.update(block)
-        if digest.hexdigest() != sha256:
-            raise Failed(f"{wheel.name} is not the file this project was tested with:\n"
-                         f"  expected sha256 {sha256}\n       got sha256 {digest.hexdigest()}\n"
-                         "Nothing was installed. Run this again; if it stays so, your package index serves another file.")
+    digest = hashlib.sha256()
+    with wheel.open("rb") as f:
+        for block in iter(lambda: f.read(1 << 20), b""):
+            digest.update(block)
+    if digest.hexdigest() != sha256:
+        raise Failed(f"{wheel.name} is not the file this project was tested with:\n"
+                     f"  expected sha256 {sha256}\n       got sha256 {digest.hexdigest()}\n"
+                     "Nothing was installed. Run this again; if it stays so, your package index serves another file.")
     return wheel
 
 
 def unpack(wheel, wanted, into):
-    """Copies the wanted libraries to lib/ and torch's headers to include/."""
+    """Copies the wanted libraries to lib/, torch's headers to include/, and the licences of it all to licenses/."""
     with zipfile.ZipFile(wheel) as archive:
         files = [i for i in archive.infolist() if not i.is_dir()]
         chosen = []
@@ -132,6 +132,10 @@ def unpack(wheel, wanted, into):
             chosen += [(i, into / "lib" / Path(i.filename).name) for i in hits]
         chosen += [(i, into / Path(i.filename).relative_to("torch")) for i in files
                    if i.filename.startswith("torch/include/")]
+        for info in files:
+            package, is_licence, name = info.filename.partition(".dist-info/licenses/")
+            if is_licence:
+                chosen.append((info, into / "licenses" / package / name))
         total, done, shown = sum(i.file_size for i, _ in chosen), 0, -1
         for info, path in chosen:
             path.parent.mkdir(parents=True, exist_ok=True)

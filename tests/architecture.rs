@@ -170,3 +170,11 @@ fn some_crates_are_named_in_their_rooms_only() {
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
+
+#[test]
+fn every_wheel_of_libtorch_is_pinned_on_every_platform() {
+    let script = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/libtorch.py")).unwrap();
+    let wheels = script.matches("[\"manylinux").count() + script.matches("[\"macosx").count();
+    let is_hash = |text: &&str| text.len() == 64 && text.bytes().all(|b| b.is_ascii_hexdigit());
+    assert_eq!((wheels, script.split('"').filter(is_hash).count()), (7, 7));
+}

@@ -3,6 +3,7 @@
 mod architecture;
 mod bridge;
 mod closed_loop;
+mod corpus;
 mod driver;
 mod driving_logs;
 mod models;

@@ -388,3 +388,23 @@ fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
     assert_eq!(code, 0);
     assert!(err.contains("2 cells, 2 of them driven before"), "{err}");
 }
+
+#[test]
+fn how_large_pictures_may_be_is_a_setting_of_every_verb_that_looks_at_them() {
+    let small = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(arguments)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .env("LAPWING_PERCEPTION__MAX_PIXELS", "51199") // one less than the run's 320x160
+            .output()
+            .unwrap();
+        said(&output)
+    };
+    let words = "expected a JPEG of at most 51199 pixels, got 320x160: perception.max_pixels allows more";
+    let (_, out, err) = small(&["dataset", "inspect", RUN]);
+    assert!(out.contains(words), "{out}{err}");
+    let (code, out, err) = small(&["evaluate", "models/pilotnet.safetensors", "--data", RUN]);
+    assert!(code == 1 && err.contains(words), "{code} {out}{err}");
+    let (_, out, err) = small(&["replay", RUN]);
+    assert!(out.contains(words) || err.contains(words), "{out}{err}");
+}

@@ -194,7 +194,7 @@ fn rewritten(options: WriteOptions) -> Vec<u8> {
     out.into_inner().into_inner()
 }
 
-fn rewritings() -> Vec<Vec<u8>> {
+pub fn rewritings() -> Vec<Vec<u8>> {
     let options = || WriteOptions::new().compression(None);
     vec![
         rewritten(options()),
@@ -408,4 +408,168 @@ fn record_until_killed(dir: &Path) -> ! {
         assert!(start.elapsed() < Duration::from_secs(60), "nobody killed this process");
     }
     unreachable!()
+}
+
+/// A run of a header and these chunks.
+fn with_chunks(chunks: &[Vec<u8>]) -> Vec<u8> {
+    let mut out = WriteOptions::new().use_chunks(false).create(Cursor::new(Vec::new())).unwrap();
+    let fields =
+        [("format_version", "1"), ("lapwing", "0.1.0"), ("started", "1970-01-01T00:00:00Z"), ("config", "null")];
+    let metadata = fields.map(|(k, v)| (k.to_owned(), v.to_owned())).into();
+    out.write_metadata(&Metadata { name: "lapwing.run".into(), metadata }).unwrap();
+    out.finish().unwrap();
+    let whole = out.into_inner().into_inner();
+    // Before the record that ends the data.
+    let mut at = mcap::MAGIC.len();
+    while whole[at] != mcap::records::op::DATA_END {
+        at += 9 + u64::from_le_bytes(*whole[at + 1..].first_chunk().unwrap()) as usize;
+    }
+    [&whole[..at], &chunks.concat(), &whole[at..]].concat()
+}
+
+/// A chunk: how its records are packed, the outcome, and what it says of them.
+fn chunk(compression: &str, packed: &[u8], says: u64, checksum: u32) -> Vec<u8> {
+    let body = [
+        &[0; 16][..],
+        &says.to_le_bytes(),
+        &checksum.to_le_bytes(),
+        &(compression.len() as u32).to_le_bytes(),
+        compression.as_bytes(),
+        &(packed.len() as u64).to_le_bytes(),
+        packed,
+    ]
+    .concat();
+    [&[mcap::records::op::CHUNK][..], &(body.len() as u64).to_le_bytes(), &body].concat()
+}
+
+fn with_chunk(compression: &str, packed: &[u8], says: u64, checksum: u32) -> Vec<u8> {
+    with_chunks(&[chunk(compression, packed, says, checksum)])
+}
+
+fn zstd(bytes: &[u8]) -> Vec<u8> {
+    zstd::encode_all(bytes, 3).unwrap()
+}
+
+fn lz4(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = lz4::EncoderBuilder::new().build(Vec::new()).unwrap();
+    std::io::Write::write_all(&mut encoder, bytes).unwrap();
+    let (packed, result) = encoder.finish();
+    result.unwrap();
+    packed
+}
+
+/// So many bytes of a record that means nothing to a run.
+fn foreign_record(length: usize) -> Vec<u8> {
+    let mut record = vec![0; length];
+    record[0] = 0x80;
+    record[1..9].copy_from_slice(&(length as u64 - 9).to_le_bytes());
+    record
+}
+
+/// Why a file is read no further, and how long that took to find out.
+fn why(bytes: &[u8]) -> (String, Duration) {
+    let (_dir, path) = on_disk(bytes);
+    let began = Instant::now();
+    let mut run = RunReader::open(&path).unwrap();
+    assert_eq!(run.by_ref().count(), 0);
+    let why = run.truncated().map(|truncation| truncation.why.clone()).unwrap_or_default();
+    (why, began.elapsed())
+}
+
+#[test]
+fn a_chunk_that_is_as_long_as_it_says_is_read_however_it_is_packed() {
+    let records = foreign_record(1000);
+    for (compression, packed) in [("", records.clone()), ("zstd", zstd(&records)), ("lz4", lz4(&records))] {
+        assert_eq!(why(&with_chunk(compression, &packed, 1000, 0)).0, "", "{compression}");
+        let wrong = why(&with_chunk(compression, &packed, 1000, 7)).0;
+        assert!(wrong.starts_with("expected a chunk with the checksum 00000007, got "), "{compression}: {wrong}");
+    }
+    let other = why(&with_chunk("brotli", &records, 1000, 0)).0;
+    assert_eq!(other, r#"expected a chunk packed by lz4, zstd or nothing, got "brotli""#);
+}
+
+#[test]
+fn a_chunk_that_holds_more_or_less_than_it_says_is_refused() {
+    // A gigabyte in some ten or hundred kilobytes.
+    let gigabyte = {
+        let mut encoder = zstd::Encoder::new(Vec::new(), 1).unwrap();
+        std::io::copy(&mut std::io::Read::take(std::io::repeat(0), 1 << 30), &mut encoder).unwrap();
+        encoder.finish().unwrap()
+    };
+    assert!(gigabyte.len() < 200_000, "{}", gigabyte.len());
+    for says in [0, 100, 1000] {
+        let (why, took) = why(&with_chunk("zstd", &gigabyte, says, 0));
+        assert_eq!(why, format!("expected a chunk of {says} bytes unpacked, as it says, got {} or more", says + 1));
+        assert!(took < Duration::from_secs(1), "{took:?}");
+    }
+    for (compression, packed) in
+        [("", foreign_record(100)), ("zstd", zstd(&foreign_record(100))), ("lz4", lz4(&foreign_record(100)))]
+    {
+        for says in [99, 101] {
+            let why = why(&with_chunk(compression, &packed, says, 0)).0;
+            let expected = format!("expected a chunk of {says} bytes unpacked, as it says, got 100");
+            assert!(why.starts_with(&expected), "{compression}: {why}");
+        }
+    }
+    let too_large = why(&with_chunk("zstd", &gigabyte, 1 << 30, 0)).0;
+    assert_eq!(too_large, "expected a chunk that unpacks to 67108864 bytes at most, got 1073741824");
+    let absurd = why(&with_chunk("lz4", b"", u64::MAX, 0)).0;
+    assert!(absurd.contains("at most, got 18446744073709551615"), "{absurd}");
+}
+
+#[test]
+fn a_chunk_of_nothing_or_of_pieces_is_refused_however_it_is_packed() {
+    let piece = [&foreign_record(50)[..], &foreign_record(50)[..49]].concat();
+    for records in [vec![0; 900], piece] {
+        for (compression, packed) in [("", records.clone()), ("zstd", zstd(&records)), ("lz4", lz4(&records))] {
+            let why = why(&with_chunk(compression, &packed, records.len() as u64, 0)).0;
+            assert_eq!(why, "expected a chunk of whole records, got a piece of one", "{compression}");
+        }
+    }
+}
+
+#[test]
+fn a_small_file_of_many_large_chunks_is_read_for_a_moment_only() {
+    // Each of them is what it says: 60 MB of one record in some kilobytes, 200 times.
+    let packed = zstd(&foreign_record(60_000_000));
+    let bytes = with_chunks(&vec![chunk("zstd", &packed, 60_000_000, 0); 200]);
+    let (why, took) = why(&bytes);
+    assert_eq!(why, "expected chunks that unpack to 67108864 bytes and 64 times the file's length at most, got more");
+    assert!(took < Duration::from_secs(3), "{took:?} for {} bytes", bytes.len());
+}
+
+#[test]
+fn messages_beyond_any_telemetry_or_picture_are_named_and_the_next_one_read() {
+    let mut out = WriteOptions::new().compression(Some(Compression::Zstd)).create(Cursor::new(Vec::new())).unwrap();
+    let fields =
+        [("format_version", "1"), ("lapwing", "0.1.0"), ("started", "1970-01-01T00:00:00Z"), ("config", "null")];
+    let metadata = fields.map(|(k, v)| (k.to_owned(), v.to_owned())).into();
+    out.write_metadata(&Metadata { name: "lapwing.run".into(), metadata }).unwrap();
+    let event = out.add_channel(0, "/event", "json", &BTreeMap::new()).unwrap();
+    let camera = out.add_channel(0, "/camera/center", "protobuf", &BTreeMap::new()).unwrap();
+    let note = format!(r#"{{"kind":"note","text":"{}"}}"#, "x".repeat(2 << 20));
+    for (channel_id, data) in [(event, note.as_bytes()), (camera, &vec![0; 17 << 20]), (event, br#"{"kind":"kick"}"#)] {
+        let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+        out.write_to_known_channel(&header, data).unwrap();
+    }
+    out.finish().unwrap();
+    let (_dir, path) = on_disk(&out.into_inner().into_inner());
+    let read: Vec<_> = RunReader::open(&path).unwrap().collect();
+    let [Err(note), Err(picture), Ok((_, Item::Event(EventRecord::Kick)))] = &read[..] else { panic!("{read:?}") };
+    assert!(note.to_string().contains("/event at 0.000 s: expected at most 1048576 bytes of JSON, got "), "{note}");
+    assert!(picture.to_string().contains("expected a picture of at most 16777216 bytes, got 17825792"), "{picture}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_or_a_device_is_no_run_and_nobody_waits_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let pipe = dir.path().join("pipe.mcap");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let zeros = dir.path().join("zeros.mcap");
+    std::os::unix::fs::symlink("/dev/zero", &zeros).unwrap();
+    for path in [pipe, zeros] {
+        let error = RunReader::open(&path).unwrap_err().to_string();
+        assert!(error.ends_with("expected a run (an MCAP file), got a device or a pipe"), "{error}");
+    }
 }

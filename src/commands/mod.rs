@@ -37,6 +37,7 @@ use crate::{
     cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Trust, Verb},
     config::{self, ConfigError, Layers, Settings},
     nn::runtime,
+    perception,
     pilot::{self, Model},
     simulator::{
         camera::{Camera, Lens},
@@ -68,15 +69,15 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Drive(arguments) => drive::run(arguments, config),
         Verb::Simulate(arguments) => simulate::run(arguments, config),
         Verb::Record(arguments) => record::run(&arguments, config),
-        Verb::Train(arguments) => train::run(arguments),
-        Verb::Evaluate(arguments) => evaluate::run(arguments),
+        Verb::Train(arguments) => limit_pictures(config).and_then(|()| train::run(arguments)),
+        Verb::Evaluate(arguments) => limit_pictures(config).and_then(|()| evaluate::run(arguments)),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) if arguments.closed_loop => closed_loop::run(&arguments, config),
         Verb::Replay(arguments) => replay::run(arguments, config),
         Verb::Score(arguments) => score::run(&arguments, config),
         Verb::Suite(arguments) => suite::run(&arguments, config),
         Verb::Merge(arguments) => suite::merge(&arguments),
-        Verb::Dataset(arguments) => dataset::run(arguments),
+        Verb::Dataset(arguments) => limit_pictures(config).and_then(|()| dataset::run(arguments)),
         Verb::Doctor(arguments) => doctor::run(arguments, config),
     };
     match ended {
@@ -149,12 +150,19 @@ fn own_settings() -> Option<PathBuf> {
     Some(folder.join("lapwing").join(config::FILE))
 }
 
-/// Settings files and environment.
+/// Takes over how large pictures may be, for verbs that have no other settings.
+fn limit_pictures(config: Option<&Path>) -> anyhow::Result<()> {
+    undriven_layers(config).map(drop).map_err(Into::into)
+}
+
+/// Settings files and environment. How large pictures may be holds for the whole process from here on.
 fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
     let own = own_settings().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(&path))?;
     // Variables that are no Unicode cannot be any of ours.
     let environment = std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v.into_string().ok()?)));
-    own.file(config)?.environment(environment)
+    let layers = own.file(config)?.environment(environment)?;
+    perception::limit_pixels(layers.clone().resolve()?.perception.max_pixels as usize);
+    Ok(layers)
 }
 
 /// Refuses a model whose code would run because a file says so that anybody may have written.

@@ -33,6 +33,8 @@ pub struct Settings {
     pub bridge: Bridge,
     /// The network that drives.
     pub model: Model,
+    /// The pictures that are taken.
+    pub perception: Perception,
     /// Throttle and hand-over.
     pub control: Control,
     /// What is kept of a drive.
@@ -76,6 +78,14 @@ pub struct Model {
     /// about a drive, and is not recorded.
     #[serde(skip_serializing)]
     pub allow_torchscript: bool,
+}
+
+/// `[perception]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Perception {
+    /// Most pixels, width times height, of a picture, live, recorded or in a data set. Default 2304000: 1920x1200.
+    pub max_pixels: u32,
 }
 
 /// `[control]`
@@ -164,6 +174,12 @@ impl Default for Bridge {
             kick_after_s: 1.0,
             greet: vec![],
         }
+    }
+}
+
+impl Default for Perception {
+    fn default() -> Self {
+        Self { max_pixels: 1920 * 1200 }
     }
 }
 
@@ -344,6 +360,10 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
         if !is_event {
             return Err(error(format!(r#"bridge.greet: expected ["name"] or ["name",{{…}}] in JSON, got {event:?}"#)));
         }
+    }
+    let pixels = settings.perception.max_pixels;
+    if !(1..=4096 * 4096).contains(&pixels) {
+        return Err(error(format!("perception.max_pixels: expected 1 to 16777216 (4096x4096), got {pixels}")));
     }
     if settings.model.threads > 1024 {
         return Err(error(format!("model.threads: expected at most 1024, got {}", settings.model.threads)));

@@ -1,7 +1,6 @@
 //! Folders and runs as moments of a drive, one after the other.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -12,7 +11,7 @@ use jiff::civil::DateTime;
 use super::DatasetError;
 use crate::{
     protocol::CameraImage,
-    recording::{By, Moments, RunReader, Step, is_run, udacity},
+    recording::{By, Moments, RunReader, Step, is_run, read_picture, udacity},
     units::Steering,
 };
 
@@ -32,7 +31,7 @@ impl Picture {
     /// Its bytes, or why there are none.
     pub(super) fn read(&self) -> Result<Bytes, String> {
         match self {
-            Self::File(path) => fs::read(path).map(Bytes::from).map_err(|e| e.to_string()),
+            Self::File(path) => read_picture(path).map_err(|e| e.to_string()),
             Self::Jpeg(bytes) => Ok(bytes.clone()),
             Self::NotRecorded => Err("not recorded".into()),
         }

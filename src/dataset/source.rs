@@ -1,7 +1,6 @@
 //! Folders and runs as lists of rows.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -13,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{DatasetError, LONGEST_GAP};
 use crate::{
     protocol::CameraImage,
-    recording::{By, Moment, RunReader, is_run, udacity::DrivingLog},
+    recording::{By, Moment, RunReader, is_run, read_picture, udacity::DrivingLog},
     units::{Mph, Steering},
 };
 
@@ -59,8 +58,7 @@ impl Picture {
     /// [`DatasetError::Picture`] where the file cannot be read.
     pub fn read(&self) -> Result<Bytes, DatasetError> {
         match self {
-            Self::File(path) => fs::read(path)
-                .map(Bytes::from)
+            Self::File(path) => read_picture(path)
                 .map_err(|why| DatasetError::Picture { picture: path.display().to_string(), why: why.to_string() }),
             Self::Bytes(bytes) => Ok(bytes.clone()),
         }

@@ -408,3 +408,35 @@ fn a_preview_has_a_line_for_each_change_with_its_corrected_labels() {
     assert!(svg.matches("steering +0.250").count() >= 16, "recorded, brighter, in shadow, erased");
     assert!(svg.matches("steering -0.250").count() >= 4, "the mirrored line");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_picture_that_is_a_pipe_a_device_a_folder_or_endless_is_a_problem_in_words_and_nobody_waits() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |_| 0.0, 20);
+    let mut names: Vec<_> = fs::read_dir(dir.path().join("IMG")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    names.sort();
+    let [pipe, device, directory, endless, ..] = &names[..] else { panic!("{names:?}") };
+    for path in [pipe, device, directory, endless] {
+        fs::remove_file(path).unwrap();
+    }
+    assert!(std::process::Command::new("mkfifo").arg(pipe).status().unwrap().success());
+    std::os::unix::fs::symlink("/dev/zero", device).unwrap();
+    fs::create_dir(directory).unwrap();
+    fs::File::create(endless).unwrap().set_len(1 << 40).unwrap();
+    let inspection = inspect(dir.path(), &mut |_, _| {}).unwrap();
+    let words: Vec<_> = inspection.problems.iter().map(|problem| problem.why.as_str()).collect();
+    assert_eq!(
+        words,
+        [
+            "expected a picture, got a device or a pipe",
+            "expected a picture, got a device or a pipe",
+            "expected a picture, got a folder",
+            "expected a picture of at most 16777216 bytes, got 1099511627776",
+        ]
+    );
+    for path in [pipe, device, directory, endless] {
+        let error = Picture::File(path.clone()).read().unwrap_err().to_string();
+        assert!(error.contains(" cannot be read: expected a picture"), "{error}");
+    }
+}

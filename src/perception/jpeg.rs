@@ -1,7 +1,10 @@
 //! Base64 to JPEG bytes, JPEG bytes to a [`Frame`]. Both come over a wire: what
 //! is broken is an error that says how, and never a picture.
 
-use std::io::Cursor;
+use std::{
+    io::Cursor,
+    sync::atomic::{AtomicUsize, Ordering},
+};
 
 use base64::{
     DecodeError, Engine, alphabet,
@@ -15,8 +18,22 @@ use super::Frame;
 /// Longest base64 text that is decoded, in bytes. The stock simulator sends about 16 KiB.
 pub const MAX_BASE64_LEN: usize = 16 << 20;
 
-/// Most pixels that a JPEG may have a side: a picture of 50 MB. The stock simulator sends 320 x 160.
+/// Most pixels that a JPEG may have a side, whatever the settings say. The stock simulator sends 320 x 160.
 pub const MAX_SIDE: usize = 4096;
+
+/// Most pixels that a JPEG may have unless [`limit_pixels`] says otherwise: 1920 x 1200, beyond any camera of a
+/// simulator. More takes so long to decode that frames of others are late.
+pub const MAX_PIXELS: usize = 1920 * 1200;
+
+/// Most scans of a JPEG: each costs a walk over the whole picture, and a few bytes. Progressive encoders write some ten.
+const MAX_SCANS: usize = 32;
+
+static PIXELS: AtomicUsize = AtomicUsize::new(MAX_PIXELS);
+
+/// Sets how many pixels a JPEG may have, for the whole process: `perception.max_pixels` of the settings.
+pub fn limit_pixels(most: usize) {
+    PIXELS.store(most, Ordering::Relaxed);
+}
 
 /// Why there is no picture.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -36,6 +53,19 @@ pub enum ImageError {
     /// The end-of-image marker never comes.
     #[error("expected a whole JPEG, got {0} bytes without an end-of-image marker: it is cut off")]
     Truncated(usize),
+    /// More pixels than the settings allow.
+    #[error("expected a JPEG of at most {most} pixels, got {width}x{height}: perception.max_pixels allows more")]
+    Pixels {
+        /// How many it may have.
+        most: usize,
+        /// Pixels in a row, as the header claims.
+        width: usize,
+        /// Rows, as the header claims.
+        height: usize,
+    },
+    /// More scans than any encoder writes.
+    #[error("expected a JPEG of at most {MAX_SCANS} scans, got more")]
+    Scans,
     /// A side of nought, or beyond [`MAX_SIDE`].
     #[error("expected a JPEG of 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
     Size {
@@ -85,11 +115,11 @@ pub fn decode_base64(text: &[u8]) -> Result<Bytes, ImageError> {
 /// [`ImageError`]; sizes are checked before a pixel is allocated. `frame` then
 /// shows anything.
 pub fn decode_jpeg(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
-    check_markers(bytes)?;
+    check_markers(bytes, PIXELS.load(Ordering::Relaxed))?;
     let broken = |e: image::ImageError| ImageError::Broken(e.to_string());
     let decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(broken)?;
     let (width, height) = decoder.dimensions();
-    let (width, height) = check_size(width as usize, height as usize)?;
+    let (width, height) = check_size(width as usize, height as usize, PIXELS.load(Ordering::Relaxed))?;
     frame.resize(width, height);
     match decoder.color_type() {
         ColorType::Rgb8 => decoder.read_image(frame.rgb_mut()).map_err(broken),
@@ -107,23 +137,26 @@ pub fn decode_jpeg(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
     }
 }
 
-fn check_size(width: usize, height: usize) -> Result<(usize, usize), ImageError> {
+fn check_size(width: usize, height: usize, most: usize) -> Result<(usize, usize), ImageError> {
     let side = 1..=MAX_SIDE;
-    if side.contains(&width) && side.contains(&height) {
-        Ok((width, height))
-    } else {
+    if !side.contains(&width) || !side.contains(&height) {
         Err(ImageError::Size { width, height })
+    } else if width * height > most {
+        Err(ImageError::Pixels { most, width, height })
+    } else {
+        Ok((width, height))
     }
 }
 
-/// Walks the markers from the first to the end-of-image, without decoding.
+/// Walks the markers from the first to the end-of-image, without decoding: sizes and scans are known before a pixel is.
 ///
 /// Inside segments lengths are followed, so that the end marker of a thumbnail
 /// or of chance does not count; inside a scan every FF that is not stuffed (00)
 /// and no restart (D0-D7) is a marker. ITU-T T.81, annex B.
-fn check_markers(bytes: &[u8]) -> Result<(), ImageError> {
+fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
     const SOI: u8 = 0xd8;
     const EOI: u8 = 0xd9;
+    const SOS: u8 = 0xda;
     const TEM: u8 = 0x01;
     if bytes.is_empty() {
         return Err(ImageError::Empty);
@@ -132,6 +165,7 @@ fn check_markers(bytes: &[u8]) -> Result<(), ImageError> {
         let head: Vec<String> = bytes.iter().take(4).map(|b| format!("{b:02x}")).collect();
         return Err(ImageError::NotJpeg(head.join(" ")));
     }
+    let mut scans = 0;
     let mut rest = &bytes[2..];
     // Where no marker stands the decoder skips to the next one, and so does this: one loop for scans and garbage.
     while let Some(at) = rest.windows(2).position(|w| w[0] == 0xff && !matches!(w[1], 0x00 | 0xff | TEM | 0xd0..=SOI)) {
@@ -140,11 +174,15 @@ fn check_markers(bytes: &[u8]) -> Result<(), ImageError> {
         if marker == EOI {
             return Ok(());
         }
+        scans += usize::from(marker == SOS);
+        if scans > MAX_SCANS {
+            return Err(ImageError::Scans);
+        }
         let Some(length) = rest.first_chunk().map(|b| usize::from(u16::from_be_bytes(*b))) else { break };
         // A start of frame, but not DHT (C4), JPG (C8) or DAC (CC), which share its numbers.
         if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
             let &[_, _, _, h1, h0, w1, w0, ..] = rest else { break };
-            check_size(u16::from_be_bytes([w1, w0]).into(), u16::from_be_bytes([h1, h0]).into())?;
+            check_size(u16::from_be_bytes([w1, w0]).into(), u16::from_be_bytes([h1, h0]).into(), most)?;
         }
         let Some(next) = rest.get(length.max(2)..) else { break };
         rest = next;
@@ -285,6 +323,45 @@ mod tests {
         );
         bytes[sof + 5..sof + 7].fill(0);
         assert_eq!(decode(&bytes).unwrap_err(), ImageError::Size { width: 30_000, height: 0 });
+    }
+
+    /// The header of a picture of that size on the pixels of a small one.
+    fn claims(width: u16, height: u16) -> Vec<u8> {
+        let mut bytes = jpeg();
+        let sof = bytes.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();
+        bytes[sof + 5..sof + 7].copy_from_slice(&height.to_be_bytes());
+        bytes[sof + 7..sof + 9].copy_from_slice(&width.to_be_bytes());
+        bytes
+    }
+
+    #[test]
+    fn a_picture_of_more_pixels_than_a_camera_has_is_refused_before_it_is_decoded() {
+        let mut frame = Frame::default();
+        assert_eq!(
+            decode_jpeg(&claims(1920, 1201), &mut frame).unwrap_err().to_string(),
+            "expected a JPEG of at most 2304000 pixels, got 1920x1201: perception.max_pixels allows more"
+        );
+        assert!(frame.rgb().is_empty(), "nothing was allocated for it");
+        let size = |width, height, most| check_markers(&claims(width, height), most);
+        assert_eq!(size(1920, 1200, MAX_PIXELS), Ok(()));
+        assert_eq!(size(1200, 1920, MAX_PIXELS), Ok(()), "the area counts");
+        assert_eq!(size(3840, 2160, 3840 * 2160), Ok(()), "settings allow more");
+        assert_eq!(size(65, 32, 64 * 32), Err(ImageError::Pixels { most: 64 * 32, width: 65, height: 32 }));
+    }
+
+    #[test]
+    fn a_progressive_picture_reads_with_the_scans_of_an_encoder_and_not_with_hundreds() {
+        let mut bytes = Vec::new();
+        let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, 75);
+        encoder.set_progressive_scans(16);
+        encoder.encode(&picture(), 64, 32, jpeg_encoder::ColorType::Rgb).unwrap();
+        decode(&bytes).unwrap();
+        // The last scan over and over: each costs some bytes here, and a walk over all pixels there.
+        let scan = bytes.windows(2).rposition(|w| w == [0xff, 0xda]).unwrap();
+        let end = bytes.len() - 2;
+        let again = bytes[scan..end].repeat(300);
+        bytes.splice(end..end, again);
+        assert_eq!(decode(&bytes).unwrap_err().to_string(), "expected a JPEG of at most 32 scans, got more");
     }
 
     #[test]

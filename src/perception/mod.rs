@@ -15,6 +15,6 @@ mod preprocess;
 mod preprocessor;
 
 pub use frame::Frame;
-pub use jpeg::{ImageError, MAX_BASE64_LEN, MAX_SIDE, decode_base64, decode_jpeg};
+pub use jpeg::{ImageError, MAX_BASE64_LEN, MAX_PIXELS, MAX_SIDE, decode_base64, decode_jpeg, limit_pixels};
 pub use preprocess::{Colour, Crop, Filter, Layout, Preprocess, PreprocessError, Resize, Scale};
 pub use preprocessor::Preprocessor;

@@ -60,6 +60,11 @@ fn quote(text: &str) -> String {
     text.chars().take(40).collect()
 }
 
+/// What the JSON reader says, at a length fit for a log: it repeats text that it did not expect, whole.
+pub(super) fn cut(why: &str) -> String {
+    why.chars().take(200).collect()
+}
+
 impl<'a> Packet<'a> {
     /// Reads one text message.
     ///
@@ -87,7 +92,7 @@ impl<'a> Packet<'a> {
 impl<'a> Event<'a> {
     /// Reads what follows `42`: an optional namespace and acknowledgement number, then the array.
     fn parse(text: &'a str) -> Result<Self, PacketError> {
-        let error = |why: String| PacketError::Event { got: quote(text), why };
+        let error = |why: String| PacketError::Event { got: quote(text), why: cut(&why) };
         let array = match (text.starts_with('/'), text.find(',')) {
             (true, Some(comma)) => &text[comma + 1..],
             _ => text,
@@ -144,6 +149,13 @@ mod tests {
         assert_eq!(Packet::parse("hello").unwrap_err(), PacketError::Type("hello".into()));
         for text in ["42", "42[", "42[]", "42{}", "42[1]", "42[null,{}]", "42[\"a\",{]"] {
             assert!(matches!(Packet::parse(text), Err(PacketError::Event { .. })), "{text}");
+        }
+    }
+
+    #[test]
+    fn an_error_repeats_the_beginning_of_a_long_text_only() {
+        for text in [format!("42\"{}\"", "x".repeat(1 << 20)), format!("42[{{\"{}\":1}}]", "x".repeat(1 << 20))] {
+            assert!(Packet::parse(&text).unwrap_err().to_string().len() < 400);
         }
     }
 

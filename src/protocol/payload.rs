@@ -10,7 +10,7 @@ use serde::{
 };
 use serde_json::value::RawValue;
 
-use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, number};
+use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, number, packet::cut};
 use crate::units::{MetresPerSecond, OutOfRange, SpeedUnit};
 
 /// A telemetry's payload, its fields still as they came. It borrows from the message.
@@ -30,7 +30,7 @@ impl<'a> Payload<'a> {
             return Ok(None);
         }
         let fields = serde_json::from_str(payload)
-            .map_err(|e| TelemetryError::Json { got: payload.chars().take(40).collect(), why: e.to_string() })?;
+            .map_err(|e| TelemetryError::Json { got: payload.chars().take(40).collect(), why: cut(&e.to_string()) })?;
         Ok(Some(Self(fields)))
     }
 
@@ -434,6 +434,12 @@ mod tests {
         assert_eq!(bad("30.1903", "1e30"), "speed: expected a speed from -1000 to 1000 mph, got 1e30");
         assert_eq!(bad(r#""0.3000""#, "[]"), "throttle: expected a number or text, got another kind of JSON");
         assert_eq!(bad(r#""/9j/4AAQ""#, "7"), "image: expected a number or text, got another kind of JSON");
+    }
+
+    #[test]
+    fn an_error_repeats_the_beginning_of_a_long_payload_only() {
+        let text = format!(r#"42["telemetry","{}"]"#, "x".repeat(1 << 20));
+        assert!(decode(&text).unwrap_err().to_string().len() < 400);
     }
 
     #[test]

@@ -3,22 +3,26 @@
 //! The framing is read here and not by the crate `mcap`, because a run may be
 //! cut off or damaged anywhere: every length is checked against what is really
 //! there before memory is taken for it, and the place where the good part ends
-//! is known. Chunks are unpacked and checked by the crate.
+//! is known. Chunks are unpacked here for the same reason: one that holds more
+//! than it says is damaged, and a small file cannot unpack to a large one.
 //! Source: <https://mcap.dev/spec>.
 
 use std::{
     collections::BTreeMap,
-    io::{self, BufRead, Seek, SeekFrom},
+    io::{self, BufRead, Read, Seek, SeekFrom},
 };
 
-use mcap::{
-    MAGIC,
-    records::op,
-    sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
-};
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use mcap::{MAGIC, records::op};
 
 /// No record or chunk of a run comes near this. What claims more is damaged.
 const LIMIT: usize = 64 << 20;
+/// What all chunks of a file may unpack to: so many bytes, and so many times the file's length. Telemetry of a car that
+/// stands packs some 20 to 1; pictures do not pack at all.
+const FREE: u64 = 64 << 20;
+const RATIO: u64 = 64;
+/// The checksum of chunks.
+const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 /// Opcode and length.
 const FRAME: usize = 1 + 8;
 
@@ -126,77 +130,101 @@ impl<R: BufRead + Seek> Container<R> {
     pub(super) fn len(&self) -> u64 {
         self.len
     }
+
+    /// How many bytes its chunks may unpack to, all together.
+    pub(super) fn may_unpack(&self) -> u64 {
+        FREE.saturating_add(RATIO.saturating_mul(self.len))
+    }
 }
 
 /// The records of one chunk, unpacked and checked.
 pub(super) struct Chunk {
-    reader: LinearReader,
-    /// Bytes of records still to come.
-    left: u64,
+    records: Vec<u8>,
+    /// Where the next record begins.
+    at: usize,
 }
 
 impl Chunk {
-    /// Takes the body of a chunk record.
-    pub(super) fn new(body: &[u8]) -> Result<Self, Broken> {
-        let left = check_framing(body)?;
-        let options = LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(LIMIT);
-        let mut reader = LinearReader::new_with_options(options);
-        let buffer = reader.insert(FRAME + body.len());
-        buffer[0] = op::CHUNK;
-        buffer[1..FRAME].copy_from_slice(&(body.len() as u64).to_le_bytes());
-        buffer[FRAME..].copy_from_slice(body);
-        reader.notify_read(FRAME + body.len());
-        Ok(Self { reader, left })
+    /// Takes the body of a chunk record, which may unpack to `most` bytes and to no more and no less than it says.
+    pub(super) fn new(body: &[u8], most: u64) -> Result<Self, Broken> {
+        let mut fields = Fields(body);
+        let mut header = || {
+            fields.take(8 + 8)?; // times of the first and last message
+            let (unpacked, checksum) = (fields.u64()?, fields.u32()?);
+            let compression = fields.text()?;
+            let packed = usize::try_from(fields.u64()?).ok()?;
+            Some((unpacked, checksum, compression, fields.take(packed)?))
+        };
+        let Some((unpacked, checksum, compression, packed)) = header() else {
+            return damaged("expected a chunk, got its header in pieces");
+        };
+        if unpacked > LIMIT as u64 {
+            return damaged(format!("expected a chunk that unpacks to {LIMIT} bytes at most, got {unpacked}"));
+        }
+        if unpacked > most {
+            return damaged(format!(
+                "expected chunks that unpack to {FREE} bytes and {RATIO} times the file's length at most, got more"
+            ));
+        }
+        let records = match compression {
+            "" => Ok(packed.to_owned()),
+            "zstd" => unzstd(packed, unpacked),
+            "lz4" => lz4::Decoder::new(packed).and_then(|decoder| read_most(decoder, unpacked)),
+            other => {
+                return damaged(format!("expected a chunk packed by lz4, zstd or nothing, got {:.20?}", other));
+            }
+        };
+        let records = match records {
+            Ok(records) => records,
+            Err(why) => return damaged(format!("expected a chunk packed by {compression}, got: {why}")),
+        };
+        if records.len() as u64 != unpacked {
+            let more = if records.len() as u64 > unpacked { " or more" } else { "" };
+            return damaged(format!(
+                "expected a chunk of {unpacked} bytes unpacked, as it says, got {}{more}",
+                records.len()
+            ));
+        }
+        // Nought is none.
+        if checksum != 0 && checksum != CHECKSUM.checksum(&records) {
+            return damaged(format!(
+                "expected a chunk with the checksum {checksum:08x}, got {:08x}",
+                CHECKSUM.checksum(&records)
+            ));
+        }
+        let mut rest = Fields(&records);
+        while !rest.0.is_empty() {
+            if rest.record().is_none_or(|(opcode, _)| opcode == 0) {
+                return damaged("expected a chunk of whole records, got a piece of one");
+            }
+        }
+        Ok(Self { records, at: 0 })
+    }
+
+    /// How many bytes its records are.
+    pub(super) fn len(&self) -> u64 {
+        self.records.len() as u64
     }
 
     /// The opcode and body of the next record, `None` after the last.
-    pub(super) fn next(&mut self) -> Result<Option<(u8, &[u8])>, Broken> {
-        match self.reader.next_event() {
-            Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                self.left = self.left.saturating_sub((FRAME + data.len()) as u64);
-                Ok(Some((opcode, data)))
-            }
-            // All of the chunk is in the reader already: when it asks for more, that was all.
-            Some(Ok(LinearReadEvent::ReadRequest(_))) | None if self.left == 0 => Ok(None),
-            Some(Ok(LinearReadEvent::ReadRequest(_))) | None => {
-                damaged(format!("expected {} more bytes of records in a chunk, got none", self.left))
-            }
-            Some(Err(e)) => damaged(format!("expected a whole chunk, got: {e}")),
-        }
+    pub(super) fn next(&mut self) -> Option<(u8, &[u8])> {
+        let record = Fields(self.records.get(self.at..)?).record()?;
+        self.at += FRAME + record.1.len();
+        Some(record)
     }
 }
 
-/// The length of a chunk's records, unpacked. Refuses an uncompressed chunk
-/// that is not made of whole records: the crate sees that by the checksum only,
-/// which a chunk need not have.
-fn check_framing(body: &[u8]) -> Result<u64, Broken> {
-    let mut header = Fields(body);
-    let mut chunk = || {
-        header.take(8 + 8)?; // times of the first and last message
-        let unpacked = header.u64()?;
-        header.take(4)?; // checksum
-        let compression = header.text()?;
-        let packed = usize::try_from(header.u64()?).ok()?;
-        Some((unpacked, compression, header.take(packed)?))
-    };
-    let Some((unpacked, compression, records)) = chunk() else {
-        return damaged("expected a chunk, got its header in pieces");
-    };
-    if !compression.is_empty() {
-        return Ok(unpacked);
-    }
-    let mut records = Fields(records);
-    while !records.0.is_empty() {
-        let whole = records.take(1).and_then(|_| records.u64()).and_then(|length| records.take(length as usize));
-        if whole.is_none() {
-            return damaged("expected a chunk of whole records, got a piece of one");
-        }
-    }
-    Ok(unpacked)
+fn unzstd(packed: &[u8], unpacked: u64) -> io::Result<Vec<u8>> {
+    let mut decoder = zstd::stream::read::Decoder::with_buffer(packed)?;
+    decoder.window_log_max(LIMIT.ilog2())?; // what it may keep in memory besides
+    read_most(decoder, unpacked)
+}
+
+/// All that a decoder gives, but at most a byte more than there should be.
+fn read_most(decoder: impl Read, unpacked: u64) -> io::Result<Vec<u8>> {
+    let mut records = Vec::new();
+    decoder.take(unpacked + 1).read_to_end(&mut records)?;
+    Ok(records)
 }
 
 /// The fields of a record's body, front to back; `None` where they reach beyond it.
@@ -207,6 +235,13 @@ impl<'a> Fields<'a> {
         let (head, tail) = self.0.split_at_checked(bytes)?;
         self.0 = tail;
         Some(head)
+    }
+
+    /// A record: its opcode and body.
+    fn record(&mut self) -> Option<(u8, &'a [u8])> {
+        let opcode = self.take(1)?[0];
+        let length = usize::try_from(self.u64()?).ok()?;
+        Some((opcode, self.take(length)?))
     }
 
     fn u16(&mut self) -> Option<u16> {

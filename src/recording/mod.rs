@@ -25,10 +25,13 @@
 //! since then, so it never jumps with the wall clock.
 
 use std::{
-    io,
+    fs::{self, File},
+    io::{self, Read},
     path::{Path, PathBuf},
     time::Duration,
 };
+
+use bytes::Bytes;
 
 mod container;
 mod format;
@@ -45,6 +48,9 @@ pub use items::{By, CommandRecord, EventRecord, Eventful, Item, ModelId, RunHead
 pub use moments::{Moment, Moments, Step};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
+
+/// The longest picture that is read, in bytes, from a file or a run. The stock simulator's take some 12 kB.
+pub const MOST_PICTURE: usize = 16 << 20;
 
 /// What keeps a run or a data set from being written or read.
 #[derive(Debug, thiserror::Error)]
@@ -165,9 +171,48 @@ pub fn is_run(path: &Path) -> bool {
     ends("mcap") || path.is_file() && !ends("csv")
 }
 
+/// The bytes of a picture's file, whatever the path leads to: to a picture, or to an error at once.
+///
+/// # Errors
+/// The system's; and where it is no file (a device or a pipe would be read forever), or one longer than [`MOST_PICTURE`].
+pub fn read_picture(path: &Path) -> io::Result<Bytes> {
+    let wrong = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
+    // Before it is opened: to open a pipe waits for its other end.
+    let metadata = fs::metadata(path)?;
+    if !metadata.is_file() {
+        let got = if metadata.is_dir() { "a folder" } else { "a device or a pipe" };
+        return wrong(format!("expected a picture, got {got}"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(MOST_PICTURE as u64 + 1).read_to_end(&mut bytes)?;
+    if bytes.len() > MOST_PICTURE {
+        return wrong(format!("expected a picture of at most {MOST_PICTURE} bytes, got {}", metadata.len()));
+    }
+    Ok(bytes.into())
+}
+
 impl RecordingError {
     /// For `map_err`.
     fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { doing, path: path.to_owned(), source }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_is_read_up_to_sixteen_mebibytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("center.jpg");
+        fs::write(&path, b"\xff\xd8").unwrap();
+        assert_eq!(read_picture(&path).unwrap(), &b"\xff\xd8"[..]);
+        File::create(&path).unwrap().set_len(MOST_PICTURE as u64).unwrap();
+        assert_eq!(read_picture(&path).unwrap().len(), MOST_PICTURE);
+        File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        let error = read_picture(&path).unwrap_err().to_string();
+        assert_eq!(error, "expected a picture of at most 16777216 bytes, got 1099511627776");
+        assert_eq!(read_picture(dir.path()).unwrap_err().to_string(), "expected a picture, got a folder");
     }
 }

@@ -18,13 +18,17 @@ use prost::Message;
 use serde::de::DeserializeOwned;
 
 use super::{
-    Item, Moments, RecordingError, RunHeader,
+    Item, MOST_PICTURE, Moments, RecordingError, RunHeader,
     container::{Broken, Chunk, Container, Fields},
     format::{Channel, CompressedImage, RUN},
 };
 
 /// Records of the summary longer than this are not ours: an index of a chunk takes some hundred bytes.
 const SUMMARY_RECORD: usize = 1 << 20;
+/// Nor is a longer summary: a day's chunks take some 10 MB.
+const SUMMARY: usize = 64 << 20;
+/// The longest telemetry, command or event, as JSON: the recorder cuts what is longer than some thousand characters.
+const MOST_JSON: usize = 1 << 20;
 
 /// An item and the time since the run began.
 type Yield = Result<(Duration, Item), RecordingError>;
@@ -64,6 +68,8 @@ pub struct RunReader {
     /// Those of a run, by id; `None` is somebody else's.
     channels: HashMap<u16, Option<Channel>>,
     chunk: Option<Chunk>,
+    /// What the chunks so far were, unpacked.
+    unpacked: u64,
     /// Where the record begins that is being read.
     at: u64,
     /// Messages so far, and how many there are by the file's own statistics.
@@ -90,16 +96,19 @@ impl RunReader {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         let io = |e| RecordingError::io("read", path)(e);
-        if path.is_dir() {
-            let got = "a folder; a run is one file in it, and a folder with driving_log.csv is a data set";
-            return Err(RecordingError::NotARun { path: path.to_owned(), got });
+        let not_a_run = |got| Err(RecordingError::NotARun { path: path.to_owned(), got });
+        let metadata = path.metadata().map_err(io)?;
+        if metadata.is_dir() {
+            return not_a_run("a folder; a run is one file in it, and a folder with driving_log.csv is a data set");
         }
-        let mut file = BufReader::new(File::open(path).map_err(io)?);
-        let len = file.get_ref().metadata().map_err(io)?.len();
+        if !metadata.is_file() {
+            return not_a_run("a device or a pipe"); // to open a pipe may take forever
+        }
+        let (mut file, len) = (BufReader::new(File::open(path).map_err(io)?), metadata.len());
         let mut start = Vec::new();
         file.by_ref().take(64).read_to_end(&mut start).map_err(io)?;
         if !start.starts_with(MAGIC) {
-            return Err(RecordingError::NotARun { path: path.to_owned(), got: what_is(&start) });
+            return not_a_run(what_is(&start));
         }
         let mut container = Container::new(file, len).map_err(io)?;
         let header = find_header(path, &mut container)?;
@@ -110,6 +119,7 @@ impl RunReader {
             container,
             channels: HashMap::new(),
             chunk: None,
+            unpacked: 0,
             at: 0,
             messages: 0,
             counted: None,
@@ -133,12 +143,13 @@ impl RunReader {
         let mut file = File::open(&self.path).ok()?;
         let len = file.metadata().ok()?.len();
         let options = SummaryReaderOptions::default().with_file_size(len).with_record_length_limit(SUMMARY_RECORD);
-        let mut reader = SummaryReader::new_with_options(options);
+        let (mut reader, mut left) = (SummaryReader::new_with_options(options), SUMMARY);
         while let Some(event) = reader.next_event() {
             match event.ok()? {
                 SummaryReadEvent::SeekRequest(to) => reader.notify_seeked(file.seek(to).ok()?),
                 SummaryReadEvent::ReadRequest(n) => {
                     let read = file.read(reader.insert(n)).ok()?;
+                    left = left.checked_sub(read)?;
                     reader.notify_read(read);
                 }
             }
@@ -162,9 +173,10 @@ impl RunReader {
     fn step(&mut self) -> Result<Option<Yield>, Broken> {
         loop {
             let Self { chunk, container, channels, .. } = self;
+            let may_unpack = container.may_unpack();
             let in_chunk = chunk.is_some();
             let (opcode, body) = match chunk {
-                Some(open) => match open.next()? {
+                Some(open) => match open.next() {
                     Some(record) => record,
                     None => {
                         self.chunk = None;
@@ -181,7 +193,11 @@ impl RunReader {
                 }
             };
             match opcode {
-                op::CHUNK if !in_chunk => self.chunk = Some(Chunk::new(body)?),
+                op::CHUNK if !in_chunk => {
+                    let chunk = Chunk::new(body, may_unpack.saturating_sub(self.unpacked))?;
+                    self.unpacked += chunk.len();
+                    self.chunk = Some(chunk);
+                }
                 op::CHANNEL => {
                     let (id, topic, encoding) = Fields(body)
                         .channel()
@@ -289,10 +305,13 @@ fn what_is(start: &[u8]) -> &'static str {
 /// One message of a run.
 fn parse(channel: Channel, data: &[u8]) -> Result<Item, String> {
     match channel {
+        Channel::Camera if data.len() > MOST_PICTURE => {
+            Err(format!("expected a picture of at most {MOST_PICTURE} bytes, got {}", data.len()))
+        }
         Channel::Camera => {
             let image = CompressedImage::decode(data).map_err(|e| format!("expected a CompressedImage: {e}"))?;
             if image.format != "jpeg" {
-                return Err(format!("expected a picture in the format jpeg, got {:?}", image.format));
+                return Err(format!("expected a picture in the format jpeg, got {:.40?}", image.format));
             }
             Ok(Item::Frame(image.data))
         }
@@ -303,8 +322,11 @@ fn parse(channel: Channel, data: &[u8]) -> Result<Item, String> {
 }
 
 fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
+    if data.len() > MOST_JSON {
+        return Err(format!("expected at most {MOST_JSON} bytes of JSON, got {}", data.len()));
+    }
     serde_json::from_slice(data).map_err(|e| {
         let got: String = String::from_utf8_lossy(&data[..data.len().min(240)]).chars().take(60).collect();
-        format!("{e}, got {got:?}")
+        format!("{:.300}, got {got:?}", e.to_string())
     })
 }

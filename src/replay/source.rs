@@ -2,7 +2,7 @@
 
 use std::{
     collections::VecDeque,
-    fs, io,
+    io,
     path::{Path, PathBuf},
     str::FromStr,
     time::{Duration, Instant},
@@ -14,7 +14,7 @@ use crate::{
     perception::{self, Frame, ImageError},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, Truth, World},
     recording::{
-        By, EventRecord, Moment, Moments, RecordingError, RunReader, is_run,
+        By, EventRecord, Moment, Moments, RecordingError, RunReader, is_run, read_picture,
         udacity::{DrivingLog, Row},
     },
     units::Steering,
@@ -201,13 +201,13 @@ impl Replay {
         match &mut self.source {
             Source::Folder { rows, .. } => {
                 let Some(row) = rows.next() else { return Ok(None) };
-                let jpeg =
-                    fs::read(&row.center).map_err(|source| ReplayError::Image { path: row.center.clone(), source })?;
+                let jpeg = read_picture(&row.center)
+                    .map_err(|source| ReplayError::Image { path: row.center.clone(), source })?;
                 let telemetry = Telemetry {
                     steering: row.steering.degrees(),
                     throttle: row.throttle,
                     speed: row.speed,
-                    image: CameraImage::Jpeg(jpeg.into()),
+                    image: CameraImage::Jpeg(jpeg),
                     truth: Truth::default(),
                 };
                 Ok(Some((Observation { at: row.at, sight: Sight::Telemetry(telemetry) }, Some(row.steering))))

@@ -39,7 +39,7 @@ use jiff::{
 
 use self::line::{Bad, Column, Layout};
 pub use self::writer::{DrivingLogWriter, Sample};
-use super::{CommandRecord, Item, RecordingError, RunHeader};
+use super::{CommandRecord, Item, RecordingError, RunHeader, read_picture};
 use crate::{
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
@@ -145,12 +145,8 @@ impl Row {
     /// [`RecordingError::Picture`] where it cannot be read, or is no JPEG.
     pub fn jpeg(&self) -> Result<Bytes, RecordingError> {
         let wrong = |why: String| RecordingError::Picture { path: self.center.clone(), why };
-        let bytes = fs::read(&self.center).map_err(|e| wrong(e.to_string()))?;
-        if bytes.starts_with(b"\xff\xd8") {
-            Ok(bytes.into())
-        } else {
-            Err(wrong("expected a JPEG, got another kind".into()))
-        }
+        let bytes = read_picture(&self.center).map_err(|e| wrong(e.to_string()))?;
+        if bytes.starts_with(b"\xff\xd8") { Ok(bytes) } else { Err(wrong("expected a JPEG, got another kind".into())) }
     }
 
     /// The row as items of a run, all at its time: a human drove.

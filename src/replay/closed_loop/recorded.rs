@@ -3,7 +3,7 @@
 //! A recording is read twice, its numbers first, then picture by picture as the drive goes on: memory stays flat.
 
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
@@ -14,7 +14,7 @@ use crate::{
     perception::{Frame, decode_jpeg},
     protocol::CameraImage,
     recording::{
-        By, EventRecord, Moment, Moments, RunReader,
+        By, EventRecord, Moment, Moments, RunReader, read_picture,
         udacity::{self, DrivingLog, FALLBACK_INTERVAL},
     },
     units::{Mph, Steering, Throttle},
@@ -126,7 +126,7 @@ impl Recorded {
                 let read = |path: &Option<PathBuf>| match path {
                     None => Ok(None),
                     Some(path) => {
-                        fs::read(path).map(|bytes| Some((path.clone(), bytes))).map_err(|e| (path.clone(), e))
+                        read_picture(path).map(|bytes| Some((path.clone(), bytes))).map_err(|e| (path.clone(), e))
                     }
                 };
                 let side = |path: &Option<PathBuf>| match read(path) {
@@ -148,7 +148,7 @@ impl Recorded {
                     if self.seen == index + 1 {
                         let CameraImage::Jpeg(jpeg) = step.telemetry.image else { break };
                         let at = format!("{} at {:.3} s", self.path.display(), step.at.as_secs_f64());
-                        found = Some((PathBuf::from(at), jpeg.to_vec()));
+                        found = Some((PathBuf::from(at), jpeg));
                         break;
                     }
                 }
@@ -159,7 +159,7 @@ impl Recorded {
             return Err(ClosedLoopError::Changed { path: self.path.clone() });
         };
         let frame = decode(&place, &jpeg)?;
-        let mut shown = Shown { jpeg: jpeg.into(), frames: [Some(frame), None, None] };
+        let mut shown = Shown { jpeg, frames: [Some(frame), None, None] };
         for (slot, side) in shown.frames[1..].iter_mut().zip(sides) {
             *slot = side.map(|(path, jpeg)| decode(&path, &jpeg)).transpose()?;
         }
