@@ -308,6 +308,24 @@ fn a_golden_file_tells_the_processor_and_a_difference_names_both() {
 }
 
 #[test]
+fn on_another_processor_the_expert_drives_the_same_and_a_network_to_within_the_tolerance() {
+    // As libtorch computes on a processor that knows neither AVX2 nor AVX-512.
+    let elsewhere = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lapwing"));
+        command.env("ATEN_CPU_CAPABILITY", "default").env("ONEDNN_MAX_CPU_ISA", "SSE41");
+        said(&command.args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap())
+    };
+    let expert = ["drive", "--pilot", "expert", "--max-time", "4", "--no-recording", "--json"];
+    let fingerprint = |(code, out, err): (i32, String, String)| {
+        assert_eq!(code, 0, "{err}");
+        serde_json::from_str::<serde_json::Value>(&out).unwrap()["fingerprint"].clone()
+    };
+    assert_eq!(fingerprint(elsewhere(&expert)), fingerprint(said(&lapwing(&expert))));
+    let (code, out, err) = elsewhere(&["replay", RUN, "--golden", "recordings/lake.golden"]);
+    assert_eq!(code, 0, "{out}{err}");
+}
+
+#[test]
 fn the_doctor_names_the_libtorch_that_is_loaded() {
     // Another program may hold port 4567: a free one is asked for instead.
     let output = Command::new(env!("CARGO_BIN_EXE_lapwing"))

@@ -6,6 +6,7 @@ use std::{
     time::Instant,
 };
 
+use futures_util::{SinkExt, StreamExt};
 use lapwing::{
     config::Control,
     driver::Driver,
@@ -18,6 +19,7 @@ use lapwing::{
 };
 use tempfile::{TempDir, tempdir};
 use tokio::{io::AsyncReadExt, io::AsyncWriteExt, net::TcpListener};
+use tokio_tungstenite::tungstenite::Message;
 
 use crate::support::{Running, jpeg, settings};
 
@@ -273,6 +275,41 @@ async fn a_bridge_that_the_simulator_would_not_play_with_is_found_out() {
         let error = play_to(odd_bridge(head, says).await).await.to_string();
         assert!(error.contains(expected), "{expected}: {error}");
     }
+}
+
+/// A bridge that answers the frame of each number with that many hundredths, but to the first says nonsense.
+async fn bridge_that_stutters() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    tokio::spawn(async move {
+        let (stream, _) = listener.accept().await.unwrap();
+        let mut socket = tokio_tungstenite::accept_async(stream).await.unwrap();
+        socket.send(Message::text(r#"0{"sid":"x"}"#)).await.unwrap();
+        let mut frame = 0;
+        while let Some(Ok(message)) = socket.next().await {
+            if message.to_text().is_ok_and(|text| text.contains("telemetry")) {
+                let steering = if frame == 0 { "nonsense".into() } else { format!("{frame}e-2") };
+                let steer = format!(r#"42["steer",{{"steering_angle":"{steering}","throttle":"0"}}]"#);
+                socket.send(Message::text(steer)).await.unwrap();
+                frame += 1;
+            }
+        }
+    });
+    address
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_answer_that_cannot_be_read_does_not_put_later_ones_to_the_wrong_frames() {
+    let (folder, address) = (udacity_folder(5), bridge_that_stutters().await);
+    let replay = tokio::task::spawn_blocking(move || {
+        let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
+        let report = client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
+        assert_eq!((report.telemetries, report.answers, report.lost_tokens), (5, 4, 1));
+        replay
+    });
+    let answers =
+        replay.await.unwrap().answers().iter().map(|a| (a.frame, steered(a).steering.get())).collect::<Vec<_>>();
+    assert_eq!(answers, [(1, 0.01), (2, 0.02), (3, 0.03), (4, 0.04)]);
 }
 
 #[test]

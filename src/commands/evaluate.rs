@@ -61,7 +61,9 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         if let [first, ..] = not_finite[..] {
             let (path, got, row, count) =
                 (path.display(), answers[first], samples.samples[first].row, not_finite.len());
-            bail!("{path}: expected finite answers from {name}, got {got} in row {row}, and {count} of {rows} like it");
+            bail!(
+                "{path}: expected finite answers from {name}, got {got} in row {row}; {count} of {rows} are not finite"
+            );
         }
         let measured = Measured::of(&answers, &samples);
         let learnt = recipe.as_ref().map(|recipe| {

@@ -38,4 +38,7 @@ pub trait World {
 
     /// Takes the answer to the last observation.
     fn apply(&mut self, answer: Answer);
+
+    /// The observation that has waited longest gets no answer: what came for it cannot be read.
+    fn unanswered(&mut self) {}
 }

@@ -250,6 +250,10 @@ impl World for Replay {
         Ok(Some(observation))
     }
 
+    fn unanswered(&mut self) {
+        self.waiting.pop_front();
+    }
+
     /// Takes the answer of a bridge, which does not tell what it is worth: a picture that cannot be read was seen by no
     /// network behind it.
     fn apply(&mut self, answer: Answer) {

@@ -144,6 +144,7 @@ pub fn play(
         last_progress: Instant::now(),
         heard: 0,
         opened: false,
+        swallowed: false,
     };
     client.send("2")?;
     // Some bridges (drive.py) greet with a `steer` of their own: it answers nothing.
@@ -168,7 +169,11 @@ pub fn play(
             }
             continue;
         }
-        if let Some(answer) = client.receive(next_ping)? {
+        let answer = client.receive(next_ping)?;
+        if std::mem::take(&mut client.swallowed) {
+            world.unanswered();
+        }
+        if let Some(answer) = answer {
             world.apply(answer);
             progress(&client.report);
         }
@@ -192,6 +197,8 @@ struct Client<'a> {
     heard: u64,
     /// An OPEN packet came since the last look.
     opened: bool,
+    /// A telemetry's answer cannot be read, since the last look.
+    swallowed: bool,
 }
 
 impl Client<'_> {
@@ -312,7 +319,7 @@ impl Client<'_> {
                         Err(error) => {
                             tracing::warn!("{error}");
                             self.report.lost_tokens += 1;
-                            self.in_flight.pop_front();
+                            self.swallowed = self.in_flight.pop_front().is_some();
                             return Ok(None);
                         }
                     },

@@ -13,8 +13,7 @@ pub struct Epoch {
     pub number: usize,
     /// At its end.
     pub learning_rate: f64,
-    /// Against the labels of the changed pictures, while the weights moved; of an epoch that was stopped, of the steps
-    /// since training went on.
+    /// Against the labels of the changed pictures, while the weights moved.
     pub training: Metrics,
     /// Against the held-out labels, at its end.
     pub validation: Measured,

@@ -28,6 +28,13 @@ pub(super) struct Position {
     pub waited: usize,
     /// What the plateau schedule has made of the learning rate.
     pub factor: f64,
+    /// Of the steps done in this epoch: what was answered, what the labels said, and how long they took.
+    #[serde(default)]
+    pub answers: Vec<f64>,
+    #[serde(default)]
+    pub labels: Vec<f64>,
+    #[serde(default)]
+    pub seconds: f64,
     /// What the epochs done were like.
     pub history: Vec<TimedEpoch>,
 }

@@ -253,8 +253,7 @@ fn a_training_with_pauses_leaves_what_one_without_leaves() {
     }
     let last = stopped(recipe(dir.path()), &parts, true, 0);
     assert!(last.finished && at_once.finished);
-    let told = |outcome: &Outcome| outcome.kept.as_ref().map(|kept| (kept.number, kept.validation));
-    assert_eq!(told(&last), told(&at_once));
+    assert_eq!(last.sha256, at_once.sha256, "{:?} {:?}", last.kept, at_once.kept);
     let numbers = |out: &Path| {
         let log = fs::read_to_string(out.join("log.csv")).unwrap();
         log.lines().map(|line| line.split(',').next().unwrap().to_owned()).collect::<Vec<_>>()

@@ -222,7 +222,6 @@ impl Trainer {
         let loader = self.batches(number, self.position.step)?;
         let steps = loader.batches();
         let began = Instant::now();
-        let (mut answers, mut labels) = (vec![], vec![]);
         let mut rate = self.recipe.optimiser.learning_rate;
         for batch in loader {
             let tensors = self.tensors(batch?)?;
@@ -234,16 +233,19 @@ impl Trainer {
             if !loss.is_finite() {
                 return Err(TrainError::NotFinite { loss, epoch: number + 1, step: self.position.step, rate });
             }
-            answers.extend(answer);
-            labels.extend(batch.steering.iter().map(|x| f64::from(*x)));
+            self.position.answers.extend(answer);
+            self.position.labels.extend(batch.steering.iter().map(|x| f64::from(*x)));
             let progress =
                 Progress::Step { epoch: number + 1, step: self.position.step, steps, samples: batch.size, loss };
             if watch(progress) == Go::Stop && self.position.step < steps {
+                self.position.seconds += began.elapsed().as_secs_f64();
                 self.save_state()?;
                 return Ok(None);
             }
         }
-        let seconds = began.elapsed().as_secs_f64();
+        let seconds = std::mem::take(&mut self.position.seconds) + began.elapsed().as_secs_f64();
+        let answers = std::mem::take(&mut self.position.answers);
+        let labels = std::mem::take(&mut self.position.labels);
         let shown = self.average.as_ref().unwrap_or(&self.network);
         let measured = measure(shown, &self.validation.0, &self.validation.1, &self.inputs);
         let (validation, _) = measured.map_err(|error| error.at_batch(BATCH))?;
