@@ -11,5 +11,6 @@ mod parity;
 mod program;
 mod recording;
 mod replay;
+mod serve;
 mod simulator;
 mod support;

@@ -1,11 +1,12 @@
-//! Whether a simulator still plays: when to kick it, when to take it for a ghost.
+//! Whether a simulator still plays: when to kick it, when to take its connection for a ghost.
 //!
-//! A game of tokens: each answer lets one telemetry through, so silence after an
-//! answer means that the simulator missed its start, is paused, or has left the
-//! scene with the socket open. A kick is an answer that nobody asked for: it
-//! starts a loop that has not started or has lost its token. Where the loop was
-//! only paused a kick becomes a token too many; as many telemetries as there
-//! were kicks may then be swallowed, see [`Liveness::surplus`].
+//! A game of tokens (see `tokens`): each answer lets one telemetry through, so silence after an answer means
+//! that the simulator missed its start, is paused, or has left the scene with the socket open. A kick is an
+//! answer that nobody asked for: it starts a loop that has not started or has lost its token.
+//!
+//! Pings tell a pause from a scene that was left: the client's thread pings on while the game is paused, and is
+//! ended with the scene. So a connection that pings is kept, whoever else dials from its address: one that is
+//! kept too long costs an open file, one that is dropped in error a drive.
 
 use std::time::{Duration, Instant};
 
@@ -15,6 +16,10 @@ const LONGEST_WAIT: u32 = 8;
 /// With neither a ping nor a telemetry for so long nobody is there.
 const GHOST: Duration = Duration::from_secs(60);
 
+/// The same where a newer connection from the same address plays the same simulator: a ping, due about 25 s after
+/// each pong, has not come.
+const PING_MISSED: Duration = Duration::from_secs(30);
+
 /// What is due.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Due {
@@ -22,14 +27,14 @@ pub(super) enum Due {
     Kick,
     /// Drop the connection: nothing came for 60 s.
     Ghost,
-    /// Drop the connection: the simulator has dialled anew.
+    /// Drop the connection: nothing came for 30 s, and a newer one plays.
     Superseded,
 }
 
 /// The times that decide.
 #[derive(Debug)]
 pub(super) struct Liveness {
-    /// Silence after which a simulator is kicked, or a superseded one dropped.
+    /// Silence after which a simulator is kicked.
     silence: Duration,
     /// When the last telemetry was answered, or the connect.
     active: Instant,
@@ -65,22 +70,22 @@ impl Liveness {
         self.kicked = now;
     }
 
-    /// A newer connection of the same machine came.
+    /// A newer connection from the same address plays the same simulator.
     pub fn newer(&mut self, now: Instant) {
         self.newer = Some(now);
     }
 
-    /// How many telemetries may be in flight beyond the one that belongs there.
-    pub fn surplus(&self) -> u32 {
-        self.kicks
+    /// Whether kicks were sent that no telemetry has come after: the simulator may not have read them.
+    pub fn has_kicks_open(&self) -> bool {
+        self.kicks > 0
     }
 
     /// What is due next, and when.
     pub fn next(&self) -> (Instant, Due) {
         let ghost = (self.alive + GHOST, Due::Ghost);
-        // A newer connection counts only if it came while this one was silent.
-        let superseded =
-            self.newer.filter(|n| *n > self.active).map(|n| (n.max(self.active + self.silence), Due::Superseded));
+        // A newer connection says nothing of one that has played since.
+        let newer = self.newer.filter(|newer| *newer > self.active);
+        let superseded = newer.map(|newer| (newer.max(self.alive + PING_MISSED), Due::Superseded));
         let wait = self.silence * 2u32.saturating_pow(self.kicks).min(LONGEST_WAIT);
         let kick = (!self.human && !self.timer_driven).then_some((self.active.max(self.kicked) + wait, Due::Kick));
         [superseded, kick].into_iter().flatten().fold(ghost, |a, b| if b.0 < a.0 { b } else { a })
@@ -107,9 +112,9 @@ mod tests {
             liveness.kicked(when);
         }
         assert_eq!(kicks, [1, 3, 7, 15, 23]);
-        assert_eq!(liveness.surplus(), 5);
+        assert!(liveness.has_kicks_open());
         liveness.telemetry(start + s(24), false, false);
-        assert_eq!((liveness.next(), liveness.surplus()), ((start + s(25), Due::Kick), 0));
+        assert_eq!((liveness.next(), liveness.has_kicks_open()), ((start + s(25), Due::Kick), false));
     }
 
     #[test]
@@ -131,21 +136,23 @@ mod tests {
         assert_eq!(liveness.next(), (start + s(110), Due::Ghost));
     }
 
-    #[test]
-    fn a_newer_connection_drops_one_that_is_silent_and_spares_one_that_plays() {
+    /// What is due of a connection whose last telemetry came at 10 s (a human's, so that nobody kicks), after these
+    /// pings, where a newer one began to play at `newer`.
+    fn end(pings: &[u64], newer: u64) -> (u64, Due) {
         let start = Instant::now();
         let mut liveness = Liveness::new(start, s(1));
-        liveness.telemetry(start + s(10), false, false);
-        liveness.newer(start + s(10) + Duration::from_millis(20));
-        assert_eq!(liveness.next(), (start + s(11), Due::Superseded));
-        liveness.telemetry(start + s(10) + Duration::from_millis(60), false, false);
-        assert_eq!(liveness.next().1, Due::Kick);
-        liveness.newer(start + s(30));
-        assert_eq!(liveness.next(), (start + s(11) + Duration::from_millis(60), Due::Kick), "the kick was due before");
-        liveness.kicked(start + s(12));
-        liveness.kicked(start + s(14));
-        liveness.kicked(start + s(18));
-        liveness.kicked(start + s(26));
-        assert_eq!(liveness.next(), (start + s(30), Due::Superseded));
+        liveness.telemetry(start + s(10), true, false);
+        liveness.newer(start + s(newer));
+        pings.iter().for_each(|ping| liveness.ping(start + s(*ping)));
+        let (when, due) = liveness.next();
+        ((when - start).as_secs(), due)
+    }
+
+    #[test]
+    fn a_newer_connection_drops_one_whose_pings_stay_away_and_spares_one_that_is_paused() {
+        assert_eq!(end(&[], 12), (40, Due::Superseded), "the scene was left");
+        assert_eq!(end(&[], 55), (55, Due::Superseded));
+        assert_eq!(end(&[25, 50, 75, 100], 12), (130, Due::Superseded), "paused, and pings");
+        assert_eq!(end(&[], 9), (70, Due::Ghost), "it has played since");
     }
 }

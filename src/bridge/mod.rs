@@ -17,13 +17,15 @@ mod session;
 mod simulator;
 mod statistics;
 mod throttled;
+mod tokens;
+mod waiting;
 
 use listener::Peer;
 pub use listener::{BindError, Listener};
 pub use statistics::Summary;
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     future::IntoFuture,
     io,
     net::{IpAddr, SocketAddr},
@@ -41,7 +43,10 @@ use axum::{
 };
 use tokio::sync::{Notify, watch};
 
-use crate::{config::Settings, pilot::Model};
+use crate::{config::Settings, pilot::Model, protocol::Dialect};
+
+/// Simulators that may be introduced in the log within ten seconds.
+const NEWCOMERS: u64 = 64;
 
 /// How long connections may take to close their runs once the bridge stops.
 const CLOSING: Duration = Duration::from_secs(10);
@@ -55,8 +60,11 @@ pub struct Bridge {
     next_id: AtomicU64,
     stop: watch::Sender<bool>,
     all_closed: Notify,
-    /// Lines on simulators that connected.
-    redials: throttled::Throttled,
+    /// Addresses of simulators whose last connection ended with kicks that may not have been read: they then become
+    /// tokens of the next one.
+    kicked: Mutex<HashSet<IpAddr>>,
+    /// Lines on simulators that connected and were heard of.
+    newcomers: throttled::Throttled,
     /// Lines on those known by their talking first.
     strangers: throttled::Throttled,
     /// Lines on other clients that connected.
@@ -70,6 +78,8 @@ pub struct Bridge {
 struct Connection {
     peer: IpAddr,
     simulator: bool,
+    /// Told by its first telemetry.
+    dialect: Option<Dialect>,
     signals: Arc<Signals>,
 }
 
@@ -78,7 +88,7 @@ struct Connection {
 struct Signals {
     /// Let the pilot drive again.
     arm: AtomicBool,
-    /// A newer connection of the same machine came.
+    /// A newer connection from the same address plays the same simulator.
     newer: Notify,
 }
 
@@ -86,11 +96,12 @@ struct Signals {
 struct Place {
     bridge: Arc<Bridge>,
     id: u64,
+    simulator: bool,
     signals: Arc<Signals>,
 }
 
 impl Bridge {
-    /// A bridge without a model yet: until [`Bridge::model_is_ready`] simulators are held at a standstill.
+    /// A bridge without a model yet: until [`Bridge::model_is_ready`] cars are braked to a standstill.
     /// `on_summary` is called at the end of each run.
     pub fn new(settings: Settings, on_summary: impl Fn(&Summary) + Send + Sync + 'static) -> Arc<Self> {
         Arc::new(Self {
@@ -101,7 +112,8 @@ impl Bridge {
             next_id: AtomicU64::new(1),
             stop: watch::Sender::new(false),
             all_closed: Notify::new(),
-            redials: throttled::Throttled::default(),
+            kicked: Mutex::default(),
+            newcomers: throttled::Throttled::of(NEWCOMERS),
             strangers: throttled::Throttled::default(),
             clients: throttled::Throttled::default(),
             wordless: throttled::Throttled::default(),
@@ -130,19 +142,32 @@ impl Bridge {
         self.connections.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a place for a new connection and tells the older ones of the same machine.
+    fn kicked(&self) -> std::sync::MutexGuard<'_, HashSet<IpAddr>> {
+        self.kicked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes a place for a new connection.
     fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Place {
         let id = self.next_id.fetch_add(1, Ordering::Relaxed);
         let signals = Arc::<Signals>::default();
-        let mut connections = self.connections();
-        if simulator {
-            for older in connections.values().filter(|c| c.simulator && c.peer == peer.ip()) {
-                older.signals.newer.notify_one();
-            }
+        let connection = Connection { peer: peer.ip(), simulator, dialect: None, signals: signals.clone() };
+        self.connections().insert(id, connection);
+        Place { bridge: self.clone(), id, simulator, signals }
+    }
+}
+
+impl Place {
+    /// This connection plays, and older ones from its address that play the same simulator are told: where one of
+    /// them is silent, it may be the same simulator's, which has left the scene and come back.
+    fn plays(&self, dialect: Dialect) {
+        let mut connections = self.bridge.connections();
+        let Some(this) = connections.get_mut(&self.id).filter(|this| this.simulator) else { return };
+        this.dialect = Some(dialect);
+        let peer = this.peer;
+        let same = |c: &Connection| c.simulator && c.peer == peer && c.dialect == Some(dialect);
+        for (_, older) in connections.iter().filter(|(id, other)| **id < self.id && same(other)) {
+            older.signals.newer.notify_one();
         }
-        connections.insert(id, Connection { peer: peer.ip(), simulator, signals: signals.clone() });
-        drop(connections);
-        Place { bridge: self.clone(), id, signals }
     }
 }
 

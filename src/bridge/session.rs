@@ -15,11 +15,12 @@ use super::{
     Bridge, Place, Signals,
     statistics::{Recorded, Statistics},
     throttled::{Throttled, held_back},
+    waiting::Waiting,
 };
 use crate::{
     drive,
     driver::{Driver, Happening, Trace},
-    protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError},
+    protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
     recording::{EventRecord, Item, ModelId, Recorder, RecorderOptions, RunHeader},
     units::Throttle,
 };
@@ -32,6 +33,8 @@ pub(super) struct Session {
     place: Place,
     peer: String,
     dialect: Option<Dialect>,
+    /// Until there is a drive.
+    waiting: Waiting,
     drive: Option<Drive>,
     last: Command,
     /// Kicks before the drive began, for its account.
@@ -41,14 +44,19 @@ pub(super) struct Session {
     told: Told,
 }
 
-/// What has been said once and need not be said again.
+/// What has happened once, and need not be said again.
 #[derive(Default)]
 struct Told {
+    /// Who has connected.
+    connected: bool,
+    /// A telemetry came, of whatever kind.
+    heard: bool,
     loading: bool,
-    unsupported: bool,
+    /// Of a kind that cannot be driven.
+    undrivable: bool,
 }
 
-/// From the first telemetry on.
+/// From the first telemetry on that tells which simulator this is, once the model is there.
 struct Drive {
     driver: Driver,
     recorder: Option<Recorder>,
@@ -63,7 +71,7 @@ pub(super) struct Turn {
     pub answer: Answer,
     pub dialect: Option<Dialect>,
     received: Instant,
-    /// Absent where nothing drives: the model is loading, or the simulator is none that can be driven.
+    /// Absent where nothing drives: the car waits, or the simulator is none that can be driven.
     driven: Option<(Observation, Trace)>,
 }
 
@@ -76,16 +84,19 @@ impl Turn {
 
 impl Session {
     pub fn new(place: Place, peer: String) -> Self {
+        // Other clients have been introduced when they connected.
+        let told = Told { connected: !place.simulator, ..Told::default() };
         Self {
             place,
             peer,
             dialect: None,
+            waiting: Waiting::new(Instant::now()),
             drive: None,
             last: Command::default(),
             early_kicks: 0,
             bad: Throttled::default(),
             kicks: Throttled::default(),
-            told: Told::default(),
+            told,
         }
     }
 
@@ -127,9 +138,13 @@ impl Session {
             self.note(received, EventRecord::Simulator { name, payload });
             return None;
         }
+        self.told.heard = true;
         let sight = match self.sight(message, name, payload) {
             Ok(sight) => sight,
-            Err(TelemetryError::Unsupported(why)) => return Some(self.unsupported(received, why)),
+            Err(TelemetryError::Undrivable(why)) => {
+                self.refuse(why);
+                Sight::HumanDrives
+            }
             Err(error) => Sight::Unreadable(error),
         };
         Some(self.turn(received, sight))
@@ -140,10 +155,9 @@ impl Session {
         let Some(payload) = Payload::read(payload)? else { return Ok(Sight::HumanDrives) };
         if self.dialect.is_none() {
             let dialect = payload.dialect(name)?;
-            tracing::info!("{}: this is a {dialect} simulator", self.peer);
             self.dialect = Some(dialect);
-            // The header of a run that began with a human does not say it.
-            self.note(Instant::now(), EventRecord::Note { text: format!("this is a {dialect} simulator") });
+            self.introduce(&format!("a {dialect} simulator"));
+            self.place.plays(dialect);
         }
         payload.telemetry(message, self.bridge().settings.bridge.speed_unit).map(Sight::Telemetry)
     }
@@ -153,11 +167,25 @@ impl Session {
         self.turn(received, Sight::Unreadable(TelemetryError::Json { got, why }))
     }
 
-    /// The last command on the way out: steering as it was, no throttle, or the
-    /// car would go on with the last one. `None` where the pilot does not drive.
+    /// The last command on the way out: steering as it was, no throttle, or the car would go on with the last one,
+    /// also when a human lets go later who drives now. `None` where nobody was heard of whom we know.
     pub fn farewell(&self) -> Option<(Answer, Option<Dialect>)> {
-        let drives = self.drive.as_ref().is_some_and(|drive| !drive.driver.human_drives());
-        drives.then(|| (self.coast(), self.dialect))
+        (self.told.heard && !self.is_refused()).then(|| (self.coast(), self.dialect))
+    }
+
+    /// Whether the simulator was refused, and has not shown since that it can be driven after all.
+    fn is_refused(&self) -> bool {
+        self.told.undrivable && self.dialect.is_none()
+    }
+
+    /// Says who this is. Not when it connects: simulators whose bridge is away dial thousands of times a second,
+    /// and what is said of those must not swallow what is said of one that plays.
+    fn introduce(&mut self, who: &str) {
+        if std::mem::replace(&mut self.told.connected, true) {
+            tracing::info!("{}: this is {who}", self.peer);
+        } else if let Some(held) = self.bridge().newcomers.due(Instant::now()) {
+            tracing::info!("{}: {who} has connected{}", self.peer, held_back(held));
+        }
     }
 
     fn coast(&self) -> Answer {
@@ -167,6 +195,9 @@ impl Session {
     /// A command that nobody asked for, to get the simulator's loop going.
     pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
         if let Some(held) = self.kicks.due(now) {
+            if !self.told.connected {
+                self.introduce("a simulator");
+            }
             let more = held_back(held);
             tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going{more}", self.peer);
         }
@@ -192,6 +223,20 @@ impl Session {
         self.record(turn, now, None);
     }
 
+    /// Tokens too many are out of the game.
+    pub fn took_out(&self, tokens: u32) {
+        tracing::info!(
+            "{}: {tokens} {} without an answer, so that the simulator again sends one for each",
+            self.peer,
+            if tokens == 1 { "telemetry was left" } else { "telemetries were left" },
+        );
+    }
+
+    /// Its telemetries are no tokens.
+    pub fn sends_unasked(&self) {
+        tracing::warn!("{}: telemetry comes faster than it is answered, and without waiting for answers", self.peer);
+    }
+
     fn record(&mut self, turn: Turn, now: Instant, latency: Option<Duration>) {
         let Some(((observation, trace), drive)) = turn.driven.zip(self.drive.as_mut()) else { return };
         let at = observation.at;
@@ -212,9 +257,15 @@ impl Session {
     pub fn finish(mut self, why: &str) {
         self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
         let Some(Drive { recorder, statistics, .. }) = self.drive.take() else {
+            let what = match () {
+                () if self.is_refused() => "it could not be driven",
+                () if self.dialect.is_some() => "the model was not there yet",
+                () if self.told.heard => "no telemetry told which simulator it was",
+                () => "it never sent a telemetry",
+            };
             // Dialling without a word is what thousands of redials look like.
             if let Some(held) = self.bridge().wordless.due(Instant::now()) {
-                tracing::info!("{}: {why}; it never sent a telemetry{}", self.peer, held_back(held));
+                tracing::info!("{}: {why}; {what}{}", self.peer, held_back(held));
             }
             return;
         };
@@ -234,10 +285,14 @@ impl Session {
 
     fn turn(&mut self, received: Instant, sight: Sight) -> Turn {
         let dialect = self.dialect;
+        if self.is_refused() {
+            // Its `null` is no human, and nothing is recorded. This answer leaves the car to the player in every
+            // build, and keeps the simulator's loop going.
+            return Turn { answer: Answer::Manual, dialect, received, driven: None };
+        }
         self.begin(received);
         let Some(drive) = &mut self.drive else {
-            let answer = if sight == Sight::HumanDrives { Answer::Manual } else { Answer::Steer(Command::default()) };
-            return Turn { answer, dialect, received, driven: None };
+            return Turn { answer: self.wait(received, &sight), dialect, received, driven: None };
         };
         let at = received.saturating_duration_since(drive.began);
         // While the human still drives the wish is kept until they let go.
@@ -260,19 +315,46 @@ impl Session {
         Turn { answer, dialect, received, driven: Some((observation, trace)) }
     }
 
-    /// Begins the run with the first telemetry after the model is there.
+    /// The answer while nothing drives.
+    fn wait(&mut self, received: Instant, sight: &Sight) -> Answer {
+        if self.dialect.is_some() && !std::mem::replace(&mut self.told.loading, true) {
+            tracing::info!("{}: the model is still loading; until it is there the car is braked", self.peer);
+        }
+        match sight {
+            Sight::Unreadable(why) => {
+                if let Some(held) = self.bad.due(received) {
+                    tracing::warn!("{}: bad frame before the drive: {why}{}", self.peer, held_back(held));
+                }
+            }
+            Sight::HumanDrives if !self.told.connected => {
+                self.introduce("a simulator");
+                tracing::info!(
+                    "{}: its telemetry is empty: a human drives, or it waits to be started over there",
+                    self.peer
+                );
+            }
+            Sight::HumanDrives | Sight::Telemetry(_) => {}
+        }
+        let answer = self.waiting.answer(received, sight);
+        if let Answer::Steer(command) = answer {
+            self.last = command;
+        }
+        answer
+    }
+
+    /// Begins the run once it is known which simulator this is and the model is there.
     fn begin(&mut self, now: Instant) {
-        if self.drive.is_some() {
+        if self.drive.is_some() || self.dialect.is_none() {
             return;
         }
         let bridge = self.place.bridge.clone();
-        let Some(model) = bridge.model.get() else {
-            if !std::mem::replace(&mut self.told.loading, true) {
-                tracing::info!("{}: the model is still loading; the car stands until it is there", self.peer);
-            }
-            return;
-        };
+        let Some(model) = bridge.model.get() else { return };
+        // A human who drove until now belongs to the run.
+        let human_since = self.waiting.human_since();
+        let began = human_since.unwrap_or(now);
         let settings = &bridge.settings;
+        let started = jiff::Timestamp::now();
+        let started = started.checked_sub(began.elapsed()).unwrap_or(started);
         let header = || RunHeader {
             name_hint: None,
             dialect: self.dialect,
@@ -280,7 +362,7 @@ impl Session {
             seed: None,
             config: serde_json::to_value(settings).expect("settings are plain data"),
             lapwing: env!("CARGO_PKG_VERSION").to_owned(),
-            started: jiff::Timestamp::now(),
+            started,
         };
         let recorder = settings.recording.enabled.then(|| {
             let options = RecorderOptions { queue: settings.recording.queue };
@@ -290,24 +372,31 @@ impl Session {
         });
         let mut statistics = Statistics::new();
         statistics.kicked(self.early_kicks);
-        self.drive = Some(Drive {
+        let mut drive = Drive {
             driver: Driver::new(model.pilot(), &settings.control, Instant::now),
             recorder: recorder.flatten(),
-            began: now,
+            began,
             took: Duration::MAX,
             statistics,
-        });
+        };
+        if human_since.is_some() {
+            let (answer, trace) = drive.driver.drive(&Observation { at: Duration::ZERO, sight: Sight::HumanDrives });
+            drive.statistics.count(Duration::ZERO, None, &trace, None);
+            if let Some(recorder) = &drive.recorder {
+                drive::record(recorder, Duration::ZERO, None, answer, trace, None);
+            }
+        }
+        self.drive = Some(drive);
         for _ in 0..std::mem::take(&mut self.early_kicks) {
             self.note(now, EventRecord::Kick);
         }
     }
 
-    fn unsupported(&mut self, received: Instant, why: &'static str) -> Turn {
-        if !std::mem::replace(&mut self.told.unsupported, true) {
+    fn refuse(&mut self, why: Undrivable) {
+        self.told.connected = true;
+        if !std::mem::replace(&mut self.told.undrivable, true) {
             tracing::error!("{}: {why}", self.peer);
         }
-        // Leaves the car to the player, in every dialect, and keeps the simulator's loop going.
-        Turn { answer: Answer::Manual, dialect: None, received, driven: None }
     }
 
     fn note(&mut self, now: Instant, event: EventRecord) {

@@ -6,7 +6,7 @@
 
 use std::{
     io,
-    net::SocketAddr,
+    net::{IpAddr, SocketAddr},
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -26,34 +26,39 @@ use super::{
     Bridge,
     liveness::{Due, Liveness},
     session::{Session, Turn},
-    throttled::held_back,
+    tokens::Tokens,
 };
 use crate::protocol::{Answer, Dialect, Packet};
 
-/// After a kick a telemetry is held back so long: if another comes before its
-/// answer, there is a token too many, and only the later one is answered.
-const SETTLE: Duration = Duration::from_millis(250);
+/// A simulator that takes no answer for so long is gone. Less than the bridge waits for at its end.
+const SEND: Duration = Duration::from_secs(5);
 
-/// A simulator that takes no answer for so long is gone.
-const SEND: Duration = Duration::from_secs(10);
+/// How long the last words may take …
+const LAST_WORDS: Duration = Duration::from_secs(1);
+/// … and how long what still comes is read: a socket closed with something unread is reset, and a reset may
+/// overtake them.
+const HEARD_OUT: Duration = Duration::from_millis(250);
 
 /// Serves one simulator until either side leaves.
 pub(super) async fn run<S>(socket: WebSocketStream<S>, bridge: Arc<Bridge>, peer: SocketAddr)
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    // A simulator that is turned away dials thousands of times a second.
-    if let Some(held) = bridge.redials.due(Instant::now()) {
-        tracing::info!("{peer}: a simulator has connected{}", held_back(held));
-    }
     let silence = Duration::from_secs_f64(bridge.settings.bridge.kick_after_s);
     let session = Session::new(bridge.enter(peer, true), peer.to_string());
-    let liveness = Liveness::new(Instant::now(), silence);
-    let mut simulator = Simulator { socket, session, liveness, held: None, surplus: 0 };
+    let now = Instant::now();
+    let (liveness, tokens) = (Liveness::new(now, silence), Tokens::new(now));
+    let mut simulator = Simulator { socket, session, liveness, tokens, peer: peer.ip(), heard: false, held: None };
     let why = match simulator.play().await {
         Ok(why) => why.to_owned(),
         Err(error) => error.to_string(),
     };
+    if let Some((turn, _)) = simulator.held.take() {
+        simulator.session.swallowed(turn, Instant::now());
+    }
+    if simulator.heard && simulator.liveness.has_kicks_open() {
+        bridge.kicked().insert(simulator.peer);
+    }
     block_in_place(|| simulator.session.finish(&why));
 }
 
@@ -61,10 +66,12 @@ struct Simulator<S> {
     socket: WebSocketStream<S>,
     session: Session,
     liveness: Liveness,
-    /// A telemetry that waits whether another one comes, and until when.
+    tokens: Tokens,
+    peer: IpAddr,
+    /// A telemetry came.
+    heard: bool,
+    /// The answer that goes out next, and when, unless another telemetry comes before.
     held: Option<(Turn, Instant)>,
-    /// How many telemetries may still be swallowed.
-    surplus: u32,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
@@ -85,14 +92,27 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                     (when, Some(due))
                 }
             };
+            let wait = async move {
+                // A timer takes a millisecond even where there is nothing to wait for.
+                if when > Instant::now() {
+                    tokio::time::sleep_until(when.into()).await;
+                }
+            };
             tokio::select! {
-                // What has arrived comes before what is due because nothing has.
+                // What has arrived comes before what is due because nothing has: a telemetry that is here before the
+                // last one is answered is one too many.
                 biased;
                 () = &mut stopped => {
-                    if let Some((answer, dialect)) = self.session.farewell() {
-                        let _ = self.send(answer, dialect).await; // it may have left by now
-                    }
-                    let _ = tokio::time::timeout(Duration::from_secs(1), self.socket.close(None)).await;
+                    let last_words = async {
+                        if let Some((answer, dialect)) = self.session.farewell() {
+                            self.send(answer, dialect).await?;
+                        }
+                        self.socket.close(None).await
+                    };
+                    // An error is a simulator that has left by now.
+                    let _ = tokio::time::timeout(LAST_WORDS, last_words).await;
+                    let heard_out = async { while let Some(Ok(_)) = self.socket.next().await {} };
+                    let _ = tokio::time::timeout(HEARD_OUT, heard_out).await;
                     return Ok("the bridge was stopped");
                 }
                 message = self.socket.next() => match message {
@@ -104,16 +124,19 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                     },
                 },
                 () = signals.newer.notified() => self.liveness.newer(Instant::now()),
-                () = tokio::time::sleep_until(when.into()) => match due {
+                () = wait => match due {
                     None => self.release().await?,
                     Some(Due::Kick) => {
                         let now = Instant::now();
                         let (answer, dialect) = self.session.kick(now);
                         self.send(answer, dialect).await?;
                         self.liveness.kicked(now);
+                        self.tokens.kicked();
                     }
-                    Some(Due::Ghost) => return Ok("nothing came for 60 s: it has left the scene"),
-                    Some(Due::Superseded) => return Ok("it has left the scene and dialled anew"),
+                    Some(Due::Ghost) => return Ok("neither telemetry nor ping came for 60 s"),
+                    Some(Due::Superseded) => return Ok(
+                        "neither telemetry nor ping came for 30 s, while a newer connection from its address plays",
+                    ),
                 },
             }
         }
@@ -123,6 +146,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
     async fn message(&mut self, message: Message) -> Result<Option<&'static str>, tungstenite::Error> {
         let received = Instant::now();
         let session = &mut self.session;
+        let mut bytes = Bytes::new();
         let turn = match message {
             Message::Text(text) => match Packet::parse(&text) {
                 Ok(Packet::Ping(rest)) => {
@@ -132,8 +156,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
                     return Ok(None);
                 }
                 Ok(Packet::Event(event)) => {
-                    let message: Bytes = text.clone().into();
-                    session.aside(|session| session.event(received, &message, &event.name, event.payload))
+                    bytes = text.clone().into();
+                    session.aside(|session| session.event(received, &bytes, &event.name, event.payload))
                 }
                 Ok(Packet::Close | Packet::Disconnect) => return Ok(Some("the simulator said goodbye")),
                 Ok(Packet::Open(_) | Packet::Pong | Packet::Connect | Packet::Other) => return Ok(None),
@@ -150,32 +174,48 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
             Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => return Ok(None), // answered by the library
         };
         let Some(turn) = turn else { return Ok(None) };
-        if self.surplus == 0 {
-            self.surplus = self.liveness.surplus();
-        }
-        if let Some((earlier, _)) = self.held.take() {
-            // Two telemetries and no answer between: one token too many. The earlier goes unanswered.
-            self.surplus -= 1;
-            self.session.swallowed(earlier, Instant::now());
-        }
-        let (human, timer_driven) = (turn.is_human(), self.session.is_timer_driven());
-        if self.surplus > 0 {
-            self.held = Some((turn, Instant::now() + SETTLE));
-        } else {
-            self.answer(turn).await?;
-        }
-        // From now on the simulator owes the next one.
-        self.liveness.telemetry(Instant::now(), human, timer_driven);
+        self.telemetry(turn, &bytes).await?;
         Ok(None)
     }
 
-    /// Nothing more came: the held telemetry is the only one.
+    /// Answers a telemetry, or holds its answer back until it is known whether another one comes.
+    async fn telemetry(&mut self, turn: Turn, message: &[u8]) -> Result<(), tungstenite::Error> {
+        let now = Instant::now();
+        if !std::mem::replace(&mut self.heard, true) && self.bridge().kicked().remove(&self.peer) {
+            self.tokens.kicked();
+        }
+        if let Some((earlier, _)) = self.held.take() {
+            self.tokens.one_too_many();
+            self.session.swallowed(earlier, now);
+            if self.tokens.are_unasked() {
+                self.session.sends_unasked();
+            }
+        }
+        let unasked = self.session.is_timer_driven() || self.tokens.are_unasked();
+        // From now on the simulator owes the next one.
+        self.liveness.telemetry(now, turn.is_human(), unasked);
+        if unasked {
+            return self.answer(turn).await;
+        }
+        let wait = self.tokens.telemetry(now, message, !turn.is_human());
+        self.held = Some((turn, now + wait));
+        Ok(())
+    }
+
+    /// Nothing more came: the held answer goes out.
     async fn release(&mut self) -> Result<(), tungstenite::Error> {
-        self.surplus = 0;
+        let taken_out = self.tokens.settled();
+        if taken_out > 0 {
+            self.session.took_out(taken_out);
+        }
         match self.held.take() {
             Some((turn, _)) => self.answer(turn).await,
             None => Ok(()),
         }
+    }
+
+    fn bridge(&self) -> &Bridge {
+        self.session.bridge()
     }
 
     async fn answer(&mut self, turn: Turn) -> Result<(), tungstenite::Error> {
@@ -191,7 +231,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
     async fn send_text(&mut self, text: Utf8Bytes) -> Result<(), tungstenite::Error> {
         match tokio::time::timeout(SEND, self.socket.send(Message::Text(text))).await {
             Ok(sent) => sent,
-            Err(_) => Err(io::Error::new(io::ErrorKind::TimedOut, "the simulator took no answer for 10 s").into()),
+            Err(_) => Err(io::Error::new(io::ErrorKind::TimedOut, "the simulator took no answer for 5 s").into()),
         }
     }
 }

@@ -5,28 +5,45 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// At most one line in this time.
-const EVERY: Duration = Duration::from_secs(10);
+/// How long lines are counted together.
+const WINDOW: Duration = Duration::from_secs(10);
 
-/// Lets the first line through, then at most one in ten seconds with the number of those held back.
-#[derive(Default)]
-pub(super) struct Throttled(Mutex<State>);
+/// Lets the first lines through and counts the others, until ten seconds after the first.
+pub(super) struct Throttled {
+    most: u64,
+    state: Mutex<State>,
+}
 
 #[derive(Default)]
 struct State {
-    last: Option<Instant>,
+    since: Option<Instant>,
+    said: u64,
     held: u64,
 }
 
+impl Default for Throttled {
+    fn default() -> Self {
+        Self::of(1)
+    }
+}
+
 impl Throttled {
+    /// Lets so many lines through in ten seconds.
+    pub fn of(most: u64) -> Self {
+        Self { most, state: Mutex::default() }
+    }
+
     /// `Some(n)` where a line is due: n lines were held back before it.
     pub fn due(&self, now: Instant) -> Option<u64> {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if state.last.is_some_and(|last| now.saturating_duration_since(last) < EVERY) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if state.since.is_none_or(|since| now.saturating_duration_since(since) >= WINDOW) {
+            (state.since, state.said) = (Some(now), 0);
+        }
+        if state.said == self.most {
             state.held += 1;
             return None;
         }
-        state.last = Some(now);
+        state.said += 1;
         Some(std::mem::take(&mut state.held))
     }
 }
@@ -47,5 +64,13 @@ mod tests {
         let due = |ms| throttled.due(start + Duration::from_millis(ms));
         assert_eq!([due(0), due(1), due(9_999), due(10_000), due(20_000)], [Some(0), None, None, Some(2), Some(0)]);
         assert_eq!(held_back(2), " (and 2 more like it)");
+    }
+
+    #[test]
+    fn several_lines_may_pass_together() {
+        let throttled = Throttled::of(3);
+        let start = Instant::now();
+        let due = |ms| throttled.due(start + Duration::from_millis(ms));
+        assert_eq!([due(0), due(1), due(2), due(3), due(10_000)], [Some(0), Some(0), Some(0), None, Some(1)]);
     }
 }

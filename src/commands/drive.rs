@@ -39,6 +39,7 @@ struct Result_<'a> {
 }
 
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let interrupted = super::interrupted();
     let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
     let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
     if let Some(dir) = &arguments.recordings {
@@ -88,7 +89,6 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let mut driver = Driver::new(pilot, &settings.control, Instant::now);
     let mut simulation = Simulation::new(setup)?;
     let bar = world::Progress::new();
-    let interrupted = super::interrupted();
     let began = Instant::now();
     let driven = drive::run(&mut simulation, &mut driver, recorder.as_ref(), |simulation, _, _| {
         bar.show(simulation);

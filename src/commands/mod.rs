@@ -127,19 +127,29 @@ impl Interrupted {
     }
 }
 
-/// Listens for them from now on; a second Ctrl-C ends the program where it is.
+/// Listens for them from now on; a second Ctrl-C ends the program where it is. Verbs call it before they make
+/// anything that is to be closed.
 fn interrupted() -> Interrupted {
     let pressed = Interrupted(Arc::default());
+    let listen = || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let asked = {
+            let _inside = runtime.enter();
+            terminal::Asked::listen()?
+        };
+        io::Result::Ok((runtime, asked))
+    };
     let told = pressed.clone();
-    std::thread::spawn(move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        runtime.block_on(async {
-            let Ok(mut asked) = terminal::Asked::listen() else { return };
-            asked.first().await;
-            told.0.store(true, Ordering::Relaxed);
-            asked.again().await;
-        });
-    });
+    match listen() {
+        Ok((runtime, mut asked)) => drop(std::thread::spawn(move || {
+            runtime.block_on(async {
+                asked.first().await;
+                told.0.store(true, Ordering::Relaxed);
+                asked.again().await;
+            });
+        })),
+        Err(error) => tracing::warn!("Ctrl-C will end this where it is: {error}"),
+    }
     pressed
 }
 

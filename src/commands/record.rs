@@ -26,6 +26,7 @@ const NOISE: f64 = 0.12;
 const NOISE_S: f64 = 0.7;
 
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let interrupted = super::interrupted();
     let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
     let setup = world::setup(&settings, &arguments.world, Some(arguments.laps))?;
     let mut log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
@@ -33,7 +34,6 @@ pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Res
     let mut simulation = Simulation::new(setup)?;
     let mut disturbance = arguments.recovery.then(|| Disturbance::new(seed, hz));
     let bar = world::Progress::new();
-    let interrupted = super::interrupted();
     let speed = Mph::saturating(arguments.speed);
     let (mut frame, mut jump_s) = (0u64, 0.0);
     while simulation.ending().is_none() {

@@ -34,6 +34,7 @@ struct Result_<'a> {
 }
 
 pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Result<Ended> {
+    let interrupted = super::interrupted();
     let layers = world::layers(super::undriven_layers(config)?, &arguments.world)?;
     let settings = thresholds::layers(layers, &arguments.thresholds)?.resolve()?;
     let mut setup = world::setup(&settings, &arguments.world, arguments.laps)?;
@@ -48,7 +49,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
         judge: Judge::default(),
         pictures,
         progress: world::Progress::new(),
-        interrupted: super::interrupted(),
+        interrupted,
         began: arguments.realtime.then(Instant::now),
     };
     let driver = match &arguments.connect {

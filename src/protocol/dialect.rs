@@ -20,27 +20,51 @@ pub enum Dialect {
     UdacityGym,
 }
 
+/// Simulators of Udacity's other projects: a field that only their telemetry has, and what they are called.
+const OTHERS: [(&str, &str); 6] = [
+    ("sensor_measurement", "the term 2 Kalman filter simulator (EKF and UKF projects)"),
+    ("hunter_x", "the term 2 Run Away Robot simulator (UKF project)"),
+    ("sense_x", "the term 2 Kidnapped Vehicle simulator (particle filter project)"),
+    ("ptsx", "the term 2 MPC simulator"),
+    ("previous_path_x", "the term 3 Path Planning simulator"),
+    ("dbw_enable", "the term 3 System Integration simulator"),
+];
+
+/// Why a simulator cannot be driven.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Undrivable {
+    /// Known, and without a picture in its telemetry.
+    #[error(
+        "this is {name}: its telemetry has {sign} and no camera image, and Lapwing drives by the camera. \
+         Start the term 1 simulator in autonomous mode"
+    )]
+    Other {
+        /// What it is called.
+        name: &'static str,
+        /// The field of its telemetry that tells.
+        sign: &'static str,
+    },
+    /// Without a picture and not known.
+    #[error(
+        "this telemetry has no image: no simulator that Lapwing knows sends it so. Is it the term 1 simulator in \
+         autonomous mode?"
+    )]
+    NoImage,
+}
+
 impl Dialect {
     /// Reads the dialect off an event's name and the fields of its payload; an
     /// error says why it is none that Lapwing can drive.
-    pub(super) fn detect(event: &str, has: impl Fn(&str) -> bool) -> Result<Self, &'static str> {
+    pub(super) fn detect(event: &str, has: impl Fn(&str) -> bool) -> Result<Self, Undrivable> {
         Ok(match () {
             () if event == "car_telemetry" => Self::UdacityGym,
-            () if has("ptsx") => {
-                return Err(
-                    "this is the term 2 MPC simulator (telemetry with ptsx): it sends waypoints and no camera image, \
-                     and Lapwing drives by the camera. Start the term 1 simulator in autonomous mode",
-                );
-            }
             () if has("pos_x") => Self::Positioned,
             () if has("lapNumber") => Self::SelfOracle,
             () if has("cte") && has("image") => Self::Term2Pid,
             () if has("image") => Self::Term1,
             () => {
-                return Err(
-                    "this telemetry has no image: no simulator that Lapwing knows sends it so. Is it the term 1 \
-                     simulator in autonomous mode?",
-                );
+                let known = OTHERS.into_iter().find(|(sign, _)| has(sign));
+                return Err(known.map_or(Undrivable::NoImage, |(sign, name)| Undrivable::Other { name, sign }));
             }
         })
     }

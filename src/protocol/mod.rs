@@ -20,7 +20,7 @@ mod telemetry;
 mod world;
 
 pub use command::{Answer, Command, MAX_LAPS, SteerError};
-pub use dialect::Dialect;
+pub use dialect::{Dialect, Undrivable};
 pub use packet::{Event, Packet, PacketError};
 pub use payload::Payload;
 pub use telemetry::{CameraImage, Telemetry, TelemetryError, Truth, encode_superset, encode_telemetry};

@@ -37,9 +37,9 @@ impl<'a> Payload<'a> {
     /// Which simulator sends a first telemetry with these fields in this event.
     ///
     /// # Errors
-    /// [`TelemetryError::Unsupported`] for one that cannot be driven by camera.
+    /// [`TelemetryError::Undrivable`] for one that cannot be driven by camera.
     pub fn dialect(&self, event: &str) -> Result<Dialect, TelemetryError> {
-        Dialect::detect(event, |name| self.0.get(name).is_some()).map_err(TelemetryError::Unsupported)
+        Dialect::detect(event, |name| self.0.get(name).is_some()).map_err(TelemetryError::Undrivable)
     }
 
     /// The telemetry. `message` is the text that the payload was borrowed from:
@@ -104,7 +104,7 @@ enum Scalar<'a> {
 }
 
 /// The fields that mean something, in the order of `values`.
-const FIELDS: [&str; 26] = [
+const FIELDS: [&str; 31] = [
     "steering_angle",
     "throttle",
     "speed",
@@ -130,7 +130,13 @@ const FIELDS: [&str; 26] = [
     "hit",
     "track",
     "timestamp",
+    // These tell simulators that cannot be driven, see `dialect`.
     "ptsx",
+    "sensor_measurement",
+    "hunter_x",
+    "sense_x",
+    "previous_path_x",
+    "dbw_enable",
 ];
 
 /// The payload's known fields; unknown ones are skipped without being kept.
@@ -419,11 +425,22 @@ mod tests {
     }
 
     #[test]
-    fn simulators_without_a_camera_are_refused_in_words() {
-        let error = decode(r#"42["telemetry",{"ptsx":[1,2],"ptsy":[3,4],"speed":1.5}]"#).unwrap_err();
-        assert!(error.to_string().contains("term 2 MPC"), "{error}");
-        let error = decode(r#"42["telemetry",{"speed":"1.5"}]"#).unwrap_err();
-        assert!(error.to_string().contains("no image"), "{error}");
+    fn simulators_without_a_camera_are_refused_by_name() {
+        for (fields, name) in [
+            (
+                r#""sensor_measurement":"L\t3.1e-01\t5.8e-01\t1477010443000000""#,
+                "the term 2 Kalman filter simulator (EKF",
+            ),
+            (r#""lidar_measurement":"L\t1","radar_measurement":"R\t1","hunter_x":"-10.0000""#, "Run Away Robot"),
+            (r#""sense_x":"6.2785","sense_y":"1.9598","sense_theta":"0.0044""#, "Kidnapped Vehicle"),
+            (r#""ptsx":[1,2],"ptsy":[3,4],"steering_angle":0.1,"speed":1.5"#, "the term 2 MPC simulator"),
+            (r#""x":1.5,"s":2,"d":6,"speed":1.5,"previous_path_x":[],"sensor_fusion":[[0,1]]"#, "term 3 Path Planning"),
+            (r#""x":1.5,"y":2,"z":0,"yaw":1,"velocity":0,"dbw_enable":false"#, "term 3 System Integration"),
+            (r#""speed":"1.5""#, "no simulator that Lapwing knows"),
+        ] {
+            let error = decode(&format!(r#"42["telemetry",{{{fields}}}]"#)).unwrap_err();
+            assert!(matches!(error, TelemetryError::Undrivable(_)) && error.to_string().contains(name), "{error}");
+        }
     }
 
     #[test]

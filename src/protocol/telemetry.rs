@@ -6,7 +6,10 @@ use std::fmt::{self, Write};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use super::number::{Culture, NotANumber};
+use super::{
+    Undrivable,
+    number::{Culture, NotANumber},
+};
 use crate::units::{Degrees, Metres, Mph, OutOfRange, PathPoint, Throttle};
 
 /// One message from a simulator, decoded.
@@ -150,7 +153,7 @@ pub enum TelemetryError {
     OutOfRange(&'static str, OutOfRange),
     /// A simulator that cannot be driven by camera.
     #[error("{0}")]
-    Unsupported(&'static str),
+    Undrivable(Undrivable),
 }
 
 /// Writes telemetry as the stock build does in a player's culture, key order and all.

@@ -48,9 +48,36 @@ async fn udacity_gym_gets_an_action() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_simulator_that_cannot_be_driven_keeps_its_loop_and_its_human() {
-    let mpc = r#"42["telemetry",{"ptsx":[1.0],"ptsy":[2.0],"psi":0.1,"speed":5.0}]"#;
-    assert_eq!(first_answer(mpc).await, r#"42["manual",{}]"#);
+async fn a_simulator_that_cannot_be_driven_keeps_its_loop_and_has_no_run() {
+    let empty = r#"42["telemetry",null]"#;
+    for telemetries in [
+        // MPC, whose human holds W later.
+        [r#"42["telemetry",{"ptsx":[1.0],"ptsy":[2.0],"psi":0.1,"speed":5.0}]"#, empty, empty],
+        // EKF waits to be started, and is started.
+        [empty, r#"42["telemetry",{"sensor_measurement":"L\t3.1e-01\t5.8e-01\t1477010443000000"}]"#, empty],
+        // Path Planning.
+        [r#"42["telemetry",{"x":909.48,"speed":0,"previous_path_x":[],"sensor_fusion":[]}]"#, empty, "garbage"],
+    ] {
+        let dir = tempdir().unwrap();
+        let running = Running::start(settings(dir.path())).await;
+        let mut simulator = Wire::simulator(running.address).await;
+        for telemetry in telemetries {
+            assert_eq!(simulator.ask(telemetry).await, r#"42["manual",{}]"#, "{telemetry}");
+        }
+        assert!(running.stop().await.is_empty(), "no drive, no takeover: {telemetries:?}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "no run: {telemetries:?}");
+        assert_eq!(simulator.text_within(Duration::from_millis(300)).await, None, "nor a command of the wrong kind");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_simulator_that_was_refused_is_driven_once_it_shows_pictures() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    simulator.ask(r#"42["telemetry",{"speed":"5.0000"}]"#).await;
+    assert!(simulator.ask(&telemetry("0.0000")).await.starts_with(r#"42["steer""#));
+    assert_eq!(running.stop().await[0].telemetries, 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -51,11 +51,35 @@ async fn garbage_while_a_human_drives_leaves_the_wheel_to_the_human() {
     let dir = tempdir().unwrap();
     let running = Running::start(settings(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
+    let (steering, _) = steer(&simulator.ask(&telemetry("4.0000")).await);
     simulator.ask(HUMAN).await;
     assert_eq!(simulator.ask("garbage").await, MANUAL);
     let summary = running.stop().await.remove(0);
     assert_eq!((summary.bad_frames, summary.human_takeovers), (1, 1));
-    assert_eq!(simulator.text_within(Duration::from_millis(500)).await, None, "nor does a bridge that stops steer");
+    // Else it would go on with the throttle of before once the human lets go, and nobody is there any more.
+    assert_eq!(steer(&simulator.text().await), (steering, 0.0), "a bridge that stops lets go of the car, too");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_human_from_the_first_frame_belongs_to_a_run_that_knows_its_simulator() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    for _ in 0..4 {
+        assert_eq!(simulator.ask(HUMAN).await, MANUAL);
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    assert!(steer(&simulator.ask(&telemetry("4.0000")).await).1 > 0.0);
+    let summary = running.stop().await.remove(0);
+    assert_eq!((summary.human_takeovers, summary.telemetries), (1, 1));
+    let reader = RunReader::open(summary.run.unwrap().path).unwrap();
+    assert_eq!(reader.header().dialect, Some(lapwing::protocol::Dialect::Term1));
+    let moments: Vec<_> = reader.moments().map(Result::unwrap).collect();
+    let driven_s = moments.iter().find_map(|moment| match moment {
+        Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } => Some(*duration_s),
+        _ => None,
+    });
+    assert!(driven_s.is_some_and(|s| (0.4..2.0).contains(&s)), "{moments:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -5,4 +5,5 @@ mod clients;
 mod dialects;
 mod hands;
 mod liveness;
+mod tokens;
 mod wire;

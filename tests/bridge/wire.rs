@@ -51,14 +51,32 @@ async fn a_ping_is_answered_by_a_pong() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn until_the_model_is_there_the_car_is_held() {
+async fn until_the_model_is_there_a_car_that_comes_rolling_is_braked_to_a_standstill() {
     let dir = tempdir().unwrap();
     let running = Running::without_a_model(settings(dir.path())).await;
     let mut simulator = Wire::simulator(running.address).await;
-    let held = r#"42["steer",{"steering_angle":"0e-4","throttle":"0e-4"}]"#;
-    assert_eq!(simulator.ask(&telemetry("0.0000")).await, held);
+    for (speed, throttle) in [("30.0000", -1.0), ("12.0000", -1.0), ("4.9000", -1.0), ("0.6000", 0.0), ("0.0000", 0.0)]
+    {
+        // 5 of 25 degrees: as it was steered when it came.
+        let text = telemetry(speed).replacen("0.0000", "5.0000", 1);
+        assert_eq!(steer(&simulator.ask(&text).await), (0.2, throttle), "at {speed} mph");
+    }
+    let broken = telemetry("0.0000").replace("/9j/", "!!!!");
+    assert_eq!(steer(&simulator.ask(&broken).await), (0.2, 0.0));
+    assert_eq!(simulator.ask(r#"42["telemetry",null]"#).await, r#"42["manual",{}]"#);
     running.bridge.model_is_ready(lapwing::pilot::built_in(std::time::Instant::now).unwrap());
     assert_eq!(steer(&simulator.ask(&telemetry("0.0000")).await).1, 0.918);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_brake_of_a_car_that_waits_is_in_its_dialect_and_so_is_the_farewell() {
+    let dir = tempdir().unwrap();
+    let running = Running::without_a_model(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    let term_2 = telemetry("30.0000").replace("}]", r#","cte":"0.5"}]"#);
+    assert_eq!(simulator.ask(&term_2).await, r#"42["steer",{"steering_angle":0e-4,"throttle":-10000e-4}]"#);
+    assert!(running.stop().await.is_empty(), "nothing was driven");
+    assert_eq!(simulator.text().await, r#"42["steer",{"steering_angle":0e-4,"throttle":0e-4}]"#);
 }
 
 #[tokio::test(flavor = "multi_thread")]

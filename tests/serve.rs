@@ -1,0 +1,267 @@
+//! `serve` and the other verbs as programs: however they are ended, cars are let go of and runs are closed.
+
+use std::{
+    io::{BufRead, BufReader, Read},
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    process::{Child, Command, ExitStatus, Stdio},
+    time::{Duration, Instant},
+};
+
+use lapwing::recording::{Item, RunReader};
+use tempfile::{TempDir, tempdir};
+
+use crate::support::{Wire, steer, telemetry};
+
+/// A verb that runs in a shell's `script`, where `"$0" "$@"` stands for the program and its arguments.
+struct Verb {
+    child: Child,
+    dir: TempDir,
+}
+
+impl Verb {
+    fn start(script: &str, arguments: &[&str]) -> Self {
+        let dir = tempdir().unwrap();
+        let child = Command::new("sh")
+            .args(["-c", script, env!("CARGO_BIN_EXE_lapwing")])
+            .args(arguments)
+            .current_dir(dir.path())
+            .env_remove("LAPWING_LOG")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Self { child, dir }
+    }
+
+    fn signal(&self, name: &str) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-s", name, &pid]).status().unwrap().success());
+    }
+
+    /// Waits until it has begun to listen for signals.
+    fn catches_signals(&self) {
+        if cfg!(target_os = "linux") {
+            let status = format!("/proc/{}/status", self.child.id());
+            until("it catches SIGHUP, SIGINT and SIGTERM", || {
+                let status = std::fs::read_to_string(&status).unwrap();
+                let (_, caught) = status.split_once("SigCgt:")?;
+                let caught = u64::from_str_radix(caught.split_whitespace().next()?, 16).unwrap();
+                (caught & 0x4003 == 0x4003).then_some(())
+            });
+        } else {
+            std::thread::sleep(Duration::from_secs(2));
+        }
+    }
+
+    fn ends(&mut self) -> ExitStatus {
+        until("the program ends", || self.child.try_wait().unwrap())
+    }
+
+    /// What it has said on stdout and stderr, once it has ended.
+    fn said(&mut self) -> (String, String) {
+        let (mut out, mut err) = (String::new(), String::new());
+        self.child.stdout.take().map(|mut pipe| pipe.read_to_string(&mut out));
+        self.child.stderr.take().map(|mut pipe| pipe.read_to_string(&mut err));
+        (out, err)
+    }
+
+    /// The only run, and how many frames it holds, where it is whole.
+    fn run(&self) -> (PathBuf, Option<usize>) {
+        let files: Vec<_> =
+            std::fs::read_dir(self.dir.path().join("runs")).unwrap().map(|file| file.unwrap().path()).collect();
+        let [run] = files.as_slice() else { panic!("{files:?}") };
+        (run.clone(), whole(run))
+    }
+}
+
+impl Drop for Verb {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// How many frames a run holds; `None` where it is cut off.
+fn whole(run: &Path) -> Option<usize> {
+    let mut reader = RunReader::open(run).unwrap();
+    let frames = reader.by_ref().filter(|item| matches!(item.as_ref().unwrap().1, Item::Frame(_))).count();
+    reader.truncated().is_none().then_some(frames)
+}
+
+fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
+    let end = Instant::now() + Duration::from_secs(20);
+    loop {
+        if let Some(it) = found() {
+            return it;
+        }
+        assert!(Instant::now() < end, "waited in vain until {what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+const PLAIN: &str = r#"exec "$0" "$@""#;
+
+/// A bridge with its model loaded that records below its folder, its address, and what it says on.
+fn serve(script: &str) -> (Verb, SocketAddr, BufReader<Box<dyn Read>>) {
+    let mut verb = Verb::start(script, &["serve", "--port", "0", "--recordings", "runs"]);
+    let merged = script.contains("2>&1");
+    let pipe: Box<dyn Read> =
+        if merged { Box::new(verb.child.stdout.take().unwrap()) } else { Box::new(verb.child.stderr.take().unwrap()) };
+    let mut said = BufReader::new(pipe);
+    let (mut address, mut line) = (None, String::new());
+    while !line.contains("model:") {
+        line.clear();
+        assert!(said.read_line(&mut line).unwrap() > 0, "the bridge ends");
+        let told = line.split_once("simulator on ").and_then(|(_, rest)| rest.split_once(". "));
+        address = address.or(told.map(|(address, _)| address.parse().unwrap()));
+    }
+    (verb, address.unwrap(), said)
+}
+
+/// Drives a moment, ends the bridge so, and wants the last command to have no throttle.
+async fn driven_until(verb: &mut Verb, address: SocketAddr, end: impl AsyncFnOnce(&mut Verb)) -> ExitStatus {
+    let mut simulator = Wire::simulator(address).await;
+    let mut steering = 0.0;
+    for _ in 0..5 {
+        let command = steer(&simulator.ask(&telemetry("4.0000")).await);
+        assert!(command.1 > 0.0, "it drives: {command:?}");
+        steering = command.0;
+    }
+    end(verb).await;
+    assert_eq!(steer(&simulator.text().await), (steering, 0.0), "the farewell");
+    verb.ends()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn ctrl_c_sigterm_and_a_closed_terminal_end_it_in_order() {
+    for signal in ["INT", "TERM", "HUP"] {
+        let (mut verb, address, _said) = serve(PLAIN);
+        let status = driven_until(&mut verb, address, async |verb| verb.signal(signal)).await;
+        let (out, _) = verb.said();
+        assert_eq!(status.code(), Some(0), "{signal}");
+        assert!(out.contains("drive of 127.0.0.1"), "{signal}: {out}");
+        assert_eq!(verb.run().1, Some(5), "{signal}: the run is whole");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn ctrl_c_with_the_reader_of_its_output_gone_ends_it_in_order() {
+    // As in `lapwing serve 2>&1 | tee log`, where Ctrl-C ends `tee`, too.
+    let (mut verb, address, said) = serve(&format!("{PLAIN} 2>&1"));
+    let status = driven_until(&mut verb, address, async |verb| {
+        drop(said);
+        verb.signal("INT");
+    })
+    .await;
+    assert!(matches!(status.code(), Some(0 | 1)), "{status}: neither a panic nor a signal");
+    assert_eq!(verb.run().1, Some(5));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn log_lines_that_nobody_takes_do_not_end_a_drive() {
+    let (mut verb, address, said) = serve(PLAIN);
+    drop(said);
+    let mut simulator = Wire::simulator(address).await;
+    for _ in 0..3 {
+        simulator.ask("no packet at all").await; // a line each
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+    }
+    let status = driven_until(&mut verb, address, async |verb| verb.signal("TERM")).await;
+    assert_eq!(status.code(), Some(0));
+}
+
+#[cfg(target_os = "linux")]
+#[tokio::test(flavor = "multi_thread")]
+async fn full_disks_behind_stdout_and_stderr_do_not_end_a_drive() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port().to_string();
+    let script = format!("{PLAIN} >/dev/full 2>/dev/full");
+    let mut verb = Verb::start(&script, &["serve", "--port", &port, "--recordings", "runs"]);
+    let address = format!("127.0.0.1:{port}").parse().unwrap();
+    until("it listens", || std::net::TcpStream::connect(address).ok());
+    let mut simulator = Wire::simulator(address).await;
+    while steer(&simulator.ask(&telemetry("4.0000")).await).1 <= 0.0 {} // the model is loading
+    let status = driven_until(&mut verb, address, async |verb| verb.signal("INT")).await;
+    assert!(matches!(status.code(), Some(0 | 1)), "{status}: neither a panic nor a signal");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_limit_on_file_sizes_costs_the_recording_and_not_the_drive() {
+    let (mut verb, address, mut said) = serve(&format!("ulimit -f 32; {PLAIN}"));
+    let mut simulator = Wire::simulator(address).await;
+    let mut line = String::new();
+    for _ in 0..60 {
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+        tokio::time::sleep(Duration::from_millis(25)).await; // the recorder writes twice a second
+    }
+    while !line.contains("cannot write the run") {
+        line.clear();
+        assert!(said.read_line(&mut line).unwrap() > 0, "the bridge ends");
+    }
+    drop(simulator);
+    let status = driven_until(&mut verb, address, async |verb| verb.signal("TERM")).await;
+    assert!(status.code().is_some(), "{status}: not ended by a signal");
+    let (out, _) = verb.said();
+    assert!(out.contains("recording error"), "{out}");
+    for run in std::fs::read_dir(verb.dir.path().join("runs")).unwrap() {
+        RunReader::open(run.unwrap().path()).unwrap(); // what was written can be read
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_terminal_whose_closing_is_ignored_does_not_end_it() {
+    let (mut verb, address, _said) = serve(&format!("trap '' HUP; {PLAIN}")); // as nohup does
+    verb.signal("HUP");
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let status = driven_until(&mut verb, address, async |verb| verb.signal("TERM")).await;
+    assert_eq!(status.code(), Some(0));
+}
+
+#[test]
+fn verbs_that_drive_by_themselves_end_in_order_too() {
+    for (signal, arguments) in [
+        ("TERM", &["drive", "--pilot", "expert", "--laps", "500", "--recordings", "runs"][..]),
+        ("HUP", &["simulate", "--laps", "500"]),
+        ("TERM", &["record", "--laps", "500", "--out", "data"]),
+    ] {
+        let mut verb = Verb::start(PLAIN, arguments);
+        verb.catches_signals();
+        if arguments[0] == "drive" {
+            let runs = verb.dir.path().join("runs");
+            let bytes = || std::fs::read_dir(&runs).ok()?.next()?.ok()?.metadata().ok();
+            until("something is recorded", || bytes().filter(|run| run.len() > 300_000));
+        }
+        verb.signal(signal);
+        let status = verb.ends();
+        let (out, err) = verb.said();
+        assert!(status.code().is_some() && out.contains("interrupted"), "{arguments:?}: {status}: {out}{err}");
+        if arguments[0] == "drive" {
+            assert!(verb.run().1.is_some_and(|frames| frames > 10), "{out}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_simulator_has_its_line_and_a_storm_of_dials_hides_none() {
+    let (mut verb, address, mut said) = serve(PLAIN);
+    for _ in 0..100 {
+        drop(Wire::simulator(address).await);
+    }
+    let mut simulators = vec![];
+    for _ in 0..8 {
+        let mut simulator = Wire::simulator(address).await;
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+        simulators.push(simulator);
+    }
+    let names: Vec<_> = simulators.iter().map(|wire| wire.socket.get_ref().local_addr().unwrap().to_string()).collect();
+    verb.signal("TERM");
+    verb.ends();
+    let mut log = String::new();
+    said.read_to_string(&mut log).unwrap();
+    for name in names {
+        let line = format!("{name}: a term 1 (stock) simulator has connected");
+        assert_eq!(log.matches(&line).count(), 1, "{log}");
+    }
+    assert!(log.matches("never sent a telemetry").count() <= 2, "{log}");
+}
