@@ -3,7 +3,7 @@
 PYTHON ?= python3
 CARGO ?= cargo
 
-.PHONY: drive test build lint bench interop soak clean
+.PHONY: drive test build lint deny bench fuzz interop soak clean
 
 # A lap of the lake in the headless simulator: first by the expert, who knows the road, then by the shipped model.
 drive: build
