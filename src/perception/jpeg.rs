@@ -3,6 +3,7 @@
 
 use std::{
     io::Cursor,
+    panic::{self, AssertUnwindSafe},
     sync::atomic::{AtomicUsize, Ordering},
 };
 
@@ -63,6 +64,9 @@ pub enum ImageError {
         /// Rows, as the header claims.
         height: usize,
     },
+    /// Colours sampled more finely than the brightness, or not evenly to it: no encoder does so, and the decoder fails.
+    #[error("expected a JPEG whose colours have at most the samples of its first component, got {0}")]
+    Sampling(String),
     /// More scans than any encoder writes.
     #[error("expected a JPEG of at most {MAX_SCANS} scans, got more")]
     Scans,
@@ -116,6 +120,12 @@ pub fn decode_base64(text: &[u8]) -> Result<Bytes, ImageError> {
 /// shows anything.
 pub fn decode_jpeg(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
     check_markers(bytes, PIXELS.load(Ordering::Relaxed))?;
+    // The decoder is somebody else's, and its panics would be a car's end.
+    panic::catch_unwind(AssertUnwindSafe(|| decode(bytes, frame)))
+        .unwrap_or_else(|_| Err(ImageError::Broken("the decoder gave up".into())))
+}
+
+fn decode(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
     let broken = |e: image::ImageError| ImageError::Broken(e.to_string());
     let decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(broken)?;
     let (width, height) = decoder.dimensions();
@@ -146,6 +156,19 @@ fn check_size(width: usize, height: usize, most: usize) -> Result<(usize, usize)
     } else {
         Ok((width, height))
     }
+}
+
+/// Three bytes a component: its name, its samples across and down in half a byte each, its table.
+fn check_sampling(components: &[u8]) -> Result<(), ImageError> {
+    let factors: Vec<(u8, u8)> = components.chunks_exact(3).map(|c| (c[1] >> 4, c[1] & 15)).collect();
+    let Some(&(across, down)) = factors.first() else { return Ok(()) };
+    // 0 is for the decoder to refuse, with all else that is no header.
+    let is_even = |&(a, d): &(u8, u8)| a == 0 || d == 0 || across % a == 0 && down % d == 0;
+    if factors.iter().all(is_even) {
+        return Ok(());
+    }
+    let told: Vec<String> = factors.iter().map(|(across, down)| format!("{across}x{down}")).collect();
+    Err(ImageError::Sampling(told.join(", ")))
 }
 
 /// Walks the markers from the first to the end-of-image, without decoding: sizes and scans are known before a pixel is.
@@ -181,8 +204,9 @@ fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
         let Some(length) = rest.first_chunk().map(|b| usize::from(u16::from_be_bytes(*b))) else { break };
         // A start of frame, but not DHT (C4), JPG (C8) or DAC (CC), which share its numbers.
         if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
-            let &[_, _, _, h1, h0, w1, w0, ..] = rest else { break };
+            let &[_, _, _, h1, h0, w1, w0, components, ref factors @ ..] = rest else { break };
             check_size(u16::from_be_bytes([w1, w0]).into(), u16::from_be_bytes([h1, h0]).into(), most)?;
+            check_sampling(factors.get(..3 * usize::from(components)).unwrap_or_default())?;
         }
         let Some(next) = rest.get(length.max(2)..) else { break };
         rest = next;
@@ -350,10 +374,31 @@ mod tests {
     }
 
     #[test]
+    fn colours_with_more_samples_than_the_brightness_are_refused_before_the_decoder_fails() {
+        let sampled = |factors: [u8; 3]| {
+            let mut bytes = jpeg();
+            let sof = bytes.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();
+            for (i, factor) in factors.into_iter().enumerate() {
+                bytes[sof + 11 + 3 * i] = factor;
+            }
+            check_markers(&bytes, MAX_PIXELS).map_err(|e| e.to_string())
+        };
+        for known in
+            [[0x11, 0x11, 0x11], [0x21, 0x11, 0x11], [0x22, 0x11, 0x11], [0x41, 0x11, 0x11], [0x22, 0x12, 0x12]]
+        {
+            assert_eq!(sampled(known), Ok(()), "{known:?}");
+        }
+        let expected =
+            "expected a JPEG whose colours have at most the samples of its first component, got 2x2, 1x1, 4x1";
+        assert_eq!(sampled([0x22, 0x11, 0x41]).unwrap_err(), expected);
+        assert!(sampled([0x11, 0x21, 0x21]).is_err() && sampled([0x31, 0x21, 0x11]).is_err());
+    }
+
+    #[test]
     fn a_progressive_picture_reads_with_the_scans_of_an_encoder_and_not_with_hundreds() {
         let mut bytes = Vec::new();
         let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, 75);
-        encoder.set_progressive_scans(16);
+        encoder.set_progressive(true);
         encoder.encode(&picture(), 64, 32, jpeg_encoder::ColorType::Rgb).unwrap();
         decode(&bytes).unwrap();
         // The last scan over and over: each costs some bytes here, and a walk over all pixels there.
@@ -362,6 +407,24 @@ mod tests {
         let again = bytes[scan..end].repeat(300);
         bytes.splice(end..end, again);
         assert_eq!(decode(&bytes).unwrap_err().to_string(), "expected a JPEG of at most 32 scans, got more");
+    }
+
+    #[test]
+    fn the_dearest_picture_within_the_limits_takes_a_fraction_of_a_second() {
+        let pixels: Vec<u8> = picture().repeat(1920 * 1200 / (64 * 32));
+        let mut bytes = Vec::new();
+        let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, 90);
+        encoder.set_progressive(true);
+        encoder.encode(&pixels, 1920, 1200, jpeg_encoder::ColorType::Rgb).unwrap();
+        let scans = bytes.windows(2).filter(|w| *w == [0xff, 0xda]).count();
+        let scan = bytes.windows(2).rposition(|w| w == [0xff, 0xda]).unwrap();
+        let end = bytes.len() - 2;
+        let again = bytes[scan..end].repeat(MAX_SCANS - scans);
+        bytes.splice(end..end, again);
+        let began = std::time::Instant::now();
+        decode(&bytes).unwrap();
+        let took = began.elapsed();
+        assert!(took.as_secs_f64() < 2.0, "{scans} scans made {MAX_SCANS} take {took:?}");
     }
 
     #[test]

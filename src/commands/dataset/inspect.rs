@@ -110,10 +110,10 @@ fn particulars(inspection: &Inspection) -> String {
     let gap = |gap: &Gap| format!("gap of {:.3} s before {}", gap.seconds, place(gap.row, gap.line));
     lines.extend(some(&inspection.gaps, "gaps", gap));
     let problem = |Problem { row, line, camera, file, missing, why }: &Problem| {
-        let file = file.as_ref().map_or_else(String::new, |file| format!(" {}", file.display()));
+        let file = file.as_ref().map_or_else(String::new, |file| format!(" {}:", file.display()));
         let state = if *missing { "missing" } else { "broken" };
         let what = camera.map_or_else(|| "unreadable".into(), |camera| format!("{camera} {state}"));
-        format!("{}: {what}:{file}: {why}", place(*row, *line))
+        format!("{}: {what}:{file} {why}", place(*row, *line))
     };
     lines.extend(some(&inspection.problems, "problems", problem));
     lines.extend(inspection.truncated.iter().map(|why| format!("the run is {why}")));
