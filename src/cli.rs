@@ -16,7 +16,8 @@ use crate::{
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100)]
 pub struct Cli {
-    /// Settings file, over your own in ~/.config/lapwing [default: lapwing.toml of this folder, if there is one]
+    /// Settings file, which overrides your own ~/.config/lapwing/lapwing.toml [default: lapwing.toml of this folder, if
+    /// there is one]
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// What to do.

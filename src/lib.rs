@@ -22,7 +22,7 @@
 //! | module | holds | may import |
 //! |---|---|---|
 //! | [`units`] | mph, degrees, normalised steering and throttle: newtypes with checked construction | nothing |
-//! | [`config`] | settings: defaults < `lapwing.toml` < environment < flags | `units` |
+//! | [`config`] | settings: defaults < your own file < `lapwing.toml` < environment < flags | `units` |
 //! | [`protocol`] | the simulator's text, both ends of it, in every dialect and culture; no I/O | `units` |
 //! | [`perception`] | base64 and JPEG to `Frame`; crop, resize, colour, scale | `units` |
 //! | [`nn`] | networks, checkpoints, the libtorch in use | `perception` |

@@ -6,6 +6,7 @@ mod closed_loop;
 mod corpus;
 mod driver;
 mod driving_logs;
+mod model_files;
 mod models;
 mod parity;
 mod program;

@@ -42,6 +42,8 @@ struct Result_<'a> {
     #[serde(flatten)]
     card: &'a Scorecard,
     frames: u64,
+    /// Those of them that no network saw; the card counts bad frames of a pilot that drove at all.
+    unseen_frames: u64,
     rows_read: usize,
     rows_standing: usize,
     turned_by_pictures: usize,
@@ -109,6 +111,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             limit_m: arguments.limit,
             card: &card,
             frames,
+            unseen_frames: bad_frames,
             rows_read: read,
             rows_standing: stood,
             turned_by_pictures: pictures,
@@ -120,11 +123,15 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         };
         super::print(&serde_json::to_string_pretty(&result)?);
     } else {
+        let unseen = match bad_frames {
+            0 => String::new(),
+            bad => format!("; {bad} were seen by no network"),
+        };
         let line = |label: &str, what: String| format!("\n  {label:<17} {what}");
         let mut text = format!("{name} along {source}, put back beyond {} m\n{card}", arguments.limit);
         text += &line(
             "frames",
-            format!("{frames} in {:.1} s, {frames_per_s:.0}/s; {stood} of {read} stood", wall.as_secs_f64()),
+            format!("{frames} in {:.1} s, {frames_per_s:.0}/s; {stood} of {read} stood{unseen}", wall.as_secs_f64()),
         );
         text += &line("recorded turning", format!("from pictures {pictures} times, from steering {steering}"));
         text += &line("fingerprint", fingerprint[..16].to_owned());

@@ -182,8 +182,9 @@ fn refuse_strangers_code(file: &str, model: &Path, settings: &Settings) -> Resul
     }
     let own = own_settings().map_or_else(|| "your own settings".into(), |path| path.display().to_string());
     let why = format!(
-        "names the model {model}, which is TorchScript and runs code: expected your own word for that, got only the \
-         file's; trust it with --model {model}, --allow-torchscript, or model.allow_torchscript = true in {own}",
+        "names the model {model}, which is TorchScript, and loading it runs the code in it: expected you to name it, got \
+         its name from this file; if you trust it, give --model {model} or --allow-torchscript, or set \
+         model.allow_torchscript = true in {own}",
         model = model.display(),
     );
     Err(ConfigError::Value { layer: file.into(), why })

@@ -1,0 +1,226 @@
+//! Settings on their way to being resolved: files, environment and flags, one over the other, and whose word each is.
+
+use std::{fs, io, path::Path};
+
+use toml::{Table, Value};
+
+use super::{ConfigError, FILE, PREFIX, Settings, check};
+
+/// Settings on their way to being resolved, layer upon layer.
+#[derive(Debug, Clone, Default)]
+pub struct Layers {
+    merged: Table,
+    /// See [`Layers::model_named_by_others`].
+    model_named_by_others: Option<String>,
+}
+
+/// Whose word a layer is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Author {
+    /// Who runs the program: flags, environment.
+    User,
+    /// The same, written down for all folders.
+    UsersFile,
+    /// Whoever wrote the file. It is read because it lies in the folder, or was handed over as a whole.
+    Anybody,
+}
+
+impl Layers {
+    /// Adds the user's own settings file, and is content without.
+    ///
+    /// # Errors
+    /// As [`Layers::file`].
+    pub fn own_file(self, path: &Path) -> Result<Self, ConfigError> {
+        self.read(path, false, Author::UsersFile)
+    }
+
+    /// Adds a settings file, which anybody may have written. `None` looks for [`FILE`] in the working directory and is
+    /// content without.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the file cannot be read or holds something unknown.
+    pub fn file(self, path: Option<&Path>) -> Result<Self, ConfigError> {
+        self.read(path.unwrap_or(Path::new(FILE)), path.is_some(), Author::Anybody)
+    }
+
+    fn read(self, path: &Path, must_be_there: bool, author: Author) -> Result<Self, ConfigError> {
+        let text = match fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if !must_be_there && e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            Err(source) => return Err(ConfigError::Read { path: path.into(), source }),
+        };
+        let table = text.parse::<Table>().map_err(|e| ConfigError::Syntax { path: path.into(), why: e.to_string() })?;
+        self.layer(&path.display().to_string(), table, author)
+    }
+
+    /// Adds the variables that begin with [`PREFIX`] and a known section.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming the variable.
+    pub fn environment(mut self, variables: impl Iterator<Item = (String, String)>) -> Result<Self, ConfigError> {
+        for (name, value) in variables {
+            // Other variables with the prefix (LAPWING_LOG) name no section and are no settings.
+            let Some(key) = name.strip_prefix(PREFIX).filter(|k| k.contains("__")) else { continue };
+            let (layer, key) = (format!("environment variable {name}"), key.to_lowercase().replace("__", "."));
+            // `2026` is a number, and may be meant for the name of a folder.
+            self = self
+                .clone()
+                .set(&layer, &key, text(&value))
+                .or_else(|e| self.set(&layer, &key, value.as_str()).map_err(|_| e))?;
+        }
+        Ok(self)
+    }
+
+    /// Sets one dotted key, as flags do.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming `layer`.
+    pub fn set(self, layer: &str, key: &str, value: impl Into<Value>) -> Result<Self, ConfigError> {
+        let mut value = value.into();
+        for part in key.rsplit('.') {
+            value = Value::Table(Table::from_iter([(part.to_owned(), value)]));
+        }
+        let Value::Table(table) = value else { unreachable!("a key has at least one part") };
+        self.layer(layer, table, Author::User)
+    }
+
+    /// The file that names the model, where that is no word of the user's own: one that anybody may have written, or
+    /// the user's with a path that depends on the folder.
+    pub fn model_named_by_others(&self) -> Option<&str> {
+        self.model_named_by_others.as_deref()
+    }
+
+    /// The settings.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for values that do not go together.
+    pub fn resolve(self) -> Result<Settings, ConfigError> {
+        check("settings", &self.merged)
+    }
+
+    fn layer(mut self, name: &str, table: Table, author: Author) -> Result<Self, ConfigError> {
+        let of_model = |key: &str| table.get("model").and_then(|model| model.get(key));
+        if author == Author::Anybody && of_model("allow_torchscript").is_some() {
+            let why = "model.allow_torchscript: expected in your own settings, the environment or as \
+                       --allow-torchscript, got it in a file that others may have written";
+            return Err(ConfigError::Value { layer: name.into(), why: why.into() });
+        }
+        if let Some(path) = of_model("path") {
+            let anywhere = path.as_str().is_some_and(|path| Path::new(path).is_absolute());
+            let own = author == Author::User || (author == Author::UsersFile && anywhere);
+            self.model_named_by_others = (!own).then(|| name.to_owned());
+        }
+        merge(&mut self.merged, table);
+        check(name, &self.merged)?; // the layers below passed: what is wrong now is this one's
+        Ok(self)
+    }
+}
+
+fn merge(below: &mut Table, above: Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => drop(below.insert(key, value)),
+        }
+    }
+}
+
+/// A variable's text as the TOML value that it looks like, else as a string.
+fn text(value: &str) -> Value {
+    format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v")).unwrap_or_else(|| value.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+
+    fn environment(pairs: &[(&str, &str)]) -> Result<Layers, ConfigError> {
+        Layers::default().environment(pairs.iter().map(|(k, v)| ((*k).into(), (*v).into())))
+    }
+
+    fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        fs::write(&path, text).unwrap();
+        (dir, path)
+    }
+
+    #[test]
+    fn a_file_names_a_model_by_its_own_word_until_the_user_names_one() {
+        let (_dir, path) = file("[model]\npath = \"/somewhere/net.pt\"\n");
+        let named_by = |layers: &Layers| layers.model_named_by_others().map(str::to_owned);
+        let others = Layers::default().file(Some(&path)).unwrap();
+        assert_eq!(named_by(&others), Some(path.display().to_string()));
+        let (flag, key) = ("--model", "model.path");
+        assert_eq!(named_by(&others.clone().set(flag, key, "net.pt").unwrap()), None);
+        let variable = [("LAPWING_MODEL__PATH".to_owned(), "net.pt".to_owned())];
+        assert_eq!(named_by(&others.environment(variable.into_iter()).unwrap()), None);
+        let own = Layers::default().own_file(&path).unwrap();
+        assert_eq!(named_by(&own), None);
+        assert_eq!(own.resolve().unwrap().model.path.as_deref(), Some(Path::new("/somewhere/net.pt")));
+        // What lies there differs from folder to folder.
+        let (_dir, relative) = file("[model]\npath = \"net.pt\"\n");
+        assert!(named_by(&Layers::default().own_file(&relative).unwrap()).is_some());
+        // The folder's file has the last word, and it is not the user's.
+        let both = Layers::default().own_file(&path).unwrap().file(Some(&relative)).unwrap();
+        assert_eq!(named_by(&both), Some(relative.display().to_string()));
+    }
+
+    #[test]
+    fn only_the_user_allows_code_to_run() {
+        let (_dir, path) = file("[model]\nallow_torchscript = true\n");
+        assert!(Layers::default().own_file(&path).unwrap().resolve().unwrap().model.allow_torchscript);
+        let error = Layers::default().file(Some(&path)).unwrap_err().to_string();
+        assert!(error.contains("model.allow_torchscript: expected in your own settings"), "{error}");
+        assert!(
+            !Layers::default()
+                .own_file(Path::new("/nowhere/lapwing.toml"))
+                .unwrap()
+                .resolve()
+                .unwrap()
+                .model
+                .allow_torchscript
+        );
+    }
+
+    #[test]
+    fn each_layer_wins_over_the_one_below() {
+        let (_dir, path) = file("[control]\nspeed_mph = 12\nkp = 0.2\n");
+        let variables = [("LAPWING_CONTROL__SPEED_MPH".to_owned(), "15.5".to_owned())];
+        let layers = Layers::default().file(Some(&path)).unwrap().environment(variables.into_iter()).unwrap();
+        let settings = layers.clone().resolve().unwrap();
+        assert_eq!((settings.control.speed_mph.get(), settings.control.kp, settings.control.ki), (15.5, 0.2, 0.002));
+        let settings = layers.set("--speed", "control.speed_mph", 20.0).unwrap().resolve().unwrap();
+        assert_eq!(settings.control.speed_mph.get(), 20.0);
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused_with_the_layer_that_holds_it() {
+        let (_dir, path) = file("[control]\nsped = 12\n");
+        let error = Layers::default().file(Some(&path)).unwrap_err().to_string();
+        assert!(error.contains("lapwing.toml") && error.contains("unknown field `sped`"), "{error}");
+        let error = environment(&[("LAPWING_BRIDGE__PROT", "1")]).unwrap_err().to_string();
+        assert!(error.contains("environment variable LAPWING_BRIDGE__PROT"), "{error}");
+    }
+
+    #[test]
+    fn variables_without_a_section_are_not_ours_and_an_unknown_section_is_refused() {
+        assert!(
+            environment(&[("LAPWING_CONTRL__KP", "1")]).unwrap_err().to_string().contains("unknown field `contrl`")
+        );
+        let folder = environment(&[("LAPWING_RECORDING__DIR", "2026")]).unwrap().resolve().unwrap().recording.dir;
+        assert_eq!(folder, Path::new("2026"));
+        assert_eq!(
+            environment(&[("LAPWING_SHARED", "x"), ("PATH", "y")]).unwrap().resolve().unwrap(),
+            Settings::default()
+        );
+    }
+
+    #[test]
+    fn a_missing_file_is_fine_unless_it_was_named() {
+        let error = Layers::default().file(Some(Path::new("/nowhere/lapwing.toml"))).unwrap_err();
+        assert!(matches!(error, ConfigError::Read { .. }));
+    }
+}
