@@ -1,8 +1,8 @@
 //! The command line, as clap types. What a verb does stands in `commands`.
 
-use std::path::PathBuf;
+use std::{ffi::OsString, path::PathBuf};
 
-use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
 
 use crate::{
     nn::Precision,
@@ -176,6 +176,22 @@ pub struct Thresholds {
     pub max_mean_cte: Option<f64>,
 }
 
+impl Cli {
+    /// Of the program's arguments, its own name among them. They are text: what was no Unicode would stand in runs and
+    /// reports as something else.
+    ///
+    /// # Errors
+    /// Clap's: wrong usage, or what was asked for with `--help` and `--version`.
+    pub fn read(arguments: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let text = |argument: OsString| {
+            let wrong = |got| Self::command().error(ErrorKind::InvalidUtf8, format!("expected UTF-8, got {got:?}"));
+            argument.into_string().map_err(wrong)
+        };
+        let arguments: Vec<_> = arguments.skip(1).map(text).collect::<Result<_, _>>()?;
+        Self::try_parse_from(std::iter::once("lapwing".to_owned()).chain(arguments))
+    }
+}
+
 impl Thresholds {
     /// The first that is given, by its flag.
     pub fn first(&self) -> Option<&'static str> {
@@ -203,7 +219,7 @@ pub struct Score {
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
     /// Laps asked for, where the run does not tell
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
     #[command(flatten)]
     pub thresholds: Thresholds,
@@ -239,8 +255,8 @@ pub struct Suite {
     #[arg(long, value_name = "PART/OF")]
     pub shard: Option<Shard>,
     /// Drives at a time [default: one a core]
-    #[arg(long, value_name = "N")]
-    pub jobs: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
     /// Heat map for a browser [default: suite.html in the folder]
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
@@ -274,8 +290,8 @@ pub struct Simulate {
     /// Laps after which the run ends [default: 1, without a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
-    /// Dial this bridge, drive.py included; without it the expert drives
-    #[arg(long, value_name = "HOST:PORT")]
+    /// Dial this bridge, drive.py included; port 4567 where none is given. Without it the expert drives
+    #[arg(long, value_name = "HOST[:PORT]")]
     pub connect: Option<String>,
     /// Culture in which numbers are written and read
     #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
@@ -553,7 +569,7 @@ pub struct Replay {
     #[command(flatten)]
     pub thinking: Thinking,
     /// Play the recording to a bridge as the Unity build would, instead of driving in process
-    #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
+    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
     pub connect: Option<String>,
     /// Drive along the recording: a virtual car steers, and sees the recorded pictures from where it is
     #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]

@@ -22,6 +22,8 @@
 //! | module | holds | may import |
 //! |---|---|---|
 //! | [`units`] | mph, degrees, normalised steering and throttle: newtypes with checked construction | nothing |
+//! | [`files`] | files written whole or not at all, and whether they could be; for every module | nothing |
+//! | [`words`] | plurals, and what a misspelt name was meant to be, for every module's messages | nothing |
 //! | [`config`] | settings: defaults < your own file < `lapwing.toml` < environment < flags | `units` |
 //! | [`protocol`] | the simulator's text, both ends of it, in every dialect and culture; no I/O | `units` |
 //! | [`perception`] | base64 and JPEG to `Frame`; crop, resize, colour, scale | `units` |
@@ -61,6 +63,7 @@ pub mod dataset;
 pub mod drawing;
 pub mod drive;
 pub mod driver;
+pub mod files;
 pub mod nn;
 pub mod odometry;
 pub mod perception;
@@ -73,3 +76,4 @@ pub mod simulator;
 pub mod suite;
 pub mod train;
 pub mod units;
+pub mod words;

@@ -2,10 +2,17 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
 use lapwing::{cli::Cli, commands, nn::runtime};
 
 fn main() -> ExitCode {
     runtime::keep_tensor_memory();
-    commands::run(Cli::parse())
+    match Cli::read(std::env::args_os()) {
+        Ok(cli) => commands::run(cli),
+        // Wrong usage, or the help that was asked for, which is a result.
+        Err(told) => match (told.print(), told.use_stderr()) {
+            (_, true) => ExitCode::from(2),
+            (Ok(()), false) => ExitCode::SUCCESS,
+            (Err(_), false) => ExitCode::FAILURE,
+        },
+    }
 }

@@ -12,6 +12,7 @@ mod parity;
 mod program;
 mod recording;
 mod replay;
+mod results;
 mod serve;
 mod simulator;
 mod support;

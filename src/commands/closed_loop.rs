@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::{
-    Ended,
+    Ended, outputs,
     replay::{progress_bar, too_many_bad_frames},
     thresholds,
 };
@@ -58,6 +58,8 @@ struct Result_<'a> {
 pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
     let layers = thresholds::layers(super::layers(config, &arguments.driving)?, &arguments.thresholds)?;
     let mut settings = layers.resolve()?;
+    arguments.film.as_deref().map_or(Ok(()), outputs::check_film)?;
+    arguments.recordings.as_deref().map_or(Ok(()), outputs::check_folder)?;
     settings.model.threads = 1; // as `drive`: the same bytes everywhere
     let model = super::load_model(&settings)?;
     super::suits_our_cameras(&model)?;
@@ -66,24 +68,23 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let mut world = RecordedWorld::open(&arguments.source, arguments.limit, yaw)?;
     let (rows, read, stood) = world.rows();
-    let recorder = arguments.recordings.as_deref().map(|dir| {
-        let header = RunHeader {
-            name_hint: Some(format!("{}-closed-loop", world.name())),
-            dialect: Some(Dialect::SelfOracle),
-            model: Some(ModelId { name: name.clone(), sha256: model.sha256().to_owned() }),
-            seed: None,
-            config: json!({
-                "settings": settings,
-                "world": { "closed_loop_on": source, "limit_m": arguments.limit, "by_steering": arguments.by_steering },
-            }),
-            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
-            started: jiff::Timestamp::now(),
-        };
-        Recorder::create(dir, header, RecorderOptions { queue: settings.recording.queue })
-    });
-    let recorder = recorder.transpose()?;
+    let header = RunHeader {
+        name_hint: Some(format!("{}-closed-loop", world.name())),
+        dialect: Some(Dialect::SelfOracle),
+        model: Some(ModelId { name: name.clone(), sha256: model.sha256().to_owned() }),
+        seed: None,
+        config: json!({
+            "settings": settings,
+            "world": { "closed_loop_on": source, "limit_m": arguments.limit, "by_steering": arguments.by_steering },
+        }),
+        lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+        started: jiff::Timestamp::now(),
+    };
     let mut film = arguments.film.as_deref().map(|path| Seen::new(path, &world)).transpose()?;
     let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
+    // Last, for whatever fails before leaves no run.
+    let options = RecorderOptions { queue: settings.recording.queue };
+    let recorder = arguments.recordings.as_deref().map(|dir| Recorder::create(dir, header, options)).transpose()?;
     let bar = progress_bar(Some(rows as u64));
     let interrupted = super::interrupted();
     let began = Instant::now();
@@ -96,7 +97,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     });
     let wall = began.elapsed();
     bar.finish_and_clear();
-    let report = recorder.map(Recorder::finish);
+    let report = recorder.and_then(super::close);
     let Drive { card, fingerprint, frames, bad_frames } =
         driven.map_err(|e| anyhow::anyhow!(e)).context(source.clone())?;
     film.map(|film| film.film.finish()).transpose()?;
@@ -104,7 +105,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
     let Sources { pictures, steering } = world.sources();
     let run = report.as_ref().map(|report| report.path.display().to_string());
-    if arguments.json {
+    let result = if arguments.json {
         let result = Result_ {
             pilot: &name,
             source,
@@ -121,7 +122,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             run,
             missed: &missed,
         };
-        super::print(&serde_json::to_string_pretty(&result)?);
+        serde_json::to_string_pretty(&result)?
     } else {
         let unseen = match bad_frames {
             0 => String::new(),
@@ -137,16 +138,17 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
         text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));
-        super::print(&text);
-    }
-    if let Some(error) = report.and_then(|report| report.error) {
-        return Err(error.into());
-    }
+        text
+    };
+    let printed = super::print(&result);
+    let ended = thresholds::ended(&missed);
+    super::whole(report)?;
+    printed?;
     if replay::too_many_bad_frames(bad_frames, frames) && !arguments.allow_bad_frames {
         say!("{}", too_many_bad_frames(&arguments.source.display().to_string(), bad_frames, frames));
         return Ok(Ended::Failed);
     }
-    Ok(thresholds::ended(&missed))
+    Ok(ended)
 }
 
 /// A film of what the pilot sees, with where it is.

@@ -1,7 +1,6 @@
 //! `lapwing doctor`: which libtorch, which device, which model, and what is wrong.
 
 use std::{
-    fs, io,
     net::SocketAddr,
     path::{Path, PathBuf},
     time::Instant,
@@ -14,6 +13,7 @@ use crate::{
     bridge::Listener,
     cli,
     driver::Driver,
+    files,
     nn::runtime,
     protocol::{CameraImage, Observation, Sight, Telemetry, Truth},
     units::{Degrees, Mph, Throttle},
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Resu
         time_of_an_answer(&mut driver)
     });
     let recordings = settings.recording.dir.clone();
-    if let Err(error) = can_write(&recordings) {
+    if let Err(error) = files::check_folder(&recordings) {
         troubles.push(format!("runs cannot be recorded in {}: {error}", recordings.display()));
     }
     let address = SocketAddr::new(settings.bridge.bind, settings.bridge.port);
@@ -60,9 +60,9 @@ pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Resu
         troubles,
     };
     if arguments.json {
-        super::print(&serde_json::to_string_pretty(&findings)?);
+        super::print(&serde_json::to_string_pretty(&findings)?)?;
     } else {
-        super::print(&told(&findings));
+        super::print(&told(&findings))?;
     }
     Ok(if findings.troubles.is_empty() { Ended::Passed } else { Ended::Failed })
 }
@@ -103,12 +103,4 @@ fn grey_jpeg() -> Vec<u8> {
         .encode(&[128; 320 * 160 * 3], 320, 160, image::ExtendedColorType::Rgb8)
         .expect("a grey picture can be encoded into memory");
     jpeg
-}
-
-/// Whether files can be made in a folder, or the folder itself in the one above.
-fn can_write(dir: &Path) -> io::Result<()> {
-    let existing = dir.ancestors().find(|d| d.is_dir()).unwrap_or(Path::new("."));
-    let probe = existing.join(format!(".lapwing-doctor-{}", std::process::id()));
-    fs::File::create_new(&probe)?;
-    fs::remove_file(&probe)
 }

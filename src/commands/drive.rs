@@ -19,6 +19,7 @@ use crate::{
     score::{self, Figure, Scorecard},
     simulator::world::Simulation,
     units::Mph,
+    words::count,
 };
 
 /// What the expert is called in a run.
@@ -43,7 +44,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
     let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
     if let Some(dir) = &arguments.recordings {
-        layers = layers.set("--recordings", "recording.dir", dir.to_string_lossy().into_owned())?;
+        layers = layers.set_path("--recordings", "recording.dir", dir)?;
     }
     if arguments.no_recording {
         layers = layers.set("--no-recording", "recording.enabled", false)?;
@@ -65,29 +66,27 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
             (model.pilot(), model.name().to_owned(), Some(id))
         }
     };
-    let recorder = if settings.recording.enabled {
-        let header = RunHeader {
-            name_hint: Some(setup.track.file().name.clone()),
-            dialect: Some(if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }),
-            model,
-            seed: Some(setup.seed),
-            config: json!({
-                "settings": settings,
-                "world": {
-                    "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
-                    "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
-                },
-            }),
-            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
-            started: jiff::Timestamp::now(),
-        };
-        Some(Recorder::create(&settings.recording.dir, header, RecorderOptions { queue: settings.recording.queue })?)
-    } else {
-        None
-    };
+    let header = settings.recording.enabled.then(|| RunHeader {
+        name_hint: Some(setup.track.file().name.clone()),
+        dialect: Some(if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }),
+        model,
+        seed: Some(setup.seed),
+        config: json!({
+            "settings": settings,
+            "world": {
+                "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
+                "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
+            },
+        }),
+        lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+        started: jiff::Timestamp::now(),
+    });
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
     let mut driver = Driver::new(pilot, &settings.control, Instant::now);
     let mut simulation = Simulation::new(setup)?;
+    // Last, for whatever fails before leaves no run.
+    let options = RecorderOptions { queue: settings.recording.queue };
+    let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
     let bar = world::Progress::new();
     let began = Instant::now();
     let driven = drive::run(&mut simulation, &mut driver, recorder.as_ref(), |simulation, _, _| {
@@ -98,13 +97,13 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let wall = began.elapsed();
     bar.clear();
     // Whatever happened, the run is closed and can be read.
-    let report = recorder.map(Recorder::finish);
+    let report = recorder.and_then(super::close);
     let Drive { card, fingerprint, frames, .. } = driven.map_err(|error| anyhow::anyhow!(error))?;
     let made = pictures.finish(&simulation)?;
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
     let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
-    if arguments.json {
+    let result = if arguments.json {
         let run = report.as_ref().map(|report| report.path.display().to_string());
         let result = Result_ {
             pilot: &name,
@@ -116,7 +115,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
             run,
             missed: &missed,
         };
-        super::print(&serde_json::to_string_pretty(&result)?);
+        serde_json::to_string_pretty(&result)?
     } else {
         let title = format!("{name} on {}, seed {seed}", simulation.setup().track.file().name);
         let mut text = format!("{title}\n{card}\n  {:<17} {frames} in {}", "frames", paced(wall, times_real_time));
@@ -127,12 +126,13 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         for (what, path) in made {
             text += &format!("\n  {what:<17} {}", path.display());
         }
-        super::print(&text);
-    }
-    if let Some(error) = report.and_then(|report| report.error) {
-        return Err(error.into());
-    }
-    Ok(thresholds::ended(&missed))
+        text
+    };
+    let printed = super::print(&result);
+    let ended = thresholds::ended(&missed);
+    super::whole(report)?;
+    printed?;
+    Ok(ended)
 }
 
 fn paced(wall: Duration, times: f64) -> String {
@@ -141,6 +141,6 @@ fn paced(wall: Duration, times: f64) -> String {
 
 fn told(report: &RecordingReport) -> String {
     let lost = report.frames_not_recorded + report.items_not_recorded;
-    let lost = if lost > 0 { format!(", {lost} items could not be recorded") } else { String::new() };
-    format!("{} ({} frames{lost})", report.path.display(), report.frames)
+    let lost = if lost > 0 { format!(", {} could not be recorded", count(lost, "item")) } else { String::new() };
+    format!("{} ({}{lost})", report.path.display(), count(report.frames, "frame"))
 }

@@ -5,12 +5,12 @@ use std::{path::Path, sync::Arc, time::Instant};
 use anyhow::{Context, bail, ensure};
 use serde_json::json;
 
-use super::Ended;
+use super::{Ended, outputs};
 use crate::{
     cli,
-    dataset::{Balance, Blocks, Cache, Inputs, Sample, Samples, Selection, Set},
+    dataset::{self, Balance, Blocks, Cache, Inputs, Sample, Samples, Selection, Set},
     drawing::{
-        Kind, Sheet,
+        Sheet,
         chart::{Axis, Chart, Marks, Series, stack},
     },
     nn::Network,
@@ -20,6 +20,8 @@ use crate::{
 };
 
 pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
+    arguments.plot.as_deref().map_or(Ok(()), outputs::check_drawing)?;
+    arguments.data.iter().try_for_each(|data| dataset::check(data))?;
     let model = match &arguments.model {
         Some(path) => pilot::load(path, Instant::now)?,
         None => pilot::built_in(Instant::now)?,
@@ -42,9 +44,6 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         tracing::warn!(
             "{name} does not say by a recipe what it learnt from: whether these rows were held out is not known"
         );
-    }
-    if let Some(path) = &arguments.plot {
-        Kind::of(path)?;
     }
     let mut lines = vec![];
     let mut charts = vec![];
@@ -92,10 +91,10 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     if arguments.json {
         super::print(&serde_json::to_string_pretty(&json!({
             "model": arguments.model.as_deref().unwrap_or(Path::new("built in")), "sha256": model.sha256(), "held_out": blocks, "results": results,
-        }))?);
+        }))?)?;
     } else {
-        super::print(&format!("{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE"));
-        lines.iter().for_each(|line| super::print(line));
+        super::print(&format!("{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE"))?;
+        lines.iter().try_for_each(|line| super::print(line))?;
     }
     Ok(Ended::Passed)
 }

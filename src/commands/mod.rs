@@ -8,6 +8,7 @@ mod dataset;
 mod doctor;
 mod drive;
 mod evaluate;
+mod outputs;
 mod record;
 mod replay;
 mod score;
@@ -19,7 +20,9 @@ mod train;
 mod world;
 
 use std::{
-    io::{self, IsTerminal, Write},
+    fs,
+    io::{self, IsTerminal},
+    net::{IpAddr, SocketAddr},
     num::NonZeroU16,
     path::{Path, PathBuf},
     process::ExitCode,
@@ -33,16 +36,20 @@ use std::{
 use anyhow::Context;
 use tracing_subscriber::EnvFilter;
 
+use outputs::print;
+
 use crate::{
     cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Trust, Verb},
     config::{self, ConfigError, Layers, Settings},
     nn::runtime,
     perception,
     pilot::{self, Model},
+    recording::{Recorder, RecordingReport},
     simulator::{
         camera::{Camera, Lens},
         world::{Ending, Simulation},
     },
+    words::count,
 };
 
 /// How a verb ended, as the exit status tells it.
@@ -86,27 +93,16 @@ pub fn run(cli: Cli) -> ExitCode {
         Ok(Ended::Missed) => ExitCode::from(3),
         Err(error) => {
             say!("error: {}", told(&error));
-            ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
+            ExitCode::from(if outputs::is_usage(&error) { 2 } else { 1 })
         }
-    }
-}
-
-/// Prints a result. Whoever has closed the pipe (`| head`) wants no more of it.
-fn print(text: &str) {
-    if let Err(error) = writeln!(io::stdout().lock(), "{text}")
-        && error.kind() != io::ErrorKind::BrokenPipe
-    {
-        say!("error: the result could not be printed: {error}");
     }
 }
 
 /// An error with its causes, but those that it has told itself.
 fn told(error: &anyhow::Error) -> String {
-    error
-        .chain()
-        .skip(1)
-        .map(ToString::to_string)
-        .fold(error.to_string(), |told, cause| if told.contains(&cause) { told } else { format!("{told}: {cause}") })
+    error.chain().skip(1).map(ToString::to_string).fold(error.to_string(), |told, cause| {
+        if told.contains(cause.trim_end()) { told } else { format!("{told}: {cause}") }
+    })
 }
 
 /// Ctrl-C, SIGTERM or a terminal that was closed, for a loop that is to end in an orderly way.
@@ -168,9 +164,7 @@ fn limit_pictures(config: Option<&Path>) -> anyhow::Result<()> {
 /// Settings files and environment. How large pictures may be holds for the whole process from here on.
 fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
     let own = own_settings().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(&path))?;
-    // Variables that are no Unicode cannot be any of ours.
-    let environment = std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v.into_string().ok()?)));
-    let layers = own.file(config)?.environment(environment)?;
+    let layers = own.file(config)?.environment(std::env::vars_os())?;
     perception::limit_pixels(layers.clone().resolve()?.perception.max_pixels as usize);
     Ok(layers)
 }
@@ -194,7 +188,7 @@ fn refuse_strangers_code(file: &str, model: &Path, settings: &Settings) -> Resul
 fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigError> {
     let mut layers = undriven_layers(config)?;
     if let Some(path) = &driving.model {
-        layers = layers.set("--model", "model.path", path.to_string_lossy().into_owned())?;
+        layers = layers.set_path("--model", "model.path", path)?;
     }
     if let Some(speed) = driving.speed {
         layers = layers.set("--speed", "control.speed_mph", speed)?;
@@ -242,6 +236,59 @@ fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking
 fn suits_our_cameras(model: &Model) -> anyhow::Result<()> {
     let Lens { width, height, .. } = Camera::CENTER.lens;
     model.preprocess().rows_of(width, height).with_context(|| model.name().to_owned())?;
+    Ok(())
+}
+
+/// The text of a file that says what is wanted: settings, a scenario, a suite.
+fn text_of(path: &Path) -> Result<String, ConfigError> {
+    fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
+}
+
+/// `HOST`, or `HOST:PORT`, as the latter; the port is the simulator's where none is given.
+fn bridge_address(text: &str) -> Result<String, ConfigError> {
+    let port = config::Bridge::default().port;
+    let bare = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
+    if let Ok(ip) = bare.parse::<IpAddr>() {
+        return Ok(SocketAddr::new(ip, port).to_string());
+    }
+    let is_host = |host: &str| !host.is_empty() && !host.contains(['/', ':', ' ']);
+    match text.rsplit_once(':') {
+        None if is_host(text) => Ok(format!("{text}:{port}")),
+        Some((host, port))
+            if port.parse().is_ok_and(|port: u16| port > 0)
+                && (is_host(host) || text.parse::<SocketAddr>().is_ok()) =>
+        {
+            Ok(text.to_owned())
+        }
+        _ => Err(ConfigError::Value {
+            layer: "--connect".into(),
+            why: format!("expected HOST or HOST:PORT, such as localhost or 192.168.0.7:{port}, got {text:?}"),
+        }),
+    }
+}
+
+/// Ends the recording of a drive, whatever became of it. A run that tells nothing is none: its file is removed.
+fn close(recorder: Recorder) -> Option<RecordingReport> {
+    let report = recorder.finish();
+    if report.telemetries > 0 {
+        return Some(report);
+    }
+    if let Err(error) = fs::remove_file(&report.path) {
+        tracing::warn!("{}: an empty run is left here: {error}", report.path.display());
+    }
+    None
+}
+
+/// Fails where a run is not whole.
+fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
+    let Some(RecordingReport { path, frames_not_recorded, items_not_recorded, error, .. }) = report else {
+        return Ok(());
+    };
+    if let Some(error) = error {
+        return Err(error.into());
+    }
+    let lost = frames_not_recorded + items_not_recorded;
+    anyhow::ensure!(lost == 0, "{}: {} could not be recorded", path.display(), count(lost, "item"));
     Ok(())
 }
 

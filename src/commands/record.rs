@@ -5,13 +5,18 @@ use std::path::Path;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Ended, world};
+use super::{Ended, Interrupted, world};
 use crate::{
     cli,
     protocol::{Answer, Command, World},
     recording::udacity::{DrivingLogWriter, Sample},
-    simulator::{camera::Camera, vehicle, world::Simulation},
+    simulator::{
+        camera::Camera,
+        vehicle,
+        world::{Ending, Simulation},
+    },
     units::{MPS_PER_MPH, Mph, Steering},
+    words::count,
 };
 
 /// Seconds from one disturbed start to the next, at least and at most.
@@ -26,17 +31,43 @@ const NOISE: f64 = 0.12;
 const NOISE_S: f64 = 0.7;
 
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let interrupted = super::interrupted();
+    let Recorded { rows, laps, track, ending } = record(arguments, config, &super::interrupted())?;
+    let ended = if laps >= arguments.laps { Ended::Passed } else { Ended::Failed };
+    let laps = format!("{laps} of {}", count(arguments.laps, "lap"));
+    super::print(&format!("{}, {laps} of {track} ({ending}), in {}", count(rows, "row"), arguments.out.display()))?;
+    Ok(ended)
+}
+
+/// What was recorded.
+pub(super) struct Recorded {
+    rows: u64,
+    /// Laps driven to their end.
+    pub(super) laps: u32,
+    track: String,
+    /// Why it ended.
+    pub(super) ending: Ending,
+}
+
+/// Drives and records until all laps are driven, or nothing goes on.
+pub(super) fn record(
+    arguments: &cli::Record,
+    config: Option<&Path>,
+    interrupted: &Interrupted,
+) -> anyhow::Result<Recorded> {
     let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
     let setup = world::setup(&settings, &arguments.world, Some(arguments.laps))?;
-    let mut log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
     let (hz, seed) = (setup.hz, setup.seed);
     let mut simulation = Simulation::new(setup)?;
+    // Last, for whatever fails before leaves no log.
+    let mut log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
     let mut disturbance = arguments.recovery.then(|| Disturbance::new(seed, hz));
     let bar = world::Progress::new();
     let speed = Mph::saturating(arguments.speed);
     let (mut frame, mut jump_s) = (0u64, 0.0);
-    while simulation.ending().is_none() {
+    let ending = loop {
+        if let Some(ending) = simulation.ending() {
+            break ending.clone();
+        }
         if let Some(disturbance) = &mut disturbance
             && disturbance.is_due(simulation.time_s())
         {
@@ -61,18 +92,10 @@ pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Res
         simulation.apply(Answer::Steer(command));
         bar.show(&simulation);
         interrupted.end(&mut simulation);
-    }
+    };
     bar.clear();
-    let rows = log.finish()?;
-    let ending = simulation.ending().map_or_else(String::new, ToString::to_string);
-    super::print(&format!(
-        "{rows} rows, {} of {} laps of {} ({ending}), in {}",
-        simulation.laps(),
-        arguments.laps,
-        simulation.setup().track.file().name,
-        arguments.out.display()
-    ));
-    Ok(if simulation.laps() >= arguments.laps { Ended::Passed } else { Ended::Failed })
+    let (laps, track) = (simulation.laps(), simulation.setup().track.file().name.clone());
+    Ok(Recorded { rows: log.finish()?, laps, track, ending })
 }
 
 /// What keeps the expert from driving perfectly, so that a model learns to come back.

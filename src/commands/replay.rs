@@ -10,7 +10,7 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::Ended;
+use super::{Ended, outputs};
 use crate::{
     cli,
     config::ConfigError,
@@ -19,6 +19,7 @@ use crate::{
     replay::{self, Difference, Golden, MOST_BAD_FRAMES, Machine, Replay, Report},
     score::Scorecard,
     simulator::client::{self, ClientOptions},
+    words::count,
 };
 
 /// Differing frames that are named one by one.
@@ -55,15 +56,18 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
     // Read before the work is done, so that a wrong file does not cost a whole replay.
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
+    arguments.write_golden.as_deref().map_or(Ok(()), outputs::check)?;
+    let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
     let mut replay = Replay::open(&arguments.source, arguments.rate)?;
     let bar = progress_bar(replay.frames());
-    let (driver, times, began, here) = match &arguments.connect {
+    let (driver, times, began, here) = match &connect {
         Some(address) => {
             let began = Instant::now();
             let options = ClientOptions { culture: arguments.culture, ..Default::default() };
             let report = client::play(&mut replay, address, &options, |_| bar.inc(1))?;
             if report.lost_tokens > 0 {
-                say!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
+                let lost = count(report.lost_tokens, "answer");
+                say!("the simulator would have swallowed {lost} of the bridge");
             }
             (format!("the bridge at {address}"), report.round_trips, began, None)
         }
@@ -106,10 +110,10 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     };
     if arguments.json {
         let card = Scorecard::of_replay(report.agreement());
-        super::print(&serde_json::to_string_pretty(&Result_ { report: &report, card, golden: comparison })?);
+        super::print(&serde_json::to_string_pretty(&Result_ { report: &report, card, golden: comparison })?)?;
     } else {
         let comparison = comparison.as_ref().map(told).unwrap_or_default();
-        super::print(&format!("{report}{comparison}"));
+        super::print(&format!("{report}{comparison}"))?;
     }
     if too_many_bad {
         say!("{}", too_many_bad_frames(&report.source, report.bad_frames, report.for_the_pilot()));

@@ -12,7 +12,7 @@ use anyhow::{Context, bail};
 use glam::DVec3;
 use serde::Serialize;
 
-use super::{Ended, thresholds};
+use super::{Ended, outputs, thresholds};
 use crate::{
     cli,
     config::Thresholds,
@@ -27,6 +27,7 @@ use crate::{
         summary::{Spread, summary},
     },
     simulator::{survey, track::Track},
+    words::count,
 };
 
 /// What the JSON is called; a key's meaning never changes under one number, new keys may come. It is one object:
@@ -173,10 +174,13 @@ impl Run {
 
 pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Result<Ended> {
     if arguments.explain {
-        super::print(&explained());
+        super::print(&explained())?;
         return Ok(Ended::Passed);
     }
     let limits = thresholds::layers(super::undriven_layers(config)?, &arguments.thresholds)?.resolve()?.thresholds;
+    arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
+    let baseline = arguments.against.as_deref().map(baseline).transpose()?;
+    [&arguments.junit, &arguments.html].into_iter().flatten().try_for_each(|path| outputs::check(path))?;
     let paths = files(&arguments.runs)?;
     let roads = Roads { arguments, known: OnceCell::new() };
     let (mut runs, mut unscored) = (vec![], vec![]);
@@ -184,23 +188,22 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         let name = path.display().to_string();
         match Run::open(path, &limits, &roads, arguments.html.is_some()) {
             Ok(run) => runs.push(run),
-            Err(error) => unscored.push((name, format!("{error:#}"))),
+            Err(error) => unscored.push((name, super::told(&error))),
         }
     }
     let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
     let summary = summary(&cards);
     let settings: Vec<_> = runs.iter().map(|run| (run.setting(), &run.card)).collect();
-    let against = arguments.against.as_deref().map(|path| Ok::<_, anyhow::Error>(baseline(path)?.compare(&settings)));
-    let against = against.transpose()?;
-    if let Some(path) = &arguments.junit {
-        let cases: Vec<_> = runs.iter().map(|run| (run.name(), &run.card, run.checks.clone())).collect();
-        let report = junit::report(&cases, &unscored, against.as_ref())?;
-        fs::write(path, report).with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
-    if let Some(path) = &arguments.html {
-        fs::write(path, page(&runs)?).with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
-    if arguments.json {
+    let against = baseline.map(|baseline| baseline.compare(&settings));
+    // What cannot be written takes nothing else with it.
+    let written = [
+        arguments.junit.as_deref().map(|path| {
+            let cases: Vec<_> = runs.iter().map(|run| (run.name(), &run.card, run.checks.clone())).collect();
+            outputs::write(path, &junit::report(&cases, &unscored, against.as_ref())?)
+        }),
+        arguments.html.as_deref().map(|path| outputs::write(path, &page(&runs)?)),
+    ];
+    let result = if arguments.json {
         let scored = runs.iter().map(|run| Scored {
             run: run.name(),
             started: run.header.started.to_string(),
@@ -213,14 +216,15 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         });
         let unscored = unscored.iter().map(|(name, why)| (name.as_str(), why.as_str())).collect();
         let result = Result_ { schema: SCHEMA, runs: scored.collect(), summary, against: against.as_ref(), unscored };
-        super::print(&serde_json::to_string_pretty(&result)?);
+        Some(serde_json::to_string_pretty(&result)?)
     } else {
         match &runs[..] {
-            [] => {}
-            [run] => super::print(&format!("{}\n{}", run.title(), run.card)),
-            _ => super::print(&table(&runs, &summary)),
+            [] => None,
+            [run] => Some(format!("{}\n{}", run.title(), run.card)),
+            _ => Some(table(&runs, &summary)),
         }
-    }
+    };
+    let printed = result.map_or(Ok(()), |result| super::print(&result));
     for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Turn::Better) {
         say!("better: {change}");
     }
@@ -230,12 +234,14 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let named = |run: &Run| run.missed().map(|missed| format!("{}: {missed}", run.name())).collect::<Vec<_>>();
     let worse = against.iter().flat_map(Comparison::worse).map(|worse| format!("worse: {worse}"));
     let ended = thresholds::ended(&runs.iter().flat_map(named).chain(worse).collect::<Vec<_>>());
+    written.into_iter().flatten().collect::<Result<(), _>>()?;
+    printed?;
     match &unscored[..] {
         [] => Ok(ended),
         [(_, why)] if runs.is_empty() => bail!("{why}"),
         several => {
             several.iter().for_each(|(_, why)| say!("error: {why}"));
-            bail!("{} of {} runs cannot be scored", several.len(), several.len() + runs.len())
+            bail!("{} of {} cannot be scored", several.len(), count(several.len() + runs.len(), "run"))
         }
     }
 }
@@ -292,16 +298,21 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         let cannot = || format!("{}: cannot be read", path.display());
         let mut inside = vec![];
         for entry in fs::read_dir(path).with_context(cannot)? {
-            inside.push(entry.with_context(cannot)?.path());
+            let file = entry.with_context(cannot)?.path();
+            anyhow::ensure!(file.to_str().is_some(), "{file:?}: expected a name in UTF-8");
+            inside.push(file);
         }
         let pictures = inside.iter().filter(|file| ends(file, "jpg")).count();
         inside.retain(|file| ends(file, "mcap") || file.file_name().is_some_and(|name| name == "driving_log.csv"));
         if inside.is_empty() {
             let got = match pictures {
                 0 => "neither".to_owned(),
-                n => format!(
-                    "{n} pictures alone, which tell neither speed nor steering: let lapwing serve record the drive"
-                ),
+                n => {
+                    let pictures = count(n, "picture");
+                    format!(
+                        "{pictures} alone, which tell neither speed nor steering: let lapwing serve record the drive"
+                    )
+                }
             };
             bail!("{}: expected runs (.mcap) or a driving_log.csv in the folder, got {got}", path.display());
         }

@@ -4,12 +4,15 @@ use std::{
     io::{self, BufRead, IsTerminal},
     net::SocketAddr,
     path::Path,
-    sync::Arc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use anyhow::Context;
 
-use super::{Ended, terminal::Asked};
+use super::{Ended, outputs::Unprinted, terminal::Asked};
 use crate::{
     bridge::{self, Bridge, Listener, Summary},
     cli,
@@ -28,7 +31,7 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
         layers = layers.set("--greet", "bridge.greet", arguments.greet)?;
     }
     if let Some(dir) = &arguments.recordings {
-        layers = layers.set("--recordings", "recording.dir", dir.to_string_lossy().into_owned())?;
+        layers = layers.set_path("--recordings", "recording.dir", dir)?;
     }
     if arguments.no_recording {
         layers = layers.set("--no-recording", "recording.enabled", false)?;
@@ -45,7 +48,17 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot wait for the signal to end")?;
     say!("{}", how_to_connect(listener.address()));
-    let bridge = Bridge::new(settings.clone(), move |summary| print(summary, json));
+    let unprinted = Arc::new(AtomicBool::new(false));
+    let bridge = Bridge::new(settings.clone(), {
+        let unprinted = unprinted.clone();
+        move |summary| {
+            // The simulators are driven on; that a result is lost is told at once, and by the exit status.
+            if let Err(error) = print(summary, json) {
+                say!("error: {error}");
+                unprinted.store(true, Ordering::Relaxed);
+            }
+        }
+    });
     arm_on_enter(bridge.clone());
     let loading = tokio::task::spawn_blocking({
         let bridge = bridge.clone();
@@ -69,10 +82,10 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
         let _ = ended.send(why);
     };
     bridge::serve(listener, bridge, shutdown).await.context("the server broke off")?;
-    match end.await {
-        Ok(why) => why.map(|()| Ended::Passed),
-        Err(_) => Ok(Ended::Passed),
+    if let Ok(why) = end.await {
+        why?;
     }
+    Ok(if unprinted.load(Ordering::Relaxed) { Ended::Failed } else { Ended::Passed })
 }
 
 /// Waits until the program is asked to end. A second Ctrl-C ends it where it is.
@@ -82,11 +95,11 @@ async fn end_asked_for(mut asked: Asked) {
     tokio::spawn(async move { asked.again().await });
 }
 
-fn print(summary: &Summary, json: bool) {
+fn print(summary: &Summary, json: bool) -> Result<(), Unprinted> {
     if json {
-        super::print(&serde_json::to_string(summary).expect("a summary is plain data"));
+        super::print(&serde_json::to_string(summary).expect("a summary is plain data"))
     } else {
-        super::print(&summary.to_string());
+        super::print(&summary.to_string())
     }
 }
 

@@ -22,6 +22,7 @@ use crate::{
         world::{Human, Simulation},
     },
     units::Mph,
+    words::count,
 };
 
 #[derive(Serialize)]
@@ -35,6 +36,7 @@ struct Result_<'a> {
 
 pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Result<Ended> {
     let interrupted = super::interrupted();
+    let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
     let layers = world::layers(super::undriven_layers(config)?, &arguments.world)?;
     let settings = thresholds::layers(layers, &arguments.thresholds)?.resolve()?;
     let mut setup = world::setup(&settings, &arguments.world, arguments.laps)?;
@@ -51,8 +53,9 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
         progress: world::Progress::new(),
         interrupted,
         began: arguments.realtime.then(Instant::now),
+        answered: false,
     };
-    let driver = match &arguments.connect {
+    let driver = match &connect {
         Some(address) => {
             let options = ClientOptions { culture: arguments.culture, stock: arguments.stock, ..Default::default() };
             let played = client::play(&mut live, address, &options, |_| ());
@@ -61,12 +64,15 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
                 Ok(report) => report,
                 Err(error) => {
                     // What was driven until then is still worth its pictures and its score.
-                    finish(live, address, &arguments, &settings)?;
+                    if live.answered {
+                        finish(live, address, &arguments, &settings)?;
+                    }
                     return Err(error.into());
                 }
             };
             if report.lost_tokens > 0 {
-                say!("the simulator would have swallowed {} of the bridge's answers", report.lost_tokens);
+                let lost = count(report.lost_tokens, "answer");
+                say!("the simulator would have swallowed {lost} of the bridge");
             }
             format!("the bridge at {address}")
         }
@@ -89,17 +95,20 @@ fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Se
     let card = live.judge.scorer.finish();
     let missed = score::missed(&settings.thresholds, &card);
     let seed = live.simulation.setup().seed;
-    if arguments.json {
+    let result = if arguments.json {
         let result = Result_ { driver, seed, card: &card, missed: &missed };
-        super::print(&serde_json::to_string_pretty(&result)?);
+        serde_json::to_string_pretty(&result)?
     } else {
         let mut text = format!("{driver} on {}, seed {seed}\n{card}", live.simulation.setup().track.file().name);
         for (what, path) in made {
             text += &format!("\n  {what:<17} {}", path.display());
         }
-        super::print(&text);
-    }
-    Ok(thresholds::ended(&missed))
+        text
+    };
+    let printed = super::print(&result);
+    let ended = thresholds::ended(&missed);
+    printed?;
+    Ok(ended)
 }
 
 /// The world while somebody drives it: paced, filmed, scored.
@@ -111,6 +120,8 @@ struct Live {
     interrupted: Interrupted,
     /// When, where it keeps step with the clock on the wall.
     began: Option<Instant>,
+    /// Whether anybody drove.
+    answered: bool,
 }
 
 impl Live {
@@ -170,6 +181,7 @@ impl World for Live {
     }
 
     fn apply(&mut self, answer: Answer) {
+        self.answered = true;
         self.simulation.apply(answer);
     }
 }

@@ -22,7 +22,7 @@ use serde_json::json;
 
 pub(super) use merge::run as merge;
 
-use super::{Ended, Interrupted, world};
+use super::{Ended, Interrupted, outputs, world};
 use crate::{
     cli,
     config::{Layers, Settings},
@@ -37,14 +37,16 @@ use crate::{
     },
     suite::{Cell, Contestant, Done, Outcome, Plan, Results, Suite, groups, render, table},
     units::Mph,
+    words::count,
 };
 
 pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Result<Ended> {
     let layers = super::allowing(super::undriven_layers(config)?, &arguments.trust)?;
     let settings = layers.clone().resolve()?;
     let named = || arguments.suite.display().to_string();
-    let text = fs::read_to_string(&arguments.suite).with_context(named)?;
-    let suite = Suite::parse(&text).with_context(named)?;
+    let suite = Suite::parse(&super::text_of(&arguments.suite)?).with_context(named)?;
+    arguments.html.as_deref().map_or(Ok(()), outputs::check)?;
+    outputs::check_folder(&arguments.out)?;
     let mut models = BTreeMap::new();
     for contestant in &suite.pilots {
         if let Some(model) = contestant.model.as_ref().filter(|_| !contestant.expert) {
@@ -68,7 +70,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
             None => open.push_back(cell.clone()),
         }
     }
-    tracing::info!("{} cells, {before} of them driven before", before + open.len());
+    tracing::info!("{}, {before} of them driven before", count(before + open.len(), "cell"));
     // Each drive has one thread, and the same bytes on every machine.
     runtime::set_threads(1);
     let interrupted = super::interrupted();
@@ -105,10 +107,10 @@ fn planned(
     }
     let mut ids = BTreeSet::new();
     cells.retain(|cell| ids.insert(cell.id()));
-    let count = cells.len();
+    let all = cells.len();
     let cells = told_apart(cells, |cell| cell);
-    if let left_out @ 1.. = count - cells.len() {
-        tracing::info!("{left_out} cells are left out: another seed changes nothing in their drives");
+    if let left_out @ 1.. = all - cells.len() {
+        tracing::info!("left out: {}, in whose drives another seed changes nothing", count(left_out, "cell"));
     }
     Ok(cells)
 }
@@ -182,11 +184,12 @@ impl Found {
     fn report(self, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
         let outcome = Outcome::new(groups(&self.done), self.planned, self.missing);
         let text = serde_json::to_string_pretty(&outcome)?;
-        let write = |path: &Path, text: &str| fs::write(path, text).with_context(|| path.display().to_string());
-        write(&out.join("suite.json"), &text)?;
-        write(html.unwrap_or(&out.join("suite.html")), &render(&outcome)?)?;
-        super::print(&if as_json { text } else { table(&outcome.groups) });
-        Ok(())
+        // One that fails takes no other with it.
+        let json = outputs::write(&out.join("suite.json"), &text);
+        let html = outputs::write(html.unwrap_or(&out.join("suite.html")), &render(&outcome)?);
+        let printed = super::print(&if as_json { text } else { table(&outcome.groups) });
+        json.and(html)?;
+        Ok(printed?)
     }
 }
 
@@ -208,10 +211,11 @@ fn drive_all(
     course: &Course,
     open: VecDeque<Cell>,
     results: &Results,
-    jobs: Option<usize>,
+    jobs: Option<u16>,
     interrupted: &Interrupted,
 ) -> anyhow::Result<()> {
-    let jobs = jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)).max(1);
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = jobs.map_or_else(cores, usize::from).min(open.len().max(1));
     let bar = if io::stderr().is_terminal() { ProgressBar::new(open.len() as u64) } else { ProgressBar::hidden() };
     let template = "{wide_bar} {pos}/{len} {msg}, {eta} left";
     bar.set_style(ProgressStyle::with_template(template).expect("the template is written here"));

@@ -8,29 +8,35 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::{Ended, record};
+use super::{
+    Ended, Interrupted, outputs,
+    record::{self, Recorded},
+    world,
+};
 use crate::{
     cli,
-    dataset::{Augmentation, Selection},
+    dataset::{self, Augmentation, Selection},
+    simulator::{track::Track, world::Ending},
     train::{Go, Metrics, Progress, Recipe, Recording, TimedEpoch, Trainer},
+    words::count,
 };
 
 pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
     let recipe = recipe(&arguments)?;
-    recipe.check()?;
+    check(&recipe, &arguments.out, arguments.resume)?;
+    let interrupted = super::interrupted();
     for recording in &recipe.record {
-        make(recording)?;
+        make(recording, &interrupted)?;
     }
     let epochs = recipe.epochs;
     let mut trainer = Trainer::new(recipe, &arguments.out, arguments.resume)?;
     let (training, validation) = trainer.sizes();
     tracing::info!("{training} samples to learn from, {validation} held out");
     trainer.history().iter().for_each(|epoch| say(epoch, epochs));
-    let interrupted = super::interrupted();
     let bar = Bar::new();
     let mut speed = Speed::default();
     let outcome = trainer.run(&mut |progress| {
@@ -47,15 +53,15 @@ pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
     if arguments.json {
         super::print(&serde_json::to_string_pretty(&json!({
             "model": outcome.model, "sha256": outcome.sha256, "kept": outcome.kept, "finished": outcome.finished,
-        }))?);
+        }))?)?;
     } else {
         let kept = outcome.kept.as_ref().map_or_else(
             || "no epoch was finished".to_owned(),
             |epoch| format!("epoch {}, validation {}", epoch.number, told(&epoch.validation.raw)),
         );
-        super::print(&format!("{} ({kept})", outcome.model.display()));
+        super::print(&format!("{} ({kept})", outcome.model.display()))?;
         if !outcome.finished {
-            super::print(&format!("stopped; go on with: lapwing train --resume --out {}", arguments.out.display()));
+            say!("stopped; go on with: lapwing train --resume --out {}", arguments.out.display());
         }
     }
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
@@ -177,26 +183,71 @@ fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()>
     Ok(())
 }
 
-/// Records simulated data, unless it is there.
-fn make(recording: &Recording) -> anyhow::Result<()> {
-    let Recording { out, track, laps, speed, seed, recovery, conditions } = recording.clone();
+/// Looks at everything that a training needs but for what it records itself, so that no hour of recording is lost.
+fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
+    recipe.check()?;
+    outputs::check_folder(out)?;
+    let made: Vec<_> = recipe.record.iter().filter(|recording| !recording.out.exists()).collect();
+    if made.is_empty() {
+        return Ok(()); // the rest is looked at when the training begins, at once
+    }
+    Trainer::check(recipe, out, resume)?;
+    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    for data in recipe.data.iter().chain(&recipe.validation) {
+        if !made.iter().any(|recording| absolute(&data.path).starts_with(absolute(&recording.out))) {
+            dataset::check(&data.path)?;
+        }
+    }
+    for recording in made {
+        let arguments = arguments(recording, &recording.out);
+        Track::open(&recording.track)?;
+        world::conditions(&arguments.world)?;
+        outputs::check_folder(&recording.out)?;
+    }
+    Ok(())
+}
+
+/// A recording as `lapwing record` is asked for it, into that folder.
+fn arguments(recording: &Recording, out: &Path) -> cli::Record {
+    let Recording { track, laps, speed, seed, recovery, conditions, .. } = recording.clone();
+    let track = Some(track);
+    let world = cli::World { track, seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
+    cli::Record { world, laps, out: out.to_owned(), speed, recovery }
+}
+
+/// Records simulated data, unless it is there: whole, or nothing of it stays.
+fn make(recording: &Recording, interrupted: &Interrupted) -> anyhow::Result<()> {
+    let Recording { out, track, laps, speed, .. } = recording;
     if out.exists() {
         return Ok(());
     }
-    tracing::info!("recording {}: {laps} laps of {track} at {speed} mph", out.display());
+    let laps = count(*laps, "lap");
+    tracing::info!("recording {}: {laps} of {track} at {speed} mph", out.display());
     // Under another name until it is whole.
     let mut name = out.clone().into_os_string();
     name.push(".partial");
     let partial = Path::new(&name);
-    if partial.exists() {
-        fs::remove_dir_all(partial).with_context(|| partial.display().to_string())?;
+    let remove = || match fs::remove_dir_all(partial) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot be removed", partial.display()))
+        }
+        _ => Ok(()),
+    };
+    remove()?;
+    let recorded = record::record(&arguments(recording, partial), None, interrupted).and_then(|recorded| {
+        let Recorded { ending, laps: driven, .. } = recorded;
+        match ending {
+            Ending::Interrupted => bail!("interrupted while {} was recorded: nothing of it is kept", out.display()),
+            _ if driven < recording.laps => {
+                bail!("{}: expected {laps}, got {driven}, then the expert ended: {ending}", out.display())
+            }
+            _ => fs::rename(partial, out).with_context(|| format!("{}: cannot be given its name", partial.display())),
+        }
+    });
+    if recorded.is_err() {
+        remove()?;
     }
-    let world =
-        cli::World { track: Some(track), seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
-    let ended = record::run(&cli::Record { world, laps, out: partial.to_owned(), speed, recovery }, None)?;
-    anyhow::ensure!(ended == Ended::Passed, "{}: expected {laps} laps, the expert drove fewer", partial.display());
-    fs::rename(partial, &out).with_context(|| out.display().to_string())?;
-    Ok(())
+    recorded
 }
 
 /// Samples a second over the last few steps.

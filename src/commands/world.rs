@@ -1,7 +1,6 @@
 //! What the verbs that simulate a world share: making it, filming it, drawing its map.
 
 use std::{
-    fs,
     io::{self, IsTerminal},
     path::{Path, PathBuf},
     sync::Arc,
@@ -11,6 +10,7 @@ use std::{
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::outputs;
 use crate::{
     cli::{self, View},
     config::{ConfigError, Layers, Settings},
@@ -82,10 +82,8 @@ pub(super) fn conditions(world: &cli::World) -> anyhow::Result<Conditions> {
         Some("random") => Conditions::random(world.seed),
         Some(path) if path.ends_with(".toml") => {
             let place = || format!("--conditions {path}");
-            let conditions: Conditions =
-                toml::from_str(&fs::read_to_string(path).with_context(place)?).with_context(place)?;
-            conditions.check().with_context(place)?;
-            conditions
+            let conditions = Conditions::from_file(&super::text_of(Path::new(path)).with_context(place)?);
+            conditions.with_context(place)?
         }
         Some(list) => Conditions::parse(list).with_context(|| format!("--conditions {list}"))?,
     })
@@ -93,8 +91,8 @@ pub(super) fn conditions(world: &cli::World) -> anyhow::Result<Conditions> {
 
 fn scenario(name: &str) -> anyhow::Result<Scenario> {
     if Path::new(name).extension().is_some_and(|e| e == "toml") {
-        let text = fs::read_to_string(name).with_context(|| format!("--scenario {name}"))?;
-        return Scenario::parse(&text).with_context(|| format!("--scenario {name}"));
+        let scenario = super::text_of(Path::new(name)).map(|text| Scenario::parse(&text));
+        return scenario?.with_context(|| format!("--scenario {name}"));
     }
     Ok(Scenario::named(name)?)
 }
@@ -112,6 +110,7 @@ pub(super) struct Pictures {
 
 impl Pictures {
     pub(super) fn new(arguments: &cli::Pictures, setup: &Setup) -> anyhow::Result<Self> {
+        arguments.map.as_deref().map_or(Ok(()), outputs::check_drawing)?;
         let film = match &arguments.video {
             None => None,
             Some(path) => {

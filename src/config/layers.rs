@@ -1,6 +1,10 @@
 //! Settings on their way to being resolved: files, environment and flags, one over the other, and whose word each is.
 
-use std::{fs, io, path::Path};
+use std::{
+    ffi::{OsStr, OsString},
+    fs, io,
+    path::Path,
+};
 
 use toml::{Table, Value};
 
@@ -57,16 +61,18 @@ impl Layers {
     ///
     /// # Errors
     /// [`ConfigError`] naming the variable.
-    pub fn environment(mut self, variables: impl Iterator<Item = (String, String)>) -> Result<Self, ConfigError> {
+    pub fn environment(mut self, variables: impl Iterator<Item = (OsString, OsString)>) -> Result<Self, ConfigError> {
         for (name, value) in variables {
             // Other variables with the prefix (LAPWING_LOG) name no section and are no settings.
+            let Some(name) = name.to_str() else { continue };
             let Some(key) = name.strip_prefix(PREFIX).filter(|k| k.contains("__")) else { continue };
             let (layer, key) = (format!("environment variable {name}"), key.to_lowercase().replace("__", "."));
+            let value = unicode(&layer, &value)?;
             // `2026` is a number, and may be meant for the name of a folder.
             self = self
                 .clone()
-                .set(&layer, &key, text(&value))
-                .or_else(|e| self.set(&layer, &key, value.as_str()).map_err(|_| e))?;
+                .set(&layer, &key, text(value))
+                .or_else(|e| self.set(&layer, &key, value).map_err(|_| e))?;
         }
         Ok(self)
     }
@@ -88,6 +94,15 @@ impl Layers {
     /// the user's with a path that depends on the folder.
     pub fn model_named_by_others(&self) -> Option<&str> {
         self.model_named_by_others.as_deref()
+    }
+
+    /// Sets one dotted key to a path. Settings are text, and stand in runs: a path that is none is refused, not changed.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming `layer`.
+    pub fn set_path(self, layer: &str, key: &str, path: &Path) -> Result<Self, ConfigError> {
+        let path = unicode(layer, path.as_os_str())?;
+        self.set(layer, key, path)
     }
 
     /// The settings.
@@ -114,6 +129,11 @@ impl Layers {
         check(name, &self.merged)?; // the layers below passed: what is wrong now is this one's
         Ok(self)
     }
+}
+
+fn unicode<'a>(layer: &str, text: &'a OsStr) -> Result<&'a str, ConfigError> {
+    let why = || format!("expected text in UTF-8, got {text:?}");
+    text.to_str().ok_or_else(|| ConfigError::Value { layer: layer.into(), why: why() })
 }
 
 fn merge(below: &mut Table, above: Table) {
@@ -155,7 +175,7 @@ mod tests {
         assert_eq!(named_by(&others), Some(path.display().to_string()));
         let (flag, key) = ("--model", "model.path");
         assert_eq!(named_by(&others.clone().set(flag, key, "net.pt").unwrap()), None);
-        let variable = [("LAPWING_MODEL__PATH".to_owned(), "net.pt".to_owned())];
+        let variable = [("LAPWING_MODEL__PATH".into(), "net.pt".into())];
         assert_eq!(named_by(&others.environment(variable.into_iter()).unwrap()), None);
         let own = Layers::default().own_file(&path).unwrap();
         assert_eq!(named_by(&own), None);
@@ -188,7 +208,7 @@ mod tests {
     #[test]
     fn each_layer_wins_over_the_one_below() {
         let (_dir, path) = file("[control]\nspeed_mph = 12\nkp = 0.2\n");
-        let variables = [("LAPWING_CONTROL__SPEED_MPH".to_owned(), "15.5".to_owned())];
+        let variables = [("LAPWING_CONTROL__SPEED_MPH".into(), "15.5".into())];
         let layers = Layers::default().file(Some(&path)).unwrap().environment(variables.into_iter()).unwrap();
         let settings = layers.clone().resolve().unwrap();
         assert_eq!((settings.control.speed_mph.get(), settings.control.kp, settings.control.ki), (15.5, 0.2, 0.002));
@@ -216,6 +236,27 @@ mod tests {
             environment(&[("LAPWING_SHARED", "x"), ("PATH", "y")]).unwrap().resolve().unwrap(),
             Settings::default()
         );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_path_that_is_no_text_is_refused_and_not_changed() {
+        use std::os::unix::ffi::OsStrExt;
+        let name = OsStr::from_bytes(b"runs\xff");
+        let error = Layers::default().set_path("--recordings", "recording.dir", Path::new(name)).unwrap_err();
+        assert_eq!(error.to_string(), r#"--recordings: expected text in UTF-8, got "runs\xFF""#);
+        let variable = ("LAPWING_RECORDING__DIR".into(), name.to_owned());
+        let error = Layers::default().environment([variable].into_iter()).unwrap_err().to_string();
+        assert!(error.starts_with("environment variable LAPWING_RECORDING__DIR: expected text in UTF-8"), "{error}");
+        let others = [("PATH".into(), name.to_owned()), (name.to_owned(), "1".into())];
+        assert_eq!(Layers::default().environment(others.into_iter()).unwrap().resolve().unwrap(), Settings::default());
+    }
+
+    #[test]
+    fn a_misspelt_setting_is_known_for_what_was_meant() {
+        let error = |key: &str| Layers::default().set("--flag", key, 1).unwrap_err().to_string();
+        assert!(error("thresholds.max_colisions").ends_with("; did you mean \"max_collisions\"?"));
+        assert!(!error("thresholds.x").contains("did you mean"));
     }
 
     #[test]

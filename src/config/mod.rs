@@ -19,7 +19,10 @@ use std::{
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::units::{Mph, SpeedUnit};
+use crate::{
+    units::{Mph, SpeedUnit},
+    words,
+};
 
 /// The settings file looked for in the working directory.
 pub const FILE: &str = "lapwing.toml";
@@ -229,7 +232,7 @@ pub enum ConfigError {
 fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     let error = |why: String| ConfigError::Value { layer: layer.into(), why };
     let settings: Settings =
-        table.clone().try_into().map_err(|e: toml::de::Error| error(e.to_string().trim().into()))?;
+        table.clone().try_into().map_err(|e: toml::de::Error| error(words::suggesting(e.to_string().trim())))?;
     let Control { speed_mph, kp, ki, .. } = settings.control;
     if speed_mph <= Mph::ZERO {
         return Err(error(format!("control.speed_mph: expected a speed above 0 mph, got {speed_mph}")));

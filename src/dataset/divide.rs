@@ -61,9 +61,11 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
         let (expected, got) = ("two folders", format!("{} twice", train.display()));
         return Err(DatasetError::Setting { name: "out_train and out_validation", expected, got });
     }
-    for (path, text) in paths.iter().zip(&texts) {
-        write(path, text)?;
-    }
+    write(&paths[0], &texts[0])?;
+    write(&paths[1], &texts[1]).inspect_err(|_| {
+        // Half a split looks like a whole data set; one error is enough.
+        let _ = fs::remove_file(&paths[0]);
+    })?;
     let ([train, validation], [train_rows, validation_rows]) = (paths, counts);
     Ok(Divided { train, train_rows, validation, validation_rows })
 }
@@ -81,7 +83,9 @@ fn write(path: &Path, text: &str) -> Result<(), DatasetError> {
         io::ErrorKind::AlreadyExists => exists(path),
         _ => io("create the driving log")(why),
     })?;
-    io::Write::write_all(&mut file, text.as_bytes()).map_err(io("write the driving log"))
+    io::Write::write_all(&mut file, text.as_bytes()).map_err(io("write the driving log")).inspect_err(|_| {
+        let _ = fs::remove_file(path);
+    })
 }
 
 /// A row with its pictures where they lie.

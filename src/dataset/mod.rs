@@ -40,7 +40,7 @@ pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
 pub use samples::{Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
-pub use source::{Camera, Picture, Row, Source};
+pub use source::{Camera, Picture, Row, Source, check};
 pub use split::Blocks;
 
 use crate::{

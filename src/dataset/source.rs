@@ -103,6 +103,19 @@ pub struct Source {
     pub rows: Vec<Row>,
 }
 
+/// Whether there is a data set, as far as can be told before all of it is read.
+///
+/// # Errors
+/// [`DatasetError::Recording`].
+pub fn check(path: &Path) -> Result<(), DatasetError> {
+    if is_run(path) {
+        RunReader::open(path)?;
+    } else {
+        DrivingLog::open(path)?;
+    }
+    Ok(())
+}
+
 impl Source {
     /// Reads a folder with `driving_log.csv`, such a file, or a run (`.mcap`). Pictures of folders stay where they
     /// are; those of a run are kept in memory as JPEG.

@@ -9,11 +9,11 @@ mod png;
 mod svg;
 
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
-use crate::perception::Frame;
+use crate::{files, perception::Frame};
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
@@ -130,7 +130,7 @@ impl Sheet {
             Kind::Png => self.png(),
         };
         let bytes = bytes.map_err(|why| DrawingError::Encode { path: path.to_owned(), why })?;
-        fs::write(path, bytes).map_err(|source| DrawingError::Io { path: path.to_owned(), source })
+        files::write(path, &bytes).map_err(|source| DrawingError::Io { path: path.to_owned(), source })
     }
 }
 

@@ -1,3 +1,5 @@
+use std::fs;
+
 use super::*;
 
 fn sheet(shapes: Vec<Shape>) -> Sheet {

@@ -16,12 +16,7 @@
 //!
 //! Other keys are left alone.
 
-use std::{
-    collections::BTreeMap,
-    fs::{self, File},
-    io::{self, Write},
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use safetensors::{
     Dtype, SafeTensors,
@@ -32,7 +27,7 @@ use sha2::{Digest, Sha256};
 use tch::{Device, Kind, Tensor};
 
 use super::{Architecture, Design, Network, NnError};
-use crate::perception::Preprocess;
+use crate::{files, perception::Preprocess};
 
 /// What the metadata key `format` says.
 pub const FORMAT: &str = "lapwing/1";
@@ -253,29 +248,8 @@ pub fn save(
 ) -> Result<String, NnError> {
     let path = path.as_ref();
     let bytes = encode(metadata, network, precision)?;
-    replace(path, &bytes).map_err(|source| NnError::Write { path: path.to_owned(), source })?;
+    files::write(path, &bytes).map_err(|source| NnError::Write { path: path.to_owned(), source })?;
     Ok(sha256_hex(&bytes))
-}
-
-/// Writes a file under another name and gives it its own once it is whole and on the disk: whatever happens, the old
-/// one or the new one is there.
-///
-/// # Errors
-/// The system's; nothing half is left then.
-pub(crate) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".tmp");
-    let partial = PathBuf::from(name);
-    let write = || {
-        let mut file = File::create(&partial)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&partial, path)
-    };
-    write().inspect_err(|_| {
-        // Of a full disk it would keep what little there is.
-        let _ = fs::remove_file(&partial);
-    })
 }
 
 /// SHA-256 of some bytes in lower-case hexadecimal.

@@ -36,7 +36,6 @@ mod source;
 pub mod stack;
 
 pub use architecture::{Architecture, Design};
-pub(crate) use checkpoint::replace;
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save, sha256_hex};
 pub use error::NnError;
 pub(crate) use error::first_line;

@@ -138,13 +138,16 @@ pub enum RecordingError {
         help: &'static str,
     },
     /// A folder that is to be recorded into has a driving log already.
-    #[error("{}: expected no driving log yet, got one: choose another folder, or append to it", path.display())]
+    #[error("{}: expected no driving log yet, got one: nothing is overwritten, choose another folder", path.display())]
     LogExists {
         /// The CSV file.
         path: PathBuf,
     },
     /// A folder whose path cannot stand in a driving log.
-    #[error("{:?}: expected a folder without quotes or line breaks in its path, which no driving log can hold", path)]
+    #[error(
+        "{:?}: expected a folder with a path in UTF-8 without quotes or line breaks, for no driving log can hold another",
+        path
+    )]
     LogFolder {
         /// The folder.
         path: PathBuf,
@@ -156,6 +159,14 @@ pub enum RecordingError {
         path: PathBuf,
         /// What was expected, and what came.
         why: String,
+    },
+    /// Neither a run nor a data set.
+    #[error("{}: expected a run (.mcap), or a folder with driving_log.csv, got {got}", path.display())]
+    NoSource {
+        /// The path.
+        path: PathBuf,
+        /// What is there.
+        got: &'static str,
     },
     /// A driving log without a row.
     #[error("{}: expected rows of a driving log, got none", path.display())]

@@ -3,13 +3,14 @@
 
 use std::{
     fmt, fs,
-    io::{self, BufRead, Write},
+    io::{self, BufRead},
     path::{Path, PathBuf},
 };
 
 use serde::{Deserialize, Serialize};
 
 use super::{Answered, Response};
+use crate::files;
 
 const FORMAT: &str = "lapwing-golden/2";
 
@@ -141,9 +142,7 @@ impl Golden {
             serde_json::to_writer(&mut text, line).expect("a line is plain data");
         }
         text.push(b'\n');
-        let partial = path.with_extension("partial");
-        fs::File::create(&partial).and_then(|mut f| f.write_all(&text)).map_err(error)?;
-        fs::rename(&partial, path).map_err(error)
+        files::write(path, &text).map_err(error)
     }
 
     /// Reads a file.

@@ -90,10 +90,69 @@ impl Unit {
         }
     }
 
-    /// A mean over runs as people read it: one of counts is no count.
+    /// A mean over runs as people read it: to four significant digits, whatever its size.
     pub fn show_mean(self, mean: f64) -> String {
-        if self == Self::Count { format!("{mean:.2}") } else { self.show(mean) }
+        self.with_symbol(&significant(self.shown(mean), 4))
     }
+
+    fn shown(self, value: f64) -> f64 {
+        if self == Self::Share { 100.0 * value } else { value }
+    }
+
+    fn with_symbol(self, number: &str) -> String {
+        let symbol = self.symbol();
+        if symbol.is_empty() { number.to_owned() } else { format!("{number} {symbol}") }
+    }
+
+    /// What a value of it can be.
+    pub const fn range(self) -> (f64, f64) {
+        match self {
+            Self::Share => (0.0, 1.0),
+            Self::Points => (0.0, 100.0),
+            Self::Correlation => (-1.0, 1.0),
+            _ => (0.0, f64::INFINITY),
+        }
+    }
+
+    /// Where a mean lies, behind it: `± 1.5 %`, or `[0, 6.85]` where one side is cut off by what can be, or wider.
+    pub fn show_interval(self, mean: f64, [low, high]: [f64; 2]) -> String {
+        let (below, above) = (mean - low, high - mean);
+        if (below - above).abs() <= 1e-9 * high.abs() {
+            return format!("± {}", self.with_symbol(&significant(self.shown(above), 3)));
+        }
+        format!("[{}, {}]", significant(self.shown(low), 3), significant(self.shown(high), 3))
+    }
+
+    /// How far off an estimate may be: `± 0.04 %`, or `0 to 5` where that is a count or would reach beyond what can be.
+    /// Nothing where it is not known to be off at all.
+    pub fn show_off(self, value: f64, uncertainty: f64) -> Option<String> {
+        let (least, most) = self.range();
+        let (low, high) = (value - uncertainty, value + uncertainty);
+        if uncertainty <= 0.0 {
+            return None;
+        }
+        Some(if self == Self::Count {
+            format!("{:.0} to {:.0}", low.max(least).floor(), high.ceil())
+        } else if low < least || high > most {
+            let ends = [low.max(least), high.min(most)].map(|end| significant(self.shown(end), 3));
+            self.with_symbol(&format!("{} to {}", ends[0], ends[1]))
+        } else {
+            format!("± {}", self.with_symbol(&significant(self.shown(uncertainty), 2)))
+        })
+    }
+}
+
+/// A number to so many significant digits, without noughts at its end; whole digits all stay.
+fn significant(value: f64, digits: i32) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.abs().to_string();
+    }
+    // What is rounded up to the next power of ten has a digit more.
+    let magnitude = format!("{value:.*e}", digits as usize - 1);
+    let exponent = magnitude.rsplit_once('e').and_then(|(_, exponent)| exponent.parse::<i32>().ok()).unwrap_or(0);
+    let decimals = (digits - 1 - exponent).clamp(0, 15) as usize;
+    let text = format!("{value:.decimals$}");
+    if decimals == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
 /// Which way a figure gets better.
@@ -271,6 +330,38 @@ mod tests {
         assert_eq!(keys.len(), Figure::ALL.len());
         for (i, figure) in Figure::ALL.into_iter().enumerate() {
             assert_eq!(figure as usize, i);
+        }
+    }
+
+    #[test]
+    fn a_mean_is_shown_to_four_significant_digits_whatever_its_size() {
+        for (unit, mean, expected) in [
+            (Unit::LockSquared, 0.000_512_34, "0.0005123 lock2"),
+            (Unit::Metres, 0.213_449, "0.2134 m"),
+            (Unit::Metres, 1_138.42, "1138 m"),
+            (Unit::Count, 0.5, "0.5"),
+            (Unit::Count, 0.0, "0"),
+            (Unit::Share, 1.0, "100 %"),
+            (Unit::Share, 0.999_62, "99.96 %"),
+            (Unit::Share, 0.999_999, "100 %"),
+            (Unit::Correlation, -0.123_456, "-0.1235"),
+            (Unit::PerKm, 2.0, "2 /km"),
+        ] {
+            assert_eq!(unit.show_mean(mean), expected);
+        }
+    }
+
+    #[test]
+    fn how_far_off_an_estimate_may_be_is_never_nought_and_reaches_nowhere_it_cannot() {
+        for (unit, value, off, expected) in [
+            (Unit::Share, 0.123, 0.0004, Some("± 0.04 %")),
+            (Unit::Share, 0.99, 0.02, Some("97 to 100 %")),
+            (Unit::Count, 2.0, 3.0, Some("0 to 5")),
+            (Unit::Count, 2.0, 0.5, Some("1 to 3")),
+            (Unit::Metres, 1.0, 2.0, Some("0 to 3 m")),
+            (Unit::Share, 1.0, 0.0, None),
+        ] {
+            assert_eq!(unit.show_off(value, off).as_deref(), expected);
         }
     }
 

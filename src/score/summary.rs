@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Figure, Scorecard};
+use super::{Better, Figure, Scorecard, Unit};
 
 /// A figure over several runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -51,6 +51,30 @@ impl Spread {
     pub fn confidence(&self) -> Option<f64> {
         Some(student(self.runs - 1) * self.deviation? / (self.runs as f64).sqrt())
     }
+
+    /// The mean's confidence interval at 95 %, within what a mean of this figure can be; none of a single run, and none
+    /// where all runs tell the same, for then nothing is known of how they scatter.
+    ///
+    /// It is Student's t. For counts of what happens now and then (collisions, takeovers), which have a Poisson's scatter
+    /// at least, it is the wider of that and Garwood's exact interval of their sum (1936), by Byar's formula.
+    pub fn interval(&self, figure: Figure) -> Option<[f64; 2]> {
+        let half = self.confidence()?;
+        let (least, most) = figure.unit().range();
+        let [low, high] = [(self.mean - half).max(least), (self.mean + half).min(most)];
+        if figure.unit() == Unit::Count && figure.better() == Better::Lower {
+            let runs = self.runs as f64;
+            let [rarest, oftenest] = poisson(self.mean * runs).map(|sum| sum / runs);
+            return Some([low.min(rarest), high.max(oftenest)]);
+        }
+        (half > 0.0).then_some([low, high])
+    }
+}
+
+/// Between which expected counts this one is likely at 95 %: Byar's approximation of Garwood's interval (Breslow and Day,
+/// Statistical Methods in Cancer Research II, 1987, page 69), wider than it by up to 0.02.
+fn poisson(count: f64) -> [f64; 2] {
+    let cube = |n: f64, z: f64| n * (1.0 - 1.0 / (9.0 * n) + z / (3.0 * n.sqrt())).max(0.0).powi(3);
+    [if count > 0.0 { cube(count, -NORMAL) } else { 0.0 }, cube(count + 1.0, NORMAL)]
 }
 
 /// Quantiles of Student's t at 97.5 %, for 1, 2, 3 … degrees of freedom.
@@ -108,6 +132,39 @@ mod tests {
         let one = Spread::of(&[4.0]).unwrap();
         assert_eq!((one.deviation, one.confidence()), (None, None));
         assert_eq!(Spread::of(&[]), None);
+    }
+
+    #[test]
+    fn the_interval_of_a_count_is_not_symmetric_and_not_below_nought() {
+        let interval = |values: &[f64], figure: Figure| Spread::of(values).unwrap().interval(figure);
+        let close = |got: Option<[f64; 2]>, expected: [f64; 2]| {
+            let got = got.unwrap();
+            assert!(got.iter().zip(expected).all(|(got, expected)| (got - expected).abs() < 0.03), "{got:?}");
+        };
+        // Student's t is wider above; 0.5 ± 6.35 would be below nought.
+        close(interval(&[0.0, 1.0], Figure::Collisions), [0.0, 6.853]);
+        // No scatter at all is none that is known: Garwood's is 3.689 over the runs.
+        close(interval(&[0.0; 10], Figure::Collisions), [0.0, 0.369]);
+        close(interval(&[1.0; 10], Figure::Takeovers), [0.4795, 1.839]);
+        // Laps are no chance events, and nobody drives more of them than all.
+        assert_eq!(interval(&[1.0; 10], Figure::Laps), None);
+        assert_eq!(interval(&[1.0, 1.0], Figure::Completion), None);
+        close(interval(&[0.9, 1.0], Figure::Completion), [0.3147, 1.0]);
+        assert_eq!(interval(&[1.0], Figure::Collisions), None);
+        let speed = Spread::of(&[9.0, 10.0, 11.0]).unwrap();
+        let half = speed.confidence().unwrap();
+        assert_eq!(speed.interval(Figure::MeanMph), Some([10.0 - half, 10.0 + half]));
+    }
+
+    #[test]
+    fn a_counts_interval_is_garwoods() {
+        for (count, exact) in
+            [(0.0, [0.0, 3.689]), (1.0, [0.0253, 5.572]), (10.0, [4.795, 18.39]), (100.0, [81.36, 121.6])]
+        {
+            let [low, high] = poisson(count);
+            assert!(low <= exact[0] + 0.01 && exact[0] - low < 0.03, "{count}: {low}");
+            assert!((high - exact[1]).abs() < 0.03, "{count}: {high}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use super::{Figure as F, Measure, STAGES, Scorecard, card::LAP_TIMES_FROM};
+use super::{Figure as F, Measure, STAGES, Scorecard, Unit, card::LAP_TIMES_FROM};
+use crate::words::count as counted;
 
 /// Width of the names in front of what is told.
 const NAMES: usize = 17;
@@ -16,10 +17,19 @@ impl Scorecard {
         }
     }
 
+    /// How the lap times came about, likewise.
+    pub(super) fn how_lap_times(&self) -> String {
+        // No lap is so short that its time could be nought.
+        let off = |off| estimated(LAP_TIMES_FROM, Unit::Seconds.show_off(f64::MAX, off));
+        self.lap_times_off_s.map_or_else(String::new, off)
+    }
+
     /// How an estimate came about, and how far off it may be; empty of what is told.
-    fn how(&self, figure: F) -> String {
+    pub(super) fn how(&self, figure: F) -> String {
         match self.get(figure) {
-            Measure::Estimate { uncertainty, from, .. } => estimated(from, &figure.unit().show(uncertainty)),
+            Measure::Estimate { value, uncertainty, from } => {
+                estimated(from, figure.unit().show_off(value, uncertainty))
+            }
             Measure::Told(_) | Measure::Unknown(_) => String::new(),
         }
     }
@@ -42,15 +52,14 @@ impl Scorecard {
         }
         let laps = match (self.value(F::Laps), self.laps_asked) {
             (Some(laps), Some(asked)) if laps > f64::from(asked) => format!(", {laps:.0} laps, {asked} asked for"),
-            (Some(laps), Some(asked)) => format!(", {laps:.0} of {asked} {}", if asked == 1 { "lap" } else { "laps" }),
-            (Some(laps), None) => format!("; {laps:.0} laps"),
+            (Some(laps), Some(asked)) => format!(", {laps:.0} of {}", counted(asked, "lap")),
+            (Some(laps), None) => format!("; {}", counted(laps as u64, "lap")),
             (None, _) => String::new(),
         };
         rows.push(("completion", self.words(F::Completion) + &laps));
         if !self.lap_times_s.is_empty() {
             let times: Vec<_> = self.lap_times_s.iter().map(|t| format!("{t:.1}")).collect();
-            let off = self.lap_times_off_s.map(|off| estimated(LAP_TIMES_FROM, &format!("{off:.1} s")));
-            rows.push(("lap times", format!("{} s{}", times.join(", "), off.unwrap_or_default())));
+            rows.push(("lap times", format!("{} s{}", times.join(", "), self.how_lap_times())));
         }
         rows.push((
             "collisions",
@@ -69,7 +78,7 @@ impl Scorecard {
                 None => self.words(F::OffRoads),
                 Some(0.0) => "never".into(),
                 Some(n) => {
-                    let times = if n == 1.0 { "once".into() } else { format!("{n:.0} times") };
+                    let times = times(n);
                     let how_long = self.value(F::OffRoadS).map(|_| format!(", {}", self.words(F::OffRoadS)));
                     times + &how_long.unwrap_or_default()
                 }
@@ -77,7 +86,7 @@ impl Scorecard {
         ));
         for (name, figure) in [("stuck", F::Stuck), ("put back", F::Resets)] {
             if count(figure) > 0.0 {
-                rows.push((name, format!("{} times", self.words(figure))));
+                rows.push((name, times(count(figure)) + &self.how(figure)));
             }
         }
         let offsets =
@@ -89,7 +98,9 @@ impl Scorecard {
                 None => self.words(F::Autonomy),
                 Some(_) => {
                     let (takeovers, put) = (count(F::Takeovers), count(F::Interventions));
-                    let why = format!(" ({takeovers:.0} takeovers, {put:.0} interventions)");
+                    let [takeovers, put] =
+                        [(takeovers, "takeover"), (put, "intervention")].map(|(n, what)| counted(n as u64, what));
+                    let why = format!(" ({takeovers}, {put})");
                     let measured = if count(F::HumanS) > 0.0 {
                         format!(
                             "; {} measured, humans drove {}",
@@ -156,8 +167,12 @@ impl Scorecard {
     }
 }
 
-fn estimated(from: &str, uncertainty: &str) -> String {
-    format!(" (estimated from {from}, ± {uncertainty})")
+fn times(n: f64) -> String {
+    if n == 1.0 { "once".into() } else { format!("{n:.0} times") }
+}
+
+fn estimated(from: &str, off: Option<String>) -> String {
+    format!(" (estimated from {from}{})", off.map_or_else(String::new, |off| format!(", {off}")))
 }
 
 impl fmt::Display for Scorecard {

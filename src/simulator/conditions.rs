@@ -11,6 +11,8 @@ use rand_chacha::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::words::{did_you_mean, suggesting};
+
 /// Weather, light, and what is wrong with the camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -60,10 +62,16 @@ impl Default for Conditions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConditionsError {
     /// A piece that is not `name=number`.
-    #[error("conditions: expected name=number, got {0:?}")]
-    Form(String),
+    #[error("conditions: expected random, or name=number, got {got:?}{}", did_you_mean(got, NAMES.into_iter().chain(["random"])))]
+    Form {
+        /// The piece.
+        got: String,
+    },
+    /// Not the TOML of conditions.
+    #[error("conditions: {}", suggesting(&.0.to_string()))]
+    Toml(#[from] toml::de::Error),
     /// A name that no condition has.
-    #[error("conditions: expected one of {}, got {got:?}", NAMES.join(", "))]
+    #[error("conditions: expected one of {}, got {got:?}{}", NAMES.join(", "), did_you_mean(got, NAMES))]
     Unknown {
         /// The name.
         got: String,
@@ -116,7 +124,8 @@ impl Conditions {
     pub fn parse(text: &str) -> Result<Self, ConditionsError> {
         let mut conditions = Self::default();
         for piece in text.split(',').map(str::trim).filter(|piece| !piece.is_empty()) {
-            let (name, number) = piece.split_once('=').ok_or_else(|| ConditionsError::Form(piece.to_owned()))?;
+            let (name, number) =
+                piece.split_once('=').ok_or_else(|| ConditionsError::Form { got: piece.to_owned() })?;
             let i = NAMES
                 .iter()
                 .position(|known| *known == name.trim())
@@ -124,6 +133,16 @@ impl Conditions {
             let value = number.trim().parse().map_err(|_| out_of_range(i, number.trim()))?;
             conditions.set(i, value);
         }
+        conditions.check()?;
+        Ok(conditions)
+    }
+
+    /// Reads the TOML of a file.
+    ///
+    /// # Errors
+    /// [`ConditionsError`], with line and column where it is no such TOML.
+    pub fn from_file(text: &str) -> Result<Self, ConditionsError> {
+        let conditions: Self = toml::from_str(text)?;
         conditions.check()?;
         Ok(conditions)
     }
@@ -221,7 +240,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_said() {
         for (text, message) in [
-            ("rain", "conditions: expected name=number, got \"rain\""),
+            ("rain", "conditions: expected random, or name=number, got \"rain\"; did you mean \"rain\"?"),
             ("rain=2", "conditions: rain: expected 0 to 1, got 2.0"),
             ("haze=NaN", "conditions: haze: expected 0 to 1, got NaN"),
             ("dropped=much", "conditions: dropped: expected 0 to 0.99, got much"),

@@ -85,6 +85,7 @@
 //! | `groups[].figures.KEY.least` | number | smallest |
 //! | `groups[].figures.KEY.most` | number | largest |
 //! | `groups[].figures.KEY.confidence` | number or null | half the width of the mean's confidence interval at 95 %, by Student's t; null of a single drive |
+//! | `groups[].figures.KEY.interval` | two numbers or null | the mean's interval at 95 %, never beyond what can be: Student's t, for counts of what happens now and then at least Garwood's; null of a single drive, and where all tell the same; the table and the page show this one |
 
 mod outcome;
 mod page;

@@ -59,6 +59,8 @@ pub struct Over {
     pub spread: Spread,
     /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single drive.
     pub confidence: Option<f64>,
+    /// The mean's interval at 95 % as people are shown it: [`Spread::interval`].
+    pub interval: Option<[f64; 2]>,
 }
 
 /// Groups in the order of pilot, track, conditions and speed. Where cells of one name were driven with other models, laps
@@ -86,8 +88,13 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
             let id: String = Sha256::digest(&key.4).iter().take(3).map(|byte| format!("{byte:02x}")).collect();
             pilot = format!("{pilot} (settings {id})");
         }
-        let over = |(key, spread): (_, Spread)| (key, Over { confidence: spread.confidence(), spread });
-        let figures = spreads(done, |one, figure| one.value(figure)).into_iter().map(over).collect();
+        let spreads = spreads(done, |one, figure| one.value(figure));
+        let over = |figure: Figure| {
+            let spread = *spreads.get(figure.key())?;
+            let (confidence, interval) = (spread.confidence(), spread.interval(figure));
+            Some((figure.key(), Over { spread, confidence, interval }))
+        };
+        let figures = Figure::ALL.into_iter().filter_map(over).collect();
         Group { pilot, model_sha256, track, conditions, speed_mph, figures }
     };
     by_key.iter().map(group).collect()
@@ -101,16 +108,20 @@ pub fn table(groups: &[Group]) -> String {
         let n = group.figures.get(Figure::TimeS.key()).map_or(0, |over| over.spread.runs);
         let Group { pilot, track, conditions, speed_mph, .. } = group;
         let mut row = vec![pilot.clone(), track.clone(), conditions.clone(), speed_mph.to_string(), n.to_string()];
-        row.extend(SHOWN.map(|figure| group.figures.get(figure.key()).map_or("-".into(), |over| over.words(figure))));
+        row.extend(SHOWN.map(|figure| match group.figures.get(figure.key()).map(|over| over.words(figure)) {
+            None => "-".into(),
+            Some((mean, None)) => mean,
+            Some((mean, Some(interval))) => format!("{mean} {interval}"),
+        }));
         rows.push(row);
     }
     aligned(&rows, 3)
 }
 
 impl Over {
-    fn words(&self, figure: Figure) -> String {
-        let show = |mean: f64| figure.unit().show_mean(mean);
-        let confidence = self.confidence.map_or_else(String::new, |half| format!(" ± {}", show(half)));
-        show(self.spread.mean) + &confidence
+    /// The mean, and where it lies, in words.
+    pub(super) fn words(&self, figure: Figure) -> (String, Option<String>) {
+        let (unit, mean) = (figure.unit(), self.spread.mean);
+        (unit.show_mean(mean), self.interval.map(|interval| unit.show_interval(mean, interval)))
     }
 }

@@ -1,15 +1,14 @@
 //! Results of cells, and the plan beside them, as files in a folder.
 
 use std::{
-    fs,
-    io::{self, Write},
+    fs, io,
     path::{Path, PathBuf},
 };
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{Cell, Plan, plan};
-use crate::score::Figure;
+use crate::{files, score::Figure};
 
 /// What the file of a cell is called.
 const SCHEMA: &str = "lapwing.cell/1";
@@ -120,7 +119,7 @@ impl Results {
     /// [`ResultsError::Io`].
     pub fn keep(&self, done: &Done) -> Result<(), ResultsError> {
         let path = self.cells().join(format!("{}.json", done.cell.id()));
-        write("write the result", &path, &path.with_extension("partial"), done)
+        write("write the result", &path, done)
     }
 
     /// All results that lie here, by the names of their files. One that cannot be read is an error of its own, by the id of
@@ -166,21 +165,15 @@ impl Results {
             return Ok(());
         }
         let path = self.plan_path();
-        let partial = path.with_extension(format!("{}.partial", std::process::id()));
         // Of parts that share a folder and begin at once, one is enough.
-        write("write the plan", &path, &partial, plan).or_else(|error| if there() { Ok(()) } else { Err(error) })
+        write("write the plan", &path, plan).or_else(|error| if there() { Ok(()) } else { Err(error) })
     }
 }
 
 /// Writes a file: whole or not at all.
-fn write(what: &'static str, path: &Path, partial: &Path, content: &impl Serialize) -> Result<(), ResultsError> {
-    let write = || {
-        let mut file = fs::File::create(partial)?;
-        file.write_all(&serde_json::to_vec_pretty(content)?)?;
-        file.sync_all()?;
-        fs::rename(partial, path)
-    };
-    write().map_err(ResultsError::io(what, path))
+fn write(what: &'static str, path: &Path, content: &impl Serialize) -> Result<(), ResultsError> {
+    let written = serde_json::to_vec_pretty(content).map_err(io::Error::from);
+    written.and_then(|bytes| files::write(path, &bytes)).map_err(ResultsError::io(what, path))
 }
 
 fn read_cell(path: &Path) -> Result<Done, ResultsError> {

@@ -5,6 +5,12 @@ use std::{fmt, path::PathBuf, str::FromStr};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::words::suggesting;
+
+/// Cells of a suite at most: a hundred a minute take most of a day.
+const MOST_CELLS: usize = 100_000;
+const MOST: &str = "at most 100000";
+
 /// What the file of a suite says.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -49,7 +55,7 @@ fn ten_minutes() -> f64 {
 
 /// Seeds of a suite.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected a number of seeds, or a list of seeds from 0")]
 pub enum Seeds {
     /// From 0, so many.
     Count(u64),
@@ -81,7 +87,7 @@ pub struct Contestant {
 #[derive(Debug, thiserror::Error)]
 pub enum SuiteError {
     /// Not the TOML of a suite.
-    #[error("suite: {0}")]
+    #[error("suite: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
     /// A value that describes none.
     #[error("suite: {what}: expected {expected}, got {got}")]
@@ -144,16 +150,28 @@ impl Suite {
     pub fn parse(text: &str) -> Result<Self, SuiteError> {
         let suite: Self = toml::from_str(text)?;
         let wrong = |what: &str, expected, got: String| SuiteError::Value { what: what.into(), expected, got };
-        for (what, count) in [
+        let seeds = match &suite.seeds {
+            Seeds::Count(count) => usize::try_from(*count).unwrap_or(usize::MAX),
+            Seeds::List(list) => list.len(),
+        };
+        let counts = [
             ("tracks", suite.tracks.len()),
             ("conditions", suite.conditions.len()),
             ("speeds_mph", suite.speeds_mph.len()),
             ("pilot", suite.pilots.len()),
-            ("seeds", suite.seeds().len()),
-        ] {
-            if count == 0 {
-                return Err(wrong(what, "at least one", "none".into()));
+            ("seeds", seeds),
+        ];
+        let mut cells = 1usize;
+        for (what, count) in counts {
+            match count {
+                0 => return Err(wrong(what, "at least one", "none".into())),
+                1..=MOST_CELLS => cells = cells.saturating_mul(count),
+                _ => return Err(wrong(what, MOST, count.to_string())),
             }
+        }
+        if cells > MOST_CELLS {
+            let product = counts.map(|(what, count)| format!("{count} ({what})")).join(" x ");
+            return Err(wrong("cells", MOST, format!("{cells}: {product}")));
         }
         if let Some(speed) = suite.speeds_mph.iter().find(|speed| !(0.1..=1000.0).contains(*speed)) {
             return Err(wrong("speeds_mph", "speeds from 0.1 to 1000", speed.to_string()));

@@ -66,6 +66,27 @@ fn what_is_wrong_in_a_suite_is_said() {
     let fast = "tracks = [\"lake\"]\nspeeds_mph = [0]\n[[pilot]]\nname = \"a\"";
     assert_eq!(error(fast), "suite: speeds_mph: expected speeds from 0.1 to 1000, got 0");
     assert!(error("track = \"lake\"").contains("unknown field `track`"));
+    assert!(error("track = \"lake\"").ends_with("; did you mean \"tracks\"?"));
+}
+
+#[test]
+fn a_suite_has_limits_that_are_said_before_it_is_laid_out() {
+    let error = |line: &str| {
+        let text = format!("tracks = [\"lake\", \"jungle\"]\n{line}\n[[pilot]]\nname = \"a\"");
+        Suite::parse(&text).unwrap_err().to_string()
+    };
+    assert_eq!(error("seeds = 9223372036854775807"), "suite: seeds: expected at most 100000, got 9223372036854775807");
+    assert_eq!(
+        error("seeds = 60000"),
+        "suite: cells: expected at most 100000, got 120000: 2 (tracks) x 1 (conditions) x 1 (speeds_mph) x 1 (pilot) x \
+         60000 (seeds)"
+    );
+    assert!(
+        error("seeds = -1").contains("expected a number of seeds, or a list of seeds from 0"),
+        "{}",
+        error("seeds = -1")
+    );
+    assert!(error("seeds = []").contains("seeds: expected at least one, got none"));
 }
 
 fn done(cell: &Cell, completion: f64) -> Done {

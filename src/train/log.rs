@@ -3,7 +3,7 @@
 use std::{io, path::Path, time::SystemTime};
 
 use super::{Measured, TimedEpoch, TrainError, events::Events};
-use crate::nn::replace;
+use crate::files;
 
 const HEADER: &str = "epoch,seconds,images_per_s,learning_rate,train_mse,train_mae,train_r,\
     validation_mse,validation_mae,validation_r,smooth_mse,smooth_mae,smooth_r\n";
@@ -19,7 +19,7 @@ pub(super) fn write(path: &Path, history: &[TimedEpoch]) -> Result<(), TrainErro
         }
         text.push('\n');
     }
-    replace(path, text.as_bytes()).map_err(TrainError::io("write the log", path))
+    files::write(path, text.as_bytes()).map_err(TrainError::io("write the log", path))
 }
 
 /// Seconds since 1970, as TensorBoard has them.

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, no_grad};
 
 use super::{Epoch, TimedEpoch, TrainError, origin::Origin};
-use crate::nn::replace;
+use crate::files;
 
 /// Where a training is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -73,7 +73,7 @@ pub(super) fn save(
         (ORIGIN.to_owned(), json(serde_json::to_string(origin))?),
     ]);
     let whole = safetensors::serialize(views, Some(metadata)).map_err(|why| wrong(why.to_string()))?;
-    replace(path, &whole).map_err(TrainError::io("write the training's state", path))
+    files::write(path, &whole).map_err(TrainError::io("write the training's state", path))
 }
 
 /// A state as it was read.

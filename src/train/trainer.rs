@@ -18,10 +18,11 @@ use super::{
     origin::Origin,
     preparation,
     progress::{Epoch, Go, Outcome, Progress, TimedEpoch},
-    state::{self, MODEL, Position, STATE},
+    state::{self, MODEL, Position, STATE, Stored},
 };
 use crate::{
     dataset::{Batch, Cache, Inputs, Loader, Samples, Workers},
+    files,
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
     perception::Resize,
 };
@@ -53,7 +54,34 @@ pub(super) fn forward(network: &Network, batch: &Tensors, train: bool) -> Result
     network.forward(&batch.frames, network.design().speed.then_some(&batch.speed), train)
 }
 
+/// What stands in the folder, and the network: all that can be said without data.
+fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, Architecture, Design), TrainError> {
+    recipe.check()?;
+    let stored = preparation::stored(out, resume)?;
+    let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
+    before.map_or(Ok(()), |origin| origin.check_recipe(recipe, out))?;
+    let architecture = Architecture::named(&recipe.network)
+        .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
+    let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };
+    if let Some((height, width)) = recipe.input {
+        design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
+    }
+    design.validate()?;
+    if let Some(path) = recipe.pretrained.as_ref().filter(|_| stored.is_none()) {
+        fs::File::open(path).map_err(|source| NnError::Read { path: path.clone(), source })?;
+    }
+    Ok((stored, architecture, design))
+}
+
 impl Trainer {
+    /// Whether a training could begin, as far as can be told without its data, which may be still to be recorded.
+    ///
+    /// # Errors
+    /// [`TrainError`].
+    pub fn check(recipe: &Recipe, out: &Path, resume: bool) -> Result<(), TrainError> {
+        begun(recipe, out, resume).map(drop)
+    }
+
     /// Opens the data and draws the first weights. If `resume`, goes on with what is in `out`, or begins where nothing
     /// is; the recipe must be the one that the training there began with, but for what does not bend its way: more
     /// epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
@@ -61,17 +89,8 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`].
     pub fn new(recipe: Recipe, out: &Path, resume: bool) -> Result<Self, TrainError> {
-        recipe.check()?;
-        let stored = preparation::stored(out, resume)?;
+        let (stored, architecture, design) = begun(&recipe, out, resume)?;
         let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
-        before.map_or(Ok(()), |origin| origin.check_recipe(&recipe, out))?;
-        let architecture = Architecture::named(&recipe.network)
-            .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
-        let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };
-        if let Some((height, width)) = recipe.input {
-            design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
-        }
-        design.validate()?;
         let inputs = Inputs {
             preprocess: design.preprocess.clone(),
             frames: architecture.frames(),
@@ -148,7 +167,7 @@ impl Trainer {
         fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
         let path = out.join("recipe.toml");
         let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
-        nn::replace(&path, text.as_bytes()).map_err(TrainError::io("write the recipe", &path))?;
+        files::write(&path, text.as_bytes()).map_err(TrainError::io("write the recipe", &path))?;
         Ok(trainer)
     }
 

@@ -13,11 +13,11 @@ pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
     let converted = dataset::convert(source, target, &mut |done, total| bar.show(done, total))?;
     drop(bar);
     if *json {
-        print(&serde_json::to_string_pretty(&converted)?);
+        print(&serde_json::to_string_pretty(&converted)?)?;
         return Ok(Ended::Passed);
     }
     let Converted { rows, without_picture, side_pictures, truncated } = converted;
-    print(&format!("{rows} rows, in {}", target.display()));
+    print(&format!("{rows} rows, in {}", target.display()))?;
     if without_picture > 0 {
         say!("{without_picture} telemetries are left out: their picture was not recorded");
     }

@@ -11,14 +11,14 @@ pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
     let blocks = Blocks { size: arguments.block, every: arguments.every };
     let divided = dataset::divide(&arguments.source, blocks, &arguments.out_train, &arguments.out_validation)?;
     if arguments.json {
-        print(&serde_json::to_string_pretty(&divided)?);
+        print(&serde_json::to_string_pretty(&divided)?)?;
     } else {
         let Divided { train, train_rows, validation, validation_rows } = divided;
         print(&format!(
             "{train_rows} rows to learn from, in {}\n{validation_rows} rows to validate by, in {}",
             train.display(),
             validation.display()
-        ));
+        ))?;
     }
     Ok(Ended::Passed)
 }

@@ -3,18 +3,20 @@
 use super::{Ended, Rows};
 use crate::{
     cli,
-    commands::print,
+    commands::{outputs, print},
     dataset::{self, CameraCount, Gap, Inspection, Problem, Size},
-    drawing::Kind,
 };
 
 /// Gaps and problems that are told one by one; `--json` has all.
 const NAMED: usize = 10;
 
 pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
-    // Known before the work is done.
     for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
-        Kind::of(picture)?;
+        outputs::check_drawing(picture)?;
+    }
+    // All of them before the first is looked over.
+    for source in &arguments.sources {
+        dataset::check(source)?;
     }
     let mut inspections = Vec::new();
     for source in &arguments.sources {
@@ -28,9 +30,9 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
         dataset::steering_chart(&inspections).write(path)?;
     }
     if arguments.json {
-        print(&serde_json::to_string_pretty(&inspections)?);
+        print(&serde_json::to_string_pretty(&inspections)?)?;
     } else {
-        print(&table(&inspections));
+        print(&table(&inspections))?;
         for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
             say!("written: {}", picture.display());
         }

@@ -7,14 +7,13 @@ use anyhow::Context;
 use super::Ended;
 use crate::{
     cli,
-    commands::print,
+    commands::{outputs, print},
     dataset::{self, Augmentation, Source},
-    drawing::Kind,
     train::Recipe,
 };
 
 pub(super) fn run(arguments: &cli::DatasetPreview) -> anyhow::Result<Ended> {
-    Kind::of(&arguments.out)?;
+    outputs::check_drawing(&arguments.out)?;
     let augmentation = match &arguments.recipe {
         None => Augmentation::default(),
         Some(path) => {
@@ -24,6 +23,6 @@ pub(super) fn run(arguments: &cli::DatasetPreview) -> anyhow::Result<Ended> {
     };
     augmentation.check()?;
     dataset::preview(&Source::open(&arguments.source)?, &augmentation, arguments.seed)?.write(&arguments.out)?;
-    print(&format!("{}", arguments.out.display()));
+    print(&format!("{}", arguments.out.display()))?;
     Ok(Ended::Passed)
 }

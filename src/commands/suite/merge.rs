@@ -4,23 +4,31 @@ use std::{collections::BTreeSet, path::PathBuf};
 
 use anyhow::bail;
 
-use super::{super::Ended, Found, told_apart};
+use super::{
+    super::{Ended, outputs},
+    Found, told_apart,
+};
 use crate::{
     cli,
     suite::{Done, Plan, Results, ResultsError},
+    words::count,
 };
 
 /// So many missing cells are named.
 const NAMED: usize = 5;
 
 pub(in crate::commands) fn run(arguments: &cli::Merge) -> anyhow::Result<Ended> {
-    let target = Results::open(&arguments.out)?;
-    let mut gathered = Gathered::default();
-    gathered.plan_of(&target);
     for folder in &arguments.folders {
         if !folder.join("cells").is_dir() {
             bail!("{}: expected the folder of a suite, with cells in it", folder.display());
         }
+    }
+    arguments.html.as_deref().map_or(Ok(()), outputs::check)?;
+    outputs::check_folder(&arguments.out)?;
+    let target = Results::open(&arguments.out)?;
+    let mut gathered = Gathered::default();
+    gathered.plan_of(&target);
+    for folder in &arguments.folders {
         let part = Results::open(folder)?;
         if !gathered.plan_of(&part) {
             gathered.unplanned.push(folder.clone());
@@ -46,12 +54,12 @@ pub(in crate::commands) fn run(arguments: &cli::Merge) -> anyhow::Result<Ended> 
         target.keep_plan(plan)?;
     }
     let missing = gathered.missing(plan.as_ref(), &done);
-    say(plan.as_ref(), &done, &missing, &gathered);
+    tell(plan.as_ref(), &done, &missing, &gathered);
     done.sort_by_key(|done| done.cell.seed);
-    let count = done.len();
+    let all = done.len();
     let done = told_apart(done, |done| &done.cell);
-    if let left_out @ 1.. = count - done.len() {
-        tracing::info!("{left_out} results do not count: another seed changes nothing in their drives");
+    if let left_out @ 1.. = all - done.len() {
+        tracing::info!("left out: {}, in whose drives another seed changes nothing", count(left_out, "result"));
     }
     let found = Found { done, planned: plan.as_ref().map(Plan::count), missing: missing.len() };
     found.report(&arguments.out, arguments.html.as_deref(), arguments.json)?;
@@ -122,17 +130,18 @@ impl Gathered {
 }
 
 /// Says how much of the suite is there.
-fn say(plan: Option<&Plan>, done: &[Done], missing: &[String], gathered: &Gathered) {
+fn tell(plan: Option<&Plan>, done: &[Done], missing: &[String], gathered: &Gathered) {
     match plan {
         Some(plan) => {
             let (all, without) = (plan.count(), plan.missing(done).len());
-            say!("{} of the suite's {all} cells are there, {without} are missing", all - without);
+            say!("{} of {} there, {without} missing", all - without, count(all, "cell"));
             for folder in &gathered.unplanned {
                 say!("{}: what else its suite is made of is not known, it has no plan.json", folder.display());
             }
         }
         None => {
-            say!("{} cells are there; how many the suite has is not known, no folder has a plan.json", done.len())
+            let there = count(done.len(), "cell");
+            say!("{there} there; how many the suite has is not known, no folder has a plan.json");
         }
     }
     for name in missing.iter().take(NAMED) {

@@ -93,11 +93,17 @@ impl DrivingLog {
     /// Reads a log: a CSV file, or the `driving_log.csv` of a folder.
     ///
     /// # Errors
-    /// [`RecordingError::Io`], [`RecordingError::Log`] with the line and field
-    /// that cannot be read, [`RecordingError::NoRows`].
+    /// [`RecordingError::NoSource`], [`RecordingError::Io`], [`RecordingError::Log`]
+    /// with the line and field that cannot be read, [`RecordingError::NoRows`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
-        let path = if path.is_dir() { path.join("driving_log.csv") } else { path.to_owned() };
+        let none = |got| RecordingError::NoSource { path: path.to_owned(), got };
+        let path = match path.is_dir().then(|| path.join("driving_log.csv")) {
+            Some(log) if !log.exists() => return Err(none("a folder without it")),
+            Some(log) => log,
+            None if !path.exists() => return Err(none("nothing: no such file or folder")),
+            None => path.to_owned(),
+        };
         let bytes = fs::read(&path).map_err(RecordingError::io("read the driving log", &path))?;
         let beside = path.parent().unwrap_or(Path::new(""));
         let img = beside.join("IMG");

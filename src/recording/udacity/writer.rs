@@ -8,14 +8,14 @@
 
 use std::{
     fs::{self, File, OpenOptions},
-    io::{Read, Seek, SeekFrom, Write},
+    io::Write,
     path::{self, Path, PathBuf},
     time::Duration,
 };
 
 use jiff::civil::DateTime;
 
-use super::{DrivingLog, LONGEST_INTERVAL, RecordingError};
+use super::RecordingError;
 use crate::{
     protocol::number,
     units::{Mph, Steering, Throttle},
@@ -47,6 +47,7 @@ pub struct Sample<'a> {
 pub struct DrivingLogWriter {
     path: PathBuf,
     images: PathBuf,
+    images_text: String,
     log: File,
     began: DateTime,
     /// Of the row written last, in milliseconds since `began`.
@@ -62,50 +63,26 @@ impl DrivingLogWriter {
     /// [`RecordingError::LogExists`] where the folder has a driving log, [`RecordingError::LogFolder`],
     /// [`RecordingError::Io`].
     pub fn create(dir: impl AsRef<Path>, began: DateTime) -> Result<Self, RecordingError> {
-        let (path, images) = Self::folder(dir.as_ref())?;
+        let (path, images, images_text) = Self::folder(dir.as_ref())?;
         let log =
             OpenOptions::new().write(true).create_new(true).open(&path).map_err(|source| match source.kind() {
                 std::io::ErrorKind::AlreadyExists => RecordingError::LogExists { path: path.clone() },
                 _ => RecordingError::Io { doing: "create the driving log", path: path.clone(), source },
             })?;
-        Ok(Self { path, images, log, began, last_ms: None, rows: 0 })
+        Ok(Self { path, images, images_text, log, began, last_ms: None, rows: 0 })
     }
 
-    /// Goes on with the log of a folder, or begins one. The drive that begins now is named by `began`
-    /// or, where the log already has pictures of then or later, by a time so far behind them that the
-    /// log reads as two drives ([`LONGEST_INTERVAL`]).
-    ///
-    /// # Errors
-    /// [`RecordingError`], also where the log that is there cannot be read.
-    pub fn append(dir: impl AsRef<Path>, began: DateTime) -> Result<Self, RecordingError> {
-        let (path, images) = Self::folder(dir.as_ref())?;
-        let io = |doing| RecordingError::io(doing, &path);
-        let mut log =
-            OpenOptions::new().read(true).append(true).create(true).open(&path).map_err(io("open the driving log"))?;
-        let mut began = began;
-        if log.metadata().map_err(io("look at the driving log"))?.len() > 0 {
-            let latest = DrivingLog::open(&path)?.rows.iter().filter_map(|row| row.taken_at).max();
-            let earliest = latest.map(|t| t.saturating_add(LONGEST_INTERVAL + Duration::from_secs(1)));
-            began = began.max(earliest.unwrap_or(began));
-            let mut last = [0];
-            log.seek(SeekFrom::End(-1)).and_then(|_| log.read_exact(&mut last)).map_err(io("read the driving log"))?;
-            if last != *b"\n" {
-                log.write_all(b"\n").map_err(io("write the driving log"))?;
-            }
-        }
-        Ok(Self { path, images, log, began, last_ms: None, rows: 0 })
-    }
-
-    /// Makes the folder and says where in it the log and its pictures go.
-    fn folder(dir: &Path) -> Result<(PathBuf, PathBuf), RecordingError> {
+    /// Makes the folder and says where in it the log and its pictures go, and the pictures' folder as the log has it.
+    fn folder(dir: &Path) -> Result<(PathBuf, PathBuf, String), RecordingError> {
         let dir = path::absolute(dir).map_err(RecordingError::io("find the folder", dir))?;
-        // Quotes and line breaks mean something to readers of CSV, and the recorder does not escape them.
-        if dir.to_string_lossy().contains(['"', '\n', '\r']) {
-            return Err(RecordingError::LogFolder { path: dir });
-        }
         let images = dir.join("IMG");
+        // Quotes and line breaks mean something to readers of CSV, and the recorder does not escape them; what is no
+        // Unicode would be another path when it is read back.
+        let Some(text) = images.to_str().filter(|text| !text.contains(['"', '\n', '\r'])).map(str::to_owned) else {
+            return Err(RecordingError::LogFolder { path: dir });
+        };
         fs::create_dir_all(&images).map_err(RecordingError::io("create the folder", &images))?;
-        Ok((dir.join("driving_log.csv"), images))
+        Ok((dir.join("driving_log.csv"), images, text))
     }
 
     /// The CSV file.
@@ -133,12 +110,12 @@ impl DrivingLogWriter {
                 line.push(',');
                 continue;
             };
-            let path = self.images.join(picture_name(camera, taken));
+            let name = picture_name(camera, taken);
+            let path = self.images.join(&name);
             File::create_new(&path)
                 .and_then(|mut file| file.write_all(jpeg))
                 .map_err(RecordingError::io("write the picture", &path))?;
-            line += &path.to_string_lossy();
-            line.push(',');
+            line += &format!("{}{}{name},", self.images_text, path::MAIN_SEPARATOR);
         }
         let brake = Throttle::saturating(sample.brake).get().max(0.0);
         let numbers = [sample.steering.get(), sample.throttle.get().max(0.0), brake, sample.speed.get()];
@@ -171,7 +148,7 @@ fn picture_name(camera: &str, t: DateTime) -> String {
 mod tests {
     use jiff::civil::date;
 
-    use super::*;
+    use super::{super::DrivingLog, *};
 
     fn began() -> DateTime {
         date(2016, 12, 1).at(13, 30, 48, 287_000_000)
@@ -282,31 +259,6 @@ mod tests {
         let error = DrivingLogWriter::create(dir.path(), began()).unwrap_err().to_string();
         assert!(error.starts_with(&format!("{}: expected no driving log", path.display())), "{error}");
         assert_eq!(fs::read_to_string(path).unwrap(), "somebody's");
-    }
-
-    #[test]
-    fn a_second_drive_is_appended_as_a_drive_of_its_own() {
-        let dir = tempfile::tempdir().unwrap();
-        write(dir.path(), &[sample(0, 0.0, 1.0), sample(5000, 0.0, 1.0)]);
-        let path = dir.path().join("driving_log.csv");
-        let text = fs::read_to_string(&path).unwrap();
-        fs::write(&path, text.trim_end()).unwrap(); // as editors leave it
-        let mut writer = DrivingLogWriter::append(dir.path(), began()).unwrap();
-        writer.row(&sample(0, 0.5, 1.0)).unwrap();
-        writer.row(&sample(67, 0.5, 1.0)).unwrap();
-        assert_eq!(writer.finish().unwrap(), 2);
-        let rows = DrivingLog::open(dir.path()).unwrap().rows;
-        assert_eq!(rows.len(), 4);
-        assert_eq!(rows[2].at - rows[1].at, super::super::FALLBACK_INTERVAL);
-        assert_eq!((rows[3].at - rows[2].at).as_millis(), 67);
-    }
-
-    #[test]
-    fn appending_to_nothing_begins_a_log() {
-        let dir = tempfile::tempdir().unwrap();
-        let mut writer = DrivingLogWriter::append(dir.path().join("new"), began()).unwrap();
-        writer.row(&sample(0, 0.0, 1.0)).unwrap();
-        assert_eq!(DrivingLog::open(dir.path().join("new")).unwrap().rows[0].taken_at, Some(began()));
     }
 
     #[test]

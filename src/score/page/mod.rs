@@ -4,14 +4,20 @@
 //! and the pictures around each event. The page draws itself (`page.js`), so that a reader can choose what the line on
 //! the map is coloured by and read values off.
 
-use std::{collections::VecDeque, time::Duration};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use bytes::Bytes;
 use serde::Serialize;
 
 use super::{Figure, Scorecard, figure::Described};
-use crate::recording::{EventRecord, Item};
+use crate::{
+    recording::{EventRecord, Item},
+    words::count as counted,
+};
 
 /// Points of a series that are drawn at most.
 const POINTS: usize = 6000;
@@ -166,7 +172,7 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
         EventRecord::BadFrame { why, .. } => format!("bad frame: {why}"),
         EventRecord::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
-        EventRecord::FramesNotRecorded { count } => format!("{count} pictures were not recorded"),
+        EventRecord::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
         EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
         EventRecord::PilotArmed => "the pilot was switched on".into(),
         EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
@@ -201,8 +207,24 @@ pub struct Shown<'a> {
 
 #[derive(Serialize)]
 struct Page<'a> {
-    runs: &'a [Shown<'a>],
+    runs: Vec<Estimated<'a>>,
     figures: Vec<Described>,
+}
+
+/// A run with the words for how its estimates came about, by figure, as the table has them.
+#[derive(Serialize)]
+struct Estimated<'a> {
+    #[serde(flatten)]
+    shown: &'a Shown<'a>,
+    how: BTreeMap<&'static str, String>,
+}
+
+impl<'a> Estimated<'a> {
+    fn of(shown: &'a Shown<'a>) -> Self {
+        let how = Figure::ALL.map(|figure| (figure.key(), shown.card.how(figure)));
+        let how = how.into_iter().chain([("lap_times_s", shown.card.how_lap_times())]);
+        Self { shown, how: how.filter(|(_, how)| !how.is_empty()).collect() }
+    }
 }
 
 /// The page, as HTML.
@@ -210,7 +232,7 @@ struct Page<'a> {
 /// # Errors
 /// Where a scorecard holds a number that JSON does not have.
 pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
-    let page = Page { runs, figures: Figure::described() };
+    let page = Page { runs: runs.iter().map(Estimated::of).collect(), figures: Figure::described() };
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
     let page = include_str!("page.html").replace("/*STYLE*/", include_str!("page.css"));

@@ -242,7 +242,7 @@ function table(shown) {
     const cells = shown.map((run, i) => {
       const why = run.card.not_measurable[figure.key], estimate = run.card.estimates[figure.key];
       const kind = values[i] === null ? "none" : differ && values[i] === best ? "best" : "";
-      const title = why ? `Not measurable: ${why}.` : estimate ? `Estimated from ${estimate.from}, ± ${show(figure, estimate.uncertainty)}.` : "";
+      const title = why ? `Not measurable: ${why}.` : (run.how[figure.key] ?? "").trim();
       return el("td", { class: kind, title }, (estimate ? "≈ " : "") + show(figure, values[i]));
     });
     return el("tr", { title: figure.meaning }, el("td", {}, figure.label), ...cells);
@@ -258,8 +258,7 @@ if (runs.length > 1) main.append(el("section", { class: "wide" }, el("h2", {}, "
 for (const run of runs) {
   const section = el("section", {}, el("h2", {}, run.title));
   if (run.missed.length) section.append(el("ul", { class: "missed" }, ...run.missed.map((words) => el("li", {}, words))));
-  const laps = run.card.lap_times_s.map((s) => s.toFixed(1)).join(", "), guess = run.card.estimates.lap_times_s;
-  const off = guess ? ` (estimated, ± ${guess.uncertainty.toFixed(1)} s)` : "";
+  const laps = run.card.lap_times_s.map((s) => s.toFixed(1)).join(", "), off = run.how.lap_times_s ?? "";
   // What a run does not tell is its name alone.
   const parts = [map(run),
     overTime(run, "Speed, mph", run.drawn.speed, "mph", css("--a"), 0),

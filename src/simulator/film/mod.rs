@@ -10,7 +10,7 @@
 //! | `out.png`, `out.jpg` | numbered files beside that name, `out_00001.png` | all pictures are there |
 //!
 //! The same frames make the same bytes. Files of the same name are replaced,
-//! pictures in a folder are not.
+//! pictures in a folder are not. Nothing is made before the first frame.
 
 mod gif;
 mod mp4;
@@ -22,7 +22,7 @@ use std::{
 };
 
 use self::{gif::Gif, mp4::Mp4, stills::Stills};
-use crate::perception::Frame;
+use crate::{files, perception::Frame};
 
 /// What keeps a film from being made.
 #[derive(Debug, thiserror::Error)]
@@ -127,7 +127,40 @@ enum Kind {
     Stills(Stills),
 }
 
+/// A kind of film, by its path.
+#[derive(Clone, Copy)]
+enum Named {
+    Mp4,
+    Gif,
+    Stills { is_folder: bool },
+}
+
+impl Named {
+    fn of(path: &Path) -> Result<Self, FilmError> {
+        let is_folder = path.is_dir() || path.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
+        let extension = path.extension().filter(|_| !is_folder).map(|e| e.to_string_lossy().to_lowercase());
+        match extension.as_deref() {
+            Some("mp4") => Ok(Self::Mp4),
+            Some("gif") => Ok(Self::Gif),
+            None | Some("png" | "jpg" | "jpeg") => Ok(Self::Stills { is_folder }),
+            Some(got) => Err(FilmError::Kind { got: got.to_owned(), path: path.to_owned() }),
+        }
+    }
+}
+
 impl Film {
+    /// Whether a film could be made at this path, to be asked before the work that it shows; nothing is changed.
+    ///
+    /// # Errors
+    /// [`FilmError::Kind`] and [`FilmError::Io`].
+    pub fn check(path: impl AsRef<Path>) -> Result<(), FilmError> {
+        let path = path.as_ref();
+        match Named::of(path)? {
+            Named::Mp4 | Named::Gif => files::check(path).map_err(FilmError::io("create the film", path)),
+            Named::Stills { is_folder } => Stills::new(path, is_folder).check(),
+        }
+    }
+
     /// Begins a film of frames of that size.
     ///
     /// # Errors
@@ -140,15 +173,13 @@ impl Film {
         if !(1..=4096).contains(&width) || !(1..=4096).contains(&height) {
             return Err(FilmError::Size { path, expected: "1 to 4096 pixels each way", width, height });
         }
-        let is_folder = path.is_dir() || path.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
-        let extension = path.extension().filter(|_| !is_folder).map(|e| e.to_string_lossy().to_lowercase());
         let reel = Reel { path, width, height, fps, frames: 0 };
-        let kind = match extension.as_deref() {
-            Some("mp4") => Kind::Mp4(Box::new(Mp4::create(&reel)?)),
-            Some("gif") => Kind::Gif(Box::new(Gif::create(&reel)?)),
-            None | Some("png" | "jpg" | "jpeg") => Kind::Stills(Stills::create(&reel, is_folder)?),
-            Some(got) => return Err(FilmError::Kind { got: got.to_owned(), path: reel.path }),
+        let kind = match Named::of(&reel.path)? {
+            Named::Mp4 => Kind::Mp4(Box::new(Mp4::new(&reel)?)),
+            Named::Gif => Kind::Gif(Box::default()),
+            Named::Stills { is_folder } => Kind::Stills(Stills::new(&reel.path, is_folder)),
         };
+        Self::check(&reel.path)?;
         Ok(Self { reel, kind })
     }
 

@@ -39,15 +39,14 @@ const PICTURE_PARAMETERS: u8 = 8;
 pub(super) struct Mp4 {
     encoder: Encoder,
     picture: YUVBuffer,
-    file: File,
     /// `None` before the first frame, which brings the parameter sets.
-    fragments: Option<FragmentedMuxer>,
+    fragments: Option<(File, FragmentedMuxer)>,
     /// All frames, encoded, with start codes; and whether one is a key frame.
     encoded: Vec<(Vec<u8>, bool)>,
 }
 
 impl Mp4 {
-    pub(super) fn create(reel: &Reel) -> Result<Self, FilmError> {
+    pub(super) fn new(reel: &Reel) -> Result<Self, FilmError> {
         let &Reel { width, height, fps, .. } = reel;
         let sides = (width.max(height), width.min(height));
         if width % 2 != 0 || height % 2 != 0 || width < 16 || height < 16 || sides.0 > LARGEST.0 || sides.1 > LARGEST.1
@@ -67,8 +66,7 @@ impl Mp4 {
             .num_threads(1);
         let encoder =
             Encoder::with_api_config(OpenH264API::from_source(), config).map_err(FilmError::encode(&reel.path, 0))?;
-        let file = File::create(&reel.path).map_err(FilmError::io("create the film", &reel.path))?;
-        Ok(Self { encoder, picture: YUVBuffer::new(width, height), file, fragments: None, encoded: Vec::new() })
+        Ok(Self { encoder, picture: YUVBuffer::new(width, height), fragments: None, encoded: Vec::new() })
     }
 
     pub(super) fn frame(&mut self, reel: &Reel, frame: &Frame) -> Result<(), FilmError> {
@@ -82,8 +80,8 @@ impl Mp4 {
             return Err(fail("the encoder left it out".into()));
         }
         let of_type = |wanted: u8| units.iter().find(|unit| unit[0] & 0x1f == wanted);
-        let fragments = match &mut self.fragments {
-            Some(fragments) => fragments,
+        let (file, fragments) = match &mut self.fragments {
+            Some(begun) => begun,
             empty @ None => {
                 let (Some(sps), Some(pps)) = (of_type(SEQUENCE_PARAMETERS), of_type(PICTURE_PARAMETERS)) else {
                     return Err(fail("the encoder gave no parameter sets".into()));
@@ -92,12 +90,13 @@ impl Mp4 {
                 let mut config = FragmentConfig::new(reel.width as u32, reel.height as u32, timescale);
                 (config.sps, config.pps) = (sps.to_vec(), pps.to_vec());
                 let mut muxer = FragmentedMuxer::new(config).map_err(|e| fail(e.to_string()))?;
-                self.file.write_all(&muxer.init_segment()).map_err(FilmError::io("write the film", &reel.path))?;
-                empty.insert(muxer)
+                let mut file = File::create(&reel.path).map_err(FilmError::io("create the film", &reel.path))?;
+                file.write_all(&muxer.init_segment()).map_err(FilmError::io("write the film", &reel.path))?;
+                empty.insert((file, muxer))
             }
         };
         if is_key && let Some(segment) = fragments.flush_segment() {
-            self.file.write_all(&segment).map_err(FilmError::io("write the film", &reel.path))?;
+            file.write_all(&segment).map_err(FilmError::io("write the film", &reel.path))?;
         }
         let mut sample = Vec::with_capacity(encoded.len());
         for unit in units.iter().filter(|u| ![SEQUENCE_PARAMETERS, PICTURE_PARAMETERS].contains(&(u[0] & 0x1f))) {
@@ -128,8 +127,13 @@ impl Mp4 {
             muxer.into_writer().flush()?;
             Ok(())
         };
-        mux().map_err(fail)?;
-        fs::rename(&part, &reel.path).map_err(FilmError::io("finish the film", &reel.path))
+        let finished = mux().map_err(fail);
+        let finished =
+            finished.and_then(|()| fs::rename(&part, &reel.path).map_err(FilmError::io("finish the film", &reel.path)));
+        finished.inspect_err(|_| {
+            // The film so far stays, in fragments.
+            let _ = fs::remove_file(&part);
+        })
     }
 }
 

@@ -28,7 +28,10 @@ mod draw;
 use serde::{Deserialize, Serialize};
 
 use super::{scene::ActorKind, track::Track};
-use crate::units::MPS_PER_MPH;
+use crate::{
+    units::MPS_PER_MPH,
+    words::{did_you_mean, suggesting},
+};
 pub use draw::Draw;
 
 /// Metres per second in one kilometre per hour.
@@ -198,13 +201,17 @@ fn an_adult() -> ActorKind {
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
     /// No scenario of that name.
-    #[error("unknown scenario: expected {}, got {got:?}", Scenario::NAMES.join(", "))]
+    #[error(
+        "unknown scenario: expected {}, or a file ending in .toml, got {got:?}{}",
+        Scenario::NAMES.join(", "),
+        did_you_mean(got, Scenario::NAMES)
+    )]
     Unknown {
         /// The name.
         got: String,
     },
     /// Not the TOML of a scenario.
-    #[error("scenario file: {0}")]
+    #[error("scenario file: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
     /// A value that describes no scenario.
     #[error("scenario {name}: {what}: expected {expected}, got {got}")]

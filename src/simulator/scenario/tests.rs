@@ -16,7 +16,10 @@ fn every_scenario_that_comes_along_is_whole_and_called_as_its_file() {
     }
     assert_eq!(Scenario::NAMES.len(), 5);
     let error = Scenario::named("ccr").unwrap_err().to_string();
-    assert_eq!(error, "unknown scenario: expected ccrs, ccrm, ccrb, cpna, child, got \"ccr\"");
+    assert_eq!(
+        error,
+        "unknown scenario: expected ccrs, ccrm, ccrb, cpna, child, or a file ending in .toml, got \"ccr\"; did you mean \"ccrs\"?"
+    );
 }
 
 #[test]

@@ -4,6 +4,8 @@ use std::{fmt, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::words::{did_you_mean, suggesting};
+
 /// A track as a person writes it, in TOML.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -129,7 +131,8 @@ impl fmt::Display for Edge {
 pub enum TrackError {
     /// No track of that name.
     #[error(
-        "unknown track: expected lake, jungle, mountain, random, random:SEED or a file ending in .toml, got {got:?}"
+        "unknown track: expected lake, jungle, mountain, random, random:SEED or a file ending in .toml, got {got:?}{}",
+        did_you_mean(got, super::Track::NAMES)
     )]
     Unknown {
         /// The name.
@@ -152,7 +155,7 @@ pub enum TrackError {
         source: Box<TrackError>,
     },
     /// Not the TOML of a track.
-    #[error("track file: {0}")]
+    #[error("track file: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
     /// A number that describes no road.
     #[error("track {name}: {what}: expected {expected}, got {got}")]

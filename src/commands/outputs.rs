@@ -1,0 +1,82 @@
+//! What a verb gives: printed, or in a file; and what it tells besides.
+//!
+//! A result that could not be given is a failure (exit status 1), whatever else became of the verb. What is to be written
+//! at the end is looked at before the beginning: its format, and whether there is a place for it.
+
+use std::{
+    io::{self, Write},
+    path::Path,
+};
+
+use anyhow::Context;
+
+use crate::{
+    config::ConfigError,
+    drawing::{self, DrawingError},
+    files,
+    simulator::{
+        conditions::ConditionsError,
+        film::{Film, FilmError},
+        scenario::ScenarioError,
+        track::TrackError,
+    },
+    suite::SuiteError,
+};
+
+/// The result is lost: stdout's disk is full, or its reader is gone.
+#[derive(Debug, thiserror::Error)]
+#[error("the result could not be printed: {0}")]
+pub(super) struct Unprinted(io::Error);
+
+/// Prints a result, whole.
+///
+/// # Errors
+/// [`Unprinted`], also where whoever reads it has closed the pipe.
+pub(super) fn print(text: &str) -> Result<(), Unprinted> {
+    let mut stdout = io::stdout().lock();
+    writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Unprinted)
+}
+
+/// Whether a file could be written at the end of the work.
+pub(super) fn check(path: &Path) -> anyhow::Result<()> {
+    files::check(path).with_context(|| cannot(path))
+}
+
+/// Whether a drawing could be.
+pub(super) fn check_drawing(path: &Path) -> anyhow::Result<()> {
+    drawing::Kind::of(path)?;
+    check(path)
+}
+
+/// Whether a film could be.
+pub(super) fn check_film(path: &Path) -> anyhow::Result<()> {
+    Ok(Film::check(path)?)
+}
+
+/// Whether a folder could be made, or files in it.
+pub(super) fn check_folder(path: &Path) -> anyhow::Result<()> {
+    files::check_folder(path).with_context(|| cannot(path))
+}
+
+/// Writes a file, whole or not at all.
+pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    files::write(path, text.as_bytes()).with_context(|| cannot(path))
+}
+
+fn cannot(path: &Path) -> String {
+    format!("{}: cannot be written", path.display())
+}
+
+/// Whether an error says that something was asked for that does not exist (exit status 2): a setting, a track, a scenario,
+/// conditions, a format.
+pub(super) fn is_usage(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<ConfigError>()
+            || cause.is::<ConditionsError>()
+            || cause.is::<ScenarioError>()
+            || cause.is::<SuiteError>()
+            || cause.is::<TrackError>()
+            || matches!(cause.downcast_ref(), Some(DrawingError::Kind { .. }))
+            || matches!(cause.downcast_ref(), Some(FilmError::Kind { .. } | FilmError::Rate { .. }))
+    })
+}

@@ -1,0 +1,133 @@
+//! Files that are written whole or not at all, and whether they could be: asked before the work whose result they hold.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+/// Writes a file under another name and gives it its own once it is whole and on the disk: whatever happens, the old
+/// one or the new one is there. Into what is no regular file (a pipe, `/dev/stdout`) it is written as it is.
+///
+/// # Errors
+/// The system's; nothing half is left then.
+pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if is_special(path) {
+        return OpenOptions::new().write(true).open(path)?.write_all(bytes);
+    }
+    // A link stays one.
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let partial = partial(path);
+    let write = || {
+        let mut file = File::create(&partial)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&partial, path)
+    };
+    write().inspect_err(|_| {
+        // Of a full disk it would keep what little there is.
+        let _ = fs::remove_file(&partial);
+    })
+}
+
+/// Whether a file could be written at this path, as far as can be told without writing it; nothing is changed.
+///
+/// # Errors
+/// The system's, as [`write()`] would give it.
+pub fn check(path: &Path) -> io::Result<()> {
+    if path.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    if is_special(path) {
+        return Ok(()); // to open it would be heard at its other end
+    }
+    if path.exists() {
+        OpenOptions::new().write(true).open(path)?;
+    }
+    let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    probe(&partial(&path))
+}
+
+/// Whether files could be made in this folder, or the folder itself in the one above; nothing is changed.
+///
+/// # Errors
+/// The system's.
+pub fn check_folder(folder: &Path) -> io::Result<()> {
+    let is_there = |above: &&Path| above.as_os_str().is_empty() || above.symlink_metadata().is_ok();
+    let existing = folder.ancestors().find(is_there).filter(|path| !path.as_os_str().is_empty());
+    let existing = existing.unwrap_or(Path::new("."));
+    if !existing.is_dir() {
+        return Err(io::ErrorKind::NotADirectory.into());
+    }
+    probe(&partial(&existing.join("lapwing")))
+}
+
+fn is_special(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
+}
+
+/// The other name: no other process has it, and nobody takes it for a result.
+fn partial(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".{}.partial", std::process::id()));
+    name.into()
+}
+
+fn probe(path: &Path) -> io::Result<()> {
+    File::create(path)?;
+    fs::remove_file(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_written_whole_and_a_link_to_it_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("a.txt");
+        write(&file, b"one").unwrap();
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink("a.txt", dir.path().join("b.txt")).unwrap();
+            write(&dir.path().join("b.txt"), b"two").unwrap();
+            assert_eq!((fs::read(&file).unwrap().as_slice(), names(dir.path()).len()), (&b"two"[..], 2));
+            assert!(dir.path().join("b.txt").is_symlink());
+        }
+    }
+
+    #[test]
+    fn a_look_at_what_could_be_written_leaves_no_trace() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("there"), "old").unwrap();
+        check(&dir.path().join("there")).unwrap();
+        check(&dir.path().join("new")).unwrap();
+        check_folder(dir.path()).unwrap();
+        check_folder(&dir.path().join("a/b/c")).unwrap();
+        check_folder(Path::new("recordings")).unwrap();
+        assert_eq!(names(dir.path()), ["there"]);
+        assert_eq!(fs::read(dir.path().join("there")).unwrap(), b"old");
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_known_before() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("file"), "").unwrap();
+        assert_eq!(check(dir.path()).unwrap_err().kind(), io::ErrorKind::IsADirectory);
+        assert_eq!(check(&dir.path().join("no/such.html")).unwrap_err().kind(), io::ErrorKind::NotFound);
+        assert_eq!(check_folder(&dir.path().join("file/a")).unwrap_err().kind(), io::ErrorKind::NotADirectory);
+        assert!(check_folder(Path::new("/proc/nowhere")).is_err());
+        #[cfg(target_os = "linux")]
+        {
+            check(Path::new("/dev/full")).unwrap();
+            assert_eq!(write(Path::new("/dev/full"), b"x").unwrap_err().kind(), io::ErrorKind::StorageFull);
+        }
+    }
+}

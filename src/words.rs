@@ -1,0 +1,73 @@
+//! Words that every module's messages share.
+
+/// So many of something, as one says it: `1 lap`, `2 laps`, `0 telemetries`.
+pub fn count(n: impl TryInto<u64>, what: &str) -> String {
+    let n = n.try_into().unwrap_or(u64::MAX);
+    match what.strip_suffix('y').filter(|stem| !stem.ends_with(['a', 'e', 'o', 'u'])) {
+        _ if n == 1 => format!("1 {what}"),
+        Some(stem) => format!("{n} {stem}ies"),
+        None => format!("{n} {what}s"),
+    }
+}
+
+/// `; did you mean "lake"?`, where one of the names that are known is so near to what came that it was likely meant.
+pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    let got = got.to_lowercase();
+    let near = |name: &&str| strsim::jaro_winkler(&got, &name.to_lowercase());
+    let best = known.into_iter().max_by(|a, b| near(a).total_cmp(&near(b)));
+    best.filter(|name| near(name) >= LIKELY).map_or_else(String::new, |name| format!("; did you mean {name:?}?"))
+}
+
+/// A message of serde's about an unknown name, with the one of those it expects that was likely meant.
+pub fn suggesting(message: &str) -> String {
+    let message = message.trim_end();
+    let named: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    match (message.contains("unknown field `") || message.contains("unknown variant `"), named.split_first()) {
+        (true, Some((got, known))) => message.to_owned() + &did_you_mean(got, known.iter().copied()),
+        _ => message.to_owned(),
+    }
+}
+
+/// From this similarity on (Jaro and Winkler, 0 to 1): two letters swapped, one wrong or missing.
+const LIKELY: f64 = 0.8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_one_and_others_are_many() {
+        for (n, what, expected) in [
+            (1, "intervention", "1 intervention"),
+            (0, "intervention", "0 interventions"),
+            (2, "telemetry", "2 telemetries"),
+            (1, "telemetry", "1 telemetry"),
+            (3, "day", "3 days"),
+        ] {
+            assert_eq!(count(n, what), expected);
+        }
+        assert_eq!(count(7usize, "lap"), "7 laps");
+    }
+
+    #[test]
+    fn an_unknown_field_is_known_for_the_one_that_was_meant() {
+        let message = "unknown field `sped_mph`, expected one of `speed_law`, `speed_mph`\n";
+        assert!(suggesting(message).ends_with("; did you mean \"speed_mph\"?"), "{}", suggesting(message));
+        let other = "invalid type: string \"x\", expected `f64`";
+        assert_eq!(suggesting(other), other);
+    }
+
+    #[test]
+    fn a_misspelt_name_is_known_for_what_was_meant_and_another_word_is_not() {
+        let tracks = ["lake", "jungle", "mountain"];
+        for (got, meant) in
+            [("lkae", "lake"), ("laek", "lake"), ("Lake", "lake"), ("jungel", "jungle"), ("mountan", "mountain")]
+        {
+            assert_eq!(did_you_mean(got, tracks), format!("; did you mean {meant:?}?"));
+        }
+        for got in ["moon", "", "random:x", "x"] {
+            assert_eq!(did_you_mean(got, tracks), "", "{got}");
+        }
+        assert_eq!(did_you_mean("lake", []), "");
+    }
+}
