@@ -105,7 +105,7 @@ fn real_drives_are_known_by_their_bends_and_their_collisions_found_in_log_and_ru
         assert_eq!(card.value(Figure::Collisions), Some(1.0), "{name}: {card}");
         assert!((card.value(Figure::SurvivalS).unwrap() - collision_s).abs() < 0.1, "{name}: {card}");
         let run = dir.path().join(name).with_extension("mcap");
-        dataset::convert(&log, &run, &mut |_, _| ()).unwrap();
+        dataset::convert(&log, &run, &mut |_, _| std::ops::ControlFlow::Continue(())).unwrap();
         let mut run = RunReader::open(&run).unwrap();
         let of_run = score::of_run(&mut run, Scorer::on(&roads, Some(1)), |_, _| ()).unwrap();
         assert_eq!(of_run, card, "{name}");

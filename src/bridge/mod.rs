@@ -43,7 +43,7 @@ use axum::{
 };
 use tokio::sync::{Notify, watch};
 
-use crate::{config::Settings, pilot::Model, protocol::Dialect};
+use crate::{config::Settings, pilot::Model, protocol::Dialect, words::count};
 
 /// Simulators that may be introduced in the log within ten seconds.
 const NEWCOMERS: u64 = 64;
@@ -214,7 +214,10 @@ pub async fn serve(
             return Ok(());
         }
         if Instant::now() > deadline {
-            let why = format!("{left} runs were not closed within {CLOSING:?}; what they hold so far can be read");
+            let why = format!(
+                "{} not closed within {CLOSING:?}; what is in the files so far can be read",
+                count(left, "run")
+            );
             return Err(io::Error::new(io::ErrorKind::TimedOut, why));
         }
         let _ = tokio::time::timeout(Duration::from_millis(200), closed).await;

@@ -27,6 +27,7 @@ use crate::{
     },
     score::{self, Scorecard},
     simulator::film::Film,
+    words::count,
 };
 
 /// A film's pixels for each of the picture's, along and across.
@@ -134,7 +135,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             "frames",
             format!("{frames} in {:.1} s, {frames_per_s:.0}/s; {stood} of {read} stood{unseen}", wall.as_secs_f64()),
         );
-        text += &line("recorded turning", format!("from pictures {pictures} times, from steering {steering}"));
+        text +=
+            &line("recorded turning", format!("from pictures {}, from steering {steering}", count(pictures, "time")));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
         text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));

@@ -1,9 +1,12 @@
 //! How often which steering is, drawn.
 
 use super::Inspection;
-use crate::drawing::{
-    Sheet,
-    chart::{self, Axis, Chart, Marks, Series},
+use crate::{
+    drawing::{
+        Sheet,
+        chart::{self, Axis, Chart, Marks, Series},
+    },
+    words::count,
 };
 
 /// Each data set's own chart, in pixels.
@@ -34,9 +37,9 @@ fn of(inspection: &Inspection) -> Chart {
         y = y.from_to(0.0, 1.5 * next);
     }
     let title = format!(
-        "{}: {} rows, {:.1} % exactly straight on, mean {:+.3}, standard deviation {:.3}",
+        "{}: {}, {:.1} % exactly straight on, mean {:+.3}, standard deviation {:.3}",
         name(inspection),
-        inspection.rows,
+        count(inspection.rows, "row"),
         100.0 * inspection.zero_steering,
         inspection.steering.mean,
         inspection.steering.std

@@ -9,7 +9,7 @@
 //! | all of them | a command by a human, who steered so; from run to folder it does not count |
 //! | time in the picture's name | time of the item, to the millisecond |
 
-use std::{fs, io, path::Path};
+use std::{fs, io, ops::ControlFlow, path::Path};
 
 use jiff::tz::TimeZone;
 
@@ -20,7 +20,11 @@ use crate::{
         Moment, Recorder, RecorderOptions, RecordingError, RunReader, Step, is_run,
         udacity::{DrivingLog, DrivingLogWriter, Sample},
     },
+    words::count,
 };
+
+/// Hears how many rows are done, and of how many; says whether to go on.
+type Progress<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
 
 /// What became of a conversion.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
@@ -40,16 +44,12 @@ pub struct Converted {
 ///
 /// The labels of a folder made of a run are what was in effect, as the simulator told it, so they are those that its
 /// own recorder would have written, whoever steered. `progress` hears after each row how many are done, and of how many
-/// where that is known.
+/// where that is known, and may break the conversion off.
 ///
 /// # Errors
-/// [`DatasetError`]: a target that is there, or of the wrong kind; a picture that cannot be read or is no JPEG; what
+/// [`DatasetError`]: broken off; a target that is there, or of the wrong kind; a picture that cannot be read or is no JPEG; what
 /// the source cannot be read or the target not be written for. What was written until then is removed.
-pub fn convert(
-    source: &Path,
-    target: &Path,
-    progress: &mut dyn FnMut(u64, Option<u64>),
-) -> Result<Converted, DatasetError> {
+pub fn convert(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
     let ends_as_run = target.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     let (folder, run) = ("a folder", "a run");
     match (is_run(source), ends_as_run) {
@@ -86,7 +86,7 @@ fn io_error(doing: &'static str, path: &Path, why: io::Error) -> DatasetError {
     DatasetError::Io { doing, path: path.to_owned(), why }
 }
 
-fn to_run(source: &Path, target: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Result<Converted, DatasetError> {
+fn to_run(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
     let log = DrivingLog::open(source)?;
     if let Some(parent) = target.parent() {
         fs::create_dir_all(parent).map_err(|why| io_error("create the folder", parent, why))?;
@@ -100,15 +100,14 @@ fn to_run(source: &Path, target: &Path, progress: &mut dyn FnMut(u64, Option<u64
         row.items(Some(jpeg)).for_each(|item| recorder.record(row.at, item));
         converted.rows += 1;
         converted.side_pictures += [&row.left, &row.right].into_iter().flatten().count() as u64;
-        progress(converted.rows, Some(log.rows.len() as u64));
-        Ok(())
+        go_on(progress(converted.rows, Some(log.rows.len() as u64)), target)
     });
     let report = recorder.finish();
     let lost = report.frames_not_recorded + report.items_not_recorded;
     let finished = written.and_then(|()| match report.error {
         Some(error) => Err(error.into()),
         None if lost > 0 => {
-            let why = io::Error::other(format!("the disk took all but {lost} items"));
+            let why = io::Error::other(format!("the disk took all but {}", count(lost, "item")));
             Err(io_error("write", target, why))
         }
         None => Ok(converted),
@@ -120,11 +119,7 @@ fn to_run(source: &Path, target: &Path, progress: &mut dyn FnMut(u64, Option<u64
     finished
 }
 
-fn to_folder(
-    source: &Path,
-    target: &Path,
-    progress: &mut dyn FnMut(u64, Option<u64>),
-) -> Result<Converted, DatasetError> {
+fn to_folder(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
     let run = RunReader::open(source)?;
     let total = run.telemetries();
     let began = run.header().started.to_zoned(TimeZone::system()).datetime();
@@ -139,7 +134,7 @@ fn to_folder(
             } else {
                 converted.without_picture += 1;
             }
-            progress(converted.rows + converted.without_picture, total);
+            go_on(progress(converted.rows + converted.without_picture, total), target)?;
         }
         if log.finish()? == 0 {
             return Err(DatasetError::Empty { path: source.to_owned() });
@@ -156,6 +151,13 @@ fn to_folder(
         }
     }
     result
+}
+
+fn go_on(progress: ControlFlow<()>, target: &Path) -> Result<(), DatasetError> {
+    match progress {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(DatasetError::BrokenOff { path: target.to_owned() }),
+    }
 }
 
 /// Writes a step that has a picture, and says whether it has.

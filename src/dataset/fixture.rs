@@ -1,6 +1,7 @@
 //! Data sets for the tests of this room.
 
 use std::{
+    ops::ControlFlow,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -57,7 +58,7 @@ pub(super) fn looked_over(path: &Path) -> Inspection {
 }
 
 pub(super) fn converted(source: &Path, target: &Path) -> Converted {
-    convert(source, target, &mut |_, _| {}).unwrap()
+    convert(source, target, &mut |_, _| ControlFlow::Continue(())).unwrap()
 }
 
 pub(super) fn steps(run: &Path) -> Vec<Step> {

@@ -126,6 +126,12 @@ pub enum DatasetError {
         /// What the name says.
         got: &'static str,
     },
+    /// Somebody broke it off.
+    #[error("{path}: interrupted: nothing of it is kept", path = path.display())]
+    BrokenOff {
+        /// What was to be made.
+        path: PathBuf,
+    },
     /// A run where only a folder will do.
     #[error("{path}: expected a folder with driving_log.csv, got a run: make one of it with `lapwing dataset convert`", path = path.display())]
     Run {

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Balance, Blocks, Camera, DatasetError, Source};
-use crate::units::Mph;
+use crate::{units::Mph, words::count};
 
 /// What is taken of one data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -192,7 +192,7 @@ impl Samples {
         let missing = source.forget_missing();
         if missing > 0 {
             let path = source.path.display();
-            tracing::warn!("{path}: {missing} pictures are not there; `lapwing dataset inspect` lists them");
+            tracing::warn!("{path}: not there: {}; `lapwing dataset inspect` lists them", count(missing, "picture"));
         }
         let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
         let held_out = |row: usize| blocks.is_some_and(|blocks| blocks.is_validation(row));

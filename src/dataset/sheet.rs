@@ -7,6 +7,7 @@ use super::{
 use crate::{
     drawing::{Colour, INK, LINE_PX, MARGIN, PAPER, Point, Shape, Sheet},
     perception::{Frame, decode_jpeg},
+    words::count,
 };
 
 /// Pictures of each data set on a contact sheet.
@@ -35,7 +36,8 @@ pub fn contact_sheet(inspections: &[Inspection]) -> Result<Sheet, DatasetError> 
     let (wide, high) = (PICTURE.0 as f64 + GAP, PICTURE.1 as f64 + LINE_PX + GAP);
     for inspection in inspections {
         let name = chart::name(inspection);
-        let text = format!("{name}: {} rows, {:.1} s; arrow: steering", inspection.rows, inspection.duration_s);
+        let text =
+            format!("{name}: {}, {:.1} s; arrow: steering", count(inspection.rows, "row"), inspection.duration_s);
         shapes.push(Shape::Text { at: (MARGIN, y + LINE_PX / 2.0), text });
         y += 1.5 * LINE_PX;
         let chosen = chosen(usize::try_from(inspection.rows).unwrap_or(usize::MAX));

@@ -10,7 +10,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{Answered, Response};
-use crate::files;
+use crate::{files, words::count};
 
 const FORMAT: &str = "lapwing-golden/2";
 
@@ -171,7 +171,7 @@ impl Golden {
         });
         let lines: Vec<Line> = lines.collect::<Result<_, _>>()?;
         if lines.len() as u64 != header.frames {
-            let why = format!("the file holds {} frames: it was cut off", lines.len());
+            let why = format!("the file holds {}: it was cut off", count(lines.len(), "frame"));
             return Err(parse_error(0, "as many frames as the header says", &first, why));
         }
         Ok(Self { header, lines })
@@ -211,7 +211,7 @@ impl Golden {
         if answers.len() != self.lines.len() {
             differences.push(Difference {
                 frame: answers.len().min(self.lines.len()) as u64,
-                what: format!("expected {} frames, got {}", self.lines.len(), answers.len()),
+                what: format!("expected {}, got {}", count(self.lines.len(), "frame"), answers.len()),
             });
         }
         differences

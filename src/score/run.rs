@@ -3,7 +3,10 @@
 use std::time::Duration;
 
 use super::{Scorecard, Scorer};
-use crate::recording::{EventRecord, Item, RecordingError, RunReader, udacity::DrivingLog};
+use crate::{
+    recording::{EventRecord, Item, RecordingError, RunReader, udacity::DrivingLog},
+    words::count,
+};
 
 /// What passes between two drives joined in one log: just more than anything is concluded over.
 const BETWEEN_DRIVES: Duration = Duration::from_millis(1200);
@@ -67,7 +70,7 @@ pub fn of_run(
         judge.scorer.damaged(truncation.to_string());
     }
     if not_recorded > 0 {
-        judge.scorer.note(format!("{not_recorded} pictures were not recorded: the disk was too slow"));
+        judge.scorer.note(format!("{} not recorded: the disk was too slow", count(not_recorded, "picture")));
     }
     if let Some(unread) = judge.unread("messages") {
         judge.scorer.damaged(unread);

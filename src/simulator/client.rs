@@ -22,8 +22,12 @@ use tokio_tungstenite::tungstenite::{
     },
 };
 
-use crate::protocol::{
-    Answer, CameraImage, Command, Packet, Sight, Telemetry, World, encode_superset, encode_telemetry, number::Culture,
+use crate::{
+    protocol::{
+        Answer, CameraImage, Command, Packet, Sight, Telemetry, World, encode_superset, encode_telemetry,
+        number::Culture,
+    },
+    words::count,
 };
 
 /// websocket-sharp's `FragmentLength`: payload bytes in one frame.
@@ -90,7 +94,7 @@ pub enum ClientError {
         got: String,
     },
     /// The connection broke, or the bridge closed it.
-    #[error("the connection broke after {telemetries} telemetries: {source}")]
+    #[error("the connection broke after {}: {source}", count(*telemetries, "telemetry"))]
     Broken {
         /// How far it came.
         telemetries: u64,
@@ -98,7 +102,7 @@ pub enum ClientError {
         source: tungstenite::Error,
     },
     /// The bridge said something that the simulator's client dies of.
-    #[error("the simulator would not go on here, after {telemetries} telemetries: expected {expected}, got {got:?}")]
+    #[error("the simulator would not go on here, after {}: expected {expected}, got {got:?}", count(*telemetries, "telemetry"))]
     Death {
         /// How far it came.
         telemetries: u64,
@@ -109,7 +113,9 @@ pub enum ClientError {
     },
     /// No answer came.
     #[error(
-        "the simulator stalls here: no answer for {stall:?} after {telemetries} telemetries ({lost_tokens} answers were swallowed)"
+        "the simulator stalls here: no answer for {stall:?} after {} ({} swallowed)",
+        count(*telemetries, "telemetry"),
+        count(*lost_tokens, "answer")
     )]
     Stalled {
         /// How far it came.

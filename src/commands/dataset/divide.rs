@@ -5,6 +5,7 @@ use crate::{
     cli,
     commands::print,
     dataset::{self, Blocks, Divided},
+    words::count,
 };
 
 pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
@@ -15,8 +16,10 @@ pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
     } else {
         let Divided { train, train_rows, validation, validation_rows } = divided;
         print(&format!(
-            "{train_rows} rows to learn from, in {}\n{validation_rows} rows to validate by, in {}",
+            "{} to learn from, in {}\n{} to validate by, in {}",
+            count(train_rows, "row"),
             train.display(),
+            count(validation_rows, "row"),
             validation.display()
         ))?;
     }

@@ -6,7 +6,7 @@ use super::{
 };
 
 fn error(source: &Path, target: &Path) -> String {
-    convert(source, target, &mut |_, _| {}).unwrap_err().to_string()
+    convert(source, target, &mut |_, _| ControlFlow::Continue(())).unwrap_err().to_string()
 }
 
 #[test]
@@ -32,6 +32,20 @@ fn a_run_made_a_folder_and_a_run_again_keeps_bytes_numbers_and_times() {
     assert_eq!(names(&log), names(&DrivingLog::open(at("first")).unwrap()));
     assert_eq!((log.rows[2].steering.get(), log.rows[2].brake), (-0.25, 0.25));
     assert_eq!((&log.rows[2].left, &log.rows[2].right), (&None, &None));
+}
+
+#[test]
+fn a_conversion_that_is_broken_off_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let (data, run) = (folder(&dir.path().join("data"), 12, false), dir.path().join("a.mcap"));
+    converted(&data, &run);
+    let (new_run, new_folder) = (dir.path().join("b.mcap"), dir.path().join("b"));
+    let third = |done, _| if done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    for (source, target) in [(&data, &new_run), (&run, &new_folder)] {
+        let error = convert(source, target, &mut { third }).unwrap_err().to_string();
+        assert_eq!(error, format!("{}: interrupted: nothing of it is kept", target.display()));
+        assert!(!target.exists());
+    }
 }
 
 #[test]

@@ -16,6 +16,7 @@ use crate::{
     recording::{EventRecord, Eventful},
     simulator::{camera::encode_jpeg, vehicle::STEP_S},
     units::{Degrees, FULL_STEERING_DEG, Metres, Steering, WHEELBASE_M},
+    words::count,
 };
 
 /// How far beside the path the virtual car may be, in metres: NVIDIA's (Bojarski et al. 2016, section 6.1).
@@ -255,7 +256,7 @@ fn believable(rate: f64, speed: f64) -> bool {
 fn told(cut: Cut) -> String {
     match cut {
         Cut::Begins => "the recording begins".into(),
-        Cut::Stood(rows) => format!("left out: {rows} rows in which the recorded car stands"),
+        Cut::Stood(rows) => format!("left out: {} in which the recorded car stands", count(rows, "row")),
         Cut::Gap(Some(apart)) => format!("left out: {apart:.1} s that are not recorded"),
         Cut::Gap(None) => "left out: a time of unknown length that is not recorded".into(),
         Cut::Put => "the recorded car was put elsewhere".into(),
