@@ -389,7 +389,7 @@ fn conditions_of_a_file_are_checked_like_those_of_a_flag() {
     assert_eq!(said("rain = 0.5").0, 0);
     for (wrong, named) in [("rain = 5.0", "rain"), ("rian = 0.5", "rian"), ("rain = \"much\"", "rain")] {
         let (code, text) = said(wrong);
-        assert!(code == 1 && text.contains("wet.toml") && text.contains(named), "{code}: {text}");
+        assert!(code == 2 && text.contains("wet.toml") && text.contains(named), "{code}: {text}");
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{Architecture, FORMAT};
-use crate::perception::PreprocessError;
+use crate::{perception::PreprocessError, words::did_you_mean};
 
 /// Why there is no network, no answer of one, or no file of one.
 #[derive(Debug, thiserror::Error)]
@@ -34,7 +34,11 @@ pub enum NnError {
     #[error("expected the format {FORMAT:?}, got {0:?}")]
     Format(String),
     /// A network that this build does not have.
-    #[error("expected one of the architectures {known}, got {got:?}", known = Architecture::names())]
+    #[error(
+        "expected one of the architectures {known}, got {got:?}{meant}",
+        known = Architecture::names(),
+        meant = did_you_mean(got, Architecture::ALL.map(Architecture::name))
+    )]
     UnknownArchitecture {
         /// What the file names.
         got: String,

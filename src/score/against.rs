@@ -220,7 +220,7 @@ mod tests {
         let runs = [("lake".to_owned(), &slow), ("jungle".to_owned(), &lost), ("mountain".to_owned(), &mountain)];
         let worse: Vec<_> = before.compare(&runs).worse().collect();
         assert_eq!(worse.len(), 2, "{worse:?}");
-        assert!(worse[0].starts_with("jungle: completion: 100.0 % before, 12.2 % now"), "{worse:?}");
+        assert!(worse[0].starts_with("jungle: completion: 100 % before, 12.2 % now"), "{worse:?}");
     }
 
     #[test]

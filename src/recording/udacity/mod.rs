@@ -404,7 +404,7 @@ mod tests {
         assert_eq!(DrivingLog::open(&log).unwrap().rows[0].center, dir.path().join("c.jpg"));
         fs::create_dir(dir.path().join("IMG")).unwrap();
         assert_eq!(DrivingLog::open(&log).unwrap().rows[0].center, dir.path().join("IMG").join("c.jpg"));
-        assert!(matches!(DrivingLog::open(dir.path()), Err(RecordingError::Io { .. })));
+        assert!(matches!(DrivingLog::open(dir.path()), Err(RecordingError::NoSource { .. })));
     }
 
     #[test]

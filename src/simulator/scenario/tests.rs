@@ -15,10 +15,10 @@ fn every_scenario_that_comes_along_is_whole_and_called_as_its_file() {
         assert!(scenario.cases().iter().all(|case| case.ego.speed_mph() < 30.0), "{name} is faster than our car");
     }
     assert_eq!(Scenario::NAMES.len(), 5);
-    let error = Scenario::named("ccr").unwrap_err().to_string();
+    let error = Scenario::named("ccrss").unwrap_err().to_string();
     assert_eq!(
         error,
-        "unknown scenario: expected ccrs, ccrm, ccrb, cpna, child, or a file ending in .toml, got \"ccr\"; did you mean \"ccrs\"?"
+        "unknown scenario: expected ccrs, ccrm, ccrb, cpna, child, or a file ending in .toml, got \"ccrss\"; did you mean \"ccrs\"?"
     );
 }
 
