@@ -302,7 +302,7 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
         ("dataset inspect {desk}/data --sheet x.jpg", 2, "ends in .svg or .png"),
         ("dataset preview {desk}/data --out no/x.png", 1, "no/x.png: cannot be written"),
         ("dataset split {desk}/data --out-train a --out-validation file/b", 1, "cannot create"),
-        ("dataset convert {desk}/data file/x.mcap", 1, "cannot create the folder"),
+        ("dataset convert {desk}/data file/x.mcap", 1, "cannot look at file/x.mcap"),
     ] {
         let (got, out, err) = said(DESK.command(arguments).current_dir(&room).output().unwrap());
         assert_eq!((got, out.as_str()), (code, ""), "{arguments}: {err}");

@@ -7,9 +7,12 @@ use std::{
 };
 
 use super::{Blocks, DatasetError};
-use crate::recording::{
-    RecordingError, is_run,
-    udacity::{DrivingLog, Row},
+use crate::{
+    files,
+    recording::{
+        RecordingError, is_run,
+        udacity::{DrivingLog, Row},
+    },
 };
 
 /// What became of a split.
@@ -60,6 +63,10 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
     if train == validation {
         let (expected, got) = ("two folders", format!("{} twice", train.display()));
         return Err(DatasetError::Setting { name: "out_train and out_validation", expected, got });
+    }
+    for dir in [train, validation] {
+        let why = |why| DatasetError::Io { doing: "create the folder", path: dir.to_owned(), why };
+        files::check_folder(dir).map_err(why)?;
     }
     write(&paths[0], &texts[0])?;
     write(&paths[1], &texts[1]).inspect_err(|_| {
