@@ -310,7 +310,7 @@ pub fn settings(data: &[u8]) {
     });
     let Ok(text) = std::str::from_utf8(data) else { return };
     let variables = text.lines().filter_map(|line| line.split_once('='));
-    let variables = variables.map(|(name, value)| (format!("LAPWING_{}", name.trim()), value.trim().to_owned()));
+    let variables = variables.map(|(name, value)| (format!("LAPWING_{}", name.trim()).into(), value.trim().into()));
     match Layers::default().environment(variables.take(16)).and_then(Layers::resolve) {
         Ok(settings) => same_again(&settings),
         Err(error) => assert!(!error.to_string().is_empty()),
