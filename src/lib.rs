@@ -41,7 +41,7 @@
 //! | [`replay`] | a recording as a world, open loop and closed loop, where it needs the simulator's car and cameras | `recording`, `driver`, `perception`, `protocol`, `score`, `simulator`, `units` |
 //! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader | `drawing`, `perception`, `protocol`, `recording`, `units` |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes | `dataset`, `nn`, `perception` |
-//! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `recording` |
+//! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `odometry`, `recording`, `score` |
 //! | [`cli`], [`commands`] | clap types; one file a verb | all |
 //!
 //! Arrows never run upward; `tests/architecture.rs` holds the same table and

@@ -81,6 +81,16 @@ macro_rules! quantity {
             }
         }
 
+        impl schemars::JsonSchema for $name {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                schemars::json_schema!({ "type": "number", "minimum": $min, "maximum": $max })
+            }
+        }
+
         impl TryFrom<f64> for $name {
             type Error = OutOfRange;
             fn try_from(value: f64) -> Result<Self, OutOfRange> {

@@ -31,7 +31,22 @@ const MAY_IMPORT: [(&str, &[&str]); 23] = [
     ("drive", &["driver", "protocol", "recording", "score", "units"]),
     ("replay", &["recording", "driver", "perception", "protocol", "score", "simulator", "units"]),
     ("train", &["dataset", "nn", "perception"]),
-    ("bridge", &["drive", "driver", "recording", "config", "control", "perception", "pilot", "protocol", "units"]),
+    (
+        "bridge",
+        &[
+            "drive",
+            "driver",
+            "recording",
+            "config",
+            "control",
+            "odometry",
+            "perception",
+            "pilot",
+            "protocol",
+            "score",
+            "units",
+        ],
+    ),
     ("cli", &["nn", "protocol", "replay", "suite", "train"]),
     (
         "commands",

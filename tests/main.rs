@@ -16,3 +16,4 @@ mod results;
 mod serve;
 mod simulator;
 mod support;
+mod truth;

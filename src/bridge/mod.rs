@@ -3,26 +3,26 @@
 //!
 //! ```text
 //! Listener (TCP_QUICKACK) ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
-//!                                  └─▶ clients: socketioxide ────────────────┘       └────▶ Recorder
+//!                                  └─▶ clients: socketioxide ────────────────┘       └────▶ Account: Recorder, Scorer
 //! ```
 //! `gate` tells simulators from other clients by what they say first. Each
 //! connection has a `Session` of its own: dialect, driver state, run.
 //! The weights are shared.
 
+mod account;
 mod clients;
 mod gate;
 mod listener;
 mod liveness;
 mod session;
 mod simulator;
-mod statistics;
 mod throttled;
 mod tokens;
 mod waiting;
 
+pub use account::Summary;
 use listener::Peer;
 pub use listener::{BindError, Listener};
-pub use statistics::Summary;
 
 use std::{
     collections::{HashMap, HashSet},
@@ -43,7 +43,7 @@ use axum::{
 };
 use tokio::sync::{Notify, watch};
 
-use crate::{config::Settings, pilot::Model, protocol::Dialect, words::count};
+use crate::{config::Settings, odometry::Road, pilot::Model, protocol::Dialect, words::count};
 
 /// Simulators that may be introduced in the log within ten seconds.
 const NEWCOMERS: u64 = 64;
@@ -55,6 +55,7 @@ const CLOSING: Duration = Duration::from_secs(10);
 pub struct Bridge {
     settings: Settings,
     model: OnceLock<Model>,
+    roads: OnceLock<Vec<Arc<Road>>>,
     on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
     connections: Mutex<HashMap<u64, Connection>>,
     next_id: AtomicU64,
@@ -107,6 +108,7 @@ impl Bridge {
         Arc::new(Self {
             settings,
             model: OnceLock::new(),
+            roads: OnceLock::new(),
             on_summary: Box::new(on_summary),
             connections: Mutex::default(),
             next_id: AtomicU64::new(1),
@@ -123,6 +125,15 @@ impl Bridge {
     /// Hands the model to all connections, present and future. A second one is ignored.
     pub fn model_is_ready(&self, model: Model) {
         let _ = self.model.set(model);
+    }
+
+    /// Tells of roads by whose length the end of a lap is known, for drives that begin from now on. A second time is ignored.
+    pub fn roads_are_known(&self, roads: Vec<Arc<Road>>) {
+        let _ = self.roads.set(roads);
+    }
+
+    fn roads(&self) -> &[Arc<Road>] {
+        self.roads.get().map_or(&[], Vec::as_slice)
     }
 
     /// Arms the pilots that a human's takeover has put off (`--takeover latch`), from their next telemetry on.

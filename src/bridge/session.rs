@@ -13,15 +13,14 @@ use serde_json::value::RawValue;
 
 use super::{
     Bridge, Place, Signals,
-    statistics::{Recorded, Statistics},
+    account::Account,
     throttled::{Throttled, held_back},
     waiting::Waiting,
 };
 use crate::{
-    drive,
     driver::{Driver, Happening, Trace},
     protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
-    recording::{EventRecord, Item, ModelId, Recorder, RecorderOptions, RunHeader},
+    recording::{EventRecord, Item, ModelId, RunHeader},
     units::Throttle,
 };
 
@@ -59,11 +58,10 @@ struct Told {
 /// From the first telemetry on that tells which simulator this is, once the model is there.
 struct Drive {
     driver: Driver,
-    recorder: Option<Recorder>,
     began: Instant,
     /// Time of the last answer.
     took: Duration,
-    statistics: Statistics,
+    account: Account,
 }
 
 /// An answer on its way out, with what is to be recorded once it is.
@@ -202,10 +200,7 @@ impl Session {
             tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going{more}", self.peer);
         }
         self.note(now, EventRecord::Kick);
-        match &mut self.drive {
-            Some(drive) => drive.statistics.kicked(1),
-            None => self.early_kicks += 1,
-        }
+        self.early_kicks += u32::from(self.drive.is_none());
         // Before its first telemetry nobody knows which `steer` a simulator takes; every one takes `manual`.
         let answer =
             if self.dialect.is_none() && self.early_kicks.is_multiple_of(2) { Answer::Manual } else { self.coast() };
@@ -244,19 +239,16 @@ impl Session {
             Sight::Telemetry(telemetry) => Some(telemetry),
             Sight::HumanDrives | Sight::Unreadable(_) => None,
         };
-        drive.statistics.count(at, telemetry.as_ref().map(|t| t.speed), &trace, latency);
         for happening in &trace.happenings {
             tell(&self.peer, happening, &self.bad, now);
         }
-        if let Some(recorder) = &drive.recorder {
-            drive::record(recorder, at, telemetry, turn.answer, trace, latency);
-        }
+        drive.account.turn(at, telemetry, turn.answer, trace, latency);
     }
 
     /// Ends the run: the file is closed, the account given.
     pub fn finish(mut self, why: &str) {
         self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
-        let Some(Drive { recorder, statistics, .. }) = self.drive.take() else {
+        let Some(Drive { account, .. }) = self.drive.take() else {
             let what = match () {
                 () if self.is_refused() => "it could not be driven",
                 () if self.dialect.is_some() => "the model was not there yet",
@@ -270,16 +262,7 @@ impl Session {
             return;
         };
         tracing::info!("{}: {why}", self.peer);
-        let run = recorder.map(|recorder| {
-            let report = recorder.finish();
-            Recorded {
-                path: report.path,
-                frames: report.frames,
-                not_recorded: report.frames_not_recorded + report.items_not_recorded,
-                error: report.error.map(|e| e.to_string()),
-            }
-        });
-        let summary = statistics.summary(self.peer.clone(), self.dialect, run);
+        let summary = account.finish(self.peer.clone());
         (self.bridge().on_summary)(&summary);
     }
 
@@ -301,9 +284,7 @@ impl Session {
             arm.store(false, Ordering::Relaxed);
             if drive.driver.arm() {
                 tracing::info!("{}: the pilot is armed", self.peer);
-                if let Some(recorder) = &drive.recorder {
-                    recorder.record(at, Item::Event(EventRecord::PilotArmed));
-                }
+                drive.account.take(at, Item::Event(EventRecord::PilotArmed));
             }
         }
         let observation = Observation { at, sight };
@@ -355,7 +336,7 @@ impl Session {
         let settings = &bridge.settings;
         let started = jiff::Timestamp::now();
         let started = started.checked_sub(began.elapsed()).unwrap_or(started);
-        let header = || RunHeader {
+        let header = RunHeader {
             name_hint: None,
             dialect: self.dialect,
             model: Some(ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() }),
@@ -364,27 +345,15 @@ impl Session {
             lapwing: env!("CARGO_PKG_VERSION").to_owned(),
             started,
         };
-        let recorder = settings.recording.enabled.then(|| {
-            let options = RecorderOptions { queue: settings.recording.queue };
-            Recorder::create(&settings.recording.dir, header(), options)
-                .inspect_err(|error| tracing::error!("{}: this drive is not recorded: {error}", self.peer))
-                .ok()
-        });
-        let mut statistics = Statistics::new();
-        statistics.kicked(self.early_kicks);
         let mut drive = Drive {
             driver: Driver::new(model.pilot(), &settings.control, Instant::now),
-            recorder: recorder.flatten(),
             began,
             took: Duration::MAX,
-            statistics,
+            account: Account::new(&self.peer, header, &settings.recording, bridge.roads()),
         };
         if human_since.is_some() {
             let (answer, trace) = drive.driver.drive(&Observation { at: Duration::ZERO, sight: Sight::HumanDrives });
-            drive.statistics.count(Duration::ZERO, None, &trace, None);
-            if let Some(recorder) = &drive.recorder {
-                drive::record(recorder, Duration::ZERO, None, answer, trace, None);
-            }
+            drive.account.turn(Duration::ZERO, None, answer, trace, None);
         }
         self.drive = Some(drive);
         for _ in 0..std::mem::take(&mut self.early_kicks) {
@@ -400,8 +369,8 @@ impl Session {
     }
 
     fn note(&mut self, now: Instant, event: EventRecord) {
-        if let Some(Drive { recorder: Some(recorder), began, .. }) = &self.drive {
-            recorder.record(now.saturating_duration_since(*began), Item::Event(event));
+        if let Some(Drive { account, began, .. }) = &mut self.drive {
+            account.take(now.saturating_duration_since(*began), Item::Event(event));
         }
     }
 }

@@ -17,7 +17,6 @@ use crate::{
     cli,
     config::Thresholds,
     odometry::Road,
-    protocol::Dialect,
     recording::{Item, RunHeader, RunReader, is_run, udacity::DrivingLog},
     score::{
         self, Check, Figure, Measure, Scorecard, Scorer, Unit,
@@ -125,12 +124,7 @@ impl Run {
         let blind = || Ok::<_, anyhow::Error>(Scorer::on(roads.known()?, Some(roads.arguments.laps)));
         let (header, card) = if is_run(&path) {
             let mut reader = RunReader::open(&path)?;
-            let scorer = match reader.header().dialect {
-                // Whatever another build leaves untold, it is not the position.
-                None | Some(Dialect::Term1) => blind()?,
-                Some(_) => Scorer::default(),
-            };
-            let card = score::of_run(&mut reader, scorer, watch)?;
+            let card = score::of_run(&mut reader, blind()?, watch)?;
             (reader.header().clone(), card)
         } else {
             let log = DrivingLog::open(&path)?;

@@ -17,6 +17,7 @@ use crate::{
     bridge::{self, Bridge, Listener, Summary},
     cli,
     config::Settings,
+    simulator::{survey, track::Track},
 };
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -62,7 +63,11 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     arm_on_enter(bridge.clone());
     let loading = tokio::task::spawn_blocking({
         let bridge = bridge.clone();
-        move || super::load_model(&settings).map(|model| bridge.model_is_ready(model))
+        move || {
+            let roads = Track::NAMES.into_iter().map(|name| Ok(Arc::new(survey::known_road(name)?)));
+            bridge.roads_are_known(roads.collect::<anyhow::Result<_>>()?);
+            super::load_model(&settings).map(|model| bridge.model_is_ready(model))
+        }
     });
     let (failed, failure) = tokio::sync::oneshot::channel();
     tokio::spawn(async move {

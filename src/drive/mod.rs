@@ -5,15 +5,13 @@
 //!               └──────────┬──────────┘
 //!                      Recorder, Scorer
 //! ```
-//! The same turn is recorded here and by the live bridge ([`record`]).
+//! A turn here and one of the live bridge are the same items ([`items`]), for the recorder and for the scorer.
 
 mod turn;
 
-use std::time::Duration;
-
 use sha2::{Digest, Sha256};
 
-pub use turn::record;
+pub use turn::items;
 
 use crate::{
     driver::{By, Driver},
@@ -48,13 +46,11 @@ pub fn run<W: Eventful>(
     let mut scorer = Scorer::default();
     let mut hash = Sha256::new();
     let (mut frames, mut bad_frames) = (0, 0);
-    let mut last = Duration::ZERO;
     loop {
         let seen = world.observe()?;
         let events = world.take_events();
         // The course stands before the first telemetry, and what led to a telemetry before it.
         for (at, event) in events {
-            last = last.max(at);
             scorer.event(at, &event);
             if let Some(recorder) = recorder.filter(|_| world.is_recorded()) {
                 recorder.record(at, Item::Event(event));
@@ -68,15 +64,10 @@ pub fn run<W: Eventful>(
         watch(world, &observation, answer)?;
         world.apply(answer);
         let at = observation.at;
-        last = last.max(at);
-        for happening in trace.happenings.iter().cloned() {
-            turn::events_of(happening).iter().for_each(|event| scorer.event(at, event));
-        }
         let telemetry = match observation.sight {
             Sight::Telemetry(telemetry) => {
                 frames += 1;
                 bad_frames += u64::from(trace.by == By::Safety);
-                scorer.telemetry(at, &telemetry);
                 if let CameraImage::Jpeg(jpeg) = &telemetry.image {
                     hash.update(jpeg);
                 }
@@ -89,11 +80,11 @@ pub fn run<W: Eventful>(
             hash.update(command.throttle.get().to_le_bytes());
         }
         let took = trace.total;
-        if let Answer::Steer(command) = answer {
-            scorer.command(&turn::record_of(command, &trace, took));
-        }
-        if let Some(recorder) = recorder {
-            record(recorder, at, telemetry, answer, trace, Some(took));
+        for item in items(telemetry, answer, trace, Some(took)) {
+            scorer.item(at, &item);
+            if let Some(recorder) = recorder {
+                recorder.record(at, item);
+            }
         }
     }
     let fingerprint = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();

@@ -5,35 +5,29 @@ use std::time::Duration;
 use crate::{
     driver::{By, Happening, Trace},
     protocol::{Answer, Command, Telemetry},
-    recording::{self, CommandRecord, EventRecord, Item, Recorder},
+    recording::{self, CommandRecord, EventRecord, Item},
 };
 
-/// Records what was seen, what was answered and what happened, in the order in which a reader joins them again.
+/// What was seen, what was answered and what happened, in the order in which a reader joins them again.
 ///
-/// `latency` is the time from telemetry to answer; without one the answer never went out and is not recorded.
-pub fn record(
-    recorder: &Recorder,
-    at: Duration,
+/// `latency` is the time from telemetry to answer; without one the answer never went out and is no item.
+pub fn items(
     telemetry: Option<Telemetry>,
     answer: Answer,
     trace: Trace,
     latency: Option<Duration>,
-) {
-    if let Some(telemetry) = telemetry {
-        recorder.record(at, Item::Telemetry(telemetry));
-    }
-    if let Some(jpeg) = trace.jpeg.clone() {
-        recorder.record(at, Item::Frame(jpeg));
-    }
-    if let (Answer::Steer(command), Some(latency)) = (answer, latency) {
-        recorder.record(at, Item::Command(record_of(command, &trace, latency)));
-    }
-    for event in trace.happenings.into_iter().flat_map(events_of) {
-        recorder.record(at, Item::Event(event));
-    }
+) -> impl Iterator<Item = Item> {
+    let jpeg = trace.jpeg.clone();
+    let command = match (answer, latency) {
+        (Answer::Steer(command), Some(latency)) => Some(record_of(command, &trace, latency)),
+        _ => None,
+    };
+    let events = trace.happenings.into_iter().flat_map(events_of);
+    let seen = telemetry.map(Item::Telemetry).into_iter().chain(jpeg.map(Item::Frame));
+    seen.chain(command.map(Item::Command)).chain(events.map(Item::Event))
 }
 
-pub(super) fn events_of(happening: Happening) -> Vec<EventRecord> {
+fn events_of(happening: Happening) -> Vec<EventRecord> {
     match happening {
         Happening::TakeoverBegan => vec![EventRecord::TakeoverBegan],
         Happening::TakeoverEnded { after, pilot_off } => {
@@ -46,7 +40,7 @@ pub(super) fn events_of(happening: Happening) -> Vec<EventRecord> {
     }
 }
 
-pub(super) fn record_of(command: Command, trace: &Trace, latency: Duration) -> CommandRecord {
+fn record_of(command: Command, trace: &Trace, latency: Duration) -> CommandRecord {
     let ns = |duration: Duration| duration.as_nanos().try_into().unwrap_or(u64::MAX);
     CommandRecord {
         by: match trace.by {

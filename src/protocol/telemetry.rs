@@ -4,6 +4,7 @@
 use std::fmt::{self, Write};
 
 use bytes::Bytes;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -13,7 +14,7 @@ use super::{
 use crate::units::{Degrees, Metres, Mph, OutOfRange, PathPoint, Throttle};
 
 /// One message from a simulator, decoded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Telemetry {
     /// The steering angle in effect: the last command, times 25 degrees.
@@ -57,7 +58,7 @@ impl fmt::Debug for CameraImage {
 }
 
 /// Ground truth that some forks send. Absent is `None`, never 0.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Truth {
     /// Cross-track error: distance from the centre line.

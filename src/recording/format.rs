@@ -6,6 +6,12 @@ use prost_types::{
     field_descriptor_proto::{Label, Type},
 };
 
+use super::{
+    items::{CommandRecord, EventRecord},
+    schema,
+};
+use crate::protocol::Telemetry;
+
 /// The version of the run file that is written, and the latest that is read.
 pub const FORMAT_VERSION: u32 = 1;
 
@@ -43,9 +49,19 @@ impl Channel {
     pub(super) fn schema(self) -> (&'static str, &'static str, Vec<u8>) {
         match self {
             Self::Camera => ("foxglove.CompressedImage", "protobuf", compressed_image_schema()),
-            Self::Telemetry => ("lapwing.Telemetry", "jsonschema", TELEMETRY.into()),
-            Self::Command => ("lapwing.Command", "jsonschema", COMMAND.into()),
-            Self::Event => ("lapwing.Event", "jsonschema", EVENT.into()),
+            Self::Telemetry => {
+                ("lapwing.Telemetry", "jsonschema", schema::of::<Telemetry>("What the simulator told in one message"))
+            }
+            Self::Command => (
+                "lapwing.Command",
+                "jsonschema",
+                schema::of::<CommandRecord>("What the simulator was answered, and how that came about"),
+            ),
+            Self::Event => (
+                "lapwing.Event",
+                "jsonschema",
+                schema::of::<EventRecord>("What happened besides telemetry and commands"),
+            ),
         }
     }
 }
@@ -104,142 +120,4 @@ fn compressed_image_schema() -> Vec<u8> {
         )
     };
     prost::Message::encode_to_vec(&FileDescriptorSet { file: vec![timestamp, image] })
-}
-
-const TELEMETRY: &str = r#"{
-  "title": "lapwing.Telemetry",
-  "description": "What the simulator told in one message",
-  "type": "object",
-  "required": ["steering_deg", "throttle", "speed_mph"],
-  "properties": {
-    "steering_deg": {"type": "number", "description": "steering angle in effect, positive to the right"},
-    "throttle": {"type": "number", "description": "throttle in effect, 0 to 1"},
-    "speed_mph": {"type": "number"},
-    "truth": {
-      "type": "object",
-      "description": "what forks tell beyond the stock build",
-      "properties": {
-        "cte_m": {"type": "number", "description": "cross-track error"},
-        "next_cte_m": {"type": "number", "description": "cross-track error a step ahead"},
-        "lap": {"type": "integer"},
-        "waypoint": {"type": "integer"},
-        "sector": {"type": "integer"},
-        "crashed": {"type": "boolean"},
-        "out_of_bounds": {"type": "integer", "description": "times out of bounds so far"},
-        "crashes": {"type": "integer", "description": "crashes so far"},
-        "brake": {"type": "number", "description": "brake in effect, 0 to 1"},
-        "distance_m": {"type": "number"},
-        "sim_time_s": {"type": "number"},
-        "time_to_collision_s": {"type": "number", "description": "with other traffic ahead; 60 is so long, or never"},
-        "heading_error_deg": {"type": "number"},
-        "position_m": {"type": "array", "items": {"type": "number"}, "description": "x right, y up, z forward"},
-        "hit": {"type": "string", "description": "the collider that is hit"},
-        "track": {"type": "string"},
-        "timestamp": {"type": "string", "description": "the simulator's own"}
-      }
-    }
-  }
-}"#;
-
-const COMMAND: &str = r#"{
-  "title": "lapwing.Command",
-  "description": "What the simulator was answered, and how that came about",
-  "type": "object",
-  "required": ["by", "steering", "throttle"],
-  "properties": {
-    "by": {"enum": ["pilot", "human", "safe", "off"], "description": "who decided"},
-    "steering": {"type": "number", "description": "-1 full left to 1 full right, which is 25 degrees"},
-    "throttle": {"type": "number", "description": "1 full power to -1 full brake"},
-    "prediction": {"type": ["number", "null"], "description": "what the network said, raw"},
-    "p": {"type": ["number", "null"], "description": "proportional part of the speed controller"},
-    "i": {"type": ["number", "null"], "description": "integral part of the speed controller"},
-    "saturated": {"type": "boolean", "description": "the speed controller asked for more than there is"},
-    "decode_ns": {"type": "integer"},
-    "preprocess_ns": {"type": "integer"},
-    "forward_ns": {"type": "integer"},
-    "driver_ns": {"type": "integer"},
-    "latency_ns": {"type": "integer", "description": "message in to answer out"}
-  }
-}"#;
-
-const EVENT: &str = r#"{
-  "title": "lapwing.Event",
-  "description": "What happened besides telemetry and commands",
-  "type": "object",
-  "required": ["kind"],
-  "properties": {
-    "kind": {"enum": ["takeover-began", "takeover-ended", "bad-frame", "braking-to-standstill", "frames-not-recorded", "kick",
-                      "pilot-off", "pilot-armed", "simulator", "note", "run-ended"]},
-    "duration_s": {"type": "number"},
-    "why": {"type": "string"},
-    "count_in_row": {"type": "integer"},
-    "count": {"type": "integer"},
-    "name": {"type": "string"},
-    "payload": {"type": "string"},
-    "text": {"type": "string"}
-  }
-}"#;
-
-#[cfg(test)]
-mod tests {
-    use super::{super::items::EventRecord, *};
-
-    fn properties(channel: Channel) -> serde_json::Value {
-        serde_json::from_slice::<serde_json::Value>(&channel.schema().2).unwrap()["properties"].clone()
-    }
-
-    #[test]
-    fn every_kind_of_event_and_each_of_its_fields_is_in_the_schema() {
-        let text = String::new;
-        let properties = properties(Channel::Event);
-        let mut kinds = Vec::new();
-        for event in [
-            EventRecord::TakeoverBegan,
-            EventRecord::TakeoverEnded { duration_s: 1.0 },
-            EventRecord::BadFrame { why: text(), count_in_row: 1 },
-            EventRecord::BrakingToStandstill,
-            EventRecord::FramesNotRecorded { count: 1 },
-            EventRecord::Kick,
-            EventRecord::PilotOff { why: text() },
-            EventRecord::PilotArmed,
-            EventRecord::Simulator { name: text(), payload: text() },
-            EventRecord::Note { text: text() },
-            EventRecord::RunEnded { why: text() },
-        ] {
-            let value = serde_json::to_value(event).unwrap();
-            for field in value.as_object().unwrap().keys() {
-                assert!(properties.get(field).is_some(), "{field}");
-            }
-            kinds.push(value["kind"].clone());
-        }
-        assert_eq!(properties["kind"]["enum"], serde_json::Value::Array(kinds));
-    }
-
-    #[test]
-    fn every_field_of_a_full_command_and_telemetry_is_in_its_schema() {
-        let command: super::super::CommandRecord = serde_json::from_str(
-            r#"{"by":"pilot","steering":0.1,"throttle":0.2,"prediction":0.1,"p":1.0,"i":1.0,"saturated":true,
-                "decode_ns":1,"preprocess_ns":1,"forward_ns":1,"driver_ns":1,"latency_ns":1}"#,
-        )
-        .unwrap();
-        let fields = serde_json::to_value(command).unwrap();
-        let known = properties(Channel::Command);
-        assert_eq!(
-            fields.as_object().unwrap().keys().collect::<Vec<_>>(),
-            known.as_object().unwrap().keys().collect::<Vec<_>>()
-        );
-
-        // Telemetry refuses fields that it does not know: whatever the schema lists must read.
-        let truth = properties(Channel::Telemetry)["truth"]["properties"].clone();
-        let example = |schema: &serde_json::Value| match schema["type"].as_str().unwrap() {
-            "boolean" => serde_json::json!(true),
-            "array" => serde_json::json!([1, 2, 3]),
-            "string" => serde_json::json!("x"),
-            _ => serde_json::json!(1),
-        };
-        let full: serde_json::Map<_, _> =
-            truth.as_object().unwrap().iter().map(|(name, schema)| (name.clone(), example(schema))).collect();
-        let read: crate::protocol::Truth = serde_json::from_value(full.clone().into()).unwrap();
-        assert_eq!(serde_json::to_value(read).unwrap().as_object().unwrap().len(), full.len());
-    }
 }

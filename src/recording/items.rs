@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, path::Path, time::Duration};
 
 use bytes::Bytes;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{FORMAT_VERSION, RecordingError};
@@ -57,7 +58,7 @@ pub enum Item {
 }
 
 /// Who decided a command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum By {
     /// The model.
@@ -73,7 +74,7 @@ pub enum By {
 /// An answer to the simulator and how it came about.
 ///
 /// JSON has no NaN: a number here that is not finite reads back as `None`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CommandRecord {
     /// Who decided.
     pub by: By,
@@ -126,7 +127,7 @@ impl CommandRecord {
 }
 
 /// What happens in a run besides telemetry and commands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum EventRecord {
     /// A person took the wheel.

@@ -40,6 +40,7 @@ mod moments;
 mod queue;
 mod reader;
 mod recorder;
+mod schema;
 pub mod udacity;
 mod writer;
 

@@ -26,10 +26,10 @@ const EMERGENCY: f64 = -0.8;
 const REVERSES_BELOW_MPH: f64 = 5.0;
 
 const NO_SCENARIO: &str = "no scenario asked for braking";
-const NOT_TOLD: &str =
-    "the run tells no time to collision: neither do the stock build and runs recorded before it was told";
+const NOT_TOLD: &str = "the run tells no time to collision: worlds without other traffic do not";
 const NOT_MET: &str = "nothing came onto a collision course, or the run ended first";
 const NOT_HIT: &str = "nothing was hit";
+const NOT_MEASURED: &str = "the run tells that something was hit, not how fast";
 const CLEAR: &str = "nothing was within a minute of a collision";
 
 /// Watches how a run is braked.
@@ -42,6 +42,8 @@ pub(super) struct Braking {
     situation: Option<Situation>,
     avoided: u32,
     impacts_mph: Vec<f64>,
+    /// Hits that nobody measured.
+    unmeasured: u32,
     reductions_mph: Vec<f64>,
     /// When emergency braking was asked for last.
     emergency_s: Option<f64>,
@@ -62,8 +64,9 @@ struct Situation {
 pub(super) struct Known {
     /// From the first telemetry to the last.
     pub time_s: f64,
-    /// Whether collisions are told.
+    /// Whether a judge tells collisions, or the world counts them at least.
     pub judged: bool,
+    pub counted: bool,
     /// Whether there was other traffic by a script.
     pub scenario: bool,
 }
@@ -106,6 +109,16 @@ impl Braking {
         self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
     }
 
+    /// Something was hit, and nobody says how fast.
+    pub(super) fn hit(&mut self) {
+        let own_mph = self.mph;
+        let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return };
+        situation.hit = true;
+        self.least_s = Some(0.0);
+        self.unmeasured += 1;
+        self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
+    }
+
     /// The car was put elsewhere: what it was heading for is no longer ahead.
     pub(super) fn put(&mut self) {
         self.situation = None;
@@ -120,19 +133,21 @@ impl Braking {
 
     pub(super) fn figures(mut self, known: Known) -> [(Figure, Measure); 5] {
         use Figure as F;
-        let Known { time_s, judged, scenario } = known;
+        let Known { time_s, judged, counted, scenario } = known;
         if self.situation.as_ref().is_some_and(|situation| situation.last_s < self.at_s) {
             self.end_situation();
         }
-        let hits = self.impacts_mph.len();
-        let situations = f64::from(self.avoided) + hits as f64;
+        let hits = self.impacts_mph.len() as f64 + f64::from(self.unmeasured);
+        let situations = f64::from(self.avoided) + hits;
         let untold = if judged && !scenario { NO_SCENARIO } else { NOT_TOLD };
+        let judged = judged || counted;
         let measure = |value: Option<f64>, why| match self.least_s {
             Some(_) => Measure::told(value, why),
             None => Measure::Unknown(untold),
         };
         let (no_situation, no_impact) = match (judged, self.avoided) {
             (false, _) => (NO_JUDGE, NO_JUDGE),
+            _ if self.unmeasured > 0 => (NOT_MET, NOT_MEASURED),
             (true, 0) => (NOT_MET, NOT_MET),
             (true, _) => (NOT_MET, NOT_HIT),
         };

@@ -89,6 +89,17 @@ impl Figures {
         self.0[figure as usize] = measure;
     }
 
+    pub(super) fn get(&self, figure: Figure) -> Measure {
+        self.0[figure as usize]
+    }
+
+    /// Takes what is found out of a figure that the run does not tell.
+    pub(super) fn suggest(&mut self, figure: Figure, measure: Measure) {
+        if self.get(figure).value().is_none() && measure.value().is_some() {
+            self.set(figure, measure);
+        }
+    }
+
     pub(super) fn told(&mut self, figure: Figure, value: Option<f64>, why: &'static str) {
         self.set(figure, Measure::told(value, why));
     }

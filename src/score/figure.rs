@@ -243,7 +243,7 @@ figures! {
     CollisionRate = "collision_rate", "collision rate", Share, Lower,
         "Episodes with a collision as a share of all (Lu).";
     MeanMph = "mean_mph", "mean speed", Mph, Higher,
-        "The integral of the speed told over time, divided by the time.";
+        "The integral of the speed told over time, divided by the time, from the first telemetry to the last.";
     MaxMph = "max_mph", "maximum speed", Mph, Neither,
         "Highest speed told (Lu).";
     Autonomy = "autonomy", "autonomy", Share, Higher,
@@ -299,7 +299,7 @@ figures! {
     SteeringR = "steering_r", "steering r", Correlation, Higher,
         "Open-loop replay: Pearson's correlation of the driver's steering and the recorded one over frames (Codevilla).";
     TimeS = "time_s", "time", Seconds, Neither,
-        "From the first telemetry to the last, in seconds of the world.";
+        "From the first telemetry to the last, in seconds of the world: its own clock where it tells one (sim_time), else that of the recording. A human's drive before the first or after the last counts.";
     DistanceM = "distance_m", "distance", Metres, Neither,
         "Metres driven: told by the world, else speed over time.";
     SurvivalS = "survival_s", "survived", Seconds, Higher,
@@ -314,6 +314,8 @@ figures! {
         "Telemetries a second.";
     BadFrames = "bad_frames", "bad frames", Count, Lower,
         "Telemetries or pictures that could not be driven by.";
+    Kicks = "kicks", "kicks", Count, Lower,
+        "Answers that the bridge sent unasked, to start or restart a simulator that waits for one.";
     MissedFrames = "missed_frames", "missed frames", Count, Lower,
         "Telemetries that another followed before they were answered.";
 }

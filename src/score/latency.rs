@@ -28,7 +28,7 @@ pub(super) struct Stages([Histogram<u64>; 5]);
 
 impl Default for Stages {
     fn default() -> Self {
-        let histogram = |_| Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("the bounds are a histogram's");
+        let histogram = |_| Histogram::new(3).expect("three digits are a histogram's");
         Self(std::array::from_fn(histogram))
     }
 }
@@ -41,7 +41,7 @@ impl Stages {
         let CommandRecord { decode_ns, preprocess_ns, forward_ns, driver_ns, latency_ns, .. } = command;
         let times = [Some(*decode_ns), Some(*preprocess_ns), Some(*forward_ns), Some(*driver_ns), *latency_ns];
         for (histogram, ns) in self.0.iter_mut().zip(times) {
-            ns.into_iter().for_each(|ns| histogram.saturating_record(ns));
+            ns.into_iter().for_each(|ns| histogram.record(ns.min(LONGEST_NS)).expect("it grows to an hour"));
         }
     }
 

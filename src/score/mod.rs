@@ -9,6 +9,8 @@
 //! |---|---|
 //! | [`figure`] | each figure's unit, formula and source |
 //! | `scorer` | from items to figures |
+//! | `clock` | the time of the run, by the simulator's clock or the recording's |
+//! | `told` | what telemetry beyond the stock build's tells, as a judge would have called it |
 //! | `blind` | what the stock build does not tell, as well as it can be found out |
 //! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that take a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
@@ -20,6 +22,7 @@ pub mod against;
 mod blind;
 mod braking;
 mod card;
+mod clock;
 pub mod figure;
 mod infractions;
 pub mod junit;
@@ -33,6 +36,7 @@ mod smoothness;
 pub mod summary;
 mod table;
 mod thresholds;
+mod told;
 
 pub use card::{SCHEMA, Scorecard};
 pub use figure::{Better, Figure, Unit};
@@ -42,5 +46,5 @@ pub use offline::Agreement;
 pub use run::{of_log, of_run};
 pub use scorer::Scorer;
 pub use summary::Spread;
-pub use table::aligned;
+pub use table::{aligned, lines};
 pub use thresholds::{Check, checks, missed};

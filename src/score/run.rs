@@ -25,7 +25,7 @@ impl<W: FnMut(Duration, &Item)> Judge<W> {
     }
 
     fn item(&mut self, at: Duration, item: &Item) {
-        self.scorer.item(at, item);
+        let at = self.scorer.item(at, item);
         (self.watch)(at, item);
         if let Some(event) = self.scorer.suspicion() {
             (self.watch)(at, &Item::Event(event));
@@ -42,7 +42,7 @@ impl<W: FnMut(Duration, &Item)> Judge<W> {
     }
 }
 
-/// Reads a run to its end and judges it by this scorer; `watch` sees each item, too, and as events what the scorer suspects
+/// Reads a run to its end and judges it by this scorer; `watch` sees each item, too, with the time of the run, and as events what the scorer suspects
 /// where the run does not tell. What is wrong with the file stands in the notes.
 ///
 /// # Errors

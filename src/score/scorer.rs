@@ -1,18 +1,20 @@
 //! From the items of a run to its scorecard.
 
+mod counted;
+mod judgement;
 mod recorded;
+mod within_run;
 
 use std::{sync::Arc, time::Duration};
 
 use super::{
-    Figure, Measure, Scorecard,
-    blind::{Blind, Driven},
-    braking::{Braking, Known},
-    card::Figures,
-    infractions::{Struck, autonomies, driving_scores},
+    blind::Blind,
+    braking::Braking,
+    clock::Clock,
+    infractions::Struck,
     latency::Stages,
-    offline::not_replayed,
-    smoothness::{GAP_S, Sample, Smoothness},
+    smoothness::{GAP_S, Sample, Wheel},
+    told::{Moment, News, Told},
 };
 use crate::{
     odometry::Road,
@@ -21,42 +23,35 @@ use crate::{
     units::{MPS_PER_MPH, Metres},
 };
 
-/// A run that ends within so many seconds of a collision ended by it.
-const AFTERMATH_S: f64 = 2.0;
-/// How far off a distance may be that follows from speed and time, as a share: the speed is that of the moment, and
-/// telemetries come when they come.
-const DISTANCE_OFF: f64 = 0.01;
-
-const NO_POSITION: &str = "the run tells no position: the stock build does not";
-pub(super) const NO_JUDGE: &str = "the run tells no collisions and no road: the stock build does not";
-const NO_LAPS_ASKED: &str = "no laps were asked for";
-pub(super) const NO_TIME: &str = "the run has fewer than two telemetries";
-const NO_WAY: &str = "the car did not move";
-const NO_ANSWERS: &str = "the run has no answers";
-pub(super) const NO_PILOT: &str = "no pilot drove";
-const TOO_SHORT: &str = "no half second of the run is told without a gap";
+pub(super) use judgement::{NO_JUDGE, NO_PILOT, NO_TIME};
 
 /// Watches one run.
 #[derive(Debug, Clone, Default)]
 pub struct Scorer {
     course: Option<Course>,
+    clock: Clock,
+    /// Nothing is kept that grows with the run.
+    is_live: bool,
+    /// When the run began: with the first telemetry, or with a human before it.
+    began_s: Option<f64>,
     first_s: Option<f64>,
     /// Time and speed of the telemetry before, in s and m/s.
     last: Option<(f64, f64)>,
+    /// When the last item came, whatever it was.
+    latest_s: f64,
     telemetries: u64,
     driven_m: f64,
     /// Metres of distance that fall into gaps.
     in_gaps_m: f64,
     off_road_m: f64,
     max_mph: f64,
-    /// |cte| of each telemetry that tells it.
-    offsets_m: Vec<f64>,
+    offsets: Offsets,
+    wheel: Wheel,
     samples: Vec<Sample>,
     /// The car was put elsewhere since the last sample.
     was_put: bool,
     /// Furthest that the car came, in laps.
     progress: f64,
-    tells_waypoints: bool,
     laps: Vec<f64>,
     struck: Vec<Struck>,
     /// Episodes that had a collision, and whether this one has.
@@ -76,9 +71,9 @@ pub struct Scorer {
     /// Seconds and metres at the first infraction.
     survived: Option<(f64, f64)>,
     bad_frames: u32,
+    kicks: u32,
     missed_frames: u64,
-    /// Answers, and those of a pilot.
-    answers: (u64, u64),
+    answers: Answers,
     unanswered: bool,
     stages: Stages,
     braking: Braking,
@@ -100,33 +95,33 @@ struct Course {
     is_recorded: bool,
 }
 
-/// What worlds count themselves.
-#[derive(Debug, Clone, Default)]
-struct Told {
-    laps: Counter,
-    crashes: Counter,
-    out_of_bounds: Counter,
-    distance_m: Counter,
+/// How many answers there were, and whose.
+#[derive(Debug, Clone, Copy, Default)]
+struct Answers {
+    all: u64,
+    pilot: u64,
+    human: u64,
 }
 
-/// A count that was begun before the run, perhaps, and may begin anew.
+/// |cte| of each telemetry that tells it, in metres.
 #[derive(Debug, Clone, Default)]
-struct Counter {
-    last: Option<f64>,
-    total: f64,
+struct Offsets {
+    n: u64,
+    sum: f64,
+    squares: f64,
+    most: f64,
+    /// None of them, live.
+    all: Vec<f64>,
 }
 
-impl Counter {
-    /// Whether it went up.
-    fn take(&mut self, count: Option<f64>) -> bool {
-        let more = count.zip(self.last).map_or(0.0, |(now, before)| (now - before).max(0.0));
-        self.total += more;
-        self.last = count.or(self.last);
-        more > 0.0
-    }
-
-    fn total(&self) -> Option<f64> {
-        self.last.map(|_| self.total)
+impl Offsets {
+    fn take(&mut self, cte_m: f64, keep: bool) {
+        let off_m = cte_m.abs();
+        self.n += 1;
+        self.sum += off_m;
+        self.squares += off_m * off_m;
+        self.most = self.most.max(off_m);
+        self.all.extend(keep.then_some(off_m));
     }
 }
 
@@ -137,24 +132,44 @@ impl Scorer {
         Self { blind: Blind::new(roads, laps_asked), ..Self::default() }
     }
 
-    /// Takes an item of a run, in the order of the file.
-    pub fn item(&mut self, at: Duration, item: &Item) {
+    /// A scorer beside a drive that may go on for days: it keeps nothing of a telemetry and looks at no picture. Figures
+    /// that take either are not measurable; all others are those of the run's file. Of these roads it knows the length.
+    pub fn live(roads: &[Arc<Road>]) -> Self {
+        Self { is_live: true, blind: Blind::of_known(roads), ..Self::default() }
+    }
+
+    /// Takes an item of a run, in the order of the file; says when it happened, in the time of the run.
+    pub fn item(&mut self, at: Duration, item: &Item) -> Duration {
         match item {
             Item::Telemetry(telemetry) => self.telemetry(at, telemetry),
             Item::Command(command) => self.command(command),
             Item::Event(event) => self.event(at, event),
             Item::Frame(jpeg) => self.blind.frame(jpeg),
         }
+        if !self.clock.is_told() {
+            return at; // to the nanosecond
+        }
+        Duration::try_from_secs_f64(self.clock.at(at.as_secs_f64())).unwrap_or(at)
+    }
+
+    /// Telemetries so far.
+    pub fn telemetries(&self) -> u64 {
+        self.telemetries
     }
 
     /// Takes a telemetry, in the order of time.
     pub fn telemetry(&mut self, at: Duration, telemetry: &Telemetry) {
+        let truth = &telemetry.truth;
+        let at = self.clock.telemetry(at.as_secs_f64(), truth.sim_time_s);
         // A clock that was set back stands still until it has caught up.
-        let at = self.last.map_or(at.as_secs_f64(), |(before, _)| at.as_secs_f64().max(before));
+        let at = self.last.map_or(at, |(before, _)| at.max(before));
         let mph = telemetry.speed.get();
         let speed_mps = mph * MPS_PER_MPH;
         self.telemetries += 1;
         self.missed_frames += u64::from(std::mem::replace(&mut self.unanswered, true));
+        self.latest_s = self.latest_s.max(at);
+        let is_beginning = self.began_s.is_none();
+        self.began_s.get_or_insert(at);
         self.first_s.get_or_insert(at);
         let apart = self.last.map_or(0.0, |(before, _)| at - before);
         if let Some((_, was_mps)) = self.last {
@@ -164,30 +179,48 @@ impl Scorer {
             self.in_gaps_m += if apart > GAP_S { way } else { 0.0 };
             self.off_road_m += if self.off_since.is_some() { way } else { 0.0 };
         }
+        let apart_s = self.last.map(|_| apart);
+        let now = Moment { at_s: at, apart_s, mps: speed_mps, driven_m: self.driven_m, is_beginning };
+        let news = self.told.telemetry(truth, now);
+        if self.course.is_none() {
+            self.judge(at, news);
+        }
         // Of two at one time the first is what counts: in no time nothing turns.
         if self.last.is_none() || apart > 0.0 {
             let goes_on = self.last.is_some() && apart <= GAP_S && !self.was_put;
-            self.samples.push(Sample { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on });
+            let sample = Sample { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on };
+            self.wheel.sample(sample);
+            self.samples.extend((!self.is_live).then_some(sample));
             self.was_put = false;
             self.blind.telemetry(at, speed_mps, telemetry.steering.get());
         }
         self.last = Some((at, speed_mps));
         self.max_mph = self.max_mph.max(mph);
-        let truth = &telemetry.truth;
         self.braking.telemetry(at, telemetry.speed, truth);
-        self.told.distance_m.take(truth.distance.map(Metres::get));
-        self.tells_waypoints |= truth.lap.is_some() && truth.waypoint.is_some();
-        self.offsets_m.extend(truth.cte.map(|cte| cte.get().abs()));
-        self.told.laps.take(truth.lap.map(f64::from));
-        let infraction = self.told.crashes.take(truth.crashes.map(f64::from))
-            | self.told.out_of_bounds.take(truth.out_of_bounds.map(f64::from));
-        match (&self.course, truth.lap, truth.waypoint) {
-            (Some(course), Some(lap), Some(waypoint)) => {
-                let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
-                self.progress = self.progress.max(progress);
-            }
-            (None, ..) if infraction => self.infraction(at),
-            _ => {}
+        if let Some(cte) = truth.cte {
+            self.offsets.take(cte.get(), !self.is_live);
+        }
+        if let (Some(course), Some(lap), Some(waypoint)) = (&self.course, truth.lap, truth.waypoint) {
+            let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
+            self.progress = self.progress.max(progress);
+        }
+    }
+
+    /// What a telemetry tells to have happened, where no judge says it.
+    fn judge(&mut self, at: f64, news: News) {
+        if news.crashes > 0 {
+            self.collided(at);
+            self.braking.hit();
+        }
+        if news.left_road > 0 {
+            self.off_roads = self.off_roads.saturating_add(news.left_road);
+            self.off_since = Some(at);
+            self.infraction(at);
+        }
+        if news.put_back {
+            self.put(at);
+        } else if news.back_on_road {
+            self.back_on_road(at);
         }
     }
 
@@ -210,8 +243,9 @@ impl Scorer {
     /// Takes an answer.
     pub fn command(&mut self, command: &CommandRecord) {
         self.unanswered = false;
-        self.answers.0 += 1;
-        self.answers.1 += u64::from(command.by == By::Pilot);
+        self.answers.all += 1;
+        self.answers.pilot += u64::from(command.by == By::Pilot);
+        self.answers.human += u64::from(command.by == By::Human);
         self.blind.command(command.throttle.get());
         self.stages.take(command);
         self.braking.command(command);
@@ -219,12 +253,15 @@ impl Scorer {
 
     /// Takes what happened besides.
     pub fn event(&mut self, at: Duration, event: &EventRecord) {
-        let at = at.as_secs_f64();
+        let at = self.clock.at(at.as_secs_f64());
+        self.latest_s = self.latest_s.max(at);
         match event {
             EventRecord::Course { track, waypoints, laps, scenario, .. } => {
                 let (track, scenario) = (track.clone(), scenario.clone());
                 let is_recorded = event.is_recorded_path();
                 self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario, is_recorded });
+                self.clock.is_the_worlds();
+                self.blind.stand_down();
             }
             EventRecord::Lap { number, time_s } => {
                 self.laps.push(within(*time_s, at));
@@ -233,14 +270,12 @@ impl Scorer {
             EventRecord::Collision { with, speed_mph, own_mph } => {
                 self.braking.collision(*speed_mph, *own_mph);
                 self.struck.push(Struck::by_name(with));
-                self.struck_episodes += u32::from(!std::mem::replace(&mut self.struck_now, true));
-                self.last_collision_s = Some(at);
-                self.infraction(at);
+                self.collided(at);
             }
             EventRecord::OffRoad { offset_m } => {
                 if self.is_recorded() {
                     // It is put back before a telemetry shows it there.
-                    self.offsets_m.push(Metres::saturating(*offset_m).get().abs());
+                    self.offsets.take(Metres::saturating(*offset_m).get(), !self.is_live);
                 }
                 self.off_roads += 1;
                 self.off_since = Some(at);
@@ -250,16 +285,7 @@ impl Scorer {
             EventRecord::BackOnRoad { after_s } if self.off_since.take().is_some() => {
                 self.off_road_s += within(*after_s, at);
             }
-            EventRecord::Reset { .. } => {
-                self.resets += 1;
-                self.was_put = true; // the wheel is put straight with the car
-                self.braking.put();
-                self.struck_now = false;
-                self.last_collision_s = None;
-                self.is_stuck = false;
-                self.back_on_road(at);
-                self.infraction(at);
-            }
+            EventRecord::Reset { .. } => self.put(at),
             EventRecord::Stuck => {
                 self.stuck += 1;
                 self.is_stuck = true;
@@ -270,14 +296,18 @@ impl Scorer {
                 self.takeovers += 1;
                 self.blind.takeover(at);
                 self.human_since = Some(at);
+                self.began_s.get_or_insert(at);
                 self.unanswered = false;
                 self.infraction(at);
             }
             EventRecord::TakeoverEnded { duration_s } => {
-                self.human_s += within(*duration_s, at);
-                self.human_since = None;
+                let since = self.human_since.take();
+                // The event tells its time by the clock that stamps messages.
+                let by_clock = since.filter(|_| self.clock.is_told()).map(|since| (at - since).max(0.0));
+                self.human_s += by_clock.unwrap_or(within(*duration_s, at));
             }
             EventRecord::BadFrame { .. } => self.bad_frames += 1,
+            EventRecord::Kick => self.kicks += 1,
             EventRecord::RunEnded { why } => {
                 self.ended = Some(why.clone());
                 self.ended_off_road = self.off_since.is_some();
@@ -298,164 +328,32 @@ impl Scorer {
         self.note(why);
     }
 
+    fn collided(&mut self, at: f64) {
+        self.struck_episodes += u32::from(!std::mem::replace(&mut self.struck_now, true));
+        self.last_collision_s = Some(at);
+        self.infraction(at);
+    }
+
+    /// The car was put back on the road.
+    fn put(&mut self, at: f64) {
+        self.resets += 1;
+        self.was_put = true; // the wheel is put straight with the car
+        self.braking.put();
+        self.struck_now = false;
+        self.last_collision_s = None;
+        self.is_stuck = false;
+        self.back_on_road(at);
+        self.infraction(at);
+    }
+
     fn infraction(&mut self, at: f64) {
-        let (first, way) = (self.first_s.unwrap_or(at), self.told.distance_m.total().unwrap_or(self.driven_m));
-        self.survived.get_or_insert(((at - first).max(0.0), way));
+        let (began, way) = (self.began_s.unwrap_or(at), self.told.distance_m.total().unwrap_or(self.driven_m));
+        self.survived.get_or_insert(((at - began).max(0.0), way));
     }
 
     fn back_on_road(&mut self, at: f64) {
         if let Some(since) = self.off_since.take() {
             self.off_road_s += (at - since).max(0.0);
-        }
-    }
-
-    /// Whether the run ended in a way that somebody would have had to end.
-    fn ended_badly(&self, last_s: f64) -> bool {
-        self.ended_off_road || self.is_stuck || self.last_collision_s.is_some_and(|at| last_s - at <= AFTERMATH_S)
-    }
-
-    /// The judgement.
-    pub fn finish(mut self) -> Scorecard {
-        use Figure as F;
-        let first = self.first_s.unwrap_or_default();
-        let last = self.last.map_or(first, |(at, _)| at);
-        let time_s = last - first;
-        self.ended_off_road |= self.off_since.is_some(); // where the file is cut off
-        self.back_on_road(last);
-        if let Some(since) = self.human_since.take() {
-            self.human_s += (last - since).max(0.0);
-        }
-        let (judged, tells) = (self.course.is_some(), self.tells());
-        let laps_asked = self.course.as_ref().and_then(|course| course.laps);
-        let mut figures = Figures::unknown("nothing says it");
-
-        let told_m = self.told.distance_m.total();
-        let distance = match told_m {
-            Some(told) => Measure::Told(told),
-            None if self.last.is_none() => Measure::Unknown(NO_TIME),
-            None => Measure::Estimate {
-                value: self.driven_m,
-                uncertainty: DISTANCE_OFF * self.driven_m + self.in_gaps_m / 2.0,
-                from: "speed over time",
-            },
-        };
-        let way = told_m.unwrap_or(self.driven_m);
-        figures.set(F::DistanceM, distance);
-        figures.told(F::TimeS, self.last.map(|_| time_s), NO_TIME);
-        let timed = time_s > 0.0;
-        figures.told(F::MeanMph, timed.then(|| self.driven_m / time_s / MPS_PER_MPH), NO_TIME);
-        figures.told(F::MaxMph, self.last.map(|_| self.max_mph), NO_TIME);
-
-        let completion = laps_asked.map(|asked| (self.progress / f64::from(asked.max(1))).min(1.0));
-        // Laps alone say nothing of the last, unfinished one.
-        let completion = completion.filter(|share| self.tells_waypoints || *share >= 1.0);
-        let no_completion = if judged && laps_asked.is_none() { NO_LAPS_ASKED } else { NO_POSITION };
-        figures.told(F::Completion, completion, no_completion);
-        let count = |told: &Counter, judge: u32| if judged { Some(f64::from(judge)) } else { told.total() };
-        let collisions = count(&self.told.crashes, self.struck.len() as u32);
-        figures.told(F::Laps, count(&self.told.laps, self.laps.len() as u32), NO_POSITION);
-        figures.told(F::Collisions, collisions, NO_JUDGE);
-        match collisions {
-            Some(n) if way > 0.0 => {
-                figures.set(F::CollisionsPerKm, distance.map(|way| n / (way / 1000.0), n / way / way * 1000.0))
-            }
-            Some(_) => figures.told(F::CollisionsPerKm, None, NO_WAY),
-            None => figures.told(F::CollisionsPerKm, None, NO_JUDGE),
-        }
-        let by_judge = |value: f64| judged.then_some(value);
-        let episodes = f64::from(self.resets + 1);
-        figures.told(F::Episodes, by_judge(episodes), NO_JUDGE);
-        figures.told(F::CollisionRate, by_judge(f64::from(self.struck_episodes) / episodes), NO_JUDGE);
-        figures.told(F::OffRoads, count(&self.told.out_of_bounds, self.off_roads), NO_JUDGE);
-        figures.told(F::OffRoadS, by_judge(self.off_road_s), NO_JUDGE);
-        let off_road_share = if self.driven_m > 0.0 { self.off_road_m / self.driven_m } else { 0.0 };
-        figures.told(F::OffRoadShare, by_judge(off_road_share), NO_JUDGE);
-        figures.told(F::Stuck, by_judge(self.stuck.into()), NO_JUDGE);
-        figures.told(F::Resets, by_judge(self.resets.into()), NO_JUDGE);
-        let scores = completion.map(|completion| driving_scores(completion, off_road_share, &self.struck));
-        figures.told(F::DrivingScore, scores.map(|(new, _)| new), no_completion);
-        figures.told(F::DrivingScoreProduct, scores.map(|(_, old)| old), no_completion);
-
-        let interventions = self.resets + u32::from(self.ended_badly(last));
-        let seen = self.last.is_some();
-        let by_human = self.answers.0 > 0 && self.answers.1 == 0;
-        let why = if seen { NO_PILOT } else { NO_TIME };
-        figures.told(F::Takeovers, (seen && !by_human).then_some(self.takeovers.into()), why);
-        figures.told(F::HumanS, seen.then_some(if by_human { time_s } else { self.human_s }), NO_TIME);
-        figures.told(F::Interventions, by_judge(interventions.into()), NO_JUDGE);
-        // Nobody may have been there to take over, so that takeovers alone say nothing.
-        let autonomies =
-            (timed && !by_human && judged).then(|| autonomies(time_s, self.takeovers, self.human_s, interventions));
-        let why = if !timed {
-            NO_TIME
-        } else if by_human {
-            NO_PILOT
-        } else {
-            NO_JUDGE
-        };
-        figures.told(F::Autonomy, autonomies.map(|(counted, _)| counted), why);
-        figures.told(F::AutonomyMeasured, autonomies.map(|(_, measured)| measured), why);
-
-        self.offsets_m.sort_by(f64::total_cmp);
-        let (n, offsets) = (self.offsets_m.len(), &self.offsets_m);
-        let told = n > 0;
-        let mean = |of: fn(&f64) -> f64| told.then(|| offsets.iter().map(of).sum::<f64>() / n as f64);
-        figures.told(F::MeanCte, mean(|cte| *cte), NO_POSITION);
-        figures.told(F::RmsCte, mean(|cte| cte * cte).map(f64::sqrt), NO_POSITION);
-        figures.told(F::P95Cte, told.then(|| offsets[(n * 95).div_ceil(100).max(1) - 1]), NO_POSITION);
-        figures.told(F::MaxCte, offsets.last().copied(), NO_POSITION);
-
-        let smooth = Smoothness::of(&self.samples);
-        figures.told(F::SteeringRate, smooth.steering_rate_deg_s, NO_TIME);
-        figures.told(F::SteeringReversals, smooth.reversals_per_min, NO_TIME);
-        figures.told(F::RmsJerk, smooth.rms_jerk, TOO_SHORT);
-        if let Some((value, uncertainty)) = smooth.comfort {
-            figures.set(F::Comfort, Measure::Estimate { value, uncertainty, from: "the yaw rate of a bicycle" });
-        } else {
-            figures.told(F::Comfort, None, TOO_SHORT);
-        }
-
-        let (survival_s, survival_m) = self.survived.unwrap_or((time_s, way));
-        if judged || self.told.crashes.total().is_some() {
-            figures.told(F::SurvivalS, seen.then_some(survival_s), NO_TIME);
-            figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
-        } else {
-            figures.told(F::SurvivalS, None, NO_JUDGE);
-            figures.told(F::SurvivalM, None, NO_JUDGE);
-        }
-        if self.is_recorded() {
-            recorded::untell(&mut figures);
-            self.notes.push(recorded::NOTE.to_owned());
-        }
-        let scenario = self.course.as_ref().is_some_and(|course| course.scenario.is_some());
-        let braking = self.braking.figures(Known { time_s, judged, scenario });
-        braking.into_iter().chain(not_replayed()).for_each(|(figure, measure)| figures.set(figure, measure));
-        figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / time_s), NO_TIME);
-        let why = if by_human { NO_PILOT } else { NO_TIME };
-        figures.told(F::BadFrames, (seen && !by_human).then_some(self.bad_frames.into()), why);
-        let why = if by_human { NO_PILOT } else { NO_ANSWERS };
-        let answered = self.answers.0 > 0 && !by_human;
-        figures.told(F::MissedFrames, answered.then_some(self.missed_frames as f64), why);
-        let laps_asked = laps_asked.or(self.blind.laps_asked.filter(|_| !tells));
-        let found = if tells {
-            None
-        } else {
-            self.blind.fill(&mut figures, &Driven { distance, time_s, human_s: self.human_s, by_pilot: !by_human })
-        };
-        let found = found.unwrap_or_default();
-        let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
-        Scorecard {
-            track: track.or(found.track),
-            scenario: scenario.flatten(),
-            ended: self.ended,
-            laps_asked,
-            lap_times_s: if found.lap_times_off_s.is_some() { found.lap_times_s } else { self.laps },
-            lap_times_off_s: found.lap_times_off_s,
-            whereabouts: found.whereabouts,
-            latency: self.stages.latencies(),
-            damaged: self.damaged,
-            notes: self.notes,
-            ..figures.card()
         }
     }
 }

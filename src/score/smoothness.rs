@@ -25,8 +25,6 @@ pub(super) struct Sample {
 /// What comes of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Smoothness {
-    pub steering_rate_deg_s: Option<f64>,
-    pub reversals_per_min: Option<f64>,
     pub rms_jerk: Option<f64>,
     /// Share within nuPlan's bounds, and how wrong it may be.
     pub comfort: Option<(f64, f64)>,
@@ -35,20 +33,11 @@ pub(super) struct Smoothness {
 impl Smoothness {
     pub(super) fn of(samples: &[Sample]) -> Self {
         let stretches: Vec<_> = samples.chunk_by(|_, next| next.goes_on).collect();
-        let seconds: f64 = stretches.iter().map(|stretch| stretch[stretch.len() - 1].at_s - stretch[0].at_s).sum();
-        let squares: f64 = stretches
-            .iter()
-            .flat_map(|stretch| stretch.windows(2))
-            .map(|pair| (pair[1].steering_deg - pair[0].steering_deg).powi(2) / (pair[1].at_s - pair[0].at_s))
-            .sum();
-        let reversals: usize = stretches.iter().map(|stretch| reversals(stretch)).sum();
         let motions = |factor: f64| stretches.iter().flat_map(move |stretch| motions(stretch, factor));
         let n = motions(1.0).count();
         let mean = |sum: f64| (n > 0).then(|| sum / n as f64);
         let comfort = |factor: f64| mean(motions(factor).filter(Motion::is_comfortable).count() as f64);
         Self {
-            steering_rate_deg_s: (seconds > 0.0).then(|| (squares / seconds).sqrt()),
-            reversals_per_min: (seconds > 0.0).then(|| reversals as f64 / (seconds / 60.0)),
             rms_jerk: mean(motions(1.0).map(|motion| motion.jerk.powi(2)).sum()).map(f64::sqrt),
             comfort: comfort(1.0)
                 .zip(comfort(1.0 - YAW_RATE_OFF).zip(comfort(1.0 + YAW_RATE_OFF)))
@@ -57,22 +46,53 @@ impl Smoothness {
     }
 }
 
-/// Times that the wheel turned back.
-fn reversals(stretch: &[Sample]) -> usize {
-    let mut extreme = stretch[0].steering_deg;
-    let mut direction = 0.0;
-    let mut count = 0;
-    for angle in stretch.iter().map(|sample| sample.steering_deg) {
-        let turned = angle - extreme;
-        if turned * direction > 0.0 {
-            extreme = angle;
+/// How the wheel was turned, from telemetry to telemetry.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Wheel {
+    /// Where this stretch began, in seconds, and its last sample.
+    stretch: Option<(f64, Sample)>,
+    /// Seconds of the stretches before.
+    seconds: f64,
+    /// Sum of squared changes over their time.
+    squares: f64,
+    /// Where it turned back last, and which way it turns.
+    extreme_deg: f64,
+    direction: f64,
+    reversals: u32,
+}
+
+impl Wheel {
+    pub(super) fn sample(&mut self, now: Sample) {
+        let Some((began_s, before)) = self.stretch.filter(|_| now.goes_on) else {
+            self.seconds = self.seconds();
+            (self.stretch, self.extreme_deg, self.direction) = (Some((now.at_s, now)), now.steering_deg, 0.0);
+            return;
+        };
+        self.stretch = Some((began_s, now));
+        self.squares += (now.steering_deg - before.steering_deg).powi(2) / (now.at_s - before.at_s);
+        let turned = now.steering_deg - self.extreme_deg;
+        if turned * self.direction > 0.0 {
+            self.extreme_deg = now.steering_deg;
         } else if turned.abs() >= REVERSAL_DEG {
-            count += usize::from(direction != 0.0);
-            direction = turned.signum();
-            extreme = angle;
+            self.reversals += u32::from(self.direction != 0.0);
+            (self.direction, self.extreme_deg) = (turned.signum(), now.steering_deg);
         }
     }
-    count
+
+    /// Seconds that were told without a gap.
+    fn seconds(&self) -> f64 {
+        self.seconds + self.stretch.map_or(0.0, |(began_s, last)| last.at_s - began_s)
+    }
+
+    pub(super) fn rate_deg_s(&self) -> Option<f64> {
+        let seconds = self.seconds();
+        (seconds > 0.0).then(|| (self.squares / seconds).sqrt())
+    }
+
+    pub(super) fn reversals_per_min(&self) -> Option<f64> {
+        let seconds = self.seconds();
+        (seconds > 0.0).then(|| f64::from(self.reversals) / (seconds / 60.0))
+    }
 }
 
 /// How the car moved at a telemetry, in metres, seconds and radians.
@@ -215,14 +235,19 @@ mod tests {
         assert_eq!((share, off), (0.0, 0.5));
     }
 
+    fn wheel(samples: &[Sample]) -> Wheel {
+        let mut wheel = Wheel::default();
+        samples.iter().for_each(|sample| wheel.sample(*sample));
+        wheel
+    }
+
     #[test]
     fn a_wheel_that_swings_by_a_degree_turns_back_twice_a_swing() {
-        let swing = |degrees: f64| {
-            Smoothness::of(&drive(60.0, |t| (5.0, degrees / 2.0 * (t * std::f64::consts::TAU / 2.0).cos())))
-        };
+        let swing =
+            |degrees: f64| wheel(&drive(60.0, |t| (5.0, degrees / 2.0 * (t * std::f64::consts::TAU / 2.0).cos())));
         // 30 swings in the minute; the first turn sets off.
-        assert_eq!(swing(1.5).reversals_per_min, Some(59.0));
-        assert_eq!(swing(0.9).reversals_per_min, Some(0.0));
+        assert_eq!(swing(1.5).reversals_per_min(), Some(59.0));
+        assert_eq!(swing(0.9).reversals_per_min(), Some(0.0));
     }
 
     #[test]
@@ -238,7 +263,7 @@ mod tests {
         let mut samples = drive(4.0, |t| (if t < 2.0 { 0.0 } else { 20.0 }, if t < 2.0 { 0.0 } else { 20.0 }));
         samples[40].goes_on = false;
         let smooth = Smoothness::of(&samples);
-        assert_eq!(smooth.steering_rate_deg_s, Some(0.0));
+        assert_eq!(wheel(&samples).rate_deg_s(), Some(0.0));
         assert!(smooth.rms_jerk.unwrap() < 1e-9, "{smooth:?}");
     }
 }

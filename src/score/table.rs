@@ -7,12 +7,13 @@ use crate::words::count as counted;
 
 /// Width of the names in front of what is told.
 const NAMES: usize = 17;
+const UNKNOWN: &str = "not measurable: ";
 
 impl Scorecard {
     /// A figure in words: its value, with how far off it may be, or why there is none.
     pub fn words(&self, figure: F) -> String {
         match self.get(figure) {
-            Measure::Unknown(why) => format!("not measurable: {why}"),
+            Measure::Unknown(why) => format!("{UNKNOWN}{why}"),
             Measure::Told(value) | Measure::Estimate { value, .. } => figure.unit().show(value) + &self.how(figure),
         }
     }
@@ -44,6 +45,11 @@ impl Scorecard {
         if known.is_empty() { self.words(parts[0].0) } else { known.join(", ") }
     }
 
+    /// What is known, as names and words.
+    pub fn known_rows(&self) -> Vec<(&'static str, String)> {
+        self.rows().into_iter().filter(|(_, told)| !told.starts_with(UNKNOWN)).collect()
+    }
+
     fn rows(&self) -> Vec<(&'static str, String)> {
         let count = |figure| self.value(figure).unwrap_or(0.0);
         let mut rows: Vec<(&str, String)> = vec![];
@@ -56,7 +62,14 @@ impl Scorecard {
             (Some(laps), None) => format!("; {}", counted(laps as u64, "lap")),
             (None, _) => String::new(),
         };
-        rows.push(("completion", self.words(F::Completion) + &laps));
+        match self.value(F::Completion) {
+            // Where nobody says of how many.
+            None if self.value(F::Laps).is_some() => {
+                rows.push(("completion", self.words(F::Completion)));
+                rows.push((F::Laps.label(), self.words(F::Laps)));
+            }
+            _ => rows.push(("completion", self.words(F::Completion) + &laps)),
+        }
         if !self.lap_times_s.is_empty() {
             let times: Vec<_> = self.lap_times_s.iter().map(|t| format!("{t:.1}")).collect();
             rows.push(("lap times", format!("{} s{}", times.join(", "), self.how_lap_times())));
@@ -114,6 +127,10 @@ impl Scorecard {
                 }
             },
         ));
+        if let Some(takeovers) = self.value(F::Takeovers).filter(|n| *n > 0.0) {
+            let how_long = self.value(F::HumanS).map_or_else(String::new, |_| format!(", {}", self.words(F::HumanS)));
+            rows.push((F::Takeovers.label(), F::Takeovers.unit().show(takeovers) + &how_long));
+        }
         let scores = [(F::DrivingScore, " (CARLA 2.1)"), (F::DrivingScoreProduct, " (1.0)")];
         rows.push(("driving score", self.together(&scores)));
         let braking = [
@@ -144,7 +161,10 @@ impl Scorecard {
                 format!("after {}, {}", self.words(F::SurvivalS), self.words(F::SurvivalM)),
             ));
         }
-        for figure in [F::BadFrames, F::MissedFrames] {
+        if self.value(F::FramesPerS).is_some() {
+            rows.push((F::FramesPerS.label(), self.words(F::FramesPerS)));
+        }
+        for figure in [F::BadFrames, F::Kicks, F::MissedFrames] {
             if count(figure) > 0.0 {
                 rows.push((figure.label(), self.words(figure)));
             }
@@ -177,9 +197,14 @@ fn estimated(from: &str, off: Option<String>) -> String {
 
 impl fmt::Display for Scorecard {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rows: Vec<_> = self.rows().into_iter().map(|(name, told)| format!("  {name:<NAMES$} {told}")).collect();
-        f.write_str(&rows.join("\n"))
+        f.write_str(&lines(&self.rows()))
     }
+}
+
+/// Names and words, under one another.
+pub fn lines(rows: &[(&str, String)]) -> String {
+    let rows: Vec<_> = rows.iter().map(|(name, told)| format!("  {name:<NAMES$} {told}")).collect();
+    rows.join("\n")
 }
 
 /// Rows under one another, columns aligned: the first `left` of them to the left, the others to the right.

@@ -5,6 +5,7 @@ use futures_util::SinkExt;
 use lapwing::{
     pilot,
     recording::{EventRecord, Moment, RunReader},
+    score::Figure,
 };
 use tempfile::tempdir;
 use tokio_tungstenite::tungstenite::Message;
@@ -61,7 +62,7 @@ async fn every_bad_message_gets_one_safe_command_and_the_drive_goes_on() {
         assert_eq!(steer(&simulator.text().await), (steering, 0.0), "{name}: as steered last, no throttle");
     }
     let summaries = running.stop().await;
-    assert_eq!(summaries[0].bad_frames, count);
+    assert_eq!(summaries[0].count(Figure::BadFrames), count);
     let run = &summaries[0].run.as_ref().unwrap().path;
     let events = RunReader::open(run).unwrap().moments().map(Result::unwrap).filter(
         |moment| matches!(moment, Moment::Event { event: EventRecord::BadFrame { why, .. }, .. } if !why.is_empty()),

@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use tempfile::tempdir;
 
+use lapwing::score::Figure;
+
 use crate::support::{Running, Wire, settings, steer, telemetry};
 
 /// The answer of a server of Engine.IO 4, whose own pings may come first.
@@ -49,7 +51,7 @@ async fn an_ordinary_client_of_protocol_5_is_greeted_and_steered() {
         }
     };
     tokio::time::timeout(Duration::from_secs(5), over).await.expect("its run ends when it leaves");
-    assert_eq!(running.summaries.lock().unwrap()[0].bad_frames, 0);
+    assert_eq!(running.summaries.lock().unwrap()[0].count(Figure::BadFrames), 0);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -5,6 +5,7 @@ use std::time::Duration;
 use lapwing::{
     config::Takeover,
     recording::{EventRecord, Moment, RunReader},
+    score::Figure,
 };
 use tempfile::tempdir;
 use tokio::{
@@ -29,7 +30,7 @@ async fn a_human_is_answered_manual_and_the_integral_is_held_meanwhile() {
     assert_eq!(simulator.ask(r#"42["telemetry",{}]"#).await, MANUAL);
     assert_eq!(steer(&simulator.ask(&telemetry("4.0000")).await).1, 0.52, "one more error in the sum, not twenty");
     let summary = running.stop().await.remove(0);
-    assert_eq!((summary.human_takeovers, summary.human_messages, summary.telemetries), (1, 21, 2));
+    assert_eq!((summary.count(Figure::Takeovers), summary.human_messages, summary.telemetries), (1, 21, 2));
     let moments: Vec<_> = RunReader::open(summary.run.unwrap().path).unwrap().moments().map(Result::unwrap).collect();
     let ended = moments.iter().any(
         |m| matches!(m, Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } if *duration_s > 0.0),
@@ -55,7 +56,7 @@ async fn garbage_while_a_human_drives_leaves_the_wheel_to_the_human() {
     simulator.ask(HUMAN).await;
     assert_eq!(simulator.ask("garbage").await, MANUAL);
     let summary = running.stop().await.remove(0);
-    assert_eq!((summary.bad_frames, summary.human_takeovers), (1, 1));
+    assert_eq!((summary.count(Figure::BadFrames), summary.count(Figure::Takeovers)), (1, 1));
     // Else it would go on with the throttle of before once the human lets go, and nobody is there any more.
     assert_eq!(steer(&simulator.text().await), (steering, 0.0), "a bridge that stops lets go of the car, too");
 }
@@ -71,7 +72,7 @@ async fn a_human_from_the_first_frame_belongs_to_a_run_that_knows_its_simulator(
     }
     assert!(steer(&simulator.ask(&telemetry("4.0000")).await).1 > 0.0);
     let summary = running.stop().await.remove(0);
-    assert_eq!((summary.human_takeovers, summary.telemetries), (1, 1));
+    assert_eq!((summary.count(Figure::Takeovers), summary.telemetries), (1, 1));
     let reader = RunReader::open(summary.run.unwrap().path).unwrap();
     assert_eq!(reader.header().dialect, Some(lapwing::protocol::Dialect::Term1));
     let moments: Vec<_> = reader.moments().map(Result::unwrap).collect();

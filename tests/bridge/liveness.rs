@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use lapwing::score::Figure;
 use tempfile::tempdir;
 
 use crate::support::{Running, Wire, settings_with_kicks, steer, telemetry};
@@ -16,7 +17,7 @@ async fn a_simulator_that_missed_its_start_is_kicked_after_a_second() {
     assert_eq!(kick, r#"42["steer",{"steering_angle":"0e-4","throttle":"0e-4"}]"#);
     assert!(began.elapsed() >= Duration::from_millis(950), "{:?}", began.elapsed());
     assert!(steer(&simulator.ask(&telemetry("0.0000")).await).1 > 0.0, "and its loop runs");
-    assert_eq!(running.stop().await[0].kicks, 1);
+    assert_eq!(running.stop().await[0].count(Figure::Kicks), 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -29,7 +30,7 @@ async fn a_simulator_of_unknown_kind_is_kicked_in_words_that_every_kind_takes() 
     steer(&simulator.text().await);
     assert_eq!(simulator.text().await, r#"42["manual",{}]"#, "term 2 would not take the strings of a steer");
     simulator.ask(&telemetry("0.0000")).await;
-    assert!(running.stop().await[0].kicks >= 2, "those before the drive began count, too");
+    assert!(running.stop().await[0].count(Figure::Kicks) >= 2, "those before the drive began count, too");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -40,7 +41,7 @@ async fn a_loop_that_stalled_is_kicked_with_the_last_steering() {
     let (steering, _) = steer(&simulator.ask(&telemetry("5.0000")).await);
     assert_eq!(steer(&simulator.text().await), (steering, 0.0));
     let summary = running.stop().await.remove(0);
-    assert_eq!(summary.kicks, 1);
+    assert_eq!(summary.count(Figure::Kicks), 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -22,7 +22,7 @@ const GRACE_S: f64 = 5.0;
 pub(super) struct Impacts {
     last: Option<(f64, f64)>,
     throttle: f64,
-    pub first_s: Option<f64>,
+    first_s: Option<f64>,
     slow_since: Option<f64>,
     is_stuck: bool,
     /// When, in seconds.

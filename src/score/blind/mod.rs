@@ -85,13 +85,13 @@ pub(super) struct Blind {
 
 /// What was found.
 #[derive(Debug)]
-struct Found {
-    track: Option<String>,
+pub(super) struct Found {
+    pub track: Option<String>,
     /// Metres once around, metres driven of them, how far off the latter may be, and what says so.
-    way: Option<(f64, f64, f64, &'static str)>,
-    laps: Option<u32>,
+    pub way: Option<(f64, f64, f64, &'static str)>,
+    pub laps: Option<u32>,
     /// Whether a lap more or less is possible.
-    laps_unsure: bool,
+    pub laps_unsure: bool,
     /// Metres driven when each lap ended, and how far off that may be; empty where it is not known of all.
     lap_ends_m: Vec<(f64, f64)>,
     /// When it was where along the track.
@@ -102,6 +102,8 @@ struct Found {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Driven {
     pub distance: Measure,
+    /// When it began, in seconds.
+    pub began_s: f64,
     pub time_s: f64,
     /// Seconds that a human drove.
     pub human_s: f64,
@@ -124,6 +126,11 @@ impl Blind {
         Self { matcher, roads: roads.into(), laps_asked, ..Self::default() }
     }
 
+    /// Somebody who looks at nothing, and knows how long these roads are.
+    pub fn of_known(roads: &[Arc<Road>]) -> Self {
+        Self { roads: roads.into(), ..Self::default() }
+    }
+
     pub fn telemetry(&mut self, at: f64, mps: f64, steering_deg: f64) {
         self.impacts.speed(at, mps);
         let curvature = steering_deg.to_radians().tan() / WHEELBASE_M;
@@ -139,7 +146,9 @@ impl Blind {
                 None => {}
             }
         }
-        self.clock.note(at, self.way_m);
+        if self.matcher.is_some() {
+            self.clock.note(at, self.way_m);
+        }
         self.last = Some((at, mps, curvature));
     }
 
@@ -212,7 +221,29 @@ impl Blind {
         on.road.length_m * if on.place.progress_m > 0.0 { self.way_m / on.place.progress_m } else { 1.0 }
     }
 
-    fn find(&mut self) -> Found {
+    /// The roads that are known.
+    pub fn roads(&self) -> &[Arc<Road>] {
+        &self.roads
+    }
+
+    /// Nobody need find out anything: the world itself tells.
+    pub fn stand_down(&mut self) {
+        self.matcher = None;
+    }
+
+    /// Things kept of telemetries and pictures.
+    #[cfg(test)]
+    pub fn kept(&self) -> usize {
+        self.pictures.len() + self.clock.len()
+    }
+
+    /// Looks for the road and the laps, if anybody asks.
+    pub fn find(&mut self) -> Option<Found> {
+        self.matcher.as_ref()?;
+        Some(self.found())
+    }
+
+    fn found(&mut self) -> Found {
         self.pictures.extend(self.newest.take()); // a lap may end with the run
         let Some(on) = self.road().filter(|on| self.is_anchored || self.comes_around(on)) else {
             let seen = laps(&self.looks(|_| true));
@@ -256,15 +287,14 @@ impl Blind {
         }
     }
 
-    /// Fills in what the run itself does not tell, if anybody asks.
-    pub fn fill(mut self, figures: &mut Figures, drive: &Driven) -> Option<Besides> {
+    /// Fills in what the run itself does not tell; where it `tells` something its reasons stay.
+    pub fn fill(self, found: Found, figures: &mut Figures, drive: &Driven, tells: bool) -> Besides {
         use Figure as F;
-        self.matcher.as_ref()?; // nobody asked
-        let found = self.find();
         match (found.way, found.laps) {
             (Some((.., from)), Some(laps)) => {
-                figures.set(F::Laps, estimate(laps.into(), if found.laps_unsure { 1.0 } else { 0.0 }, from));
+                figures.suggest(F::Laps, estimate(laps.into(), if found.laps_unsure { 1.0 } else { 0.0 }, from));
             }
+            _ if tells => {}
             _ => figures.told(F::Laps, None, NO_LAP),
         }
         // Who drove all laps for certain has, wherever the car went then.
@@ -277,8 +307,9 @@ impl Blind {
                 let reached = (progress_m / length_m * waypoints).floor() / waypoints;
                 let share = reached.max(found.laps.unwrap_or(0).into()) / asked;
                 let unsure = if is_whole { 0.0 } else { (near_m / length_m + 1.0 / waypoints) / asked };
-                figures.set(F::Completion, estimate(share.min(1.0), unsure, from));
+                figures.suggest(F::Completion, estimate(share.min(1.0), unsure, from));
             }
+            _ if tells => {}
             _ => figures.told(F::Completion, None, UNKNOWN_ROAD),
         }
         self.infractions(figures, drive, is_whole);
@@ -287,31 +318,32 @@ impl Blind {
         let longest_s = lap_times_s.iter().copied().reduce(f64::max);
         let off_m = off_m.into_iter().fold(0.0, f64::max);
         let lap_times_off_s = longest_s.zip(found.way).map(|(time_s, (length_m, ..))| time_s * off_m / length_m);
-        Some(Besides { track: found.track, lap_times_s, lap_times_off_s, whereabouts: found.whereabouts })
+        Besides { track: found.track, lap_times_s, lap_times_off_s, whereabouts: found.whereabouts }
     }
 
     /// What went wrong, and what follows from it.
     fn infractions(&self, figures: &mut Figures, drive: &Driven, is_whole: bool) {
         use Figure as F;
-        let Driven { distance, time_s, human_s, by_pilot } = *drive;
+        let Driven { distance, began_s, time_s, human_s, by_pilot } = *drive;
         let struck = self.impacts.collisions.len() as f64;
         // Where none was found, one may have been missed.
         let off = (IN_TEN * struck).ceil().max(1.0);
-        figures.set(F::Collisions, estimate(struck, off, SPEEDS));
+        figures.suggest(F::Collisions, estimate(struck, off, SPEEDS));
         if let Some(way) = distance.value().filter(|way| *way > 0.0) {
-            figures.set(F::CollisionsPerKm, estimate(struck / way * 1000.0, off / way * 1000.0, SPEEDS));
+            figures.suggest(F::CollisionsPerKm, estimate(struck / way * 1000.0, off / way * 1000.0, SPEEDS));
         }
-        figures.set(F::Stuck, estimate(self.impacts.stuck.len() as f64, 1.0, "speed under throttle"));
+        figures.suggest(F::Stuck, estimate(self.impacts.stuck.len() as f64, 1.0, "speed under throttle"));
         let suspected = self.impacts.times();
         let first = suspected.iter().chain(&self.takeovers).copied().reduce(f64::min);
-        let first_s = self.impacts.first_s.unwrap_or_default();
-        figures.set(F::SurvivalS, estimate(first.map_or(time_s, |at| at - first_s), 1.0, INFRACTIONS));
+        figures.suggest(F::SurvivalS, estimate(first.map_or(time_s, |at| (at - began_s).max(0.0)), 1.0, INFRACTIONS));
         let way_m = first.map_or(self.way_m, |at| self.clock.way_m(at));
-        figures.set(F::SurvivalM, distance.map(|_| way_m, 1.0));
+        figures.suggest(F::SurvivalM, distance.map(|_| way_m, 1.0));
         if !is_whole || !by_pilot || time_s <= 0.0 {
             let why = if by_pilot { NOT_AROUND } else { NO_PILOT };
             for figure in [F::Interventions, F::Autonomy, F::AutonomyMeasured] {
-                figures.told(figure, None, why);
+                if figures.get(figure).value().is_none() {
+                    figures.told(figure, None, why);
+                }
             }
             return;
         }
@@ -326,9 +358,9 @@ impl Blind {
         let (takeovers, own) = (self.takeovers.len() as u32, own.len() as u32);
         let (counted, measured) = autonomies(time_s, takeovers, human_s, own);
         let one = (INTERVENTION_S / time_s).min(1.0);
-        figures.set(F::Interventions, estimate(own.into(), 1.0, SPEEDS));
-        figures.set(F::Autonomy, estimate(counted, one, INFRACTIONS));
-        figures.set(F::AutonomyMeasured, estimate(measured, one, INFRACTIONS));
+        figures.suggest(F::Interventions, estimate(own.into(), 1.0, SPEEDS));
+        figures.suggest(F::Autonomy, estimate(counted, one, INFRACTIONS));
+        figures.suggest(F::AutonomyMeasured, estimate(measured, one, INFRACTIONS));
     }
 }
 

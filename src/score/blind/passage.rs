@@ -15,6 +15,11 @@ impl Clock {
         self.0.push((at, way_m));
     }
 
+    #[cfg(test)]
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
     /// How far it had driven then, in metres.
     pub fn way_m(&self, at: f64) -> f64 {
         self.0[..self.0.partition_point(|(then, _)| *then <= at)].last().map_or(0.0, |(_, way_m)| *way_m)

@@ -1,7 +1,7 @@
 use super::*;
 use crate::units::{Steering, Throttle};
 
-const SCENARIO: Known = Known { time_s: 60.0, judged: true, scenario: true };
+const SCENARIO: Known = Known { time_s: 60.0, judged: true, counted: false, scenario: true };
 
 /// A telemetry: when, how fast, and the time to collision told.
 fn told(braking: &mut Braking, at_s: f64, mph: f64, until_s: f64) {
@@ -106,7 +106,7 @@ fn what_a_run_does_not_tell_is_not_measurable_and_says_why() {
     told(&mut live, 0.0, 30.0, 3.0);
     told(&mut live, 5.0, 0.0, 60.0);
     let unknown = Unknown(NO_JUDGE);
-    let known = Known { time_s: 0.0, judged: false, scenario: false };
+    let known = Known { time_s: 0.0, judged: false, counted: false, scenario: false };
     assert_eq!(told_so(live, known), [unknown, unknown, unknown, Told(3.0), Unknown(NO_TIME)]);
 }
 

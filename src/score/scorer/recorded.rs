@@ -1,6 +1,6 @@
 //! What a drive along a recording cannot tell: there is a path to keep to, and nothing else.
 
-use super::{Figure, Figures};
+use crate::score::{Figure, card::Figures};
 
 const NO_LAPS: &str = "a recording has no laps";
 const NO_OBSTACLES: &str = "a recording has no obstacles to hit";
