@@ -40,7 +40,7 @@ def main():
     least = min(r["telemetries"] for r in results)
     troubles = sum(r["stalls"] + len(r["deaths"]) + r["lost_tokens"] for r in results)
     lost = sum(s["run"]["not_recorded"] for s in bridge.summaries)
-    p99 = max(s["latency_p99_ms"] for s in bridge.summaries)
+    p99 = max(s["latency_ms"]["answer"]["p99"] for s in bridge.summaries)
     print(f"{a.simulators} simulators: {least} of {count} telemetries at least, {troubles} troubles, {lost} items not recorded, "
           f"bridge p99 {p99:.2f} ms; memory {second:.1f} MiB in the second tenth, {last:.1f} MiB in the last")
     return 0 if least == count and not troubles and not lost and last <= 1.05 * second else 1

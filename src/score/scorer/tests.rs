@@ -473,3 +473,30 @@ fn a_live_scorer_keeps_nothing_of_a_telemetry() {
     assert!(card.value(Figure::SteeringRate).is_some() && card.value(Figure::MeanCte).is_some(), "{card}");
     assert!(card.words(Figure::Comfort).contains("lapwing score tells it"), "{card}");
 }
+
+#[test]
+fn a_fork_that_tells_counts_and_offsets_tells_how_long_the_car_was_off_the_road_and_that_it_was_put_back() {
+    let mut scorer = Scorer::on(&[], Some(1));
+    // Out for a second and back by itself; out again, and put on the next waypoint a second later.
+    for i in 0..=100 {
+        let (out, cte, waypoint, mph) = match i {
+            0..=29 => (0, 0.1, 1, 20.0),
+            30..=39 => (1, 4.0, 1, 20.0),
+            40..=69 => (1, 0.5, 2, 20.0),
+            70..=79 => (2, -5.0, 2, 20.0),
+            _ => (2, 0.0, 3, 0.0),
+        };
+        let truth = Truth { out_of_bounds: Some(out), crashes: Some(0), ..told(mph, cte, 0, waypoint).truth };
+        scorer.telemetry(at(f64::from(i) / 10.0), &Telemetry { truth, ..stock(mph) });
+        scorer.command(&CommandRecord { by: By::Pilot, ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) });
+    }
+    let card = scorer.finish();
+    let counts = [Figure::OffRoads, Figure::Resets, Figure::Interventions, Figure::Episodes];
+    assert_eq!(counts.map(|figure| card.value(figure)), [2.0, 1.0, 1.0, 2.0].map(Some), "{card}");
+    let Measure::Estimate { value, uncertainty, .. } = card.get(Figure::OffRoadS) else { panic!("{card}") };
+    assert!((value - 2.0).abs() <= uncertainty && uncertainty < 0.5, "{card}");
+    assert!(
+        matches!(card.get(Figure::Autonomy), Measure::Estimate { value, .. } if (value - 0.4).abs() < 1e-9),
+        "{card}"
+    );
+}
