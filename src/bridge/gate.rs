@@ -6,12 +6,13 @@
 //! not. So a WebSocket of an unknown user agent is opened here and listened to
 //! for a moment. If it keeps still, socketioxide gets it after all: its server
 //! reads the same request head again from the same connection, and the second
-//! `101` is kept from the client, who has had one.
+//! `101` is kept from the client, who has had one. All WebSockets of ordinary
+//! clients go that way, so that what they send is watched before it is unpacked.
 
 use std::{
+    future::poll_fn,
     io,
-    net::SocketAddr,
-    pin::Pin,
+    pin::{Pin, pin},
     sync::Arc,
     task::{Context, Poll},
     time::{Duration, Instant},
@@ -19,32 +20,42 @@ use std::{
 
 use axum::{
     Extension, Router,
-    body::Body,
-    extract::{ConnectInfo, Request, State},
-    http::{HeaderValue, StatusCode, Version, header},
+    body::{Body, HttpBody},
+    extract::{Request, State},
+    http::{HeaderValue, Method, StatusCode, Version, header},
     response::{IntoResponse, Response},
 };
 use bytes::{Buf, Bytes, BytesMut};
 use hyper_util::{rt::TokioIo, service::TowerToHyperService};
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
+use tokio::{
+    io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf},
+    task::block_in_place,
+};
 use tokio_tungstenite::{
     WebSocketStream,
     tungstenite::{
         handshake::derive_accept_key,
-        protocol::{Role, WebSocketConfig},
+        protocol::{Role as End, WebSocketConfig},
     },
 };
 use tower::ServiceExt;
 
-use super::{Bridge, clients, listener::Peer, simulator, throttled::held_back};
+use super::{
+    Bridge, clients,
+    frames::Watched,
+    guests::{Peer, Role},
+    load::{Abuse, Counted},
+    simulator,
+    throttled::held_back,
+};
 
 /// How long an unknown WebSocket is listened to. A simulator speaks within a
 /// game frame or two; an ordinary client that dials without polling first
 /// starts this much later.
 const LISTEN: Duration = Duration::from_millis(250);
 
-/// The largest message taken from a simulator. A telemetry is about 21 KB.
-pub(super) const MAX_MESSAGE: usize = 64 << 20;
+/// Bytes of a simulator's WebSocket that are unpacked before others have their turn.
+const READ: usize = 16 << 10;
 
 #[derive(Clone)]
 struct Gate {
@@ -58,43 +69,92 @@ pub(super) fn service(bridge: Arc<Bridge>) -> Router {
     Router::new().fallback(enter).with_state(Gate { bridge, clients })
 }
 
-async fn enter(State(gate): State<Gate>, ConnectInfo(Peer(peer)): ConnectInfo<Peer>, request: Request) -> Response {
+async fn enter(State(gate): State<Gate>, Extension(peer): Extension<Peer>, request: Request) -> Response {
     match Caller::of(&request) {
         Caller::Simulator => open(request, move |socket| async move {
-            simulator::run(websocket(socket, BytesMut::new()).await, gate.bridge, peer).await;
+            peer.is(Role::Simulator);
+            let socket = Watched::new(socket, Bytes::new(), gate.bridge.clone(), peer.address);
+            simulator::run(websocket(socket, &gate.bridge).await, gate.bridge, peer.address).await;
         }),
         Caller::Unknown => {
             let head = head(&request);
             open(request, move |socket| listen(socket, head, gate, peer))
         }
-        Caller::Client => match gate.clients.oneshot(request).await {
-            Ok(response) => response,
-            Err(infallible) => match infallible {},
-        },
+        Caller::Client => {
+            let head = head(&request);
+            open(request, move |socket| pass_on(socket, head, Bytes::new(), gate, peer))
+        }
+        Caller::Http => http(request, gate, &peer).await,
     }
+}
+
+/// A request that wants no WebSocket: a client that polls, or somebody who has lost his way.
+async fn http(request: Request, gate: Gate, peer: &Peer) -> Response {
+    peer.is(Role::Http);
+    let limits = &gate.bridge.settings.bridge.limits;
+    let announced = request.body().size_hint().lower();
+    if announced > limits.message() as u64 {
+        let why = Abuse::TooLarge { most: limits.message(), got: announced };
+        return refuse(&gate.bridge, peer, StatusCode::PAYLOAD_TOO_LARGE, &why.to_string());
+    }
+    let opens = request.uri().path().starts_with("/socket.io")
+        && request.method() == Method::GET
+        && !query(&request).any(|part| part.starts_with("sid="));
+    if opens && !gate.bridge.guests.may_poll(Instant::now()) {
+        let why = format!("{} sessions were opened in 20 s (bridge.limits.connections)", limits.connections);
+        return refuse(&gate.bridge, peer, StatusCode::SERVICE_UNAVAILABLE, &why);
+    }
+    let posts = request.method() == Method::POST;
+    let load = gate.bridge.in_flight.load(peer.address);
+    let request = request.map(|body| Body::new(Counted::new(body, load, limits)));
+    let mut answer = pin!(gate.clients.oneshot(request));
+    // A body may hold thousands of messages, which are all dealt with in one go.
+    let answer =
+        poll_fn(|cx| if posts { block_in_place(|| answer.as_mut().poll(cx)) } else { answer.as_mut().poll(cx) });
+    match answer.await {
+        Ok(response) => response,
+        Err(infallible) => match infallible {},
+    }
+}
+
+fn refuse(bridge: &Bridge, peer: &Peer, status: StatusCode, why: &str) -> Response {
+    if let Some(held) = bridge.dropped.due(Instant::now()) {
+        tracing::warn!("{} is turned away: {why}{}", peer.address, held_back(held));
+    }
+    (status, [(header::CONNECTION, "close")], format!("{why}\n")).into_response()
 }
 
 enum Caller {
     Simulator,
+    /// A WebSocket of whom it is not known yet.
     Unknown,
+    /// An ordinary client's WebSocket.
     Client,
+    /// No WebSocket.
+    Http,
 }
 
 impl Caller {
     fn of(request: &Request) -> Self {
         let header = |name| request.headers().get(name).and_then(|v| v.to_str().ok()).unwrap_or("");
-        let query: Vec<&str> = request.uri().query().unwrap_or("").split('&').collect();
         let dials = request.uri().path().starts_with("/socket.io")
             && header(header::UPGRADE).eq_ignore_ascii_case("websocket")
-            && request.headers().contains_key(header::SEC_WEBSOCKET_KEY)
-            && !query.iter().any(|q| q.starts_with("sid="));
+            && request.headers().contains_key(header::SEC_WEBSOCKET_KEY);
         match () {
-            () if !dials => Self::Client,
+            () if !dials => Self::Http,
+            // Polling has begun this client's session: its WebSocket goes on with it.
+            () if query(request).any(|part| part.starts_with("sid=")) => Self::Client,
             () if header(header::USER_AGENT).starts_with("websocket-sharp/") => Self::Simulator,
-            () if query.contains(&"EIO=4") => Self::Unknown,
+            // No build of the simulator says where it is from.
+            () if request.headers().contains_key(header::ORIGIN) => Self::Client,
+            () if query(request).any(|part| part == "EIO=4") => Self::Unknown,
             () => Self::Client,
         }
     }
+}
+
+fn query(request: &Request) -> impl Iterator<Item = &str> {
+    request.uri().query().unwrap_or("").split('&')
 }
 
 /// Answers the WebSocket handshake, offering no extension: the simulator refuses them.
@@ -119,13 +179,17 @@ where
 
 type Socket = TokioIo<hyper::upgrade::Upgraded>;
 
-async fn websocket(socket: Socket, read: BytesMut) -> WebSocketStream<Socket> {
-    let config = WebSocketConfig::default().max_message_size(Some(MAX_MESSAGE)).max_frame_size(Some(MAX_MESSAGE));
-    WebSocketStream::from_partially_read(socket, read.to_vec(), Role::Server, Some(config)).await
+async fn websocket<S>(socket: Watched<S>, bridge: &Bridge) -> WebSocketStream<Watched<S>>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let most = Some(bridge.settings.bridge.limits.message());
+    let config = WebSocketConfig::default().read_buffer_size(READ).max_message_size(most).max_frame_size(most);
+    WebSocketStream::from_raw_socket(socket, End::Server, Some(config)).await
 }
 
 /// Waits for the first words of an unknown WebSocket and passes it on accordingly.
-async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: SocketAddr) {
+async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: Peer) {
     let mut read = BytesMut::with_capacity(4096);
     let first = tokio::time::timeout(LISTEN, async {
         loop {
@@ -143,24 +207,30 @@ async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: SocketAddr) {
     match first.await {
         Ok(First::Gone) => {}
         Ok(First::Talks) => {
+            peer.is(Role::Simulator);
             if let Some(held) = gate.bridge.strangers.due(Instant::now()) {
+                let peer = peer.address;
                 tracing::info!("{peer} talks before it is greeted: served as a simulator{}", held_back(held));
             }
-            simulator::run(websocket(socket, read).await, gate.bridge, peer).await;
+            let socket = Watched::new(socket, read.freeze(), gate.bridge.clone(), peer.address);
+            simulator::run(websocket(socket, &gate.bridge).await, gate.bridge, peer.address).await;
         }
-        Ok(First::Connect) | Err(_) => {
-            let mut incoming = BytesMut::from(&head[..]);
-            incoming.extend_from_slice(&read);
-            let socket = Replayed { incoming: incoming.freeze(), head: Vec::new(), head_is_over: false, socket };
-            let clients =
-                gate.clients.layer(Extension(ConnectInfo(Peer(peer)))).into_service::<hyper::body::Incoming>();
-            let server = hyper::server::conn::http1::Builder::new()
-                .serve_connection(TokioIo::new(socket), TowerToHyperService::new(clients))
-                .with_upgrades();
-            if let Err(error) = server.await {
-                tracing::debug!("{peer}: {error}");
-            }
-        }
+        Ok(First::Connect) | Err(_) => pass_on(socket, head, read.freeze(), gate, peer).await,
+    }
+}
+
+/// Hands a WebSocket that is open already to socketioxide; `read` is what it has said so far.
+async fn pass_on(socket: Socket, head: Bytes, read: Bytes, gate: Gate, peer: Peer) {
+    peer.is(Role::Client);
+    let address = peer.address;
+    let socket = Watched::new(socket, read, gate.bridge.clone(), address);
+    let socket = Replayed { incoming: head, head: Vec::new(), head_is_over: false, socket };
+    let clients = gate.clients.layer(Extension(peer)).into_service::<hyper::body::Incoming>();
+    let server = hyper::server::conn::http1::Builder::new()
+        .serve_connection(TokioIo::new(socket), TowerToHyperService::new(clients))
+        .with_upgrades();
+    if let Err(error) = server.await {
+        tracing::debug!("{address}: {error}");
     }
 }
 
@@ -206,7 +276,7 @@ struct Replayed {
     incoming: Bytes,
     head: Vec<u8>,
     head_is_over: bool,
-    socket: Socket,
+    socket: Watched<Socket>,
 }
 
 impl AsyncRead for Replayed {

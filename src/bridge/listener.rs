@@ -14,14 +14,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-use axum::{extract::connect_info::Connected, serve::IncomingStream};
 use socket2::SockRef;
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
     net::{TcpListener, TcpStream},
 };
 
-use super::throttled::{Throttled, held_back};
+use super::{
+    guests::Seat,
+    throttled::{Throttled, held_back},
+};
+
+/// Bytes that one connection is read of before others have their turn. A telemetry is 21 KB, which arrive in pieces.
+const TURN: usize = 16 << 10;
 
 /// A port that cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -71,17 +76,15 @@ impl Listener {
     }
 }
 
-impl axum::serve::Listener for Listener {
-    type Io = QuickAck;
-    type Addr = SocketAddr;
-
-    async fn accept(&mut self) -> (QuickAck, SocketAddr) {
+impl Listener {
+    /// The next who dials.
+    pub(super) async fn accept(&self) -> (QuickAck, SocketAddr) {
         loop {
             match self.inner.accept().await {
                 Ok((stream, peer)) => {
                     // Fails only on a socket that is closed already; the read will say so.
                     let _ = stream.set_nodelay(true);
-                    let stream = QuickAck(stream);
+                    let stream = QuickAck { stream, _seat: None, unbroken: 0 };
                     stream.arm();
                     return (stream, peer);
                 }
@@ -95,37 +98,43 @@ impl axum::serve::Listener for Listener {
             }
         }
     }
-
-    fn local_addr(&self) -> io::Result<SocketAddr> {
-        Ok(self.address)
-    }
 }
 
-/// Who dialled.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Peer(pub SocketAddr);
-
-impl Connected<IncomingStream<'_, Listener>> for Peer {
-    fn connect_info(stream: IncomingStream<'_, Listener>) -> Self {
-        Self(*stream.remote_addr())
-    }
+/// A TCP stream that acknowledges at once whatever it reads, and lets others have their turn.
+pub(super) struct QuickAck {
+    stream: TcpStream,
+    /// Its place among the connections, kept for as long as it lasts.
+    _seat: Option<Seat>,
+    /// Bytes read since there were none.
+    unbroken: usize,
 }
-
-/// A TCP stream that acknowledges at once whatever it reads.
-pub struct QuickAck(TcpStream);
 
 impl QuickAck {
+    pub fn seated(self, seat: Seat) -> Self {
+        Self { _seat: Some(seat), ..self }
+    }
+
     fn arm(&self) {
         #[cfg(target_os = "linux")]
-        let _ = SockRef::from(&self.0).set_tcp_quickack(true); // fails on a closed socket only
+        let _ = SockRef::from(&self.stream).set_tcp_quickack(true); // fails on a closed socket only
     }
 }
 
 impl AsyncRead for QuickAck {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        let result = Pin::new(&mut self.0).poll_read(cx, buf);
+        // Who reads what never ends would never let go of this thread.
+        if self.unbroken >= TURN {
+            self.unbroken = 0;
+            cx.waker().wake_by_ref();
+            return Poll::Pending;
+        }
+        let before = buf.filled().len();
+        let result = Pin::new(&mut self.stream).poll_read(cx, buf);
         if result.is_ready() {
+            self.unbroken += buf.filled().len() - before;
             self.arm();
+        } else {
+            self.unbroken = 0;
         }
         result
     }
@@ -133,15 +142,15 @@ impl AsyncRead for QuickAck {
 
 impl AsyncWrite for QuickAck {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.0).poll_write(cx, buf)
+        Pin::new(&mut self.stream).poll_write(cx, buf)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.0).poll_flush(cx)
+        Pin::new(&mut self.stream).poll_flush(cx)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.0).poll_shutdown(cx)
+        Pin::new(&mut self.stream).poll_shutdown(cx)
     }
 
     fn poll_write_vectored(
@@ -149,11 +158,11 @@ impl AsyncWrite for QuickAck {
         cx: &mut Context<'_>,
         bufs: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.0).poll_write_vectored(cx, bufs)
+        Pin::new(&mut self.stream).poll_write_vectored(cx, bufs)
     }
 
     fn is_write_vectored(&self) -> bool {
-        self.0.is_write_vectored()
+        self.stream.is_write_vectored()
     }
 }
 
@@ -199,18 +208,17 @@ mod tests {
     /// The option is no switch that stays: the kernel leaves it as soon as data flows both ways.
     #[tokio::test]
     async fn acknowledgements_are_quick_again_after_every_read() {
-        use axum::serve::Listener as _;
         use tokio::io::{AsyncReadExt, AsyncWriteExt};
-        let mut listener = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
+        let listener = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
         let mut client = TcpStream::connect(listener.address()).await.unwrap();
         let (mut server, _) = listener.accept().await;
         let mut left = 0;
         for _ in 0..50 {
             client.write_all(&[7; 500]).await.unwrap();
             server.read_exact(&mut [0; 500]).await.unwrap();
-            assert!(SockRef::from(&server.0).tcp_quickack().unwrap());
+            assert!(SockRef::from(&server.stream).tcp_quickack().unwrap());
             server.write_all(&[7; 100]).await.unwrap();
-            left += u32::from(!SockRef::from(&server.0).tcp_quickack().unwrap());
+            left += u32::from(!SockRef::from(&server.stream).tcp_quickack().unwrap());
             client.read_exact(&mut [0; 100]).await.unwrap();
         }
         assert!(left > 0, "this kernel does not leave the mode, so this test shows nothing");

@@ -2,18 +2,23 @@
 //! Socket.IO client.
 //!
 //! ```text
-//! Listener (TCP_QUICKACK) ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
-//!                                  └─▶ clients: socketioxide ────────────────┘       └────▶ Account: Recorder, Scorer
+//! Listener (TCP_QUICKACK) ─▶ door ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
+//!                                          └─▶ clients: socketioxide ────────────────┘       └────▶ Account: Recorder, Scorer
 //! ```
-//! `gate` tells simulators from other clients by what they say first. Each
+//! `guests` counts who is connected, `door` turns away pages of the web, `frames`
+//! and `load` watch what comes. `gate` tells simulators from other clients by what they say first. Each
 //! connection has a `Session` of its own: dialect, driver state, run.
 //! The weights are shared.
 
 mod account;
 mod clients;
+mod door;
+mod frames;
 mod gate;
+mod guests;
 mod listener;
 mod liveness;
+mod load;
 mod session;
 mod simulator;
 mod throttled;
@@ -21,12 +26,11 @@ mod tokens;
 mod waiting;
 
 pub use account::Summary;
-use listener::Peer;
 pub use listener::{BindError, Listener};
 
 use std::{
     collections::{HashMap, HashSet},
-    future::IntoFuture,
+    convert::Infallible,
     io,
     net::{IpAddr, SocketAddr},
     sync::{
@@ -39,9 +43,19 @@ use std::{
 use axum::{
     Router,
     extract::State,
+    http::Request,
+    middleware,
     routing::{get, post},
 };
+use guests::Guests;
+use hyper::{body::Incoming, server::conn::http1};
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    service::TowerToHyperService,
+};
+use load::InFlight;
 use tokio::sync::{Notify, watch};
+use tower::ServiceExt;
 
 use crate::{config::Settings, odometry::Road, pilot::Model, protocol::Dialect, words::count};
 
@@ -51,6 +65,9 @@ const NEWCOMERS: u64 = 64;
 /// How long connections may take to close their runs once the bridge stops.
 const CLOSING: Duration = Duration::from_secs(10);
 
+/// The largest head of a request, in bytes; a browser's is under 2 KiB.
+const HEAD: usize = 32 << 10;
+
 /// What is shared by all connections.
 pub struct Bridge {
     settings: Settings,
@@ -58,6 +75,8 @@ pub struct Bridge {
     roads: OnceLock<Vec<Arc<Road>>>,
     on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
     connections: Mutex<HashMap<u64, Connection>>,
+    guests: Arc<Guests>,
+    in_flight: Arc<InFlight>,
     next_id: AtomicU64,
     stop: watch::Sender<bool>,
     all_closed: Notify,
@@ -72,6 +91,10 @@ pub struct Bridge {
     clients: throttled::Throttled,
     /// Lines on connections that ended without a telemetry.
     wordless: throttled::Throttled,
+    /// Lines on requests that were turned away.
+    refused: throttled::Throttled,
+    /// Lines on connections that were dropped for what they sent.
+    dropped: throttled::Throttled,
 }
 
 /// What the bridge knows of a connection from outside of its task.
@@ -105,7 +128,10 @@ impl Bridge {
     /// A bridge without a model yet: until [`Bridge::model_is_ready`] cars are braked to a standstill.
     /// `on_summary` is called at the end of each run.
     pub fn new(settings: Settings, on_summary: impl Fn(&Summary) + Send + Sync + 'static) -> Arc<Self> {
+        let limits = &settings.bridge.limits;
         Arc::new(Self {
+            guests: Guests::new(limits.connections()),
+            in_flight: InFlight::new(limits),
             settings,
             model: OnceLock::new(),
             roads: OnceLock::new(),
@@ -119,6 +145,8 @@ impl Bridge {
             strangers: throttled::Throttled::default(),
             clients: throttled::Throttled::default(),
             wordless: throttled::Throttled::default(),
+            refused: throttled::Throttled::default(),
+            dropped: throttled::Throttled::default(),
         })
     }
 
@@ -206,15 +234,15 @@ pub async fn serve(
         .route("/", get(|| async { "Lapwing is here. Start the simulator in autonomous mode.\n" }))
         .route("/arm", post(arm))
         .with_state(bridge.clone())
-        .fallback_service(gate::service(bridge.clone()));
+        .fallback_service(gate::service(bridge.clone()))
+        .layer(middleware::from_fn_with_state((bridge.clone(), listener.address().ip()), door::ask));
     let stop = bridge.clone();
     let ended = async move {
         shutdown.await;
         stop.stop.send_replace(true);
     };
-    // Not axum's graceful shutdown: it would wait for idle keep-alive connections.
     tokio::select! {
-        served = axum::serve(listener, app.into_make_service_with_connect_info::<Peer>()).into_future() => served?,
+        never = accept(&listener, &app, &bridge) => match never {},
         () = ended => {}
     }
     let deadline = Instant::now() + CLOSING;
@@ -232,6 +260,28 @@ pub async fn serve(
             return Err(io::Error::new(io::ErrorKind::TimedOut, why));
         }
         let _ = tokio::time::timeout(Duration::from_millis(200), closed).await;
+    }
+}
+
+/// Takes in whoever dials.
+async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallible {
+    // Not axum's own loop: that waits for a request's head for ever, and for the next request, too.
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(bridge.settings.bridge.limits.patience()).max_buf_size(HEAD);
+    loop {
+        let (stream, address) = listener.accept().await;
+        let Some((seat, peer)) = bridge.guests.admit(address).await else { continue };
+        let service = app.clone().map_request(move |mut request: Request<Incoming>| {
+            request.extensions_mut().insert(peer.clone());
+            request
+        });
+        let connection =
+            http.serve_connection(TokioIo::new(stream.seated(seat)), TowerToHyperService::new(service)).with_upgrades();
+        tokio::spawn(async move {
+            if let Err(error) = connection.await {
+                tracing::debug!("{address}: {error}");
+            }
+        });
     }
 }
 

@@ -51,6 +51,7 @@ where
     let mut simulator = Simulator { socket, session, liveness, tokens, peer: peer.ip(), heard: false, held: None };
     let why = match simulator.play().await {
         Ok(why) => why.to_owned(),
+        Err(tungstenite::Error::Io(error)) => error.to_string(),
         Err(error) => error.to_string(),
     };
     if let Some((turn, _)) = simulator.held.take() {
@@ -85,6 +86,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
             self.send_text(format!("42{event}").into()).await?;
         }
         loop {
+            // A simulator that never pauses lets the others have their turn.
+            tokio::task::coop::consume_budget().await;
             let (when, due) = match &self.held {
                 Some((_, until)) => (*until, None),
                 None => {

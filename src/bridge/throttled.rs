@@ -9,12 +9,13 @@ use std::{
 const WINDOW: Duration = Duration::from_secs(10);
 
 /// Lets the first lines through and counts the others, until ten seconds after the first.
+#[derive(Debug)]
 pub(super) struct Throttled {
     most: u64,
     state: Mutex<State>,
 }
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct State {
     since: Option<Instant>,
     said: u64,

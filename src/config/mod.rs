@@ -4,25 +4,23 @@
 //! values are refused with the layer that holds them. The resolved whole goes
 //! into every run, so that a run says how it was driven.
 
+mod bridge;
 mod layers;
 mod simulator;
 
+pub use bridge::{Bridge, Limits};
 pub use layers::Layers;
 pub use simulator::{OnCrash, Rules, RulesError, Simulator};
 
 use std::{
     io,
-    net::{IpAddr, Ipv4Addr},
     path::PathBuf,
 };
 
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::{
-    units::{Mph, SpeedUnit},
-    words,
-};
+use crate::{units::Mph, words};
 
 /// The settings file looked for in the working directory.
 pub const FILE: &str = "lapwing.toml";
@@ -48,24 +46,6 @@ pub struct Settings {
     pub simulator: Simulator,
     /// What a run must reach.
     pub thresholds: Thresholds,
-}
-
-/// `[bridge]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Bridge {
-    /// Address to listen on. Default 127.0.0.1: this machine only.
-    pub bind: IpAddr,
-    /// Port to listen on. Default 4567, the only one that the simulator dials; 0 takes a free one.
-    pub port: u16,
-    /// What the simulator means by `speed`. Default `mph`; some `pos_x` forks send `m/s`.
-    pub speed_unit: SpeedUnit,
-    /// Silence after which a simulator is sent a command unasked, s. Default 1; more for one that draws slower.
-    pub kick_after_s: f64,
-    /// Events for each simulator as it connects, each `["name"]` or `["name",{…}]` in JSON. Default none.
-    /// udacity-gym waits for `["start_episode",{"track_name":…,"weather_name":…,"daytime_name":…}]`;
-    /// the stock build passes over events that it does not know.
-    pub greet: Vec<String>,
 }
 
 /// `[model]`
@@ -170,18 +150,6 @@ pub struct Thresholds {
     pub max_mean_cte: Option<f64>,
 }
 
-impl Default for Bridge {
-    fn default() -> Self {
-        Self {
-            bind: Ipv4Addr::LOCALHOST.into(),
-            port: 4567,
-            speed_unit: SpeedUnit::Mph,
-            kick_after_s: 1.0,
-            greet: vec![],
-        }
-    }
-}
-
 impl Default for Perception {
     fn default() -> Self {
         Self { max_pixels: 1920 * 1200 }
@@ -242,21 +210,7 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
             return Err(error(format!("control.{key}: expected a gain from 0 to 100, got {gain}")));
         }
     }
-    if !(0.1..=3600.0).contains(&settings.bridge.kick_after_s) {
-        let got = settings.bridge.kick_after_s;
-        return Err(error(format!("bridge.kick_after_s: expected 0.1 to 3600 seconds, got {got}")));
-    }
-    for event in &settings.bridge.greet {
-        // Anything else and the simulator's client dies of it.
-        use serde_json::Value::{Array, Object, String};
-        let is_event = serde_json::from_str(event).is_ok_and(|value| match value {
-            Array(parts) => matches!(parts.as_slice(), [String(_)] | [String(_), Object(_)]),
-            _ => false,
-        });
-        if !is_event {
-            return Err(error(format!(r#"bridge.greet: expected ["name"] or ["name",{{…}}] in JSON, got {event:?}"#)));
-        }
-    }
+    settings.bridge.check().map_err(error)?;
     let pixels = settings.perception.max_pixels;
     if !(1..=4096 * 4096).contains(&pixels) {
         return Err(error(format!("perception.max_pixels: expected 1 to 16777216 (4096x4096), got {pixels}")));
@@ -305,6 +259,14 @@ mod tests {
         assert!(error("bridge.port", 70000.into()).contains("70000"));
         let greeting = |text: &str| Value::Array(vec![text.into()]);
         assert!(error("bridge.greet", greeting(r#"["a",1]"#)).contains(r#"expected ["name"] or ["name",{…}] in JSON"#));
+        assert!(error("bridge.limits.connections", 0.into()).contains("expected 1 to 1024, got 0"));
+        assert!(error("bridge.limits.in_flight_mib", 6.into()).contains("two of the largest messages (8 MiB), got 6"));
+        let list = |text: &str| Value::Array(vec![text.into()]);
+        assert!(error("bridge.allow_origins", list("localhost:3000")).contains("expected scheme://host"));
+        assert!(
+            error("bridge.allow_origins", list("http://localhost:3000/")).contains("got \"http://localhost:3000/\"")
+        );
+        assert!(error("bridge.allow_hosts", list("car:4567")).contains("without a port"));
         assert!(error("control.takeover", "never".into()).contains("expected `resume` or `latch`"));
     }
 

@@ -115,7 +115,7 @@ async fn latched_the_pilot_stays_off_until_it_is_armed() {
 
 async fn post(running: &Running, path: &str) -> String {
     let mut stream = TcpStream::connect(running.address).await.unwrap();
-    let request = format!("POST {path} HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: 0\r\n\r\n");
+    let request = format!("POST {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: 0\r\n\r\n");
     stream.write_all(request.as_bytes()).await.unwrap();
     let mut response = String::new();
     stream.read_to_string(&mut response).await.unwrap();

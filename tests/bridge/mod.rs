@@ -5,5 +5,7 @@ mod clients;
 mod dialects;
 mod hands;
 mod liveness;
+mod pages;
+mod port;
 mod tokens;
 mod wire;

@@ -23,6 +23,7 @@ import checks_drives
 import checks_runs
 import checks_server
 import checks_simulate
+import rough
 from bridge import FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skipped
 
 # Name, check, whether it needs the shared folder, what it holds to.
@@ -43,6 +44,7 @@ CHECKS = [
     ("unknown-agent", checks_server.unknown_agent, False, "a build that talks first is a simulator"),
     ("busy-port", checks_server.busy_port, False, "a taken port names who holds it"),
     ("redial-storm", checks_server.redial_storm, False, "2000 dials, few log lines"),
+    ("rough", rough.rough, False, "a good simulator beside everybody who treats the port badly"),
     ("python-socketio", checks_clients.python_socketio, False, "python-socketio 5 and 4"),
     ("socket.io-client", checks_clients.js_socketio, False, "socket.io-client 4 and 2"),
 ]
