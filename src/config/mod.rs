@@ -12,10 +12,7 @@ pub use bridge::{Bridge, Limits};
 pub use layers::Layers;
 pub use simulator::{OnCrash, Rules, RulesError, Simulator};
 
-use std::{
-    io,
-    path::PathBuf,
-};
+use std::{io, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 use toml::Table;
