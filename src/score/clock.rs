@@ -2,20 +2,25 @@
 //!
 //! In lock-step a world runs as fast as it is answered, so that the stamps of a recording say how long a drive took to
 //! compute; how long the car drove is what `sim_time` says. Builds of the SelfOracle family tell it in whole seconds: there
-//! each change of the second is an anchor, and between two of them the stamps tell, at the pace known so far.
+//! the stamps tell, at the pace known so far, and within the second that is told.
 
 /// What is no time of a run, in seconds: three years.
 const LONGEST_S: f64 = 1e8;
 /// Within such a pace, in seconds of the run for each second of the stamps, both clocks are taken for the same.
 const REAL_TIME: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 
+/// A second that has just begun is told up to so much later, in seconds: with the next telemetry, and that may come late.
+const BEHIND_S: f64 = 0.25;
+
 /// From stamps to the time of the run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Clock {
     /// The stamps are the world's own time.
     is_world: bool,
-    /// Where the pace is counted from, and the last telemetry that told the time.
+    /// From where to where the pace is counted: telemetries that told another time than the one before.
     first: Option<Told>,
+    changed: Option<Told>,
+    /// The last telemetry that told the time.
     last: Option<Told>,
     /// Seconds of the run less those that the simulator tells.
     offset_s: f64,
@@ -50,17 +55,20 @@ impl Clock {
         let (step_s, by_stamps) = (sim_s - last.sim_s, self.at(stamp_s).max(last.run_s));
         let is_whole = sim_s.fract() == 0.0 && last.sim_s.fract() == 0.0;
         self.is_coarse = is_whole && (self.is_coarse || step_s == 0.0);
-        let exact = (sim_s + self.offset_s).max(last.run_s);
+        let exact = sim_s + self.offset_s;
         let anew = step_s < 0.0 || (self.is_coarse && step_s > 0.0 && !self.has_ticked);
-        let run_s = match step_s {
+        let run_s = match () {
             // Loaded anew, or the first second that ends: nobody knows when it began.
-            _ if anew => by_stamps,
-            0.0 if self.is_coarse => by_stamps.min(sim_s + 1.0 + self.offset_s).max(last.run_s),
-            _ => exact,
+            () if anew => by_stamps,
+            () if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
+            () => exact.max(last.run_s),
         };
         let told = Told { stamp_s, sim_s, run_s };
         if anew {
             (self.offset_s, self.first, self.has_ticked) = (run_s - sim_s, Some(told), step_s > 0.0);
+        }
+        if step_s != 0.0 {
+            self.changed = Some(told);
         }
         self.last = Some(told);
         run_s
@@ -78,14 +86,15 @@ impl Clock {
 
     /// Whether stamps tell the time, too, where the simulator says nothing.
     pub fn is_real_time(&self) -> bool {
-        REAL_TIME.contains(&self.pace())
+        self.pace() == 1.0
     }
 
-    /// Seconds of the run for each second of the stamps.
+    /// Seconds of the run for each second of the stamps; just 1 where both clocks are the same.
     fn pace(&self) -> f64 {
-        let Some((first, last)) = self.first.zip(self.last) else { return 1.0 };
+        let Some((first, last)) = self.first.zip(self.changed) else { return 1.0 };
         let (sim_s, stamps_s) = (last.sim_s - first.sim_s, last.stamp_s - first.stamp_s);
-        if sim_s > 0.0 && stamps_s > 0.0 { sim_s / stamps_s } else { 1.0 }
+        let pace = if sim_s > 0.0 && stamps_s > 0.0 { sim_s / stamps_s } else { 1.0 };
+        if REAL_TIME.contains(&pace) { 1.0 } else { pace }
     }
 }
 
@@ -110,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_seconds_are_anchors_and_stamps_tell_between_them() {
+    fn whole_seconds_say_how_fast_stamps_tell_the_time() {
         // A build that has played for 7.4 s, at its own pace and three times as fast.
         for pace in [1.0, 3.0] {
             let told = (0..900).map(|i| (f64::from(i) / 15.0 / pace, (7.4 + f64::from(i) / 15.0).floor()));

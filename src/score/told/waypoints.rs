@@ -111,12 +111,13 @@ impl Waypoints {
         let off_count = if is_counted { 0.5 } else { (LENGTH_OFF * count).max(0.5) };
         let is_last = (f64::from(last) + 1.0 - count).abs() <= off_count;
         let share = (f64::from(last) - f64::from(first)) / count;
-        Some(Within {
-            share: share.min(1.0),
-            off: 1.0 / count + if is_counted { 0.0 } else { share.abs() * LENGTH_OFF },
-            is_counted,
-            is_done: is_last && self.is_at_line(),
-        })
+        let is_done = is_last && self.is_at_line();
+        let off = match self.stretch_m() {
+            Some(stretch_m) if is_done => (LEFT + 2.0 * self.step_m / stretch_m) / count,
+            _ if is_counted => 1.0 / count,
+            _ => 1.0 / count + share.abs() * LENGTH_OFF,
+        };
+        Some(Within { share: share.min(1.0), off, is_counted, is_done })
     }
 }
 
