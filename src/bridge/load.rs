@@ -252,7 +252,7 @@ mod tests {
         let refused = greedy.iter_mut().filter_map(|load| load.hold(4 * MIB).err()).next_back().unwrap();
         let words = refused.to_string();
         assert!(
-            words.contains("32 MiB") && words.contains("127.0.0.1:5000 3.8 MiB") && words.contains("3 more"),
+            words.contains("32 MiB") && words.contains("127.0.0.1:5001 3.8 MiB") && words.contains("3 more"),
             "{words}"
         );
         let mut good = room.load(peer(6000));
@@ -278,7 +278,8 @@ mod tests {
         }
         assert!((15 * MIB..=16 * MIB).contains(&total), "{total}");
         loads.clear();
-        assert_eq!((room.lock().bytes, room.lock().by.len()), (0, 0));
+        let drawn = room.lock();
+        assert_eq!((drawn.bytes, drawn.by.len()), (0, 0));
     }
 
     #[tokio::test]
