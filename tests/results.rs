@@ -180,12 +180,15 @@ fn a_file_that_cannot_be_written_is_1_and_the_printed_result_is_not_lost_with_it
         ("score {run} --html {desk}/full.xml", "completion"),
         ("suite {desk}/suite.toml --out {desk}/part --html {desk}/full.xml", "expert"),
         ("merge {desk}/part --out {new} --html {desk}/full.xml", "expert"),
-        ("drive --track {desk}/ring.toml --pilot expert --max-time 1 --no-recording --map {desk}/full.svg", ""),
+        (
+            "drive --track {desk}/ring.toml --pilot expert --max-time 1 --no-recording --map {desk}/full.svg",
+            "completion",
+        ),
         ("simulate --track {desk}/ring.toml --max-time 1 --video {desk}/full.mp4", ""),
-        ("replay {desk}/data --write-golden {desk}/full.golden", ""),
-        ("evaluate {desk}/training/model.safetensors --data {desk}/data --before 8 --plot {desk}/full.svg", ""),
-        ("dataset inspect {desk}/data --sheet {desk}/full.png", ""),
-        ("dataset inspect {desk}/data --plot {desk}/full.svg", ""),
+        ("replay {desk}/data --write-golden {desk}/full.golden", "steering error"),
+        ("evaluate {desk}/training/model.safetensors --data {desk}/data --before 8 --plot {desk}/full.svg", "MAE"),
+        ("dataset inspect {desk}/data --sheet {desk}/full.png", "data set"),
+        ("dataset inspect {desk}/data --plot {desk}/full.svg", "data set"),
         ("dataset preview {desk}/data --out {desk}/full.png", ""),
     ] {
         let (code, out, err) = DESK.ran(arguments);

@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let report = recorder.and_then(super::close);
     let Drive { card, fingerprint, frames, bad_frames } =
         driven.map_err(|e| anyhow::anyhow!(e)).context(source.clone())?;
-    film.map(|film| film.film.finish()).transpose()?;
+    let filmed = film.map_or(Ok(()), |film| film.film.finish());
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
     let Sources { pictures, steering } = world.sources();
@@ -145,6 +145,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let printed = super::print(&result);
     let ended = thresholds::ended(&missed);
     super::whole(report)?;
+    filmed?;
     printed?;
     if replay::too_many_bad_frames(bad_frames, frames) && !arguments.allow_bad_frames {
         say!("{}", too_many_bad_frames(&arguments.source.display().to_string(), bad_frames, frames));

@@ -99,7 +99,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
     let Drive { card, fingerprint, frames, .. } = driven.map_err(|error| anyhow::anyhow!(error))?;
-    let made = pictures.finish(&simulation)?;
+    let (made, drawn) = pictures.finish(&simulation);
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
     let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
@@ -131,6 +131,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let printed = super::print(&result);
     let ended = thresholds::ended(&missed);
     super::whole(report)?;
+    drawn?;
     printed?;
     Ok(ended)
 }

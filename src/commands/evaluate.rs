@@ -84,10 +84,8 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
             lines.push(format!("{name:<32} {rows:>6}  {label:<12}  {:.4}  {:.4}  {r}", m.mse, m.mae));
         }
     }
-    if let Some(path) = &arguments.plot {
-        let sheet: Sheet = stack(&charts, 900, 420);
-        sheet.write(path)?;
-    }
+    // What cannot be drawn takes nothing else with it.
+    let plotted = arguments.plot.as_ref().map_or(Ok(()), |path| Sheet::write(&stack(&charts, 900, 420), path));
     if arguments.json {
         super::print(&serde_json::to_string_pretty(&json!({
             "model": arguments.model.as_deref().unwrap_or(Path::new("built in")), "sha256": model.sha256(), "held_out": blocks, "results": results,
@@ -96,6 +94,7 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         super::print(&format!("{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE"))?;
         lines.iter().try_for_each(|line| super::print(line))?;
     }
+    plotted?;
     Ok(Ended::Passed)
 }
 

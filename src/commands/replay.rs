@@ -16,7 +16,7 @@ use crate::{
     config::ConfigError,
     driver::Driver,
     nn::runtime,
-    replay::{self, Difference, Golden, MOST_BAD_FRAMES, Machine, Replay, Report},
+    replay::{self, Difference, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
     score::Scorecard,
     simulator::client::{self, ClientOptions},
     words::count,
@@ -89,10 +89,12 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let answers = replay.answers();
     let report = Report::new((source.clone(), driver.clone()), answers, replay.losses(), (&times, wall));
     let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
-    if let Some(path) = arguments.write_golden.as_ref().filter(|_| !too_many_bad) {
+    // What cannot be written takes nothing else with it.
+    let written = arguments.write_golden.as_ref().filter(|_| !too_many_bad).map_or(Ok(()), |path| {
         Golden::new(&source, &driver, answers, here.clone()).write(path)?;
         say!("written: {}", path.display());
-    }
+        Ok::<_, GoldenError>(())
+    });
     let comparison = golden.map(|golden| {
         let differences = golden.compare(answers, arguments.tolerance);
         Comparison {
@@ -121,6 +123,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
             say!("not written: {}", path.display());
         }
     }
+    written?;
     Ok(ended)
 }
 

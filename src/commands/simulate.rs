@@ -91,7 +91,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
 
 fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Settings) -> anyhow::Result<Ended> {
     live.listen();
-    let made = live.pictures.finish(&live.simulation)?;
+    let (made, drawn) = live.pictures.finish(&live.simulation);
     let card = live.judge.scorer.finish();
     let missed = score::missed(&settings.thresholds, &card);
     let seed = live.simulation.setup().seed;
@@ -107,6 +107,7 @@ fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Se
     };
     let printed = super::print(&result);
     let ended = thresholds::ended(&missed);
+    drawn?;
     printed?;
     Ok(ended)
 }
@@ -218,6 +219,9 @@ mod tests {
     fn a_human_who_takes_the_wheel_is_heard_of_and_costs_autonomy() {
         let card = judged(Some(Human { from_s: 10.0, for_s: 9.0, speed: Mph::constant(10.0) }));
         assert_eq!((card.value(Figure::Takeovers), card.value(Figure::HumanS)), (Some(1.0), Some(9.0)), "{card}");
+        let text = card.to_string();
+        assert!(text.contains("(1 takeover, 0 interventions)") && !text.contains("± 0 "), "{text}");
+        assert!(!text.contains("± 0.0"), "{text}");
         let time_s = card.value(Figure::TimeS).unwrap();
         let autonomies = [Figure::Autonomy, Figure::AutonomyMeasured].map(|figure| card.value(figure).unwrap());
         // Bojarski's 6 s, and as long as it was.

@@ -151,18 +151,23 @@ impl Pictures {
         Ok(())
     }
 
-    /// Ends the film and draws the map; says where they are.
-    pub(super) fn finish(mut self, world: &Simulation) -> anyhow::Result<Vec<(&'static str, PathBuf)>> {
+    /// Ends the film and draws the map; says where they are, and what could not be made.
+    pub(super) fn finish(mut self, world: &Simulation) -> (Vec<(&'static str, PathBuf)>, anyhow::Result<()>) {
         let mut made = vec![];
+        let mut result = Ok(());
         if let Some((film, ..)) = self.film.take() {
-            film.finish()?;
-            made.extend(self.video.map(|path| ("film", path)));
+            match film.finish() {
+                Ok(()) => made.extend(self.video.map(|path| ("film", path))),
+                Err(error) => result = Err(error.into()),
+            }
         }
         if let Some(path) = self.map {
-            map::draw(&world.setup().track, &self.line, &self.marks, &path, MAP)?;
-            made.push(("map", path));
+            match map::draw(&world.setup().track, &self.line, &self.marks, &path, MAP) {
+                Ok(()) => made.push(("map", path)),
+                Err(error) => result = result.and(Err(error.into())),
+            }
         }
-        Ok(made)
+        (made, result)
     }
 }
 

@@ -172,6 +172,26 @@ fn groups_are_over_seeds_and_the_table_has_a_line_for_each() {
 }
 
 #[test]
+fn a_small_mean_is_shown_the_same_in_table_and_page() {
+    let cell = |seed| Cell { seed, ..cells(SUITE).remove(0) };
+    let done = |seed, cte: f64, collisions: u32| {
+        let card = json!({"mean_cte_m": cte, "steering_mse": cte, "collisions": collisions, "time_s": 10.0});
+        Done::new(cell(seed), card, "ab".into(), 1.5)
+    };
+    let groups = groups(&[done(0, 0.000_512, 0), done(1, 0.000_514, 1)]);
+    let table = table(&groups);
+    assert!(table.contains("  0.000513 m ± 0.0000127 m  ") && table.contains("  0.5 [0, 6.85]  "), "{table}");
+    let page = render(&Outcome::new(groups, None, 0)).unwrap();
+    for words in [
+        r#""mean_cte_m":{"mean":"0.000513 m","interval":"± 0.0000127 m","least":"0.000512 m","most":"0.000514 m"}"#,
+        r#""collisions":{"mean":"0.5","interval":"[0, 6.85]","least":"0","most":"1"}"#,
+        r#""steering_mse":{"mean":"0.000513 lock2","#,
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+}
+
+#[test]
 fn a_single_drive_has_no_interval() {
     let groups = groups(&[done(&cells(SUITE)[0], 1.0)]);
     let over = groups[0].figures["completion"];

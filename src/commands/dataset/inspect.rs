@@ -23,19 +23,21 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
         let bar = Rows::new();
         inspections.push(dataset::inspect(source, &mut |done, total| bar.show(done, total))?);
     }
-    if let Some(path) = &arguments.sheet {
+    // What cannot be drawn takes nothing else with it.
+    let sheet = arguments.sheet.as_ref().map_or(Ok(()), |path| {
         dataset::contact_sheet(&inspections)?.write(path)?;
-    }
-    if let Some(path) = &arguments.plot {
-        dataset::steering_chart(&inspections).write(path)?;
-    }
+        anyhow::Ok(())
+    });
+    let plot = arguments.plot.as_ref().map_or(Ok(()), |path| dataset::steering_chart(&inspections).write(path));
     if arguments.json {
         print(&serde_json::to_string_pretty(&inspections)?)?;
     } else {
         print(&table(&inspections))?;
-        for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
-            say!("written: {}", picture.display());
-        }
+    }
+    sheet?;
+    plot?;
+    for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
+        say!("written: {}", picture.display());
     }
     let sound = inspections.iter().all(|i| i.problems.is_empty() && i.truncated.is_none());
     Ok(if sound { Ended::Passed } else { Ended::Failed })
