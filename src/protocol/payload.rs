@@ -74,10 +74,15 @@ impl<'a> Payload<'a> {
                 crashed: fields.number("crash").ok().map(|v| v != 0.0),
                 out_of_bounds: fields.count("tot_obes"),
                 crashes: fields.count("tot_crashes"),
-                brake: fields.number("brake").ok(),
+                brake: fields.number("brake").ok().filter(Truth::is_brake),
                 distance: fields.optional("distance"),
-                sim_time_s: fields.number("sim_time_us").map(|us| us / 1e6).or_else(|_| fields.number("sim_time")).ok(),
-                time_to_collision_s: fields.number("ttc").ok(),
+                sim_time_s: fields
+                    .number("sim_time_us")
+                    .map(|us| us / 1e6)
+                    .or_else(|_| fields.number("sim_time"))
+                    .ok()
+                    .filter(Truth::is_time),
+                time_to_collision_s: fields.number("ttc").ok().filter(Truth::is_time),
                 heading_error: fields.optional("ang_diff"),
                 position: position(),
                 hit: fields.text("hit").filter(|hit| hit != "none"),
@@ -451,6 +456,21 @@ mod tests {
         assert_eq!(bad("30.1903", "1e30"), "speed: expected a speed from -1000 to 1000 mph, got 1e30");
         assert_eq!(bad(r#""0.3000""#, "[]"), "throttle: expected a number or text, got another kind of JSON");
         assert_eq!(bad(r#""/9j/4AAQ""#, "7"), "image: expected a number or text, got another kind of JSON");
+    }
+
+    #[test]
+    fn truth_that_cannot_be_is_none_on_the_wire_and_an_error_in_a_run() {
+        let text = STOCK.replace("}]", r#","brake":"1.5","sim_time":"84e67","ttc":"-1.0","lapNumber":"1"}]"#);
+        let (_, telemetry) = known(&text);
+        assert_eq!(telemetry.truth, Truth { lap: Some(1), ..Truth::default() });
+        for (json, words) in [
+            (r#"{"brake":1.5}"#, "expected a brake from 0 to 1, got 1.5"),
+            (r#"{"sim_time_s":1e68}"#, "expected a time from 0 to 1e9 seconds, got 1"),
+            (r#"{"time_to_collision_s":-1}"#, "expected a time from 0 to 1e9 seconds, got -1"),
+        ] {
+            let error = serde_json::from_str::<Truth>(json).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]

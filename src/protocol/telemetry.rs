@@ -5,7 +5,7 @@ use std::fmt::{self, Write};
 
 use bytes::Bytes;
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error};
 
 use super::{
     Undrivable,
@@ -86,17 +86,17 @@ pub struct Truth {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub crashes: Option<u32>,
     /// Brake in effect, 0 to 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "a_brake")]
     pub brake: Option<f64>,
     /// Distance driven.
     #[serde(rename = "distance_m", skip_serializing_if = "Option::is_none")]
     pub distance: Option<Metres>,
-    /// The simulator's own time, in seconds.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// The simulator's own time, in seconds: 0 to [`Truth::LONGEST_S`].
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "a_time")]
     pub sim_time_s: Option<f64>,
     /// Time to collision with whatever else is on the road ahead, in seconds: 0 to [`Truth::CLEAR_S`], which is so long,
     /// or never. Worlds without a scenario do not tell it.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "a_time")]
     pub time_to_collision_s: Option<f64>,
     /// Angle between the car's heading and the road's.
     #[serde(rename = "heading_error_deg", skip_serializing_if = "Option::is_none")]
@@ -123,9 +123,41 @@ impl Truth {
     /// The longest time to collision that is told, in seconds.
     pub const CLEAR_S: f64 = 60.0;
 
+    /// The longest time that means anything, in seconds: thirty years, and exact to a tenth of a microsecond.
+    pub const LONGEST_S: f64 = 1e9;
+
+    /// Whether a number may be a time in seconds.
+    pub(super) fn is_time(s: &f64) -> bool {
+        (0.0..=Self::LONGEST_S).contains(s)
+    }
+
+    /// Whether a number may be a brake.
+    pub(super) fn is_brake(brake: &f64) -> bool {
+        (0.0..=1.0).contains(brake)
+    }
+
     /// Whether nothing was told beyond the stock build that is worth a record; the path never is.
     pub fn is_empty(&self) -> bool {
         *self == Self { path: self.path.clone(), ..Self::default() }
+    }
+}
+
+fn a_time<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    within(deserializer, Truth::is_time, "a time from 0 to 1e9 seconds")
+}
+
+fn a_brake<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    within(deserializer, Truth::is_brake, "a brake from 0 to 1")
+}
+
+fn within<'de, D: Deserializer<'de>>(
+    deserializer: D,
+    is_one: impl Fn(&f64) -> bool,
+    expected: &str,
+) -> Result<Option<f64>, D::Error> {
+    match Option::<f64>::deserialize(deserializer)? {
+        Some(got) if !is_one(&got) => Err(D::Error::custom(format_args!("expected {expected}, got {got}"))),
+        value => Ok(value),
     }
 }
 

@@ -188,19 +188,24 @@ pub fn is_run(path: &Path) -> bool {
 /// # Errors
 /// The system's; and where it is no file (a device or a pipe would be read forever), or one longer than [`MOST_PICTURE`].
 pub fn read_picture(path: &Path) -> io::Result<Bytes> {
+    read_file(path, "a picture", MOST_PICTURE as u64).map(Bytes::from)
+}
+
+/// The bytes of a file that is one, and of at most so many bytes.
+fn read_file(path: &Path, what: &str, most: u64) -> io::Result<Vec<u8>> {
     let wrong = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
     // Before it is opened: to open a pipe waits for its other end.
     let metadata = fs::metadata(path)?;
     if !metadata.is_file() {
         let got = if metadata.is_dir() { "a folder" } else { "a device or a pipe" };
-        return wrong(format!("expected a picture, got {got}"));
+        return wrong(format!("expected {what}, got {got}"));
     }
     let mut bytes = Vec::new();
-    File::open(path)?.take(MOST_PICTURE as u64 + 1).read_to_end(&mut bytes)?;
-    if bytes.len() > MOST_PICTURE {
-        return wrong(format!("expected a picture of at most {MOST_PICTURE} bytes, got {}", metadata.len()));
+    File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return wrong(format!("expected {what} of at most {most} bytes, got {}", metadata.len()));
     }
-    Ok(bytes.into())
+    Ok(bytes)
 }
 
 impl RecordingError {

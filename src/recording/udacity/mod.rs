@@ -39,7 +39,7 @@ use jiff::{
 
 use self::line::{Bad, Column, Layout};
 pub use self::writer::{DrivingLogWriter, Sample};
-use super::{CommandRecord, Item, RecordingError, RunHeader, read_picture};
+use super::{CommandRecord, Item, RecordingError, RunHeader, read_file, read_picture};
 use crate::{
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
@@ -50,6 +50,9 @@ pub const FALLBACK_INTERVAL: Duration = Duration::from_nanos(1_000_000_000 / 15)
 
 /// A longer time between two rows is two drives joined, or a pause.
 pub const LONGEST_INTERVAL: Duration = Duration::from_secs(10);
+
+/// The longest log that is read, in bytes: a week's driving.
+const MOST_LOG: u64 = 1 << 30;
 
 /// A driving log, read whole.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,7 +107,8 @@ impl DrivingLog {
             None if !path.exists() => return Err(none("nothing: no such file or folder")),
             None => path.to_owned(),
         };
-        let bytes = fs::read(&path).map_err(RecordingError::io("read the driving log", &path))?;
+        let bytes =
+            read_file(&path, "a driving log", MOST_LOG).map_err(RecordingError::io("read the driving log", &path))?;
         let beside = path.parent().unwrap_or(Path::new(""));
         let img = beside.join("IMG");
         let images = if img.is_dir() { &img } else { beside };
@@ -113,7 +117,7 @@ impl DrivingLog {
             path: path.clone(),
             line,
             field: bad.field,
-            expected: bad.expected,
+            expected: bad.expected.chars().take(200).collect(), // a header may name any number of columns
             got: bad.got.chars().take(120).collect(),
             help: bad.help,
         })?;
@@ -394,6 +398,21 @@ mod tests {
             rows(&joined.map(|n| format!("{n},,,0,0,0,1\n")).concat()).iter().map(|r| r.joined).collect();
         assert_eq!(joins, [false, true, false]);
         assert_eq!(at(["a_2020_13_01_00_00_00_000.jpg", "b.jpg", "c.jpg"])[2], FALLBACK_INTERVAL * 2);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_log_that_is_a_device_is_an_error_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("/dev/zero", dir.path().join("driving_log.csv")).unwrap();
+        let error = DrivingLog::open(dir.path()).unwrap_err().to_string();
+        assert!(error.ends_with(": expected a driving log, got a device or a pipe"), "{error}");
+    }
+
+    #[test]
+    fn an_error_is_short_however_many_columns_a_header_names() {
+        let header = format!("center,steering,throttle,brake,speed{}", ",x".repeat(10_000));
+        assert!(error(&format!("{header}\na.jpg,0,0,0\n")).len() < 600);
     }
 
     #[test]
