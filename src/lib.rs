@@ -42,6 +42,7 @@
 //! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader | `drawing`, `perception`, `protocol`, `recording`, `units` |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes | `dataset`, `nn`, `perception` |
 //! | [`bridge`] | the server: listener, simulator session, Socket.IO clients | `driver` and what it imports, `drive`, `odometry`, `recording`, `score` |
+//! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | nothing |
 //! | [`cli`], [`commands`] | clap types; one file a verb | all |
 //!
 //! Arrows never run upward; `tests/architecture.rs` holds the same table and
@@ -53,6 +54,7 @@
 // These panic where nobody reads any more; `commands::terminal` does not.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod allocator;
 pub mod bridge;
 #[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text
 pub mod cli;

@@ -2,7 +2,10 @@
 
 use std::process::ExitCode;
 
-use lapwing::{cli::Cli, commands, nn::runtime};
+use lapwing::{allocator::Allocator, cli::Cli, commands, nn::runtime};
+
+#[global_allocator]
+static ALLOCATOR: Allocator = Allocator;
 
 fn main() -> ExitCode {
     runtime::keep_tensor_memory();

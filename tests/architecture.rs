@@ -10,7 +10,8 @@ use std::{
 const UNDER_ALL: [&str; 2] = ["files", "words"];
 
 /// Module, and what it may import.
-const MAY_IMPORT: [(&str, &[&str]); 23] = [
+const MAY_IMPORT: [(&str, &[&str]); 24] = [
+    ("allocator", &[]),
     ("units", &[]),
     ("files", &[]),
     ("words", &[]),
