@@ -155,7 +155,7 @@ async fn a_run_at_the_walls_clock_is_judged_as_the_world_judges_it_in_every_dial
         if how == How::Finished {
             let (told, truth) = (&card.lap_times_s, &drive.truth.lap_times_s);
             assert_eq!(told.len(), 1, "{:?}: {card}", drive.case);
-            assert!((told[0] - truth[0]).abs() < 0.5, "{:?}: {told:?}, in truth {truth:?}", drive.case);
+            assert!((told[0] - truth[0]).abs() < 1.0, "{:?}: {told:?}, in truth {truth:?}", drive.case);
         }
         if unseen {
             let human_s = drive.truth.value(F::HumanS).unwrap();

@@ -91,7 +91,7 @@ pub(super) struct Found {
     pub way: Option<(f64, f64, f64, &'static str)>,
     pub laps: Option<u32>,
     /// Whether a lap more or less is possible.
-    pub laps_unsure: bool,
+    laps_unsure: bool,
     /// Metres driven when each lap ended, and how far off that may be; empty where it is not known of all.
     lap_ends_m: Vec<(f64, f64)>,
     /// When it was where along the track.

@@ -128,10 +128,10 @@ impl Scorer {
         let matched_m = found.and_then(|found| found.way).map(|(length_m, ..)| length_m);
         let known_m = || self.blind.roads().iter().map(|road| road.length_m).find(ends_lap);
         let within = waypoints.within(matched_m.or_else(known_m));
-        let is_seen = found.is_some_and(|found| found.laps == Some(laps as u32 + 1) && !found.laps_unsure);
+        let is_seen = found.is_some_and(|found| found.laps == Some(laps as u32 + 1));
         let may_end = !waypoints.are_told() || waypoints.is_at_line();
         let is_done = within.is_some_and(|within| within.is_done) || is_seen && may_end;
-        let is_open = self.is_live && within.is_none() && waypoints.is_at_line();
+        let is_open = self.is_live && within.is_none() && may_end;
         let measure = match () {
             () if is_done => Measure::Estimate { value: laps + 1.0, uncertainty: 1.0, from: LAST_LAP },
             () if is_open => Measure::Unknown(AT_LINE),
