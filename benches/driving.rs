@@ -20,6 +20,7 @@ use lapwing::{
 use tch::{Device, Kind, Tensor, nn::VarStore};
 
 mod lock_step;
+mod memory;
 mod networks;
 mod odometry;
 mod training;
@@ -28,6 +29,9 @@ mod world;
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
 
 fn main() {
+    if memory::child() {
+        return;
+    }
     runtime::keep_tensor_memory();
     divan::main();
 }

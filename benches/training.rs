@@ -36,7 +36,7 @@ fn folder(dir: &Path) {
     fs::write(dir.join("driving_log.csv"), log).unwrap();
 }
 
-fn trainer(dir: &Path, precision: &str) -> Trainer {
+pub(super) fn trainer(dir: &Path, precision: &str) -> Trainer {
     folder(dir);
     let precision = if precision == "bf16" { Precision::Bf16 } else { Precision::F32 };
     let recipe = Recipe {
