@@ -5,8 +5,8 @@
 
 It must miss no frame: each telemetry is answered before the next is due. The
 p99 of its round trips must stay under five times its own without abuse, which
-is measured before and after, the worse of the two counting. A p99 under 4 ms
-counts as 4 ms: a round trip takes 2, and on two busy cores a single wait for a
+is measured before and after, the worse of the two counting. A p99 under 6 ms
+counts as 6 ms: a round trip takes 2, and on two busy cores a single wait for a
 core takes longer than that. Once an abuse is over, the bridge's memory must
 return to within 50 MiB of what it was before the first.
 
@@ -19,6 +19,7 @@ import argparse
 import base64
 import json
 import os
+import shutil
 import socket
 import struct
 import subprocess
@@ -30,7 +31,7 @@ from wire import Wire
 
 FPS = 15
 SECONDS = 8  # of each abuse
-FLOOR_MS = 4.0  # a p99 below counts as this much
+FLOOR_MS = 6.0  # a p99 below counts as this much
 TIMES = 5
 MEMORY_MIB = 50
 MIB = 1 << 20
@@ -42,14 +43,15 @@ def good(port, seconds, jpeg):
     """Plays `seconds` in lock-step, as the stock build does; prints its account."""
     with open(jpeg, "rb") as file:
         image = base64.b64encode(file.read()).decode()
-    text = ('42["telemetry",{"steering_angle":"0.0000","throttle":"0.3000","speed":"8.0000","image":"%s"}]' % image).encode()
+    text = '42["telemetry",{"steering_angle":"0.0000","throttle":"0.3000","speed":"%.4f","image":"%s"}]'
     wire, times, late = Wire(port), [], 0
     wire.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 0)
     count, due = int(seconds * FPS), time.perf_counter()
-    for _ in range(count):
+    for i in range(count):
+        parts = fragments((text % (8 + i % 100 / 100, image)).encode(), 1016)
         time.sleep(max(0, due - time.perf_counter()))
         began = time.perf_counter()
-        for part in fragments(text, 1016):
+        for part in parts:
             wire.socket.sendall(part)
         equal("answer", wire.answer(5)[0], "steer")
         times.append((time.perf_counter() - began) * 1e3)
@@ -314,7 +316,10 @@ def rough(quick=False, only=None):
         if not only:
             for words in ("found no place: 64 connections are open", "silent", "is dropped: ", "was refused: "):
                 equal(f"the log says {words!r}", words in bridge.log, True)
-            within("lines of the log", len(bridge.log.splitlines()), 5, 150)
+            refusals = [line for line in bridge.log.splitlines()
+                        if any(words in line for words in ("found no place", "is dropped", "was refused", "turned away"))]
+            within("lines of the log on those who were refused", len(refusals), 4, 80)
+    shutil.rmtree(bridge.dir / "mcap", ignore_errors=True)  # some hundred megabytes of what was sent
     for name, result in {"nobody": alone, **results, "nobody again": again}.items():
         equal(f"frames missed beside {name}", result["missed"] + result["asked"] - result["frames"], 0)
     own = max(alone["p99_ms"], again["p99_ms"], FLOOR_MS)
