@@ -177,8 +177,8 @@ pub struct Thresholds {
 }
 
 impl Cli {
-    /// Of the program's arguments, its own name among them. They are text: what was no Unicode would stand in runs and
-    /// reports as something else.
+    /// Parses the program's arguments, of which the first is its own name. They must be Unicode: anything else would
+    /// appear altered in runs and reports.
     ///
     /// # Errors
     /// Clap's: wrong usage, or what was asked for with `--help` and `--version`.
@@ -243,7 +243,7 @@ pub struct Score {
 /// `lapwing suite`
 #[derive(Debug, Args)]
 pub struct Suite {
-    /// What is driven (.toml); the code of TorchScript models (.pt) that it names runs with --allow-torchscript only
+    /// What is driven (.toml); TorchScript models (.pt) that it names, which are code, need --allow-torchscript
     #[arg(value_name = "FILE")]
     pub suite: PathBuf,
     #[command(flatten)]
@@ -290,7 +290,7 @@ pub struct Simulate {
     /// Laps after which the run ends [default: 1, without a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
-    /// Dial this bridge, drive.py included; port 4567 where none is given. Without it the expert drives
+    /// Dial this bridge, drive.py included; the port is 4567 by default. Without this flag the expert drives
     #[arg(long, value_name = "HOST[:PORT]")]
     pub connect: Option<String>,
     /// Culture in which numbers are written and read
@@ -346,7 +346,7 @@ pub struct Train {
     /// Data to learn from: folders with driving_log.csv, or runs; DIR@2 is drawn twice as often
     #[arg(long, value_name = "DIR[@WEIGHT]", num_args = 1..)]
     pub data: Vec<String>,
-    /// A training, whole (.toml); the other flags change it
+    /// Recipe of a whole training (.toml); the other flags override its settings
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
     /// Data to measure by [default: one block of 50 rows in five, held out]
@@ -528,10 +528,10 @@ pub struct Driving {
     pub takeover: Option<Takeover>,
 }
 
-/// Whose models are trusted; shared by all verbs that may be told one by a file.
+/// Whose models are trusted; shared by all verbs for which a file may name a model.
 #[derive(Debug, Args)]
 pub struct Trust {
-    /// Run the code of a TorchScript model (.pt) even where a file names it that others may have written:
+    /// Run the code of a TorchScript model (.pt) even if it is named by a file that others may have written:
     /// lapwing.toml, --config, a suite
     #[arg(long)]
     pub allow_torchscript: bool,
@@ -603,7 +603,7 @@ pub struct Replay {
     /// Largest difference in steering and throttle that --golden forgives
     #[arg(long, default_value_t = 1e-3, value_parser = tolerance, allow_negative_numbers = true, requires = "golden")]
     pub tolerance: f64,
-    /// Do not fail where more than 1 % of the frames are bad: seen by no network, and in no figure
+    /// Do not fail if more than 1 % of the frames are bad (seen by no network, counted in no figure)
     #[arg(long)]
     pub allow_bad_frames: bool,
     /// Print the result as JSON
