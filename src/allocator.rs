@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     fn layout(size: usize) -> Layout {
-        Layout::from_size_align(size, 8).unwrap()
+        Layout::from_size_align(size, 8).expect("eight is a power of two")
     }
 
     #[test]

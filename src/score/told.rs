@@ -105,6 +105,10 @@ impl Told {
         let touches = truth.crashed.unwrap_or(false) || truth.hit.is_some();
         *count += u32::from(touches && !*touched);
         *touched = touches;
+        if truth.crashes.is_none() && truth.crashed.is_none() && touches {
+            // Builds that name what is hit say nothing until then: none before is no count that began earlier.
+            self.crashes.last.get_or_insert(0.0);
+        }
         // Where none is named, nobody knows whether they would be.
         let named = (*count > 0 || truth.crashed.is_some()).then_some(f64::from(*count));
         truth.crashes.map(f64::from).or(named)
@@ -153,5 +157,25 @@ impl Counter {
 
     pub(super) fn total(&self) -> Option<f64> {
         self.last.map(|_| self.total)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_thing_that_is_hit_counts_where_builds_only_name_what_is_hit() {
+        let mut told = Told::default();
+        let mut see = |second: u32, hit: Option<&str>| {
+            let at_s = f64::from(second);
+            let apart_s = (second > 0).then_some(1.0);
+            let now = Moment { at_s, apart_s, mps: 9.0, driven_m: 9.0 * at_s, is_beginning: second == 0 };
+            told.telemetry(&Truth { hit: hit.map(str::to_owned), ..Truth::default() }, now).crashes
+        };
+        let hits = [None, Some("block"), Some("block"), None, Some("tree")];
+        let crashes: Vec<_> = (0..).zip(hits).map(|(second, hit)| see(second, hit)).collect();
+        assert_eq!(crashes, [0, 1, 0, 0, 1]);
+        assert_eq!(told.crashes.total(), Some(2.0));
     }
 }

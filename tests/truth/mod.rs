@@ -130,10 +130,9 @@ async fn a_run_at_the_walls_clock_is_judged_as_the_world_judges_it_in_every_dial
         // When messages come is not when the wheel turned, least of all on a busy machine.
         let jitters = speaks != Speaks::SelfOracle;
         hold(&drive, &card, |figure| {
-            !(jitters && figure == F::SteeringRate)
-                && !(unseen
-                    && [F::Laps, F::Completion, F::DistanceM, F::MeanMph, F::MaxMph, F::MeanCte, F::SteeringRate]
-                        .contains(&figure))
+            let further = [F::Laps, F::Completion, F::DistanceM, F::MeanMph, F::MaxMph, F::MeanCte, F::SteeringRate];
+            let is_left_out = (jitters && figure == F::SteeringRate) || (unseen && further.contains(&figure));
+            !is_left_out
         });
         if !unseen {
             has(&drive, &card, &STOCK);
