@@ -54,6 +54,8 @@ def good(port, seconds, jpeg):
         for part in parts:
             wire.socket.sendall(part)
         equal("answer", wire.answer(5)[0], "steer")
+        if not times:
+            print("plays", flush=True)  # now the others may come
         times.append((time.perf_counter() - began) * 1e3)
         due += 1 / FPS
         late += time.perf_counter() > due
@@ -285,6 +287,7 @@ def resident_mib(pid):
 def beside(bridge, abuse, seconds):
     """The good simulator's account beside an abuse (or none), and the abuse's."""
     simulator = start("--good", bridge.port, seconds, jpeg_file())
+    simulator.stdout.readline()  # it plays, or has ended, which its account tells
     other = start("--abuse", abuse, bridge.port, seconds - 1, nice=19) if abuse else None
     try:
         result = account(simulator, f"the good simulator beside {abuse or 'nobody'}", seconds + 20)
