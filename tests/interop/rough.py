@@ -21,13 +21,12 @@ import json
 import os
 import shutil
 import socket
-import struct
 import subprocess
 import sys
 import time
 
-from bridge import ENVIRONMENT, HERE, RUNS, Bridge, Failed, equal, jpeg_file, wait_for, within
-from wire import Wire
+from bridge import ENVIRONMENT, HERE, RUNS, Bridge, Failed, equal, jpeg_file, resident_mb, wait_for, within
+from wire import Wire, fragments, frame
 
 FPS = 15
 SECONDS = 8  # of each abuse
@@ -48,7 +47,7 @@ def good(port, seconds, jpeg):
     wire.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 0)
     count, due = int(seconds * FPS), time.perf_counter()
     for i in range(count):
-        parts = fragments((text % (8 + i % 100 / 100, image)).encode(), 1016)
+        parts = fragments((text % (8 + i % 100 / 100, image)).encode())
         time.sleep(max(0, due - time.perf_counter()))
         began = time.perf_counter()
         for part in parts:
@@ -61,20 +60,6 @@ def good(port, seconds, jpeg):
         late += time.perf_counter() > due
     times.sort()
     return dict(frames=len(times), asked=count, missed=late, p50_ms=times[len(times) // 2], p99_ms=times[int(0.99 * len(times))])
-
-
-def frame(first, payload, mask=b"\1\2\3\4"):
-    n = len(payload)
-    length = bytes([0x80 | n]) if n < 126 else struct.pack(">BH", 0xFE, n) if n < 1 << 16 else struct.pack(">BQ", 0xFF, n)
-    pad = (mask * (n // 4 + 1))[:n]
-    body = (int.from_bytes(payload, "big") ^ int.from_bytes(pad, "big")).to_bytes(n, "big") if n else b""
-    return bytes([first]) + length + mask + body
-
-
-def fragments(text, size):
-    """A text message, each fragment by itself."""
-    parts = [text[i:i + size] for i in range(0, len(text), size)]
-    return [frame((i == 0) | (0x80 if i == len(parts) - 1 else 0), part) for i, part in enumerate(parts)]
 
 
 # -- those who treat it badly; each prints what it met with ---------------------
@@ -279,11 +264,6 @@ def account(process, what, seconds):
     return json.loads(out)
 
 
-def resident_mib(pid):
-    with open(f"/proc/{pid}/status") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1024
-
-
 def beside(bridge, abuse, seconds):
     """The good simulator's account beside an abuse (or none), and the abuse's."""
     simulator = start("--good", bridge.port, seconds, jpeg_file())
@@ -306,16 +286,16 @@ def rough(quick=False, only=None):
     with Bridge() as bridge:
         pid = bridge.process.pid
         alone, _ = beside(bridge, None, seconds)
-        memory = resident_mib(pid)
+        memory = resident_mb(pid)
         for name, _, judge in ABUSES:
             if only and name not in only:
                 continue
             results[name], seen = beside(bridge, name, 13 if name == "crowd" else seconds)
             judge(seen)
-            wait_for(f"memory after {name} within {MEMORY_MIB} MiB of the {memory:.0f} before (it is {resident_mib(pid):.0f})", 15,
-                     lambda: resident_mib(pid) < memory + MEMORY_MIB)
+            wait_for(f"memory after {name} within {MEMORY_MIB} MiB of the {memory:.0f} before (it is {resident_mb(pid):.0f})", 15,
+                     lambda: resident_mb(pid) < memory + MEMORY_MIB)
         again, _ = beside(bridge, None, seconds)
-        after = resident_mib(pid)
+        after = resident_mb(pid)
         if not only:
             for words in ("found no place: 64 connections are open", "silent", "is dropped: ", "was refused: "):
                 equal(f"the log says {words!r}", words in bridge.log, True)

@@ -13,7 +13,8 @@ import socket
 import struct
 import time
 
-FRAGMENT = 1016  # bytes of payload in one frame, websocket-sharp's FragmentLength
+from wire import fragments
+
 COMMAND = re.compile(r'42\["(?:manual",\{\}|steer",\{"steering_angle":"-?\d+(?:e-?\d+)?","throttle":"-?\d+(?:e-?\d+)?".*\})\]')
 
 
@@ -50,15 +51,9 @@ class Connection:
         self.buffer += data
 
     def send(self, text):
-        data = text.encode()
-        parts = [data[i:i + FRAGMENT] for i in range(0, len(data), FRAGMENT)]
         try:
-            for i, part in enumerate(parts):
-                n, mask = len(part), os.urandom(4)
-                head = bytes([(0x80 if i == len(parts) - 1 else 0) | (i == 0)])
-                head += bytes([0x80 | n]) if n < 126 else struct.pack(">BH", 0xFE, n)
-                pad = (mask * (n // 4 + 1))[:n]
-                self.socket.sendall(head + mask + (int.from_bytes(part, "big") ^ int.from_bytes(pad, "big")).to_bytes(n, "big"))
+            for part in fragments(text.encode()):
+                self.socket.sendall(part)
         except OSError as why:
             raise Gone(f"{type(why).__name__} while sending") from None
 

@@ -12,6 +12,21 @@ from bridge import Failed, equal
 TEXT, BINARY, CLOSE = 1, 2, 8
 
 
+def frame(first, payload, mask=b"\1\2\3\4"):
+    """A client's frame, masked; `first` is its first byte: the end of the message and the opcode."""
+    n = len(payload)
+    length = bytes([0x80 | n]) if n < 126 else struct.pack(">BH", 0xFE, n) if n < 1 << 16 else struct.pack(">BQ", 0xFF, n)
+    pad = (mask * (n // 4 + 1))[:n]
+    body = (int.from_bytes(payload, "big") ^ int.from_bytes(pad, "big")).to_bytes(n, "big") if n else b""
+    return bytes([first]) + length + mask + body
+
+
+def fragments(text, size=1016):
+    """A text message in pieces, each a frame by itself; by default as websocket-sharp cuts it."""
+    parts = [text[i:i + size] for i in range(0, len(text), size)]
+    return [frame((i == 0) | (0x80 if i == len(parts) - 1 else 0), part, os.urandom(4)) for i, part in enumerate(parts)]
+
+
 class Wire:
     """Dials, and sends and receives whole messages; `agent` is the User-Agent."""
 
@@ -37,11 +52,7 @@ class Wire:
 
     def send(self, data, opcode=TEXT):
         data = data.encode() if isinstance(data, str) else data
-        n, mask = len(data), os.urandom(4)
-        length = bytes([0x80 | n]) if n < 126 else struct.pack(">BH", 0xFE, n) if n < 1 << 16 else struct.pack(">BQ", 0xFF, n)
-        pad = (mask * (n // 4 + 1))[:n]
-        body = (int.from_bytes(data, "big") ^ int.from_bytes(pad, "big")).to_bytes(n, "big")
-        self.socket.sendall(bytes([0x80 | opcode]) + length + mask + body)
+        self.socket.sendall(frame(0x80 | opcode, data, os.urandom(4)))
 
     def receive(self, seconds):
         """The next text message; None where none comes in time."""
