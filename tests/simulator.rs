@@ -354,7 +354,7 @@ fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
     }
     assert_eq!(telemetries as u64, frames);
     assert!(matches!(&events[0], EventRecord::Course { track, laps: Some(1), .. } if track == "lake"), "{events:?}");
-    assert!(matches!(events.last(), Some(EventRecord::RunEnded { why }) if why == "its time is over"), "{events:?}");
+    assert!(matches!(events.last(), Some(EventRecord::RunEnded { why }) if why == "time limit reached"), "{events:?}");
 }
 
 #[test]

@@ -40,7 +40,7 @@ enum Refused {
     )]
     Page(String),
     /// A page of the web asks without saying which.
-    #[error("a page of another site asks: expected a program, or a page whose origin is in bridge.allow_origins")]
+    #[error("request from another site: expected a program, or a page whose origin is in bridge.allow_origins")]
     Site,
 }
 

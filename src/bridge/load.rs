@@ -36,7 +36,7 @@ pub(super) enum Abuse {
         got: u64,
     },
     /// All together beyond the limit.
-    #[error("a message of {} KiB finds no room: large messages take up {} MiB, half of bridge.limits.in_flight_mib ({holders})", wanted >> 10, pool >> 20)]
+    #[error("no room for a message of {} KiB: large messages already take up all of their {} MiB, half of bridge.limits.in_flight_mib ({holders})", wanted >> 10, pool >> 20)]
     NoRoom {
         /// Bytes of the message so far, or announced.
         wanted: usize,
@@ -46,7 +46,7 @@ pub(super) enum Abuse {
         holders: String,
     },
     /// It holds room that others may want.
-    #[error("a large message or a body: expected all of it within {0:?} (bridge.limits.patience_s)")]
+    #[error("a large message or body: expected all of it within {0:?} (bridge.limits.patience_s)")]
     Slow(Duration),
     /// A message in crumbs.
     #[error("a message: expected at most {most} fragments for its {bytes} bytes, got more")]
@@ -306,7 +306,7 @@ mod tests {
         assert_eq!(last(vec![MIB / 4; 3], false).await, Ok(()));
         assert!(last(vec![MIB / 4; 5], false).await.unwrap_err().contains("at most 1 MiB"));
         assert!(
-            last(vec![1; 20_000], false).await.unwrap_err().contains("finds no room"),
+            last(vec![1; 20_000], false).await.unwrap_err().contains("no room for a message"),
             "crumbs cost more than bytes"
         );
         assert!(last(vec![1; 10], true).await.unwrap_err().contains("within 200ms"));

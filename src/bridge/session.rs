@@ -251,7 +251,7 @@ impl Session {
         let Some(Drive { account, .. }) = self.drive.take() else {
             let what = match () {
                 () if self.is_refused() => "it could not be driven",
-                () if self.dialect.is_some() => "the model was not there yet",
+                () if self.dialect.is_some() => "the model was still loading",
                 () if self.told.heard => "no telemetry told which simulator it was",
                 () => "it never sent a telemetry",
             };
@@ -299,7 +299,7 @@ impl Session {
     /// The answer while nothing drives.
     fn wait(&mut self, received: Instant, sight: &Sight) -> Answer {
         if self.dialect.is_some() && !std::mem::replace(&mut self.told.loading, true) {
-            tracing::info!("{}: the model is still loading; until it is there the car is braked", self.peer);
+            tracing::info!("{}: the model is still loading; the car is braked until it is ready", self.peer);
         }
         match sight {
             Sight::Unreadable(why) => {

@@ -34,16 +34,14 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         cli::Rows::HeldOut => {
             ensure!(
                 recipe.as_ref().is_none_or(|recipe| recipe.validation.is_empty()),
-                "{name} was measured on data of their own and held no rows out: evaluate on those, with --rows all"
+                "{name} was validated on separate data and held out no rows: use --rows all on that data"
             );
             let blocks = recipe.as_ref().map_or_else(Blocks::default, |recipe| recipe.blocks);
             (Set::Validation, Some(blocks))
         }
     };
     if recipe.is_none() {
-        tracing::warn!(
-            "{name} does not say by a recipe what it learnt from: whether these rows were held out is not known"
-        );
+        tracing::warn!("{name} has no recipe: whether these rows were held out is unknown");
     }
     let mut lines = vec![];
     let mut charts = vec![];

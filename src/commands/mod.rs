@@ -144,7 +144,7 @@ fn interrupted() -> Interrupted {
                 asked.again().await;
             });
         })),
-        Err(error) => tracing::warn!("Ctrl-C will end this where it is: {error}"),
+        Err(error) => tracing::warn!("Ctrl-C will stop this immediately, without a result: {error}"),
     }
     pressed
 }

@@ -241,7 +241,7 @@ fn make(recording: &Recording, interrupted: &Interrupted) -> anyhow::Result<()> 
             _ if driven < recording.laps => {
                 bail!("{}: expected {laps}, got {driven}, then the expert ended: {ending}", out.display())
             }
-            _ => fs::rename(partial, out).with_context(|| format!("{}: cannot be given its name", partial.display())),
+            _ => fs::rename(partial, out).with_context(|| format!("{}: cannot be renamed", partial.display())),
         }
     });
     if recorded.is_err() {

@@ -156,7 +156,7 @@ impl Chunk {
             Some((unpacked, checksum, compression, fields.take(packed)?))
         };
         let Some((unpacked, checksum, compression, packed)) = header() else {
-            return damaged("expected a chunk, got its header in pieces");
+            return damaged("expected a chunk, got an incomplete header");
         };
         if unpacked > LIMIT as u64 {
             return damaged(format!("expected a chunk that unpacks to {LIMIT} bytes at most, got {unpacked}"));

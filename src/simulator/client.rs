@@ -102,7 +102,7 @@ pub enum ClientError {
         source: tungstenite::Error,
     },
     /// The bridge said something that the simulator's client dies of.
-    #[error("the simulator would not go on here, after {}: expected {expected}, got {got:?}", count(*telemetries, "telemetry"))]
+    #[error("the simulator would stop here, after {}: expected {expected}, got {got:?}", count(*telemetries, "telemetry"))]
     Death {
         /// How far it came.
         telemetries: u64,

@@ -103,7 +103,7 @@ impl Setup {
 pub enum Ending {
     /// All laps are driven.
     LapsDone,
-    /// Its time is over.
+    /// The time limit is reached.
     TimeOver,
     /// The car hit something.
     Collision(String),
@@ -119,7 +119,7 @@ impl fmt::Display for Ending {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::LapsDone => write!(f, "all laps driven"),
-            Self::TimeOver => write!(f, "its time is over"),
+            Self::TimeOver => write!(f, "time limit reached"),
             Self::Collision(with) => write!(f, "collision with {with}"),
             Self::Lost => write!(f, "far off the road"),
             Self::Stuck => write!(f, "stuck"),

@@ -136,12 +136,12 @@ fn tell(plan: Option<&Plan>, done: &[Done], missing: &[String], gathered: &Gathe
             let (all, without) = (plan.count(), plan.missing(done).len());
             say!("{} of {} there, {without} missing", all - without, count(all, "cell"));
             for folder in &gathered.unplanned {
-                say!("{}: what else its suite is made of is not known, it has no plan.json", folder.display());
+                say!("{}: no plan.json: the suite's other cells are unknown", folder.display());
             }
         }
         None => {
             let there = count(done.len(), "cell");
-            say!("{there} there; how many the suite has is not known, no folder has a plan.json");
+            say!("{there} there; no folder has a plan.json: how many the suite has is unknown");
         }
     }
     for name in missing.iter().take(NAMED) {
