@@ -10,6 +10,14 @@ pub fn count(n: impl TryInto<u64>, what: &str) -> String {
     }
 }
 
+/// The first five of them, and how many more there are.
+pub fn first_five(mut all: Vec<String>) -> Vec<String> {
+    let more = all.len().saturating_sub(5);
+    all.truncate(5);
+    all.extend((more > 0).then(|| format!("{more} more")));
+    all
+}
+
 /// `; did you mean "lake"?`, where one of the names that are known is so near to what came that it was likely meant.
 pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let got = got.to_lowercase();

@@ -21,13 +21,7 @@ use socketioxide::{
 };
 use tokio::sync::{Notify, mpsc};
 
-use super::{
-    Bridge,
-    guests::Peer,
-    load::Load,
-    session::Session,
-    throttled::{Throttled, held_back},
-};
+use super::{Bridge, guests::Peer, load::Load, session::Session, throttled::Throttled};
 use crate::protocol::{Answer, Dialect};
 
 /// Messages of one client that may wait; one that sends more without waiting for answers loses the rest.
@@ -96,18 +90,13 @@ async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
     let peer = peer.unwrap_or_else(|| ([0, 0, 0, 0], 0).into());
     let most = bridge.settings.bridge.limits.connections();
     if bridge.connections().len() >= most {
-        if let Some(held) = bridge.dropped.due(Instant::now()) {
-            tracing::warn!(
-                "{peer} is turned away: {most} drives are open (bridge.limits.connections){}",
-                held_back(held)
-            );
-        }
+        bridge.turned_away(peer, format_args!("{most} drives are open (bridge.limits.connections)"));
         let _ = socket.disconnect(); // an error is a client that is gone already
         return;
     }
-    if let Some(held) = bridge.clients.due(Instant::now()) {
+    if let Some(more) = bridge.clients.due(Instant::now()) {
         let transport = socket.transport_type();
-        tracing::info!("{peer}: a Socket.IO client has connected ({transport:?}){}", held_back(held));
+        tracing::info!("{peer}: a Socket.IO client has connected ({transport:?}){more}");
     }
     let (sender, incoming) = mpsc::channel(WAITING);
     let load = Arc::new(Mutex::new(bridge.in_flight.load(peer)));
@@ -147,9 +136,9 @@ impl Queue {
             })
         });
         if let Err(why) = queued
-            && let Some(held) = self.crowded.due(Instant::now())
+            && let Some(more) = self.crowded.due(Instant::now())
         {
-            tracing::warn!("{}: a message is lost: {why}{}", self.peer, held_back(held));
+            tracing::warn!("{}: a message is lost: {why}{more}", self.peer);
         }
     }
 }

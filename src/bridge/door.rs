@@ -18,7 +18,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::{Bridge, guests::Peer, throttled::held_back};
+use super::{Bridge, guests::Peer};
 use crate::config;
 
 /// Why a request is turned away.
@@ -61,10 +61,10 @@ pub(super) async fn ask(
             response
         }
         Err(why) => {
-            if let Some(held) = bridge.refused.due(Instant::now()) {
+            if let Some(more) = bridge.refused.due(Instant::now()) {
                 let peer = peer.address;
                 let (method, path) = (request.method(), request.uri().path());
-                tracing::warn!("{peer}: {method} {path} was refused: {why}{}", held_back(held));
+                tracing::warn!("{peer}: {method} {path} was refused: {why}{more}");
             }
             (StatusCode::FORBIDDEN, format!("refused: {why}\n")).into_response()
         }

@@ -23,7 +23,6 @@ use tokio::{
 use super::{
     Bridge,
     load::{Abuse, Load},
-    throttled::held_back,
 };
 
 /// Fragments that a message may have whatever they hold.
@@ -35,6 +34,9 @@ const FRAGMENT: usize = 128;
 const SAYS_NOTHING: usize = 8;
 /// So many of them a second, control frames included.
 const CHATTER: u32 = 256;
+
+/// Bytes that a control frame may have (RFC 6455, 5.5).
+const CONTROL: u64 = 125;
 
 /// Where in the stream of frames a connection is.
 #[derive(Debug)]
@@ -121,7 +123,8 @@ impl Frames {
         };
         let (last, kind) = (first & 0x80 != 0, first & 0x0f);
         if kind >= 8 {
-            return self.says_nothing(now); // ping, pong, close
+            // Ping, pong, close. Their bytes are counted nowhere, so there must be few.
+            return if self.left > CONTROL { Err(Abuse::Control(self.left)) } else { self.says_nothing(now) };
         }
         if !self.open {
             (self.number, self.bytes, self.fragments) = (self.number + 1, 0, 0);
@@ -182,10 +185,8 @@ impl<S> Watched<S> {
         Ok(())
     }
 
-    fn dropped_for(&self, why: Abuse) -> io::Error {
-        if let Some(held) = self.bridge.dropped.due(Instant::now()) {
-            tracing::warn!("{} is dropped: {why}{}", self.peer, held_back(held));
-        }
+    fn turned_away(&self, why: Abuse) -> io::Error {
+        self.bridge.turned_away(self.peer, &why);
         io::Error::other(why)
     }
 }
@@ -194,7 +195,8 @@ impl<S: AsyncRead + Unpin> AsyncRead for Watched<S> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let this = &mut *self;
         if this.frames.at_rest() {
-            // Who reads on has dealt with what came before.
+            // Who reads on has dealt with what came before; a ping that comes next is no larger for it.
+            this.frames.bytes = 0;
             this.load.shrink(usize::MAX);
             this.deadline = None;
         }
@@ -205,7 +207,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Watched<S> {
                 Poll::Pending => {
                     let late = this.deadline.as_mut().is_some_and(|(_, until)| until.as_mut().poll(cx).is_ready());
                     return if late {
-                        Poll::Ready(Err(this.dropped_for(Abuse::Slow(this.patience))))
+                        Poll::Ready(Err(this.turned_away(Abuse::Slow(this.patience))))
                     } else {
                         Poll::Pending
                     };
@@ -216,7 +218,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Watched<S> {
             buf.put_slice(&this.ahead[..n]);
             this.ahead.advance(n);
         }
-        Poll::Ready(this.look(&buf.filled()[before..]).map_err(|why| this.dropped_for(why)))
+        Poll::Ready(this.look(&buf.filled()[before..]).map_err(|why| this.turned_away(why)))
     }
 }
 
@@ -236,7 +238,10 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Watched<S> {
 
 #[cfg(test)]
 mod tests {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
     use super::*;
+    use crate::config::Settings;
 
     const MOST: usize = 4 << 20;
 
@@ -323,6 +328,29 @@ mod tests {
             assert_eq!(frames.read(&ping, now), Err(Abuse::Chatter(CHATTER)));
             frames.read(&ping, now + Duration::from_millis(1001)).unwrap();
         }
+    }
+
+    #[test]
+    fn a_control_frame_of_more_bytes_than_one_may_have_is_refused_as_soon_as_it_is_announced() {
+        let now = Instant::now();
+        for first in [0x88, 0x89, 0x8a] {
+            Frames::new(MOST).read(&frame(first, 125), now).unwrap();
+            assert_eq!(Frames::new(MOST).read(&frame(first, 126)[..8], now), Err(Abuse::Control(126)));
+            assert_eq!(Frames::new(MOST).read(&frame(first, MOST)[..14], now), Err(Abuse::Control(MOST as u64)));
+        }
+    }
+
+    #[tokio::test]
+    async fn a_ping_after_a_large_message_takes_up_nothing() {
+        let bridge = Bridge::new(Settings::default(), |_| ());
+        let (large, ping) = (message(MOST, 1 << 20), frame(0x89, 4));
+        let (mut simulator, socket) = tokio::io::duplex(64);
+        let mut watched = Watched::new(socket, large.clone().into(), bridge, ([127, 0, 0, 1], 5000).into());
+        watched.read_exact(&mut vec![0; large.len()]).await.unwrap();
+        assert!(watched.load.is_large());
+        simulator.write_all(&ping).await.unwrap();
+        watched.read_exact(&mut vec![0; ping.len()]).await.unwrap();
+        assert!(!watched.load.is_large());
     }
 
     #[test]

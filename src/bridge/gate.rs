@@ -46,7 +46,6 @@ use super::{
     guests::{Peer, Role},
     load::{Abuse, Counted},
     simulator,
-    throttled::held_back,
 };
 
 /// How long an unknown WebSocket is listened to. A simulator speaks within a
@@ -71,11 +70,7 @@ pub(super) fn service(bridge: Arc<Bridge>) -> Router {
 
 async fn enter(State(gate): State<Gate>, Extension(peer): Extension<Peer>, request: Request) -> Response {
     match Caller::of(&request) {
-        Caller::Simulator => open(request, move |socket| async move {
-            peer.is(Role::Simulator);
-            let socket = Watched::new(socket, Bytes::new(), gate.bridge.clone(), peer.address);
-            simulator::run(websocket(socket, &gate.bridge).await, gate.bridge, peer.address).await;
-        }),
+        Caller::Simulator => open(request, move |socket| play(socket, Bytes::new(), gate, peer)),
         Caller::Unknown => {
             let head = head(&request);
             open(request, move |socket| listen(socket, head, gate, peer))
@@ -91,6 +86,11 @@ async fn enter(State(gate): State<Gate>, Extension(peer): Extension<Peer>, reque
 /// A request that wants no WebSocket: a client that polls, or somebody who has lost his way.
 async fn http(request: Request, gate: Gate, peer: &Peer) -> Response {
     peer.is(Role::Http);
+    // socketioxide would open one whatever is asked for in `Upgrade`, and nobody would watch it.
+    if query(&request).any(|part| part.starts_with("transport=websocket")) {
+        let why = "expected Upgrade: websocket and a Sec-WebSocket-Key";
+        return refuse(&gate.bridge, peer, StatusCode::BAD_REQUEST, why);
+    }
     let limits = &gate.bridge.settings.bridge.limits;
     let announced = request.body().size_hint().lower();
     if announced > limits.message() as u64 {
@@ -105,8 +105,7 @@ async fn http(request: Request, gate: Gate, peer: &Peer) -> Response {
         return refuse(&gate.bridge, peer, StatusCode::SERVICE_UNAVAILABLE, &why);
     }
     let posts = request.method() == Method::POST;
-    let load = gate.bridge.in_flight.load(peer.address);
-    let request = request.map(|body| Body::new(Counted::new(body, load, limits)));
+    let request = request.map(|body| Body::new(Counted::new(body, gate.bridge.clone(), peer.address)));
     let mut answer = pin!(gate.clients.oneshot(request));
     // A body may hold thousands of messages, which are all dealt with in one go.
     let answer =
@@ -118,9 +117,7 @@ async fn http(request: Request, gate: Gate, peer: &Peer) -> Response {
 }
 
 fn refuse(bridge: &Bridge, peer: &Peer, status: StatusCode, why: &str) -> Response {
-    if let Some(held) = bridge.dropped.due(Instant::now()) {
-        tracing::warn!("{} is turned away: {why}{}", peer.address, held_back(held));
-    }
+    bridge.turned_away(peer.address, why);
     (status, [(header::CONNECTION, "close")], format!("{why}\n")).into_response()
 }
 
@@ -137,7 +134,8 @@ enum Caller {
 impl Caller {
     fn of(request: &Request) -> Self {
         let header = |name| request.headers().get(name).and_then(|v| v.to_str().ok()).unwrap_or("");
-        let dials = request.uri().path().starts_with("/socket.io")
+        let dials = request.method() == Method::GET
+            && request.uri().path().starts_with("/socket.io")
             && header(header::UPGRADE).eq_ignore_ascii_case("websocket")
             && request.headers().contains_key(header::SEC_WEBSOCKET_KEY);
         match () {
@@ -207,16 +205,21 @@ async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: Peer) {
     match first.await {
         Ok(First::Gone) => {}
         Ok(First::Talks) => {
-            peer.is(Role::Simulator);
-            if let Some(held) = gate.bridge.strangers.due(Instant::now()) {
+            if let Some(more) = gate.bridge.strangers.due(Instant::now()) {
                 let peer = peer.address;
-                tracing::info!("{peer} talks before it is greeted: served as a simulator{}", held_back(held));
+                tracing::info!("{peer} talks before it is greeted: served as a simulator{more}");
             }
-            let socket = Watched::new(socket, read.freeze(), gate.bridge.clone(), peer.address);
-            simulator::run(websocket(socket, &gate.bridge).await, gate.bridge, peer.address).await;
+            play(socket, read.freeze(), gate, peer).await;
         }
         Ok(First::Connect) | Err(_) => pass_on(socket, head, read.freeze(), gate, peer).await,
     }
+}
+
+/// Serves a simulator; `read` is what it has said so far.
+async fn play(socket: Socket, read: Bytes, gate: Gate, peer: Peer) {
+    peer.is(Role::Simulator);
+    let socket = Watched::new(socket, read, gate.bridge.clone(), peer.address);
+    simulator::run(websocket(socket, &gate.bridge).await, gate.bridge, peer.address).await;
 }
 
 /// Hands a WebSocket that is open already to socketioxide; `read` is what it has said so far.

@@ -10,7 +10,8 @@ use std::{
 
 use tokio::sync::Notify;
 
-use super::throttled::{Throttled, held_back};
+use super::throttled::Throttled;
+use crate::words::first_five;
 
 /// How long a newcomer waits for a place before it is turned away. One waits at a time: a simulator that dials again
 /// as soon as it is turned away costs a try a second, not thousands.
@@ -86,12 +87,11 @@ impl Guests {
         if let Some(seat) = self.seat(address) {
             return Some(seat);
         }
-        if let Some(held) = self.full.due(Instant::now()) {
+        if let Some(more) = self.full.due(Instant::now()) {
             tracing::warn!(
-                "{address} found no place: {} connections are open, as many as bridge.limits.connections allows ({}){}",
+                "{address} found no place: {} connections are open, as many as bridge.limits.connections allows ({}){more}",
                 self.most,
-                self.who(),
-                held_back(held)
+                self.who()
             );
         }
         let free = async {
@@ -138,13 +138,8 @@ impl Guests {
         let roles = |roles: BTreeMap<Role, usize>| {
             roles.into_iter().map(|(role, count)| format!("{count} {role}")).collect::<Vec<_>>().join(", ")
         };
-        let mut who: Vec<_> = by_address.into_iter().map(|(ip, counts)| format!("{ip}: {}", roles(counts))).collect();
-        let more = who.len().saturating_sub(5);
-        who.truncate(5);
-        if more > 0 {
-            who.push(format!("{more} more addresses"));
-        }
-        who.join("; ")
+        let who = by_address.into_iter().map(|(ip, counts)| format!("{ip}: {}", roles(counts)));
+        first_five(who.collect()).join("; ")
     }
 
     fn lock(&self) -> MutexGuard<'_, Present> {
@@ -158,6 +153,13 @@ impl Peer {
         if let Some((_, known)) = self.guests.lock().guests.get_mut(&self.id) {
             *known = role;
         }
+    }
+}
+
+impl Seat {
+    /// Whether the connection has become a WebSocket.
+    pub fn is_websocket(&self) -> bool {
+        matches!(self.guests.lock().guests.get(&self.id), Some((_, Role::Simulator | Role::Client)))
     }
 }
 

@@ -10,7 +10,7 @@ use std::{
     io,
     net::SocketAddr,
     pin::Pin,
-    task::{Context, Poll},
+    task::{Context, Poll, ready},
     time::{Duration, Instant},
 };
 
@@ -18,12 +18,10 @@ use socket2::SockRef;
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
     net::{TcpListener, TcpStream},
+    time::{Sleep, sleep},
 };
 
-use super::{
-    guests::Seat,
-    throttled::{Throttled, held_back},
-};
+use super::{guests::Seat, throttled::Throttled};
 
 /// Bytes that one connection is read of before others have their turn. A telemetry is 21 KB, which arrive in pieces.
 const TURN: usize = 16 << 10;
@@ -84,16 +82,16 @@ impl Listener {
                 Ok((stream, peer)) => {
                     // Fails only on a socket that is closed already; the read will say so.
                     let _ = stream.set_nodelay(true);
-                    let stream = QuickAck { stream, _seat: None, unbroken: 0 };
+                    let stream = QuickAck { stream, seat: None, unbroken: 0, stalled: None };
                     stream.arm();
                     return (stream, peer);
                 }
                 Err(error) => {
-                    if let Some(held) = self.troubles.due(Instant::now()) {
-                        tracing::warn!("a connection could not be accepted: {error}{}", held_back(held));
+                    if let Some(more) = self.troubles.due(Instant::now()) {
+                        tracing::warn!("a connection could not be accepted: {error}{more}");
                     }
                     // Out of file handles, most likely: some come free by and by.
-                    tokio::time::sleep(Duration::from_millis(50)).await;
+                    sleep(Duration::from_millis(50)).await;
                 }
             }
         }
@@ -103,15 +101,33 @@ impl Listener {
 /// A TCP stream that acknowledges at once whatever it reads, and lets others have their turn.
 pub(super) struct QuickAck {
     stream: TcpStream,
-    /// Its place among the connections, kept for as long as it lasts.
-    _seat: Option<Seat>,
+    /// Its place among the connections, kept for as long as it lasts, and how long it may read no answer.
+    seat: Option<(Seat, Duration)>,
     /// Bytes read since there were none.
     unbroken: usize,
+    /// Until when what waits to be written must be taken.
+    stalled: Option<Pin<Box<Sleep>>>,
 }
 
 impl QuickAck {
-    pub fn seated(self, seat: Seat) -> Self {
-        Self { _seat: Some(seat), ..self }
+    pub fn seated(self, seat: Seat, patience: Duration) -> Self {
+        Self { seat: Some((seat, patience)), ..self }
+    }
+
+    /// Who asks and never reads the answers would keep his place for good. WebSockets have rules of their own: a paused
+    /// simulator may be slow to read.
+    fn patiently<T>(&mut self, cx: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+        match &self.seat {
+            Some((seat, patience)) if written.is_pending() && !seat.is_websocket() => {
+                let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(*patience)));
+                ready!(stalled.as_mut().poll(cx));
+                Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "the answers are not read")))
+            }
+            _ => {
+                self.stalled = None;
+                written
+            }
+        }
     }
 
     fn arm(&self) {
@@ -142,7 +158,8 @@ impl AsyncRead for QuickAck {
 
 impl AsyncWrite for QuickAck {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.stream).poll_write(cx, buf)
+        let written = Pin::new(&mut self.stream).poll_write(cx, buf);
+        self.patiently(cx, written)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
@@ -158,7 +175,8 @@ impl AsyncWrite for QuickAck {
         cx: &mut Context<'_>,
         bufs: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.stream).poll_write_vectored(cx, bufs)
+        let written = Pin::new(&mut self.stream).poll_write_vectored(cx, bufs);
+        self.patiently(cx, written)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -195,7 +213,10 @@ fn holder_of(port: u16) -> Option<String> {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
-    use super::*;
+    use super::{
+        super::guests::{Guests, Role},
+        *,
+    };
 
     #[tokio::test]
     async fn a_taken_port_names_the_process_that_holds_it() {
@@ -222,6 +243,28 @@ mod tests {
             client.read_exact(&mut [0; 100]).await.unwrap();
         }
         assert!(left > 0, "this kernel does not leave the mode, so this test shows nothing");
+    }
+
+    #[tokio::test]
+    async fn who_reads_no_answers_is_waited_for_and_then_gone_unless_it_is_a_websocket() {
+        use tokio::io::AsyncWriteExt;
+        let (gone, waited_for) = (Some(io::ErrorKind::TimedOut), None);
+        for (role, expected) in [(Role::Http, gone), (Role::Simulator, waited_for), (Role::Client, waited_for)] {
+            let listener = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
+            let _deaf = TcpStream::connect(listener.address()).await.unwrap();
+            let (stream, address) = listener.accept().await;
+            let (seat, peer) = Guests::new(1).admit(address).await.unwrap();
+            peer.is(role);
+            let mut stream = stream.seated(seat, Duration::from_millis(100));
+            let failed = async {
+                loop {
+                    if let Err(error) = stream.write_all(&[0; 1 << 16]).await {
+                        return error.kind();
+                    }
+                }
+            };
+            assert_eq!(tokio::time::timeout(Duration::from_secs(1), failed).await.ok(), expected, "{role}");
+        }
     }
 
     #[tokio::test]

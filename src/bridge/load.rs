@@ -19,7 +19,8 @@ use bytes::Bytes;
 use hyper::body::{Frame, SizeHint};
 use tokio::time::{Sleep, sleep};
 
-use crate::config::Limits;
+use super::Bridge;
+use crate::{config::Limits, words::first_five};
 
 /// What a chunk of a body costs beside its bytes.
 const PER_CHUNK: usize = 64;
@@ -28,7 +29,7 @@ const PER_CHUNK: usize = 64;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Abuse {
     /// One message beyond the limit.
-    #[error("a message: expected at most {} MiB (bridge.limits.message_mib), got {} KiB or more", most >> 20, got >> 10)]
+    #[error("message too large: expected at most {} KiB (bridge.limits.message_mib), got at least {} KiB", most >> 10, got.div_ceil(1024))]
     TooLarge {
         /// The limit, in bytes.
         most: usize,
@@ -36,7 +37,7 @@ pub(super) enum Abuse {
         got: u64,
     },
     /// All together beyond the limit.
-    #[error("no room for a message of {} KiB: large messages already take up all of their {} MiB, half of bridge.limits.in_flight_mib ({holders})", wanted >> 10, pool >> 20)]
+    #[error("no room for a message of {} KiB: large messages may take up {} MiB together (half of bridge.limits.in_flight_mib), held now by {holders}", wanted >> 10, pool >> 20)]
     NoRoom {
         /// Bytes of the message so far, or announced.
         wanted: usize,
@@ -46,10 +47,10 @@ pub(super) enum Abuse {
         holders: String,
     },
     /// It holds room that others may want.
-    #[error("a large message or body: expected all of it within {0:?} (bridge.limits.patience_s)")]
+    #[error("message too slow: expected all of it within {0:?} (bridge.limits.patience_s)")]
     Slow(Duration),
     /// A message in crumbs.
-    #[error("a message: expected at most {most} fragments for its {bytes} bytes, got more")]
+    #[error("too many fragments: expected at most {most} for {bytes} bytes")]
     Crumbs {
         /// How many fragments are borne for so many bytes.
         most: usize,
@@ -57,8 +58,11 @@ pub(super) enum Abuse {
         bytes: usize,
     },
     /// Work without content.
-    #[error("pings and empty messages: expected at most {0} a second, got more")]
+    #[error("too many pings and empty messages: expected at most {0} a second")]
     Chatter(u32),
+    /// A ping, pong or close that claims to be more than one can be.
+    #[error("control frame: expected at most 125 bytes, got {0}")]
+    Control(u64),
 }
 
 /// The room for all messages.
@@ -117,15 +121,8 @@ impl Drawn {
     fn who(&self) -> String {
         let mut by: Vec<_> = self.by.values().collect();
         by.sort_by_key(|(peer, bytes)| (usize::MAX - bytes, *peer));
-        let mut who: Vec<_> = by
-            .iter()
-            .take(5)
-            .map(|(peer, bytes)| format!("{peer} {:.1} MiB", *bytes as f64 / (1 << 20) as f64))
-            .collect();
-        if by.len() > 5 {
-            who.push(format!("{} more", by.len() - 5));
-        }
-        who.join(", ")
+        let who = by.iter().map(|(peer, bytes)| format!("{peer} {:.1} MiB", *bytes as f64 / (1 << 20) as f64));
+        first_five(who.collect()).join(", ")
     }
 }
 
@@ -182,6 +179,7 @@ impl Drop for Load {
 /// A request's body, counted as it comes.
 pub(super) struct Counted {
     body: Body,
+    bridge: Arc<Bridge>,
     load: Load,
     bytes: u64,
     most: usize,
@@ -190,9 +188,11 @@ pub(super) struct Counted {
 }
 
 impl Counted {
-    pub fn new(body: Body, load: Load, limits: &Limits) -> Self {
-        let patience = limits.patience();
-        Self { body, load, bytes: 0, most: limits.message(), patience, deadline: Box::pin(sleep(patience)) }
+    pub fn new(body: Body, bridge: Arc<Bridge>, peer: SocketAddr) -> Self {
+        let limits = &bridge.settings.bridge.limits;
+        let (most, patience) = (limits.message(), limits.patience());
+        let load = bridge.in_flight.load(peer);
+        Self { body, bridge, load, bytes: 0, most, patience, deadline: Box::pin(sleep(patience)) }
     }
 
     fn count(&mut self, frame: &Frame<Bytes>) -> Result<(), Abuse> {
@@ -202,6 +202,11 @@ impl Counted {
             return Err(Abuse::TooLarge { most: self.most, got: self.bytes });
         }
         self.load.grow(bytes + PER_CHUNK)
+    }
+
+    fn turned_away(&self, why: Abuse) -> axum::Error {
+        self.bridge.turned_away(self.load.peer, &why);
+        axum::Error::new(why)
     }
 }
 
@@ -213,10 +218,10 @@ impl HttpBody for Counted {
         let this = &mut *self;
         match Pin::new(&mut this.body).poll_frame(cx) {
             Poll::Ready(Some(Ok(frame))) => {
-                Poll::Ready(Some(this.count(&frame).map(|()| frame).map_err(axum::Error::new)))
+                Poll::Ready(Some(this.count(&frame).map(|()| frame).map_err(|why| this.turned_away(why))))
             }
             Poll::Pending if this.deadline.as_mut().poll(cx).is_ready() => {
-                Poll::Ready(Some(Err(axum::Error::new(Abuse::Slow(this.patience)))))
+                Poll::Ready(Some(Err(this.turned_away(Abuse::Slow(this.patience)))))
             }
             other => other,
         }
@@ -233,7 +238,10 @@ impl HttpBody for Counted {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
     use super::*;
+    use crate::config::Settings;
 
     const MIB: usize = 1 << 20;
 
@@ -285,15 +293,19 @@ mod tests {
     #[tokio::test]
     async fn a_body_is_cut_off_where_it_is_too_large_too_slow_or_finds_no_room() {
         use futures_util::StreamExt;
-        let limits = Limits { message_mib: 1, in_flight_mib: 2, patience_s: 0.2, ..Limits::default() };
-        let room = InFlight::new(&limits);
+        let bridge = || {
+            let mut settings = Settings::default();
+            settings.bridge.limits = Limits { message_mib: 1, in_flight_mib: 2, patience_s: 0.2, ..Limits::default() };
+            Bridge::new(settings, |_| ())
+        };
         let last = async |chunks: Vec<usize>, never_ends: bool| {
             let chunks = futures_util::stream::iter(chunks).map(|n| Ok::<_, axum::Error>(Bytes::from(vec![0; n])));
             let rest = futures_util::stream::iter((!never_ends).then_some(())).map(|()| Ok(Bytes::new()));
             let open = futures_util::stream::pending();
             let body =
                 if never_ends { Body::from_stream(chunks.chain(open)) } else { Body::from_stream(chunks.chain(rest)) };
-            let mut body = Body::new(Counted::new(body, room.load(peer(1)), &limits)).into_data_stream();
+            let bridge = bridge();
+            let mut body = Body::new(Counted::new(body, bridge.clone(), peer(1))).into_data_stream();
             let mut last = Ok(());
             while let Some(chunk) = body.next().await {
                 last = chunk.map(drop).map_err(|e| e.to_string());
@@ -301,10 +313,12 @@ mod tests {
                     break;
                 }
             }
+            let told = bridge.dropped.due(Instant::now()).is_none();
+            assert_eq!(told, last.is_err(), "who is cut off is named in the log");
             last
         };
         assert_eq!(last(vec![MIB / 4; 3], false).await, Ok(()));
-        assert!(last(vec![MIB / 4; 5], false).await.unwrap_err().contains("at most 1 MiB"));
+        assert!(last(vec![MIB / 4; 5], false).await.unwrap_err().contains("at most 1024 KiB"));
         assert!(
             last(vec![1; 20_000], false).await.unwrap_err().contains("no room for a message"),
             "crumbs cost more than bytes"

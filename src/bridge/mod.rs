@@ -31,7 +31,7 @@ pub use listener::{BindError, Listener};
 use std::{
     collections::{HashMap, HashSet},
     convert::Infallible,
-    io,
+    fmt, io,
     net::{IpAddr, SocketAddr},
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
@@ -93,7 +93,7 @@ pub struct Bridge {
     wordless: throttled::Throttled,
     /// Lines on requests that were turned away.
     refused: throttled::Throttled,
-    /// Lines on connections that were dropped for what they sent.
+    /// Lines on those who asked for too much.
     dropped: throttled::Throttled,
 }
 
@@ -185,6 +185,13 @@ impl Bridge {
         self.kicked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Says that somebody asks for more than there is for him, or sends what he may not.
+    fn turned_away(&self, peer: SocketAddr, why: impl fmt::Display) {
+        if let Some(more) = self.dropped.due(Instant::now()) {
+            tracing::warn!("{peer} is turned away: {why}{more}");
+        }
+    }
+
     /// Takes a place for a new connection.
     fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Place {
         let id = self.next_id.fetch_add(1, Ordering::Relaxed);
@@ -267,7 +274,8 @@ pub async fn serve(
 async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallible {
     // Not axum's own loop: that waits for a request's head for ever, and for the next request, too.
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(bridge.settings.bridge.limits.patience()).max_buf_size(HEAD);
+    let limits = &bridge.settings.bridge.limits;
+    http.timer(TokioTimer::new()).header_read_timeout(limits.patience()).max_buf_size(HEAD);
     loop {
         let (stream, address) = listener.accept().await;
         let Some((seat, peer)) = bridge.guests.admit(address).await else { continue };
@@ -275,8 +283,9 @@ async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallibl
             request.extensions_mut().insert(peer.clone());
             request
         });
-        let connection =
-            http.serve_connection(TokioIo::new(stream.seated(seat)), TowerToHyperService::new(service)).with_upgrades();
+        let connection = http
+            .serve_connection(TokioIo::new(stream.seated(seat, limits.patience())), TowerToHyperService::new(service))
+            .with_upgrades();
         tokio::spawn(async move {
             if let Err(error) = connection.await {
                 tracing::debug!("{address}: {error}");

@@ -11,17 +11,13 @@ use std::{
 use bytes::Bytes;
 use serde_json::value::RawValue;
 
-use super::{
-    Bridge, Place, Signals,
-    account::Account,
-    throttled::{Throttled, held_back},
-    waiting::Waiting,
-};
+use super::{Bridge, Place, Signals, account::Account, throttled::Throttled, waiting::Waiting};
 use crate::{
     driver::{Driver, Happening, Trace},
     protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
     recording::{EventRecord, Item, ModelId, RunHeader},
     units::Throttle,
+    words::count,
 };
 
 /// An answer in less than this holds nobody up.
@@ -181,8 +177,8 @@ impl Session {
     fn introduce(&mut self, who: &str) {
         if std::mem::replace(&mut self.told.connected, true) {
             tracing::info!("{}: this is {who}", self.peer);
-        } else if let Some(held) = self.bridge().newcomers.due(Instant::now()) {
-            tracing::info!("{}: {who} has connected{}", self.peer, held_back(held));
+        } else if let Some(more) = self.bridge().newcomers.due(Instant::now()) {
+            tracing::info!("{}: {who} has connected{more}", self.peer);
         }
     }
 
@@ -192,11 +188,10 @@ impl Session {
 
     /// A command that nobody asked for, to get the simulator's loop going.
     pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
-        if let Some(held) = self.kicks.due(now) {
+        if let Some(more) = self.kicks.due(now) {
             if !self.told.connected {
                 self.introduce("a simulator");
             }
-            let more = held_back(held);
             tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going{more}", self.peer);
         }
         self.note(now, EventRecord::Kick);
@@ -221,9 +216,10 @@ impl Session {
     /// Tokens too many are out of the game.
     pub fn took_out(&self, tokens: u32) {
         tracing::info!(
-            "{}: {tokens} {} without an answer, so that the simulator again sends one for each",
+            "{}: {} {} left unanswered; the simulator now sends one per answer again",
             self.peer,
-            if tokens == 1 { "telemetry was left" } else { "telemetries were left" },
+            count(tokens, "surplus telemetry"),
+            if tokens == 1 { "was" } else { "were" },
         );
     }
 
@@ -256,8 +252,8 @@ impl Session {
                 () => "it never sent a telemetry",
             };
             // Dialling without a word is what thousands of redials look like.
-            if let Some(held) = self.bridge().wordless.due(Instant::now()) {
-                tracing::info!("{}: {why}; {what}{}", self.peer, held_back(held));
+            if let Some(more) = self.bridge().wordless.due(Instant::now()) {
+                tracing::info!("{}: {why}; {what}{more}", self.peer);
             }
             return;
         };
@@ -303,8 +299,8 @@ impl Session {
         }
         match sight {
             Sight::Unreadable(why) => {
-                if let Some(held) = self.bad.due(received) {
-                    tracing::warn!("{}: bad frame before the drive: {why}{}", self.peer, held_back(held));
+                if let Some(more) = self.bad.due(received) {
+                    tracing::warn!("{}: bad frame before the drive: {why}{more}", self.peer);
                 }
             }
             Sight::HumanDrives if !self.told.connected => {
@@ -386,8 +382,8 @@ fn tell(peer: &str, happening: &Happening, bad: &Throttled, now: Instant) {
             after.as_secs_f64()
         ),
         Happening::BadFrame { why, in_a_row } => {
-            if let Some(held) = bad.due(now) {
-                tracing::warn!("{peer}: bad frame ({in_a_row} in a row): {why}{}", held_back(held));
+            if let Some(more) = bad.due(now) {
+                tracing::warn!("{peer}: bad frame ({in_a_row} in a row): {why}{more}");
             }
         }
         Happening::BrakingToStandstill => tracing::error!("{peer}: too many bad frames in a row: stopping the car"),

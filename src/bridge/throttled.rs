@@ -34,8 +34,8 @@ impl Throttled {
         Self { most, state: Mutex::default() }
     }
 
-    /// `Some(n)` where a line is due: n lines were held back before it.
-    pub fn due(&self, now: Instant) -> Option<u64> {
+    /// Where a line is due, what it ends with: how many like it were held back.
+    pub fn due(&self, now: Instant) -> Option<String> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.since.is_none_or(|since| now.saturating_duration_since(since) >= WINDOW) {
             (state.since, state.said) = (Some(now), 0);
@@ -45,13 +45,11 @@ impl Throttled {
             return None;
         }
         state.said += 1;
-        Some(std::mem::take(&mut state.held))
+        Some(match std::mem::take(&mut state.held) {
+            0 => String::new(),
+            held => format!(" (and {held} more like it)"),
+        })
     }
-}
-
-/// How a line tells of those held back.
-pub(super) fn held_back(held: u64) -> String {
-    if held == 0 { String::new() } else { format!(" (and {held} more like it)") }
 }
 
 #[cfg(test)]
@@ -63,8 +61,9 @@ mod tests {
         let throttled = Throttled::default();
         let start = Instant::now();
         let due = |ms| throttled.due(start + Duration::from_millis(ms));
-        assert_eq!([due(0), due(1), due(9_999), due(10_000), due(20_000)], [Some(0), None, None, Some(2), Some(0)]);
-        assert_eq!(held_back(2), " (and 2 more like it)");
+        let due = [0, 1, 9_999, 10_000, 20_000].map(due);
+        let due = due.each_ref().map(Option::as_deref);
+        assert_eq!(due, [Some(""), None, None, Some(" (and 2 more like it)"), Some("")]);
     }
 
     #[test]
@@ -72,6 +71,8 @@ mod tests {
         let throttled = Throttled::of(3);
         let start = Instant::now();
         let due = |ms| throttled.due(start + Duration::from_millis(ms));
-        assert_eq!([due(0), due(1), due(2), due(3), due(10_000)], [Some(0), Some(0), Some(0), None, Some(1)]);
+        let due = [0, 1, 2, 3, 10_000].map(due);
+        let due = due.each_ref().map(Option::as_deref);
+        assert_eq!(due, [Some(""), Some(""), Some(""), None, Some(" (and 1 more like it)")]);
     }
 }

@@ -41,7 +41,8 @@ pub struct Bridge {
 pub struct Limits {
     /// Largest message, MiB. Default 4; a telemetry of the stock build is 0.02.
     pub message_mib: u32,
-    /// All messages together that are being received or wait to be answered, MiB. Default 64.
+    /// All messages together that are being received or wait to be answered, MiB. Default 64; at least a quarter of
+    /// [`connections`](Self::connections).
     pub in_flight_mib: u32,
     /// Connections at a time. Default 64.
     pub connections: u32,
@@ -142,6 +143,13 @@ impl Bridge {
             return Err(format!(
                 "bridge.limits.in_flight_mib: expected room for two of the largest messages ({} MiB), got {in_flight_mib}",
                 2 * message_mib
+            ));
+        }
+        // 64 KiB of each connection's own, in which an ordinary message finds room.
+        let least = connections.div_ceil(4);
+        if in_flight_mib < least {
+            return Err(format!(
+                "bridge.limits.in_flight_mib: expected at least {least} for {connections} connections, got {in_flight_mib}"
             ));
         }
         if !(0.1..=3600.0).contains(&patience_s) {

@@ -258,6 +258,7 @@ mod tests {
         assert!(error("bridge.greet", greeting(r#"["a",1]"#)).contains(r#"expected ["name"] or ["name",{…}] in JSON"#));
         assert!(error("bridge.limits.connections", 0.into()).contains("expected 1 to 1024, got 0"));
         assert!(error("bridge.limits.in_flight_mib", 6.into()).contains("two of the largest messages (8 MiB), got 6"));
+        assert!(error("bridge.limits.connections", 257.into()).contains("at least 65 for 257 connections, got 64"));
         let list = |text: &str| Value::Array(vec![text.into()]);
         assert!(error("bridge.allow_origins", list("localhost:3000")).contains("expected scheme://host"));
         assert!(

@@ -7,7 +7,7 @@ use lapwing::config::Settings;
 use tempfile::tempdir;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
-    net::TcpStream,
+    net::{TcpSocket, TcpStream},
     time::{sleep, timeout},
 };
 use tokio_tungstenite::tungstenite::{
@@ -178,6 +178,42 @@ async fn sessions_that_polling_opens_are_limited_too() {
     assert_eq!(statuses, ["200", "200", "200", "200", "200", "503", "503", "503"]);
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_websocket_is_opened_only_where_its_frames_are_watched() {
+    let (_dir, running) = with_limits(|_| {}).await;
+    let key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13";
+    for (query, upgrade) in [
+        ("EIO=4&transport=websocket", "Upgrade: x"),
+        ("EIO=3&transport=websocket=x", "Upgrade: websocket, x"),
+        ("EIO=4&transport=websocket", "X: y"),
+    ] {
+        let dial = format!(
+            "GET /socket.io/?{query} HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\n{upgrade}\r\n{key}\r\n\r\n"
+        );
+        let answer = rest(&mut connect(&running, &dial).await, Duration::from_secs(5)).await.expect(query);
+        let expected = "expected Upgrade: websocket and a Sec-WebSocket-Key";
+        assert!(answer.starts_with("HTTP/1.1 400") && answer.contains(expected), "{query}, {upgrade}: {answer}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_asks_and_never_reads_the_answers_loses_his_place() {
+    let (_dir, running) = with_limits(|settings| {
+        settings.bridge.limits.connections = 1;
+        settings.bridge.limits.patience_s = 0.4;
+    })
+    .await;
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.set_recv_buffer_size(4096).unwrap();
+    let mut deaf = socket.connect(running.address).await.unwrap();
+    let requests = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(1000);
+    let dropped =
+        timeout(Duration::from_secs(20), async { while deaf.write_all(requests.as_bytes()).await.is_ok() {} });
+    assert!(dropped.await.is_ok(), "it is still there");
+    let mut next = connect(&running, "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await;
+    assert!(rest(&mut next, Duration::from_secs(5)).await.unwrap().starts_with("HTTP/1.1 200"));
+}
+
 /// Opens a session by polling; its id.
 async fn session(running: &Running) -> String {
     let open = "GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
@@ -194,7 +230,7 @@ async fn a_posted_body_is_limited_whether_it_says_its_length_or_not() {
     let sid = session(&running).await;
     let mut announced = connect(&running, &post(&sid, "Content-Length: 66060288")).await;
     let answer = rest(&mut announced, Duration::from_secs(5)).await.unwrap();
-    assert!(answer.starts_with("HTTP/1.1 413") && answer.contains("at most 4 MiB"), "{answer}");
+    assert!(answer.starts_with("HTTP/1.1 413") && answer.contains("at most 4096 KiB"), "{answer}");
 
     let mut chunked = connect(&running, &post(&sid, "Transfer-Encoding: chunked")).await;
     let chunk = format!("10000\r\n{}\r\n", "x".repeat(1 << 16));

@@ -297,10 +297,10 @@ def rough(quick=False, only=None):
         again, _ = beside(bridge, None, seconds)
         after = resident_mb(pid)
         if not only:
-            for words in ("found no place: 64 connections are open", "silent", "is dropped: ", "was refused: "):
+            for words in ("found no place: 64 connections are open", "silent", "is turned away: ", "was refused: "):
                 equal(f"the log says {words!r}", words in bridge.log, True)
             refusals = [line for line in bridge.log.splitlines()
-                        if any(words in line for words in ("found no place", "is dropped", "was refused", "turned away"))]
+                        if any(words in line for words in ("found no place", "was refused", "turned away"))]
             within("lines of the log on those who were refused", len(refusals), 4, 80)
     shutil.rmtree(bridge.dir / "mcap", ignore_errors=True)  # some hundred megabytes of what was sent
     for name, result in {"nobody": alone, **results, "nobody again": again}.items():
