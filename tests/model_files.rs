@@ -1,6 +1,6 @@
 //! Models as files that the program is given: which it refuses, whose code it runs, what it makes of the others.
 
-use std::path::Path;
+use std::{path::Path, process::Command};
 
 use crate::{
     program::{folder, lapwing, lapwing_in, said},
@@ -67,6 +67,22 @@ fn a_file_that_anybody_may_have_written_does_not_run_code_without_the_users_word
     std::fs::write(folder.join("lapwing.toml"), format!("{settings}allow_torchscript = true\n")).unwrap();
     let (code, _, err) = of_folder("", &[]);
     assert!(code == 2 && err.contains("model.allow_torchscript: expected in your own settings"), "{err}");
+}
+
+#[test]
+fn the_users_own_settings_stay_his_where_they_are_named_or_lie_in_the_folder() {
+    let config = tempfile::tempdir().unwrap();
+    let folder = config.path().join("lapwing");
+    std::fs::create_dir(&folder).unwrap();
+    let own = folder.join("lapwing.toml");
+    std::fs::write(&own, "[model]\nallow_torchscript = true\n").unwrap();
+    let score = ["score", concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap")];
+    for (folder, more) in [(folder.as_path(), &[][..]), (Path::new("/"), &["--config", own.to_str().unwrap()])] {
+        let mut lapwing = Command::new(env!("CARGO_BIN_EXE_lapwing"));
+        lapwing.args(score).args(more).current_dir(folder).env("XDG_CONFIG_HOME", config.path());
+        let (code, _, err) = said(&lapwing.output().unwrap());
+        assert_eq!(code, 0, "{err}");
+    }
 }
 
 #[test]

@@ -390,6 +390,22 @@ fn ctrl_c_while_a_recipe_records_says_so_and_leaves_nothing() {
     assert_eq!(DESK.names("recipe"), [folder.join("recipe.toml")]);
 }
 
+#[test]
+fn what_a_recipe_records_is_recorded_with_the_settings_that_are_given() {
+    let folder = DESK.path("given");
+    fs::create_dir(&folder).unwrap();
+    let ring = DESK.text("ring.toml");
+    let recipe = format!("data = [{{ path = \"lap\" }}]\n[[record]]\nout = \"lap\"\ntrack = {ring:?}\n");
+    fs::write(folder.join("recipe.toml"), recipe).unwrap();
+    fs::write(folder.join("given.toml"), "[simulator]\nhz = 5.0\n").unwrap();
+    let arguments = "train --config given.toml --recipe recipe.toml --out training --network cps --epochs 1";
+    let mut train = DESK.command(&format!("{arguments} --batch 8 --samples-per-epoch 8 --validation-samples 4"));
+    let (_, _, err) = said(train.current_dir(&folder).output().unwrap());
+    let log = fs::read_to_string(folder.join("lap/driving_log.csv")).unwrap_or_else(|_| panic!("{err}"));
+    let rows = log.lines().count();
+    assert!((50..100).contains(&rows), "14 s of 5 a second, got {rows}");
+}
+
 #[cfg(unix)]
 #[test]
 fn a_path_that_is_no_text_is_refused_and_never_changed() {

@@ -76,7 +76,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Drive(arguments) => drive::run(arguments, config),
         Verb::Simulate(arguments) => simulate::run(arguments, config),
         Verb::Record(arguments) => record::run(&arguments, config),
-        Verb::Train(arguments) => limit_pictures(config).and_then(|()| train::run(arguments)),
+        Verb::Train(arguments) => limit_pictures(config).and_then(|()| train::run(arguments, config)),
         Verb::Evaluate(arguments) => limit_pictures(config).and_then(|()| evaluate::run(arguments)),
         Verb::Serve(arguments) => serve::run(arguments, config),
         Verb::Replay(arguments) if arguments.closed_loop => closed_loop::run(&arguments, config),
@@ -163,10 +163,21 @@ fn limit_pictures(config: Option<&Path>) -> anyhow::Result<()> {
 
 /// Settings files and environment. How large pictures may be holds for the whole process from here on.
 fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
-    let own = own_settings().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(&path))?;
-    let layers = own.file(config)?.environment(std::env::vars_os())?;
+    let own = own_settings();
+    let mut layers = own.as_deref().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(path))?;
+    // The user's own file stays the user's where it is named, or lies in the folder.
+    let named = config.unwrap_or(Path::new(config::FILE));
+    if !own.is_some_and(|own| is_same_file(&own, named)) {
+        layers = layers.file(config)?;
+    }
+    let layers = layers.environment(std::env::vars_os())?;
     perception::limit_pixels(layers.clone().resolve()?.perception.max_pixels as usize);
     Ok(layers)
+}
+
+/// Whether both are there, and one file.
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
 
 /// Refuses a model whose code would run because a file says so that anybody may have written.

@@ -25,12 +25,12 @@ use crate::{
     words::count,
 };
 
-pub(super) fn run(arguments: cli::Train) -> anyhow::Result<Ended> {
+pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Result<Ended> {
     let recipe = recipe(&arguments)?;
     check(&recipe, &arguments.out, arguments.resume)?;
     let interrupted = super::interrupted();
     for recording in &recipe.record {
-        make(recording, &interrupted)?;
+        make(recording, config, &interrupted)?;
     }
     let epochs = recipe.epochs;
     let mut trainer = Trainer::new(recipe, &arguments.out, arguments.resume)?;
@@ -216,7 +216,7 @@ fn arguments(recording: &Recording, out: &Path) -> cli::Record {
 }
 
 /// Records simulated data, unless it is there: whole, or nothing of it stays.
-fn make(recording: &Recording, interrupted: &Interrupted) -> anyhow::Result<()> {
+fn make(recording: &Recording, config: Option<&Path>, interrupted: &Interrupted) -> anyhow::Result<()> {
     let Recording { out, track, laps, speed, .. } = recording;
     if out.exists() {
         return Ok(());
@@ -234,7 +234,7 @@ fn make(recording: &Recording, interrupted: &Interrupted) -> anyhow::Result<()> 
         _ => Ok(()),
     };
     remove()?;
-    let recorded = record::record(&arguments(recording, partial), None, interrupted).and_then(|recorded| {
+    let recorded = record::record(&arguments(recording, partial), config, interrupted).and_then(|recorded| {
         let Recorded { ending, laps: driven, .. } = recorded;
         match ending {
             Ending::Interrupted => bail!("interrupted while {} was recorded: nothing of it is kept", out.display()),
