@@ -352,10 +352,10 @@ pub struct Train {
     /// Data to measure by [default: one block of 50 rows in five, held out]
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub validation: Vec<PathBuf>,
-    /// Folder for the model, its log and what going on takes
+    /// Folder for the model, its log and its resume state
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Go on with what is in that folder, by the recipe there; flags may change what does not bend its way
+    /// Resume the training in that folder with its recipe; flags may override settings that do not affect training
     #[arg(long)]
     pub resume: bool,
     /// Architecture [default: pilotnet]

@@ -49,7 +49,7 @@ fn a_file_that_anybody_may_have_written_does_not_run_code_without_the_users_word
         lapwing_in(folder, settings, &[&drive[..], &["--config", "/dev/null"]].concat()),
     ] {
         assert_eq!((code, out.as_str()), (2, ""), "{err}");
-        assert!(err.contains("net.pt, which is TorchScript, and loading it runs the code"), "{err}");
+        assert!(err.contains("net.pt is TorchScript, and loading it runs its code"), "{err}");
     }
     let allowed = "[model]\nallow_torchscript = true\n";
     let own = format!("[model]\npath = {net:?}\n");
@@ -66,7 +66,7 @@ fn a_file_that_anybody_may_have_written_does_not_run_code_without_the_users_word
     // No file but the user's own allows it.
     std::fs::write(folder.join("lapwing.toml"), format!("{settings}allow_torchscript = true\n")).unwrap();
     let (code, _, err) = of_folder("", &[]);
-    assert!(code == 2 && err.contains("model.allow_torchscript: expected in your own settings"), "{err}");
+    assert!(code == 2 && err.contains("model.allow_torchscript may only be set in your own settings"), "{err}");
 }
 
 #[test]

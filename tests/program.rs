@@ -248,7 +248,7 @@ fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
     for (shard, part) in ["1/2", "2/2"].into_iter().zip(&parts) {
         let (code, out, err) = said(&lapwing(&["suite", &suite, "--out", part, "--shard", shard]));
         assert_eq!((code, out.lines().count()), (0, 2), "{out}{err}");
-        assert!(err.contains("1 cell, 0 of them driven before"), "{err}");
+        assert!(err.contains("1 cell, 0 of them already driven"), "{err}");
     }
     let (code, out, err) = said(&lapwing(&["merge", &parts[0], &parts[1], "--out", &whole]));
     assert_eq!((code, out.lines().count()), (0, 3), "{out}{err}");
@@ -262,7 +262,7 @@ fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
     assert_eq!(roads, ["lake", "mountain"]);
     let (code, _, err) = said(&lapwing(&["suite", &suite, "--out", &whole]));
     assert_eq!(code, 0);
-    assert!(err.contains("2 cells, 2 of them driven before"), "{err}");
+    assert!(err.contains("2 cells, 2 of them already driven"), "{err}");
 }
 
 #[test]

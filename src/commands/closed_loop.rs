@@ -127,7 +127,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     } else {
         let unseen = match bad_frames {
             0 => String::new(),
-            bad => format!("; {bad} were seen by no network"),
+            bad => format!("; no network saw {bad} of them"),
         };
         let line = |label: &str, what: String| format!("\n  {label:<17} {what}");
         let mut text = format!("{name} along {source}, put back beyond {} m\n{card}", arguments.limit);

@@ -180,17 +180,18 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
 
-/// Refuses a model whose code would run because a file says so that anybody may have written.
-fn refuse_strangers_code(file: &str, model: &Path, settings: &Settings) -> Result<(), ConfigError> {
+/// Refuses a model whose code would run because a file says so that anybody may have written. `has_flag` says whether
+/// the verb has `--model`.
+fn refuse_strangers_code(file: &str, model: &Path, has_flag: bool, settings: &Settings) -> Result<(), ConfigError> {
     if !pilot::is_torchscript(model) || settings.model.allow_torchscript {
         return Ok(());
     }
     let own = own_settings().map_or_else(|| "your own settings".into(), |path| path.display().to_string());
+    let model = model.display();
+    let flag = if has_flag { format!("--model {model} or ") } else { String::new() };
     let why = format!(
-        "names the model {model}, which is TorchScript, and loading it runs the code in it: expected you to name it, got \
-         its name from this file; if you trust it, give --model {model} or --allow-torchscript, or set \
-         model.allow_torchscript = true in {own}",
-        model = model.display(),
+        "model {model} is TorchScript, and loading it runs its code; this file alone may not choose it. If you trust \
+         the model, pass {flag}--allow-torchscript, or set model.allow_torchscript = true in {own}"
     );
     Err(ConfigError::Value { layer: file.into(), why })
 }
@@ -221,7 +222,7 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
     let layers = allowing(layers, &driving.trust)?;
     let settings = layers.clone().resolve()?;
     if let (Some(file), Some(model)) = (layers.model_named_by_others(), &settings.model.path) {
-        refuse_strangers_code(file, model, &settings)?;
+        refuse_strangers_code(file, model, true, &settings)?;
     }
     Ok(layers)
 }
@@ -275,6 +276,13 @@ fn bridge_address(text: &str) -> Result<String, ConfigError> {
             layer: "--connect".into(),
             why: format!("expected HOST or HOST:PORT, such as localhost or 192.168.0.7:{port}, got {text:?}"),
         }),
+    }
+}
+
+/// Tells of answers that a real simulator would not have taken.
+fn tell_ignored(lost: u64) {
+    if lost > 0 {
+        say!("the simulator would have ignored {} from the bridge", count(lost, "answer"));
     }
 }
 

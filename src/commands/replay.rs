@@ -19,7 +19,6 @@ use crate::{
     replay::{self, Difference, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
     score::Scorecard,
     simulator::client::{self, ClientOptions},
-    words::count,
 };
 
 /// Differing frames that are named one by one.
@@ -49,7 +48,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         // What is only answered, and not driven, has no such figures.
         return Err(ConfigError::Value {
             layer: flag.into(),
-            why: "expected together with --closed-loop, got it alone: an open loop is not driven".into(),
+            why: "requires --closed-loop: without it nothing is driven".into(),
         }
         .into());
     }
@@ -65,10 +64,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
             let began = Instant::now();
             let options = ClientOptions { culture: arguments.culture, ..Default::default() };
             let report = client::play(&mut replay, address, &options, |_| bar.inc(1))?;
-            if report.lost_tokens > 0 {
-                let lost = count(report.lost_tokens, "answer");
-                say!("the simulator would have swallowed {lost} of the bridge");
-            }
+            super::tell_ignored(report.lost_tokens);
             (format!("the bridge at {address}"), report.round_trips, began, None)
         }
         None => {

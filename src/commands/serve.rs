@@ -47,7 +47,7 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
 
 async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
-    let asked = Asked::listen().context("cannot wait for the signal to end")?;
+    let asked = Asked::listen().context("cannot listen for Ctrl-C")?;
     say!("{}", how_to_connect(listener.address()));
     let unprinted = Arc::new(AtomicBool::new(false));
     let bridge = Bridge::new(settings.clone(), {
@@ -96,7 +96,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
 /// Waits until the program is asked to end. A second Ctrl-C ends it where it is.
 async fn end_asked_for(mut asked: Asked) {
     asked.first().await;
-    say!("stopping: runs are being closed (Ctrl-C again to leave at once)");
+    say!("stopping: closing runs (press Ctrl-C again to exit at once)");
     tokio::spawn(async move { asked.again().await });
 }
 

@@ -22,7 +22,6 @@ use crate::{
         world::{Human, Simulation},
     },
     units::Mph,
-    words::count,
 };
 
 #[derive(Serialize)]
@@ -70,10 +69,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
                     return Err(error.into());
                 }
             };
-            if report.lost_tokens > 0 {
-                let lost = count(report.lost_tokens, "answer");
-                say!("the simulator would have swallowed {lost} of the bridge");
-            }
+            super::tell_ignored(report.lost_tokens);
             format!("the bridge at {address}")
         }
         None => {

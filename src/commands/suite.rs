@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     let mut models = BTreeMap::new();
     for contestant in &suite.pilots {
         if let Some(model) = contestant.model.as_ref().filter(|_| !contestant.expert) {
-            super::refuse_strangers_code(&named(), model, &settings)?;
+            super::refuse_strangers_code(&named(), model, false, &settings)?;
         }
         if let Some(model) = model_of(contestant)? {
             super::suits_our_cameras(&model)?;
@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
             None => open.push_back(cell.clone()),
         }
     }
-    tracing::info!("{}, {before} of them driven before", count(before + open.len(), "cell"));
+    tracing::info!("{}, {before} of them already driven", count(before + open.len(), "cell"));
     // Each drive has one thread, and the same bytes on every machine.
     runtime::set_threads(1);
     let interrupted = super::interrupted();
@@ -110,7 +110,7 @@ fn planned(
     let all = cells.len();
     let cells = told_apart(cells, |cell| cell);
     if let left_out @ 1.. = all - cells.len() {
-        tracing::info!("left out: {}, in whose drives another seed changes nothing", count(left_out, "cell"));
+        tracing::info!("skipped {}: a different seed would not change their drives", count(left_out, "cell"));
     }
     Ok(cells)
 }

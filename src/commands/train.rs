@@ -239,7 +239,7 @@ fn make(recording: &Recording, config: Option<&Path>, interrupted: &Interrupted)
         match ending {
             Ending::Interrupted => bail!("interrupted while {} was recorded: nothing of it is kept", out.display()),
             _ if driven < recording.laps => {
-                bail!("{}: expected {laps}, got {driven}, then the expert ended: {ending}", out.display())
+                bail!("{}: expected {laps}, got {driven}; the drive ended: {ending}", out.display())
             }
             _ => fs::rename(partial, out).with_context(|| format!("{}: cannot be renamed", partial.display())),
         }

@@ -116,8 +116,8 @@ impl Layers {
     fn layer(mut self, name: &str, table: Table, author: Author) -> Result<Self, ConfigError> {
         let of_model = |key: &str| table.get("model").and_then(|model| model.get(key));
         if author == Author::Anybody && of_model("allow_torchscript").is_some() {
-            let why = "model.allow_torchscript: expected in your own settings, the environment or as \
-                       --allow-torchscript, got it in a file that others may have written";
+            let why = "model.allow_torchscript may only be set in your own settings, the environment or with \
+                       --allow-torchscript";
             return Err(ConfigError::Value { layer: name.into(), why: why.into() });
         }
         if let Some(path) = of_model("path") {
@@ -193,7 +193,7 @@ mod tests {
         let (_dir, path) = file("[model]\nallow_torchscript = true\n");
         assert!(Layers::default().own_file(&path).unwrap().resolve().unwrap().model.allow_torchscript);
         let error = Layers::default().file(Some(&path)).unwrap_err().to_string();
-        assert!(error.contains("model.allow_torchscript: expected in your own settings"), "{error}");
+        assert!(error.contains("model.allow_torchscript may only be set in your own settings"), "{error}");
         assert!(
             !Layers::default()
                 .own_file(Path::new("/nowhere/lapwing.toml"))

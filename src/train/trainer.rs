@@ -83,8 +83,8 @@ impl Trainer {
     }
 
     /// Opens the data and draws the first weights. If `resume`, goes on with what is in `out`, or begins where nothing
-    /// is; the recipe must be the one that the training there began with, but for what does not bend its way: more
-    /// epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
+    /// is; the recipe must be the one that the training there began with, but for settings that do not affect training:
+    /// more epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
     ///
     /// # Errors
     /// [`TrainError`].

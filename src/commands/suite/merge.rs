@@ -37,7 +37,7 @@ pub(in crate::commands) fn run(arguments: &cli::Merge) -> anyhow::Result<Ended> 
             match target.get(&done.cell)? {
                 Some(other) if other.fingerprint != done.fingerprint => {
                     bail!(
-                        "{}: driven twice, with other frames: {} and {}",
+                        "{}: driven twice, with different frames: {} and {}",
                         done.cell,
                         other.fingerprint,
                         done.fingerprint
@@ -59,7 +59,7 @@ pub(in crate::commands) fn run(arguments: &cli::Merge) -> anyhow::Result<Ended> 
     let all = done.len();
     let done = told_apart(done, |done| &done.cell);
     if let left_out @ 1.. = all - done.len() {
-        tracing::info!("left out: {}, in whose drives another seed changes nothing", count(left_out, "result"));
+        tracing::info!("skipped {}: a different seed would not change their drives", count(left_out, "result"));
     }
     let found = Found { done, planned: plan.as_ref().map(Plan::count), missing: missing.len() };
     found.report(&arguments.out, arguments.html.as_deref(), arguments.json)?;
@@ -134,14 +134,14 @@ fn tell(plan: Option<&Plan>, done: &[Done], missing: &[String], gathered: &Gathe
     match plan {
         Some(plan) => {
             let (all, without) = (plan.count(), plan.missing(done).len());
-            say!("{} of {} there, {without} missing", all - without, count(all, "cell"));
+            say!("{} of {} present, {without} missing", all - without, count(all, "cell"));
             for folder in &gathered.unplanned {
                 say!("{}: no plan.json: the suite's other cells are unknown", folder.display());
             }
         }
         None => {
-            let there = count(done.len(), "cell");
-            say!("{there} there; no folder has a plan.json: how many the suite has is unknown");
+            let present = count(done.len(), "cell");
+            say!("{present} present; no folder has a plan.json: how many the suite has is unknown");
         }
     }
     for name in missing.iter().take(NAMED) {
@@ -151,6 +151,8 @@ fn tell(plan: Option<&Plan>, done: &[Done], missing: &[String], gathered: &Gathe
         say!("missing: {more} more");
     }
     if gathered.plans.len() > 1 && !missing.is_empty() {
-        say!("the parts plan other cells: were they driven with other settings, models or versions of Lapwing?");
+        say!(
+            "the parts plan different cells: were they driven with different settings, models or versions of Lapwing?"
+        );
     }
 }
