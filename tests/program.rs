@@ -135,7 +135,7 @@ fn a_closed_loop_in_which_no_network_saw_a_frame_fails_unless_that_is_allowed() 
     let closed_loop = ["replay", data.path().to_str().unwrap(), "--closed-loop", "--model", "lost.pt"];
     let (code, out, err) = lapwing_in(dir.path(), "", &closed_loop);
     assert_eq!(code, 1, "{out}{err}");
-    assert!(out.contains("; 20 were seen by no network"), "{out}");
+    assert!(out.contains("; no network saw 20 of them"), "{out}");
     assert!(err.contains("expected at most 1 % bad frames, which no network sees, got 20 of 20"), "{err}");
     let (code, out, err) = lapwing_in(dir.path(), "", &[&closed_loop[..], &["--allow-bad-frames"]].concat());
     assert_eq!(code, 0, "{out}{err}");
