@@ -127,7 +127,7 @@ impl Truth {
     pub const LONGEST_S: f64 = 1e9;
 
     /// Whether a number may be a time in seconds.
-    pub(super) fn is_time(s: &f64) -> bool {
+    pub(crate) fn is_time(s: &f64) -> bool {
         (0.0..=Self::LONGEST_S).contains(s)
     }
 

@@ -2,10 +2,11 @@
 //!
 //! In lock-step a world runs as fast as it is answered, so that the stamps of a recording say how long a drive took to
 //! compute; how long the car drove is what `sim_time` says. Builds of the SelfOracle family tell it in whole seconds: there
-//! the stamps tell, at the pace known so far, and within the second that is told.
+//! the stamps tell, at the pace known so far, and within the second that is told. A clock that stands still from the beginning
+//! on tells nothing.
 
-/// What is no time of a run, in seconds: three years.
-const LONGEST_S: f64 = 1e8;
+use crate::protocol::Truth;
+
 /// Within such a pace, in seconds of the run for each second of the stamps, both clocks are taken for the same.
 const REAL_TIME: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 
@@ -45,7 +46,7 @@ impl Clock {
 
     /// The time of a telemetry with this stamp, which tells this time of the simulator's.
     pub fn telemetry(&mut self, stamp_s: f64, sim_s: Option<f64>) -> f64 {
-        let usable = |sim_s: &f64| !self.is_world && (0.0..=LONGEST_S).contains(sim_s);
+        let usable = |sim_s: &f64| !self.is_world && Truth::is_time(sim_s);
         let Some(sim_s) = sim_s.filter(usable) else { return self.at(stamp_s) };
         let Some(last) = self.last else {
             let told = Told { stamp_s, sim_s, run_s: stamp_s };
@@ -56,9 +57,10 @@ impl Clock {
         let is_whole = sim_s.fract() == 0.0 && last.sim_s.fract() == 0.0;
         self.is_coarse = is_whole && (self.is_coarse || step_s == 0.0);
         let exact = sim_s + self.offset_s;
-        let anew = step_s < 0.0 || (self.is_coarse && step_s > 0.0 && !self.has_ticked);
+        let stands = step_s == 0.0 && self.changed.is_none();
+        let anew = step_s < 0.0 || stands || (self.is_coarse && step_s > 0.0 && !self.has_ticked);
         let run_s = match () {
-            // Loaded anew, or the first second that ends: nobody knows when it began.
+            // Loaded anew, not begun, or the first second that ends: nobody knows when it began.
             () if anew => by_stamps,
             () if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
             () => exact.max(last.run_s),
@@ -130,6 +132,18 @@ mod tests {
             assert!(apart < 1.01 && times.is_sorted(), "pace {pace}: {apart} s between two telemetries");
             assert_eq!(clock.is_real_time(), pace == 1.0);
         }
+    }
+
+    #[test]
+    fn a_clock_that_does_not_move_leaves_the_time_to_the_stamps_until_it_does() {
+        for stands_at in [0.0, 12.345] {
+            let (clock, times) = times((0..=9000).map(|i| (f64::from(i) / 15.0, stands_at)));
+            assert!((times[9000] - 600.0).abs() < 1e-6 && times.is_sorted(), "{stands_at}: {} s", times[9000]);
+            assert!(clock.is_real_time());
+        }
+        // Ten seconds in the menu, and ten seconds' drive.
+        let (_, times) = times((0..=300).map(|i| (f64::from(i) / 15.0, (f64::from(i) / 15.0 - 10.0).max(0.0))));
+        assert!((times[300] - 20.0).abs() < 1e-6 && times.is_sorted(), "{} s", times[300]);
     }
 
     #[test]
