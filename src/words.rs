@@ -20,10 +20,11 @@ pub fn first_five(mut all: Vec<String>) -> Vec<String> {
 
 /// `; did you mean "lake"?`, where one of the names that are known is so near to what came that it was likely meant.
 pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    let got = got.to_lowercase();
-    let near = |name: &&str| strsim::jaro_winkler(&got, &name.to_lowercase());
+    let lower = got.to_lowercase();
+    let near = |name: &&str| strsim::jaro_winkler(&lower, &name.to_lowercase());
     let best = known.into_iter().max_by(|a, b| near(a).total_cmp(&near(b)));
-    best.filter(|name| near(name) >= LIKELY).map_or_else(String::new, |name| format!("; did you mean {name:?}?"))
+    best.filter(|name| *name != got && near(name) >= LIKELY)
+        .map_or_else(String::new, |name| format!("; did you mean {name:?}?"))
 }
 
 /// A message of serde's about an unknown name, with the one of those it expects that was likely meant.
@@ -77,5 +78,6 @@ mod tests {
             assert_eq!(did_you_mean(got, tracks), "", "{got}");
         }
         assert_eq!(did_you_mean("lake", []), "");
+        assert_eq!(did_you_mean("lake", tracks), "", "it was said");
     }
 }

@@ -485,7 +485,7 @@ fn a_chunk_that_is_as_long_as_it_says_is_read_however_it_is_packed() {
         assert!(wrong.starts_with("expected a chunk with the checksum 00000007, got "), "{compression}: {wrong}");
     }
     let other = why(&with_chunk("brotli", &records, 1000, 0)).0;
-    assert_eq!(other, r#"expected a chunk packed by lz4, zstd or nothing, got "brotli""#);
+    assert_eq!(other, r#"expected a chunk compressed with lz4 or zstd, or uncompressed, got "brotli""#);
 }
 
 #[test]
@@ -523,7 +523,7 @@ fn a_chunk_of_nothing_or_of_pieces_is_refused_however_it_is_packed() {
     for records in [vec![0; 900], piece] {
         for (compression, packed) in [("", records.clone()), ("zstd", zstd(&records)), ("lz4", lz4(&records))] {
             let why = why(&with_chunk(compression, &packed, records.len() as u64, 0)).0;
-            assert_eq!(why, "expected a chunk of whole records, got a piece of one", "{compression}");
+            assert_eq!(why, "expected whole records in a chunk, got an incomplete one", "{compression}");
         }
     }
 }

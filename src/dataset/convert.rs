@@ -107,7 +107,7 @@ fn to_run(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Conver
     let finished = written.and_then(|()| match report.error {
         Some(error) => Err(error.into()),
         None if lost > 0 => {
-            let why = io::Error::other(format!("the disk took all but {}", count(lost, "item")));
+            let why = io::Error::other(format!("{} could not be written: the disk was too slow", count(lost, "item")));
             Err(io_error("write", target, why))
         }
         None => Ok(converted),

@@ -127,7 +127,7 @@ pub enum DatasetError {
         got: &'static str,
     },
     /// Somebody broke it off.
-    #[error("{path}: interrupted: nothing of it is kept", path = path.display())]
+    #[error("{path}: interrupted; nothing was kept", path = path.display())]
     BrokenOff {
         /// What was to be made.
         path: PathBuf,

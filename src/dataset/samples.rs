@@ -192,7 +192,8 @@ impl Samples {
         let missing = source.forget_missing();
         if missing > 0 {
             let path = source.path.display();
-            tracing::warn!("{path}: not there: {}; `lapwing dataset inspect` lists them", count(missing, "picture"));
+            let (missing, are) = (count(missing, "picture"), if missing == 1 { "is" } else { "are" });
+            tracing::warn!("{path}: {missing} {are} missing; see `lapwing dataset inspect`");
         }
         let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
         let held_out = |row: usize| blocks.is_some_and(|blocks| blocks.is_validation(row));

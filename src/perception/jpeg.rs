@@ -65,7 +65,7 @@ pub enum ImageError {
         height: usize,
     },
     /// Colours sampled more finely than the brightness, or not evenly to it: no encoder does so, and the decoder fails.
-    #[error("expected a JPEG whose colours have at most the samples of its first component, got {0}")]
+    #[error("expected a JPEG whose chroma is sampled no more finely than its luma, got {0}")]
     Sampling(String),
     /// More scans than any encoder writes.
     #[error("expected a JPEG of at most {MAX_SCANS} scans, got more")]
@@ -388,8 +388,7 @@ mod tests {
         {
             assert_eq!(sampled(known), Ok(()), "{known:?}");
         }
-        let expected =
-            "expected a JPEG whose colours have at most the samples of its first component, got 2x2, 1x1, 4x1";
+        let expected = "expected a JPEG whose chroma is sampled no more finely than its luma, got 2x2, 1x1, 4x1";
         assert_eq!(sampled([0x22, 0x11, 0x41]).unwrap_err(), expected);
         assert!(sampled([0x11, 0x21, 0x21]).is_err() && sampled([0x31, 0x21, 0x11]).is_err());
     }

@@ -171,12 +171,14 @@ impl Chunk {
             "zstd" => unzstd(packed, unpacked),
             "lz4" => lz4::Decoder::new(packed).and_then(|decoder| read_most(decoder, unpacked)),
             other => {
-                return damaged(format!("expected a chunk packed by lz4, zstd or nothing, got {:.20?}", other));
+                return damaged(format!(
+                    "expected a chunk compressed with lz4 or zstd, or uncompressed, got {other:.20?}"
+                ));
             }
         };
         let records = match records {
             Ok(records) => records,
-            Err(why) => return damaged(format!("expected a chunk packed by {compression}, got: {why}")),
+            Err(why) => return damaged(format!("expected a chunk compressed with {compression}, got: {why}")),
         };
         if records.len() as u64 != unpacked {
             let more = if records.len() as u64 > unpacked { " or more" } else { "" };
@@ -195,7 +197,7 @@ impl Chunk {
         let mut rest = Fields(&records);
         while !rest.0.is_empty() {
             if rest.record().is_none_or(|(opcode, _)| opcode == 0) {
-                return damaged("expected a chunk of whole records, got a piece of one");
+                return damaged("expected whole records in a chunk, got an incomplete one");
             }
         }
         Ok(Self { records, at: 0 })

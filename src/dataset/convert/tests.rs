@@ -43,7 +43,7 @@ fn a_conversion_that_is_broken_off_leaves_nothing() {
     let third = |done, _| if done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     for (source, target) in [(&data, &new_run), (&run, &new_folder)] {
         let error = convert(source, target, &mut { third }).unwrap_err().to_string();
-        assert_eq!(error, format!("{}: interrupted: nothing of it is kept", target.display()));
+        assert_eq!(error, format!("{}: interrupted; nothing was kept", target.display()));
         assert!(!target.exists());
     }
 }

@@ -19,12 +19,12 @@ const NO_PUTS: &str = "the run does not tell when the car is put back on the roa
 const NO_STUCK: &str = "the run does not tell when the car is stuck";
 const NO_LAPS: &str = "the run tells no laps";
 const NO_ROAD: &str = "the run does not tell how much of the last lap was driven, and no known road explains it: --track names more of them";
-const AT_LINE: &str = "the run ends where a lap may end: lapwing score looks at the pictures";
+const AT_LINE: &str = "the run may end at the end of a lap: lapwing score checks the pictures";
 
 const LAST_LAP: &str = "waypoints told: the run ends at the end of a lap";
 const OF_ROAD: &str = "waypoints told, and the length of the road";
 const BY_CTE: &str = "the distance from the line when the road was left";
-const PUT: &str = "waypoints reached at a standstill";
+const PUT: &str = "waypoints reached while standing still";
 const UNNAMED: &str = "collisions told, but not with what";
 
 impl Scorer {

@@ -30,10 +30,10 @@ pub(super) const NO_WAY: &str = "the car did not move";
 const NO_ANSWERS: &str = "the run has no answers";
 pub(in crate::score) const NO_PILOT: &str = "no pilot drove";
 const NO_CTE: &str = "the run tells no distance from the line to drive";
-const TOO_SHORT: &str = "no half second of the run is told without a gap";
-const LIVE: &str = "it takes the whole run: lapwing score tells it";
-pub(super) const UNTIMED: &str =
-    "a human drove at the run's beginning or end, and the simulator's clock, which goes faster, was not told then";
+const TOO_SHORT: &str = "the run has no half second without a gap in its telemetry";
+const LIVE: &str = "needs the whole run: use lapwing score";
+pub(super) const UNTIMED: &str = "a human drove at the run's beginning or end, and the simulator's clock, which runs faster than \
+    real time, was not reported then";
 
 impl Scorer {
     /// The judgement.

@@ -6,7 +6,7 @@ use crate::score::{Figure, Measure, card::Figures};
 
 /// A human who drove for less at the end leaves nothing open, in seconds.
 const MOMENT_S: f64 = 1.0;
-const NOT_TOLD: &str = "a human drove to the end, and the simulator tells nothing while he does";
+const NOT_TOLD: &str = "a human drove to the end, and the simulator sends no telemetry meanwhile";
 
 /// When a run was, in seconds.
 #[derive(Debug, Clone, Copy)]
