@@ -62,7 +62,7 @@ struct Situation {
 /// What else of a run decides what can be told.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Known {
-    /// From the first telemetry to the last.
+    /// How long the run was, humans at its ends included.
     pub time_s: f64,
     /// Whether a judge tells collisions, or the world counts them at least.
     pub judged: bool,
@@ -100,23 +100,25 @@ impl Braking {
 
     /// Something was hit at `speed_mph`, relative to it, by the car at `own_mph`.
     pub(super) fn collision(&mut self, speed_mph: f64, own_mph: Option<f64>) {
-        let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return };
-        situation.hit = true;
-        self.least_s = Some(0.0);
         // A file may say anything.
         let own_mph = own_mph.map_or(self.mph, |mph| Mph::saturating(mph).get());
-        self.impacts_mph.push(Mph::saturating(speed_mph).get().abs());
-        self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
+        if self.strike(own_mph) {
+            self.impacts_mph.push(Mph::saturating(speed_mph).get().abs());
+        }
     }
 
     /// Something was hit, and nobody says how fast.
     pub(super) fn hit(&mut self) {
-        let own_mph = self.mph;
-        let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return };
+        self.unmeasured += u32::from(self.strike(self.mph));
+    }
+
+    /// What the situation was about is hit by the car at `own_mph`; whether that is so for the first time.
+    fn strike(&mut self, own_mph: f64) -> bool {
+        let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return false };
         situation.hit = true;
         self.least_s = Some(0.0);
-        self.unmeasured += 1;
         self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
+        true
     }
 
     /// The car was put elsewhere: what it was heading for is no longer ahead.

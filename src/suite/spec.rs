@@ -9,7 +9,6 @@ use crate::words::suggesting;
 
 /// Cells of a suite at most: a hundred a minute take most of a day.
 const MOST_CELLS: usize = 100_000;
-const MOST: &str = "at most 100000";
 
 /// What the file of a suite says.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -89,6 +88,14 @@ pub enum SuiteError {
     /// Not the TOML of a suite.
     #[error("suite: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
+    /// More than a suite may have.
+    #[error("suite: {what}: expected at most {MOST_CELLS}, got {got}")]
+    TooMany {
+        /// Of what.
+        what: &'static str,
+        /// How many.
+        got: String,
+    },
     /// A value that describes none.
     #[error("suite: {what}: expected {expected}, got {got}")]
     Value {
@@ -166,12 +173,12 @@ impl Suite {
             match count {
                 0 => return Err(wrong(what, "at least one", "none".into())),
                 1..=MOST_CELLS => cells = cells.saturating_mul(count),
-                _ => return Err(wrong(what, MOST, count.to_string())),
+                _ => return Err(SuiteError::TooMany { what, got: count.to_string() }),
             }
         }
         if cells > MOST_CELLS {
             let product = counts.map(|(what, count)| format!("{count} ({what})")).join(" x ");
-            return Err(wrong("cells", MOST, format!("{cells}: {product}")));
+            return Err(SuiteError::TooMany { what: "cells", got: format!("{cells}: {product}") });
         }
         if let Some(speed) = suite.speeds_mph.iter().find(|speed| !(0.1..=1000.0).contains(*speed)) {
             return Err(wrong("speeds_mph", "speeds from 0.1 to 1000", speed.to_string()));

@@ -65,12 +65,11 @@ impl Scorer {
         figures
             .set(F::CollisionRate, if crashes.is_some() { put(&rate) } else { Measure::Unknown(why(NO_COLLISIONS)) });
 
-        let interventions = self.resets + u32::from(self.ended_badly(span.end_s));
+        let interventions = self.interventions(span.end_s);
         let is_judged = crashes.is_some() && left_road.is_some() && puts.is_some();
-        let no_pilot = self.answers.all > 0 && self.answers.pilot == 0;
         let untold = match () {
             () if span.told_s <= 0.0 => Some(NO_TIME),
-            () if no_pilot => Some(NO_PILOT),
+            () if self.no_pilot() => Some(NO_PILOT),
             () if crashes.is_none() => Some(why(NO_COLLISIONS)),
             () if !is_judged => Some(why(NO_EDGE)),
             () if !span.is_timed => Some(UNTIMED),
@@ -88,7 +87,7 @@ impl Scorer {
 
         self.laps(figures, span, found);
         if crashes.is_some() {
-            let (survival_s, survival_m) = self.survived.unwrap_or((span.time_s, way));
+            let (survival_s, survival_m) = self.survival(span, way);
             figures.told(F::SurvivalS, self.last.map(|_| survival_s), NO_TIME);
             figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
         } else {

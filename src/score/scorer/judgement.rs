@@ -67,7 +67,7 @@ impl Scorer {
 
         // Whose drive it was: answers to bad frames alone are no human's.
         let by_human = self.answers.human > 0 && self.answers.human == self.answers.all;
-        let no_pilot = self.answers.all > 0 && self.answers.pilot == 0;
+        let no_pilot = self.no_pilot();
         let why = if no_pilot { NO_PILOT } else { NO_TIME };
         let somebody = seen || self.takeovers > 0;
         figures.told(F::Takeovers, (somebody && !no_pilot).then_some(self.takeovers.into()), why);
@@ -165,6 +165,7 @@ impl Scorer {
             whereabouts: found.whereabouts,
             latency: self.stages.latencies(),
             damaged: self.damaged,
+            lap_times_from,
             notes: self.notes,
             ..figures.card()
         }
@@ -186,7 +187,7 @@ impl Scorer {
         figures.set(F::CollisionsPerKm, per_km(collisions, way, distance));
         let episodes = f64::from(self.resets + 1);
         let off_road_share = if self.driven_m > 0.0 { self.off_road_m / self.driven_m } else { 0.0 };
-        let interventions = self.resets + u32::from(self.ended_badly(span.end_s));
+        let interventions = self.interventions(span.end_s);
         for (figure, value) in [
             (F::Episodes, episodes),
             (F::CollisionRate, f64::from(self.struck_episodes) / episodes),
@@ -203,13 +204,12 @@ impl Scorer {
         figures.told(F::DrivingScore, scores.map(|(new, _)| new), no_completion);
         figures.told(F::DrivingScoreProduct, scores.map(|(_, old)| old), no_completion);
 
-        let no_pilot = self.answers.all > 0 && self.answers.pilot == 0;
-        let autonomies = (span.told_s > 0.0 && !no_pilot)
+        let autonomies = (span.told_s > 0.0 && !self.no_pilot())
             .then(|| autonomies(span.time_s, self.takeovers, self.human_s, interventions));
         let why = if span.told_s > 0.0 { NO_PILOT } else { NO_TIME };
         figures.told(F::Autonomy, autonomies.map(|(counted, _)| counted), why);
         figures.told(F::AutonomyMeasured, autonomies.map(|(_, measured)| measured), why);
-        let (survival_s, survival_m) = self.survived.unwrap_or((span.time_s, way));
+        let (survival_s, survival_m) = self.survival(span, way);
         figures.told(F::SurvivalS, Some(survival_s), NO_TIME);
         figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
     }
