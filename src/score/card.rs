@@ -12,9 +12,6 @@ use super::{Figure, Latency, Measure, STAGES, Unit};
 /// What the JSON of a scorecard is called. A key's meaning never changes under one number; new keys may come.
 pub const SCHEMA: &str = "lapwing.scorecard/1";
 
-/// What lap times are estimated from.
-pub(super) const LAP_TIMES_FROM: &str = "where it seems that laps ended";
-
 /// What a run was worth.
 ///
 /// As JSON it is one object: `schema`; `track`, `scenario`, `ended`, `laps_asked`, each a value or null; a number or null
@@ -35,6 +32,8 @@ pub struct Scorecard {
     pub lap_times_s: Vec<f64>,
     /// How far off each of them may be, in seconds, where they are estimates.
     pub lap_times_off_s: Option<f64>,
+    /// What such estimates follow from.
+    pub(super) lap_times_from: &'static str,
     /// Where it was on a known track, for a map, in a run that tells no position: seconds of the run, and metres along the
     /// track's driving line. Estimates, and no part of the JSON.
     pub whereabouts: Vec<(f64, f64)>,
@@ -77,6 +76,7 @@ impl Figures {
             laps_asked: None,
             lap_times_s: vec![],
             lap_times_off_s: None,
+            lap_times_from: "",
             whereabouts: vec![],
             latency: Default::default(),
             damaged: false,
@@ -140,7 +140,7 @@ impl Serialize for Scorecard {
         }
         map.serialize_entry("lap_times_s", &self.lap_times_s)?;
         if let Some(uncertainty) = self.lap_times_off_s {
-            estimates.insert("lap_times_s", Estimate { uncertainty, from: LAP_TIMES_FROM });
+            estimates.insert("lap_times_s", Estimate { uncertainty, from: self.lap_times_from });
         }
         let latency: BTreeMap<_, _> = STAGES.into_iter().zip(self.latency).filter_map(|(s, l)| Some((s, l?))).collect();
         map.serialize_entry("latency_ms", &latency)?;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Figure as F, Measure, STAGES, Scorecard, Unit, card::LAP_TIMES_FROM};
+use super::{Figure as F, Measure, STAGES, Scorecard, Unit};
 use crate::words::count as counted;
 
 /// Width of the names in front of what is told.
@@ -21,7 +21,7 @@ impl Scorecard {
     /// How the lap times came about, likewise.
     pub(super) fn how_lap_times(&self) -> String {
         // No lap is so short that its time could be nought.
-        let off = |off| estimated(LAP_TIMES_FROM, Unit::Seconds.show_off(f64::MAX, off));
+        let off = |off| estimated(self.lap_times_from, Unit::Seconds.show_off(f64::MAX, off));
         self.lap_times_off_s.map_or_else(String::new, off)
     }
 

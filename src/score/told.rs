@@ -6,7 +6,7 @@ mod waypoints;
 pub(super) use waypoints::Waypoints;
 
 use self::waypoints::Seen;
-use super::smoothness::GAP_S;
+use super::{infractions::Struck, smoothness::GAP_S};
 use crate::{
     protocol::Truth,
     units::{MPS_PER_MPH, Metres},
@@ -31,6 +31,8 @@ pub(super) struct Told {
     pub tells: bool,
     /// Contacts where nobody counts them: so far, and whether there is one now.
     contacts: (u32, bool),
+    /// What was hit, each time that its name came with one collision more.
+    pub struck: Vec<Struck>,
     /// When the lap began, if that was seen.
     lap_began_s: Option<f64>,
     pub lap_times_s: Vec<f64>,
@@ -82,6 +84,7 @@ impl Told {
         self.time_laps(laps, truth.waypoint, now);
         let contacts = self.contacts(truth);
         let crashes = self.crashes.take(contacts);
+        self.struck.extend(truth.hit.as_deref().filter(|_| crashes == 1).map(Struck::by_name));
         let left_road = self.out_of_bounds.take(truth.out_of_bounds.map(f64::from));
         let off_m = truth.cte.map(|cte| cte.get().abs());
         let put_back = passed && seen == Seen::Standing;

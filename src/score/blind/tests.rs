@@ -33,6 +33,16 @@ fn telemetry(steering_deg: f64, mps: f64) -> Telemetry {
 
 /// A drive of so many metres that ends in standing still from one telemetry to the next.
 fn crashed_after(metres: f64, roads: &[Arc<Road>], heading: impl Fn(f64) -> f64) -> Scorecard {
+    crashed_and_told(metres, roads, heading, |_| Truth::default())
+}
+
+/// The same, with what is told at so many metres.
+fn crashed_and_told(
+    metres: f64,
+    roads: &[Arc<Road>],
+    heading: impl Fn(f64) -> f64,
+    told: impl Fn(f64) -> Truth,
+) -> Scorecard {
     let mut scorer = Scorer::on(roads, Some(2));
     let way = MPS / 15.0;
     let steps = (metres / way) as u32;
@@ -40,7 +50,8 @@ fn crashed_after(metres: f64, roads: &[Arc<Road>], heading: impl Fn(f64) -> f64)
         let s = way * f64::from(i);
         let curvature = (heading(s + way) - heading(s)) / way;
         let steering = (curvature * WHEELBASE_M).atan().to_degrees();
-        scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry(steering, MPS));
+        let telemetry = Telemetry { truth: told(s), ..telemetry(steering, MPS) };
+        scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry);
     }
     for i in 1..10 {
         scorer.telemetry(Duration::from_secs_f64(f64::from(steps + i) / 15.0), &telemetry(0.0, 0.0));
@@ -63,6 +74,21 @@ fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
     assert!(((at * MPS) % LENGTH_M - s).abs() < 10.0, "{at} s, {s} m");
     assert!((card.value(Figure::SurvivalS).unwrap() - 1500.0 / MPS).abs() < 0.2, "{card}");
     assert!((card.value(Figure::SurvivalM).unwrap() - 1500.0).abs() < 2.0, "{card}");
+}
+
+#[test]
+fn laps_that_are_told_without_a_time_leave_the_estimated_times_as_they_are() {
+    // Counted from a line that is passed at 800 m, so that none is seen from its beginning to its end.
+    let told = |s: f64| Truth {
+        lap: Some(((s + 200.0) / LENGTH_M) as u32),
+        waypoint: Some(((s + 200.0) % LENGTH_M / 20.0) as u32),
+        ..Truth::default()
+    };
+    let card = crashed_and_told(1500.0, &[road()], heading, told);
+    let ([lap_s], Some(off_s)) = (&card.lap_times_s[..], card.lap_times_off_s) else { panic!("{card}") };
+    assert!((lap_s - LENGTH_M / MPS).abs() < off_s, "{card}");
+    let json = serde_json::to_value(&card).unwrap();
+    assert_eq!(json["estimates"]["lap_times_s"]["from"], "where it seems that laps ended");
 }
 
 #[test]

@@ -127,7 +127,7 @@ impl Scorer {
         let matched_m = found.and_then(|found| found.way).map(|(length_m, ..)| length_m);
         let known_m = || self.blind.roads().iter().map(|road| road.length_m).find(ends_lap);
         let within = waypoints.within(matched_m.or_else(known_m));
-        let is_seen = found.is_some_and(|found| found.laps == Some(laps as u32 + 1));
+        let is_seen = found.is_some_and(|found| found.laps.map(f64::from) == Some(laps + 1.0));
         let may_end = !waypoints.are_told() || waypoints.is_at_line();
         let is_done = within.is_some_and(|within| within.is_done) || is_seen && may_end;
         let is_open = self.is_live && within.is_none() && may_end;
@@ -137,13 +137,16 @@ impl Scorer {
             () => Measure::Told(laps),
         };
         figures.set(F::Laps, measure);
-        let share = within.map(|within| if is_done { 1.0 } else { within.share }).or(is_done.then_some(1.0));
+        // A human before the first telemetry drove what it does not tell of the lap.
+        let by_human = self.began_s < self.first_s;
+        let begun = within.filter(|_| !by_human).map_or(0.0, |within| within.begun);
+        let share = within.map(|within| within.share).filter(|_| !is_done).or(is_done.then_some(1.0));
         let completion = match (self.blind.laps_asked.map(|asked| f64::from(asked.max(1))), share) {
             (None, _) => Measure::Unknown(NO_LAPS_ASKED),
-            (Some(asked), _) if laps >= asked => Measure::Told(1.0),
+            (Some(asked), _) if laps - begun >= asked => Measure::Told(1.0),
             (Some(_), None) => Measure::Unknown(no_completion),
             (Some(asked), Some(share)) => {
-                let value = ((laps + share) / asked).clamp(0.0, 1.0);
+                let value = ((laps - begun + share) / asked).clamp(0.0, 1.0);
                 let uncertainty = within.map_or(0.01, |within| within.off) / asked;
                 match within {
                     _ if is_done => Measure::Estimate { value, uncertainty, from: LAST_LAP },
@@ -169,7 +172,7 @@ impl Scorer {
             _ => None,
         });
         if let Some(why) = untold {
-            let why = if self.told.tells { why } else { NO_POSITION };
+            let why = if self.told.tells || self.last.is_none() { why } else { NO_POSITION };
             [F::DrivingScore, F::DrivingScoreProduct].into_iter().for_each(|figure| figures.told(figure, None, why));
             return;
         }
@@ -182,9 +185,13 @@ impl Scorer {
             _ => UNNAMED,
         };
         let (done, off_road) = (completion.value().unwrap_or(0.0), share.value().unwrap_or(0.0));
-        // A file says any number; after a hundred there is nothing left of a score.
-        let struck = crashes.unwrap_or(0.0).min(100.0) as usize;
-        let of = |kind: Struck| driving_scores(done, off_road, &vec![kind; struck]);
+        let struck = crashes.unwrap_or(0.0);
+        let named = Some(&self.told.struck).filter(|named| named.len() as f64 == struck);
+        let of = |kind: Struck| match named {
+            Some(named) => driving_scores(done, off_road, named),
+            // A file says any number; after a hundred there is nothing left of a score.
+            None => driving_scores(done, off_road, &vec![kind; struck.min(100.0) as usize]),
+        };
         let (least, most) = (of(Struck::Person), of(Struck::Static));
         let off_way = 100.0 * (off(completion) + off(share));
         for (figure, least, most) in [(F::DrivingScore, least.0, most.0), (F::DrivingScoreProduct, least.1, most.1)] {
@@ -201,3 +208,6 @@ impl Scorer {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -27,6 +27,9 @@ pub(super) const NO_LAPS_ASKED: &str = "no laps were asked for";
 pub(in crate::score) const NO_TIME: &str = "the run has fewer than two telemetries";
 pub(super) const NOTHING: &str = "the run has no telemetry";
 pub(super) const NO_WAY: &str = "the car did not move";
+/// What lap times are estimated from.
+const LAP_TIMES_TOLD: &str = "the telemetries around the end of each lap";
+const LAP_TIMES_FOUND: &str = "where it seems that laps ended";
 const NO_ANSWERS: &str = "the run has no answers";
 pub(in crate::score) const NO_PILOT: &str = "no pilot drove";
 const NO_CTE: &str = "the run tells no distance from the line to drive";
@@ -143,17 +146,17 @@ impl Scorer {
             [F::Autonomy, F::AutonomyMeasured].into_iter().for_each(|figure| figures.told(figure, None, UNTIMED));
         }
         if !judged {
-            self.scores(&mut figures);
             let lap_m = road_m.or(self.told.waypoints.lap_m());
             span.open_ended(&mut figures, lap_m, laps_asked, self.driven_m);
+            self.scores(&mut figures);
         }
         let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
-        let (lap_times_s, lap_times_off_s) = if judged {
-            (self.laps, None)
-        } else if self.told.laps.total().is_some() {
-            (self.told.lap_times_s, Some(self.told.lap_times_off_s))
+        let (lap_times_s, lap_times_off_s, lap_times_from) = if judged {
+            (self.laps, None, "")
+        } else if !self.told.lap_times_s.is_empty() {
+            (self.told.lap_times_s, Some(self.told.lap_times_off_s), LAP_TIMES_TOLD)
         } else {
-            (found.lap_times_s, found.lap_times_off_s)
+            (found.lap_times_s, found.lap_times_off_s, LAP_TIMES_FOUND)
         };
         Scorecard {
             track: track.or(self.told.track).or(found.track),
@@ -162,10 +165,10 @@ impl Scorer {
             laps_asked,
             lap_times_off_s: lap_times_off_s.filter(|_| !lap_times_s.is_empty()),
             lap_times_s,
+            lap_times_from,
             whereabouts: found.whereabouts,
             latency: self.stages.latencies(),
             damaged: self.damaged,
-            lap_times_from,
             notes: self.notes,
             ..figures.card()
         }
@@ -214,9 +217,20 @@ impl Scorer {
         figures.set(F::SurvivalM, distance.map(|_| survival_m, 1.0));
     }
 
-    /// Whether the run ended in a way that somebody would have had to end.
-    pub(super) fn ended_badly(&self, end_s: f64) -> bool {
-        self.ended_off_road || self.is_stuck || self.last_collision_s.is_some_and(|at| end_s - at <= AFTERMATH_S)
+    /// Whether there are answers, and none is a pilot's.
+    pub(super) fn no_pilot(&self) -> bool {
+        self.answers.all > 0 && self.answers.pilot == 0
+    }
+
+    /// Times that the car was put back, and once more where the run ended in a way that somebody would have had to end.
+    pub(super) fn interventions(&self, end_s: f64) -> u32 {
+        let struck = self.last_collision_s.is_some_and(|at| end_s - at <= AFTERMATH_S);
+        self.resets + u32::from(self.ended_off_road || self.is_stuck || struck)
+    }
+
+    /// Seconds and metres to the first infraction, or to the end.
+    pub(super) fn survival(&self, span: &Span, way: f64) -> (f64, f64) {
+        self.survived.unwrap_or((span.time_s, way))
     }
 }
 

@@ -251,6 +251,7 @@ fn what_is_left_of_a_damaged_run_reaches_no_threshold() {
 fn a_run_without_a_telemetry_tells_no_distance() {
     let card = Scorer::default().finish();
     assert_eq!(card.get(Figure::DistanceM), Measure::Unknown(NOTHING));
+    assert_eq!(card.get(Figure::DrivingScore), Measure::Unknown(NOTHING));
     assert!(card.to_string().contains("distance          not measurable: the run has no telemetry"), "{card}");
 }
 

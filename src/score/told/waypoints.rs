@@ -37,10 +37,12 @@ pub(super) enum Seen {
 /// Where in a lap the car is at the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::score) struct Within {
-    /// Share of the lap since the run's first waypoint.
+    /// Share of the lap that lies behind it.
     pub share: f64,
     /// How far off that may be.
     pub off: f64,
+    /// Share of a lap that lay behind it at the run's first waypoint.
+    pub begun: f64,
     /// How many waypoints there are was seen, not concluded.
     pub is_counted: bool,
     /// It stands at the end of the lap: the next telemetry would have told it.
@@ -60,6 +62,10 @@ impl Waypoints {
         };
         if now == before {
             return false;
+        }
+        if now == 0 && !lap_ended && self.count.is_none() {
+            // It began just before the line, or the track was loaded anew: what is counted begins here.
+            self.first = Some(0);
         }
         if now == 0 && lap_ended {
             self.count = self.count.max(Some(before.saturating_add(1)));
@@ -110,14 +116,14 @@ impl Waypoints {
         let is_counted = self.count.is_some();
         let off_count = if is_counted { 0.5 } else { (LENGTH_OFF * count).max(0.5) };
         let is_last = (f64::from(last) + 1.0 - count).abs() <= off_count;
-        let share = (f64::from(last) - f64::from(first)) / count;
+        let [begun, share] = [first, last].map(|waypoint| (f64::from(waypoint) / count).min(1.0));
         let is_done = is_last && self.is_at_line();
         let off = match self.stretch_m() {
             Some(stretch_m) if is_done => (LEFT + 2.0 * self.step_m / stretch_m) / count,
             _ if is_counted => 1.0 / count,
-            _ => 1.0 / count + share.abs() * LENGTH_OFF,
+            _ => 1.0 / count + (share - begun).abs() * LENGTH_OFF,
         };
-        Some(Within { share: share.min(1.0), off, is_counted, is_done })
+        Some(Within { share, off, begun, is_counted, is_done })
     }
 }
 
@@ -162,8 +168,8 @@ mod tests {
 
     #[test]
     fn a_run_that_begins_in_the_middle_of_a_lap_is_not_ahead_of_its_way() {
-        let share = driven(300.0, 600.0).within(Some(1000.0)).unwrap().share;
-        assert!((share - 0.3).abs() < 0.03, "{share}");
+        let within = driven(300.0, 600.0).within(Some(1000.0)).unwrap();
+        assert!((within.share - within.begun - 0.3).abs() < 0.03, "{within:?}");
     }
 
     #[test]
