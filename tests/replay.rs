@@ -305,11 +305,19 @@ async fn an_answer_that_cannot_be_read_does_not_put_later_ones_to_the_wrong_fram
         let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
         let report = client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
         assert_eq!((report.telemetries, report.answers, report.lost_tokens), (5, 4, 1));
+        assert_eq!(report.round_trips.len(), 5, "a time for each frame");
         replay
     });
-    let answers =
-        replay.await.unwrap().answers().iter().map(|a| (a.frame, steered(a).steering.get())).collect::<Vec<_>>();
-    assert_eq!(answers, [(1, 0.01), (2, 0.02), (3, 0.03), (4, 0.04)]);
+    let replay = replay.await.unwrap();
+    let [first, others @ ..] = replay.answers() else { panic!("no answers") };
+    assert_eq!(first.response, Response::Bad { why: "its answer could not be read".into() });
+    let others: Vec<_> = others.iter().map(|a| (a.frame, steered(a).steering.get())).collect();
+    assert_eq!(others, [(1, 0.01), (2, 0.02), (3, 0.03), (4, 0.04)]);
+    // Each line of a golden file is held against the answer to its own frame.
+    let mut readable = replay.answers().to_vec();
+    readable[0].response = Response::Steer(Command::default());
+    let golden = Golden::new("folder", "bridge", &readable, None);
+    assert_eq!(golden.compare(replay.answers(), 0.0).iter().map(|d| d.frame).collect::<Vec<_>>(), [0]);
 }
 
 #[test]

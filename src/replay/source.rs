@@ -251,7 +251,7 @@ impl World for Replay {
     }
 
     fn unanswered(&mut self) {
-        self.waiting.pop_front();
+        self.settle(Response::Bad { why: "its answer could not be read".into() });
     }
 
     /// Takes the answer of a bridge, which does not tell what it is worth: a picture that cannot be read was seen by no

@@ -70,7 +70,7 @@ pub struct ClientReport {
     pub answers: u64,
     /// Answers that it would have swallowed, each a token lost.
     pub lost_tokens: u64,
-    /// Time from a telemetry's first byte to its answer's last, in order.
+    /// Time from a telemetry's first byte to its answer's last, in order; a swallowed one's, too.
     pub round_trips: Vec<Duration>,
 }
 
@@ -325,7 +325,10 @@ impl Client<'_> {
                         Err(error) => {
                             tracing::warn!("{error}");
                             self.report.lost_tokens += 1;
-                            self.swallowed = self.in_flight.pop_front().is_some();
+                            if let Some(sent) = self.in_flight.pop_front() {
+                                self.report.round_trips.push(sent.elapsed());
+                                self.swallowed = true;
+                            }
                             return Ok(None);
                         }
                     },
