@@ -5,7 +5,7 @@ use std::{fmt, time::Duration};
 use serde::Serialize;
 
 use super::{Answered, Response};
-use crate::score::Agreement;
+use crate::{score::Agreement, words};
 
 /// Share of bad frames above which a replay says too little of a driver to pass.
 pub const MOST_BAD_FRAMES: f64 = 0.01;
@@ -162,7 +162,8 @@ impl fmt::Display for Report {
         match self.agreement() {
             Ok(Agreement { frames, mae, mse, r }) => {
                 let r = r.map_or("not measurable: the steering does not vary".into(), |r| format!("{r:.3}"));
-                write!(f, "\n  steering error   {mae:9.4} MAE, {mse:.5} MSE, r {r} (over {frames} frames)")?;
+                let over = words::count(*frames, "frame");
+                write!(f, "\n  steering error   {mae:9.4} MAE, {mse:.5} MSE, r {r} (over {over})")?;
             }
             Err(why) => write!(f, "\n  steering error   not measurable: {why}")?,
         }
@@ -222,8 +223,15 @@ mod tests {
         let text = report.to_string();
         assert!(text.contains("bad frames               2 (50.0 %): no network saw them"), "{text}");
         assert!(text.contains("\n    frame 0: image: expected a JPEG\n"), "{text}");
+        assert!(text.contains("(over 2 frames)"), "{text}");
         let json = serde_json::to_value(&report).unwrap();
         assert_eq!((&json["bad_frames"], &json["first_bad_frames"][1]["frame"]), (&2.into(), &2.into()));
+    }
+
+    #[test]
+    fn one_frame_is_not_frames() {
+        let text = report(vec![steer(0.1)]).to_string();
+        assert!(text.contains("(over 1 frame)"), "{text}");
     }
 
     #[test]
