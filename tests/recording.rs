@@ -548,7 +548,9 @@ fn messages_beyond_any_telemetry_or_picture_are_named_and_the_next_one_read() {
     let event = out.add_channel(0, "/event", "json", &BTreeMap::new()).unwrap();
     let camera = out.add_channel(0, "/camera/center", "protobuf", &BTreeMap::new()).unwrap();
     let note = format!(r#"{{"kind":"note","text":"{}"}}"#, "x".repeat(2 << 20));
-    for (channel_id, data) in [(event, note.as_bytes()), (camera, &vec![0; 17 << 20]), (event, br#"{"kind":"kick"}"#)] {
+    // Fields 2 and 3: 17 MiB of data, in the format jpeg.
+    let picture = [&b"\x12\x80\x80\xc0\x08"[..], &vec![0; 17 << 20], b"\x1a\x04jpeg"].concat();
+    for (channel_id, data) in [(event, note.as_bytes()), (camera, &picture), (event, br#"{"kind":"kick"}"#)] {
         let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
         out.write_to_known_channel(&header, data).unwrap();
     }

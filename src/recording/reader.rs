@@ -305,13 +305,13 @@ fn what_is(start: &[u8]) -> &'static str {
 /// One message of a run.
 fn parse(channel: Channel, data: &[u8]) -> Result<Item, String> {
     match channel {
-        Channel::Camera if data.len() > MOST_PICTURE => {
-            Err(format!("expected a picture of at most {MOST_PICTURE} bytes, got {}", data.len()))
-        }
         Channel::Camera => {
             let image = CompressedImage::decode(data).map_err(|e| format!("expected a CompressedImage: {e}"))?;
             if image.format != "jpeg" {
                 return Err(format!("expected a picture in the format jpeg, got {:.40?}", image.format));
+            }
+            if image.data.len() > MOST_PICTURE {
+                return Err(format!("expected a picture of at most {MOST_PICTURE} bytes, got {}", image.data.len()));
             }
             Ok(Item::Frame(image.data))
         }
@@ -329,4 +329,21 @@ fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
         let got: String = String::from_utf8_lossy(&data[..data.len().min(240)]).chars().take(60).collect();
         format!("{:.300}, got {got:?}", e.to_string())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_may_be_as_long_in_a_run_as_in_a_file_whatever_comes_with_it() {
+        let of = |bytes: usize| {
+            let format = "jpeg".into();
+            let image = CompressedImage { data: vec![0; bytes].into(), format, ..CompressedImage::default() };
+            parse(Channel::Camera, &image.encode_to_vec())
+        };
+        assert!(matches!(of(MOST_PICTURE), Ok(Item::Frame(jpeg)) if jpeg.len() == MOST_PICTURE));
+        let error = of(MOST_PICTURE + 1).unwrap_err();
+        assert_eq!(error, "expected a picture of at most 16777216 bytes, got 16777217");
+    }
 }

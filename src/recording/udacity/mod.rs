@@ -101,10 +101,11 @@ impl DrivingLog {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         let none = |got| RecordingError::NoSource { path: path.to_owned(), got };
+        let is_there = |path: &Path| path.try_exists().map_err(RecordingError::io("read the driving log", path));
         let path = match path.is_dir().then(|| path.join("driving_log.csv")) {
-            Some(log) if !log.exists() => return Err(none("a folder without it")),
+            Some(log) if !is_there(&log)? => return Err(none("a folder without it")),
             Some(log) => log,
-            None if !path.exists() => return Err(none("nothing: no such file or folder")),
+            None if !is_there(path)? => return Err(none("nothing: no such file or folder")),
             None => path.to_owned(),
         };
         let bytes =
@@ -407,6 +408,18 @@ mod tests {
         std::os::unix::fs::symlink("/dev/zero", dir.path().join("driving_log.csv")).unwrap();
         let error = DrivingLog::open(dir.path()).unwrap_err().to_string();
         assert!(error.ends_with(": expected a driving log, got a device or a pipe"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_log_that_cannot_be_looked_for_is_not_said_to_be_missing() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("driving_log.csv");
+        std::os::unix::fs::symlink(&log, &log).unwrap(); // leads to itself
+        for path in [dir.path(), &log] {
+            let error = DrivingLog::open(path).unwrap_err();
+            assert!(matches!(error, RecordingError::Io { .. }), "{error}");
+        }
     }
 
     #[test]
