@@ -13,6 +13,9 @@ const REAL_TIME: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// A second that has just begun is told up to so much later, in seconds: with the next telemetry, and that may come late.
 const BEHIND_S: f64 = 0.25;
 
+/// A clock that has not moved for so long, in seconds of the stamps, stands: one in whole seconds moves within one.
+const STANDS_S: f64 = 2.5;
+
 /// From stamps to the time of the run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Clock {
@@ -28,6 +31,8 @@ pub(super) struct Clock {
     /// Whole seconds are told, several telemetries each; and whether one of them has ended.
     is_coarse: bool,
     has_ticked: bool,
+    /// It has not moved yet, for longer than any clock that goes.
+    stands: bool,
 }
 
 /// A telemetry that told the time.
@@ -57,13 +62,18 @@ impl Clock {
         let is_whole = sim_s.fract() == 0.0 && last.sim_s.fract() == 0.0;
         self.is_coarse = is_whole && (self.is_coarse || step_s == 0.0);
         let exact = sim_s + self.offset_s;
-        let stands = step_s == 0.0 && self.changed.is_none();
-        let anew = step_s < 0.0 || stands || (self.is_coarse && step_s > 0.0 && !self.has_ticked);
-        let run_s = match () {
+        let still_s =
+            self.first.filter(|_| step_s == 0.0 && self.changed.is_none()).map(|first| stamp_s - first.stamp_s);
+        let stood_s = still_s.filter(|still_s| !self.stands && *still_s > STANDS_S);
+        self.stands = still_s.is_some() && (self.stands || stood_s.is_some());
+        let anew = step_s < 0.0 || self.stands || (self.is_coarse && step_s > 0.0 && !self.has_ticked);
+        let run_s = match stood_s.zip(self.first) {
+            // What it did not tell so far.
+            Some((stood_s, first)) => by_stamps.max(first.run_s + stood_s),
             // Loaded anew, not begun, or the first second that ends: nobody knows when it began.
-            () if anew => by_stamps,
-            () if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
-            () => exact.max(last.run_s),
+            None if anew => by_stamps,
+            None if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
+            None => exact.max(last.run_s),
         };
         let told = Told { stamp_s, sim_s, run_s };
         if anew {
