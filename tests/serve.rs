@@ -91,7 +91,7 @@ fn whole(run: &Path) -> Option<usize> {
 }
 
 fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + Duration::from_secs(60);
     loop {
         if let Some(it) = found() {
             return it;
