@@ -22,7 +22,17 @@ struct Verb {
 impl Verb {
     fn start(script: &str, arguments: &[&str]) -> Self {
         let dir = tempdir().unwrap();
-        let child = Command::new("sh")
+        let mut command = Command::new("sh");
+        // Whoever runs the tests may ignore it (nohup), and what is ignored is inherited.
+        // SAFETY: signal() may be called between fork and exec.
+        #[cfg(unix)]
+        unsafe {
+            std::os::unix::process::CommandExt::pre_exec(&mut command, || {
+                libc::signal(libc::SIGHUP, libc::SIG_DFL);
+                Ok(())
+            });
+        }
+        let child = command
             .args(["-c", script, env!("CARGO_BIN_EXE_lapwing")])
             .args(arguments)
             .current_dir(dir.path())
