@@ -19,7 +19,7 @@ use lapwing::{
 };
 use tokio_tungstenite::tungstenite::{Message, accept};
 
-const FRAMES: u32 = 100;
+const FRAMES: u32 = 1000;
 
 /// The same telemetry again and again.
 struct Standing {
@@ -58,9 +58,9 @@ fn play(bencher: Bencher<'_, '_>, address: SocketAddr) {
     });
 }
 
-/// A hundred frames with the shipped PilotNet, recorded as always.
-#[divan::bench(sample_size = 1, sample_count = 20)]
-fn lock_step_100_frames(bencher: Bencher<'_, '_>) {
+/// A thousand frames with the shipped PilotNet, recorded as always.
+#[divan::bench(sample_size = 1, sample_count = 5)]
+fn lock_step_1000_frames(bencher: Bencher<'_, '_>) {
     tch::set_num_threads(1);
     let dir = tempfile::tempdir().unwrap();
     let mut settings = Settings::default();
@@ -76,8 +76,8 @@ fn lock_step_100_frames(bencher: Bencher<'_, '_>) {
 }
 
 /// The limit: a server that sends the same answer whatever comes.
-#[divan::bench(sample_size = 1, sample_count = 20)]
-fn lock_step_100_frames_unseen(bencher: Bencher<'_, '_>) {
+#[divan::bench(sample_size = 1, sample_count = 5)]
+fn lock_step_1000_frames_unseen(bencher: Bencher<'_, '_>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     thread::spawn(move || {
