@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::{nn::NnError, perception::PreprocessError};
+use crate::{nn::NnError, perception::PreprocessError, words::count};
 
 /// Why there is no pilot, or no steering of one.
 #[derive(Debug, thiserror::Error)]
@@ -73,7 +73,7 @@ pub enum PilotError {
     #[error(transparent)]
     Network(#[from] NnError),
     /// The network answers more or fewer numbers than it is said to.
-    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}", expected = numbers(.outputs.len()), names = .outputs.join(", "))]
+    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}", expected = count(.outputs.len(), "number"), names = .outputs.join(", "))]
     OutputShape {
         /// What each number should be.
         outputs: Vec<String>,
@@ -96,8 +96,4 @@ pub enum PilotError {
         /// Why not.
         source: Box<PilotError>,
     },
-}
-
-fn numbers(count: usize) -> String {
-    if count == 1 { "1 number".into() } else { format!("{count} numbers") }
 }
