@@ -11,14 +11,14 @@ drive: build
 	target/release/lapwing drive --track lake --laps 1 --recordings runs
 
 test: .libtorch/build-version
-	$(CARGO) test --release
+	$(CARGO) test --release --workspace
 
 build: .libtorch/build-version
-	$(CARGO) build --release
+	$(CARGO) build --release -p lapwing
 
 lint: .libtorch/build-version
-	$(CARGO) fmt --check
-	$(CARGO) clippy --release --all-targets -- -D warnings
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
 
 # What the program is made of: licences, bans, sources, advisories; and whether NOTICES names it all.
 deny:

@@ -5,7 +5,6 @@
 use std::{env, path::Path};
 
 fn main() {
-    println!("cargo:rerun-if-changed=build.rs");
     // Set by torch-sys (`links = "tch"`), which is therefore a direct dependency.
     println!("cargo:rerun-if-env-changed=DEP_TCH_LIBTORCH_LIB");
     let Ok(lib) = env::var("DEP_TCH_LIBTORCH_LIB") else {

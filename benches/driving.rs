@@ -9,14 +9,15 @@ use std::{
 use base64::{Engine, prelude::BASE64_STANDARD};
 use divan::{Bencher, counter::BytesCount};
 use image::{ColorType, codecs::jpeg::JpegEncoder};
-use lapwing::{
+use lapwing_core::{
     config::Control,
     driver::Driver,
-    nn::{Architecture, Checkpoint, Design, Network, in_variable_store, runtime},
     perception::{Frame, Preprocess, Preprocessor, decode_base64, decode_jpeg},
-    pilot::{self, View},
+    pilot::View,
     protocol::{Observation, Sight},
 };
+use lapwing_learn::models;
+use lapwing_learn::nn::{Architecture, Checkpoint, Design, Network, in_variable_store, runtime};
 use tch::{Device, Kind, Tensor, nn::VarStore};
 
 mod lock_step;
@@ -114,7 +115,7 @@ fn pilotnet_forward_as_in_training_on_threads(bencher: Bencher<'_, '_>, threads:
 #[divan::bench(args = [1, 2], sample_size = 20)]
 fn pilot_steers_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
     tch::set_num_threads(threads);
-    let (mut pilot, frame) = (pilot::load(MODEL, Instant::now).unwrap().pilot(), frame());
+    let (mut pilot, frame) = (models::load(MODEL, Instant::now).unwrap().pilot(), frame());
     bencher.bench_local(|| pilot.steer(&View::of(black_box(&frame))).unwrap());
 }
 
@@ -122,7 +123,7 @@ fn pilot_steers_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
 #[divan::bench(sample_size = 20)]
 fn driver(bencher: Bencher<'_, '_>) {
     tch::set_num_threads(1);
-    let pilot = pilot::load(MODEL, Instant::now).unwrap().pilot();
+    let pilot = models::load(MODEL, Instant::now).unwrap().pilot();
     let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
     let observation = Observation { at: Duration::ZERO, sight: Sight::Telemetry(lock_step::telemetry()) };
     bencher.bench_local(|| driver.drive(black_box(&observation)));

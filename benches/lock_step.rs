@@ -9,14 +9,14 @@ use std::{
 };
 
 use divan::{Bencher, counter::ItemsCount};
-use lapwing::{
-    bridge::{self, Bridge, Listener},
+use lapwing_core::{
+    client::{self, ClientOptions},
     config::Settings,
-    pilot,
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
-    simulator::client::{self, ClientOptions},
     units::{Degrees, Mph, Throttle},
 };
+use lapwing_learn::models;
+use lapwing_live::bridge::{self, Bridge, Listener};
 use tokio_tungstenite::tungstenite::{Message, accept};
 
 const FRAMES: u32 = 1000;
@@ -67,7 +67,7 @@ fn lock_step_1000_frames(bencher: Bencher<'_, '_>) {
     settings.recording.dir = dir.path().to_owned();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
     let bridge = Bridge::new(settings, |_| {});
-    bridge.model_is_ready(pilot::built_in(Instant::now).unwrap());
+    bridge.model_is_ready(models::built_in(Instant::now).unwrap());
     let listener = runtime.block_on(Listener::bind(([127, 0, 0, 1], 0).into())).unwrap();
     let address = listener.address();
     let server = runtime.spawn(bridge::serve(listener, bridge, std::future::pending()));

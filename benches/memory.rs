@@ -14,13 +14,11 @@ use std::{
 };
 
 use divan::Bencher;
-use lapwing::{
-    allocator::Allocator,
-    bridge::{self, Bridge, Listener},
-    config::Settings,
-    nn::{Checkpoint, runtime},
-    pilot,
-};
+use lapwing::allocator::Allocator;
+use lapwing_core::config::Settings;
+use lapwing_learn::models;
+use lapwing_learn::nn::{Checkpoint, runtime};
+use lapwing_live::bridge::{self, Bridge, Listener};
 use tch::{Device, Kind, Tensor};
 use tokio_tungstenite::tungstenite::{Message, client::IntoClientRequest};
 
@@ -71,7 +69,7 @@ pub(super) fn child() -> bool {
     let mut settings = Settings::default();
     settings.recording.dir = dir.path().join("runs");
     let bridge = Bridge::new(settings, |_| {});
-    bridge.model_is_ready(pilot::built_in(Instant::now).unwrap());
+    bridge.model_is_ready(models::built_in(Instant::now).unwrap());
     let listener = runtime.block_on(Listener::bind(([127, 0, 0, 1], 0).into())).unwrap();
     let address = listener.address();
     runtime.spawn(bridge::serve(listener, bridge, std::future::pending()));

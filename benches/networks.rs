@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use divan::Bencher;
-use lapwing::nn::{Architecture, Design, Memory, Network, in_variable_store};
+use lapwing_learn::nn::{Architecture, Design, Memory, Network, in_variable_store};
 use tch::{Device, Kind, Tensor, nn::VarStore};
 
 fn network(name: &str) -> Network {

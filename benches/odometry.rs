@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use divan::{Bencher, counter::ItemsCount};
-use lapwing::{
-    odometry::{Matcher, Motion, Road},
-    simulator::{survey::known_road, track::Track},
-};
+use lapwing::known::known_road;
+use lapwing_score::odometry::{Matcher, Motion, Road};
+use lapwing_sim::track::Track;
 
 /// Of a drive at 20 mph that tells 15 a second.
 const TELEMETRIES: usize = 1500;

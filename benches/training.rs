@@ -7,7 +7,7 @@ use std::{
 };
 
 use divan::{Bencher, counter::ItemsCount};
-use lapwing::{
+use lapwing_learn::{
     dataset::Selection,
     nn::Precision,
     train::{Recipe, Trainer},
@@ -21,7 +21,7 @@ const STEPS: usize = 16;
 
 /// Those worth measuring: without bf16 in the processor a sample takes half a minute.
 fn precisions() -> &'static [&'static str] {
-    if lapwing::nn::runtime::knows_bf16() { &["f32", "bf16"] } else { &["f32"] }
+    if lapwing_learn::nn::runtime::knows_bf16() { &["f32", "bf16"] } else { &["f32"] }
 }
 
 /// A data set of the bench's picture, 40 for each step: after the first pass the cache holds them all.

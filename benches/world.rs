@@ -3,24 +3,24 @@
 use std::{hint::black_box, sync::Arc, time::Instant};
 
 use divan::{Bencher, counter::ItemsCount};
-use lapwing::{
+use lapwing_core::{
     config::{Control, OnCrash},
-    drive,
     driver::Driver,
-    nn::runtime,
     perception::Frame,
-    pilot,
     protocol::Command,
-    simulator::{
-        camera::{Camera, JPEG_QUALITY, Renderer, Scenery, Shot, encode_jpeg},
-        conditions::Conditions,
-        expert::Expert,
-        scenario::Scenario,
-        track::Track,
-        vehicle::Car,
-        world::{Setup, Simulation},
-    },
     units::{Mph, Steering, Throttle},
+};
+use lapwing_learn::models;
+use lapwing_learn::nn::runtime;
+use lapwing_score::judged;
+use lapwing_sim::{
+    camera::{Camera, JPEG_QUALITY, Renderer, Scenery, Shot, encode_jpeg},
+    conditions::Conditions,
+    expert::Expert,
+    scenario::Scenario,
+    track::Track,
+    vehicle::Car,
+    world::{Setup, Simulation},
 };
 
 /// Telemetries of the drive that is timed: 20 s at 15 Hz.
@@ -89,10 +89,10 @@ fn expert(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 5, sample_size = 1)]
 fn drive_20_s_with_pilotnet(bencher: Bencher<'_, '_>) {
     runtime::set_threads(1);
-    let (model, setup) = (pilot::built_in(Instant::now).unwrap(), setup("lake"));
+    let (model, setup) = (models::built_in(Instant::now).unwrap(), setup("lake"));
     bencher.counter(ItemsCount::new(FRAMES)).bench_local(|| {
         let mut world = Simulation::new(setup.clone()).unwrap();
         let mut driver = Driver::new(model.pilot(), &Control::default(), Instant::now);
-        drive::run(&mut world, &mut driver, None, |_, _, _| Ok(())).unwrap().frames
+        judged::run(&mut world, &mut driver, None, |_, _, _| Ok(())).unwrap().frames
     });
 }

@@ -8,7 +8,7 @@
 //! that come half a second to one and a half late, and pilots that do not look. Each run is recorded as the stock build
 //! would have it, scored from that file alone, and held against what the judge in the simulator saw. Exit status 1 where
 //! a track is named wrongly, a completion is further off than 2 percentage points, a lap count differs, or collisions
-//! are found with a precision or recall below 0.9. After `--` stand the runs to drive, of 0 to 99, and `--keep DIR`, where
+//! are found with a precision or recall below 0.9. After `--` stand the runs to of 0 to 99, and `--keep DIR`, where
 //! they stay, to be looked into.
 
 use std::{
@@ -22,24 +22,27 @@ use std::{
     time::Instant,
 };
 
-use lapwing::{
+use lapwing::known::known_road;
+use lapwing_core::{
     config::Control,
-    drive::{self, Drive},
     driver::Driver,
-    nn::runtime,
-    odometry::Road,
-    pilot::{self, ConstantPilot, Model, Pilot, PurePursuit},
+    pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::Dialect,
     recording::{EventRecord, Item, Recorder, RecorderOptions, RunHeader, RunReader},
-    score::{self, Figure, Scorecard, Scorer},
-    simulator::{
-        camera::Scenery,
-        conditions::Conditions,
-        survey::known_road,
-        track::Track,
-        world::{Setup, Simulation},
-    },
     units::{Mph, Steering},
+};
+use lapwing_learn::models;
+use lapwing_learn::{models::Model, nn::runtime};
+use lapwing_score::judged::{self, Drive};
+use lapwing_score::{
+    odometry::Road,
+    score::{self, Figure, Scorecard, Scorer},
+};
+use lapwing_sim::{
+    camera::Scenery,
+    conditions::Conditions,
+    track::Track,
+    world::{Setup, Simulation},
 };
 
 type Error = Box<dyn std::error::Error + Send + Sync>;
@@ -109,8 +112,8 @@ fn main() -> Result<ExitCode, Error> {
     let mut roads = Roads {
         worlds: vec![],
         known: vec![],
-        pilotnet: pilot::built_in(Instant::now)?,
-        cps: pilot::load("models/cps.safetensors", Instant::now)?,
+        pilotnet: models::built_in(Instant::now)?,
+        cps: models::load("models/cps.safetensors", Instant::now)?,
     };
     for name in Track::NAMES {
         let track = Track::named(name)?;
@@ -181,7 +184,7 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Er
     };
     let recorder = Recorder::create(&folder.join(run.to_string()), header, RecorderOptions::default())?;
     let mut world = Simulation::new(setup)?;
-    let driven = drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(()));
+    let driven = judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(()));
     let recorded = recorder.finish();
     let Drive { card: truth, .. } = driven?;
     let judge = world.judge();

@@ -9,21 +9,20 @@ use std::{cell::RefCell, fs, path::PathBuf, time::Duration};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use bytes::Bytes;
-use lapwing::{
+use lapwing_core::{
     config::{Layers, Settings},
-    nn::Checkpoint,
     perception::{Frame, MAX_SIDE, decode_base64, decode_jpeg},
-    protocol::{
-        CameraImage, Command, Packet, Payload, Telemetry, Truth, encode_superset, encode_telemetry,
-        number::{self, Culture},
-    },
-    recording::{Item, Moment, RunReader, udacity::DrivingLog},
-    simulator::{
-        scenario::Scenario,
-        track::{Track, TrackFile},
-        traffic::Traffic,
-    },
+    protocol::number::{self, Culture},
+    protocol::{CameraImage, Command, Packet, Payload, Telemetry, Truth, encode_superset, encode_telemetry},
+    recording::udacity::DrivingLog,
+    recording::{Item, Moment, RunReader},
     units::SpeedUnit,
+};
+use lapwing_learn::nn::Checkpoint;
+use lapwing_sim::{
+    scenario::Scenario,
+    track::{Track, TrackFile},
+    traffic::Traffic,
 };
 
 /// A function that takes any bytes and panics where its reader does something that it must not.
@@ -243,7 +242,7 @@ pub fn driving_logs(data: &[u8]) {
         assert_eq!(again.rows.len(), log.rows.len());
         for (again, row) in again.rows.iter().zip(&log.rows) {
             assert_eq!((&again.center, again.at, again.taken_at), (&row.center, row.at, row.taken_at));
-            let values = |row: &lapwing::recording::udacity::Row| {
+            let values = |row: &lapwing_core::recording::udacity::Row| {
                 [row.steering.get(), row.throttle.get(), row.brake, row.speed.get()]
             };
             for (a, b) in values(again).into_iter().zip(values(row)) {

@@ -1,7 +1,7 @@
 //! Rust's own large blocks of memory, straight from the system and straight back.
 //!
 //! libtorch's tensors and everything else share glibc's allocator, and libtorch
-//! wants it to keep what it has ([`keep_tensor_memory`](crate::nn::runtime::keep_tensor_memory)):
+//! wants it to keep what it has ([`keep_tensor_memory`](lapwing_learn::nn::runtime::keep_tensor_memory)):
 //! a large message would stay for good, once for each thread that ever had one.
 //! Rust's blocks from 1 MiB on are messages, pictures and files, which come and
 //! go; mapped one by one they are gone with whom they belonged to, and growing

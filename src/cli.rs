@@ -4,13 +4,13 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
 
-use crate::{
+use lapwing_core::{protocol::number::Culture, replay::Rate};
+use lapwing_learn::{
     nn::Precision,
-    protocol::number::Culture,
-    replay::{Rate, closed_loop::DEFAULT_LIMIT_M},
-    suite::Shard,
     train::{Keep, OptimiserKind, Schedule},
 };
+use lapwing_score::suite::Shard;
+use lapwing_sim::along::DEFAULT_LIMIT_M;
 
 /// Connects, drives, records and replays the Udacity self-driving-car simulator.
 #[derive(Debug, Parser)]

@@ -2,7 +2,8 @@
 
 use std::process::ExitCode;
 
-use lapwing::{allocator::Allocator, cli::Cli, commands, nn::runtime};
+use lapwing::{allocator::Allocator, cli::Cli, commands};
+use lapwing_learn::nn::runtime;
 
 #[global_allocator]
 static ALLOCATOR: Allocator = Allocator;

@@ -2,24 +2,23 @@
 
 use std::{fs, path::Path, sync::Arc, time::Instant};
 
-use lapwing::{
+use lapwing_core::{
     config::{Control, Thresholds},
-    drive::{self, Drive},
     driver::Driver,
-    pilot::{self, ConstantPilot, Pilot},
+    pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Dialect, Observation, Sight, World},
-    recording::{
-        EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunReader,
-        udacity::{DrivingLogWriter, Sample},
-    },
-    replay::closed_loop::{Beside, RecordedWorld, Yaw},
-    score::{self, Figure, Scorer},
-    simulator::{
-        camera::{Camera, Scenery},
-        track::Track,
-        world::{Setup, Simulation},
-    },
+    recording::udacity::{DrivingLogWriter, Sample},
+    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunReader},
     units::{MPS_PER_MPH, Mph, Steering, Throttle},
+};
+use lapwing_learn::models;
+use lapwing_score::judged::{self, Drive};
+use lapwing_score::score::{self, Figure, Scorer};
+use lapwing_sim::{
+    along::{Beside, RecordedWorld, Yaw},
+    camera::{Camera, Scenery},
+    track::Track,
+    world::{Setup, Simulation},
 };
 use tempfile::{TempDir, tempdir};
 
@@ -32,7 +31,7 @@ fn simulation(seconds: f64) -> Simulation {
     Simulation::new(setup).unwrap()
 }
 
-/// What the stock recorder leaves of the expert's drive, and the heading at each row, in radians.
+/// What the stock recorder leaves of the expert's and the heading at each row, in radians.
 fn recorded(seconds: f64) -> (TempDir, Vec<f64>) {
     let dir = tempdir().unwrap();
     let folder = dir.path().join("lake");
@@ -66,12 +65,12 @@ fn open(dir: &TempDir, yaw: Yaw) -> RecordedWorld {
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Drive {
     let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
-    drive::run(world, &mut driver, None, |_, _, _| Ok(())).unwrap()
+    judged::run(world, &mut driver, None, |_, _, _| Ok(())).unwrap()
 }
 
 /// The steering of each row of a folder's log.
 fn steering(folder: &Path) -> Vec<Steering> {
-    let log = lapwing::recording::udacity::DrivingLog::open(folder).unwrap();
+    let log = lapwing_core::recording::udacity::DrivingLog::open(folder).unwrap();
     log.rows.iter().filter(|row| row.speed.get() >= 1.0).map(|row| row.steering).collect()
 }
 
@@ -110,7 +109,7 @@ fn the_pictures_tell_how_the_recorded_car_turned() {
 #[test]
 fn a_pilot_that_knows_the_road_keeps_it_and_one_that_does_not_look_is_put_back() {
     let (dir, _) = recorded(40.0);
-    let pilotnet = driven(&mut open(&dir, Yaw::Pictures), pilot::built_in(Instant::now).unwrap().pilot()).card;
+    let pilotnet = driven(&mut open(&dir, Yaw::Pictures), models::built_in(Instant::now).unwrap().pilot()).card;
     let straight = driven(&mut open(&dir, Yaw::Pictures), Box::new(ConstantPilot::new(Steering::ZERO))).card;
     assert_eq!(pilotnet.value(Figure::Autonomy), Some(1.0), "{pilotnet}");
     assert!(pilotnet.value(Figure::MeanCte).unwrap() < 0.3, "{pilotnet}");
@@ -138,7 +137,7 @@ fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of
     let pilot = Box::new(ConstantPilot::new(Steering::constant(0.3)));
     let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
     let mut world = open(&dir, Yaw::Pictures);
-    let card = drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap().card;
+    let card = judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap().card;
     let run = recorder.finish().path;
     let again = score::of_run(&mut RunReader::open(&run).unwrap(), Scorer::default(), |_, _| ()).unwrap();
     assert_eq!(again, card);
@@ -179,7 +178,7 @@ fn the_shipped_run_is_driven_along_and_its_time_is_without_its_standing() {
     let mut world = RecordedWorld::open(&run, 1.0, Yaw::Pictures).unwrap();
     let (rows, read, stood) = world.rows();
     assert_eq!((rows + stood, read), (225, 225));
-    let card = driven(&mut world, pilot::built_in(Instant::now).unwrap().pilot()).card;
+    let card = driven(&mut world, models::built_in(Instant::now).unwrap().pilot()).card;
     assert_eq!(card.value(Figure::Autonomy), Some(1.0), "{card}");
     assert!((card.value(Figure::TimeS).unwrap() - (rows - 1) as f64 / 15.0).abs() < 0.1, "{card}");
     assert_eq!(card.track.as_deref(), Some("lake (recorded)"));
@@ -212,7 +211,7 @@ fn folder(picture: &[u8], mph: f64) -> TempDir {
 #[test]
 fn a_recording_that_cannot_be_driven_along_says_why() {
     let error = |dir: &TempDir| RecordedWorld::open(dir.path(), 1.0, Yaw::Pictures).err().unwrap().to_string();
-    assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded drive, got 3 rows with a picture, in 3 of"));
+    assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded got 3 rows with a picture, in 3 of"));
     assert!(error(&folder(b"no picture", 9.0)).contains("center_2026_11_22_08_00_00_000.jpg: expected a JPEG"));
     let mut small = Vec::new();
     image::codecs::jpeg::JpegEncoder::new(&mut small).encode(&[90; 12], 2, 2, image::ExtendedColorType::Rgb8).unwrap();

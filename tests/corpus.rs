@@ -10,7 +10,10 @@ use std::{
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
-use lapwing::protocol::{Truth, encode_superset, encode_telemetry, number::Culture};
+use lapwing_core::{
+    protocol::number::Culture,
+    protocol::{Truth, encode_superset, encode_telemetry},
+};
 use serde_json::json;
 
 use crate::recording;
@@ -121,19 +124,19 @@ fn seeds() -> [(&'static str, Vec<Vec<u8>>); 10] {
 }
 
 fn source(path: &str) -> Vec<u8> {
-    fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/simulator").join(path)).unwrap()
+    fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/sim/src").join(path)).unwrap()
 }
 
 /// Telemetry of every build and culture.
 fn payloads() -> Vec<String> {
-    let telemetry: lapwing::protocol::Telemetry =
+    let telemetry: lapwing_core::protocol::Telemetry =
         serde_json::from_value(json!({"steering_deg": -1.25, "throttle": 0.3, "speed_mph": 30.1903})).unwrap();
     let truth: Truth = serde_json::from_value(json!({
         "lap": 2, "waypoint": 17, "crashed": true, "out_of_bounds": 3, "crashes": 1, "distance_m": 2345.6789,
         "cte_m": -0.7598, "brake": 0.25, "sim_time_s": 83.066667, "heading_error_deg": -3.125,
     }))
     .unwrap();
-    let rich = lapwing::protocol::Telemetry { truth, ..telemetry.clone() };
+    let rich = lapwing_core::protocol::Telemetry { truth, ..telemetry.clone() };
     let written = Culture::ALL
         .iter()
         .flat_map(|c| [encode_telemetry(&telemetry, "/9j/4AAQ", *c), encode_superset(&rich, "/9j/4AAQ", *c)]);
@@ -204,7 +207,7 @@ fn checkpoints() -> Vec<Vec<u8>> {
         header.resize(header.len().next_multiple_of(8), b' ');
         [&(header.len() as u64).to_le_bytes()[..], &header, &data].concat()
     };
-    let mut files: Vec<_> = lapwing::nn::Architecture::ALL
+    let mut files: Vec<_> = lapwing_learn::nn::Architecture::ALL
         .iter()
         .map(|a| file(&|metadata| metadata["architecture"] = json!(a.name()), false))
         .collect();
@@ -233,7 +236,7 @@ fn tracks() -> Vec<Vec<u8>> {
 }
 
 fn settings() -> Vec<Vec<u8>> {
-    let all = toml::to_string(&lapwing::config::Settings::default()).unwrap();
+    let all = toml::to_string(&lapwing_core::config::Settings::default()).unwrap();
     [
         all.as_str(),
         "[control]\nspeed_mph = 12\nkp = 0.2\nspeed_law = \"quadratic\"\ntakeover = \"latch\"\n",

@@ -5,17 +5,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-use lapwing::{
+use lapwing_core::{
     config::{Control, SpeedLaw, Takeover},
     driver::{By, Driver, Happening},
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, TelemetryError, Truth},
-    simulator::{
-        expert::path_ahead,
-        track::Track,
-        vehicle::{Car, Ground, STEP_S},
-    },
     units::{Degrees, Mph, PathPoint, Steering, Throttle},
+};
+use lapwing_sim::{
+    expert::path_ahead,
+    track::Track,
+    vehicle::{Car, Ground, STEP_S},
 };
 
 use crate::support::jpeg;
@@ -221,7 +221,7 @@ fn the_driver_laps_every_track_by_the_line_it_is_told() {
         let start = track.driving_line()[0];
         let mut car = Car { position: start.position, yaw: start.yaw, ..Car::default() };
         let mut place = track.locate(car.position, None);
-        let (mut gone, mut steps, mut answer) = (0.0, 0u32, Answer::Steer(lapwing::protocol::Command::default()));
+        let (mut gone, mut steps, mut answer) = (0.0, 0u32, Answer::Steer(lapwing_core::protocol::Command::default()));
         while gone < track.length() {
             let Answer::Steer(command) = answer else { panic!("{answer:?}") };
             // Each 60 ms a telemetry, whose answer takes effect with the next one.

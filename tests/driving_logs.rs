@@ -7,14 +7,14 @@ use std::{
     sync::Arc,
 };
 
-use lapwing::{
-    dataset,
+use lapwing::known::known_road;
+use lapwing_core::{protocol::number, recording::RunReader, recording::udacity::DrivingLog};
+use lapwing_learn::dataset;
+use lapwing_score::{
     odometry::Road,
-    protocol::number,
-    recording::{RunReader, udacity::DrivingLog},
     score::{self, Figure, Scorer},
-    simulator::{survey::known_road, track::Track},
 };
+use lapwing_sim::track::Track;
 
 /// A folder of shared test data: `$LAPWING_SHARED`, by default beside the project's.
 fn shared(folder: &str) -> Option<PathBuf> {

@@ -2,7 +2,7 @@
 
 use std::{fs, path::PathBuf};
 
-use lapwing::{nn::Checkpoint, train::Recipe};
+use lapwing_learn::{nn::Checkpoint, train::Recipe};
 
 fn models(extension: &str) -> Vec<PathBuf> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/models");

@@ -10,11 +10,12 @@ use std::{
     time::Instant,
 };
 
-use lapwing::{
-    nn::{Architecture, Checkpoint, Design, Metadata, Network, Precision, in_variable_store, save},
+use lapwing_core::{
     perception::{Frame, Preprocessor, decode_jpeg},
-    pilot::{self, View},
+    pilot::View,
 };
+use lapwing_learn::models;
+use lapwing_learn::nn::{Architecture, Checkpoint, Design, Metadata, Network, Precision, in_variable_store, save};
 use tch::{Device, Kind, Tensor, nn::VarStore};
 use tempfile::TempDir;
 
@@ -95,7 +96,7 @@ fn preprocessing_agrees_with_pillow_within_a_few_grey_levels() {
 fn jpeg_to_steering_agrees_with_pytorch_within_0_01_on_30_real_frames() {
     let Some(shared) = shared() else { return };
     let (_dir, model) = model(&shared);
-    let mut pilot = pilot::load(model, Instant::now).unwrap().pilot();
+    let mut pilot = models::load(model, Instant::now).unwrap().pilot();
     let table = fs::read_to_string(shared.join("parity/pilotnet-lake.csv")).unwrap();
     let (mut frames, mut worst) = (0, (0.0, ""));
     for row in table.lines().skip(1) {

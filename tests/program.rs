@@ -150,7 +150,7 @@ fn a_golden_file_tells_the_processor_and_a_difference_names_both() {
     let golden = golden.to_str().unwrap();
     assert_eq!(said(&lapwing(&["replay", RUN, "--write-golden", golden])).0, 0);
     let text = std::fs::read_to_string(golden).unwrap();
-    let here = lapwing::nn::runtime::processor();
+    let here = lapwing_learn::nn::runtime::processor();
     let header: serde_json::Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
     assert_eq!(header["written_on"]["cpu"], here.as_str());
     assert!(header["written_on"]["libtorch"].as_str().unwrap().starts_with("2.13.0"), "{header}");

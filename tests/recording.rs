@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use lapwing::{
+use lapwing_core::{
     protocol::{CameraImage, Dialect, Telemetry},
     recording::{
         By, CommandRecord, EventRecord, Item, ModelId, Moment, Recorder, RecorderOptions, RunHeader, RunReader, Step,

@@ -7,16 +7,19 @@ use std::{
 };
 
 use futures_util::{SinkExt, StreamExt};
-use lapwing::{
+use lapwing_core::stats::Agreement;
+use lapwing_core::{
+    client::{self, ClientError, ClientOptions},
     config::Control,
     driver::Driver,
     pilot,
-    protocol::{Command, number::Culture},
+    protocol::Command,
+    protocol::number::Culture,
     replay::{self, Answered, Golden, Rate, Replay, Report, Response},
-    score::{Agreement, Figure},
-    simulator::client::{self, ClientError, ClientOptions},
     units::Steering,
 };
+use lapwing_learn::models;
+use lapwing_score::score::Figure;
 use tempfile::{TempDir, tempdir};
 use tokio::{io::AsyncReadExt, io::AsyncWriteExt, net::TcpListener};
 use tokio_tungstenite::tungstenite::Message;
@@ -35,7 +38,7 @@ fn steered(answered: &Answered) -> Command {
 
 fn in_process(path: &Path) -> Replay {
     let mut replay = Replay::open(path, Rate::Max).unwrap();
-    let mut driver = Driver::new(pilot::built_in(Instant::now).unwrap().pilot(), &Control::default(), Instant::now);
+    let mut driver = Driver::new(models::built_in(Instant::now).unwrap().pilot(), &Control::default(), Instant::now);
     replay::run(&mut replay, &mut driver, || {}).unwrap();
     replay
 }

@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use lapwing::units::Steering;
+use lapwing_core::units::Steering;
 
 const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap");
 
@@ -56,7 +56,7 @@ impl Desk {
 
     /// A drive of 60 rows that sways.
     fn data(&self) {
-        use lapwing::recording::udacity::{DrivingLogWriter, Sample};
+        use lapwing_core::recording::udacity::{DrivingLogWriter, Sample};
         let jpeg = super::support::jpeg(90);
         let began = "2020-01-01T12:00:00".parse().unwrap();
         let mut log = DrivingLogWriter::create(self.path("data"), began).unwrap();
@@ -69,7 +69,7 @@ impl Desk {
                 steering: Steering::saturating((f64::from(i) / 5.0).sin() / 2.0),
                 throttle: Default::default(),
                 brake: 0.0,
-                speed: lapwing::units::Mph::constant(9.0),
+                speed: lapwing_core::units::Mph::constant(9.0),
             })
             .unwrap();
         }

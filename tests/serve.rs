@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use lapwing::recording::{Item, RunReader};
+use lapwing_core::recording::{Item, RunReader};
 use tempfile::{TempDir, tempdir};
 
 use crate::support::{Wire, steer, telemetry};

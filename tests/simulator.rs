@@ -7,23 +7,23 @@ use std::{
     time::{Duration, Instant},
 };
 
-use lapwing::{
+use lapwing::known::known_road;
+use lapwing_core::{
     config::{Control, OnCrash, Takeover},
-    drive::{self, Drive},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
     recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunReader},
-    score::{self, Figure, Measure, Scorer},
-    simulator::{
-        camera::Scenery,
-        conditions::Conditions,
-        scenario::Scenario,
-        survey::known_road,
-        track::Track,
-        world::{Ending, Human, Setup, Simulation},
-    },
     units::{Mph, Steering, Throttle},
+};
+use lapwing_score::judged::{self, Drive};
+use lapwing_score::score::{self, Figure, Measure, Scorer};
+use lapwing_sim::{
+    camera::Scenery,
+    conditions::Conditions,
+    scenario::Scenario,
+    track::Track,
+    world::{Ending, Human, Setup, Simulation},
 };
 
 /// The lake and what stands along it, built once for all tests.
@@ -49,7 +49,7 @@ fn driver(pilot: impl Pilot + 'static, mph: f64) -> Driver {
 
 fn driven(setup: Setup, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, Drive) {
     let mut world = Simulation::new(setup).unwrap();
-    let drive = drive::run(&mut world, &mut driver(pilot, mph), None, |_, _, _| Ok(())).unwrap();
+    let drive = judged::run(&mut world, &mut driver(pilot, mph), None, |_, _, _| Ok(())).unwrap();
     (world, drive)
 }
 
@@ -184,7 +184,7 @@ fn a_stock_world_tells_a_pilot_nothing_but_what_the_stock_build_tells() {
 fn an_unbraked_car_hits_the_standing_one_at_the_speed_it_had() {
     let scenario = Scenario::named("ccrs").unwrap();
     let mut world = Simulation::new(Setup { scenario: Some(scenario), laps: None, ..setup(lake()) }).unwrap();
-    let began_mph = world.car().speed / lapwing::units::MPS_PER_MPH;
+    let began_mph = world.car().speed / lapwing_core::units::MPS_PER_MPH;
     let mut driver = driver(PurePursuit::default(), began_mph);
     let mut hit = None;
     while let Some(seen) = world.observe().unwrap() {
@@ -291,7 +291,7 @@ fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Drive, Recordin
     let mut world = Simulation::new(setup).unwrap();
     let control = Control { speed_mph: Mph::new(20.0).unwrap(), ..Control::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);
-    let driven = drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
+    let driven = judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
     (driven, recorder.finish())
 }
 
@@ -343,8 +343,8 @@ fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
     let mut telemetries = 0u32;
     for item in RunReader::open(&report.path).unwrap() {
         match item.unwrap() {
-            (_, lapwing::recording::Item::Event(event)) => events.push(event),
-            (at, lapwing::recording::Item::Telemetry(telemetry)) => {
+            (_, lapwing_core::recording::Item::Event(event)) => events.push(event),
+            (at, lapwing_core::recording::Item::Telemetry(telemetry)) => {
                 assert_eq!(at, Duration::from_secs_f64(f64::from(telemetries) / 15.0));
                 assert!(telemetry.truth.cte.is_some());
                 telemetries += 1;

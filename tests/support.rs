@@ -4,11 +4,9 @@ use std::{net::SocketAddr, path::Path, sync::Arc, sync::Mutex, time::Duration};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use futures_util::{SinkExt, StreamExt};
-use lapwing::{
-    bridge::{self, Bridge, Listener, Summary},
-    config::Settings,
-    pilot,
-};
+use lapwing_core::config::Settings;
+use lapwing_learn::models;
+use lapwing_live::bridge::{self, Bridge, Listener, Summary};
 use tch::{CModule, Device, Kind, Tensor};
 use tokio::{net::TcpStream, sync::oneshot, task::JoinHandle, time::timeout};
 use tokio_tungstenite::{
@@ -64,7 +62,7 @@ impl Running {
     /// With the built-in model loaded.
     pub async fn start(settings: Settings) -> Self {
         let running = Self::without_a_model(settings).await;
-        running.bridge.model_is_ready(pilot::built_in(std::time::Instant::now).unwrap());
+        running.bridge.model_is_ready(models::built_in(std::time::Instant::now).unwrap());
         running
     }
 

@@ -21,16 +21,16 @@ use std::{
 
 use anyhow::{Context, Result, anyhow};
 use clap::Parser;
-use lapwing::{
-    config::Control,
+use lapwing_core::{config::Control, driver::Driver, units::Mph};
+use lapwing_learn::nn::runtime;
+use lapwing_score::judged;
+use lapwing_score::{
     drawing::chart::{Axis, Chart, Marks, Series},
-    drive,
-    driver::Driver,
-    nn::runtime,
-    replay::closed_loop::{DEFAULT_LIMIT_M, RecordedWorld, Yaw},
     score::{Figure, Scorecard},
-    simulator::track::Track,
-    units::Mph,
+};
+use lapwing_sim::{
+    along::{DEFAULT_LIMIT_M, RecordedWorld, Yaw},
+    track::Track,
 };
 
 use self::{
@@ -121,10 +121,10 @@ fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pi
     let yaw = if a.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let mut along = RecordedWorld::open(recording, a.limit, yaw)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
-    let replay = drive::run(&mut along, &mut driver, None, |_, _, _| Ok(())).map_err(|e| anyhow!(e))?.card;
+    let replay = judged::run(&mut along, &mut driver, None, |_, _, _| Ok(())).map_err(|e| anyhow!(e))?.card;
     let mut road = Kept::new(track, a.limit, a.seconds)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
-    let road = drive::run(&mut road, &mut driver, None, |_, _, _| Ok(())).map_err(|e| anyhow!(e))?.card;
+    let road = judged::run(&mut road, &mut driver, None, |_, _, _| Ok(())).map_err(|e| anyhow!(e))?.card;
     Ok(Row { pilot: pilot.name.clone(), replay, road })
 }
 

@@ -6,7 +6,9 @@ use std::{
 };
 
 use anyhow::Result;
-use lapwing::pilot::{self, Model, Pilot, PilotError, Prediction, View};
+use lapwing_core::pilot::{Pilot, PilotError, Prediction, View};
+use lapwing_learn::models;
+use lapwing_learn::models::Model;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -68,16 +70,16 @@ pub fn all(further: &[PathBuf], quick: bool) -> Result<Vec<Handicapped>> {
     let mut pilots = Vec::new();
     let mut add = |name: String, model: Model, handicap| pilots.push(Handicapped { name, model, handicap });
     if !quick {
-        add("resnet50".into(), pilot::load(shipped.join("resnet50.safetensors"), Instant::now)?, NONE);
+        add("resnet50".into(), models::load(shipped.join("resnet50.safetensors"), Instant::now)?, NONE);
     }
-    add("pilotnet".into(), pilot::built_in(Instant::now)?, NONE);
-    add("cps".into(), pilot::load(shipped.join("cps.safetensors"), Instant::now)?, NONE);
+    add("pilotnet".into(), models::built_in(Instant::now)?, NONE);
+    add("cps".into(), models::load(shipped.join("cps.safetensors"), Instant::now)?, NONE);
     for path in further {
         let name = path.parent().and_then(Path::file_name).map_or_else(String::new, |n| n.to_string_lossy().into());
-        add(name, pilot::load(path, Instant::now)?, NONE);
+        add(name, models::load(path, Instant::now)?, NONE);
     }
     for (what, handicap) in HANDICAPS {
-        add(format!("pilotnet, {what}"), pilot::built_in(Instant::now)?, handicap);
+        add(format!("pilotnet, {what}"), models::built_in(Instant::now)?, handicap);
     }
     Ok(pilots)
 }

@@ -3,20 +3,18 @@
 use std::{path::Path, sync::Arc, time::Duration};
 
 use anyhow::Result;
-use lapwing::{
+use lapwing_core::{
     config::OnCrash,
     protocol::{Answer, Observation, World},
-    recording::{
-        EventRecord, Eventful,
-        udacity::{DrivingLogWriter, Sample},
-    },
-    replay::closed_loop::FURTHEST_HEADING_DEG,
-    simulator::{
-        camera::{Camera, Scenery},
-        track::Track,
-        world::{Setup, Simulation},
-    },
+    recording::udacity::{DrivingLogWriter, Sample},
+    recording::{EventRecord, Eventful},
     units::{MPS_PER_MPH, Mph},
+};
+use lapwing_sim::{
+    along::FURTHEST_HEADING_DEG,
+    camera::{Camera, Scenery},
+    track::Track,
+    world::{Setup, Simulation},
 };
 
 /// As the stock recorder.

@@ -14,21 +14,18 @@ use super::{
     replay::{progress_bar, too_many_bad_frames},
     thresholds,
 };
-use crate::{
-    cli,
-    drive::{self, Drive},
+use crate::{cli, film::Film};
+use lapwing_core::{
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
     recording::{ModelId, Recorder, RecorderOptions, RunHeader},
-    replay::{
-        self,
-        closed_loop::{Beside, RecordedWorld, Sources, Yaw},
-    },
-    score::{self, Scorecard},
-    simulator::film::Film,
+    replay::{self},
     words::count,
 };
+use lapwing_score::judged::{self, Drive};
+use lapwing_score::score::{self, Scorecard};
+use lapwing_sim::along::{Beside, RecordedWorld, Sources, Yaw};
 
 /// A film's pixels for each of the picture's, along and across.
 const ENLARGED: usize = 2;
@@ -89,7 +86,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let bar = progress_bar(Some(rows as u64));
     let interrupted = super::interrupted();
     let began = Instant::now();
-    let driven = drive::run(&mut world, &mut driver, recorder.as_ref(), |world, seen, _| {
+    let driven = judged::run(&mut world, &mut driver, recorder.as_ref(), |world, seen, _| {
         bar.inc(1);
         if interrupted.is_pressed() {
             world.end("interrupted");

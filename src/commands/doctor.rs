@@ -9,15 +9,15 @@ use std::{
 use serde::Serialize;
 
 use super::Ended;
-use crate::{
-    bridge::Listener,
-    cli,
+use crate::cli;
+use lapwing_core::{
     driver::Driver,
     files,
-    nn::runtime,
     protocol::{CameraImage, Observation, Sight, Telemetry, Truth},
     units::{Degrees, Mph, Throttle},
 };
+use lapwing_learn::nn::runtime;
+use lapwing_live::bridge::Listener;
 
 #[derive(Serialize)]
 struct Findings {

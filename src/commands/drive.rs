@@ -9,18 +9,18 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::{Ended, thresholds, world};
-use crate::{
-    cli::{self, PilotKind},
-    drive::{self, Drive},
+use crate::cli::{self, PilotKind};
+use lapwing_core::{
     driver::Driver,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
     recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader},
-    score::{self, Figure, Scorecard},
-    simulator::world::Simulation,
     units::Mph,
     words::count,
 };
+use lapwing_score::judged::{self, Drive};
+use lapwing_score::score::{self, Figure, Scorecard};
+use lapwing_sim::world::Simulation;
 
 /// What the expert is called in a run.
 const EXPERT: &str = "expert (pure pursuit on the known line)";
@@ -89,7 +89,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
     let bar = world::Progress::new();
     let began = Instant::now();
-    let driven = drive::run(&mut simulation, &mut driver, recorder.as_ref(), |simulation, _, _| {
+    let driven = judged::run(&mut simulation, &mut driver, recorder.as_ref(), |simulation, _, _| {
         bar.show(simulation);
         interrupted.end(simulation);
         Ok(pictures.take(simulation)?)

@@ -6,25 +6,29 @@ use anyhow::{Context, bail, ensure};
 use serde_json::json;
 
 use super::{Ended, outputs};
-use crate::{
-    cli,
-    dataset::{self, Balance, Blocks, Cache, Inputs, Sample, Samples, Selection, Set},
-    drawing::{
-        Sheet,
-        chart::{Axis, Chart, Marks, Series, stack},
-    },
-    nn::Network,
+use crate::cli;
+use lapwing_core::{
     perception::{Frame, decode_jpeg},
-    pilot::{self, Model, View},
+    pilot::View,
+};
+use lapwing_learn::models;
+use lapwing_learn::{
+    dataset::{self, Balance, Blocks, Cache, Inputs, Sample, Samples, Selection, Set},
+    models::Model,
+    nn::Network,
     train::{Measured, Recipe, measure},
+};
+use lapwing_score::{
+    drawing::Sheet,
+    drawing::chart::{Axis, Chart, Marks, Series, stack},
 };
 
 pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
     arguments.plot.as_deref().map_or(Ok(()), outputs::check_drawing)?;
     arguments.data.iter().try_for_each(|data| dataset::check(data))?;
     let model = match &arguments.model {
-        Some(path) => pilot::load(path, Instant::now)?,
-        None => pilot::built_in(Instant::now)?,
+        Some(path) => models::load(path, Instant::now)?,
+        None => models::built_in(Instant::now)?,
     };
     let (name, network) = (model.name(), model.network());
     // Models made elsewhere say in their own words how they were trained, or not at all.

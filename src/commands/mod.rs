@@ -38,18 +38,18 @@ use tracing_subscriber::EnvFilter;
 
 use outputs::print;
 
-use crate::{
-    cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Trust, Verb},
+use crate::cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Trust, Verb};
+use lapwing_core::{
     config::{self, ConfigError, Layers, Settings},
-    nn::runtime,
     perception,
-    pilot::{self, Model},
     recording::{Recorder, RecordingReport},
-    simulator::{
-        camera::{Camera, Lens},
-        world::{Ending, Simulation},
-    },
     words::count,
+};
+use lapwing_learn::models;
+use lapwing_learn::{models::Model, nn::runtime};
+use lapwing_sim::{
+    camera::{Camera, Lens},
+    world::{Ending, Simulation},
 };
 
 /// How a verb ended, as the exit status tells it.
@@ -183,7 +183,7 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
 /// Refuses a model whose code would run because a file says so that anybody may have written. `has_flag` says whether
 /// the verb has `--model`.
 fn refuse_strangers_code(file: &str, model: &Path, has_flag: bool, settings: &Settings) -> Result<(), ConfigError> {
-    if !pilot::is_torchscript(model) || settings.model.allow_torchscript {
+    if !models::is_torchscript(model) || settings.model.allow_torchscript {
         return Ok(());
     }
     let own = own_settings().map_or_else(|| "your own settings".into(), |path| path.display().to_string());
@@ -314,8 +314,8 @@ fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
 /// Loads the model that the settings name, or the one built in.
 fn load_model(settings: &Settings) -> anyhow::Result<Model> {
     let model = match &settings.model.path {
-        Some(path) => pilot::load(path, Instant::now)?,
-        None => pilot::built_in(Instant::now)?,
+        Some(path) => models::load(path, Instant::now)?,
+        None => models::built_in(Instant::now)?,
     };
     // Before any thread drives: each takes the number over at its first operation.
     let chosen = NonZeroU16::new(settings.model.threads).map(NonZeroU16::get);

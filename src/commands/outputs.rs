@@ -10,18 +10,13 @@ use std::{
 
 use anyhow::Context;
 
-use crate::{
-    config::ConfigError,
+use crate::film::{Film, FilmError};
+use lapwing_core::{config::ConfigError, files};
+use lapwing_score::{
     drawing::{self, DrawingError},
-    files,
-    simulator::{
-        conditions::ConditionsError,
-        film::{Film, FilmError},
-        scenario::ScenarioError,
-        track::TrackError,
-    },
     suite::SuiteError,
 };
+use lapwing_sim::{conditions::ConditionsError, scenario::ScenarioError, track::TrackError};
 
 /// The result is lost: stdout's disk is full, or its reader is gone.
 #[derive(Debug, thiserror::Error)]

@@ -6,17 +6,17 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{Ended, Interrupted, world};
-use crate::{
-    cli,
+use crate::cli;
+use lapwing_core::{
     protocol::{Answer, Command, World},
     recording::udacity::{DrivingLogWriter, Sample},
-    simulator::{
-        camera::Camera,
-        vehicle,
-        world::{Ending, Simulation},
-    },
     units::{MPS_PER_MPH, Mph, Steering},
     words::count,
+};
+use lapwing_sim::{
+    camera::Camera,
+    vehicle,
+    world::{Ending, Simulation},
 };
 
 /// Seconds from one disturbed start to the next, at least and at most.

@@ -11,15 +11,15 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::{Ended, outputs};
-use crate::{
-    cli,
+use crate::cli;
+use lapwing_core::{
+    client::{self, ClientOptions},
     config::ConfigError,
     driver::Driver,
-    nn::runtime,
     replay::{self, Difference, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
-    score::Scorecard,
-    simulator::client::{self, ClientOptions},
 };
+use lapwing_learn::nn::runtime;
+use lapwing_score::score::Scorecard;
 
 /// Differing frames that are named one by one.
 const NAMED: usize = 10;

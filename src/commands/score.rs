@@ -13,21 +13,21 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::{Ended, outputs, thresholds};
-use crate::{
-    cli,
+use crate::{cli, known};
+use lapwing_core::{
     config::Thresholds,
-    odometry::Road,
-    recording::{Item, RunHeader, RunReader, is_run, udacity::DrivingLog},
-    score::{
-        self, Check, Figure, Measure, Scorecard, Scorer, Unit,
-        against::{self, Baseline, Comparison, Turn},
-        junit,
-        page::{self, Collector, Drawn, Outline, Shown},
-        summary::{Spread, summary},
-    },
-    simulator::{survey, track::Track},
+    recording::udacity::DrivingLog,
+    recording::{Item, RunHeader, RunReader, is_run},
     words::count,
 };
+use lapwing_score::{
+    odometry::Road,
+    score::against::{self, Baseline, Comparison, Turn},
+    score::page::{self, Collector, Drawn, Outline, Shown},
+    score::summary::{Spread, summary},
+    score::{self, Check, Figure, Measure, Scorecard, Scorer, Unit, junit},
+};
+use lapwing_sim::track::Track;
 
 /// What the JSON is called; a key's meaning never changes under one number, new keys may come. It is one object:
 ///
@@ -91,7 +91,7 @@ impl Roads<'_> {
         if let Some(known) = self.known.get() {
             return Ok(known);
         }
-        let known = self.names().map(|name| Ok(Arc::new(survey::known_road(name)?))).collect::<anyhow::Result<_>>()?;
+        let known = self.names().map(|name| Ok(Arc::new(known::known_road(name)?))).collect::<anyhow::Result<_>>()?;
         Ok(self.known.get_or_init(|| known))
     }
 

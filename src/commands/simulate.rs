@@ -8,21 +8,19 @@ use std::{
 use serde::Serialize;
 
 use super::{Ended, Interrupted, thresholds, world};
-use crate::{
-    cli,
+use crate::cli;
+use lapwing_core::{
+    client::{self, ClientOptions},
     config::{Control, Settings},
     control::{Change, Handover},
     driver::Driver,
     pilot::PurePursuit,
     protocol::{Answer, Observation, Sight, World},
     recording::{EventRecord, Eventful},
-    score::{self, Scorecard, Scorer},
-    simulator::{
-        client::{self, ClientOptions},
-        world::{Human, Simulation},
-    },
     units::Mph,
 };
+use lapwing_score::score::{self, Scorecard, Scorer};
+use lapwing_sim::world::{Human, Simulation};
 
 #[derive(Serialize)]
 struct Result_<'a> {
@@ -188,10 +186,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::{
-        score::Figure,
-        simulator::{camera::Scenery, track::Track, world::Setup},
-    };
+    use lapwing_score::score::Figure;
+    use lapwing_sim::{camera::Scenery, track::Track, world::Setup};
 
     /// The judgement of half a minute on the lake, driven by the expert, with this human.
     fn judged(human: Option<Human>) -> Scorecard {

@@ -23,21 +23,25 @@ use serde_json::json;
 pub(super) use merge::run as merge;
 
 use super::{Ended, Interrupted, outputs, world};
-use crate::{
-    cli,
+use crate::cli;
+use lapwing_core::{
     config::{Layers, Settings},
-    drive,
     driver::Driver,
-    nn::{self, runtime},
-    pilot::{self, Model, Pilot, PurePursuit},
-    simulator::{
-        conditions::Conditions,
-        track::Track,
-        world::{Ending, Simulation},
-    },
-    suite::{Cell, Contestant, Done, Outcome, Plan, Results, Suite, groups, render, table},
+    pilot::{Pilot, PurePursuit},
     units::Mph,
     words::count,
+};
+use lapwing_learn::models;
+use lapwing_learn::{
+    models::Model,
+    nn::{self, runtime},
+};
+use lapwing_score::judged;
+use lapwing_score::suite::{Cell, Contestant, Done, Outcome, Plan, Results, Suite, groups, render, table};
+use lapwing_sim::{
+    conditions::Conditions,
+    track::Track,
+    world::{Ending, Simulation},
 };
 
 pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -92,7 +96,7 @@ fn planned(
     sha256: impl Fn(&Contestant) -> Option<String>,
 ) -> anyhow::Result<Vec<Cell>> {
     let mut cells = suite.cells(sha256);
-    // What is wrong with a track or conditions is said before the first drive, not hours later.
+    // What is wrong with a track or conditions is said before the first not hours later.
     let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
     let tracks: BTreeMap<_, _> = tracks.collect::<anyhow::Result<_>>()?;
     let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
@@ -196,8 +200,8 @@ impl Found {
 fn model_of(contestant: &Contestant) -> anyhow::Result<Option<Model>> {
     Ok(match &contestant.model {
         _ if contestant.expert => None,
-        Some(path) => Some(pilot::load(path, Instant::now)?),
-        None => Some(pilot::built_in(Instant::now)?),
+        Some(path) => Some(models::load(path, Instant::now)?),
+        None => Some(models::built_in(Instant::now)?),
     })
 }
 
@@ -261,11 +265,11 @@ fn drive_one(course: &Course, cell: Cell, interrupted: &Interrupted) -> anyhow::
     };
     let mut driver = Driver::new(pilot, &settings.control, Instant::now);
     let mut simulation = Simulation::new(setup)?;
-    let driven = drive::run(&mut simulation, &mut driver, None, |simulation, _, _| {
+    let driven = judged::run(&mut simulation, &mut driver, None, |simulation, _, _| {
         interrupted.end(simulation);
         Ok(())
     });
-    let drive::Drive { card, fingerprint, .. } = driven.map_err(|error| anyhow::anyhow!(error))?;
+    let judged::Drive { card, fingerprint, .. } = driven.map_err(|error| anyhow::anyhow!(error))?;
     if matches!(simulation.ending(), Some(Ending::Interrupted)) {
         return Ok(None);
     }

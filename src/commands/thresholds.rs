@@ -1,10 +1,8 @@
 //! Thresholds of a run: from flags to the exit status.
 
 use super::Ended;
-use crate::{
-    cli,
-    config::{ConfigError, Layers},
-};
+use crate::cli;
+use lapwing_core::config::{ConfigError, Layers};
 
 /// The flags as settings.
 pub(super) fn layers(mut layers: Layers, flags: &cli::Thresholds) -> Result<Layers, ConfigError> {

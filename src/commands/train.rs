@@ -17,13 +17,13 @@ use super::{
     record::{self, Recorded},
     world,
 };
-use crate::{
-    cli,
+use crate::cli;
+use lapwing_core::words::count;
+use lapwing_learn::{
     dataset::{self, Augmentation, Selection},
-    simulator::{track::Track, world::Ending},
     train::{Go, Metrics, Progress, Recipe, Recording, TimedEpoch, Trainer},
-    words::count,
 };
+use lapwing_sim::{track::Track, world::Ending};
 
 pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Result<Ended> {
     let recipe = recipe(&arguments)?;

@@ -13,18 +13,20 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::outputs;
 use crate::{
     cli::{self, View},
+    film::Film,
+    map::{self, Driven, Mark, MarkKind},
+};
+use lapwing_core::{
     config::{ConfigError, Layers, Settings},
     perception::Frame,
-    simulator::{
-        camera::{Camera, Renderer, Scenery},
-        conditions::Conditions,
-        film::Film,
-        map::{self, Driven, Mark, MarkKind},
-        scenario::Scenario,
-        track::Track,
-        world::{Setup, Simulation},
-    },
     units::MPS_PER_MPH,
+};
+use lapwing_sim::{
+    camera::{Camera, Renderer, Scenery},
+    conditions::Conditions,
+    scenario::Scenario,
+    track::Track,
+    world::{Setup, Simulation},
 };
 
 /// A film is shown at this size.

@@ -2,11 +2,9 @@
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use futures_util::SinkExt;
-use lapwing::{
-    pilot,
-    recording::{EventRecord, Moment, RunReader},
-    score::Figure,
-};
+use lapwing_core::recording::{EventRecord, Moment, RunReader};
+use lapwing_learn::models;
+use lapwing_score::score::Figure;
 use tempfile::tempdir;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -92,7 +90,7 @@ async fn a_network_without_an_answer_gets_the_car_a_safe_command_and_the_run_the
     let path = dir.path().join("net.pt");
     torchscript(&path, lost_for_words);
     let running = Running::without_a_model(settings(dir.path())).await;
-    running.bridge.model_is_ready(pilot::load(&path, std::time::Instant::now).unwrap());
+    running.bridge.model_is_ready(models::load(&path, std::time::Instant::now).unwrap());
     let mut simulator = Wire::simulator(running.address).await;
     for _ in 0..3 {
         assert_eq!(steer(&simulator.ask(&telemetry("7.0000")).await), (0.0, 0.0));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tempfile::tempdir;
 
-use lapwing::score::Figure;
+use lapwing_score::score::Figure;
 
 use crate::support::{Running, Wire, settings, steer, telemetry};
 

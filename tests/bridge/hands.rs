@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use lapwing::{
+use lapwing_core::{
     config::Takeover,
     recording::{EventRecord, Moment, RunReader},
-    score::Figure,
 };
+use lapwing_score::score::Figure;
 use tempfile::tempdir;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -74,7 +74,7 @@ async fn a_human_from_the_first_frame_belongs_to_a_run_that_knows_its_simulator(
     let summary = running.stop().await.remove(0);
     assert_eq!((summary.count(Figure::Takeovers), summary.telemetries), (1, 1));
     let reader = RunReader::open(summary.run.unwrap().path).unwrap();
-    assert_eq!(reader.header().dialect, Some(lapwing::protocol::Dialect::Term1));
+    assert_eq!(reader.header().dialect, Some(lapwing_core::protocol::Dialect::Term1));
     let moments: Vec<_> = reader.moments().map(Result::unwrap).collect();
     let driven_s = moments.iter().find_map(|moment| match moment {
         Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } => Some(*duration_s),

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use lapwing::score::Figure;
+use lapwing_score::score::Figure;
 use tempfile::tempdir;
 
 use crate::support::{Running, Wire, settings_with_kicks, steer, telemetry};

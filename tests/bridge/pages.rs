@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lapwing::config::Takeover;
+use lapwing_core::config::Takeover;
 use tempfile::tempdir;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lapwing::config::Settings;
+use lapwing_core::config::Settings;
 use tempfile::tempdir;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -64,7 +64,7 @@ async fn until_the_model_is_there_a_car_that_comes_rolling_is_braked_to_a_stands
     let broken = telemetry("0.0000").replace("/9j/", "!!!!");
     assert_eq!(steer(&simulator.ask(&broken).await), (0.2, 0.0));
     assert_eq!(simulator.ask(r#"42["telemetry",null]"#).await, r#"42["manual",{}]"#);
-    running.bridge.model_is_ready(lapwing::pilot::built_in(std::time::Instant::now).unwrap());
+    running.bridge.model_is_ready(lapwing_learn::models::built_in(std::time::Instant::now).unwrap());
     assert_eq!(steer(&simulator.ask(&telemetry("0.0000")).await).1, 0.918);
 }
 
@@ -109,16 +109,20 @@ async fn a_stopped_bridge_leaves_the_car_rolling_and_the_run_whole() {
     assert!(simulator.ends_within(Duration::from_secs(2)).await);
     let run = summaries[0].run.as_ref().unwrap();
     assert_eq!((run.frames, run.not_recorded, &run.error), (1, 0, &None));
-    let mut moments = lapwing::recording::RunReader::open(&run.path).unwrap().moments();
+    let mut moments = lapwing_core::recording::RunReader::open(&run.path).unwrap().moments();
     let steps: Vec<_> = moments.by_ref().map(Result::unwrap).collect();
     assert!(moments.truncated().is_none());
-    let lapwing::recording::Moment::Step(step) = &steps[0] else { panic!("{steps:?}") };
-    assert_eq!(step.telemetry.image, lapwing::protocol::CameraImage::Jpeg(jpeg(90).into()), "the bytes as received");
+    let lapwing_core::recording::Moment::Step(step) = &steps[0] else { panic!("{steps:?}") };
+    assert_eq!(
+        step.telemetry.image,
+        lapwing_core::protocol::CameraImage::Jpeg(jpeg(90).into()),
+        "the bytes as received"
+    );
     assert_eq!(step.command.as_ref().unwrap().steering.get(), summaries_steering(&steps), "as answered");
 }
 
-fn summaries_steering(moments: &[lapwing::recording::Moment]) -> f64 {
-    let lapwing::recording::Moment::Step(step) = &moments[0] else { panic!("no step") };
+fn summaries_steering(moments: &[lapwing_core::recording::Moment]) -> f64 {
+    let lapwing_core::recording::Moment::Step(step) = &moments[0] else { panic!("no step") };
     step.command.as_ref().unwrap().prediction.unwrap().clamp(-1.0, 1.0)
 }
 

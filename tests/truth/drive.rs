@@ -9,23 +9,23 @@ use std::{
 };
 
 use base64::{Engine, engine::general_purpose::STANDARD};
-use lapwing::{
-    bridge::Summary,
+use lapwing::known::known_road;
+use lapwing_core::{
     control::{Change, Handover},
-    odometry::Road,
-    protocol::{
-        Answer, CameraImage, Command, Observation, Sight, Telemetry, World, encode_superset, encode_telemetry,
-        number::Culture,
-    },
+    protocol::number::Culture,
+    protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, World, encode_superset, encode_telemetry},
     recording::{EventRecord, Eventful},
-    score::{Scorecard, Scorer},
-    simulator::{
-        camera::Scenery,
-        survey::known_road,
-        track::Track,
-        world::{Human, Setup, Simulation},
-    },
     units::{Mph, Steering, Throttle},
+};
+use lapwing_live::bridge::Summary;
+use lapwing_score::{
+    odometry::Road,
+    score::{Scorecard, Scorer},
+};
+use lapwing_sim::{
+    camera::Scenery,
+    track::Track,
+    world::{Human, Setup, Simulation},
 };
 use tokio::task::block_in_place;
 

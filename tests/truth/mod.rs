@@ -10,10 +10,8 @@ use std::collections::BTreeMap;
 
 use drive::{Case, Drive, How, Speaks, loop_road, play};
 use futures_util::future::join_all;
-use lapwing::{
-    recording::RunReader,
-    score::{self, Figure as F, Measure, Scorecard, Scorer},
-};
+use lapwing_core::recording::RunReader;
+use lapwing_score::score::{self, Figure as F, Measure, Scorecard, Scorer};
 use tempfile::tempdir;
 
 use crate::support::{Running, settings};

@@ -2,15 +2,15 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use lapwing::{
+use lapwing_core::{
     config::{Control, OnCrash},
-    drive,
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     recording::{Recorder, RecorderOptions, RunHeader},
-    simulator::world::{Human, Setup, Simulation},
     units::{Mph, Steering},
 };
+use lapwing_score::judged;
+use lapwing_sim::world::{Human, Setup, Simulation};
 use tempfile::tempdir;
 
 use super::drive::{Case, How, LAP_MPH, Speaks, loop_road, play};
@@ -68,7 +68,7 @@ fn every_message_of_a_driven_a_crashed_and_a_taken_over_run_is_as_its_schema_say
         let control = Control { speed_mph: Mph::constant(20.0), ..Control::default() };
         let mut driver = Driver::new(pilot, &control, std::time::Instant::now);
         let mut world = Simulation::new(setup).unwrap();
-        drive::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
+        judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
         kinds.extend(checked(&recorder.finish().path));
     }
     let expected = ["course", "lap", "off-road", "reset", "run-ended", "takeover-began", "takeover-ended"];

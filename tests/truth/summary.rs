@@ -2,10 +2,8 @@
 
 use std::time::Duration;
 
-use lapwing::{
-    recording::RunReader,
-    score::{self, Figure, Measure, Scorer},
-};
+use lapwing_core::recording::RunReader;
+use lapwing_score::score::{self, Figure, Measure, Scorer};
 use tempfile::tempdir;
 
 use crate::support::{Running, Wire, settings_with_kicks, telemetry, telemetry_with};
@@ -82,7 +80,7 @@ async fn a_run_that_begins_with_a_human_names_its_dialect_and_keeps_its_beginnin
     simulator.ask(&telemetry("9.0000")).await;
     let summary = running.stop().await.remove(0);
     let mut run = RunReader::open(summary.run.unwrap().path).unwrap();
-    assert_eq!(run.header().dialect, Some(lapwing::protocol::Dialect::Term1));
+    assert_eq!(run.header().dialect, Some(lapwing_core::protocol::Dialect::Term1));
     let card = score::of_run(&mut run, Scorer::on(&[], Some(1)), |_, _| ()).unwrap();
     assert!(card.value(Figure::HumanS).unwrap() >= 0.15, "{card}");
     assert_eq!(card.value(Figure::SurvivalS), Some(0.0), "{card}");

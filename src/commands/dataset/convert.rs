@@ -6,9 +6,9 @@ use super::{Ended, Rows};
 use crate::{
     cli,
     commands::{interrupted, print},
-    dataset::{self, Converted},
-    words::count,
 };
+use lapwing_core::words::count;
+use lapwing_learn::dataset::{self, Converted};
 
 pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
     let cli::DatasetConvert { source, target, json } = arguments;

@@ -1,12 +1,9 @@
 //! `lapwing dataset split`: a log to learn from and one to validate by.
 
 use super::Ended;
-use crate::{
-    cli,
-    commands::print,
-    dataset::{self, Blocks, Divided},
-    words::count,
-};
+use crate::{cli, commands::print};
+use lapwing_core::words::count;
+use lapwing_learn::dataset::{self, Blocks, Divided};
 
 pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
     let blocks = Blocks { size: arguments.block, every: arguments.every };

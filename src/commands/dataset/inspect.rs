@@ -4,8 +4,8 @@ use super::{Ended, Rows};
 use crate::{
     cli,
     commands::{outputs, print},
-    dataset::{self, CameraCount, Gap, Inspection, Problem, Size},
 };
+use lapwing_learn::dataset::{self, CameraCount, Gap, Inspection, Problem, Size};
 
 /// Gaps and problems that are told one by one; `--json` has all.
 const NAMED: usize = 10;

@@ -8,6 +8,8 @@ use super::Ended;
 use crate::{
     cli,
     commands::{outputs, print},
+};
+use lapwing_learn::{
     dataset::{self, Augmentation, Source},
     train::Recipe,
 };

@@ -8,11 +8,9 @@ use super::{
     super::{Ended, outputs},
     Found, told_apart,
 };
-use crate::{
-    cli,
-    suite::{Done, Plan, Results, ResultsError},
-    words::count,
-};
+use crate::cli;
+use lapwing_core::words::count;
+use lapwing_score::suite::{Done, Plan, Results, ResultsError};
 
 /// So many missing cells are named.
 const NAMED: usize = 5;

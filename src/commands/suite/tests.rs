@@ -3,11 +3,10 @@ use std::{path::PathBuf, sync::Arc};
 use serde_json::{Value, json};
 
 use super::*;
-use crate::{
-    config::Control,
-    score::Figure,
-    simulator::{camera::Scenery, world::Setup},
-};
+use lapwing_core::config::Control;
+use lapwing_score::judged;
+use lapwing_score::score::Figure;
+use lapwing_sim::{camera::Scenery, world::Setup};
 
 const SUITE: &str = r#"
 tracks = ["lake"]
@@ -67,7 +66,7 @@ fn the_seed_changes_a_drive_under_the_conditions_that_say_so_and_the_experts_fig
             let setup = Setup::new(track.clone(), scenery.clone());
             let setup = Setup { conditions: conditions.clone(), seed, longest_s: Some(2.0), ..setup };
             let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), now);
-            drive::run(&mut Simulation::new(setup).unwrap(), &mut driver, None, |_, _, _| Ok(())).unwrap()
+            judged::run(&mut Simulation::new(setup).unwrap(), &mut driver, None, |_, _, _| Ok(())).unwrap()
         };
         let (one, other) = (drive(1), drive(2));
         assert_eq!(one.fingerprint != other.fingerprint, by_chance, "{text}");

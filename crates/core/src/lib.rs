@@ -1,0 +1,57 @@
+//! What every part of Lapwing stands on: the simulator's text, frames, pilots, controllers, the driver made of them,
+//! and runs on disk.
+//!
+//! ```text
+//!              telemetry text                                         steer text
+//! simulator ─────────────────▶ protocol ▶ perception ▶ pilot ▶ control ▶ protocol ────────▶ simulator
+//!                                  └──────────┬────────────┴────────┘
+//!                                  drive ─▶ observers: recording, scores, films
+//! ```
+//! [`driver`] is the middle of that line as one plain function: an observation in, an answer and its trace out. The
+//! live bridge, the replay, the tests and the benches call that same function, so what is measured is what drives.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`units`] | mph, degrees, normalised steering and throttle: newtypes with checked construction |
+//! | [`files`] | files written whole or not at all, and whether they could be |
+//! | [`words`] | plurals, and what a misspelt name was meant to be, for messages |
+//! | [`stats`] | how well two series agree |
+//! | [`config`] | settings: defaults < your own file < `lapwing.toml` < environment < flags |
+//! | [`protocol`] | the simulator's text, both ends of it, in every dialect and culture; no I/O |
+//! | [`client`] | plays any [`World`](protocol::World) to any bridge as the Unity build does |
+//! | [`perception`] | base64 and JPEG to `Frame`; crop, resize, colour, scale |
+//! | [`pilot`] | the trait `Pilot`, pure pursuit, constant |
+//! | [`control`] | speed controllers, standstill, hand-over |
+//! | [`driver`] | the function above |
+//! | [`drive`] | a world driven in this process, before observers |
+//! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders |
+//! | [`replay`] | a recording as a world, open loop |
+//!
+//! No libtorch, no async runtime, no C++.
+//!
+//! # Example
+//! ```
+//! use std::time::{Duration, Instant};
+//! use lapwing_core::{config::Control, driver::Driver, pilot::ConstantPilot, protocol::{Observation, Sight}, units::Steering};
+//!
+//! let mut driver = Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
+//! let observation = Observation { at: Duration::ZERO, sight: Sight::HumanDrives };
+//! let (answer, trace) = driver.drive(&observation);
+//! assert_eq!(answer.to_string(), "42[\"manual\",{}]");
+//! # let _ = trace;
+//! ```
+
+pub mod client;
+pub mod config;
+pub mod control;
+pub mod drive;
+pub mod driver;
+pub mod files;
+pub mod perception;
+pub mod pilot;
+pub mod protocol;
+pub mod recording;
+pub mod replay;
+pub mod stats;
+pub mod units;
+pub mod words;

@@ -1,0 +1,222 @@
+//! What happens to a picture before a network sees it, as a function.
+
+use fast_image_resize::{
+    FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer,
+    images::{Image, ImageRef},
+};
+
+use super::{Crop, Filter, Frame, Preprocess, PreprocessError, Resize};
+
+/// Pixels that are taken from bytes to numbers at a time.
+const BLOCK: usize = 64;
+
+/// A [`Preprocess`] ready to run, with its scratch memory.
+#[derive(Debug, Clone)]
+pub struct Preprocessor {
+    preprocess: Preprocess,
+    /// For each channel the weights of red, green and blue and a constant: colour and scale in one step.
+    weights: Vec<[f32; 4]>,
+    resizer: Resizer,
+    /// The resized RGB bytes.
+    resized: Vec<u8>,
+}
+
+impl Preprocessor {
+    /// Checks the preprocessing and takes memory for it.
+    ///
+    /// # Errors
+    /// As [`Preprocess::validate`].
+    pub fn new(preprocess: Preprocess) -> Result<Self, PreprocessError> {
+        preprocess.validate()?;
+        let weights = preprocess.colour.weights().iter().enumerate().map(|(channel, weights)| {
+            let (factor, summand) = preprocess.scale.affine(channel).expect("validate checked every channel");
+            let [r, g, b, constant] = *weights;
+            [r * factor, g * factor, b * factor, constant * factor + summand].map(|w| w as f32)
+        });
+        let Resize { width, height, .. } = preprocess.resize;
+        Ok(Self {
+            weights: weights.collect(),
+            resizer: Resizer::new(),
+            resized: vec![0; width * height * 3],
+            preprocess,
+        })
+    }
+
+    /// What is done.
+    pub fn preprocess(&self) -> &Preprocess {
+        &self.preprocess
+    }
+
+    /// Makes a network's input of a frame: `out` becomes (C, H, W) numbers of
+    /// [`Preprocess::shape`], channel by channel.
+    ///
+    /// Once warm no picture is allocated; the resizer takes a few kilobytes of
+    /// weights anew for each.
+    ///
+    /// # Errors
+    /// [`PreprocessError::CropOutside`] and [`PreprocessError::EmptyFrame`].
+    pub fn apply(&mut self, frame: &Frame, out: &mut Vec<f32>) -> Result<(), PreprocessError> {
+        self.resize(frame)?;
+        let Resize { width, height, .. } = self.preprocess.resize;
+        let plane = width * height;
+        out.resize(self.weights.len() * plane, 0.0);
+        // In blocks that stay in the cache: channels apart first, so that the sums are over neighbours in memory.
+        let mut apart = [[0f32; BLOCK]; 3];
+        for (block, rgb) in self.resized.chunks(BLOCK * 3).enumerate() {
+            for (i, pixel) in rgb.chunks_exact(3).enumerate() {
+                for (channel, byte) in apart.iter_mut().zip(pixel) {
+                    channel[i] = f32::from(*byte);
+                }
+            }
+            let count = rgb.len() / 3;
+            for (channel, plane) in out.chunks_exact_mut(plane).enumerate() {
+                self.channel(channel, apart.each_ref().map(|c| &c[..]), &mut plane[block * BLOCK..][..count]);
+            }
+        }
+        Ok(())
+    }
+
+    /// The crop at the network's size: RGB bytes, not yet coloured or scaled.
+    ///
+    /// # Errors
+    /// As [`Preprocessor::apply`].
+    pub fn resize(&mut self, frame: &Frame) -> Result<&[u8], PreprocessError> {
+        let (width, height) = (frame.width(), frame.height());
+        let Crop { top, bottom } = self.preprocess.rows_of(width, height)?;
+        // Whole rows lie side by side: the crop is a slice, and what is beyond it cannot bleed in.
+        let rows = &frame.rgb()[top * width * 3..bottom * width * 3];
+        let Resize { width: to_width, height: to_height, filter: Filter::BilinearAntialiased } = self.preprocess.resize;
+        let source = ImageRef::new(width as u32, (bottom - top) as u32, rows, PixelType::U8x3)
+            .expect("a frame has three bytes for each pixel");
+        let mut target = Image::from_slice_u8(to_width as u32, to_height as u32, &mut self.resized, PixelType::U8x3)
+            .expect("the scratch has three bytes for each pixel");
+        self.resizer.resize(&source, &mut target, &options()).expect("both have the same kind of pixels");
+        Ok(&self.resized)
+    }
+
+    /// `count` rows next to the crop on the same scale, the first of which begins at row `from` of the frame and all of
+    /// which lie within it: RGB bytes.
+    pub fn rows(&mut self, frame: &Frame, from: f64, count: usize) -> Vec<u8> {
+        let crop = self.preprocess.crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
+        let Resize { width, height, .. } = self.preprocess.resize;
+        let mut rows = vec![0; count * width * 3];
+        if count > 0 {
+            let high = count as f64 * (crop.bottom - crop.top) as f64 / height as f64;
+            let from = from.clamp(0.0, (frame.height() as f64 - high).max(0.0));
+            let source = ImageRef::new(frame.width() as u32, frame.height() as u32, frame.rgb(), PixelType::U8x3)
+                .expect("a frame has three bytes for each pixel");
+            let mut target = Image::from_slice_u8(width as u32, count as u32, &mut rows, PixelType::U8x3)
+                .expect("there are three bytes for each pixel");
+            let options = options().crop(0.0, from, frame.width() as f64, high);
+            self.resizer.resize(&source, &mut target, &options).expect("the rows lie within the frame");
+        }
+        rows
+    }
+
+    /// What one channel becomes of neighbouring pixels, 0 to 255 and not necessarily whole: colour and scale.
+    pub fn channel(&self, channel: usize, [red, green, blue]: [&[f32]; 3], out: &mut [f32]) {
+        let [r, g, b, constant] = self.weights[channel];
+        for (((out, red), green), blue) in out.iter_mut().zip(red).zip(green).zip(blue) {
+            *out = r * red + g * green + b * blue + constant;
+        }
+    }
+}
+
+fn options() -> ResizeOptions {
+    ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::perception::{Colour, Layout, Scale};
+
+    fn preprocess(crop: Option<Crop>, width: usize, height: usize, colour: Colour, scale: Scale) -> Preprocess {
+        let resize = Resize { height, width, filter: Filter::BilinearAntialiased };
+        Preprocess { crop, resize, colour, scale, layout: Layout::Nchw }
+    }
+
+    fn apply(preprocess: Preprocess, frame: &Frame) -> Vec<f32> {
+        let mut out = Vec::new();
+        Preprocessor::new(preprocess).unwrap().apply(frame, &mut out).unwrap();
+        out
+    }
+
+    /// Numbers in bytes again, for legible assertions.
+    fn bytes(out: &[f32]) -> Vec<f32> {
+        out.iter().map(|x| (x * 255.0 * 1000.0).round() / 1000.0).collect()
+    }
+
+    fn grey_row(row: &[u8]) -> Frame {
+        Frame::new(row.len(), 1, row.iter().flat_map(|x| [*x; 3]).collect()).unwrap()
+    }
+
+    #[test]
+    fn two_by_one_pixels_become_planes_of_red_green_and_blue() {
+        let frame = Frame::new(2, 1, vec![10, 20, 30, 40, 50, 60]).unwrap();
+        let planes = |colour| bytes(&apply(preprocess(None, 2, 1, colour, Scale::Unit), &frame));
+        assert_eq!(planes(Colour::Rgb), [10.0, 40.0, 20.0, 50.0, 30.0, 60.0]);
+        assert_eq!(planes(Colour::Bgr), [30.0, 60.0, 20.0, 50.0, 10.0, 40.0]);
+        assert_eq!(planes(Colour::Grey), [18.15, 48.15]);
+    }
+
+    #[test]
+    fn pure_red_in_yuv_is_76_90_285_unrounded() {
+        let frame = Frame::new(1, 1, vec![255, 0, 0]).unwrap();
+        let yuv = apply(preprocess(None, 1, 1, Colour::Yuv, Scale::Unit), &frame);
+        assert_eq!(bytes(&yuv), [76.245, 90.487, 284.768]);
+    }
+
+    #[test]
+    fn scales_reach_the_ends_of_their_ranges() {
+        let frame = grey_row(&[0, 255]);
+        let scaled = |scale| apply(preprocess(None, 2, 1, Colour::Grey, scale), &frame);
+        let close = |got: Vec<f32>, want: [f32; 2]| {
+            assert!(got.iter().zip(want).all(|(g, w)| (g - w).abs() < 1e-6), "{got:?} {want:?}");
+        };
+        close(scaled(Scale::Signed), [-1.0, 1.0]);
+        close(scaled(Scale::Unit), [0.0, 1.0]);
+        close(scaled(Scale::Standardised { mean: vec![0.5], std: vec![0.25] }), [-2.0, 2.0]);
+    }
+
+    #[test]
+    fn halving_weighs_pixels_by_a_triangle_of_twice_the_width() {
+        // Centre 3, half-width 2: distances 1.5, 0.5, 0.5 weigh 1 : 3 : 3, and 255 * 3 / 7 is 109.3.
+        let out = apply(preprocess(None, 2, 1, Colour::Grey, Scale::Unit), &grey_row(&[0, 0, 0, 255]));
+        assert_eq!(bytes(&out), [0.0, 109.0]);
+    }
+
+    #[test]
+    fn nothing_beyond_the_crop_bleeds_in() {
+        let mut frame = Frame::new(4, 8, vec![255; 4 * 8 * 3]).unwrap();
+        frame.rgb_mut()[2 * 4 * 3..6 * 4 * 3].fill(100);
+        let crop = Some(Crop { top: 2, bottom: 6 });
+        let out = apply(preprocess(crop, 3, 3, Colour::Grey, Scale::Unit), &frame);
+        assert_eq!(bytes(&out), [100.0; 9]);
+    }
+
+    #[test]
+    fn memory_is_reused_from_frame_to_frame() {
+        let mut preprocessor = Preprocessor::new(preprocess(None, 2, 1, Colour::Rgb, Scale::Unit)).unwrap();
+        let mut out = Vec::new();
+        preprocessor.apply(&grey_row(&[1, 2, 3, 4]), &mut out).unwrap();
+        let before = (out.as_ptr(), preprocessor.resized.as_ptr());
+        preprocessor.apply(&grey_row(&[5, 6, 7]), &mut out).unwrap();
+        assert_eq!(before, (out.as_ptr(), preprocessor.resized.as_ptr()));
+    }
+
+    #[test]
+    fn a_frame_that_does_not_hold_the_crop_is_an_error() {
+        let crop = Some(Crop { top: 60, bottom: 135 });
+        let mut preprocessor = Preprocessor::new(preprocess(crop, 200, 66, Colour::Yuv, Scale::Signed)).unwrap();
+        let frame = Frame::new(160, 120, vec![0; 160 * 120 * 3]).unwrap();
+        assert_eq!(
+            preprocessor.apply(&frame, &mut Vec::new()).unwrap_err().to_string(),
+            "expected a frame of at least 135 rows for the crop to row 135, got 160x120"
+        );
+        assert_eq!(
+            preprocessor.apply(&Frame::default(), &mut Vec::new()).unwrap_err().to_string(),
+            "expected a frame with pixels in it, got 0x0"
+        );
+    }
+}

@@ -1,0 +1,182 @@
+//! Udacity folders made runs, and runs made Udacity folders.
+//!
+//! | in a folder | in a run |
+//! |---|---|
+//! | picture of the centre camera | frame, the same bytes |
+//! | pictures of the sides | nothing: a run has the centre camera only |
+//! | steering, throttle, speed | telemetry: what was in effect |
+//! | brake | the telemetry's ground truth |
+//! | all of them | a command by a human, who steered so; from run to folder it does not count |
+//! | time in the picture's name | time of the item, to the millisecond |
+
+use std::{fs, io, ops::ControlFlow, path::Path};
+
+use jiff::tz::TimeZone;
+
+use super::DatasetError;
+use lapwing_core::{
+    protocol::CameraImage,
+    recording::udacity::{DrivingLog, DrivingLogWriter, Sample},
+    recording::{Moment, Recorder, RecorderOptions, RecordingError, RunReader, Step, is_run},
+    words::count,
+};
+
+/// Hears how many rows are done, and of how many; says whether to go on.
+type Progress<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
+
+/// What became of a conversion.
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Converted {
+    /// Rows, or telemetries, written.
+    pub rows: u64,
+    /// Telemetries left out because their picture was not recorded.
+    pub without_picture: u64,
+    /// Pictures of the side cameras left out.
+    pub side_pictures: u64,
+    /// Where the run ended before its orderly end; what is behind that is not converted.
+    pub truncated: Option<String>,
+}
+
+/// Makes a run of a Udacity folder, or a Udacity folder of a run, as `source` is. `target` is a file that ends in
+/// `.mcap`, or a folder, and is not there yet (an empty folder may be). Pictures are carried over byte for byte.
+///
+/// The labels of a folder made of a run are what was in effect, as the simulator told it, so they are those that its
+/// own recorder would have written, whoever steered. `progress` hears after each row how many are done, and of how many
+/// where that is known, and may break the conversion off.
+///
+/// # Errors
+/// [`DatasetError`]: broken off; a target that is there, or of the wrong kind; a picture that cannot be read or is no JPEG; what
+/// the source cannot be read or the target not be written for. What was written until then is removed.
+pub fn convert(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+    let ends_as_run = target.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let (folder, run) = ("a folder", "a run");
+    match (is_run(source), ends_as_run) {
+        (true, true) => {
+            return Err(DatasetError::Target { path: target.to_owned(), expected: folder, got: run });
+        }
+        (false, false) => {
+            return Err(DatasetError::Target { path: target.to_owned(), expected: run, got: folder });
+        }
+        _ => {}
+    }
+    check_free(target)?;
+    if ends_as_run { to_run(source, target, progress) } else { to_folder(source, target, progress) }
+}
+
+/// Nothing is there but perhaps an empty folder, where a folder is to be.
+fn check_free(target: &Path) -> Result<(), DatasetError> {
+    let got = match fs::symlink_metadata(target) {
+        Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(why) => return Err(DatasetError::Io { doing: "look at", path: target.to_owned(), why }),
+        Ok(there) if !there.is_dir() => "a file",
+        Ok(_) => {
+            let mut entries = fs::read_dir(target).map_err(|why| io_error("look into", target, why))?;
+            if entries.next().is_none() {
+                return Ok(());
+            }
+            "a folder with something in it"
+        }
+    };
+    Err(DatasetError::Exists { path: target.to_owned(), got })
+}
+
+fn io_error(doing: &'static str, path: &Path, why: io::Error) -> DatasetError {
+    DatasetError::Io { doing, path: path.to_owned(), why }
+}
+
+fn to_run(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+    let log = DrivingLog::open(source)?;
+    if let Some(parent) = target.parent() {
+        fs::create_dir_all(parent).map_err(|why| io_error("create the folder", parent, why))?;
+    }
+    let recorder = Recorder::create_file(target, log.header(), RecorderOptions::default())?;
+    let mut converted = Converted::default();
+    let written = log.rows.iter().try_for_each(|row| {
+        let jpeg = row.jpeg()?;
+        // The disk of a conversion may be slow: nothing must be dropped.
+        recorder.wait_for_room();
+        row.items(Some(jpeg)).for_each(|item| recorder.record(row.at, item));
+        converted.rows += 1;
+        converted.side_pictures += [&row.left, &row.right].into_iter().flatten().count() as u64;
+        go_on(progress(converted.rows, Some(log.rows.len() as u64)), target)
+    });
+    let report = recorder.finish();
+    let lost = report.frames_not_recorded + report.items_not_recorded;
+    let finished = written.and_then(|()| match report.error {
+        Some(error) => Err(error.into()),
+        None if lost > 0 => {
+            let why = io::Error::other(format!("{} could not be written: the disk was too slow", count(lost, "item")));
+            Err(io_error("write", target, why))
+        }
+        None => Ok(converted),
+    });
+    if finished.is_err() {
+        // Half a run would look like a whole one; whoever reads the error needs none that this fails as well.
+        let _ = fs::remove_file(target);
+    }
+    finished
+}
+
+fn to_folder(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+    let run = RunReader::open(source)?;
+    let total = run.telemetries();
+    let began = run.header().started.to_zoned(TimeZone::system()).datetime();
+    let was_there = target.exists();
+    let result = DrivingLogWriter::create(target, began).map_err(DatasetError::from).and_then(|mut log| {
+        let mut moments = run.moments();
+        let mut converted = Converted::default();
+        for moment in moments.by_ref() {
+            let Moment::Step(step) = moment? else { continue };
+            if write(&step, &mut log)? {
+                converted.rows += 1;
+            } else {
+                converted.without_picture += 1;
+            }
+            go_on(progress(converted.rows + converted.without_picture, total), target)?;
+        }
+        if log.finish()? == 0 {
+            return Err(DatasetError::Empty { path: source.to_owned() });
+        }
+        converted.truncated = moments.truncated().map(ToString::to_string);
+        Ok(converted)
+    });
+    if result.is_err() {
+        // Nothing was there before. As above, one error is enough.
+        let _ = fs::remove_file(target.join("driving_log.csv"));
+        let _ = fs::remove_dir_all(target.join("IMG"));
+        if !was_there {
+            let _ = fs::remove_dir(target);
+        }
+    }
+    result
+}
+
+fn go_on(progress: ControlFlow<()>, target: &Path) -> Result<(), DatasetError> {
+    match progress {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(DatasetError::BrokenOff { path: target.to_owned() }),
+    }
+}
+
+/// Writes a step that has a picture, and says whether it has.
+fn write(step: &Step, log: &mut DrivingLogWriter) -> Result<bool, RecordingError> {
+    let Step { at, telemetry, .. } = step;
+    let CameraImage::Jpeg(jpeg) = &telemetry.image else { return Ok(false) };
+    if !step.frame_recorded {
+        return Ok(false);
+    }
+    log.row(&Sample {
+        at: *at,
+        center: jpeg,
+        left: None,
+        right: None,
+        steering: telemetry.steering.steering(),
+        throttle: telemetry.throttle,
+        brake: telemetry.truth.brake.unwrap_or(0.0),
+        speed: telemetry.speed,
+    })?;
+    Ok(true)
+}
+
+#[cfg(test)]
+mod tests;

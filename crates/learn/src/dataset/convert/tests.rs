@@ -1,0 +1,122 @@
+use std::time::Duration;
+
+use super::{
+    super::fixture::{converted, folder, jpeg, record, steps},
+    *,
+};
+
+fn error(source: &Path, target: &Path) -> String {
+    convert(source, target, &mut |_, _| ControlFlow::Continue(())).unwrap_err().to_string()
+}
+
+#[test]
+fn a_run_made_a_folder_and_a_run_again_keeps_bytes_numbers_and_times() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    converted(&folder(&at("first"), 12, false), &at("first.mcap"));
+    let back = converted(&at("first.mcap"), &at("second"));
+    assert_eq!((back.rows, back.without_picture, &back.truncated), (12, 0, &None));
+    converted(&at("second"), &at("second.mcap"));
+    let (first, second) = (steps(&at("first.mcap")), steps(&at("second.mcap")));
+    assert_eq!((first.len(), second.len()), (12, 12));
+    for (i, (a, b)) in first.iter().zip(&second).enumerate() {
+        let jpeg = lapwing_core::protocol::CameraImage::Jpeg(jpeg(i).into());
+        assert!(a.telemetry.image == jpeg && b.telemetry.image == jpeg, "row {i}");
+        assert!((a.telemetry.steering.get() - b.telemetry.steering.get()).abs() < 1e-5);
+        assert_eq!((a.telemetry.speed, a.telemetry.throttle), (b.telemetry.speed, b.telemetry.throttle));
+        assert_eq!(a.telemetry.truth.brake, b.telemetry.truth.brake);
+        assert_eq!(a.at.as_millis(), b.at.as_millis());
+    }
+    let log = DrivingLog::open(at("second")).unwrap();
+    let names = |log: &DrivingLog| log.rows.iter().map(|row| row.taken_at).collect::<Vec<_>>();
+    assert_eq!(names(&log), names(&DrivingLog::open(at("first")).unwrap()));
+    assert_eq!((log.rows[2].steering.get(), log.rows[2].brake), (-0.25, 0.25));
+    assert_eq!((&log.rows[2].left, &log.rows[2].right), (&None, &None));
+}
+
+#[test]
+fn a_conversion_that_is_broken_off_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let (data, run) = (folder(&dir.path().join("data"), 12, false), dir.path().join("a.mcap"));
+    converted(&data, &run);
+    let (new_run, new_folder) = (dir.path().join("b.mcap"), dir.path().join("b"));
+    let third = |done, _| if done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    for (source, target) in [(&data, &new_run), (&run, &new_folder)] {
+        let error = convert(source, target, &mut { third }).unwrap_err().to_string();
+        assert_eq!(error, format!("{}: interrupted; nothing was kept", target.display()));
+        assert!(!target.exists());
+    }
+}
+
+#[test]
+fn what_a_folder_says_was_steered_is_a_humans_command_in_the_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = dir.path().join("new/folder/a.mcap");
+    let counts = converted(&folder(&dir.path().join("drive"), 4, true), &run);
+    assert_eq!((counts.rows, counts.side_pictures), (4, 8));
+    let command = steps(&run)[3].command.clone().unwrap();
+    assert_eq!(command.by, lapwing_core::recording::By::Human);
+    assert_eq!((command.steering.get(), command.throttle.get()), (0.5, 0.25));
+}
+
+#[test]
+fn the_labels_of_a_runs_folder_are_what_was_in_effect_and_rows_without_picture_are_left_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let (run, target) = (dir.path().join("a.mcap"), dir.path().join("drive"));
+    record(&run, &[Some(jpeg(0)), None, Some(jpeg(2))], None);
+    let counts = converted(&run, &target);
+    assert_eq!((counts.rows, counts.without_picture), (2, 1));
+    let rows = DrivingLog::open(&target).unwrap().rows;
+    assert_eq!((rows[1].steering.get(), rows[1].throttle.get(), rows[1].brake), (-0.2, 0.25, 0.0));
+    assert_eq!((fs::read(&rows[1].center).unwrap(), rows[1].at), (jpeg(2), Duration::from_millis(200)));
+}
+
+#[test]
+fn nothing_is_overwritten() {
+    let dir = tempfile::tempdir().unwrap();
+    let source = folder(&dir.path().join("drive"), 3, false);
+    let run = dir.path().join("a.mcap");
+    fs::write(&run, "somebody's").unwrap();
+    assert_eq!(
+        error(&source, &run),
+        format!(
+            "{}: expected nothing there yet, got a file: nothing is overwritten, choose another name",
+            run.display()
+        )
+    );
+    assert_eq!(fs::read_to_string(&run).unwrap(), "somebody's");
+    fs::remove_file(&run).unwrap();
+    converted(&source, &run);
+    assert!(error(&run, &source).contains("got a folder with something in it"));
+}
+
+#[test]
+fn a_target_of_the_same_kind_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let source = folder(&dir.path().join("drive"), 3, false);
+    let run = dir.path().join("a.mcap");
+    converted(&source, &run);
+    assert!(error(&source, &dir.path().join("other")).contains("expected the name of a run, got that of a folder"));
+    assert!(error(&run, &dir.path().join("b.mcap")).contains("expected the name of a folder, got that of a run"));
+}
+
+#[test]
+fn a_picture_that_is_missing_or_no_jpeg_ends_it_and_leaves_nothing_behind() {
+    let dir = tempfile::tempdir().unwrap();
+    let source = folder(&dir.path().join("drive"), 5, false);
+    let (run, picture) = (dir.path().join("a.mcap"), DrivingLog::open(&source).unwrap().rows[3].center.clone());
+    fs::write(&picture, b"\x89PNG").unwrap();
+    assert!(error(&source, &run).contains("expected a JPEG"));
+    fs::remove_file(&picture).unwrap();
+    assert!(error(&source, &run).starts_with(&picture.display().to_string()));
+    assert!(!run.exists());
+}
+
+#[test]
+fn a_run_without_pictures_leaves_no_folder_behind() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = dir.path().join("a.mcap");
+    record(&run, &[None, None], None);
+    assert!(error(&run, &dir.path().join("drive")).contains("expected rows with pictures"));
+    assert!(!dir.path().join("drive").exists());
+}

@@ -1,0 +1,127 @@
+//! A driving log written as two: the rows to learn from, and those to validate by.
+
+use std::{
+    fs::{self, OpenOptions},
+    io,
+    path::{self, Path, PathBuf},
+};
+
+use super::{Blocks, DatasetError};
+use lapwing_core::{
+    files,
+    recording::udacity::{DrivingLog, Row},
+    recording::{RecordingError, is_run},
+};
+
+/// What became of a split.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Divided {
+    /// The log of the rows to learn from.
+    pub train: PathBuf,
+    /// How many they are.
+    pub train_rows: usize,
+    /// The log of the rows held out.
+    pub validation: PathBuf,
+    /// How many they are.
+    pub validation_rows: usize,
+}
+
+/// Splits the log of a Udacity folder by [`Blocks`] into `driving_log.csv` files in two folders, which are made where
+/// there are none. No picture is copied: the logs say by absolute path where each lies.
+///
+/// The rows are written without a header, steering, throttle, brake and speed as they were read, exactly; columns of
+/// anybody's own are left out. Where the pictures' names hold their time, the jumps from block to block show in it.
+///
+/// # Errors
+/// [`DatasetError`]: blocks that hold nothing, a run instead of a folder, a log that cannot be read, one that leaves a
+/// half empty, and folders that have a log already: nothing is overwritten.
+pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) -> Result<Divided, DatasetError> {
+    blocks.check(["block", "every"])?;
+    if is_run(source) {
+        return Err(DatasetError::Run { path: source.to_owned() });
+    }
+    let log = DrivingLog::open(source)?;
+    let mut texts = [String::new(), String::new()];
+    let mut counts = [0, 0];
+    for (i, row) in log.rows.iter().enumerate() {
+        let half = usize::from(blocks.is_validation(i));
+        texts[half] += &line(row)?;
+        counts[half] += 1;
+    }
+    for (count, half) in counts.into_iter().zip(["validation", "training"]) {
+        if count == 0 {
+            return Err(DatasetError::OneHalf { path: log.path, rows: log.rows.len(), half });
+        }
+    }
+    // Both are looked at before the first is written.
+    let paths = [train, validation].map(|dir| dir.join("driving_log.csv"));
+    if let Some(path) = paths.iter().find(|path| path.exists()) {
+        return Err(exists(path));
+    }
+    if train == validation {
+        let (expected, got) = ("two folders", format!("{} twice", train.display()));
+        return Err(DatasetError::Setting { name: "out_train and out_validation", expected, got });
+    }
+    for dir in [train, validation] {
+        let why = |why| DatasetError::Io { doing: "create the folder", path: dir.to_owned(), why };
+        files::check_folder(dir).map_err(why)?;
+    }
+    write(&paths[0], &texts[0])?;
+    write(&paths[1], &texts[1]).inspect_err(|_| {
+        // Half a split looks like a whole data set; one error is enough.
+        let _ = fs::remove_file(&paths[0]);
+    })?;
+    let ([train, validation], [train_rows, validation_rows]) = (paths, counts);
+    Ok(Divided { train, train_rows, validation, validation_rows })
+}
+
+fn exists(path: &Path) -> DatasetError {
+    DatasetError::Exists { path: path.to_owned(), got: "a driving log" }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), DatasetError> {
+    let io = |doing| move |why| DatasetError::Io { doing, path: path.to_owned(), why };
+    if let Some(dir) = path.parent() {
+        fs::create_dir_all(dir).map_err(io("create the folder of"))?;
+    }
+    let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|why| match why.kind() {
+        io::ErrorKind::AlreadyExists => exists(path),
+        _ => io("create the driving log")(why),
+    })?;
+    io::Write::write_all(&mut file, text.as_bytes()).map_err(io("write the driving log")).inspect_err(|_| {
+        let _ = fs::remove_file(path);
+    })
+}
+
+/// A row with its pictures where they lie.
+fn line(row: &Row) -> Result<String, DatasetError> {
+    let mut line = String::new();
+    for picture in [Some(&row.center), row.left.as_ref(), row.right.as_ref()] {
+        if let Some(picture) = picture {
+            line += &field(picture)?;
+        }
+        line.push(',');
+    }
+    let Row { steering, throttle, brake, speed, .. } = row;
+    // As short as they read back to the same number.
+    Ok(format!("{line}{},{},{brake},{}\n", steering.get(), throttle.get(), speed.get()))
+}
+
+/// An absolute path, in quotes where a comma would end it.
+fn field(picture: &Path) -> Result<String, DatasetError> {
+    let path = path::absolute(picture).map_err(|why| DatasetError::Io {
+        doing: "find the picture",
+        path: picture.to_owned(),
+        why,
+    })?;
+    // What is no Unicode would be another path when it is read back.
+    match path.to_str() {
+        Some(text) if !text.contains(['"', '\n', '\r']) => {
+            Ok(if text.contains(',') { format!("\"{text}\"") } else { text.to_owned() })
+        }
+        _ => Err(RecordingError::LogFolder { path: path.parent().unwrap_or(&path).to_owned() }.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,388 @@
+//! What is in a data set, and what is wrong with it.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, PoisonError,
+        mpsc::{Receiver, sync_channel},
+    },
+    thread,
+    time::Duration,
+};
+
+use jiff::civil::DateTime;
+use serde::Serialize;
+
+use super::{
+    DatasetError,
+    moments::{CAMERAS, Drive, Moment, Picture},
+};
+use lapwing_core::{
+    perception::{Frame, decode_jpeg},
+    recording::{RecordingError, is_run},
+};
+
+/// Rows further apart than this, in time, are told as a gap, and no sequence or mean reaches across: recorders write
+/// ten rows a second or more.
+pub const LONGEST_GAP: Duration = Duration::from_millis(900);
+
+/// Slower than this, in mph, the car stands.
+const STANDS_MPH: f64 = 0.5;
+/// Pictures that wait for a thread to decode them.
+const WAITING: usize = 64;
+
+/// What is in a data set.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// A folder, its log, or a run.
+    pub path: PathBuf,
+    /// Which: `folder` or `run`.
+    pub kind: &'static str,
+    /// Moments recorded.
+    pub rows: u64,
+    /// The cameras that have pictures.
+    pub cameras: Vec<CameraCount>,
+    /// Steering in effect, -1 full left to 1 full right.
+    pub steering: Spread,
+    /// Share of the rows with a steering of exactly 0, 0 to 1.
+    pub zero_steering: f64,
+    /// How often which steering is.
+    pub steering_histogram: Histogram,
+    /// Speed, in mph.
+    pub speed_mph: Spread,
+    /// Share of the rows at less than 0.5 mph, 0 to 1.
+    pub standing: f64,
+    /// From the first row to the last, without what is between drives, in seconds.
+    pub duration_s: f64,
+    /// From row to row, gaps left out; absent where no two rows say when they were.
+    pub intervals_ms: Option<Intervals>,
+    /// Rows of which is not known when they were.
+    pub untimed: u64,
+    /// Where time jumps: pauses, cuts, drives joined.
+    pub gaps: Vec<Gap>,
+    /// Sizes of the pictures.
+    pub sizes: Vec<Size>,
+    /// All pictures together, in bytes.
+    pub picture_bytes: u64,
+    /// How many telemetries of a run were answered by whom: `pilot`, `human`, `safe`, `off` or `nobody`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub answered: BTreeMap<&'static str, u64>,
+    /// Pictures that are missing or broken, and messages that cannot be read, by row.
+    pub problems: Vec<Problem>,
+    /// Where a run ends before its orderly end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truncated: Option<String>,
+}
+
+/// The pictures of one camera.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct CameraCount {
+    /// `center`, `left` or `right`.
+    pub camera: &'static str,
+    /// Rows that name a picture of it.
+    pub rows: u64,
+    /// Those whose picture is not there.
+    pub missing: u64,
+    /// Those whose picture cannot be decoded.
+    pub broken: u64,
+}
+
+/// How numbers spread. All are 0 where there are none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation, of these numbers and not of what they are a sample of.
+    pub std: f64,
+    /// The least.
+    pub min: f64,
+    /// The greatest.
+    pub max: f64,
+}
+
+/// How many numbers lie where.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Histogram {
+    /// Where the first bin begins.
+    pub from: f64,
+    /// How wide each is.
+    pub width: f64,
+    /// Numbers in each.
+    pub counts: Vec<u64>,
+}
+
+/// Times from row to row, in milliseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Intervals {
+    /// Half are shorter.
+    pub median: f64,
+    /// 95 of 100 are shorter.
+    pub p95: f64,
+    /// The longest that is no gap.
+    pub max: f64,
+}
+
+/// A jump in time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gap {
+    /// The row behind it, counted from 0.
+    pub row: usize,
+    /// Its line in the log, counted from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<usize>,
+    /// From the row before it; negative where time goes back.
+    pub seconds: f64,
+}
+
+/// A size of pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Size {
+    /// In pixels.
+    pub width: usize,
+    /// In pixels.
+    pub height: usize,
+    /// How many pictures have it.
+    pub pictures: u64,
+}
+
+/// Something that cannot be learnt from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Problem {
+    /// The row, counted from 0. A message that cannot be read has that of the next row.
+    pub row: usize,
+    /// Its line in the log, counted from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<usize>,
+    /// The camera, where it is about a picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<&'static str>,
+    /// The picture's file, where it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// Whether nothing is there at all.
+    pub missing: bool,
+    /// What was expected, and what is there.
+    pub why: String,
+}
+
+impl Spread {
+    /// Of these numbers.
+    pub fn of(numbers: &[f64]) -> Self {
+        if numbers.is_empty() {
+            return Self::default();
+        }
+        let n = numbers.len() as f64;
+        let mean = numbers.iter().sum::<f64>() / n;
+        let variance = numbers.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
+        let (min, max) = numbers.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+        Self { mean, std: variance.sqrt(), min, max }
+    }
+}
+
+impl Histogram {
+    /// Of steering, -1 to 1, in bins of 0.05; the one in the middle has 0 in its middle.
+    pub fn of_steering(steering: &[f64]) -> Self {
+        const BINS: usize = 41;
+        let (from, width) = (-1.025, 0.05);
+        let mut counts = vec![0; BINS];
+        for x in steering {
+            // Beyond the ends is nothing, and a cast saturates.
+            counts[(((x - from) / width) as usize).min(BINS - 1)] += 1;
+        }
+        Self { from, width, counts }
+    }
+}
+
+impl Intervals {
+    fn of(mut ms: Vec<f64>) -> Option<Self> {
+        ms.sort_by(f64::total_cmp);
+        let last = ms.len().checked_sub(1)?;
+        let quantile = |q: f64| ms[(q * last as f64).round() as usize];
+        Some(Self { median: quantile(0.5), p95: quantile(0.95), max: quantile(1.0) })
+    }
+}
+
+/// Looks a data set over: a folder with `driving_log.csv`, such a file, or a run. Every picture is decoded, on all
+/// processors. `progress` hears how many rows are done, and of how many where that is known.
+///
+/// # Errors
+/// [`DatasetError::Recording`] where the log cannot be read, or the run not be opened; [`DatasetError::Empty`] for a run
+/// without telemetry. Pictures that cannot be read are no error but [`Inspection::problems`].
+pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Result<Inspection, DatasetError> {
+    let mut drive = Drive::open(path)?;
+    let total = drive.left().map(|rows| rows as u64);
+    let mut rows = Rows::default();
+    let (jobs, queue) = sync_channel(WAITING);
+    let queue = Mutex::new(queue);
+    let pictures = thread::scope(|scope| {
+        let threads = thread::available_parallelism().map_or(1, usize::from);
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(|| decode(&queue))).collect();
+        // What ends the rows early also ends the queue, and with it the workers.
+        let jobs = jobs;
+        for moment in drive.by_ref() {
+            match moment {
+                Ok(moment) => {
+                    for (camera, picture) in moment.pictures.iter().enumerate() {
+                        if let Some(picture) = picture {
+                            let job = Job { row: moment.row, line: moment.line, camera, picture: picture.clone() };
+                            // Workers end only after the queue does.
+                            let _ = jobs.send(job);
+                        }
+                    }
+                    rows.take(&moment);
+                    progress(rows.count, total);
+                }
+                Err(DatasetError::Recording(error @ RecordingError::Message { .. })) => rows.unreadable(&error),
+                Err(error) => return Err(error),
+            }
+        }
+        drop(jobs);
+        // A worker has nothing to panic at; were it to, its pictures would be reported as not looked at.
+        let done = workers.into_iter().filter_map(|worker| worker.join().ok());
+        Ok(done.fold(Pictures::default(), Pictures::and))
+    })?;
+    if rows.count == 0 {
+        return Err(DatasetError::Empty { path: path.to_owned() });
+    }
+    Ok(rows.with(pictures, path, drive.truncated()))
+}
+
+/// A picture to be decoded.
+struct Job {
+    row: usize,
+    line: Option<usize>,
+    camera: usize,
+    picture: Picture,
+}
+
+/// What workers find out.
+#[derive(Default)]
+struct Pictures {
+    /// By camera: rows, missing, broken.
+    counts: [[u64; 3]; CAMERAS.len()],
+    sizes: BTreeMap<(usize, usize), u64>,
+    bytes: u64,
+    problems: Vec<Problem>,
+}
+
+impl Pictures {
+    fn and(mut self, mut other: Self) -> Self {
+        for (all, more) in self.counts.iter_mut().flatten().zip(other.counts.iter().flatten()) {
+            *all += more;
+        }
+        for (size, count) in other.sizes {
+            *self.sizes.entry(size).or_default() += count;
+        }
+        self.problems.append(&mut other.problems);
+        self.bytes += other.bytes;
+        self
+    }
+}
+
+/// A worker: decodes pictures until there are no more.
+fn decode(queue: &Mutex<Receiver<Job>>) -> Pictures {
+    let (mut found, mut frame) = (Pictures::default(), Frame::default());
+    loop {
+        let next = queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let Ok(Job { row, line, camera, picture }) = next else { return found };
+        let [rows, missing, broken] = &mut found.counts[camera];
+        *rows += 1;
+        let decoded = picture.read().map_err(|why| (true, why)).and_then(|bytes| {
+            found.bytes += bytes.len() as u64;
+            decode_jpeg(&bytes, &mut frame).map_err(|e| (false, e.to_string()))
+        });
+        match decoded {
+            Ok(()) => *found.sizes.entry((frame.width(), frame.height())).or_default() += 1,
+            Err((is_missing, why)) => {
+                *(if is_missing { missing } else { broken }) += 1;
+                let file = if let Picture::File(path) = picture { Some(path) } else { None };
+                found.problems.push(Problem {
+                    row,
+                    line,
+                    camera: Some(CAMERAS[camera]),
+                    file,
+                    missing: is_missing,
+                    why,
+                });
+            }
+        }
+    }
+}
+
+/// What the rows themselves tell.
+#[derive(Default)]
+struct Rows {
+    count: u64,
+    steering: Vec<f64>,
+    speed_mph: Vec<f64>,
+    first: Option<Duration>,
+    last: Duration,
+    last_taken: Option<DateTime>,
+    intervals_ms: Vec<f64>,
+    untimed: u64,
+    gaps: Vec<Gap>,
+    answered: BTreeMap<&'static str, u64>,
+    problems: Vec<Problem>,
+}
+
+impl Rows {
+    fn take(&mut self, moment: &Moment) {
+        self.count += 1;
+        self.steering.push(moment.steering.get());
+        self.speed_mph.push(moment.speed_mph);
+        self.first.get_or_insert(moment.at);
+        self.last = moment.at;
+        if let Some(by) = moment.answered {
+            *self.answered.entry(by).or_default() += 1;
+        }
+        self.untimed += u64::from(moment.taken_at.is_none());
+        if let (Some(from), Some(to)) = (self.last_taken, moment.taken_at) {
+            let seconds = to.duration_since(from).as_secs_f64();
+            if (0.0..=LONGEST_GAP.as_secs_f64()).contains(&seconds) {
+                self.intervals_ms.push(seconds * 1e3);
+            } else {
+                self.gaps.push(Gap { row: moment.row, line: moment.line, seconds });
+            }
+        }
+        self.last_taken = moment.taken_at;
+    }
+
+    /// A message of a run.
+    fn unreadable(&mut self, error: &RecordingError) {
+        let (row, why) = (self.count as usize, error.to_string());
+        self.problems.push(Problem { row, line: None, camera: None, file: None, missing: false, why });
+    }
+
+    fn with(mut self, pictures: Pictures, path: &Path, truncated: Option<String>) -> Inspection {
+        let share = |count: usize| count as f64 / self.count.max(1) as f64;
+        let cameras = CAMERAS.into_iter().zip(pictures.counts).filter(|(_, counts)| counts[0] > 0);
+        let cameras = cameras.map(|(camera, [rows, missing, broken])| CameraCount { camera, rows, missing, broken });
+        let sizes = pictures.sizes.into_iter();
+        self.problems.extend(pictures.problems);
+        self.problems.sort_by_key(|p| (p.row, CAMERAS.iter().position(|camera| p.camera == Some(camera))));
+        Inspection {
+            path: path.to_owned(),
+            kind: if is_run(path) { "run" } else { "folder" },
+            rows: self.count,
+            cameras: cameras.collect(),
+            steering: Spread::of(&self.steering),
+            zero_steering: share(self.steering.iter().filter(|x| **x == 0.0).count()),
+            steering_histogram: Histogram::of_steering(&self.steering),
+            speed_mph: Spread::of(&self.speed_mph),
+            standing: share(self.speed_mph.iter().filter(|mph| mph.abs() < STANDS_MPH).count()),
+            duration_s: self.last.saturating_sub(self.first.unwrap_or_default()).as_secs_f64(),
+            intervals_ms: Intervals::of(self.intervals_ms),
+            untimed: self.untimed,
+            gaps: self.gaps,
+            sizes: sizes.map(|((width, height), pictures)| Size { width, height, pictures }).collect(),
+            picture_bytes: pictures.bytes,
+            answered: self.answered,
+            problems: self.problems,
+            truncated,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,164 @@
+//! Driving logs and runs as something to learn from.
+//!
+//! A [`Source`] is a Udacity folder or a run, row by row. A [`Selection`] says which of its rows, cameras and labels
+//! count and how much; [`Samples`] holds the outcome for several sources at once. A [`Loader`] decodes, augments and
+//! preprocesses them on threads of its own, a [`Batch`] at a time, in an order that the seed alone decides.
+//!
+//! For people, [`inspect()`] says what is in a data set, every picture decoded, and [`contact_sheet`] and
+//! [`steering_chart`] show it; [`convert()`] makes a run of a folder or the other way round; [`divide()`] writes a log
+//! of the rows to learn from and one of those to validate by, as [`Blocks`] has them; [`preview()`] shows what
+//! augmentation does.
+//!
+//! Pictures stay where they are, and no tensor is made here: `train` does that.
+
+mod augment;
+mod balance;
+mod chart;
+mod convert;
+mod divide;
+#[cfg(test)]
+mod fixture;
+mod inspect;
+mod loader;
+mod moments;
+mod preview;
+mod samples;
+mod sheet;
+mod source;
+mod split;
+mod strip;
+
+use std::path::PathBuf;
+
+pub use augment::{Augmentation, Change, Rectangle, Shadow};
+pub use balance::Balance;
+pub use chart::steering_chart;
+pub use convert::{Converted, convert};
+pub use divide::{Divided, divide};
+pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
+pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
+pub use preview::preview;
+pub use samples::{Sample, Samples, Selection, Set};
+pub use sheet::{SHOWN, contact_sheet};
+pub use source::{Camera, Picture, Row, Source, check};
+pub use split::Blocks;
+
+use lapwing_core::{
+    perception::{ImageError, PreprocessError},
+    recording::RecordingError,
+};
+
+/// What keeps data from being learnt from.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The driving log or the run.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A picture that is not there or cannot be read.
+    #[error("{picture} cannot be read: {why}; `lapwing dataset inspect` lists every such picture")]
+    Picture {
+        /// The file.
+        picture: String,
+        /// Why, in the system's words.
+        why: String,
+    },
+    /// A picture that cannot be decoded.
+    #[error("{picture}: {why}; `lapwing dataset inspect` lists every such picture")]
+    Image {
+        /// The file.
+        picture: String,
+        /// What is wrong with it.
+        why: ImageError,
+    },
+    /// A thread that makes batches has failed.
+    #[error("a thread that loads pictures failed: {what}")]
+    Thread {
+        /// What it said.
+        what: String,
+    },
+    /// A picture that does not suit the network's preprocessing.
+    #[error("{picture}: {why}")]
+    Preprocess {
+        /// The file.
+        picture: String,
+        /// What does not suit.
+        why: PreprocessError,
+    },
+    /// Nothing to work with.
+    #[error("{path}: expected rows with pictures and labels, got none", path = path.display())]
+    Empty {
+        /// The data set.
+        path: PathBuf,
+    },
+    /// A data set of which nothing is left.
+    #[error("{path}: expected rows with a picture to take, got none of its {rows}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", path = path.display())]
+    NoneLeft {
+        /// The data set.
+        path: PathBuf,
+        /// How many rows it has.
+        rows: usize,
+    },
+    /// A number that makes no sense.
+    #[error("{name}: expected {expected}, got {got}")]
+    Setting {
+        /// Which setting.
+        name: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        got: String,
+    },
+    /// Something is where something new is to be written.
+    #[error("{path}: expected nothing there yet, got {got}: nothing is overwritten, choose another name", path = path.display())]
+    Exists {
+        /// The place.
+        path: PathBuf,
+        /// What is there.
+        got: &'static str,
+    },
+    /// A conversion from a thing to the same thing.
+    #[error("{path}: expected the name of {expected}, got that of {got}: a folder becomes a run (.mcap), a run a folder", path = path.display())]
+    Target {
+        /// Where it was to go.
+        path: PathBuf,
+        /// What the source can become.
+        expected: &'static str,
+        /// What the name says.
+        got: &'static str,
+    },
+    /// Somebody broke it off.
+    #[error("{path}: interrupted; nothing was kept", path = path.display())]
+    BrokenOff {
+        /// What was to be made.
+        path: PathBuf,
+    },
+    /// A run where only a folder will do.
+    #[error("{path}: expected a folder with driving_log.csv, got a run: make one of it with `lapwing dataset convert`", path = path.display())]
+    Run {
+        /// The run.
+        path: PathBuf,
+    },
+    /// A log too short for both halves of a split.
+    #[error("{path}: expected rows for training and for validation, got {rows} rows, all of them for {half}: choose smaller blocks", path = path.display())]
+    OneHalf {
+        /// The log.
+        path: PathBuf,
+        /// How many rows it has.
+        rows: usize,
+        /// The only half with rows.
+        half: &'static str,
+    },
+    /// The file system says no.
+    #[error("cannot {doing} {path}: {why}", path = path.display())]
+    Io {
+        /// What was tried, a verb.
+        doing: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        why: std::io::Error,
+    },
+}
+
+#[cfg(test)]
+mod tests;

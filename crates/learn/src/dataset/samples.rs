@@ -1,0 +1,286 @@
+//! Which rows and cameras count, with which label, and how much.
+
+use std::{fs, path::PathBuf};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::{Balance, Blocks, Camera, DatasetError, Source};
+use lapwing_core::{units::Mph, words::count};
+
+/// What is taken of one data set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Selection {
+    /// A folder with `driving_log.csv` and `IMG`, or a run (`.mcap`).
+    pub path: PathBuf,
+    /// How often a row of it is drawn beside a row of weight 1; default 1.
+    #[serde(default = "one")]
+    pub weight: f64,
+    /// Steering added for the left camera and taken off for the right, default 0.25: 6.25 degrees, as Lu has it.
+    #[serde(default = "side_offset")]
+    pub side_offset: f64,
+    /// Cameras to learn from; default all that there are.
+    #[serde(default = "all_cameras")]
+    pub cameras: Vec<Camera>,
+    /// First row and the one after the last, counted from 0; default all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rows: Option<(usize, usize)>,
+    /// The label is the mean steering of so many rows around its own, default 1: a keyboard steers in strokes. Rows
+    /// that are not learnt from do not count, so that nothing of what is held out leaks into a label.
+    #[serde(default = "one_row")]
+    pub smooth: usize,
+}
+
+/// More than a minute of driving has nothing to do with a picture.
+const MOST_SMOOTH: usize = 999;
+
+fn one() -> f64 {
+    1.0
+}
+
+fn side_offset() -> f64 {
+    0.25
+}
+
+fn all_cameras() -> Vec<Camera> {
+    Camera::ALL.to_vec()
+}
+
+fn one_row() -> usize {
+    1
+}
+
+impl Selection {
+    /// All of a data set, with the defaults.
+    pub fn of(path: impl Into<PathBuf>) -> Self {
+        Self {
+            path: path.into(),
+            weight: one(),
+            side_offset: side_offset(),
+            cameras: all_cameras(),
+            rows: None,
+            smooth: one_row(),
+        }
+    }
+
+    /// Which data set it is, whatever way it is named; a copy elsewhere is another.
+    pub fn place(&self) -> PathBuf {
+        let folder = if self.path.ends_with("driving_log.csv") { self.path.parent() } else { None };
+        let path = folder.unwrap_or(&self.path);
+        fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
+    }
+
+    fn check(&self) -> Result<(), DatasetError> {
+        let wrong = |name, expected, got: String| Err(DatasetError::Setting { name, expected, got });
+        if !(1e-6..=1e6).contains(&self.weight) {
+            return wrong("weight", "0.000001 to 1000000", self.weight.to_string());
+        }
+        if !(0.0..=1.0).contains(&self.side_offset) {
+            return wrong("side_offset", "0 to 1", self.side_offset.to_string());
+        }
+        if self.cameras.is_empty() {
+            return wrong("cameras", "at least one of center, left, right", "none".into());
+        }
+        if self.smooth.is_multiple_of(2) {
+            return wrong("smooth", "an odd number of rows", self.smooth.to_string());
+        }
+        if self.smooth > MOST_SMOOTH {
+            return wrong("smooth", "at most 999 rows", self.smooth.to_string());
+        }
+        if let Some((first, end)) = self.rows.filter(|(first, end)| first >= end) {
+            return wrong("rows", "a first row and a later one after the last", format!("{first}, {end}"));
+        }
+        Ok(())
+    }
+}
+
+/// One thing to learn: a picture, or the last of a sequence, and what to steer there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Which source.
+    pub source: u32,
+    /// Which of its rows.
+    pub row: u32,
+    /// Which of its cameras.
+    pub camera: Camera,
+    /// What to steer, positive to the right; beyond -1 and 1 where a side camera's offset leads there.
+    pub steering: f64,
+    /// -1 (full brake) to 1 (full throttle).
+    pub acceleration: f64,
+    /// How fast the car was.
+    pub speed: Mph,
+    /// How often it is drawn, beside others.
+    weight: f64,
+}
+
+/// Which part of the data.
+///
+/// Rows that are held out are kept from all that is learnt: neither labels ([`Selection::smooth`]) nor sequences of
+/// pictures of [`Set::Training`] reach over the end of a block or of [`Selection::rows`]. The other way round they do:
+/// the sequences of [`Set::Validation`] begin with the pictures that the drive had before the block, as a pilot would
+/// have seen them, and its means over nine rows take in the labels there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Set {
+    /// To learn from: all cameras asked for, blocks that are not held out.
+    Training,
+    /// To measure by: the centre camera in the blocks held out, labels as recorded.
+    Validation,
+    /// The centre camera everywhere, labels as recorded.
+    All,
+}
+
+/// What is learnt from, or measured by.
+#[derive(Debug)]
+pub struct Samples {
+    /// The data sets.
+    pub sources: Vec<Source>,
+    /// What is taken of them; at least one.
+    pub samples: Vec<Sample>,
+}
+
+impl Samples {
+    /// Opens the data sets and picks the set's rows of each. Pictures that are not there are left out with a warning;
+    /// sequences begin anew behind them.
+    ///
+    /// # Errors
+    /// [`DatasetError`]; [`DatasetError::NoneLeft`] also where one of several data sets has nothing to learn from.
+    pub fn open(
+        selections: &[Selection],
+        set: Set,
+        blocks: Option<Blocks>,
+        balance: &Balance,
+    ) -> Result<Self, DatasetError> {
+        balance.check()?;
+        blocks.map_or(Ok(()), |blocks| blocks.check(["blocks.size", "blocks.every"]))?;
+        selections.iter().try_for_each(Selection::check)?;
+        let mut all = Self { sources: vec![], samples: vec![] };
+        // Of each sample, what was steered in its row.
+        let mut steered = vec![];
+        for selection in selections {
+            let source = Source::open(&selection.path)?;
+            let rows = source.rows.len();
+            let before = all.samples.len();
+            all.take(source, selection, set, blocks, &mut steered);
+            if set == Set::Training && all.samples.len() == before {
+                return Err(DatasetError::NoneLeft { path: selection.path.clone(), rows });
+            }
+        }
+        if all.samples.is_empty() {
+            let path = selections.first().map(|s| s.path.clone()).unwrap_or_default();
+            let rows = all.sources.iter().map(|source| source.rows.len()).sum();
+            return Err(DatasetError::NoneLeft { path, rows });
+        }
+        if set == Set::Training {
+            let drawn: Vec<_> = steered.into_iter().zip(&all.samples).map(|(x, sample)| (x, sample.weight)).collect();
+            for (sample, weight) in all.samples.iter_mut().zip(balance.weights(&drawn)?) {
+                sample.weight = weight;
+            }
+        }
+        Ok(all)
+    }
+
+    fn take(
+        &mut self,
+        mut source: Source,
+        selection: &Selection,
+        set: Set,
+        blocks: Option<Blocks>,
+        steered: &mut Vec<f64>,
+    ) {
+        let missing = source.forget_missing();
+        if missing > 0 {
+            let path = source.path.display();
+            let (missing, are) = (count(missing, "picture"), if missing == 1 { "is" } else { "are" });
+            tracing::warn!("{path}: {missing} {are} missing; see `lapwing dataset inspect`");
+        }
+        let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
+        let held_out = |row: usize| blocks.is_some_and(|blocks| blocks.is_validation(row));
+        let wanted = |row: usize| {
+            (first..end).contains(&row)
+                && match set {
+                    Set::Training => !held_out(row),
+                    Set::Validation => held_out(row),
+                    Set::All => true,
+                }
+        };
+        let learning = set == Set::Training;
+        if learning {
+            source.end_stretches_where(|i, _| wanted(i));
+        }
+        let smooth = if learning { selection.smooth } else { 1 };
+        let cameras = if learning { &selection.cameras[..] } else { &[Camera::Center] };
+        for row in (0..source.rows.len()).filter(|row| wanted(*row)) {
+            let moment = &source.rows[row];
+            let steering = source.mean_of_stretch(row, smooth);
+            for camera in cameras.iter().filter(|c| moment.pictures[**c as usize].is_some()) {
+                steered.push(steering);
+                self.samples.push(Sample {
+                    source: self.sources.len() as u32,
+                    row: row as u32,
+                    camera: *camera,
+                    steering: steering + camera.sign() * selection.side_offset,
+                    acceleration: moment.acceleration,
+                    speed: moment.speed,
+                    weight: selection.weight,
+                });
+            }
+        }
+        self.sources.push(source);
+    }
+
+    /// Keeps so many, at equal distances; all where there are no more.
+    pub fn thin_out(&mut self, count: usize) {
+        let all = self.samples.len();
+        if count < all {
+            self.samples = (0..count).map(|i| self.samples[i * all / count]).collect();
+        }
+    }
+
+    /// The label averaged over `width` recorded rows, for measuring.
+    pub fn mean_steering(&self, sample: &Sample, width: usize) -> f64 {
+        self.sources[sample.source as usize].mean_steering(sample.row as usize, width)
+    }
+
+    /// `count` samples in random order, each as often as its weight says, within one: where all weigh alike and
+    /// `count` is how many there are, each once. The seed and the epoch alone decide.
+    pub fn draw(&self, count: usize, seed: u64, epoch: u64) -> Vec<u32> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(epoch + 1);
+        let mut order: Vec<u32> = (0..self.samples.len() as u32).collect();
+        shuffle(&mut order, &mut random);
+        // Systematic sampling: a comb of equal steps over the cumulated weights, from a random start.
+        let total: f64 = self.samples.iter().map(|sample| sample.weight).sum();
+        let step = total / count as f64;
+        let mut next = unit(&mut random) * step;
+        let (mut drawn, mut cumulated) = (Vec::with_capacity(count), 0.0);
+        for i in order {
+            cumulated += self.samples[i as usize].weight;
+            while next < cumulated && drawn.len() < count {
+                drawn.push(i);
+                next += step;
+            }
+        }
+        // The comb's last tooth may fall behind the end by a rounding.
+        if let Some(last) = drawn.last().copied() {
+            drawn.resize(count, last);
+        }
+        shuffle(&mut drawn, &mut random);
+        drawn
+    }
+}
+
+/// From 0 to below 1.
+pub(super) fn unit(random: &mut ChaCha8Rng) -> f64 {
+    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn shuffle(items: &mut [u32], random: &mut ChaCha8Rng) {
+    for i in (1..items.len()).rev() {
+        items.swap(i, (unit(random) * (i + 1) as f64) as usize);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,80 @@
+//! What keeps a model from driving.
+
+use std::path::PathBuf;
+
+use lapwing_core::pilot::PilotError;
+
+use crate::nn::NnError;
+
+/// Why a file is no model that drives.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// A file of a kind that is no model.
+    #[error("expected a model, a file ending in .safetensors or .pt, got {path}", path = .0.display())]
+    Extension(PathBuf),
+    /// The model cannot be read.
+    #[error("{path} cannot be read: {source}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// A checkpoint that is none, or is broken.
+    #[error("{path}: {source}", path = path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: NnError,
+    },
+    /// A TorchScript model does not say what it was trained on; a file beside it must.
+    #[error(
+        "expected {side} beside {model} to name the preprocessing, and cannot read it: {source}",
+        side = side.display(), model = model.display()
+    )]
+    NoSideFile {
+        /// The model.
+        model: PathBuf,
+        /// The file that is wanted.
+        side: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// The file beside a TorchScript model is not TOML, or has keys missing or unknown.
+    #[error("{side}: {why}", side = side.display())]
+    SideFile {
+        /// The file.
+        side: PathBuf,
+        /// What and where.
+        why: String,
+    },
+    /// A `.pt` of another kind: the name is used for pickled weights, too.
+    #[error(
+        "expected {path} to be a TorchScript module, saved by torch.jit.save and not by torch.save; libtorch: {why}",
+        path = path.display()
+    )]
+    NotTorchScript {
+        /// The file.
+        path: PathBuf,
+        /// The first line of what libtorch says.
+        why: String,
+    },
+    /// A network for something else.
+    #[error("expected a network whose first output is steering, got {0:?}")]
+    NotSteering(Vec<String>),
+    /// A model that cannot drive: made for something else, or even a blank picture is not answered as it should be.
+    #[error("{path}: {source}", path = path.display())]
+    Unfit {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: Box<ModelError>,
+    },
+    /// It does not answer even a blank picture as it should.
+    #[error(transparent)]
+    Pilot(#[from] PilotError),
+    /// libtorch fails.
+    #[error(transparent)]
+    Network(#[from] NnError),
+}

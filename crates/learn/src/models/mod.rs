@@ -1,0 +1,12 @@
+//! Files read into models, of which pilots drive.
+//!
+//! [`load`] reads a file, [`built_in`] the shipped one, into a [`Model`], of which any number of independent
+//! pilots drive with the same weights, each on a thread of its own if need be.
+
+mod error;
+mod model;
+pub mod network;
+pub mod torchscript;
+
+pub use error::ModelError;
+pub use model::{Model, built_in, is_torchscript, load};

@@ -1,0 +1,157 @@
+//! A file read once, and the pilots that drive by it.
+
+use std::{
+    fs,
+    path::Path,
+    sync::{Mutex, PoisonError},
+};
+
+use super::{ModelError, network::NetworkPilot, torchscript::TorchScriptPilot};
+use crate::nn::{Checkpoint, Network, sha256_hex};
+use lapwing_core::{
+    perception::Preprocess,
+    pilot::{self, Pilot},
+    units::Clock,
+};
+
+/// A network in memory, of which any number of pilots share the weights. May be used by several threads.
+#[derive(Debug)]
+pub struct Model {
+    name: String,
+    sha256: String,
+    preprocess: Preprocess,
+    training: Option<String>,
+    threads: Option<u16>,
+    /// The pilot that all others are shared from. It drives nobody; behind a lock because a tensor's handle belongs
+    /// to one thread at a time.
+    prototype: Mutex<Prototype>,
+}
+
+#[derive(Debug)]
+enum Prototype {
+    Network(Box<NetworkPilot>),
+    TorchScript(Box<TorchScriptPilot>),
+}
+
+/// The model that drives where none is named.
+const BUILT_IN: &[u8] = include_bytes!("../../../../models/pilotnet.safetensors");
+
+/// The model built into the program: `models/pilotnet.safetensors`.
+///
+/// # Errors
+/// [`ModelError`], where libtorch itself fails.
+pub fn built_in(clock: Clock) -> Result<Model, ModelError> {
+    Model::of_checkpoint(Path::new("built in"), BUILT_IN, clock)
+}
+
+/// Whether [`load`] takes this file for TorchScript, and runs the code in it.
+pub fn is_torchscript(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "pt")
+}
+
+/// Reads a model: a checkpoint of this project (`.safetensors`, see
+/// [`Checkpoint`]) or a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)).
+///
+/// The network answers a few times before this returns: the first frame is as
+/// fast as any, and what does not answer as it should is refused. `clock` is
+/// what its pilots measure themselves by.
+///
+/// A TorchScript module is code, which runs here and now: load only what the
+/// user named or trusts.
+///
+/// # Errors
+/// [`ModelError`], naming the file.
+pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, ModelError> {
+    let path = path.as_ref();
+    let read = || fs::read(path).map_err(|source| ModelError::Read { path: path.to_owned(), source });
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("safetensors") => Model::of_checkpoint(path, &read()?, clock),
+        Some(_) if is_torchscript(path) => {
+            let bytes = read()?;
+            let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
+            Ok(Model {
+                name: format!("torchscript ({})", path.display()),
+                sha256: sha256_hex(&bytes),
+                preprocess: pilot.preprocess().clone(),
+                training: None,
+                threads: None,
+                prototype: Mutex::new(Prototype::TorchScript(Box::new(pilot))),
+            })
+        }
+        _ => Err(ModelError::Extension(path.to_owned())),
+    }
+}
+
+impl Model {
+    fn of_checkpoint(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, ModelError> {
+        let checkpoint =
+            Checkpoint::from_bytes(bytes).map_err(|source| ModelError::Checkpoint { path: path.to_owned(), source })?;
+        let unfit = |source| ModelError::Unfit { path: path.to_owned(), source: Box::new(source) };
+        Ok(Self {
+            name: format!("{} ({})", checkpoint.network.architecture().name(), path.display()),
+            sha256: checkpoint.sha256.clone(),
+            preprocess: checkpoint.metadata.preprocess.clone(),
+            training: Some(checkpoint.metadata.training.clone()),
+            threads: checkpoint.network.architecture().threads(),
+            prototype: Mutex::new(Prototype::Network(Box::new(NetworkPilot::new(checkpoint, clock).map_err(unfit)?))),
+        })
+    }
+
+    /// Threads for one forward pass that serve it best, `None` for as many as there are processors.
+    pub fn threads(&self) -> Option<u16> {
+        self.threads
+    }
+
+    /// What is done to a frame before the network sees it.
+    pub fn preprocess(&self) -> &Preprocess {
+        &self.preprocess
+    }
+
+    /// How it was trained and on what, in the words of whoever did; a TorchScript module does not say.
+    pub fn training(&self) -> Option<&str> {
+        self.training.as_deref()
+    }
+
+    /// Its network, of the same weights, where it is one of this project's architectures.
+    pub fn network(&self) -> Option<Network> {
+        match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
+            Prototype::Network(pilot) => Some(pilot.network()),
+            Prototype::TorchScript(_) => None,
+        }
+    }
+
+    /// Architecture and file, for people.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// SHA-256 of the file in lower-case hexadecimal.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
+    /// A pilot of its own for one car.
+    pub fn pilot(&self) -> Box<dyn Pilot> {
+        match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
+            Prototype::Network(pilot) => Box::new(pilot.share()),
+            Prototype::TorchScript(pilot) => Box::new(pilot.share()),
+        }
+    }
+}
+
+impl pilot::Model for Model {
+    fn name(&self) -> &str {
+        self.name()
+    }
+
+    fn sha256(&self) -> &str {
+        self.sha256()
+    }
+
+    fn pilot(&self) -> Box<dyn Pilot> {
+        self.pilot()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,190 @@
+//! What can be wrong with a checkpoint or a forward pass.
+
+use std::path::PathBuf;
+
+use super::{Architecture, FORMAT};
+use lapwing_core::{perception::PreprocessError, words::did_you_mean};
+
+/// Why there is no network, no answer of one, or no file of one.
+#[derive(Debug, thiserror::Error)]
+pub enum NnError {
+    /// The file cannot be read.
+    #[error("{path} cannot be read: {source}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{path} cannot be written: {source}", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// The bytes are not the format, cut off, or their header lies.
+    #[error("expected a safetensors file: {0}")]
+    NotSafetensors(safetensors::SafeTensorError),
+    /// A metadata key is not there.
+    #[error("expected the metadata key {0}, got none")]
+    MissingKey(&'static str),
+    /// Another format, or a later one.
+    #[error("expected the format {FORMAT:?}, got {0:?}")]
+    Format(String),
+    /// A network that this build does not have.
+    #[error(
+        "expected one of the architectures {known}, got {got:?}{meant}",
+        known = Architecture::names(),
+        meant = did_you_mean(got, Architecture::ALL.map(Architecture::name))
+    )]
+    UnknownArchitecture {
+        /// What the file names.
+        got: String,
+    },
+    /// A metadata key holds text that is not the JSON it should be.
+    #[error("metadata key {key}: {why}")]
+    Metadata {
+        /// The key.
+        key: &'static str,
+        /// What the JSON reader says.
+        why: serde_json::Error,
+    },
+    /// Preprocessing that cannot be.
+    #[error("metadata key preprocess: {0}")]
+    Preprocess(#[from] PreprocessError),
+    /// Preprocessing for another network.
+    #[error(
+        "expected preprocessing to {expected} for {name}, got {got}",
+        expected = architecture.frame_shape(), got = times(got), name = architecture.name()
+    )]
+    InputShape {
+        /// The network.
+        architecture: Architecture,
+        /// Those that the preprocessing makes.
+        got: [usize; 3],
+    },
+    /// As many names as the network has outputs are wanted.
+    #[error("expected {expected} outputs for {architecture}, got {got:?}", architecture = architecture.name())]
+    Outputs {
+        /// The network.
+        architecture: Architecture,
+        /// How many it has.
+        expected: usize,
+        /// The names in the file.
+        got: Vec<String>,
+    },
+    /// A tensor of the architecture is not in the file.
+    #[error("expected the tensor {name} of shape {expected:?}, got none")]
+    MissingTensor {
+        /// Its name.
+        name: String,
+        /// Its shape.
+        expected: Vec<i64>,
+    },
+    /// A tensor in the file is not of the architecture.
+    #[error("expected only the tensors of {architecture}, got {name} as well", architecture = architecture.name())]
+    SurplusTensor {
+        /// The network.
+        architecture: Architecture,
+        /// The tensor's name, the first in the alphabet.
+        name: String,
+    },
+    /// A tensor of another shape.
+    #[error("tensor {name}: expected shape {expected:?}, got {got:?}")]
+    Shape {
+        /// Its name.
+        name: String,
+        /// The architecture's.
+        expected: Vec<i64>,
+        /// The file's.
+        got: Vec<usize>,
+    },
+    /// A tensor of numbers that are not floating-point, or wider than 32 bits.
+    #[error("tensor {name}: expected F32, F16 or BF16, got {got:?}")]
+    Dtype {
+        /// Its name.
+        name: String,
+        /// The file's.
+        got: safetensors::Dtype,
+    },
+    /// Metadata that says another preprocessing than the network was built with.
+    #[error("expected the preprocessing that the network was built with, got another in its metadata")]
+    OtherPreprocess,
+    /// Inputs that are not the architecture's.
+    #[error("expected {expected} frames for {name}, got {got}", expected = architecture.frames(), name = architecture.name())]
+    Frames {
+        /// The network.
+        architecture: Architecture,
+        /// How many the file says.
+        got: usize,
+    },
+    /// A file of weights has none of this network's backbone.
+    #[error(
+        "expected tensors for the backbone of {name} in {path}, got none",
+        name = architecture.name(), path = path.display()
+    )]
+    NoneFits {
+        /// The file.
+        path: PathBuf,
+        /// The network.
+        architecture: Architecture,
+    },
+    /// A backbone is to stay as it is, of a network without one.
+    #[error("expected a network with a backbone (resnet…), got {name}", name = architecture.name())]
+    NoBackbone {
+        /// The network.
+        architecture: Architecture,
+    },
+    /// Weights that a network cannot compute with.
+    #[error("tensor {name}: expected finite numbers, got {count} that are NaN or infinite")]
+    NotFinite {
+        /// The tensor.
+        name: String,
+        /// How many of its numbers.
+        count: i64,
+    },
+    /// A network was given a tensor that it does not take.
+    #[error("expected an input of shape {expected}, got {got:?}")]
+    Input {
+        /// The shape that it takes.
+        expected: String,
+        /// All that it was given.
+        got: Vec<i64>,
+    },
+    /// A network was given no speed, or one that it does not take.
+    #[error("expected {expected}, got {got}", expected = speed(expected), got = speed(got))]
+    Speed {
+        /// The shape that it takes, if it takes any.
+        expected: Option<Vec<i64>>,
+        /// What it was given.
+        got: Option<Vec<i64>>,
+    },
+    /// libtorch refuses; the first line of what it says.
+    #[error("libtorch: {0}")]
+    Torch(String),
+}
+
+impl From<tch::TchError> for NnError {
+    fn from(error: tch::TchError) -> Self {
+        Self::Torch(first_line(&error))
+    }
+}
+
+/// What libtorch says without the stack of C++ calls behind it.
+pub(crate) fn first_line(error: &tch::TchError) -> String {
+    let text = match error {
+        tch::TchError::Torch(text) => text.clone(),
+        other => other.to_string(),
+    };
+    text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("no reason given").to_owned()
+}
+
+fn times(shape: &[usize; 3]) -> String {
+    shape.map(|n| n.to_string()).join("x")
+}
+
+fn speed(shape: &Option<Vec<i64>>) -> String {
+    shape.as_ref().map_or("no speed".into(), |shape| format!("a speed of shape {shape:?}"))
+}

@@ -1,0 +1,404 @@
+//! The loop.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
+
+use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
+
+use super::{
+    Keep, Metrics, Recipe, Schedule, Tensors, TrainError,
+    events::Events,
+    log,
+    measure::{BATCH, measure},
+    optimiser::Stepper,
+    origin::Origin,
+    preparation,
+    progress::{Epoch, Go, Outcome, Progress, TimedEpoch},
+    state::{self, MODEL, Position, STATE, Stored},
+};
+use crate::{
+    dataset::{Batch, Cache, Inputs, Loader, Samples, Workers},
+    nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
+};
+use lapwing_core::{files, perception::Resize};
+
+/// Plateau: epochs without a better error, and the factor then.
+const PLATEAU: (usize, f64) = (3, 0.1);
+
+/// A training in its folder.
+#[derive(Debug)]
+pub struct Trainer {
+    recipe: Recipe,
+    origin: Origin,
+    out: PathBuf,
+    device: Device,
+    inputs: Inputs,
+    network: Network,
+    /// The mean over past weights; what is measured and saved where there is one.
+    average: Option<Network>,
+    stepper: Stepper,
+    training: (Arc<Samples>, Arc<Cache>),
+    validation: (Arc<Samples>, Arc<Cache>),
+    position: Position,
+    /// Keep the variables alive.
+    _stores: Vec<VarStore>,
+}
+
+/// (B, outputs) of a batch; the speed only where the network takes it.
+pub(super) fn forward(network: &Network, batch: &Tensors, train: bool) -> Result<Tensor, NnError> {
+    network.forward(&batch.frames, network.design().speed.then_some(&batch.speed), train)
+}
+
+/// What stands in the folder, and the network: all that can be said without data.
+fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, Architecture, Design), TrainError> {
+    recipe.check()?;
+    let stored = preparation::stored(out, resume)?;
+    let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
+    before.map_or(Ok(()), |origin| origin.check_recipe(recipe, out))?;
+    let architecture = Architecture::named(&recipe.network)
+        .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
+    let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };
+    if let Some((height, width)) = recipe.input {
+        design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
+    }
+    design.validate()?;
+    if let Some(path) = recipe.pretrained.as_ref().filter(|_| stored.is_none()) {
+        fs::File::open(path).map_err(|source| NnError::Read { path: path.clone(), source })?;
+    }
+    Ok((stored, architecture, design))
+}
+
+impl Trainer {
+    /// Whether a training could begin, as far as can be told without its data, which may be still to be recorded.
+    ///
+    /// # Errors
+    /// [`TrainError`].
+    pub fn check(recipe: &Recipe, out: &Path, resume: bool) -> Result<(), TrainError> {
+        begun(recipe, out, resume).map(drop)
+    }
+
+    /// Opens the data and draws the first weights. If `resume`, goes on with what is in `out`, or begins where nothing
+    /// is; the recipe must be the one that the training there began with, but for settings that do not affect training:
+    /// more epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
+    ///
+    /// # Errors
+    /// [`TrainError`].
+    pub fn new(recipe: Recipe, out: &Path, resume: bool) -> Result<Self, TrainError> {
+        let (stored, architecture, design) = begun(&recipe, out, resume)?;
+        let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
+        let inputs = Inputs {
+            preprocess: design.preprocess.clone(),
+            frames: architecture.frames(),
+            bf16: recipe.precision == Precision::Bf16,
+            channels_last: recipe.channels_last,
+        };
+        let (training, validation) = preparation::data(&recipe)?;
+        let samples = (training.samples.len(), validation.samples.len());
+        before.map_or(Ok(()), |origin| origin.check_samples(samples, out))?;
+        preparation::check_room(&recipe, &inputs)?;
+        let with_cache = |samples: Samples, share: usize| {
+            let cache = Cache::new(&samples, (recipe.cache_mib << 20) / 5 * share);
+            (Arc::new(samples), cache)
+        };
+        let (training, validation) = (with_cache(training, 4), with_cache(validation, 1));
+
+        let device = Device::cuda_if_available();
+        if inputs.bf16 && device == Device::Cpu && !nn::runtime::knows_bf16() {
+            tracing::warn!("this processor knows no bf16: training is many times faster with precision f32");
+        }
+        tch::manual_seed(recipe.seed as i64);
+        let fresh = || {
+            let store = VarStore::new(device);
+            let network = Network::build(&design, &mut in_variable_store(store.root()))?;
+            Ok::<_, TrainError>((store, network))
+        };
+        let (store, mut network) = fresh()?;
+        if let Some(path) = recipe.pretrained.as_ref().filter(|_| stored.is_none()) {
+            let taken = nn::load_pretrained(&network, path)?;
+            tracing::info!("{taken} of {} tensors are taken from {}", network.tensors().len(), path.display());
+        }
+        if recipe.freeze_backbone {
+            network.freeze_backbone()?;
+        }
+        if network.normalises_by_batch() {
+            let got = recipe.batch.min(recipe.samples_per_epoch.unwrap_or(samples.0));
+            if got < 2 {
+                let (name, expected) = ("batch", "at least 2 samples: batch norm goes by how they differ");
+                return Err(TrainError::Setting { name, expected, got: got.to_string() });
+            }
+        }
+        let mut stores = vec![store];
+        let average = match recipe.ema {
+            None => None,
+            Some(_) => {
+                let (store, average) = fresh()?;
+                stores.push(store);
+                copy(&network, &average, 0.0)?;
+                Some(average)
+            }
+        };
+        let weights = network.tensors().into_iter().filter(|(_, tensor)| tensor.requires_grad()).collect();
+        let stepper = Stepper::new(recipe.optimiser.clone(), weights)?;
+        let position = Position { factor: 1.0, ..Position::default() };
+        let mut trainer = Self {
+            origin: Origin { recipe: recipe.clone(), samples },
+            recipe,
+            out: out.to_owned(),
+            device,
+            inputs,
+            network,
+            average,
+            stepper,
+            training,
+            validation,
+            position,
+            _stores: stores,
+        };
+        if let Some(stored) = stored {
+            stored.copy_to(&borrow(&trainer.state()))?;
+            trainer.position = stored.position;
+            trainer.stepper.steps = trainer.position.steps;
+        }
+        fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
+        let path = out.join("recipe.toml");
+        let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
+        files::write(&path, text.as_bytes()).map_err(TrainError::io("write the recipe", &path))?;
+        Ok(trainer)
+    }
+
+    /// Samples of training and validation.
+    pub fn sizes(&self) -> (usize, usize) {
+        (self.training.0.samples.len(), self.validation.0.samples.len())
+    }
+
+    /// The batches of an epoch, 0 being the first, from this step on.
+    ///
+    /// # Errors
+    /// [`TrainError::Dataset`].
+    pub fn batches(&self, epoch: usize, from: usize) -> Result<Loader, TrainError> {
+        let count = self.recipe.samples_per_epoch.unwrap_or(self.training.0.samples.len());
+        let mut order = self.training.0.draw(count, self.recipe.seed, epoch as u64);
+        if self.network.normalises_by_batch() && order.len() % self.recipe.batch == 1 {
+            // The statistics of a last batch of one would be noise.
+            order.pop();
+        }
+        Ok(Loader::start(
+            Arc::clone(&self.training.0),
+            Arc::clone(&self.training.1),
+            self.inputs.clone(),
+            self.recipe.augment.clone(),
+            order,
+            self.recipe.batch,
+            (self.recipe.seed, epoch as u64, from),
+            Workers::all(self.device != Device::Cpu),
+        )?)
+    }
+
+    /// Epochs done so far.
+    pub fn history(&self) -> &[TimedEpoch] {
+        &self.position.history
+    }
+
+    /// Trains to the end, or until `watch` says stop.
+    ///
+    /// # Errors
+    /// [`TrainError`]; what was saved before stays.
+    pub fn run(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Outcome, TrainError> {
+        let mut events = None;
+        let mut finished = true;
+        while self.position.epoch < self.recipe.epochs {
+            if self.recipe.patience.is_some_and(|patience| self.position.waited >= patience) {
+                break;
+            }
+            let Some(epoch) = self.epoch(watch)? else {
+                finished = false;
+                break;
+            };
+            self.close_epoch(epoch, &mut events)?;
+            let epoch = self.position.history.last().expect("an epoch was closed");
+            if watch(Progress::Epoch(epoch)) == Go::Stop && self.position.epoch < self.recipe.epochs {
+                finished = false;
+                break;
+            }
+        }
+        let model = self.out.join(MODEL);
+        if !model.exists() {
+            // Stopped in the first epoch, or somebody took it away: better these weights than none.
+            self.save_model(&model)?;
+        }
+        let bytes = fs::read(&model).map_err(TrainError::io("read the model", &model))?;
+        Ok(Outcome { model, sha256: nn::sha256_hex(&bytes), kept: state::epoch_of(&bytes), finished })
+    }
+
+    /// One pass; `None` where it was stopped, and its state saved.
+    fn epoch(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Option<TimedEpoch>, TrainError> {
+        let number = self.position.epoch;
+        let loader = self.batches(number, self.position.step)?;
+        let steps = loader.batches();
+        let began = Instant::now();
+        let mut rate = self.recipe.optimiser.learning_rate;
+        for batch in loader {
+            let tensors = self.tensors(batch?)?;
+            let batch = tensors.batch();
+            rate = self.learning_rate(steps);
+            let (loss, answer) = self.learn(&tensors, rate).map_err(|error| error.at_batch(self.recipe.batch))?;
+            self.position.step += 1;
+            self.position.steps += 1;
+            if !loss.is_finite() {
+                return Err(TrainError::NotFinite { loss, epoch: number + 1, step: self.position.step, rate });
+            }
+            self.position.answers.extend(answer);
+            self.position.labels.extend(batch.steering.iter().map(|x| f64::from(*x)));
+            let progress =
+                Progress::Step { epoch: number + 1, step: self.position.step, steps, samples: batch.size, loss };
+            if watch(progress) == Go::Stop && self.position.step < steps {
+                self.position.seconds += began.elapsed().as_secs_f64();
+                self.save_state()?;
+                return Ok(None);
+            }
+        }
+        let seconds = std::mem::take(&mut self.position.seconds) + began.elapsed().as_secs_f64();
+        let answers = std::mem::take(&mut self.position.answers);
+        let labels = std::mem::take(&mut self.position.labels);
+        let shown = self.average.as_ref().unwrap_or(&self.network);
+        let measured = measure(shown, &self.validation.0, &self.validation.1, &self.inputs);
+        let (validation, _) = measured.map_err(|error| error.at_batch(BATCH))?;
+        let mse = validation.raw.mse;
+        if !mse.is_finite() {
+            return Err(TrainError::Validation { mse, epoch: number + 1 });
+        }
+        let epoch = Epoch {
+            number: number + 1,
+            learning_rate: rate,
+            training: Metrics::of(&answers, &labels),
+            validation,
+            best: self.position.best.is_none_or(|best| mse < best),
+        };
+        Ok(Some(TimedEpoch { epoch, seconds, images_per_s: answers.len() as f64 / seconds.max(1e-9) }))
+    }
+
+    /// A batch as this training takes it.
+    ///
+    /// # Errors
+    /// Those of [`Tensors::new`].
+    pub fn tensors(&self, batch: Batch) -> Result<Tensors, TrainError> {
+        let outputs = self.network.architecture().outputs().len();
+        Tensors::new(batch, &self.inputs, outputs, self.device)
+    }
+
+    /// Moves the weights by one step of the width `rate`, unless the loss is no number. Says the loss and the steering
+    /// answered before.
+    ///
+    /// # Errors
+    /// [`TrainError::Network`].
+    pub fn learn(&mut self, tensors: &Tensors, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
+        // What dropout rolls follows from the step alone, so that going on rolls the same.
+        tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
+        let answer = forward(&self.network, tensors, true)?.f_to_kind(Kind::Float)?;
+        let loss = answer.f_mse_loss(&tensors.labels, Reduction::Mean)?;
+        let value = loss.f_double_value(&[])?;
+        if value.is_finite() {
+            self.stepper.forget_gradients();
+            loss.f_backward()?;
+            self.stepper.step(rate)?;
+            if let (Some(average), Some(share)) = (&self.average, self.recipe.ema) {
+                // At first the mean follows quickly: its beginning is noise.
+                let steps = self.position.steps as f64;
+                copy(&self.network, average, share.min((1.0 + steps) / (10.0 + steps)))?;
+            }
+        }
+        let steering = answer.f_detach()?.f_select(1, 0)?.f_to_device(Device::Cpu)?.f_to_kind(Kind::Double)?;
+        Ok((value, Vec::try_from(&steering)?))
+    }
+
+    fn learning_rate(&self, steps: usize) -> f64 {
+        let o = &self.recipe.optimiser;
+        let done = self.position.steps as f64 / (steps * self.recipe.epochs) as f64;
+        o.learning_rate
+            * match o.schedule {
+                Schedule::Constant => 1.0,
+                Schedule::Cosine => (1.0 + (std::f64::consts::PI * done).cos()) / 2.0,
+                Schedule::Plateau => self.position.factor,
+            }
+    }
+
+    /// Keeps what an epoch has come to. The state comes last: where that is not written any more, the epoch is done
+    /// again, and all else written once more.
+    fn close_epoch(&mut self, timed: TimedEpoch, events: &mut Option<Events>) -> Result<(), TrainError> {
+        if !self.out.join(STATE).exists() {
+            self.save_state()?; // so that a model never stands in the folder without what goes on from it
+        }
+        self.position.epoch += 1;
+        self.position.step = 0;
+        let best = timed.epoch.best;
+        if best {
+            (self.position.best, self.position.waited) = (Some(timed.epoch.validation.raw.mse), 0);
+        } else {
+            self.position.waited += 1;
+            if self.position.waited.is_multiple_of(PLATEAU.0) {
+                self.position.factor *= PLATEAU.1;
+            }
+        }
+        self.position.history.push(timed);
+        if best || self.recipe.keep == Keep::Last {
+            self.save_model(&self.out.join(MODEL))?;
+        }
+        log::write(&self.out.join("log.csv"), &self.position.history)?;
+        let write = || -> std::io::Result<()> {
+            let events = match events {
+                Some(events) => events,
+                none => none.insert(Events::create(&self.out, log::now())?),
+            };
+            self.position.history.last().map_or(Ok(()), |timed| log::curves(events, timed))
+        };
+        write().map_err(TrainError::io("write the events", &self.out))?;
+        self.save_state()
+    }
+
+    fn save_model(&self, path: &Path) -> Result<(), TrainError> {
+        let network = self.average.as_ref().unwrap_or(&self.network);
+        let outputs = network.architecture().outputs().iter().map(|name| (*name).to_owned());
+        let json = |value: serde_json::Result<String>| value.map_err(|why| TrainError::Recipe(why.to_string()));
+        let result = self.position.history.last().map(|timed| &timed.epoch);
+        let metadata = Metadata {
+            preprocess: self.inputs.preprocess.clone(),
+            outputs: outputs.collect(),
+            training: json(serde_json::to_string(&self.recipe))?,
+            result: json(serde_json::to_string(&result))?,
+        };
+        nn::save(path, &metadata, network, self.recipe.stored)?;
+        Ok(())
+    }
+
+    /// All tensors that going on takes.
+    fn state(&self) -> Vec<(String, Tensor)> {
+        let weights = self.network.tensors().into_iter().map(|(name, tensor)| (format!("weights.{name}"), tensor));
+        let average = self.average.iter().flat_map(Network::tensors);
+        let average = average.map(|(name, tensor)| (format!("average.{name}"), tensor));
+        let moments = self.stepper.state().map(|(name, tensor)| (name, tensor.shallow_clone()));
+        weights.chain(average).chain(moments).collect()
+    }
+
+    fn save_state(&self) -> Result<(), TrainError> {
+        state::save(&self.out.join(STATE), &self.position, &self.origin, &borrow(&self.state()))
+    }
+}
+
+fn borrow(tensors: &[(String, Tensor)]) -> Vec<(String, &Tensor)> {
+    tensors.iter().map(|(name, tensor)| (name.clone(), tensor)).collect()
+}
+
+/// Moves the weights of `to` towards those of `from`; `share` of what they were is kept. Buffers are copied.
+fn copy(from: &Network, to: &Network, share: f64) -> Result<(), TrainError> {
+    no_grad(|| {
+        for ((_, from), (_, mut to)) in from.tensors().into_iter().zip(to.tensors()) {
+            let share = if from.requires_grad() { share } else { 0.0 };
+            let _ = to.f_lerp_(&from.detach(), 1.0 - share)?;
+        }
+        Ok(())
+    })
+}

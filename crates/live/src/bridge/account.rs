@@ -1,0 +1,141 @@
+//! What is kept of a drive while it lasts, its run's file and its scorecard; and what is said of it at its end.
+
+use std::{fmt, path::PathBuf, sync::Arc, time::Duration};
+
+use serde::Serialize;
+
+use lapwing_core::{
+    config::Recording,
+    drive,
+    driver::Trace,
+    protocol::{Answer, Dialect, Telemetry},
+    recording::{Item, Recorder, RecorderOptions, RunHeader},
+};
+use lapwing_score::{
+    odometry::Road,
+    score::{self, Figure, Scorecard, Scorer},
+};
+
+/// A drive's items, counted and recorded.
+pub(super) struct Account {
+    dialect: Option<Dialect>,
+    /// None where nobody wants a file, or none could be made.
+    recorder: Option<Recorder>,
+    scorer: Scorer,
+    steers: u64,
+    manuals: u64,
+}
+
+impl Account {
+    pub fn new(peer: &str, header: RunHeader, settings: &Recording, roads: &[Arc<Road>]) -> Self {
+        let dialect = header.dialect;
+        let recorder = settings.enabled.then(|| {
+            Recorder::create(&settings.dir, header, RecorderOptions { queue: settings.queue })
+                .inspect_err(|error| tracing::error!("{peer}: this drive is not recorded: {error}"))
+                .ok()
+        });
+        Self { dialect, recorder: recorder.flatten(), scorer: Scorer::live(roads), steers: 0, manuals: 0 }
+    }
+
+    /// A message and what came of it; without a latency the answer was never sent.
+    pub fn turn(
+        &mut self,
+        at: Duration,
+        telemetry: Option<Telemetry>,
+        answer: Answer,
+        trace: Trace,
+        latency: Option<Duration>,
+    ) {
+        match answer {
+            Answer::Steer(_) => self.steers += 1,
+            Answer::Manual => self.manuals += 1,
+        }
+        drive::items(telemetry, answer, trace, latency).for_each(|item| self.take(at, item));
+    }
+
+    /// What happened at this time since the drive began.
+    pub fn take(&mut self, at: Duration, item: Item) {
+        self.scorer.item(at, &item);
+        if let Some(recorder) = &self.recorder {
+            recorder.record(at, item);
+        }
+    }
+
+    /// Closes the file and says what there is to say.
+    pub fn finish(self, simulator: String) -> Summary {
+        let run = self.recorder.map(|recorder| {
+            let report = recorder.finish();
+            Recorded {
+                path: report.path,
+                frames: report.frames,
+                not_recorded: report.frames_not_recorded + report.items_not_recorded,
+                error: report.error.map(|error| error.to_string()),
+            }
+        });
+        let (telemetries, human_messages) = (self.steers, self.manuals);
+        Summary { simulator, dialect: self.dialect, telemetries, human_messages, card: self.scorer.finish(), run }
+    }
+}
+
+/// Where the run lies and what of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Recorded {
+    /// The file.
+    pub path: PathBuf,
+    /// Frames in it.
+    pub frames: u64,
+    /// Frames and other items that did not make it into the file.
+    pub not_recorded: u64,
+    /// What kept the file from being whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+/// What is said of a drive at its end. Its figures are those of the scorecard that `lapwing score` makes of the run's file.
+///
+/// As JSON it is one object: `simulator`, `dialect`, `telemetries`, `human_messages`, all keys of a [`Scorecard`], `run`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Summary {
+    /// Address of the simulator or client.
+    pub simulator: String,
+    /// Which simulator it was.
+    pub dialect: Option<Dialect>,
+    /// Messages answered with a command, those that could not be read included.
+    pub telemetries: u64,
+    /// Messages that were left to the human who drove.
+    pub human_messages: u64,
+    /// The judgement, as far as it can be told without the whole run.
+    #[serde(flatten)]
+    pub card: Scorecard,
+    /// Where the run lies.
+    pub run: Option<Recorded>,
+}
+
+impl Summary {
+    /// A count of the scorecard; 0 where it has none.
+    pub fn count(&self, figure: Figure) -> u64 {
+        self.card.value(figure).map_or(0, |count| count as u64)
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let dialect = self.dialect.map_or("unknown simulator".into(), |d| d.to_string());
+        let mut rows = self.card.known_rows();
+        rows.push((
+            "messages",
+            format!("{} from the simulator, {} while a human drove", self.telemetries, self.human_messages),
+        ));
+        match &self.run {
+            None => rows.push(("run", "not recorded".into())),
+            Some(Recorded { path, frames, not_recorded, error }) => {
+                rows.push(("run", format!("{} ({frames} frames)", path.display())));
+                if *not_recorded > 0 {
+                    rows.push(("not recorded", format!("{not_recorded} frames and other items")));
+                }
+                rows.extend(error.as_ref().map(|error| ("recording error", error.clone())));
+            }
+        }
+        write!(f, "drive of {} ({dialect})\n{}", self.simulator, score::lines(&rows))
+    }
+}

@@ -1,0 +1,209 @@
+//! Who may come in: programs on this machine's names, not pages of a browser.
+//!
+//! A browser lets any page of the web talk to this port, and says so in
+//! `Origin`. No simulator sends one, so a request that has one is turned away,
+//! but for origins that the settings allow. A page may also give its own name
+//! this machine's address (DNS rebinding) and so be of this very origin; its
+//! `Host` is then that name, so `Host` must be a name of this machine. The port
+//! in it is not looked at: a tunnel has another one, and a page cannot choose
+//! the address that a name like `localhost` has.
+
+use std::{net::IpAddr, sync::Arc, time::Instant};
+
+use axum::{
+    Extension,
+    extract::{Request, State},
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+
+use super::{Bridge, guests::Peer};
+use lapwing_core::config;
+
+/// Why a request is turned away.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+enum Refused {
+    /// `Host` is no name of this machine.
+    #[error(
+        "the Host header: expected localhost, {expected} or a name in bridge.allow_hosts, got {got:?}; if that is this machine, put it into bridge.allow_hosts"
+    )]
+    Host {
+        /// What it may be besides.
+        expected: String,
+        /// What it is.
+        got: String,
+    },
+    /// A page of the web asks.
+    #[error(
+        "the Origin header: expected none or one in bridge.allow_origins, got {0:?}; if you trust that page, put its origin into bridge.allow_origins"
+    )]
+    Page(String),
+    /// A page of the web asks without saying which.
+    #[error("request from another site: expected a program, or a page whose origin is in bridge.allow_origins")]
+    Site,
+}
+
+/// Looks at each request before anything else does.
+pub(super) async fn ask(
+    State((bridge, bound)): State<(Arc<Bridge>, IpAddr)>,
+    Extension(peer): Extension<Peer>,
+    request: Request,
+    next: Next,
+) -> Response {
+    match admit(&request, bound, &bridge.settings.bridge) {
+        Ok(None) => next.run(request).await,
+        // A page that may connect may also read the answer.
+        Ok(Some(origin)) => {
+            let mut response = next.run(request).await;
+            response.headers_mut().insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+            response.headers_mut().insert(header::VARY, HeaderValue::from_static("Origin"));
+            response
+        }
+        Err(why) => {
+            if let Some(more) = bridge.refused.due(Instant::now()) {
+                let peer = peer.address;
+                let (method, path) = (request.method(), request.uri().path());
+                tracing::warn!("{peer}: {method} {path} was refused: {why}{more}");
+            }
+            (StatusCode::FORBIDDEN, format!("refused: {why}\n")).into_response()
+        }
+    }
+}
+
+/// Whether the request may go on; the origin of a page that the settings allow.
+fn admit(request: &Request, bound: IpAddr, settings: &config::Bridge) -> Result<Option<HeaderValue>, Refused> {
+    let headers = request.headers();
+    let host = text(headers, header::HOST.as_str());
+    if !is_this_machine(name_of(host), bound, &settings.allow_hosts) {
+        let expected = match bound {
+            bound if bound.is_unspecified() => "an address".to_owned(),
+            bound if bound.is_loopback() => "a loopback address".to_owned(),
+            bound => bound.to_string(),
+        };
+        return Err(Refused::Host { expected, got: host.chars().take(100).collect() });
+    }
+    let Some(origin) = headers.get(header::ORIGIN) else {
+        // A browser leaves the origin out where a page shows a picture or a frame from here; it says so in another way.
+        return match text(headers, "sec-fetch-site") {
+            "cross-site" | "same-site" if changes_something(request) => Err(Refused::Site),
+            _ => Ok(None),
+        };
+    };
+    let listed =
+        settings.allow_origins.iter().any(|allowed| origin.as_bytes().eq_ignore_ascii_case(allowed.as_bytes()));
+    // python-socketio's WebSocket names the server itself as its origin. No page is served here, so no page has it.
+    let own = origin.to_str().is_ok_and(|o| o.split_once("://").is_some_and(|(_, o)| o.eq_ignore_ascii_case(host)));
+    let simulator = text(headers, header::USER_AGENT.as_str()).starts_with("websocket-sharp/");
+    let ordinary = request.uri().path().starts_with("/socket.io") && !simulator;
+    match () {
+        () if listed => Ok(Some(origin.clone())),
+        () if !changes_something(request) || (own && ordinary) => Ok(None),
+        () => Err(Refused::Page(String::from_utf8_lossy(origin.as_bytes()).chars().take(100).collect())),
+    }
+}
+
+/// All but the greeting at `/`.
+fn changes_something(request: &Request) -> bool {
+    !(request.method().is_safe() && request.uri().path() == "/")
+}
+
+fn text<'a>(headers: &'a HeaderMap, name: &str) -> &'a str {
+    headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or("")
+}
+
+/// `Host` without its port.
+fn name_of(host: &str) -> &str {
+    match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((address, _)) => address,
+        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+    }
+}
+
+fn is_this_machine(name: &str, bound: IpAddr, allowed: &[String]) -> bool {
+    if name.eq_ignore_ascii_case("localhost") || allowed.iter().any(|allowed| allowed.eq_ignore_ascii_case(name)) {
+        return true;
+    }
+    // A tunnel to another address of this machine begins at a loopback address; an address, unlike a name, cannot be
+    // made to point elsewhere, so where all are listened on each will do (NAT has others than the machine).
+    name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback() || bound.is_unspecified() || address == bound)
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::Body;
+
+    use super::*;
+
+    fn settings(origins: &[&str], hosts: &[&str]) -> config::Bridge {
+        let owned = |list: &[&str]| list.iter().map(|&s| s.to_owned()).collect();
+        config::Bridge { allow_origins: owned(origins), allow_hosts: owned(hosts), ..config::Bridge::default() }
+    }
+
+    fn asked(method: &str, path: &str, headers: &[(&str, &str)], settings: &config::Bridge, bound: &str) -> bool {
+        let mut request = Request::builder().method(method).uri(path);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        admit(&request.body(Body::empty()).unwrap(), bound.parse().unwrap(), settings).is_ok()
+    }
+
+    #[test]
+    fn a_host_must_be_a_name_of_this_machine_and_its_port_may_be_any() {
+        let admits = |host: &str, bound: &str, hosts: &[&str]| {
+            asked("GET", "/", &[("host", host)], &settings(&[], hosts), bound)
+        };
+        for host in ["localhost:4567", "LOCALHOST", "127.0.0.1:4567", "127.0.0.1:9999", "127.1.2.3", "[::1]:4567"] {
+            for bound in ["127.0.0.1", "::1", "192.168.1.5", "0.0.0.0"] {
+                assert!(admits(host, bound, &[]), "{host} at {bound}");
+            }
+        }
+        for host in ["evil.example:4567", "localhost.evil.example", "127.0.0.1.evil.example", "", ":4567", "[evil]:1"] {
+            for bound in ["127.0.0.1", "0.0.0.0", "::"] {
+                assert!(!admits(host, bound, &[]), "{host} at {bound}");
+            }
+        }
+        assert!(!admits("192.168.1.5:4567", "127.0.0.1", &[]), "not what is listened on");
+        assert!(admits("192.168.1.5:4567", "192.168.1.5", &[]) && !admits("192.168.1.6:4567", "192.168.1.5", &[]));
+        assert!(admits("192.168.1.5:4567", "0.0.0.0", &[]) && admits("[fe80::1]:4567", "::", &[]));
+        assert!(admits("car.local:4567", "0.0.0.0", &["Car.local"]), "named in the settings");
+        assert!(!asked("GET", "/", &[], &settings(&[], &[]), "127.0.0.1"), "no Host at all");
+    }
+
+    #[test]
+    fn a_page_is_let_in_only_if_the_settings_name_its_origin() {
+        let admits = |method: &str, path: &str, origin: &str, origins: &[&str]| {
+            let headers = [("host", "127.0.0.1:4567"), ("origin", origin)];
+            asked(method, path, &headers, &settings(origins, &[]), "127.0.0.1")
+        };
+        for origin in ["http://evil.example", "null", "http://127.0.0.1:8000", "https://localhost:4567", ""] {
+            for (method, path) in [("GET", "/socket.io/"), ("POST", "/socket.io/"), ("POST", "/arm"), ("POST", "/")] {
+                assert!(!admits(method, path, origin, &[]), "{method} {path} from {origin}");
+            }
+            assert!(admits("GET", "/", origin, &[]), "the greeting changes nothing");
+        }
+        assert!(admits("POST", "/arm", "http://localhost:3000", &["http://LOCALHOST:3000"]));
+        assert!(!admits("POST", "/arm", "http://localhost:3001", &["http://localhost:3000"]));
+    }
+
+    #[test]
+    fn a_client_that_names_the_bridge_as_its_origin_is_an_ordinary_one_and_nothing_else() {
+        let own = [("host", "127.0.0.1:4567"), ("origin", "http://127.0.0.1:4567")];
+        let bare = settings(&[], &[]);
+        assert!(asked("GET", "/socket.io/", &own, &bare, "127.0.0.1"));
+        assert!(!asked("POST", "/arm", &own, &bare, "127.0.0.1"));
+        let simulator = [own[0], own[1], ("user-agent", "websocket-sharp/1.0")];
+        assert!(!asked("GET", "/socket.io/", &simulator, &bare, "127.0.0.1"));
+        assert!(asked("GET", "/socket.io/", &simulator, &settings(&["http://127.0.0.1:4567"], &[]), "127.0.0.1"));
+    }
+
+    #[test]
+    fn a_picture_on_a_page_of_another_site_opens_no_session() {
+        let picture = |site: &str| {
+            let headers = [("host", "localhost:4567"), ("sec-fetch-site", site)];
+            asked("GET", "/socket.io/", &headers, &settings(&[], &[]), "127.0.0.1")
+        };
+        assert!(!picture("cross-site") && !picture("same-site"));
+        assert!(picture("none") && picture("same-origin"));
+    }
+}

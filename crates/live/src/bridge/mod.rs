@@ -1,0 +1,301 @@
+//! The server: one port for every build of the simulator and for every ordinary
+//! Socket.IO client.
+//!
+//! ```text
+//! Listener (TCP_QUICKACK) ─▶ door ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
+//!                                          └─▶ clients: socketioxide ────────────────┘       └────▶ Account: Recorder, Scorer
+//! ```
+//! `guests` counts who is connected, `door` turns away pages of the web, `frames`
+//! and `load` watch what comes. `gate` tells simulators from other clients by what they say first. Each
+//! connection has a `Session` of its own: dialect, driver state, run.
+//! The weights are shared.
+
+mod account;
+mod clients;
+mod door;
+mod frames;
+mod gate;
+mod guests;
+mod listener;
+mod liveness;
+mod load;
+mod session;
+mod simulator;
+mod throttled;
+mod tokens;
+mod waiting;
+
+pub use account::Summary;
+pub use listener::{BindError, Listener};
+
+use std::{
+    collections::{HashMap, HashSet},
+    convert::Infallible,
+    fmt, io,
+    net::{IpAddr, SocketAddr},
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use axum::{
+    Router,
+    extract::State,
+    http::Request,
+    middleware,
+    routing::{get, post},
+};
+use guests::Guests;
+use hyper::{body::Incoming, server::conn::http1};
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    service::TowerToHyperService,
+};
+use load::InFlight;
+use tokio::sync::{Notify, watch};
+use tower::ServiceExt;
+
+use lapwing_core::{config::Settings, pilot::Model, protocol::Dialect, words::count};
+use lapwing_score::odometry::Road;
+
+/// Simulators that may be introduced in the log within ten seconds.
+const NEWCOMERS: u64 = 64;
+
+/// How long connections may take to close their runs once the bridge stops.
+const CLOSING: Duration = Duration::from_secs(10);
+
+/// The largest head of a request, in bytes; a browser's is under 2 KiB.
+const HEAD: usize = 32 << 10;
+
+/// What is shared by all connections.
+pub struct Bridge {
+    settings: Settings,
+    model: OnceLock<Box<dyn Model>>,
+    roads: OnceLock<Vec<Arc<Road>>>,
+    on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
+    connections: Mutex<HashMap<u64, Connection>>,
+    guests: Arc<Guests>,
+    in_flight: Arc<InFlight>,
+    next_id: AtomicU64,
+    stop: watch::Sender<bool>,
+    all_closed: Notify,
+    /// Addresses of simulators whose last connection ended with kicks that may not have been read: they then become
+    /// tokens of the next one.
+    kicked: Mutex<HashSet<IpAddr>>,
+    /// Lines on simulators that connected and were heard of.
+    newcomers: throttled::Throttled,
+    /// Lines on those known by their talking first.
+    strangers: throttled::Throttled,
+    /// Lines on other clients that connected.
+    clients: throttled::Throttled,
+    /// Lines on connections that ended without a telemetry.
+    wordless: throttled::Throttled,
+    /// Lines on requests that were turned away.
+    refused: throttled::Throttled,
+    /// Lines on those who asked for too much.
+    dropped: throttled::Throttled,
+}
+
+/// What the bridge knows of a connection from outside of its task.
+#[derive(Clone)]
+struct Connection {
+    peer: IpAddr,
+    simulator: bool,
+    /// Told by its first telemetry.
+    dialect: Option<Dialect>,
+    signals: Arc<Signals>,
+}
+
+/// What others may say to a connection.
+#[derive(Default)]
+struct Signals {
+    /// Let the pilot drive again.
+    arm: AtomicBool,
+    /// A newer connection from the same address plays the same simulator.
+    newer: Notify,
+}
+
+/// A connection's place among the others; leaves when dropped.
+struct Place {
+    bridge: Arc<Bridge>,
+    id: u64,
+    simulator: bool,
+    signals: Arc<Signals>,
+}
+
+impl Bridge {
+    /// A bridge without a model yet: until [`Bridge::model_is_ready`] cars are braked to a standstill.
+    /// `on_summary` is called at the end of each run.
+    pub fn new(settings: Settings, on_summary: impl Fn(&Summary) + Send + Sync + 'static) -> Arc<Self> {
+        let limits = &settings.bridge.limits;
+        Arc::new(Self {
+            guests: Guests::new(limits.connections()),
+            in_flight: InFlight::new(limits),
+            settings,
+            model: OnceLock::new(),
+            roads: OnceLock::new(),
+            on_summary: Box::new(on_summary),
+            connections: Mutex::default(),
+            next_id: AtomicU64::new(1),
+            stop: watch::Sender::new(false),
+            all_closed: Notify::new(),
+            kicked: Mutex::default(),
+            newcomers: throttled::Throttled::of(NEWCOMERS),
+            strangers: throttled::Throttled::default(),
+            clients: throttled::Throttled::default(),
+            wordless: throttled::Throttled::default(),
+            refused: throttled::Throttled::default(),
+            dropped: throttled::Throttled::default(),
+        })
+    }
+
+    /// Hands the model to all connections, present and future. A second one is ignored.
+    pub fn model_is_ready(&self, model: impl Model + 'static) {
+        let _ = self.model.set(Box::new(model));
+    }
+
+    /// Tells of roads by whose length the end of a lap is known, for drives that begin from now on. A second time is ignored.
+    pub fn roads_are_known(&self, roads: Vec<Arc<Road>>) {
+        let _ = self.roads.set(roads);
+    }
+
+    fn roads(&self) -> &[Arc<Road>] {
+        self.roads.get().map_or(&[], Vec::as_slice)
+    }
+
+    /// Arms the pilots that a human's takeover has put off (`--takeover latch`), from their next telemetry on.
+    pub fn arm(&self) {
+        for connection in self.connections().values() {
+            connection.signals.arm.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Ready once the bridge stops.
+    async fn stopped(self: Arc<Self>) {
+        // An error is the sender being gone, and that is this bridge itself.
+        let _ = self.stop.subscribe().wait_for(|stop| *stop).await;
+    }
+
+    fn connections(&self) -> std::sync::MutexGuard<'_, HashMap<u64, Connection>> {
+        self.connections.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn kicked(&self) -> std::sync::MutexGuard<'_, HashSet<IpAddr>> {
+        self.kicked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Says that somebody asks for more than there is for him, or sends what he may not.
+    fn turned_away(&self, peer: SocketAddr, why: impl fmt::Display) {
+        if let Some(more) = self.dropped.due(Instant::now()) {
+            tracing::warn!("{peer} is turned away: {why}{more}");
+        }
+    }
+
+    /// Takes a place for a new connection.
+    fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Place {
+        let id = self.next_id.fetch_add(1, Ordering::Relaxed);
+        let signals = Arc::<Signals>::default();
+        let connection = Connection { peer: peer.ip(), simulator, dialect: None, signals: signals.clone() };
+        self.connections().insert(id, connection);
+        Place { bridge: self.clone(), id, simulator, signals }
+    }
+}
+
+impl Place {
+    /// This connection plays, and older ones from its address that play the same simulator are told: where one of
+    /// them is silent, it may be the same simulator's, which has left the scene and come back.
+    fn plays(&self, dialect: Dialect) {
+        let mut connections = self.bridge.connections();
+        let Some(this) = connections.get_mut(&self.id).filter(|this| this.simulator) else { return };
+        this.dialect = Some(dialect);
+        let peer = this.peer;
+        let same = |c: &Connection| c.simulator && c.peer == peer && c.dialect == Some(dialect);
+        for (_, older) in connections.iter().filter(|(id, other)| **id < self.id && same(other)) {
+            older.signals.newer.notify_one();
+        }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut connections = self.bridge.connections();
+        connections.remove(&self.id);
+        if connections.is_empty() {
+            self.bridge.all_closed.notify_waiters();
+        }
+    }
+}
+
+/// Serves until `shutdown` is ready, then ends all runs and returns.
+///
+/// # Errors
+/// Runs that could not be closed in time, on a disk that stands still. Single
+/// connections' troubles are theirs.
+pub async fn serve(
+    listener: Listener,
+    bridge: Arc<Bridge>,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> io::Result<()> {
+    let app = Router::new()
+        .route("/", get(|| async { "Lapwing is here. Start the simulator in autonomous mode.\n" }))
+        .route("/arm", post(arm))
+        .with_state(bridge.clone())
+        .fallback_service(gate::service(bridge.clone()))
+        .layer(middleware::from_fn_with_state((bridge.clone(), listener.address().ip()), door::ask));
+    let stop = bridge.clone();
+    let ended = async move {
+        shutdown.await;
+        stop.stop.send_replace(true);
+    };
+    tokio::select! {
+        never = accept(&listener, &app, &bridge) => match never {},
+        () = ended => {}
+    }
+    let deadline = Instant::now() + CLOSING;
+    loop {
+        let closed = bridge.all_closed.notified();
+        let left = bridge.connections().len();
+        if left == 0 {
+            return Ok(());
+        }
+        if Instant::now() > deadline {
+            let why = format!(
+                "{} not closed within {CLOSING:?}; what is in the files so far can be read",
+                count(left, "run")
+            );
+            return Err(io::Error::new(io::ErrorKind::TimedOut, why));
+        }
+        let _ = tokio::time::timeout(Duration::from_millis(200), closed).await;
+    }
+}
+
+/// Takes in whoever dials.
+async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallible {
+    // Not axum's own loop: that waits for a request's head for ever, and for the next request, too.
+    let mut http = http1::Builder::new();
+    let limits = &bridge.settings.bridge.limits;
+    http.timer(TokioTimer::new()).header_read_timeout(limits.patience()).max_buf_size(HEAD);
+    loop {
+        let (stream, address) = listener.accept().await;
+        let Some((seat, peer)) = bridge.guests.admit(address).await else { continue };
+        let service = app.clone().map_request(move |mut request: Request<Incoming>| {
+            request.extensions_mut().insert(peer.clone());
+            request
+        });
+        let connection = http
+            .serve_connection(TokioIo::new(stream.seated(seat, limits.patience())), TowerToHyperService::new(service))
+            .with_upgrades();
+        tokio::spawn(async move {
+            if let Err(error) = connection.await {
+                tracing::debug!("{address}: {error}");
+            }
+        });
+    }
+}
+
+async fn arm(State(bridge): State<Arc<Bridge>>) -> &'static str {
+    bridge.arm();
+    "armed\n"
+}

@@ -1,0 +1,391 @@
+//! One connection's drive: dialect, driver, run and account. No socket here:
+//! the simulator's handler and socketioxide's both bring messages and take away
+//! answers.
+
+use std::{
+    sync::Arc,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+use bytes::Bytes;
+use serde_json::value::RawValue;
+
+use super::{Bridge, Place, Signals, account::Account, throttled::Throttled, waiting::Waiting};
+use lapwing_core::{
+    driver::{Driver, Happening, Trace},
+    protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
+    recording::{EventRecord, Item, ModelId, RunHeader},
+    units::Throttle,
+    words::count,
+};
+
+/// An answer in less than this holds nobody up.
+const QUICK: Duration = Duration::from_millis(5);
+
+/// A connection's drive.
+pub(super) struct Session {
+    place: Place,
+    peer: String,
+    dialect: Option<Dialect>,
+    /// Until there is a drive.
+    waiting: Waiting,
+    drive: Option<Drive>,
+    last: Command,
+    /// Kicks before the drive began, for its account.
+    early_kicks: u32,
+    bad: Throttled,
+    kicks: Throttled,
+    told: Told,
+}
+
+/// What has happened once, and need not be said again.
+#[derive(Default)]
+struct Told {
+    /// Who has connected.
+    connected: bool,
+    /// A telemetry came, of whatever kind.
+    heard: bool,
+    loading: bool,
+    /// Of a kind that cannot be driven.
+    undrivable: bool,
+}
+
+/// From the first telemetry on that tells which simulator this is, once the model is there.
+struct Drive {
+    driver: Driver,
+    began: Instant,
+    /// Time of the last answer.
+    took: Duration,
+    account: Account,
+}
+
+/// An answer on its way out, with what is to be recorded once it is.
+pub(super) struct Turn {
+    pub answer: Answer,
+    pub dialect: Option<Dialect>,
+    received: Instant,
+    /// Absent where nothing drives: the car waits, or the simulator is none that can be driven.
+    driven: Option<(Observation, Trace)>,
+}
+
+impl Turn {
+    /// Whether the simulator said that a human drives.
+    pub fn is_human(&self) -> bool {
+        self.answer == Answer::Manual
+    }
+}
+
+impl Session {
+    pub fn new(place: Place, peer: String) -> Self {
+        // Other clients have been introduced when they connected.
+        let told = Told { connected: !place.simulator, ..Told::default() };
+        Self {
+            place,
+            peer,
+            dialect: None,
+            waiting: Waiting::new(Instant::now()),
+            drive: None,
+            last: Command::default(),
+            early_kicks: 0,
+            bad: Throttled::default(),
+            kicks: Throttled::default(),
+            told,
+        }
+    }
+
+    pub fn bridge(&self) -> &Arc<Bridge> {
+        &self.place.bridge
+    }
+
+    pub fn signals(&self) -> &Arc<Signals> {
+        &self.place.signals
+    }
+
+    pub fn is_timer_driven(&self) -> bool {
+        self.dialect.is_some_and(Dialect::is_timer_driven)
+    }
+
+    /// Does work of a moment on the spot, and what may take longer (a large
+    /// network, a new run's file) while other connections' tasks move on: making
+    /// way for them costs 0.07 ms a frame.
+    pub fn aside<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
+        if self.drive.as_ref().is_some_and(|drive| drive.took < QUICK) {
+            work(self)
+        } else {
+            tokio::task::block_in_place(|| work(self))
+        }
+    }
+
+    /// An event of a simulator. `message` is the text that `payload` lies in.
+    /// `None` where the event asks for no answer.
+    pub fn event(
+        &mut self,
+        received: Instant,
+        message: &Bytes,
+        name: &str,
+        payload: Option<&RawValue>,
+    ) -> Option<Turn> {
+        if !matches!(name, "telemetry" | "car_telemetry") {
+            // The recorder keeps the beginning of long ones.
+            let (name, payload) = (name.to_owned(), payload.map_or("", RawValue::get).to_owned());
+            self.note(received, EventRecord::Simulator { name, payload });
+            return None;
+        }
+        self.told.heard = true;
+        let sight = match self.sight(message, name, payload) {
+            Ok(sight) => sight,
+            Err(TelemetryError::Undrivable(why)) => {
+                self.refuse(why);
+                Sight::HumanDrives
+            }
+            Err(error) => Sight::Unreadable(error),
+        };
+        Some(self.turn(received, sight))
+    }
+
+    /// Reads a telemetry; the first one that is an object tells the dialect, be its fields good or bad.
+    fn sight(&mut self, message: &Bytes, name: &str, payload: Option<&RawValue>) -> Result<Sight, TelemetryError> {
+        let Some(payload) = Payload::read(payload)? else { return Ok(Sight::HumanDrives) };
+        if self.dialect.is_none() {
+            let dialect = payload.dialect(name)?;
+            self.dialect = Some(dialect);
+            self.introduce(&format!("a {dialect} simulator"));
+            self.place.plays(dialect);
+        }
+        payload.telemetry(message, self.bridge().settings.bridge.speed_unit).map(Sight::Telemetry)
+    }
+
+    /// A message that is no event of a simulator: it may have been a telemetry, so it gets an answer.
+    pub fn unreadable(&mut self, received: Instant, got: String, why: String) -> Turn {
+        self.turn(received, Sight::Unreadable(TelemetryError::Json { got, why }))
+    }
+
+    /// The last command on the way out: steering as it was, no throttle, or the car would go on with the last one,
+    /// also when a human lets go later who drives now. `None` where nobody was heard of whom we know.
+    pub fn farewell(&self) -> Option<(Answer, Option<Dialect>)> {
+        (self.told.heard && !self.is_refused()).then(|| (self.coast(), self.dialect))
+    }
+
+    /// Whether the simulator was refused, and has not shown since that it can be driven after all.
+    fn is_refused(&self) -> bool {
+        self.told.undrivable && self.dialect.is_none()
+    }
+
+    /// Says who this is. Not when it connects: simulators whose bridge is away dial thousands of times a second,
+    /// and what is said of those must not swallow what is said of one that plays.
+    fn introduce(&mut self, who: &str) {
+        if std::mem::replace(&mut self.told.connected, true) {
+            tracing::info!("{}: this is {who}", self.peer);
+        } else if let Some(more) = self.bridge().newcomers.due(Instant::now()) {
+            tracing::info!("{}: {who} has connected{more}", self.peer);
+        }
+    }
+
+    fn coast(&self) -> Answer {
+        Answer::Steer(Command { throttle: Throttle::ZERO, ..self.last })
+    }
+
+    /// A command that nobody asked for, to get the simulator's loop going.
+    pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
+        if let Some(more) = self.kicks.due(now) {
+            if !self.told.connected {
+                self.introduce("a simulator");
+            }
+            tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going{more}", self.peer);
+        }
+        self.note(now, EventRecord::Kick);
+        self.early_kicks += u32::from(self.drive.is_none());
+        // Before its first telemetry nobody knows which `steer` a simulator takes; every one takes `manual`.
+        let answer =
+            if self.dialect.is_none() && self.early_kicks.is_multiple_of(2) { Answer::Manual } else { self.coast() };
+        (answer, self.dialect)
+    }
+
+    /// Records a turn whose answer has gone out.
+    pub fn answered(&mut self, turn: Turn, now: Instant) {
+        let latency = now.saturating_duration_since(turn.received);
+        self.record(turn, now, Some(latency));
+    }
+
+    /// Records a turn that is left unanswered.
+    pub fn swallowed(&mut self, turn: Turn, now: Instant) {
+        self.record(turn, now, None);
+    }
+
+    /// Tokens too many are out of the game.
+    pub fn took_out(&self, tokens: u32) {
+        tracing::info!(
+            "{}: {} {} left unanswered; the simulator now sends one per answer again",
+            self.peer,
+            count(tokens, "surplus telemetry"),
+            if tokens == 1 { "was" } else { "were" },
+        );
+    }
+
+    /// Its telemetries are no tokens.
+    pub fn sends_unasked(&self) {
+        tracing::warn!("{}: telemetry comes faster than it is answered, and without waiting for answers", self.peer);
+    }
+
+    fn record(&mut self, turn: Turn, now: Instant, latency: Option<Duration>) {
+        let Some(((observation, trace), drive)) = turn.driven.zip(self.drive.as_mut()) else { return };
+        let at = observation.at;
+        let telemetry = match observation.sight {
+            Sight::Telemetry(telemetry) => Some(telemetry),
+            Sight::HumanDrives | Sight::Unreadable(_) => None,
+        };
+        for happening in &trace.happenings {
+            tell(&self.peer, happening, &self.bad, now);
+        }
+        drive.account.turn(at, telemetry, turn.answer, trace, latency);
+    }
+
+    /// Ends the run: the file is closed, the account given.
+    pub fn finish(mut self, why: &str) {
+        self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
+        let Some(Drive { account, .. }) = self.drive.take() else {
+            let what = match () {
+                () if self.is_refused() => "it could not be driven",
+                () if self.dialect.is_some() => "the model was still loading",
+                () if self.told.heard => "no telemetry told which simulator it was",
+                () => "it never sent a telemetry",
+            };
+            // Dialling without a word is what thousands of redials look like.
+            if let Some(more) = self.bridge().wordless.due(Instant::now()) {
+                tracing::info!("{}: {why}; {what}{more}", self.peer);
+            }
+            return;
+        };
+        tracing::info!("{}: {why}", self.peer);
+        let summary = account.finish(self.peer.clone());
+        (self.bridge().on_summary)(&summary);
+    }
+
+    fn turn(&mut self, received: Instant, sight: Sight) -> Turn {
+        let dialect = self.dialect;
+        if self.is_refused() {
+            // Its `null` is no human, and nothing is recorded. This answer leaves the car to the player in every
+            // build, and keeps the simulator's loop going.
+            return Turn { answer: Answer::Manual, dialect, received, driven: None };
+        }
+        self.begin(received);
+        let Some(drive) = &mut self.drive else {
+            return Turn { answer: self.wait(received, &sight), dialect, received, driven: None };
+        };
+        let at = received.saturating_duration_since(drive.began);
+        // While the human still drives the wish is kept until they let go.
+        let arm = &self.place.signals.arm;
+        if arm.load(Ordering::Relaxed) && !drive.driver.human_drives() {
+            arm.store(false, Ordering::Relaxed);
+            if drive.driver.arm() {
+                tracing::info!("{}: the pilot is armed", self.peer);
+                drive.account.take(at, Item::Event(EventRecord::PilotArmed));
+            }
+        }
+        let observation = Observation { at, sight };
+        let (answer, trace) = drive.driver.drive(&observation);
+        drive.took = trace.total;
+        if let Answer::Steer(command) = answer {
+            self.last = command;
+        }
+        Turn { answer, dialect, received, driven: Some((observation, trace)) }
+    }
+
+    /// The answer while nothing drives.
+    fn wait(&mut self, received: Instant, sight: &Sight) -> Answer {
+        if self.dialect.is_some() && !std::mem::replace(&mut self.told.loading, true) {
+            tracing::info!("{}: the model is still loading; the car is braked until it is ready", self.peer);
+        }
+        match sight {
+            Sight::Unreadable(why) => {
+                if let Some(more) = self.bad.due(received) {
+                    tracing::warn!("{}: bad frame before the drive: {why}{more}", self.peer);
+                }
+            }
+            Sight::HumanDrives if !self.told.connected => {
+                self.introduce("a simulator");
+                tracing::info!(
+                    "{}: its telemetry is empty: a human drives, or it waits to be started over there",
+                    self.peer
+                );
+            }
+            Sight::HumanDrives | Sight::Telemetry(_) => {}
+        }
+        let answer = self.waiting.answer(received, sight);
+        if let Answer::Steer(command) = answer {
+            self.last = command;
+        }
+        answer
+    }
+
+    /// Begins the run once it is known which simulator this is and the model is there.
+    fn begin(&mut self, now: Instant) {
+        if self.drive.is_some() || self.dialect.is_none() {
+            return;
+        }
+        let bridge = self.place.bridge.clone();
+        let Some(model) = bridge.model.get() else { return };
+        // A human who drove until now belongs to the run.
+        let human_since = self.waiting.human_since();
+        let began = human_since.unwrap_or(now);
+        let settings = &bridge.settings;
+        let started = jiff::Timestamp::now();
+        let started = started.checked_sub(began.elapsed()).unwrap_or(started);
+        let header = RunHeader {
+            name_hint: None,
+            dialect: self.dialect,
+            model: Some(ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() }),
+            seed: None,
+            config: serde_json::to_value(settings).expect("settings are plain data"),
+            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
+            started,
+        };
+        let mut drive = Drive {
+            driver: Driver::new(model.pilot(), &settings.control, Instant::now),
+            began,
+            took: Duration::MAX,
+            account: Account::new(&self.peer, header, &settings.recording, bridge.roads()),
+        };
+        if human_since.is_some() {
+            let (answer, trace) = drive.driver.drive(&Observation { at: Duration::ZERO, sight: Sight::HumanDrives });
+            drive.account.turn(Duration::ZERO, None, answer, trace, None);
+        }
+        self.drive = Some(drive);
+        for _ in 0..std::mem::take(&mut self.early_kicks) {
+            self.note(now, EventRecord::Kick);
+        }
+    }
+
+    fn refuse(&mut self, why: Undrivable) {
+        self.told.connected = true;
+        if !std::mem::replace(&mut self.told.undrivable, true) {
+            tracing::error!("{}: {why}", self.peer);
+        }
+    }
+
+    fn note(&mut self, now: Instant, event: EventRecord) {
+        if let Some(Drive { account, began, .. }) = &mut self.drive {
+            account.take(now.saturating_duration_since(*began), Item::Event(event));
+        }
+    }
+}
+
+fn tell(peer: &str, happening: &Happening, bad: &Throttled, now: Instant) {
+    match happening {
+        Happening::TakeoverBegan => tracing::info!("{peer}: a human drives"),
+        Happening::TakeoverEnded { after, pilot_off: false } => {
+            tracing::info!("{peer}: the pilot drives again after {:.1} s", after.as_secs_f64());
+        }
+        Happening::TakeoverEnded { after, pilot_off: true } => tracing::warn!(
+            "{peer}: the human let go after {:.1} s; the pilot is off until it is armed: press Enter here, or POST /arm",
+            after.as_secs_f64()
+        ),
+        Happening::BadFrame { why, in_a_row } => {
+            if let Some(more) = bad.due(now) {
+                tracing::warn!("{peer}: bad frame ({in_a_row} in a row): {why}{more}");
+            }
+        }
+        Happening::BrakingToStandstill => tracing::error!("{peer}: too many bad frames in a row: stopping the car"),
+    }
+}

@@ -1,0 +1,58 @@
+//! Before a drive: the model is still loading, or nobody knows yet which simulator this is. The car may come at
+//! any speed, so it is braked to a standstill.
+
+use std::time::Instant;
+
+use lapwing_core::{
+    control::{Speed, Standstill},
+    protocol::{Answer, Command, Sight},
+    units::{Mph, Steering},
+};
+
+/// What is known of a car that waits.
+pub(super) struct Waiting {
+    since: Instant,
+    human_since: Option<Instant>,
+    standstill: Standstill,
+    /// The last speed that was told.
+    speed_told: Option<Mph>,
+    /// As it was steered when it came. Not as it is told now: term 2 adds a bias to what it is sent.
+    steering: Option<Steering>,
+}
+
+impl Waiting {
+    pub fn new(now: Instant) -> Self {
+        Self { since: now, human_since: None, standstill: Standstill::default(), speed_told: None, steering: None }
+    }
+
+    /// Since when a human has been driving, as far as is known: until it is known which simulator this is, it may
+    /// as well be one that waits to be started.
+    pub fn human_since(&self) -> Option<Instant> {
+        self.human_since
+    }
+
+    /// What the simulator is answered meanwhile.
+    pub fn answer(&mut self, now: Instant, sight: &Sight) -> Answer {
+        let speed = match sight {
+            Sight::HumanDrives => {
+                self.human_since.get_or_insert(now);
+                self.standstill = Standstill::default();
+                return Answer::Manual;
+            }
+            Sight::Telemetry(telemetry) => {
+                self.human_since = None;
+                self.speed_told = Some(telemetry.speed);
+                self.steering.get_or_insert(telemetry.steering.steering());
+                Speed::Now(telemetry.speed)
+            }
+            // It does not say that the human has let go.
+            Sight::Unreadable(_) if self.human_since.is_some() => return Answer::Manual,
+            Sight::Unreadable(_) => Speed::Last(self.speed_told),
+        };
+        let at = now.saturating_duration_since(self.since);
+        Answer::Steer(Command {
+            steering: self.steering.unwrap_or(Steering::ZERO),
+            throttle: self.standstill.update(at, speed),
+        })
+    }
+}

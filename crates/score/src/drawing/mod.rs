@@ -1,0 +1,188 @@
+//! Drawn sheets: maps, charts and contact sheets, as SVG or PNG.
+//!
+//! Whoever has something to show makes a [`Sheet`] of [`Shape`]s, in pixels; here it is painted, both kinds from the
+//! same shapes. The same sheet makes the same bytes. [`chart`] makes sheets of numbers. What a map or a data set is
+//! is not known here.
+
+pub mod chart;
+mod png;
+mod svg;
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+use lapwing_core::{files, perception::Frame};
+
+/// Red, green, blue.
+pub type Colour = [u8; 3];
+
+/// A place on the sheet in pixels: right and down from the upper left corner.
+pub type Point = (f64, f64);
+
+/// What sheets are made of.
+pub const PAPER: Colour = [0xf5, 0xf2, 0xeb];
+/// What is written on them with.
+pub const INK: Colour = [0x22, 0x26, 0x2b];
+
+/// Height of letters, in pixels.
+pub const LINE_PX: f64 = 16.0;
+/// Width of a letter, in pixels (Noto Sans Mono at 16).
+pub const LETTER: f64 = 7.0;
+/// Around everything, in pixels.
+pub const MARGIN: f64 = 24.0;
+
+/// Longest side of a PNG, in pixels: four such sides are 256 MiB in memory.
+const MAX_SIDE: f64 = 16_384.0;
+
+/// What painters paint, in order.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// A filled polygon.
+    Area {
+        /// Its corners.
+        points: Vec<Point>,
+        /// Its colour.
+        colour: Colour,
+    },
+    /// A line from point to point.
+    Line {
+        /// Where it goes.
+        points: Vec<Point>,
+        /// Its colour.
+        colour: Colour,
+        /// In pixels.
+        width: f64,
+    },
+    /// Words in [`INK`].
+    Text {
+        /// The middle of its left end.
+        at: Point,
+        /// The words: ASCII; in a PNG other letters are question marks.
+        text: String,
+    },
+    /// A picture in its own size.
+    Picture {
+        /// Its upper left corner.
+        at: Point,
+        /// The picture.
+        frame: Frame,
+    },
+}
+
+impl Shape {
+    /// A rectangle from its upper left to its lower right corner.
+    pub fn rectangle((left, top): Point, (right, bottom): Point, colour: Colour) -> Self {
+        Self::Area { points: vec![(left, top), (right, top), (right, bottom), (left, bottom)], colour }
+    }
+
+    /// Words with a part of their width left of a place: 0 none, 0.5 half (centred), 1 all (they end there).
+    pub fn text((x, y): Point, left: f64, text: impl Into<String>) -> Self {
+        let text = text.into();
+        Self::Text { at: (x - left * width_of(&text), y), text }
+    }
+}
+
+/// How wide words are, in pixels.
+pub fn width_of(text: &str) -> f64 {
+    text.chars().count() as f64 * LETTER
+}
+
+/// A drawing, still to be painted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// In pixels.
+    pub width: f64,
+    /// In pixels.
+    pub height: f64,
+    /// What an SVG is called.
+    pub title: String,
+    /// What is on it, from the bottom up.
+    pub shapes: Vec<Shape>,
+}
+
+impl Sheet {
+    /// As SVG text.
+    ///
+    /// # Errors
+    /// A picture that cannot be encoded, in words.
+    pub fn svg(&self) -> Result<String, String> {
+        svg::paint(self)
+    }
+
+    /// As a PNG file's bytes.
+    ///
+    /// # Errors
+    /// A side of nought or of more than 16384 pixels, in words.
+    pub fn png(&self) -> Result<Vec<u8>, String> {
+        png::paint(self)
+    }
+
+    /// Paints into a file that ends in `.svg` or `.png`. A file that is there is replaced.
+    ///
+    /// # Errors
+    /// [`DrawingError`]
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<(), DrawingError> {
+        let path = path.as_ref();
+        let bytes = match Kind::of(path)? {
+            Kind::Svg => self.svg().map(String::into_bytes),
+            Kind::Png => self.png(),
+        };
+        let bytes = bytes.map_err(|why| DrawingError::Encode { path: path.to_owned(), why })?;
+        files::write(path, &bytes).map_err(|source| DrawingError::Io { path: path.to_owned(), source })
+    }
+}
+
+/// What a sheet is painted as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Lines and words, at any size.
+    Svg,
+    /// Pixels.
+    Png,
+}
+
+impl Kind {
+    /// By a file's ending. To be asked before the work that makes the sheet.
+    ///
+    /// # Errors
+    /// [`DrawingError::Kind`] for any other ending.
+    pub fn of(path: &Path) -> Result<Self, DrawingError> {
+        match path.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
+            "svg" => Ok(Self::Svg),
+            "png" => Ok(Self::Png),
+            _ => Err(DrawingError::Kind { path: path.to_owned() }),
+        }
+    }
+}
+
+/// What keeps a sheet from being painted.
+#[derive(Debug, thiserror::Error)]
+pub enum DrawingError {
+    /// A name that says no kind of picture.
+    #[error("{}: expected the name of a picture that ends in .svg or .png", path.display())]
+    Kind {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The picture could not be encoded.
+    #[error("{}: cannot encode the picture: {why}", path.display())]
+    Encode {
+        /// The path.
+        path: PathBuf,
+        /// What the encoder says.
+        why: String,
+    },
+    /// The file system says no.
+    #[error("cannot write the picture {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+#[cfg(test)]
+mod tests;

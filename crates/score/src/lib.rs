@@ -1,0 +1,29 @@
+//! What a run was worth: figures, estimates where a run does not tell, scorecards, thresholds, suites and their pages.
+//!
+//! ```text
+//! items of a run ─▶ Scorer ─▶ Scorecard ─▶ table, JSON, JUnit, page
+//!        └─▶ odometry: where the car was, where nobody tells
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`score`] | from the items of a run to its scorecard, and what is made of scorecards |
+//! | [`odometry`] | where a car was, by its speed, steering and pictures alone |
+//! | [`judged`] | a drive with a scorer among its observers |
+//! | [`suite`] | many drives as one: which, their results, what they come to |
+//! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts |
+//!
+//! It knows no simulator: it is handed runs, items and roads. No libtorch, no async runtime, no C++.
+//!
+//! # Example
+//! ```no_run
+//! let card = lapwing_score::score::of_run("recordings/lake.mcap", &[], None)?;
+//! println!("{card}");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod drawing;
+pub mod judged;
+pub mod odometry;
+pub mod score;
+pub mod suite;

@@ -1,0 +1,273 @@
+//! Whether runs got worse than they were.
+//!
+//! Runs are held against those of the same [`setting`]: over all tracks together a lap lost on one of them would look like
+//! the scatter between them.
+
+use std::{collections::BTreeMap, fmt};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::{Better, Figure, Scorecard, Spread, Unit, summary::student};
+use lapwing_core::recording::RunHeader;
+
+/// A difference is none by chance where it is so many times the half width of its confidence interval at 95 %: some
+/// forty figures are compared, and one of them would often lie outside the interval itself.
+const CERTAIN: f64 = 2.0;
+/// Where one run alone tells a figure nobody knows its noise; a change of so large a share is taken for one.
+const ALONE: f64 = 0.05;
+
+/// Which way a figure went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Turn {
+    /// Better beyond noise.
+    Better,
+    /// Within noise.
+    Same,
+    /// Worse beyond noise, or not measurable any more.
+    Worse,
+}
+
+/// A figure before and now.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Change {
+    /// Of which runs.
+    pub setting: String,
+    /// Its key.
+    pub figure: &'static str,
+    /// Over the baseline's runs.
+    pub before: Spread,
+    /// Over these; `None` where they do not tell it.
+    pub now: Option<Spread>,
+    /// How far apart the means may lie by chance.
+    pub noise: f64,
+    /// Which way it went.
+    pub turn: Turn,
+    #[serde(skip)]
+    unit: Unit,
+}
+
+/// The part of a baseline (the JSON of `lapwing score`) that is held against.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Baseline {
+    /// Which JSON it is.
+    pub schema: String,
+    runs: Vec<Before>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Before {
+    setting: Option<String>,
+    track: Option<String>,
+    #[serde(flatten)]
+    figures: BTreeMap<String, Value>,
+}
+
+/// What a baseline says of runs.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Each figure of the baseline that has a better and a worse, before and now. Figures that the baseline does not know
+    /// are new, and left out.
+    pub changes: Vec<Change>,
+    /// Settings of the baseline that no run has.
+    pub missing: Vec<String>,
+    /// Settings that the baseline does not have.
+    pub new: Vec<String>,
+}
+
+/// What runs must have in common to be compared: the track, the scenario, and the speed that was asked for, as far as the
+/// run tells them. Weather and seeds may differ.
+pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
+    // `drive` keeps the settings beside the world, `serve` has nothing else.
+    let settings = header.config.get("settings").unwrap_or(&header.config);
+    let mph = settings.pointer("/control/speed_mph").and_then(Value::as_f64).map(|mph| format!("{mph} mph"));
+    let track = card.track.clone().unwrap_or_else(|| UNKNOWN.to_owned());
+    [Some(track), card.scenario.clone(), mph].into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+const UNKNOWN: &str = "unknown track";
+
+impl Baseline {
+    /// Holds runs, each with its [`setting`], against it.
+    pub fn compare(&self, runs: &[(String, &Scorecard)]) -> Comparison {
+        // Lapwing 0.1 wrote no settings at first.
+        let by_track = self.runs.iter().any(|run| run.setting.is_none());
+        let track = |track: &Option<String>| track.clone().unwrap_or_else(|| UNKNOWN.to_owned());
+        let mut groups: BTreeMap<String, (Vec<&Before>, Vec<&Scorecard>)> = BTreeMap::new();
+        for run in &self.runs {
+            let setting = run.setting.clone().filter(|_| !by_track).unwrap_or_else(|| track(&run.track));
+            groups.entry(setting).or_default().0.push(run);
+        }
+        for (setting, card) in runs {
+            let setting = if by_track { track(&card.track) } else { setting.clone() };
+            groups.entry(setting).or_default().1.push(card);
+        }
+        let mut comparison = Comparison::default();
+        for (setting, (before, now)) in groups {
+            if now.is_empty() {
+                comparison.missing.push(setting);
+            } else if before.is_empty() {
+                comparison.new.push(setting);
+            } else {
+                let change = |figure: Figure| {
+                    let values: Vec<f64> =
+                        before.iter().filter_map(|run| run.figures.get(figure.key())?.as_f64()).collect();
+                    let now: Vec<f64> = now.iter().filter_map(|card| card.value(figure)).collect();
+                    change(&setting, figure, Spread::of(&values)?, Spread::of(&now))
+                };
+                comparison.changes.extend(Figure::ALL.into_iter().filter_map(change));
+            }
+        }
+        comparison
+    }
+}
+
+impl Comparison {
+    /// What got worse, in words: figures, and settings without a run.
+    pub fn worse(&self) -> impl Iterator<Item = String> {
+        let worse = self.changes.iter().filter(|change| change.turn == Turn::Worse).map(Change::to_string);
+        worse.chain(self.missing.iter().map(|setting| format!("{setting}: no run, the baseline has some")))
+    }
+}
+
+fn change(setting: &str, figure: Figure, before: Spread, now: Option<Spread>) -> Option<Change> {
+    let sign = match figure.better() {
+        Better::Higher => 1.0,
+        Better::Lower => -1.0,
+        Better::Neither => return None,
+    };
+    let noise = now.map_or(0.0, |now| noise(figure.unit(), &before, &now));
+    let turn = match now.map(|now| sign * (now.mean - before.mean)) {
+        Some(gain) if gain > noise => Turn::Better,
+        Some(gain) if gain >= -noise => Turn::Same,
+        _ => Turn::Worse,
+    };
+    Some(Change { setting: setting.to_owned(), figure: figure.key(), before, now, noise, turn, unit: figure.unit() })
+}
+
+fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
+    let of = |spread: &Spread| Some((spread.deviation?.powi(2), (spread.runs - 1) as f64));
+    let each = 1.0 / before.runs as f64 + 1.0 / now.runs as f64;
+    let chance = match (of(before), of(now)) {
+        // A collision more is one however few runs there were.
+        (None, None) if unit == Unit::Count => 0.0,
+        (None, None) => ALONE * before.mean.abs(),
+        // The scatter of both together; of one alone where the other is a single run.
+        (a, b) => {
+            let ((a, of_a), (b, of_b)) = (a.unwrap_or((0.0, 0.0)), b.unwrap_or((0.0, 0.0)));
+            let freedom = of_a + of_b;
+            let variance = (a * of_a + b * of_b) / freedom;
+            CERTAIN * student(freedom as usize) * (variance * each).sqrt()
+        }
+    };
+    chance.max(trifle(unit))
+}
+
+/// Differences that nobody cares for.
+fn trifle(unit: Unit) -> f64 {
+    match unit {
+        Unit::Count => 0.0,
+        Unit::Share | Unit::Lock => 0.001,
+        Unit::LockSquared => 0.0001,
+        Unit::PerKm | Unit::Metres | Unit::Correlation => 0.01,
+        Unit::Mph | Unit::Points | Unit::Seconds | Unit::DegreesPerSecond => 0.1,
+        Unit::PerMinute | Unit::PerSecond | Unit::PerHour => 0.5,
+        Unit::Jerk => 0.05,
+    }
+}
+
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let show = |mean: f64| self.unit.show_mean(mean);
+        let now = self.now.map_or_else(|| "not measurable".into(), |now| show(now.mean));
+        let Self { setting, figure, before, noise, .. } = self;
+        write!(f, "{setting}: {figure}: {} before, {now} now, noise {}", show(before.mean), show(*noise))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::card::Figures;
+
+    fn changed(figure: Figure, before: &[f64], now: &[f64]) -> Turn {
+        change("lake", figure, Spread::of(before).unwrap(), Spread::of(now)).unwrap().turn
+    }
+
+    /// A run's card: its track, and how much of it was driven.
+    fn card(track: &str, completion: f64) -> Scorecard {
+        let mut figures = Figures::unknown("");
+        figures.told(Figure::Completion, Some(completion), "");
+        Scorecard { track: Some(track.into()), ..figures.card() }
+    }
+
+    fn baseline(runs: &[(&str, &Scorecard)]) -> Baseline {
+        let run = |(setting, card): &(&str, &Scorecard)| {
+            let mut run = serde_json::to_value(card).unwrap();
+            run["setting"] = (*setting).into();
+            run
+        };
+        let json = serde_json::json!({ "schema": "", "runs": runs.iter().map(run).collect::<Vec<_>>() });
+        serde_json::from_value(json).unwrap()
+    }
+
+    #[test]
+    fn each_track_is_held_against_itself() {
+        let (lake, jungle, mountain) = (card("lake", 1.0), card("jungle", 1.0), card("mountain", 1.0));
+        let before = baseline(&[("lake", &lake), ("jungle", &jungle), ("mountain", &mountain)]);
+        let (slow, lost) = (card("lake", 0.526), card("jungle", 0.122));
+        let runs = [("lake".to_owned(), &slow), ("jungle".to_owned(), &lost), ("mountain".to_owned(), &mountain)];
+        let worse: Vec<_> = before.compare(&runs).worse().collect();
+        assert_eq!(worse.len(), 2, "{worse:?}");
+        assert!(worse[0].starts_with("jungle: completion: 100 % before, 12.2 % now"), "{worse:?}");
+    }
+
+    #[test]
+    fn a_setting_without_a_run_is_worse_and_a_new_one_is_named() {
+        let (lake, jungle) = (card("lake", 1.0), card("jungle", 1.0));
+        let compared = baseline(&[("lake, 20 mph", &lake)]).compare(&[("jungle, 20 mph".to_owned(), &jungle)]);
+        assert_eq!(
+            (&compared.missing[..], &compared.new[..]),
+            (&["lake, 20 mph".to_owned()][..], &["jungle, 20 mph".to_owned()][..])
+        );
+        assert_eq!(compared.worse().count(), 1);
+    }
+
+    #[test]
+    fn a_baseline_without_settings_is_compared_by_track() {
+        let mut before = baseline(&[("", &card("lake", 1.0))]);
+        before.runs[0].setting = None;
+        let now = card("lake", 0.5);
+        let compared = before.compare(&[("lake, 20 mph".to_owned(), &now)]);
+        assert_eq!((compared.worse().count(), compared.missing.len()), (1, 0));
+    }
+
+    #[test]
+    fn what_lies_within_the_scatter_of_the_runs_is_no_change() {
+        let before = [0.20, 0.24, 0.28];
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.22, 0.26, 0.30]), Turn::Same);
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.42, 0.46, 0.50]), Turn::Worse, "5.6 times 0.033");
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.05, 0.06, 0.07]), Turn::Better);
+    }
+
+    #[test]
+    fn a_collision_more_is_worse_even_in_a_single_run() {
+        assert_eq!(changed(Figure::Collisions, &[0.0], &[1.0]), Turn::Worse);
+        assert_eq!(changed(Figure::Collisions, &[1.0], &[1.0]), Turn::Same);
+        assert_eq!(changed(Figure::Completion, &[1.0], &[0.9]), Turn::Worse);
+        assert_eq!(changed(Figure::Completion, &[0.98], &[1.0]), Turn::Same, "within 5 %");
+    }
+
+    #[test]
+    fn one_run_is_held_against_the_scatter_of_many() {
+        let before = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0];
+        assert_eq!(changed(Figure::Collisions, &before, &[1.0]), Turn::Same);
+        assert_eq!(changed(Figure::Collisions, &before, &[3.0]), Turn::Worse);
+    }
+
+    #[test]
+    fn what_is_not_measurable_any_more_is_worse() {
+        assert_eq!(changed(Figure::MeanCte, &[0.2], &[]), Turn::Worse);
+    }
+}

@@ -1,0 +1,150 @@
+use std::{f64::consts::TAU, time::Duration};
+
+use super::*;
+use crate::score::{Scorecard, Scorer};
+use lapwing_core::{
+    protocol::{Telemetry, Truth},
+    recording::{By, CommandRecord, EventRecord},
+    units::{Degrees, MPS_PER_MPH, Mph, Steering, Throttle},
+};
+
+const LENGTH_M: f64 = 1000.0;
+const MPS: f64 = 9.0;
+
+/// Heading along a road that is a circle with a few bends of its own.
+fn heading(s: f64) -> f64 {
+    let share = s / LENGTH_M;
+    TAU * share + 0.8 * (3.0 * TAU * share).sin() + 0.3 * (7.0 * TAU * share).sin()
+}
+
+fn road() -> Arc<Road> {
+    Arc::new(Road::new("bends".into(), 0.0, LENGTH_M, None, (0..=500).map(|i| heading(f64::from(i) * 2.0)).collect()))
+}
+
+fn telemetry(steering_deg: f64, mps: f64) -> Telemetry {
+    Telemetry {
+        steering: Degrees::saturating(steering_deg),
+        throttle: Throttle::saturating(0.3),
+        speed: Mph::saturating(mps / MPS_PER_MPH),
+        image: Default::default(),
+        truth: Truth::default(),
+    }
+}
+
+/// A drive of so many metres that ends in standing still from one telemetry to the next.
+fn crashed_after(metres: f64, roads: &[Arc<Road>], heading: impl Fn(f64) -> f64) -> Scorecard {
+    crashed_and_told(metres, roads, heading, |_| Truth::default())
+}
+
+/// The same, with what is told at so many metres.
+fn crashed_and_told(
+    metres: f64,
+    roads: &[Arc<Road>],
+    heading: impl Fn(f64) -> f64,
+    told: impl Fn(f64) -> Truth,
+) -> Scorecard {
+    let mut scorer = Scorer::on(roads, Some(2));
+    let way = MPS / 15.0;
+    let steps = (metres / way) as u32;
+    for i in 0..=steps {
+        let s = way * f64::from(i);
+        let curvature = (heading(s + way) - heading(s)) / way;
+        let steering = (curvature * WHEELBASE_M).atan().to_degrees();
+        let telemetry = Telemetry { truth: told(s), ..telemetry(steering, MPS) };
+        scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry);
+    }
+    for i in 1..10 {
+        scorer.telemetry(Duration::from_secs_f64(f64::from(steps + i) / 15.0), &telemetry(0.0, 0.0));
+    }
+    scorer.finish()
+}
+
+#[test]
+fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
+    let card = crashed_after(1500.0, &[road()], heading);
+    assert_eq!(card.track.as_deref(), Some("bends"));
+    let Measure::Estimate { value, uncertainty, .. } = card.get(Figure::Completion) else { panic!("{card}") };
+    assert!((value - 0.75).abs() < 0.02 && (0.001..0.05).contains(&uncertainty), "{card}");
+    for (figure, expected) in [(Figure::Laps, 1.0), (Figure::Collisions, 1.0), (Figure::Stuck, 0.0)] {
+        assert!(matches!(card.get(figure), Measure::Estimate { value, .. } if value == expected), "{figure:?}: {card}");
+    }
+    let ([lap_s], Some(off_s)) = (&card.lap_times_s[..], card.lap_times_off_s) else { panic!("{card}") };
+    assert!((lap_s - LENGTH_M / MPS).abs() < off_s && (0.1..3.0).contains(&off_s), "{card}");
+    let (at, s) = card.whereabouts[card.whereabouts.len() / 2];
+    assert!(((at * MPS) % LENGTH_M - s).abs() < 10.0, "{at} s, {s} m");
+    assert!((card.value(Figure::SurvivalS).unwrap() - 1500.0 / MPS).abs() < 0.2, "{card}");
+    assert!((card.value(Figure::SurvivalM).unwrap() - 1500.0).abs() < 2.0, "{card}");
+}
+
+#[test]
+fn laps_that_are_told_without_a_time_leave_the_estimated_times_as_they_are() {
+    // Counted from a line that is passed at 800 m, so that none is seen from its beginning to its end.
+    let told = |s: f64| Truth {
+        lap: Some(((s + 200.0) / LENGTH_M) as u32),
+        waypoint: Some(((s + 200.0) % LENGTH_M / 20.0) as u32),
+        ..Truth::default()
+    };
+    let card = crashed_and_told(1500.0, &[road()], heading, told);
+    let ([lap_s], Some(off_s)) = (&card.lap_times_s[..], card.lap_times_off_s) else { panic!("{card}") };
+    assert!((lap_s - LENGTH_M / MPS).abs() < off_s, "{card}");
+    let json = serde_json::to_value(&card).unwrap();
+    assert_eq!(json["estimates"]["lap_times_s"]["from"], "where it seems that laps ended");
+}
+
+#[test]
+fn on_a_road_that_nobody_knows_neither_track_nor_completion_is_made_up() {
+    let other = |s: f64| -s / 80.0 + 1.5 * (s / 30.0).sin();
+    let card = crashed_after(900.0, &[road()], other);
+    assert_eq!((card.track.as_deref(), card.value(Figure::Completion), card.value(Figure::Laps)), (None, None, None));
+    assert_eq!(card.value(Figure::Collisions), Some(1.0));
+}
+
+#[test]
+fn a_suspicion_is_said_once_and_not_of_a_run_that_tells_collisions() {
+    let said = |mut scorer: Scorer, crashes: Option<u32>| -> usize {
+        let watch = |i: u32| {
+            let mut telemetry = telemetry(0.0, if i < 30 { MPS } else { 0.0 });
+            telemetry.truth.crashes = crashes;
+            scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry);
+            scorer.suspicion()
+        };
+        (0..45).filter_map(watch).count()
+    };
+    assert_eq!(said(Scorer::on(&[], None), None), 1);
+    assert_eq!(said(Scorer::on(&[], None), Some(0)), 0);
+    assert_eq!(said(Scorer::default(), None), 0);
+}
+
+#[test]
+fn while_a_human_drives_unseen_the_car_goes_on_along_the_road_and_his_takeover_counts() {
+    let mut scorer = Scorer::on(&[road()], Some(1));
+    let pilot = CommandRecord { by: By::Pilot, ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) };
+    let way = MPS / 15.0;
+    let mut taken = false;
+    for i in 0..=(1010.0 / way) as u32 {
+        let (s, at) = (way * f64::from(i), Duration::from_secs_f64(f64::from(i) / 15.0));
+        if (40.0..50.0).contains(&at.as_secs_f64()) {
+            if !std::mem::replace(&mut taken, true) {
+                scorer.event(at, &EventRecord::TakeoverBegan);
+            }
+            continue;
+        }
+        let curvature = (heading(s + way) - heading(s)) / way;
+        scorer.telemetry(at, &telemetry((curvature * WHEELBASE_M).atan().to_degrees(), MPS));
+        scorer.command(&pilot);
+    }
+    scorer.event(Duration::from_secs(50), &EventRecord::TakeoverEnded { duration_s: 10.0 });
+    let card = scorer.finish();
+    assert_eq!((card.value(Figure::Completion), card.value(Figure::Laps)), (Some(1.0), Some(1.0)), "{card}");
+    assert!((card.value(Figure::SurvivalS).unwrap() - 40.0).abs() < 0.2, "{card}");
+    assert!((card.value(Figure::SurvivalM).unwrap() - 40.0 * MPS).abs() < 2.0, "{card}");
+    let autonomy = 1.0 - 6.0 / (1010.0 / MPS);
+    assert!((card.value(Figure::Autonomy).unwrap() - autonomy).abs() < 0.001, "{card}");
+    assert!(matches!(card.get(Figure::Autonomy), Measure::Estimate { .. }));
+}
+
+#[test]
+fn of_a_run_that_did_not_drive_all_laps_nobody_knows_whether_it_left_the_road() {
+    let card = crashed_after(400.0, &[road()], heading);
+    assert_eq!(card.value(Figure::Autonomy), None, "{card}");
+}

@@ -1,0 +1,171 @@
+//! Braking for what is on the road: avoided or not, how hard it was hit, how near it came, and false alarms.
+//!
+//! A *braking situation* is a stretch of a run in which the world tells a time to collision below [`COURSE_S`]. It ends
+//! with what is hit, or once no such time was told for [`APART_S`]. One that the run's end cuts short is not judged.
+
+use super::{
+    Figure, Measure,
+    scorer::{NO_JUDGE, NO_TIME},
+};
+use lapwing_core::{
+    protocol::Truth,
+    recording::{By, CommandRecord},
+    units::Mph,
+};
+
+/// A time to collision below this is a collision course, in seconds. Euro NCAP's tests begin at 4 s; who brakes early
+/// and gently is to be in a situation, too.
+const COURSE_S: f64 = 10.0;
+/// Without a collision course for so long a situation is over; and emergency braking again after so long is another
+/// one; in seconds.
+const APART_S: f64 = 1.0;
+/// A throttle of so little or less is emergency braking. An emergency brake is full, -1; the default PI controller asks
+/// for this much only at 8 mph over its speed.
+const EMERGENCY: f64 = -0.8;
+/// Below this speed the brake is the reverse gear, in mph.
+const REVERSES_BELOW_MPH: f64 = 5.0;
+
+const NO_SCENARIO: &str = "no scenario asked for braking";
+const NOT_TOLD: &str = "the run tells no time to collision: worlds without other traffic do not";
+const NOT_MET: &str = "nothing came onto a collision course, or the run ended first";
+const NOT_HIT: &str = "nothing was hit";
+const NOT_MEASURED: &str = "the run tells that something was hit, not how fast";
+const CLEAR: &str = "nothing was within a minute of a collision";
+
+/// Watches how a run is braked.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Braking {
+    at_s: f64,
+    mph: f64,
+    /// The shortest time to collision, where one is told.
+    least_s: Option<f64>,
+    situation: Option<Situation>,
+    avoided: u32,
+    impacts_mph: Vec<f64>,
+    /// Hits that nobody measured.
+    unmeasured: u32,
+    reductions_mph: Vec<f64>,
+    /// When emergency braking was asked for last.
+    emergency_s: Option<f64>,
+    false_alarms: u32,
+}
+
+#[derive(Debug, Clone)]
+struct Situation {
+    start_mph: f64,
+    least_mph: f64,
+    /// When the car was on the collision course last.
+    last_s: f64,
+    hit: bool,
+}
+
+/// What else of a run decides what can be told.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    /// How long the run was, humans at its ends included.
+    pub time_s: f64,
+    /// Whether a judge tells collisions, or the world counts them at least.
+    pub judged: bool,
+    pub counted: bool,
+    /// Whether there was other traffic by a script.
+    pub scenario: bool,
+}
+
+impl Braking {
+    pub(super) fn telemetry(&mut self, at_s: f64, speed: Mph, truth: &Truth) {
+        (self.at_s, self.mph) = (at_s, speed.get());
+        if let Some(situation) = &mut self.situation {
+            situation.least_mph = situation.least_mph.min(self.mph);
+        }
+        let Some(until_s) = truth.time_to_collision_s.filter(|s| s.is_finite()) else { return };
+        let until_s = until_s.clamp(0.0, Truth::CLEAR_S);
+        self.least_s = Some(self.least_s.map_or(until_s, |least| least.min(until_s)));
+        let mph = self.mph;
+        if until_s < COURSE_S {
+            let new = || Situation { start_mph: mph, least_mph: mph, last_s: at_s, hit: false };
+            self.situation.get_or_insert_with(new).last_s = at_s;
+        } else if self.situation.as_ref().is_some_and(|situation| at_s - situation.last_s >= APART_S) {
+            self.end_situation();
+        }
+    }
+
+    pub(super) fn command(&mut self, command: &CommandRecord) {
+        let brakes = command.by == By::Pilot && command.throttle.get() <= EMERGENCY && self.mph > REVERSES_BELOW_MPH;
+        if brakes {
+            let before = self.emergency_s.replace(self.at_s);
+            let begins = before.is_none_or(|before| self.at_s - before >= APART_S);
+            self.false_alarms += u32::from(begins && self.situation.is_none());
+        }
+    }
+
+    /// Something was hit at `speed_mph`, relative to it, by the car at `own_mph`.
+    pub(super) fn collision(&mut self, speed_mph: f64, own_mph: Option<f64>) {
+        // A file may say anything.
+        let own_mph = own_mph.map_or(self.mph, |mph| Mph::saturating(mph).get());
+        if self.strike(own_mph) {
+            self.impacts_mph.push(Mph::saturating(speed_mph).get().abs());
+        }
+    }
+
+    /// Something was hit, and nobody says how fast.
+    pub(super) fn hit(&mut self) {
+        self.unmeasured += u32::from(self.strike(self.mph));
+    }
+
+    /// What the situation was about is hit by the car at `own_mph`; whether that is so for the first time.
+    fn strike(&mut self, own_mph: f64) -> bool {
+        let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return false };
+        situation.hit = true;
+        self.least_s = Some(0.0);
+        self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
+        true
+    }
+
+    /// The car was put elsewhere: what it was heading for is no longer ahead.
+    pub(super) fn put(&mut self) {
+        self.situation = None;
+    }
+
+    fn end_situation(&mut self) {
+        if let Some(Situation { start_mph, least_mph, hit: false, .. }) = self.situation.take() {
+            self.avoided += 1;
+            self.reductions_mph.push(start_mph - least_mph);
+        }
+    }
+
+    pub(super) fn figures(mut self, known: Known) -> [(Figure, Measure); 5] {
+        use Figure as F;
+        let Known { time_s, judged, counted, scenario } = known;
+        if self.situation.as_ref().is_some_and(|situation| situation.last_s < self.at_s) {
+            self.end_situation();
+        }
+        let hits = self.impacts_mph.len() as f64 + f64::from(self.unmeasured);
+        let situations = f64::from(self.avoided) + hits;
+        let untold = if judged && !scenario { NO_SCENARIO } else { NOT_TOLD };
+        let judged = judged || counted;
+        let measure = |value: Option<f64>, why| match self.least_s {
+            Some(_) => Measure::told(value, why),
+            None => Measure::Unknown(untold),
+        };
+        let (no_situation, no_impact) = match (judged, self.avoided) {
+            (false, _) => (NO_JUDGE, NO_JUDGE),
+            _ if self.unmeasured > 0 => (NOT_MET, NOT_MEASURED),
+            (true, 0) => (NOT_MET, NOT_MET),
+            (true, _) => (NOT_MET, NOT_HIT),
+        };
+        let share = (judged && situations > 0.0).then(|| f64::from(self.avoided) / situations);
+        let mean =
+            |values: &[f64]| (judged && !values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+        let alarms_per_h = (time_s > 0.0).then(|| f64::from(self.false_alarms) * 3600.0 / time_s);
+        [
+            (F::BrakingAvoided, measure(share, no_situation)),
+            (F::Impact, measure(mean(&self.impacts_mph), no_impact)),
+            (F::SpeedReduction, measure(mean(&self.reductions_mph), no_situation)),
+            (F::MinTimeToCollision, measure(self.least_s.filter(|s| *s < Truth::CLEAR_S), CLEAR)),
+            (F::FalseAlarms, measure(alarms_per_h, NO_TIME)),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests;

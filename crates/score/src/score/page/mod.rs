@@ -1,0 +1,243 @@
+//! Runs as one page for a browser: everything in it, nothing fetched.
+//!
+//! A [`Collector`] watches a run as the scorer does and keeps what is drawn: series thinned out to what a screen shows,
+//! and the pictures around each event. The page draws itself (`page.js`), so that a reader can choose what the line on
+//! the map is coloured by and read values off.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use bytes::Bytes;
+use serde::Serialize;
+
+use super::{Figure, Scorecard, figure::Described};
+use lapwing_core::{
+    recording::{EventRecord, Item},
+    words::count as counted,
+};
+
+/// Points of a series that are drawn at most.
+const POINTS: usize = 6000;
+/// Events that are shown with pictures at most; later ones are listed without.
+const PICTURED: usize = 60;
+/// Pictures of an event are so far from it, in seconds.
+const AROUND_S: [f64; 4] = [-1.0, -0.3, 0.0, 0.7];
+
+/// A place counts for telemetries within so many seconds.
+const APART_S: f64 = 0.1;
+
+/// Both edges of a road as seen from above: x and z in metres, in the telemetry's axes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Outline {
+    /// The left edge, closed.
+    pub left: Vec<[f32; 2]>,
+    /// The right edge, closed.
+    pub right: Vec<[f32; 2]>,
+}
+
+/// What is drawn of a run.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Drawn {
+    t: Vec<f32>,
+    speed: Vec<f32>,
+    steering: Vec<f32>,
+    /// Null where it is not told.
+    cte: Vec<Option<f32>>,
+    /// x and z.
+    at: Vec<Option<[f32; 2]>>,
+    /// Where it was is an estimate: how far beside the line to drive is not known.
+    on_line: bool,
+    /// Of each answer: when, and its milliseconds.
+    answers: Vec<[f32; 2]>,
+    events: Vec<Happened>,
+}
+
+impl Drawn {
+    /// Where the car seems to have been, for a run that tells no position: seconds in order, and x and z in metres.
+    pub fn locate(&mut self, places: &[(f64, [f32; 2])]) {
+        if places.is_empty() || self.at.iter().any(Option::is_some) {
+            return;
+        }
+        self.on_line = true;
+        for (t, at) in self.t.iter().zip(&mut self.at) {
+            let next = places.partition_point(|(then, _)| *then < f64::from(*t));
+            let near = places[next.saturating_sub(1)..].iter().take(2);
+            let near = near.min_by(|a, b| (a.0 - f64::from(*t)).abs().total_cmp(&(b.0 - f64::from(*t)).abs()));
+            *at = near.filter(|(then, _)| (then - f64::from(*t)).abs() < APART_S).map(|(_, at)| *at);
+        }
+    }
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Happened {
+    t: f32,
+    kind: String,
+    words: String,
+    /// Seconds from the event, and the JPEG in base64.
+    pictures: Vec<(f32, String)>,
+}
+
+/// Watches a run.
+#[derive(Debug, Default)]
+pub struct Collector {
+    drawn: Drawn,
+    /// Pictures of the last second and a bit.
+    recent: VecDeque<(f64, Bytes)>,
+    /// Which events still want pictures, and how far from themselves, in seconds.
+    wanted: Vec<(usize, f64)>,
+}
+
+impl Collector {
+    /// Takes an item of a run, in the order of the file.
+    pub fn item(&mut self, at: Duration, item: &Item) {
+        let t = at.as_secs_f64();
+        match item {
+            Item::Telemetry(telemetry) => {
+                let truth = &telemetry.truth;
+                self.drawn.t.push(t as f32);
+                self.drawn.speed.push(telemetry.speed.get() as f32);
+                self.drawn.steering.push(telemetry.steering.get() as f32);
+                self.drawn.cte.push(truth.cte.map(|cte| cte.get() as f32));
+                self.drawn.at.push(truth.position.map(|[x, _, z]| [x.get() as f32, z.get() as f32]));
+            }
+            Item::Frame(jpeg) => self.picture(t, jpeg),
+            Item::Command(command) => {
+                let ms = |ns: u64| ns as f32 / 1e6;
+                self.drawn.answers.extend(command.latency_ns.map(|ns| [t as f32, ms(ns)]));
+            }
+            Item::Event(event) => self.event(t, event),
+        }
+    }
+
+    fn picture(&mut self, t: f64, jpeg: &Bytes) {
+        let earliest = t + AROUND_S[0] - 0.5;
+        while self.recent.front().is_some_and(|(then, _)| *then < earliest) {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((t, jpeg.clone()));
+        let Self { drawn, wanted, .. } = self;
+        wanted.retain(|&(event, from)| {
+            let event = &mut drawn.events[event];
+            let due = t >= f64::from(event.t) + from;
+            if due {
+                event.pictures.push(((t - f64::from(event.t)) as f32, STANDARD.encode(jpeg)));
+            }
+            !due
+        });
+    }
+
+    fn event(&mut self, t: f64, event: &EventRecord) {
+        let Some(words) = words(event) else { return };
+        let kind = serde_json::to_value(event).ok().and_then(|value| Some(value.get("kind")?.as_str()?.to_owned()));
+        let mut happened = Happened { t: t as f32, kind: kind.unwrap_or_default(), words, pictures: vec![] };
+        let index = self.drawn.events.len();
+        if index < PICTURED {
+            for from in AROUND_S {
+                if from >= 0.0 {
+                    self.wanted.push((index, from));
+                } else if let Some((then, jpeg)) = self.recent.iter().rev().find(|(then, _)| *then <= t + from + 1e-6) {
+                    happened.pictures.push(((then - t) as f32, STANDARD.encode(jpeg)));
+                }
+            }
+        }
+        self.drawn.events.push(happened);
+    }
+
+    /// What is drawn.
+    pub fn finish(mut self) -> Drawn {
+        let every = self.drawn.t.len().div_ceil(POINTS).max(1);
+        fn thin<T: Clone>(series: &mut Vec<T>, every: usize) {
+            *series = series.iter().step_by(every).cloned().collect();
+        }
+        thin(&mut self.drawn.t, every);
+        thin(&mut self.drawn.speed, every);
+        thin(&mut self.drawn.steering, every);
+        thin(&mut self.drawn.cte, every);
+        thin(&mut self.drawn.at, every);
+        let every = self.drawn.answers.len().div_ceil(POINTS).max(1);
+        // Of each few answers the slowest: that is what one looks for.
+        let slowest = |few: &[[f32; 2]]| few.iter().copied().max_by(|a, b| a[1].total_cmp(&b[1]));
+        self.drawn.answers = self.drawn.answers.chunks(every).filter_map(slowest).collect();
+        self.drawn
+    }
+}
+
+/// An event for people; none where a page has no use for it.
+fn words(event: &EventRecord) -> Option<String> {
+    Some(match event {
+        EventRecord::TakeoverBegan => "a human took the wheel".into(),
+        EventRecord::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
+        EventRecord::BadFrame { why, .. } => format!("bad frame: {why}"),
+        EventRecord::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
+        EventRecord::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
+        EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
+        EventRecord::PilotArmed => "the pilot was switched on".into(),
+        EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
+        EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
+        EventRecord::OffRoad { offset_m } => format!("out of bounds, {:.1} m from the middle", offset_m.abs()),
+        EventRecord::BackOnRoad { after_s } => format!("back in bounds after {after_s:.1} s"),
+        EventRecord::Stuck => "stuck".into(),
+        EventRecord::Moving => "moving again".into(),
+        EventRecord::WrongWay => "the wrong way round".into(),
+        EventRecord::RightWay => "the right way round again".into(),
+        EventRecord::Reset { waypoint } => format!("put back on the road at waypoint {waypoint}"),
+        EventRecord::Note { text } => text.clone(),
+        EventRecord::RunEnded { why } => format!("the run ended: {why}"),
+        EventRecord::Kick | EventRecord::Simulator { .. } | EventRecord::Course { .. } => return None,
+    })
+}
+
+/// A run on the page.
+#[derive(Debug, Serialize)]
+pub struct Shown<'a> {
+    /// Its heading.
+    pub title: String,
+    /// Its judgement.
+    pub card: &'a Scorecard,
+    /// What is drawn of it.
+    pub drawn: &'a Drawn,
+    /// The road, where it is known.
+    pub outline: Option<&'a Outline>,
+    /// Thresholds that it missed, in words.
+    pub missed: Vec<&'a str>,
+}
+
+#[derive(Serialize)]
+struct Page<'a> {
+    runs: Vec<Estimated<'a>>,
+    figures: Vec<Described>,
+}
+
+/// A run with the words for how its estimates came about, by figure, as the table has them.
+#[derive(Serialize)]
+struct Estimated<'a> {
+    #[serde(flatten)]
+    shown: &'a Shown<'a>,
+    how: BTreeMap<&'static str, String>,
+}
+
+impl<'a> Estimated<'a> {
+    fn of(shown: &'a Shown<'a>) -> Self {
+        let how = Figure::ALL.map(|figure| (figure.key(), shown.card.how(figure)));
+        let how = how.into_iter().chain([("lap_times_s", shown.card.how_lap_times())]);
+        Self { shown, how: how.filter(|(_, how)| !how.is_empty()).collect() }
+    }
+}
+
+/// The page, as HTML.
+///
+/// # Errors
+/// Where a scorecard holds a number that JSON does not have.
+pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
+    let page = Page { runs: runs.iter().map(Estimated::of).collect(), figures: Figure::described() };
+    // Inside a script element nothing may look like its end.
+    let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
+    let page = include_str!("page.html").replace("/*STYLE*/", include_str!("page.css"));
+    Ok(page.replace("/*SCRIPT*/", include_str!("page.js")).replace("/*DATA*/", &data))
+}
+
+#[cfg(test)]
+mod tests;

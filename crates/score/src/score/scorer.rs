@@ -1,0 +1,367 @@
+//! From the items of a run to its scorecard.
+
+mod counted;
+mod judgement;
+mod recorded;
+mod within_run;
+
+use std::{sync::Arc, time::Duration};
+
+use super::{
+    blind::Blind,
+    braking::Braking,
+    clock::Clock,
+    infractions::Struck,
+    latency::Stages,
+    smoothness::{GAP_S, Sample, Wheel},
+    told::{Moment, News, Told},
+};
+use crate::odometry::Road;
+use lapwing_core::{
+    protocol::Telemetry,
+    recording::{By, CommandRecord, EventRecord, Item},
+    units::{MPS_PER_MPH, Metres},
+};
+
+pub(super) use judgement::{NO_JUDGE, NO_PILOT, NO_TIME};
+
+/// Watches one run.
+#[derive(Debug, Clone, Default)]
+pub struct Scorer {
+    course: Option<Course>,
+    clock: Clock,
+    /// Nothing is kept that grows with the run.
+    is_live: bool,
+    /// When the run began: with the first telemetry, or with a human before it.
+    began_s: Option<f64>,
+    first_s: Option<f64>,
+    /// Time and speed of the telemetry before, in s and m/s.
+    last: Option<(f64, f64)>,
+    /// When the last item came, whatever it was.
+    latest_s: f64,
+    telemetries: u64,
+    driven_m: f64,
+    /// Metres of distance that fall into gaps.
+    in_gaps_m: f64,
+    off_road_m: f64,
+    max_mph: f64,
+    offsets: Offsets,
+    wheel: Wheel,
+    samples: Vec<Sample>,
+    /// The car was put elsewhere since the last sample.
+    was_put: bool,
+    /// Furthest that the car came, in laps.
+    progress: f64,
+    laps: Vec<f64>,
+    struck: Vec<Struck>,
+    /// Episodes that had a collision, and whether this one has.
+    struck_episodes: u32,
+    struck_now: bool,
+    last_collision_s: Option<f64>,
+    off_roads: u32,
+    off_road_s: f64,
+    off_since: Option<f64>,
+    ended_off_road: bool,
+    resets: u32,
+    stuck: u32,
+    is_stuck: bool,
+    takeovers: u32,
+    human_s: f64,
+    human_since: Option<f64>,
+    /// Seconds and metres at the first infraction.
+    survived: Option<(f64, f64)>,
+    bad_frames: u32,
+    kicks: u32,
+    missed_frames: u64,
+    answers: Answers,
+    unanswered: bool,
+    stages: Stages,
+    braking: Braking,
+    told: Told,
+    ended: Option<String>,
+    notes: Vec<String>,
+    damaged: bool,
+    /// For what the run does not tell.
+    blind: Blind,
+}
+
+#[derive(Debug, Clone)]
+struct Course {
+    track: String,
+    waypoints: u32,
+    laps: Option<u32>,
+    scenario: Option<String>,
+    /// A recording's path, not a track.
+    is_recorded: bool,
+}
+
+/// How many answers there were, and whose.
+#[derive(Debug, Clone, Copy, Default)]
+struct Answers {
+    all: u64,
+    pilot: u64,
+    human: u64,
+}
+
+/// |cte| of each telemetry that tells it, in metres.
+#[derive(Debug, Clone, Default)]
+struct Offsets {
+    n: u64,
+    sum: f64,
+    squares: f64,
+    most: f64,
+    /// None of them, live.
+    all: Vec<f64>,
+}
+
+impl Offsets {
+    fn take(&mut self, cte_m: f64, keep: bool) {
+        let off_m = cte_m.abs();
+        self.n += 1;
+        self.sum += off_m;
+        self.squares += off_m * off_m;
+        self.most = self.most.max(off_m);
+        self.all.extend(keep.then_some(off_m));
+    }
+}
+
+impl Scorer {
+    /// A scorer that finds out, where the run does not tell, on which of these roads it was and how far it came of so
+    /// many laps.
+    pub fn on(roads: &[Arc<Road>], laps_asked: Option<u32>) -> Self {
+        Self { blind: Blind::new(roads, laps_asked), ..Self::default() }
+    }
+
+    /// A scorer beside a drive that may go on for days: it keeps nothing of a telemetry and looks at no picture. Figures
+    /// that take either are not measurable; all others are those of the run's file. Of these roads it knows the length.
+    pub fn live(roads: &[Arc<Road>]) -> Self {
+        Self { is_live: true, blind: Blind::of_known(roads), ..Self::default() }
+    }
+
+    /// Takes an item of a run, in the order of the file; says when it happened, in the time of the run.
+    pub fn item(&mut self, at: Duration, item: &Item) -> Duration {
+        match item {
+            Item::Telemetry(telemetry) => self.telemetry(at, telemetry),
+            Item::Command(command) => self.command(command),
+            Item::Event(event) => self.event(at, event),
+            Item::Frame(jpeg) => self.blind.frame(jpeg),
+        }
+        if !self.clock.is_told() {
+            return at; // to the nanosecond
+        }
+        Duration::try_from_secs_f64(self.clock.at(at.as_secs_f64())).unwrap_or(at)
+    }
+
+    /// Telemetries so far.
+    pub fn telemetries(&self) -> u64 {
+        self.telemetries
+    }
+
+    /// Takes a telemetry, in the order of time.
+    pub fn telemetry(&mut self, at: Duration, telemetry: &Telemetry) {
+        let truth = &telemetry.truth;
+        let at = self.clock.telemetry(at.as_secs_f64(), truth.sim_time_s);
+        // A clock that was set back stands still until it has caught up.
+        let at = self.last.map_or(at, |(before, _)| at.max(before));
+        let mph = telemetry.speed.get();
+        let speed_mps = mph * MPS_PER_MPH;
+        self.telemetries += 1;
+        self.missed_frames += u64::from(std::mem::replace(&mut self.unanswered, true));
+        self.latest_s = self.latest_s.max(at);
+        let is_beginning = self.began_s.is_none();
+        self.began_s.get_or_insert(at);
+        self.first_s.get_or_insert(at);
+        let apart = self.last.map_or(0.0, |(before, _)| at - before);
+        if let Some((_, was_mps)) = self.last {
+            // Trapezium: the speed changes evenly between two telemetries.
+            let way = apart * (speed_mps + was_mps) / 2.0;
+            self.driven_m += way;
+            self.in_gaps_m += if apart > GAP_S { way } else { 0.0 };
+            self.off_road_m += if self.off_since.is_some() { way } else { 0.0 };
+        }
+        let apart_s = self.last.map(|_| apart);
+        let now = Moment { at_s: at, apart_s, mps: speed_mps, driven_m: self.driven_m, is_beginning };
+        let news = self.told.telemetry(truth, now);
+        if self.course.is_none() {
+            self.judge(at, news);
+        }
+        // Of two at one time the first is what counts: in no time nothing turns.
+        if self.last.is_none() || apart > 0.0 {
+            let goes_on = self.last.is_some() && apart <= GAP_S && !self.was_put;
+            let sample = Sample { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on };
+            self.wheel.sample(sample);
+            self.samples.extend((!self.is_live).then_some(sample));
+            self.was_put = false;
+            self.blind.telemetry(at, speed_mps, telemetry.steering.get());
+        }
+        self.last = Some((at, speed_mps));
+        self.max_mph = self.max_mph.max(mph);
+        self.braking.telemetry(at, telemetry.speed, truth);
+        if let Some(cte) = truth.cte {
+            self.offsets.take(cte.get(), !self.is_live);
+        }
+        if let (Some(course), Some(lap), Some(waypoint)) = (&self.course, truth.lap, truth.waypoint) {
+            let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
+            self.progress = self.progress.max(progress);
+        }
+    }
+
+    /// What a telemetry tells to have happened, where no judge says it.
+    fn judge(&mut self, at: f64, news: News) {
+        if news.crashes > 0 {
+            self.collided(at);
+            self.braking.hit();
+        }
+        if news.left_road > 0 {
+            self.off_roads = self.off_roads.saturating_add(news.left_road);
+            self.off_since = Some(at);
+            self.infraction(at);
+        }
+        if news.put_back {
+            self.put(at);
+        } else if news.back_on_road {
+            self.back_on_road(at);
+        }
+    }
+
+    /// Whether the run itself says what happened.
+    fn tells(&self) -> bool {
+        self.course.is_some() || self.told.crashes.total().is_some() || self.told.laps.total().is_some()
+    }
+
+    /// Whether it is a recording that is driven along.
+    fn is_recorded(&self) -> bool {
+        self.course.as_ref().is_some_and(|course| course.is_recorded)
+    }
+
+    /// What the last telemetry gives to suspect, where the run itself does not say what happened.
+    pub(super) fn suspicion(&mut self) -> Option<EventRecord> {
+        let text = self.blind.suspicion()?.to_owned();
+        (!self.tells()).then_some(EventRecord::Note { text })
+    }
+
+    /// Takes an answer.
+    pub fn command(&mut self, command: &CommandRecord) {
+        self.unanswered = false;
+        self.answers.all += 1;
+        self.answers.pilot += u64::from(command.by == By::Pilot);
+        self.answers.human += u64::from(command.by == By::Human);
+        self.blind.command(command.throttle.get());
+        self.stages.take(command);
+        self.braking.command(command);
+    }
+
+    /// Takes what happened besides.
+    pub fn event(&mut self, at: Duration, event: &EventRecord) {
+        let at = self.clock.at(at.as_secs_f64());
+        self.latest_s = self.latest_s.max(at);
+        match event {
+            EventRecord::Course { track, waypoints, laps, scenario, .. } => {
+                let (track, scenario) = (track.clone(), scenario.clone());
+                let is_recorded = event.is_recorded_path();
+                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario, is_recorded });
+                self.clock.is_the_worlds();
+                self.blind.stand_down();
+            }
+            EventRecord::Lap { number, time_s } => {
+                self.laps.push(within(*time_s, at));
+                self.progress = self.progress.max(f64::from(*number));
+            }
+            EventRecord::Collision { with, speed_mph, own_mph } => {
+                self.braking.collision(*speed_mph, *own_mph);
+                self.struck.push(Struck::by_name(with));
+                self.collided(at);
+            }
+            EventRecord::OffRoad { offset_m } => {
+                if self.is_recorded() {
+                    // It is put back before a telemetry shows it there.
+                    self.offsets.take(Metres::saturating(*offset_m).get(), !self.is_live);
+                }
+                self.off_roads += 1;
+                self.off_since = Some(at);
+                self.infraction(at);
+            }
+            // After a reset it was counted already.
+            EventRecord::BackOnRoad { after_s } if self.off_since.take().is_some() => {
+                self.off_road_s += within(*after_s, at);
+            }
+            EventRecord::Reset { .. } => self.put(at),
+            EventRecord::Stuck => {
+                self.stuck += 1;
+                self.is_stuck = true;
+                self.infraction(at);
+            }
+            EventRecord::Moving => self.is_stuck = false,
+            EventRecord::TakeoverBegan => {
+                self.takeovers += 1;
+                self.blind.takeover(at);
+                self.human_since = Some(at);
+                self.began_s.get_or_insert(at);
+                self.unanswered = false;
+                self.infraction(at);
+            }
+            EventRecord::TakeoverEnded { duration_s } => {
+                let since = self.human_since.take();
+                // The event tells its time by the clock that stamps messages.
+                let by_clock = since.filter(|_| self.clock.is_told()).map(|since| (at - since).max(0.0));
+                self.human_s += by_clock.unwrap_or(within(*duration_s, at));
+            }
+            EventRecord::BadFrame { .. } => self.bad_frames += 1,
+            EventRecord::Kick => self.kicks += 1,
+            EventRecord::RunEnded { why } => {
+                self.ended = Some(why.clone());
+                self.ended_off_road = self.off_since.is_some();
+                self.back_on_road(at);
+            }
+            _ => {}
+        }
+    }
+
+    /// Something about the run that whoever reads its scorecard should know.
+    pub fn note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
+    /// Parts of the run cannot be read, for this reason.
+    pub fn damaged(&mut self, why: String) {
+        self.damaged = true;
+        self.note(why);
+    }
+
+    fn collided(&mut self, at: f64) {
+        self.struck_episodes += u32::from(!std::mem::replace(&mut self.struck_now, true));
+        self.last_collision_s = Some(at);
+        self.infraction(at);
+    }
+
+    /// The car was put back on the road.
+    fn put(&mut self, at: f64) {
+        self.resets += 1;
+        self.was_put = true; // the wheel is put straight with the car
+        self.braking.put();
+        self.struck_now = false;
+        self.last_collision_s = None;
+        self.is_stuck = false;
+        self.back_on_road(at);
+        self.infraction(at);
+    }
+
+    fn infraction(&mut self, at: f64) {
+        let (began, way) = (self.began_s.unwrap_or(at), self.told.distance_m.total().unwrap_or(self.driven_m));
+        self.survived.get_or_insert(((at - began).max(0.0), way));
+    }
+
+    fn back_on_road(&mut self, at: f64) {
+        if let Some(since) = self.off_since.take() {
+            self.off_road_s += (at - since).max(0.0);
+        }
+    }
+}
+
+/// A duration of a file, which may say anything, in seconds: not below 0, and not longer than the run was then.
+fn within(seconds: f64, at: f64) -> f64 {
+    if seconds.is_finite() { seconds.clamp(0.0, at.max(0.0)) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests;

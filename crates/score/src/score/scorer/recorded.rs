@@ -1,0 +1,121 @@
+//! What a drive along a recording cannot tell: there is a path to keep to, and nothing else.
+
+use crate::{score::Figure, score::card::Figures};
+
+const NO_LAPS: &str = "a recording has no laps";
+const NO_OBSTACLES: &str = "a recording has no obstacles to hit";
+const NO_EDGE: &str = "a recording does not tell where the road ends";
+const RECORDED_SPEED: &str = "the car goes at the recorded speed";
+
+/// For what is told nevertheless.
+pub(super) const NOTE: &str = "speed, time and distance are the recording's: the pilot only steers";
+
+/// Takes back what a course with a judge would tell.
+pub(super) fn untell(figures: &mut Figures) {
+    use Figure as F;
+    for (figure, why) in [
+        (F::Completion, NO_LAPS),
+        (F::Laps, NO_LAPS),
+        (F::Collisions, NO_OBSTACLES),
+        (F::CollisionsPerKm, NO_OBSTACLES),
+        (F::CollisionRate, NO_OBSTACLES),
+        (F::DrivingScore, NO_OBSTACLES),
+        (F::DrivingScoreProduct, NO_OBSTACLES),
+        (F::OffRoads, NO_EDGE),
+        (F::OffRoadS, NO_EDGE),
+        (F::OffRoadShare, NO_EDGE),
+        (F::Stuck, RECORDED_SPEED),
+        (F::RmsJerk, RECORDED_SPEED),
+        (F::Comfort, RECORDED_SPEED),
+    ] {
+        figures.told(figure, None, why);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::score::{Scorecard, Scorer, missed};
+    use lapwing_core::{
+        config::Thresholds,
+        protocol::{Telemetry, Truth},
+        recording::EventRecord,
+        units::{Metres, Mph},
+    };
+
+    /// A minute along a recording, told each second, and put back three times from so far beside the path.
+    fn minute(offsets_m: [f64; 3]) -> Scorecard {
+        let mut scorer = Scorer::default();
+        scorer.event(Duration::ZERO, &EventRecord::recorded_path("data", 268.0, 14, 1.0));
+        for second in 0..=60 {
+            let at = Duration::from_secs(second);
+            if let Some(offset_m) = [20, 40, 60].iter().position(|put| *put == second).map(|i| offsets_m[i]) {
+                scorer.event(at, &EventRecord::OffRoad { offset_m });
+                scorer.event(at, &EventRecord::Reset { waypoint: 0 });
+            }
+            let truth = Truth { cte: Some(Metres::constant(0.5)), waypoint: Some(0), ..Truth::default() };
+            scorer.telemetry(
+                at,
+                &Telemetry {
+                    steering: Default::default(),
+                    throttle: Default::default(),
+                    speed: Mph::constant(10.0),
+                    image: Default::default(),
+                    truth,
+                },
+            );
+        }
+        scorer.event(Duration::from_secs(60), &EventRecord::RunEnded { why: "the recording ends".into() });
+        scorer.finish()
+    }
+
+    #[test]
+    fn what_a_recording_does_not_have_is_not_measurable_and_no_threshold_passes_for_it() {
+        let card = minute([1.1, -1.2, 1.3]);
+        for (figure, why) in [
+            (Figure::Collisions, "not measurable: a recording has no obstacles to hit"),
+            (Figure::CollisionRate, "not measurable: a recording has no obstacles to hit"),
+            (Figure::DrivingScore, "not measurable: a recording has no obstacles to hit"),
+            (Figure::Completion, "not measurable: a recording has no laps"),
+            (Figure::Laps, "not measurable: a recording has no laps"),
+            (Figure::OffRoads, "not measurable: a recording does not tell where the road ends"),
+            (Figure::OffRoadShare, "not measurable: a recording does not tell where the road ends"),
+            (Figure::Stuck, "not measurable: the car goes at the recorded speed"),
+            (Figure::RmsJerk, "not measurable: the car goes at the recorded speed"),
+            (Figure::Comfort, "not measurable: the car goes at the recorded speed"),
+        ] {
+            assert_eq!(card.words(figure), why, "{}", figure.key());
+        }
+        assert_eq!(card.notes, [NOTE]);
+        let limits = Thresholds { max_collisions: Some(0), max_off_road: Some(9), ..Default::default() };
+        assert_eq!(missed(&limits, &card).len(), 2);
+    }
+
+    #[test]
+    fn what_is_known_along_a_recording_stays() {
+        let card = minute([1.1, -1.2, 1.3]);
+        let counts = [Figure::Interventions, Figure::Resets, Figure::Episodes].map(|figure| card.value(figure));
+        assert_eq!(counts, [Some(3.0), Some(3.0), Some(4.0)]);
+        assert!((card.value(Figure::Autonomy).unwrap() - 0.7).abs() < 1e-9, "{card}");
+        assert_eq!((card.value(Figure::TimeS), card.value(Figure::SteeringRate)), (Some(60.0), Some(0.0)));
+        assert!((card.value(Figure::MeanMph).unwrap() - 10.0).abs() < 1e-9, "{card}");
+    }
+
+    #[test]
+    fn an_offset_at_which_the_car_was_put_back_counts_with_those_of_the_telemetries() {
+        // 61 telemetries at 0.5 m, and three that no telemetry shows.
+        let card = minute([1.0, -1.5, 2.0]);
+        let close = |figure: Figure, expected: f64| {
+            assert!((card.value(figure).unwrap() - expected).abs() < 1e-9, "{}: {card}", figure.key());
+        };
+        close(Figure::MaxCte, 2.0);
+        close(Figure::MeanCte, (61.0 * 0.5 + 4.5) / 64.0);
+        close(Figure::RmsCte, ((61.0 * 0.25 + 1.0 + 2.25 + 4.0) / 64.0f64).sqrt());
+        close(Figure::P95Cte, 0.5);
+        // A damaged file says anything.
+        let card = minute([f64::NAN, 1e308, 1.0]);
+        assert!(serde_json::to_string(&card).is_ok(), "{card}");
+    }
+}

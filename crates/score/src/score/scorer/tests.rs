@@ -1,0 +1,504 @@
+use super::{
+    judgement::{NO_PILOT, NO_POSITION, NOTHING},
+    *,
+};
+use crate::score::{Figure, Measure, Scorecard};
+use lapwing_core::{
+    protocol::Truth,
+    units::{Degrees, Mph, Steering, Throttle},
+};
+
+fn at(s: f64) -> Duration {
+    Duration::from_secs_f64(s)
+}
+
+fn told(mph: f64, cte: f64, lap: u32, waypoint: u32) -> Telemetry {
+    Telemetry {
+        steering: Default::default(),
+        throttle: Default::default(),
+        speed: Mph::new(mph).unwrap(),
+        image: Default::default(),
+        truth: Truth {
+            cte: Some(Metres::new(cte).unwrap()),
+            lap: Some(lap),
+            waypoint: Some(waypoint),
+            ..Default::default()
+        },
+    }
+}
+
+fn stock(mph: f64) -> Telemetry {
+    Telemetry { truth: Truth::default(), ..told(mph, 0.0, 0, 0) }
+}
+
+fn course(laps: u32) -> EventRecord {
+    EventRecord::Course {
+        track: "lake".into(),
+        length_m: 1000.0,
+        waypoints: 100,
+        laps: Some(laps),
+        edge_m: 3.35,
+        scenario: None,
+    }
+}
+
+fn collision(with: &str) -> EventRecord {
+    EventRecord::Collision { with: with.into(), speed_mph: 10.0, own_mph: Some(10.0) }
+}
+
+/// A run of 60 s at 10 mph, told each second, on a course of one lap of which half is driven, and what happened in it.
+fn minute(events: &[(f64, EventRecord)]) -> Scorecard {
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(1));
+    let mut events = events.iter().peekable();
+    for second in 0..=60 {
+        let now = f64::from(second);
+        while let Some((when, event)) = events.next_if(|(when, _)| *when <= now) {
+            scorer.event(at(*when), event);
+        }
+        scorer.telemetry(at(now), &told(10.0, 0.0, 0, second * 50 / 60));
+    }
+    events.for_each(|(when, event)| scorer.event(at(*when), event));
+    scorer.finish()
+}
+
+fn close(card: &Scorecard, figure: Figure, expected: f64) {
+    let got = card.value(figure);
+    assert!(got.is_some_and(|got| (got - expected).abs() < 1e-9), "{}: {expected}, got {got:?}", figure.key());
+}
+
+#[test]
+fn half_of_the_second_lap_of_two_is_three_quarters() {
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(2));
+    scorer.telemetry(at(0.0), &told(10.0, 0.0, 0, 0));
+    scorer.event(at(60.0), &EventRecord::Lap { number: 1, time_s: 60.0 });
+    scorer.telemetry(at(90.0), &told(10.0, 0.0, 1, 50));
+    let card = scorer.finish();
+    assert_eq!(card.get(Figure::Completion), Measure::Told(0.75));
+    assert_eq!((card.value(Figure::Laps), card.lap_times_s), (Some(1.0), vec![60.0]));
+}
+
+#[test]
+fn distance_is_speed_over_time_and_offsets_are_ranked() {
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(1));
+    for i in 0..=100 {
+        scorer.telemetry(at(f64::from(i) / 10.0), &told(20.0, -f64::from(i) / 100.0, 0, 0));
+    }
+    let card = scorer.finish();
+    let way = 10.0 * 20.0 * MPS_PER_MPH;
+    let Measure::Estimate { value, uncertainty, .. } = card.get(Figure::DistanceM) else { panic!("{card}") };
+    assert!((value - way).abs() < 1e-9 && (uncertainty - 0.01 * way).abs() < 1e-9);
+    close(&card, Figure::MeanCte, 0.5);
+    close(&card, Figure::RmsCte, (0.01 * (1.0 + 200.0) / 6.0f64).sqrt());
+    assert_eq!((card.value(Figure::P95Cte), card.value(Figure::MaxCte)), (Some(0.95), Some(1.0)));
+}
+
+#[test]
+fn a_run_that_tells_nothing_is_not_said_to_be_free_of_collisions() {
+    let mut scorer = Scorer::default();
+    scorer.telemetry(at(0.0), &stock(10.0));
+    scorer.telemetry(at(1.0), &stock(10.0));
+    let card = scorer.finish();
+    for figure in [
+        Figure::Collisions,
+        Figure::Laps,
+        Figure::MeanCte,
+        Figure::Completion,
+        Figure::DrivingScore,
+        Figure::Autonomy,
+        Figure::SurvivalS,
+    ] {
+        assert!(matches!(card.get(figure), Measure::Unknown(_)), "{}", figure.key());
+    }
+    let json = serde_json::to_value(&card).unwrap();
+    assert_eq!(json["collisions"], serde_json::Value::Null);
+    assert!(json["not_measurable"]["collisions"].as_str().unwrap().contains("the stock build does not"), "{json}");
+    assert!(json["estimates"]["distance_m"]["uncertainty"].as_f64().unwrap() > 0.0, "{json}");
+}
+
+#[test]
+fn what_a_fork_counts_itself_counts_where_nobody_else_judges() {
+    let mut scorer = Scorer::default();
+    let fork = |lap, crashes, out_of_bounds| {
+        let truth =
+            Truth { crashes: Some(crashes), out_of_bounds: Some(out_of_bounds), ..told(0.0, 0.0, lap, 0).truth };
+        Telemetry { truth, ..told(10.0, 0.0, lap, 0) }
+    };
+    // The counts begin at what they were before this run, and anew when the fork loads its track again.
+    for (i, (lap, crashes, out)) in [(1, 2, 0), (1, 3, 1), (2, 3, 1), (1, 0, 0), (2, 1, 2)].into_iter().enumerate() {
+        scorer.telemetry(at(i as f64), &fork(lap, crashes, out));
+    }
+    let card = scorer.finish();
+    let counts = [Figure::Laps, Figure::Collisions, Figure::OffRoads].map(|figure| card.value(figure));
+    assert_eq!(counts, [Some(2.0), Some(2.0), Some(3.0)]);
+    assert_eq!(card.value(Figure::SurvivalS), Some(1.0));
+}
+
+#[test]
+fn time_off_the_road_counts_to_the_end_of_a_run_that_ends_there() {
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(1));
+    scorer.telemetry(at(0.0), &told(10.0, 0.0, 0, 0));
+    scorer.event(at(2.0), &EventRecord::OffRoad { offset_m: 3.4 });
+    scorer.event(at(3.0), &EventRecord::BackOnRoad { after_s: 1.0 });
+    scorer.event(at(5.0), &EventRecord::OffRoad { offset_m: 3.4 });
+    scorer.telemetry(at(7.5), &told(10.0, 9.0, 0, 1));
+    let card = scorer.finish();
+    assert_eq!((card.value(Figure::OffRoads), card.value(Figure::OffRoadS)), (Some(2.0), Some(3.5)));
+    assert_eq!(card.value(Figure::Interventions), Some(1.0));
+}
+
+#[test]
+fn autonomy_counts_takeovers_and_interventions_apart() {
+    let card = minute(&[
+        (10.0, EventRecord::TakeoverBegan),
+        (19.0, EventRecord::TakeoverEnded { duration_s: 9.0 }),
+        (30.0, EventRecord::OffRoad { offset_m: 3.4 }),
+        (31.0, EventRecord::Reset { waypoint: 3 }),
+        // The simulator's judge sees the car on the road again after it was put there.
+        (31.02, EventRecord::BackOnRoad { after_s: 1.02 }),
+    ]);
+    close(&card, Figure::OffRoadS, 1.0);
+    let counts = [Figure::Takeovers, Figure::HumanS, Figure::Interventions].map(|figure| card.value(figure));
+    assert_eq!(counts, [Some(1.0), Some(9.0), Some(1.0)]);
+    close(&card, Figure::Autonomy, 1.0 - 12.0 / 60.0);
+    close(&card, Figure::AutonomyMeasured, 1.0 - 15.0 / 60.0);
+    assert_eq!((card.value(Figure::SurvivalS), card.value(Figure::Episodes)), (Some(10.0), Some(2.0)));
+}
+
+#[test]
+fn a_run_that_ends_in_a_collision_would_have_needed_somebody() {
+    let end = |when: f64| {
+        minute(&[(when, collision("a barrier")), (60.0, EventRecord::RunEnded { why: "collision".into() })])
+    };
+    assert_eq!(end(59.0).value(Figure::Interventions), Some(1.0));
+    assert_eq!(end(30.0).value(Figure::Interventions), Some(0.0));
+    let off = [(59.5, EventRecord::OffRoad { offset_m: 4.0 }), (60.0, EventRecord::RunEnded { why: "lost".into() })];
+    assert_eq!(minute(&off).value(Figure::Interventions), Some(1.0));
+}
+
+#[test]
+fn the_driving_score_weighs_what_was_hit_and_takes_off_the_way_beside_the_road() {
+    let card = minute(&[
+        (6.0, EventRecord::OffRoad { offset_m: 3.4 }),
+        (12.0, EventRecord::BackOnRoad { after_s: 6.0 }),
+        (20.0, collision("a car")),
+        (40.0, collision("a pedestrian")),
+    ]);
+    close(&card, Figure::OffRoadShare, 0.1);
+    close(&card, Figure::DrivingScore, 100.0 * 0.5 * 0.9 / 2.7);
+    close(&card, Figure::DrivingScoreProduct, 100.0 * 0.5 * 0.9 * 0.5 * 0.6);
+    assert_eq!((card.value(Figure::Collisions), card.value(Figure::CollisionRate)), (Some(2.0), Some(1.0)));
+}
+
+#[test]
+fn laps_alone_do_not_say_how_far_the_last_one_went() {
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(2));
+    scorer.telemetry(at(0.0), &stock(10.0));
+    scorer.event(at(60.0), &EventRecord::Lap { number: 1, time_s: 60.0 });
+    scorer.telemetry(at(90.0), &stock(10.0));
+    assert_eq!(scorer.clone().finish().get(Figure::Completion), Measure::Unknown(NO_POSITION));
+    scorer.event(at(120.0), &EventRecord::Lap { number: 2, time_s: 60.0 });
+    assert_eq!(scorer.finish().get(Figure::Completion), Measure::Told(1.0));
+}
+
+#[test]
+fn an_odometer_counts_from_where_the_run_began_and_on_when_it_is_set_back() {
+    let mut scorer = Scorer::default();
+    for (second, metres) in [(0.0, 500.0), (1.0, 510.0), (2.0, 0.0), (3.0, 7.0)] {
+        let truth = Truth { distance: Some(Metres::new(metres).unwrap()), ..Truth::default() };
+        scorer.telemetry(at(second), &Telemetry { truth, ..stock(10.0) });
+    }
+    assert_eq!(scorer.finish().get(Figure::DistanceM), Measure::Told(17.0));
+}
+
+#[test]
+fn what_a_damaged_file_says_makes_no_impossible_figure() {
+    let card = minute(&[
+        (10.0, EventRecord::TakeoverEnded { duration_s: -1e308 }),
+        (11.0, EventRecord::TakeoverEnded { duration_s: 1e308 }),
+        (12.0, EventRecord::Lap { number: 0, time_s: f64::NAN }),
+    ]);
+    assert_eq!(card.value(Figure::HumanS), Some(11.0));
+    assert!(serde_json::to_string(&card).is_ok());
+    let mut scorer = Scorer::default();
+    for second in [5.0, 6.0, 2.0, 7.0] {
+        scorer.telemetry(at(second), &stock(10.0));
+    }
+    let card = scorer.finish();
+    assert_eq!((card.value(Figure::TimeS), card.value(Figure::SteeringRate)), (Some(2.0), Some(0.0)));
+}
+
+#[test]
+fn what_is_left_of_a_damaged_run_reaches_no_threshold() {
+    use lapwing_core::config::Thresholds;
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(1));
+    scorer.telemetry(at(0.0), &told(10.0, 0.0, 0, 0));
+    scorer.telemetry(at(1.0), &told(10.0, 0.0, 0, 1));
+    scorer.damaged("cut off".into());
+    let card = scorer.finish();
+    let limits = Thresholds { max_collisions: Some(0), ..Default::default() };
+    assert_eq!(super::super::missed(&limits, &card).len(), 1, "{card}");
+    assert_eq!(super::super::missed(&Thresholds::default(), &card).len(), 0);
+    assert_eq!(card.notes, ["cut off"]);
+}
+
+#[test]
+fn a_run_without_a_telemetry_tells_no_distance() {
+    let card = Scorer::default().finish();
+    assert_eq!(card.get(Figure::DistanceM), Measure::Unknown(NOTHING));
+    assert_eq!(card.get(Figure::DrivingScore), Measure::Unknown(NOTHING));
+    assert!(card.to_string().contains("distance          not measurable: the run has no telemetry"), "{card}");
+}
+
+#[test]
+fn a_human_who_drives_all_the_way_is_no_autonomy() {
+    let mut scorer = Scorer::default();
+    for i in 0..10 {
+        scorer.telemetry(at(f64::from(i)), &stock(10.0));
+        scorer.command(&CommandRecord::of_human(Steering::ZERO, Throttle::ZERO));
+    }
+    let card = scorer.finish();
+    assert_eq!(card.get(Figure::Autonomy), Measure::Unknown(NO_PILOT));
+    assert_eq!((card.value(Figure::HumanS), card.value(Figure::Takeovers)), (Some(9.0), None));
+}
+
+#[test]
+fn telemetries_without_an_answer_are_missed_but_not_the_last_one() {
+    let mut scorer = Scorer::default();
+    let answer = CommandRecord {
+        by: By::Pilot,
+        forward_ns: 2_000_000,
+        ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO)
+    };
+    for i in 0..10 {
+        scorer.telemetry(at(f64::from(i) / 10.0), &stock(10.0));
+        if i % 3 == 0 && i < 9 {
+            scorer.command(&answer);
+        }
+    }
+    let card = scorer.finish();
+    assert_eq!(card.value(Figure::MissedFrames), Some(6.0));
+    close(&card, Figure::FramesPerS, 10.0);
+    let forward = card.latency[2].unwrap();
+    assert!((forward.p50 - 2.0).abs() < 0.01 && card.latency[4].is_none(), "{forward:?}");
+}
+
+/// The steering rate of a wheel told at these times and angles.
+fn steering_rate(told_at: &[(f64, f64)]) -> Option<f64> {
+    let mut scorer = Scorer::default();
+    for (s, deg) in told_at {
+        scorer.telemetry(at(*s), &turned(*deg));
+    }
+    scorer.finish().value(Figure::SteeringRate)
+}
+
+fn turned(deg: f64) -> Telemetry {
+    Telemetry { steering: Degrees::new(deg).unwrap(), ..told(10.0, 0.0, 0, 0) }
+}
+
+#[test]
+fn a_second_at_10_and_one_at_20_degrees_a_second_are_15_8_rms() {
+    // sqrt((10² + 20²) / 2); three telemetries of the even second are as good as two.
+    let rate = steering_rate(&[(0.0, 0.0), (0.25, 2.5), (1.0, 10.0), (2.0, -10.0)]).unwrap();
+    assert!((rate - 250f64.sqrt()).abs() < 1e-9, "{rate}");
+    assert_eq!(steering_rate(&[(0.0, 5.0), (0.5, 5.0)]), Some(0.0));
+}
+
+#[test]
+fn one_telemetry_tells_no_steering_rate() {
+    assert_eq!(steering_rate(&[]), None);
+    assert_eq!(steering_rate(&[(0.0, 5.0)]), None);
+    assert_eq!(steering_rate(&[(1.0, 0.0), (1.0, 5.0)]), None);
+}
+
+#[test]
+fn the_wheel_does_not_turn_in_a_gap_or_across_a_reset() {
+    assert_eq!(steering_rate(&[(0.0, 0.0), (1.5, 20.0)]), None);
+    let rate = steering_rate(&[(0.0, 0.0), (0.5, 5.0), (9.0, -20.0), (9.5, -15.0)]).unwrap();
+    assert!((rate - 10.0).abs() < 1e-9, "{rate}");
+
+    let mut scorer = Scorer::default();
+    scorer.telemetry(at(0.0), &turned(0.0));
+    scorer.telemetry(at(0.5), &turned(5.0));
+    scorer.event(at(0.5), &EventRecord::Reset { waypoint: 0 });
+    scorer.telemetry(at(0.6), &turned(-20.0));
+    scorer.telemetry(at(1.1), &turned(-15.0));
+    close(&scorer.finish(), Figure::SteeringRate, 10.0);
+}
+
+#[test]
+fn two_telemetries_at_one_time_make_no_infinite_rate() {
+    assert_eq!(steering_rate(&[(0.0, 0.0), (0.0, 5.0), (0.5, 5.0)]), Some(10.0));
+}
+
+#[test]
+fn a_threshold_that_the_run_does_not_tell_is_missed() {
+    use lapwing_core::config::Thresholds;
+    let limits = Thresholds { min_completion: Some(50.0), max_collisions: Some(0), ..Default::default() };
+    assert_eq!(super::super::missed(&limits, &minute(&[])), Vec::<String>::new());
+    let mut scorer = Scorer::default();
+    scorer.telemetry(at(0.0), &stock(10.0));
+    let missed = super::super::missed(&limits, &scorer.finish());
+    assert_eq!(missed.len(), 2);
+    assert!(missed[1].starts_with("collisions: expected at most 0, got not measurable"), "{missed:?}");
+}
+
+#[test]
+fn junit_has_a_failure_for_each_threshold_that_is_missed() {
+    use crate::score::checks;
+    use lapwing_core::config::Thresholds;
+    let limits = Thresholds { min_completion: Some(80.0), max_collisions: Some(0), ..Default::default() };
+    let card = minute(&[]);
+    let runs = [("runs/a.mcap".into(), &card, checks(&limits, &card))];
+    let xml = crate::score::junit::report(&runs, &[], None).unwrap();
+    assert!(xml.contains(r#"tests="2""#) && xml.contains(r#"failures="1""#), "{xml}");
+    assert!(xml.contains("completion: expected at least 80.0 %, got 50.0 %"), "{xml}");
+    let unread = [("runs/b.mcap".to_owned(), "no run".to_owned())];
+    let xml = crate::score::junit::report(&runs, &unread, Some(&Default::default())).unwrap();
+    assert!(xml.contains(r#"tests="3""#) && xml.contains(r#"errors="1""#) && xml.contains("no run"), "{xml}");
+}
+
+/// A run of telemetries from 10 to 20 s with these events, whose last says when it ended.
+fn between_humans(events: &[(f64, EventRecord)], roads: Option<&[Arc<Road>]>) -> Scorecard {
+    let mut scorer = roads.map_or_else(Scorer::default, |roads| Scorer::on(roads, Some(1)));
+    let (before, after): (Vec<_>, Vec<_>) = events.iter().partition(|(when, _)| *when <= 10.0);
+    before.into_iter().for_each(|(when, event)| scorer.event(at(*when), event));
+    for second in 10..=20 {
+        scorer.telemetry(at(f64::from(second)), &stock(10.0));
+        scorer.command(&CommandRecord { by: By::Pilot, ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) });
+    }
+    after.into_iter().for_each(|(when, event)| scorer.event(at(*when), event));
+    scorer.finish()
+}
+
+#[test]
+fn a_human_at_a_runs_ends_counts_by_the_clock_and_no_figure_is_negative() {
+    let run = [
+        (2.0, EventRecord::TakeoverBegan),
+        (10.0, EventRecord::TakeoverEnded { duration_s: 8.0 }),
+        (20.5, EventRecord::TakeoverBegan),
+        (32.5, EventRecord::RunEnded { why: "the simulator hung up".into() }),
+    ];
+    for roads in [None, Some(&[][..])] {
+        let card = between_humans(&run, roads);
+        let figures = [Figure::Takeovers, Figure::HumanS, Figure::TimeS].map(|figure| card.value(figure));
+        assert_eq!(figures, [Some(2.0), Some(20.0), Some(30.5)], "{card}");
+        assert!((card.value(Figure::MeanMph).unwrap() - 10.0).abs() < 1e-9, "of what is told: {card}");
+        assert!(Figure::ALL.iter().all(|figure| card.value(*figure).is_none_or(|value| value >= 0.0)), "{card}");
+    }
+    let survived = between_humans(&run, Some(&[])).value(Figure::SurvivalS);
+    assert_eq!(survived, Some(0.0), "a human drove from the start");
+}
+
+#[test]
+fn a_human_until_a_file_is_cut_off_counts_up_to_the_last_item() {
+    let card = between_humans(&[(21.0, EventRecord::TakeoverBegan), (24.0, EventRecord::Kick)], None);
+    assert_eq!((card.value(Figure::HumanS), card.value(Figure::Kicks)), (Some(3.0), Some(1.0)), "{card}");
+    assert!(card.to_string().contains("human takeovers   1, 3.0 s"), "{card}");
+    assert!(card.to_string().contains("kicks             1"), "{card}");
+}
+
+#[test]
+fn how_long_a_human_drove_is_not_made_up_where_the_simulators_clock_goes_faster() {
+    let mut scorer = Scorer::default();
+    for i in 0..100 {
+        let truth = Truth { sim_time_s: Some(f64::from(i) / 10.0), ..told(10.0, 0.0, 0, 0).truth };
+        scorer.telemetry(at(f64::from(i) / 100.0), &Telemetry { truth, ..stock(10.0) });
+    }
+    scorer.event(at(1.0), &EventRecord::TakeoverBegan);
+    scorer.event(at(3.0), &EventRecord::RunEnded { why: "the simulator hung up".into() });
+    let card = scorer.finish();
+    assert!(card.words(Figure::HumanS).contains("the simulator's clock, which runs faster"), "{card}");
+    assert_eq!((card.value(Figure::Autonomy), card.value(Figure::Takeovers)), (None, Some(1.0)), "{card}");
+    assert!((card.value(Figure::TimeS).unwrap() - 9.9).abs() < 1e-9, "{card}");
+}
+
+#[test]
+fn a_run_that_tells_nothing_has_no_figure_and_misses_every_threshold() {
+    use lapwing_core::config::Thresholds;
+    let limits = Thresholds {
+        min_completion: Some(0.0),
+        min_autonomy: Some(0.0),
+        min_driving_score: Some(0.0),
+        max_collisions: Some(0),
+        max_off_road: Some(9),
+        max_cte: Some(9.0),
+        max_mean_cte: Some(9.0),
+    };
+    let ended = || EventRecord::RunEnded { why: "the simulator hung up".into() };
+    for begins_with in [None, Some(course(1))] {
+        for mut scorer in [Scorer::default(), Scorer::on(&[], Some(1)), Scorer::live(&[])] {
+            begins_with.iter().for_each(|event| scorer.event(at(0.0), event));
+            scorer.event(at(5.0), &ended());
+            let card = scorer.finish();
+            let figures: Vec<_> = Figure::ALL.into_iter().filter(|figure| card.value(*figure).is_some()).collect();
+            assert_eq!(figures, [], "{card}");
+            assert_eq!(super::super::missed(&limits, &card).len(), 7, "{card}");
+        }
+    }
+    // Nor does one telemetry show that nothing was hit.
+    let mut scorer = Scorer::on(&[], Some(1));
+    scorer.telemetry(at(0.0), &stock(10.0));
+    assert_eq!(scorer.finish().value(Figure::Collisions), None);
+}
+
+#[test]
+fn answers_to_bad_frames_alone_are_no_human() {
+    let mut scorer = Scorer::default();
+    for second in 0..10 {
+        scorer.telemetry(at(f64::from(second)), &stock(10.0));
+        scorer.command(&CommandRecord { by: By::Safe, ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) });
+        scorer.event(at(f64::from(second)), &EventRecord::BadFrame { why: "no JPEG".into(), count_in_row: 1 });
+    }
+    let card = scorer.finish();
+    assert_eq!((card.value(Figure::HumanS), card.value(Figure::BadFrames)), (Some(0.0), Some(10.0)), "{card}");
+    assert_eq!(card.get(Figure::Autonomy), Measure::Unknown(NO_PILOT));
+}
+
+#[test]
+fn a_live_scorer_keeps_nothing_of_a_telemetry() {
+    let mut scorer = Scorer::live(&[]);
+    for i in 0..10_000 {
+        let telemetry = Telemetry { truth: told(10.0, 0.1, 0, i / 100).truth, ..turned(f64::from(i % 7)) };
+        let now = at(f64::from(i) / 15.0);
+        scorer.item(now, &Item::Telemetry(telemetry));
+        scorer.item(now, &Item::Frame(vec![7; 1000].into()));
+    }
+    assert_eq!((scorer.samples.capacity(), scorer.offsets.all.capacity()), (0, 0));
+    assert_eq!(scorer.blind.kept(), 0);
+    let card = scorer.finish();
+    assert!(card.value(Figure::SteeringRate).is_some() && card.value(Figure::MeanCte).is_some(), "{card}");
+    assert!(card.words(Figure::Comfort).contains("use lapwing score"), "{card}");
+}
+
+#[test]
+fn a_fork_that_tells_counts_and_offsets_tells_how_long_the_car_was_off_the_road_and_that_it_was_put_back() {
+    let mut scorer = Scorer::on(&[], Some(1));
+    // Out for a second and back by itself; out again, and put on the next waypoint a second later.
+    for i in 0..=100 {
+        let (out, cte, waypoint, mph) = match i {
+            0..=29 => (0, 0.1, 1, 20.0),
+            30..=39 => (1, 4.0, 1, 20.0),
+            40..=69 => (1, 0.5, 2, 20.0),
+            70..=79 => (2, -5.0, 2, 20.0),
+            _ => (2, 0.0, 3, 0.0),
+        };
+        let truth = Truth { out_of_bounds: Some(out), crashes: Some(0), ..told(mph, cte, 0, waypoint).truth };
+        scorer.telemetry(at(f64::from(i) / 10.0), &Telemetry { truth, ..stock(mph) });
+        scorer.command(&CommandRecord { by: By::Pilot, ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) });
+    }
+    let card = scorer.finish();
+    let counts = [Figure::OffRoads, Figure::Resets, Figure::Interventions, Figure::Episodes];
+    assert_eq!(counts.map(|figure| card.value(figure)), [2.0, 1.0, 1.0, 2.0].map(Some), "{card}");
+    let Measure::Estimate { value, uncertainty, .. } = card.get(Figure::OffRoadS) else { panic!("{card}") };
+    assert!((value - 2.0).abs() <= uncertainty && uncertainty < 0.5, "{card}");
+    assert!(
+        matches!(card.get(Figure::Autonomy), Measure::Estimate { value, .. } if (value - 0.4).abs() < 1e-9),
+        "{card}"
+    );
+}

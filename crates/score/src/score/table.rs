@@ -1,0 +1,223 @@
+//! A scorecard for people.
+
+use std::fmt;
+
+use super::{Figure as F, Measure, STAGES, Scorecard, Unit};
+use lapwing_core::words::count as counted;
+
+/// Width of the names in front of what is told.
+const NAMES: usize = 17;
+const UNKNOWN: &str = "not measurable: ";
+
+impl Scorecard {
+    /// A figure in words: its value, with how far off it may be, or why there is none.
+    pub fn words(&self, figure: F) -> String {
+        match self.get(figure) {
+            Measure::Unknown(why) => format!("{UNKNOWN}{why}"),
+            Measure::Told(value) | Measure::Estimate { value, .. } => figure.unit().show(value) + &self.how(figure),
+        }
+    }
+
+    /// How the lap times came about, likewise.
+    pub(super) fn how_lap_times(&self) -> String {
+        // No lap is so short that its time could be nought.
+        let off = |off| estimated(self.lap_times_from, Unit::Seconds.show_off(f64::MAX, off));
+        self.lap_times_off_s.map_or_else(String::new, off)
+    }
+
+    /// How an estimate came about, and how far off it may be; empty of what is told.
+    pub(super) fn how(&self, figure: F) -> String {
+        match self.get(figure) {
+            Measure::Estimate { value, uncertainty, from } => {
+                estimated(from, figure.unit().show_off(value, uncertainty))
+            }
+            Measure::Told(_) | Measure::Unknown(_) => String::new(),
+        }
+    }
+
+    /// Figures that belong together, in one line, or why none of them is known.
+    fn together(&self, parts: &[(F, &str)]) -> String {
+        let known: Vec<_> = parts
+            .iter()
+            .filter(|(figure, _)| self.value(*figure).is_some())
+            .map(|(figure, name)| format!("{}{name}", self.words(*figure)))
+            .collect();
+        if known.is_empty() { self.words(parts[0].0) } else { known.join(", ") }
+    }
+
+    /// What is known, as names and words.
+    pub fn known_rows(&self) -> Vec<(&'static str, String)> {
+        self.rows().into_iter().filter(|(_, told)| !told.starts_with(UNKNOWN)).collect()
+    }
+
+    fn rows(&self) -> Vec<(&'static str, String)> {
+        let count = |figure| self.value(figure).unwrap_or(0.0);
+        let mut rows: Vec<(&str, String)> = vec![];
+        if let Some(why) = &self.ended {
+            rows.push(("ended", why.clone()));
+        }
+        let laps = match (self.value(F::Laps), self.laps_asked) {
+            (Some(laps), Some(asked)) if laps > f64::from(asked) => format!(", {laps:.0} laps, {asked} asked for"),
+            (Some(laps), Some(asked)) => format!(", {laps:.0} of {}", counted(asked, "lap")),
+            (Some(laps), None) => format!("; {}", counted(laps as u64, "lap")),
+            (None, _) => String::new(),
+        };
+        match self.value(F::Completion) {
+            // Where nobody says of how many.
+            None if self.value(F::Laps).is_some() => {
+                rows.push(("completion", self.words(F::Completion)));
+                rows.push((F::Laps.label(), self.words(F::Laps)));
+            }
+            _ => rows.push(("completion", self.words(F::Completion) + &laps)),
+        }
+        if !self.lap_times_s.is_empty() {
+            let times: Vec<_> = self.lap_times_s.iter().map(|t| format!("{t:.1}")).collect();
+            rows.push(("lap times", format!("{} s{}", times.join(", "), self.how_lap_times())));
+        }
+        rows.push((
+            "collisions",
+            match count(F::Collisions) {
+                n if n > 0.0 => {
+                    let a_km =
+                        self.value(F::CollisionsPerKm).map(|n| format!(", {}", F::CollisionsPerKm.unit().show(n)));
+                    F::Collisions.unit().show(n) + &a_km.unwrap_or_default() + &self.how(F::Collisions)
+                }
+                _ => self.words(F::Collisions),
+            },
+        ));
+        rows.push((
+            "off the road",
+            match self.value(F::OffRoads) {
+                None => self.words(F::OffRoads),
+                Some(0.0) => "never".into(),
+                Some(n) => {
+                    let times = times(n);
+                    let how_long = self.value(F::OffRoadS).map(|_| format!(", {}", self.words(F::OffRoadS)));
+                    times + &how_long.unwrap_or_default()
+                }
+            },
+        ));
+        for (name, figure) in [("stuck", F::Stuck), ("put back", F::Resets)] {
+            if count(figure) > 0.0 {
+                rows.push((name, times(count(figure)) + &self.how(figure)));
+            }
+        }
+        let offsets =
+            [(F::MeanCte, " mean"), (F::RmsCte, " RMS"), (F::P95Cte, " 95th percentile"), (F::MaxCte, " largest")];
+        rows.push(("|cte|", self.together(&offsets)));
+        rows.push((
+            "autonomy",
+            match self.value(F::Autonomy) {
+                None => self.words(F::Autonomy),
+                Some(_) => {
+                    let (takeovers, put) = (count(F::Takeovers), count(F::Interventions));
+                    let [takeovers, put] =
+                        [(takeovers, "takeover"), (put, "intervention")].map(|(n, what)| counted(n as u64, what));
+                    let why = format!(" ({takeovers}, {put})");
+                    let measured = if count(F::HumanS) > 0.0 {
+                        format!(
+                            "; {} measured, humans drove {}",
+                            self.words(F::AutonomyMeasured),
+                            self.words(F::HumanS)
+                        )
+                    } else {
+                        String::new()
+                    };
+                    self.words(F::Autonomy) + &why + &measured
+                }
+            },
+        ));
+        if let Some(takeovers) = self.value(F::Takeovers).filter(|n| *n > 0.0) {
+            let how_long = self.value(F::HumanS).map_or_else(String::new, |_| format!(", {}", self.words(F::HumanS)));
+            rows.push((F::Takeovers.label(), F::Takeovers.unit().show(takeovers) + &how_long));
+        }
+        let scores = [(F::DrivingScore, " (CARLA 2.1)"), (F::DrivingScoreProduct, " (1.0)")];
+        rows.push(("driving score", self.together(&scores)));
+        let braking = [
+            (F::BrakingAvoided, " avoided"),
+            (F::Impact, " at impact"),
+            (F::SpeedReduction, " taken off"),
+            (F::MinTimeToCollision, " least time to collision"),
+        ];
+        if self.scenario.is_some() || self.value(F::MinTimeToCollision).is_some() {
+            rows.push(("braking", self.together(&braking)));
+        }
+        if self.value(F::FalseAlarms).is_some() {
+            rows.push((F::FalseAlarms.label(), self.words(F::FalseAlarms)));
+        }
+        rows.push(("steering", self.together(&[(F::SteeringRate, " RMS"), (F::SteeringReversals, " reversed")])));
+        if self.value(F::SteeringMae).is_some() {
+            let errors = [(F::SteeringMae, " MAE"), (F::SteeringMse, " MSE"), (F::SteeringR, " r")];
+            rows.push(("steering error", self.together(&errors)));
+        }
+        rows.push(("comfortable", self.words(F::Comfort)));
+        rows.push(("jerk", self.together(&[(F::RmsJerk, " RMS")])));
+        let time = self.value(F::TimeS).map_or_else(String::new, |_| format!(" in {}", self.words(F::TimeS)));
+        rows.push(("distance", self.words(F::DistanceM) + &time));
+        rows.push(("speed", self.together(&[(F::MeanMph, " mean"), (F::MaxMph, " maximum")])));
+        if self.value(F::SurvivalS).zip(self.value(F::TimeS)).is_some_and(|(survived, time)| survived < time) {
+            rows.push((
+                "first infraction",
+                format!("after {}, {}", self.words(F::SurvivalS), self.words(F::SurvivalM)),
+            ));
+        }
+        if self.value(F::FramesPerS).is_some() {
+            rows.push((F::FramesPerS.label(), self.words(F::FramesPerS)));
+        }
+        for figure in [F::BadFrames, F::Kicks, F::MissedFrames] {
+            if count(figure) > 0.0 {
+                rows.push((figure.label(), self.words(figure)));
+            }
+        }
+        rows.extend(self.latency_rows());
+        rows.extend(self.notes.iter().map(|note| ("note", note.clone())));
+        rows
+    }
+
+    fn latency_rows(&self) -> Option<(&'static str, String)> {
+        // The others are in the JSON.
+        let told = STAGES.into_iter().zip(self.latency).filter(|(stage, _)| ["forward", "answer"].contains(stage));
+        let stages: Vec<_> = told
+            .filter_map(|(stage, latency)| {
+                let latency = latency?;
+                Some(format!("{stage} {:.2}, {:.2}, {:.2}", latency.p50, latency.p95, latency.p99))
+            })
+            .collect();
+        (!stages.is_empty()).then(|| ("latency", format!("{} ms (p50, p95, p99)", stages.join("; "))))
+    }
+}
+
+fn times(n: f64) -> String {
+    if n == 1.0 { "once".into() } else { format!("{n:.0} times") }
+}
+
+fn estimated(from: &str, off: Option<String>) -> String {
+    format!(" (estimated from {from}{})", off.map_or_else(String::new, |off| format!(", {off}")))
+}
+
+impl fmt::Display for Scorecard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&lines(&self.rows()))
+    }
+}
+
+/// Names and words, under one another.
+pub fn lines(rows: &[(&str, String)]) -> String {
+    let rows: Vec<_> = rows.iter().map(|(name, told)| format!("  {name:<NAMES$} {told}")).collect();
+    rows.join("\n")
+}
+
+/// Rows under one another, columns aligned: the first `left` of them to the left, the others to the right.
+pub fn aligned(rows: &[Vec<String>], left: usize) -> String {
+    let columns = rows.first().map_or(0, Vec::len);
+    let width = |i: usize| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0);
+    let widths: Vec<_> = (0..columns).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).enumerate();
+        let cell = |(i, (cell, &width)): (usize, (&String, &usize))| {
+            if i < left { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
+        };
+        cells.map(cell).collect::<Vec<_>>().join("  ")
+    };
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+}

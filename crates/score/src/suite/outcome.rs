@@ -1,0 +1,130 @@
+//! What results come to: groups over seeds, the table, and `suite.json`.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+use super::{Cell, Done};
+use crate::{
+    score::summary::spreads,
+    score::{Figure, Spread, aligned},
+};
+
+/// What the JSON is called.
+const SCHEMA: &str = "lapwing.suite/1";
+/// Figures of the table.
+const SHOWN: [Figure; 6] =
+    [Figure::Completion, Figure::Collisions, Figure::OffRoads, Figure::MeanCte, Figure::Autonomy, Figure::DrivingScore];
+
+/// What `suite.json` holds; the documentation of [`suite`](super) has its keys.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    schema: &'static str,
+    /// Cells that the suite is made of; none where no plan says so.
+    pub planned: Option<usize>,
+    /// Cells of which it is known that they have no result.
+    pub missing: usize,
+    /// What was driven.
+    pub groups: Vec<Group>,
+}
+
+impl Outcome {
+    /// Of groups, and how complete they are.
+    pub fn new(groups: Vec<Group>, planned: Option<usize>, missing: usize) -> Self {
+        Self { schema: SCHEMA, planned, missing, groups }
+    }
+}
+
+/// The cells that differ in nothing but their seed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Group {
+    /// Who drove.
+    pub pilot: String,
+    /// Which model.
+    pub model_sha256: Option<String>,
+    /// The track.
+    pub track: String,
+    /// The conditions.
+    pub conditions: String,
+    /// The set speed in mph.
+    pub speed_mph: f64,
+    /// Each figure over the seeds, by key.
+    pub figures: BTreeMap<&'static str, Over>,
+}
+
+/// A figure over seeds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Over {
+    /// Its spread.
+    #[serde(flatten)]
+    pub spread: Spread,
+    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single drive.
+    pub confidence: Option<f64>,
+    /// The mean's interval at 95 % as people are shown it: [`Spread::interval`].
+    pub interval: Option<[f64; 2]>,
+}
+
+/// Groups in the order of pilot, track, conditions and speed. Where cells of one name were driven with other models, laps
+/// or settings, the pilot's name says which.
+pub fn groups(done: &[Done]) -> Vec<Group> {
+    let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
+    for one in done {
+        let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, .. } = &one.cell;
+        let mut settings = settings.clone();
+        // What the group's name says already.
+        for (section, said) in [("simulator", "track"), ("control", "speed_mph")] {
+            settings.get_mut(section).and_then(Value::as_object_mut).and_then(|section| section.remove(said));
+        }
+        let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
+        // The bits of positive numbers are ordered as they are.
+        by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others)).or_default().push(one);
+    }
+    let several = |pilot: &str| {
+        let others = by_key.keys().filter(|key| key.0 == pilot).map(|key| &key.4);
+        others.collect::<BTreeSet<_>>().len() > 1
+    };
+    let group = |(key, done): (&(&String, _, _, _, String), &Vec<&Done>)| {
+        let Cell { mut pilot, model_sha256, track, conditions, speed_mph, .. } = done[0].cell.clone();
+        if several(&pilot) {
+            let id: String = Sha256::digest(&key.4).iter().take(3).map(|byte| format!("{byte:02x}")).collect();
+            pilot = format!("{pilot} (settings {id})");
+        }
+        let spreads = spreads(done, |one, figure| one.value(figure));
+        let over = |figure: Figure| {
+            let spread = *spreads.get(figure.key())?;
+            let (confidence, interval) = (spread.confidence(), spread.interval(figure));
+            Some((figure.key(), Over { spread, confidence, interval }))
+        };
+        let figures = Figure::ALL.into_iter().filter_map(over).collect();
+        Group { pilot, model_sha256, track, conditions, speed_mph, figures }
+    };
+    by_key.iter().map(group).collect()
+}
+
+/// A line for each group.
+pub fn table(groups: &[Group]) -> String {
+    let mut rows = vec![["pilot", "track", "conditions", "mph", "n"].map(str::to_owned).to_vec()];
+    rows[0].extend(SHOWN.map(|figure| figure.label().to_owned()));
+    for group in groups {
+        let n = group.figures.get(Figure::TimeS.key()).map_or(0, |over| over.spread.runs);
+        let Group { pilot, track, conditions, speed_mph, .. } = group;
+        let mut row = vec![pilot.clone(), track.clone(), conditions.clone(), speed_mph.to_string(), n.to_string()];
+        row.extend(SHOWN.map(|figure| match group.figures.get(figure.key()).map(|over| over.words(figure)) {
+            None => "-".into(),
+            Some((mean, None)) => mean,
+            Some((mean, Some(interval))) => format!("{mean} {interval}"),
+        }));
+        rows.push(row);
+    }
+    aligned(&rows, 3)
+}
+
+impl Over {
+    /// The mean, and where it lies, in words.
+    pub(super) fn words(&self, figure: Figure) -> (String, Option<String>) {
+        let (unit, mean) = (figure.unit(), self.spread.mean);
+        (unit.show_mean(mean), self.interval.map(|interval| unit.show_interval(mean, interval)))
+    }
+}

@@ -1,0 +1,59 @@
+//! A suite's heat map as one page for a browser.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::{Group, Outcome, Over};
+use crate::{score::Figure, score::figure::Described};
+
+#[derive(Serialize)]
+struct Page<'a> {
+    planned: Option<usize>,
+    missing: usize,
+    groups: Vec<Shown<'a>>,
+    figures: Vec<Described>,
+}
+
+/// A group with its numbers in words: the page shows what the table shows.
+#[derive(Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    group: &'a Group,
+    words: BTreeMap<&'static str, Words>,
+}
+
+impl<'a> Shown<'a> {
+    fn of(group: &'a Group) -> Self {
+        let words = |figure: Figure| Some((figure.key(), Words::of(figure, group.figures.get(figure.key())?)));
+        Self { group, words: Figure::ALL.into_iter().filter_map(words).collect() }
+    }
+}
+
+#[derive(Serialize)]
+struct Words {
+    mean: String,
+    interval: Option<String>,
+    least: String,
+    most: String,
+}
+
+impl Words {
+    fn of(figure: Figure, over: &Over) -> Self {
+        let (mean, interval) = over.words(figure);
+        let [least, most] = [over.spread.least, over.spread.most].map(|end| figure.unit().show_mean(end));
+        Self { mean, interval, least, most }
+    }
+}
+
+/// The page, as HTML, everything in it.
+///
+/// # Errors
+/// Where a figure is a number that JSON does not have.
+pub fn render(outcome: &Outcome) -> Result<String, serde_json::Error> {
+    let groups = outcome.groups.iter().map(Shown::of).collect();
+    let page = Page { planned: outcome.planned, missing: outcome.missing, groups, figures: Figure::described() };
+    // Inside a script element nothing may look like its end.
+    let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
+    Ok(include_str!("page.html").replace("/*DATA*/", &data))
+}

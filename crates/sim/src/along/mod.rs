@@ -1,0 +1,105 @@
+//! A recording as a world, closed loop: the way NVIDIA tested DAVE-2 before it drove (Bojarski et al. 2016, section 6).
+//!
+//! ```text
+//! Run or Udacity folder ─▶ recorded pictures ─▶ warp ─▶ what the virtual car sees ─▶ Driver
+//!          │                      └─▶ flow ─▶ rotation ─┐                              │
+//!          └─▶ steering, speed ───▶ recorded car ───────┴─▶ offset, heading ◀─ virtual car
+//! ```
+//! A virtual car starts on the recorded path. It goes as fast as the recorded one, abreast of it, and turns as it is
+//! steered; how far it is beside the recorded car and how it faces follows from both cars' turning. The recorded car
+//! turned as its pictures show, else as its steering says. The pilot sees the recorded picture, warped to where the
+//! virtual car is. Further beside than the limit the car is put back: an intervention.
+//!
+//! Both cars are the simulator's own ([`Car`](crate::vehicle::Car): a bicycle on slipping tyres, calibrated
+//! on real recordings), so that whoever steers as recorded stays on the path wherever the pictures do not tell
+//! otherwise.
+//!
+//! What can be judged of it: interventions, and autonomy after them; offsets from the recorded path, those included at
+//! which the car was put back; how it was steered. Speed is the recording's, and there are no laps, nothing to hit and no
+//! edge of the road: the scorecard says so of all that hangs on them, and a threshold for it is missed.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `world` | [`RecordedWorld`], the above |
+//! | `recorded` | rows and pictures of a recording, without standing and gaps |
+//! | `abreast` | two cars side by side |
+//! | `warp` | the picture from beside |
+//! | `flow`, `rotation` | how far the car turned between two pictures |
+
+mod abreast;
+mod flow;
+mod recorded;
+mod rotation;
+mod warp;
+mod world;
+
+use std::{io, path::PathBuf};
+
+pub use flow::Pyramid;
+pub use recorded::{GAP_S, STANDS_MPH};
+pub use rotation::{Turn, turn};
+pub use warp::{Beside, SIZE, Warp};
+pub use world::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, RecordedWorld, Sources, Yaw};
+
+use lapwing_core::{perception::ImageError, recording::RecordingError};
+
+/// A recording that cannot be driven along.
+#[derive(Debug, thiserror::Error)]
+pub enum ClosedLoopError {
+    /// The run or the driving log.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A picture's file.
+    #[error("{}: expected the picture of a driving log's row, got an error: {source}", path.display())]
+    Read {
+        /// The picture.
+        path: PathBuf,
+        /// Why it cannot be read.
+        source: io::Error,
+    },
+    /// A picture that is none.
+    #[error("{}: {why}", place.display())]
+    Picture {
+        /// Which.
+        place: PathBuf,
+        /// Why it is none.
+        why: ImageError,
+    },
+    /// Pictures of another camera.
+    #[error(
+        "{}: expected a picture of {}x{} pixels, got {width}x{height}: only the stock simulator's camera is known well enough to look from beside",
+        place.display(), SIZE.0, SIZE.1
+    )]
+    Size {
+        /// Which.
+        place: PathBuf,
+        /// Pixels in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// A run of telemetry alone.
+    #[error("{}: expected a run with pictures, got {telemetries} telemetries without one: record it anew, with pictures", path.display())]
+    NoPictures {
+        /// The run.
+        path: PathBuf,
+        /// How much else it has.
+        telemetries: usize,
+    },
+    /// A recording in which the car stands.
+    #[error("{}: expected a recorded drive, got {read} rows with a picture, in {stood} of which the car stands (under {STANDS_MPH} mph)", path.display())]
+    NothingDriven {
+        /// The recording.
+        path: PathBuf,
+        /// Rows with a picture.
+        read: usize,
+        /// Rows without motion.
+        stood: usize,
+    },
+    /// The file is another one than it was a moment ago.
+    #[error("{}: expected as many pictures as when it was opened, got fewer: something has changed the recording", path.display())]
+    Changed {
+        /// The recording.
+        path: PathBuf,
+    },
+}

@@ -1,0 +1,200 @@
+//! What a car beside the recorded one would have seen: recorded pictures, warped.
+//!
+//! The stock simulator's cameras are known, so each pixel of the picture to make has a ray. Below the horizon the ray
+//! ends on the ground, which is taken for a plane, and the pixel is looked up where a recorded camera saw that place;
+//! above it everything is taken to be far away, and only the turn counts. What stands up beside the road is therefore
+//! bent as if it lay on the ground, and so are hills. The car's own bonnet goes with the car and is left as it is.
+
+use std::cmp::Ordering;
+
+use glam::{DMat3, DVec3, Mat3, Vec3};
+
+use crate::camera::{Camera, Lens, Mount, RIDE_M, bonnet_row};
+use lapwing_core::perception::Frame;
+
+/// Width and height of the pictures.
+pub const SIZE: (usize, usize) = (Lens::STOCK.width, Lens::STOCK.height);
+
+/// Rows above the edge of the bonnet that JPEG has mixed with it: blocks of colour are 16 pixels wide, but fade fast.
+const BONNET_MARGIN: f32 = 2.0;
+
+/// The cameras in the order in which [`Warp::render`] takes their pictures.
+const CAMERAS: [Camera; 3] = [Camera::CENTER, Camera::LEFT, Camera::RIGHT];
+
+/// The stock cameras, ready to be looked through from beside.
+#[derive(Debug, Clone)]
+pub struct Warp {
+    cameras: [Eye; 3],
+    /// For each pixel of the centre camera's picture, in the car's axes: from the camera to the ground in metres, or
+    /// the direction of what is far away.
+    points: Vec<Point>,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Point {
+    Ground(Vec3),
+    Far(Vec3),
+    Bonnet,
+}
+
+#[derive(Debug, Clone)]
+struct Eye {
+    /// In the car's axes, metres over the ground.
+    position: Vec3,
+    /// From the car's axes to the camera's.
+    turned: Mat3,
+    /// For each column, the first row that the bonnet has touched.
+    bonnet: Vec<f32>,
+}
+
+/// Where a car is beside the recorded one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Beside {
+    /// Metres to its right.
+    pub offset_m: f64,
+    /// How far it faces to the right of it, in radians.
+    pub heading_rad: f64,
+}
+
+impl Default for Warp {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn focal_px() -> f32 {
+    let half = (Lens::STOCK.vertical_fov_deg / 2.0).to_radians();
+    (SIZE.1 as f64 / 2.0 / half.tan()) as f32
+}
+
+impl Eye {
+    fn of(camera: &Camera) -> Self {
+        let Mount { position, pitch_deg, yaw_deg, roll_deg } = camera.mount;
+        // Unity's order: about z, then x, then y.
+        let turned = DMat3::from_rotation_y(yaw_deg.to_radians())
+            * DMat3::from_rotation_x(pitch_deg.to_radians())
+            * DMat3::from_rotation_z(roll_deg.to_radians());
+        Self {
+            position: (position + DVec3::Y * RIDE_M).as_vec3(),
+            turned: turned.transpose().as_mat3(),
+            bonnet: (0..SIZE.0).map(|x| bonnet_row(camera, x as f32 + 0.5) - BONNET_MARGIN).collect(),
+        }
+    }
+}
+
+impl Warp {
+    /// For 320x160 pictures of the stock cameras.
+    pub fn new() -> Self {
+        let cameras = CAMERAS.map(|camera| Eye::of(&camera));
+        let [centre, ..] = &cameras;
+        let back = centre.turned.transpose();
+        let focal = focal_px();
+        let (width, height) = (SIZE.0 as f32, SIZE.1 as f32);
+        let point = |i: usize| {
+            let (x, y) = ((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5);
+            if y > centre.bonnet[i % SIZE.0] {
+                return Point::Bonnet;
+            }
+            let ray = back * Vec3::new((x - width / 2.0) / focal, (height / 2.0 - y) / focal, 1.0);
+            if ray.y < -1e-6 { Point::Ground(ray * (centre.position.y / -ray.y)) } else { Point::Far(ray) }
+        };
+        let points = (0..SIZE.0 * SIZE.1).map(point).collect();
+        Self { cameras, points }
+    }
+
+    /// Paints what the centre camera of a car beside the recorded one would have seen. `pictures` are the recorded
+    /// centre camera's, left one's and right one's; the nearer a camera was, the sooner it is asked.
+    ///
+    /// Every picture must be 320x160, or nothing is painted and the answer is `false`.
+    pub fn render(&self, pictures: [Option<&Frame>; 3], beside: Beside, out: &mut Frame) -> bool {
+        let [Some(centre), ..] = pictures else { return false };
+        if pictures.iter().flatten().any(|picture| (picture.width(), picture.height()) != SIZE) {
+            return false;
+        }
+        out.clone_from(centre);
+        let heading = Mat3::from_rotation_y(beside.heading_rad as f32);
+        let eye = heading * self.cameras[0].position + Vec3::X * beside.offset_m as f32;
+        let mut looks: Vec<Look<'_>> = pictures
+            .iter()
+            .zip(&self.cameras)
+            .filter_map(|(picture, camera)| {
+                let turn = camera.turned * heading;
+                Some(Look { picture: (*picture)?, camera, turn, shift: camera.turned * (eye - camera.position) })
+            })
+            .collect();
+        let apart = |look: &Look<'_>| (look.camera.position.x - eye.x).abs();
+        looks.sort_by(|a, b| apart(a).partial_cmp(&apart(b)).unwrap_or(Ordering::Equal));
+        let [nearest, others @ ..] = looks.as_slice() else { return false };
+        for (point, pixel) in self.points.iter().zip(out.rgb_mut().chunks_exact_mut(3)) {
+            let (at, direct) = match *point {
+                Point::Bonnet => continue,
+                Point::Far(ray) => (ray, 0.0),
+                Point::Ground(to) => (to, 1.0),
+            };
+            let column_row = nearest.find(at, direct);
+            let (look, column_row) = if nearest.shows(column_row) {
+                (nearest, column_row)
+            } else {
+                let elsewhere = others.iter().map(|look| (look, look.find(at, direct)));
+                let shown = elsewhere.into_iter().find(|(look, column_row)| look.shows(*column_row));
+                shown.unwrap_or_else(|| (nearest, nearest.rim(column_row)))
+            };
+            pixel.copy_from_slice(&look.colour(column_row));
+        }
+        true
+    }
+}
+
+/// One recorded camera, asked about another place.
+struct Look<'a> {
+    picture: &'a Frame,
+    camera: &'a Eye,
+    /// From the axes of the car beside to this camera's.
+    turn: Mat3,
+    /// From this camera to the eye beside, in this camera's axes.
+    shift: Vec3,
+}
+
+impl Look<'_> {
+    /// Column and row, counted from the picture's corner; `direct` is 0 for what is far away.
+    fn find(&self, to: Vec3, direct: f32) -> [f32; 2] {
+        let seen = self.turn * to + self.shift * direct;
+        let focal = focal_px();
+        let deep = seen.z.max(0.05); // what is behind is as far aside as can be
+        [SIZE.0 as f32 / 2.0 + focal * seen.x / deep, SIZE.1 as f32 / 2.0 - focal * seen.y / deep]
+    }
+
+    /// Whether the picture has the place, and not the bonnet in front of it.
+    fn shows(&self, [column, row]: [f32; 2]) -> bool {
+        let inside = (0.0..SIZE.0 as f32).contains(&column) && (0.0..SIZE.1 as f32).contains(&row);
+        inside && self.camera.bonnet.get(column as usize).is_some_and(|bonnet| row < *bonnet)
+    }
+
+    /// The nearest place that it has, along column and row.
+    fn rim(&self, [column, row]: [f32; 2]) -> [f32; 2] {
+        let column = column.clamp(0.5, SIZE.0 as f32 - 0.5);
+        let lowest = self.camera.bonnet.get(column as usize).copied().unwrap_or(0.0).min(SIZE.1 as f32 - 0.5);
+        [column, row.clamp(0.5, lowest.max(0.5))]
+    }
+
+    /// The colour there, between the four nearest pixels.
+    fn colour(&self, [column, row]: [f32; 2]) -> [u8; 3] {
+        let (x, y) = ((column - 0.5).clamp(0.0, SIZE.0 as f32 - 1.001), (row - 0.5).clamp(0.0, SIZE.1 as f32 - 1.001));
+        let (i, j) = (x as usize, y as usize);
+        let (s, t) = ((x - i as f32) * 256.0, (y - j as f32) * 256.0);
+        let (s, t) = (s as u32, t as u32);
+        let rgb = self.picture.rgb();
+        let above = &rgb[(j * SIZE.0 + i) * 3..][..6];
+        let below = &rgb[((j + 1) * SIZE.0 + i) * 3..][..6];
+        let mixed = |c: usize| {
+            let up = u32::from(above[c]) * (256 - s) + u32::from(above[c + 3]) * s;
+            let down = u32::from(below[c]) * (256 - s) + u32::from(below[c + 3]) * s;
+            ((up * (256 - t) + down * t + (1 << 15)) >> 16) as u8
+        };
+        [mixed(0), mixed(1), mixed(2)]
+    }
+}
+
+#[cfg(test)]
+#[path = "warp_tests.rs"]
+mod tests;

@@ -1,0 +1,96 @@
+use std::sync::Arc;
+
+use super::*;
+use crate::{
+    camera::{Renderer, Scenery},
+    track::Track,
+    world::{Setup, Simulation},
+};
+
+/// The lake, and a car on it.
+fn lake() -> (Simulation, Renderer) {
+    let track = Track::named("lake").unwrap();
+    let scenery = Arc::new(Scenery::new(&track));
+    let setup = Setup::new(Arc::new(track), scenery.clone());
+    (Simulation::new(setup).unwrap(), Renderer::new(scenery))
+}
+
+/// What a camera sees from `offset_m` beside the road's middle, `heading_rad` askew.
+fn seen(world: &mut (Simulation, Renderer), s: f64, at: Beside, camera: &Camera) -> Frame {
+    let mut frame = Frame::default();
+    world.0.put(s, at.offset_m, at.heading_rad, 9.0);
+    world.0.draw(&mut world.1, camera, &mut frame);
+    frame
+}
+
+/// Mean difference of the road's rows, of 255: what a pilot steers by.
+fn apart(a: &Frame, b: &Frame) -> f64 {
+    let rows = 62 * SIZE.0 * 3..134 * SIZE.0 * 3;
+    let differences = a.rgb()[rows.clone()].iter().zip(&b.rgb()[rows.clone()]);
+    differences.map(|(&a, &b)| f64::from(a.abs_diff(b))).sum::<f64>() / rows.len() as f64
+}
+
+/// The warped picture against what is really seen there, and the recorded one against it: over four places.
+fn error(beside: Beside, cameras: usize) -> (f64, f64) {
+    let mut world = lake();
+    let warp = Warp::new();
+    let places = [120.0, 330.0, 560.0, 800.0];
+    let (mut warped, mut unwarped) = (0.0, 0.0);
+    for s in places {
+        let pictures: Vec<Frame> =
+            CAMERAS[..cameras].iter().map(|camera| seen(&mut world, s, Beside::default(), camera)).collect();
+        let mut out = Frame::default();
+        assert!(warp.render([pictures.first(), pictures.get(1), pictures.get(2)], beside, &mut out));
+        let really = seen(&mut world, s, beside, &Camera::CENTER);
+        warped += apart(&out, &really) / places.len() as f64;
+        unwarped += apart(&pictures[0], &really) / places.len() as f64;
+    }
+    (warped, unwarped)
+}
+
+#[test]
+fn on_the_path_a_picture_stays_as_it_is() {
+    let mut world = lake();
+    let recorded = seen(&mut world, 330.0, Beside::default(), &Camera::CENTER);
+    let mut out = Frame::default();
+    assert!(Warp::new().render([Some(&recorded), None, None], Beside::default(), &mut out));
+    assert!(apart(&out, &recorded) < 0.5, "{}", apart(&out, &recorded));
+}
+
+#[test]
+fn a_car_that_faces_elsewhere_sees_what_the_warped_picture_shows() {
+    for heading_rad in [-0.1, 0.1] {
+        let (warped, unwarped) = error(Beside { offset_m: 0.0, heading_rad }, 1);
+        assert!(warped < 0.5 * unwarped, "{heading_rad}: {warped:.2} against {unwarped:.2}");
+    }
+}
+
+#[test]
+fn a_car_beside_sees_what_the_warped_picture_shows_with_one_camera_and_better_with_three() {
+    for (offset_m, heading_rad) in [(-0.9, 0.0), (0.9, 0.0), (0.7, -0.08)] {
+        let beside = Beside { offset_m, heading_rad };
+        let ((one, unwarped), (three, _)) = (error(beside, 1), error(beside, 3));
+        assert!(one < 0.5 * unwarped, "{beside:?}: {one:.2} against {unwarped:.2}");
+        assert!(three < one, "{beside:?}: {three:.2} with three, {one:.2} with one");
+    }
+}
+
+#[test]
+fn the_bonnet_goes_with_the_car() {
+    let mut world = lake();
+    let recorded = seen(&mut world, 330.0, Beside::default(), &Camera::CENTER);
+    let mut out = Frame::default();
+    Warp::new().render([Some(&recorded), None, None], Beside { offset_m: 0.8, heading_rad: 0.1 }, &mut out);
+    for column in (120..180).step_by(10) {
+        assert_eq!(out.pixel(column, 150), recorded.pixel(column, 150));
+    }
+    assert_ne!(out.pixel(20, 110), recorded.pixel(20, 110), "the road does not");
+}
+
+#[test]
+fn a_picture_of_another_size_is_refused() {
+    let small = Frame::new(2, 2, vec![0; 12]).unwrap();
+    let mut out = Frame::default();
+    assert!(!Warp::new().render([Some(&small), None, None], Beside::default(), &mut out));
+    assert!(!Warp::new().render([None, None, None], Beside::default(), &mut out));
+}

@@ -1,0 +1,203 @@
+//! The sun's light on a country: on the ground's map, along the road, in the sky.
+//!
+//! All of it is worked out once for a place of the sun and then only looked up.
+
+use glam::Vec3;
+
+use super::{
+    look::Look,
+    noise::{mix, mix3, nearest, step},
+    plants::Sprite,
+    terrain::Ground,
+    texture::Texture,
+};
+use crate::track::Track;
+
+/// Texels along a side of the ground's map.
+pub(super) const MAP: usize = 1024;
+/// Patches of road light a metre, along and across.
+const PATCHES_PER_M: f32 = 4.0;
+/// Patches across the road.
+const ACROSS: usize = 64;
+/// Colours of the sky between the horizon and the highest that is looked up.
+const SKY_STEPS: usize = 256;
+/// The highest place in the sky that is looked up: metres up a metre forward.
+const SKY_TOP: f32 = 0.9;
+
+/// Everything that the place of the sun decides.
+#[derive(Debug)]
+pub(super) struct Light {
+    /// Towards the sun.
+    pub(super) sun: Vec3,
+    /// By colour: what is left in the shade, and what the sun adds on flat ground.
+    pub(super) shade: [f32; 3],
+    pub(super) direct: [f32; 3],
+    /// The same for four at a time.
+    pub(super) shade4: [f32; 4],
+    pub(super) direct4: [f32; 4],
+    pub(super) map: Texture,
+    patches: Vec<u8>,
+    along: usize,
+    /// By station, whether any of the road there lies in a shadow.
+    pub(super) shaded: Vec<bool>,
+    sky: Vec<[u8; 3]>,
+}
+
+/// What light falls on.
+pub(super) struct Lit<'a> {
+    pub(super) track: &'a Track,
+    pub(super) look: &'a Look,
+    pub(super) ground: &'a Ground,
+    pub(super) albedo: &'a [[u8; 3]],
+    pub(super) sprites: &'a [Sprite],
+    pub(super) pictures: &'a [Texture],
+}
+
+impl Light {
+    /// Lights a country from a sun at a height and azimuth in degrees.
+    pub(super) fn new(lit: &Lit<'_>, height_deg: f64, azimuth_deg: f64) -> Self {
+        let (height, azimuth) = (height_deg.to_radians(), azimuth_deg.to_radians());
+        let sun = glam::DVec3::new(azimuth.sin() * height.cos(), height.sin(), azimuth.cos() * height.cos()).as_vec3();
+        // A low sun is warm and weak.
+        let low = step(24.0, 4.0, height_deg as f32);
+        let warm = mix3([1.0; 3], [0.92, 0.70, 0.48], low);
+        let direct = [0, 1, 2].map(|c| (1.0 - lit.look.shade[c]) * warm[c]);
+        let mut light = Self {
+            sun,
+            shade: lit.look.shade,
+            direct,
+            shade4: [lit.look.shade[0], lit.look.shade[1], lit.look.shade[2], 0.0],
+            direct4: [direct[0], direct[1], direct[2], 0.0],
+            map: Texture::paint(1, 1, |_, _| [0.0; 4]),
+            patches: Vec::new(),
+            along: 0,
+            shaded: vec![false; lit.track.stations().len()],
+            sky: sky(lit.look, low),
+        };
+        light.map = light.light_ground(lit);
+        light.light_road(lit);
+        light
+    }
+
+    /// How much sun a surface gets, 1 being flat ground.
+    pub(super) fn on(&self, normal: Vec3) -> f32 {
+        (normal.dot(self.sun) / self.sun.y.max(0.25)).clamp(0.0, 1.9)
+    }
+
+    /// What colours are multiplied by, in 256ths, under a share of the sun's light.
+    #[inline]
+    pub(super) fn multiply(&self, share: f32) -> [i32; 3] {
+        let at = |c: usize| (256.0 * (self.shade[c] + self.direct[c] * share)) as i32;
+        [at(0), at(1), at(2)]
+    }
+
+    /// The sky's colour at metres up a metre forward.
+    #[inline]
+    pub(super) fn sky(&self, up: f32) -> [u8; 3] {
+        let i = nearest((up * (SKY_STEPS as f32 / SKY_TOP)).clamp(0.0, SKY_STEPS as f32));
+        self.sky[i.min(SKY_STEPS - 1)]
+    }
+
+    fn light_ground(&self, lit: &Lit<'_>) -> Texture {
+        // Sunlight in steps of 3 m or so, blended between.
+        const COARSE: usize = 4;
+        let n = MAP / COARSE;
+        let metres = lit.ground.side() / n as f32;
+        let share: Vec<f32> = (0..(n + 1) * (n + 1))
+            .map(|k| {
+                let (x, z) =
+                    (lit.ground.x0 + (k % (n + 1)) as f32 * metres, lit.ground.z0 + (k / (n + 1)) as f32 * metres);
+                let at = Vec3::new(x, lit.ground.height(x, z) + 0.2, z);
+                let facing = self.on(lit.ground.normal(x, z));
+                if facing > 0.0 && lit.ground.sunlit(at, self.sun) { facing.min(1.5) } else { 0.0 }
+            })
+            .collect();
+        Texture::paint(MAP, MAP, |x, y| {
+            let (i, j) = (x / COARSE, y / COARSE);
+            let (u, v) = ((x % COARSE) as f32 / COARSE as f32, (y % COARSE) as f32 / COARSE as f32);
+            let at = |di: usize, dj: usize| share[(j + dj) * (n + 1) + i + di];
+            let share = mix(mix(at(0, 0), at(1, 0), u), mix(at(0, 1), at(1, 1), u), v);
+            let m = self.multiply(share);
+            let c = lit.albedo[y * MAP + x];
+            let lit = |k: usize| f32::from(c[k]) * m[k] as f32 / 256.0;
+            [lit(0), lit(1), lit(2), 255.0]
+        })
+    }
+
+    fn light_road(&mut self, lit: &Lit<'_>) {
+        let length = lit.track.length();
+        self.along = (length * f64::from(PATCHES_PER_M)) as usize;
+        self.patches = vec![255; self.along * ACROSS];
+        if !lit.look.shadows {
+            return;
+        }
+        let stations = lit.track.stations().len();
+        let away = Vec3::new(-self.sun.x, 0.0, -self.sun.z).normalize_or_zero();
+        let flat = self.sun.x.hypot(self.sun.z).max(0.05);
+        let climb = self.sun.y / flat;
+        // Trees that can reach the road with their shadows, by the metre of road beside them.
+        let mut casting: Vec<(f64, &Sprite)> = Vec::new();
+        let reach = |sprite: &Sprite| (sprite.height / climb).min(40.0) + sprite.width;
+        for sprite in lit.sprites {
+            let (d, station) = lit.ground.near(sprite.at.x, sprite.at.z);
+            if d < reach(sprite) {
+                casting.push((lit.track.stations()[station].s, sprite));
+            }
+        }
+        casting.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for k in 0..self.along {
+            let s = k as f64 / f64::from(PATCHES_PER_M);
+            let station = lit.track.at(s);
+            let (middle, right) = (station.position.as_vec3(), station.right().as_vec3());
+            let nearby: Vec<&Sprite> = casting
+                .iter()
+                .filter(|(at, _)| {
+                    let apart = (at - s).rem_euclid(length);
+                    apart.min(length - apart) < 34.0
+                })
+                .map(|(_, sprite)| *sprite)
+                .collect();
+            for j in 0..ACROSS {
+                let offset = (j as f32 + 0.5 - ACROSS as f32 / 2.0) / PATCHES_PER_M;
+                let p = middle + right * offset + Vec3::Y * 0.05;
+                // Hills change slowly: only each second patch asks, along and across.
+                let hidden = !lit.ground.sunlit(p, self.sun)
+                    || nearby.iter().any(|s| s.shades(p, away, climb, &lit.pictures[s.picture as usize]));
+                if hidden {
+                    self.patches[k * ACROSS + j] = 0;
+                    let number = (s / length * stations as f64) as usize;
+                    for near in number.saturating_sub(9)..(number + 9).min(stations) {
+                        self.shaded[near] = true;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The sun's share on the road, 0 to 1, blended between patches.
+    #[inline]
+    pub(super) fn on_road(&self, s: f32, offset: f32) -> f32 {
+        let x = (s * PATCHES_PER_M - 0.5).max(0.0);
+        let y = (offset * PATCHES_PER_M + (ACROSS as f32 / 2.0 - 0.5)).clamp(0.0, ACROSS as f32 - 1.01);
+        let (i, j) = ((x as usize).min(self.along - 1), y as usize);
+        let next = if i + 1 < self.along { i + 1 } else { 0 };
+        let (u, v) = (x - i as f32, y - j as f32);
+        let at = |i: usize, j: usize| f32::from(self.patches[i * ACROSS + j]);
+        mix(mix(at(i, j), at(next, j), u), mix(at(i, j + 1), at(next, j + 1), u), v) * (1.0 / 255.0)
+    }
+}
+
+fn sky(look: &Look, low: f32) -> Vec<[u8; 3]> {
+    (0..SKY_STEPS)
+        .map(|i| {
+            let up = i as f32 / SKY_STEPS as f32 * SKY_TOP;
+            let colour = match up {
+                u if u < 0.2 => mix3(look.sky[0], look.sky[1], (u / 0.2).powf(0.8)),
+                u if u < 0.42 => mix3(look.sky[1], look.sky[2], (u - 0.2) / 0.22),
+                u => mix3(look.sky[2], look.sky[2].map(|c| c * 0.8), (u - 0.42) / 0.48),
+            };
+            mix3(colour, mix3([236.0, 166.0, 104.0], [120.0, 116.0, 140.0], step(0.0, 0.4, up)), 0.6 * low)
+                .map(|c| c as u8)
+        })
+        .collect()
+}

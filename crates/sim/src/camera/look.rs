@@ -1,0 +1,218 @@
+//! How a country looks: light, sky, and the colours of ground, road and car.
+//!
+//! Colours are means of real frames (`recordings/lake`, `jungle`, `mountain`
+//! of the stock simulator), by eye where nothing could be averaged.
+
+use super::{
+    noise::{fractal, mix3, step},
+    section::{Band, Pattern, Section},
+};
+use crate::track::Theme;
+
+/// Colour in grey levels, red first.
+pub(super) type Colour = [f32; 3];
+
+/// Light, sky and colours of one theme.
+#[derive(Debug, Clone)]
+pub(super) struct Look {
+    pub(super) sun_height_deg: f64,
+    pub(super) sun_azimuth_deg: f64,
+    /// Light in the shade, as a share of full light on flat ground, by colour.
+    pub(super) shade: Colour,
+    /// The sky at the horizon, 11 degrees above it, and 22.
+    pub(super) sky: [Colour; 3],
+    pub(super) fog: Colour,
+    /// Share of fog after 100 m.
+    pub(super) fog_100m: f32,
+    /// From the bonnet's near edge to its far one, and the glass below.
+    pub(super) bonnet: [Colour; 3],
+    /// What the road's colour nears with distance: it shines where one looks along it.
+    pub(super) sheen: Colour,
+    pub(super) rock: Colour,
+    pub(super) water: Option<Colour>,
+    /// Whether trees and hills throw shadows on the road: in real frames of the lake none do.
+    pub(super) shadows: bool,
+    /// Steepest rise of the ground beside a road, metres a metre.
+    pub(super) steepest: f32,
+}
+
+impl Look {
+    pub(super) fn of(theme: Theme) -> Self {
+        match theme {
+            Theme::Lake => Self {
+                sun_height_deg: 38.0,
+                sun_azimuth_deg: 80.0,
+                shade: [0.42, 0.50, 0.60],
+                sky: [[208.0, 224.0, 238.0], [146.0, 177.0, 218.0], [108.0, 136.0, 178.0]],
+                fog: [150.0, 176.0, 205.0],
+                fog_100m: 0.13,
+                bonnet: [[150.0, 143.0, 118.0], [136.0, 124.0, 99.0], [148.0, 153.0, 140.0]],
+                sheen: [224.0, 217.0, 184.0],
+                rock: [190.0, 180.0, 150.0],
+                water: Some([146.0, 176.0, 208.0]),
+                shadows: false,
+                steepest: 0.9,
+            },
+            Theme::Jungle => Self {
+                sun_height_deg: 42.0,
+                sun_azimuth_deg: 120.0,
+                shade: [0.30, 0.33, 0.42],
+                sky: [[176.0, 196.0, 222.0], [98.0, 128.0, 176.0], [62.0, 90.0, 142.0]],
+                fog: [104.0, 120.0, 128.0],
+                fog_100m: 0.05,
+                bonnet: [[138.0, 134.0, 122.0], [96.0, 91.0, 79.0], [166.0, 173.0, 180.0]],
+                sheen: [172.0, 171.0, 168.0],
+                rock: [96.0, 98.0, 74.0],
+                water: None,
+                shadows: true,
+                steepest: 6.0,
+            },
+            Theme::Mountain => Self {
+                sun_height_deg: 40.0,
+                sun_azimuth_deg: 60.0,
+                shade: [0.34, 0.36, 0.42],
+                sky: [[206.0, 222.0, 240.0], [110.0, 150.0, 206.0], [70.0, 98.0, 164.0]],
+                fog: [120.0, 132.0, 150.0],
+                fog_100m: 0.04,
+                bonnet: [[130.0, 130.0, 132.0], [91.0, 91.0, 91.0], [146.0, 150.0, 158.0]],
+                sheen: [98.0, 95.0, 98.0],
+                rock: [84.0, 87.0, 92.0],
+                water: None,
+                shadows: true,
+                steepest: 2.6,
+            },
+        }
+    }
+}
+
+/// Numbers of the cross-sections that [`sections`] makes.
+pub(super) mod kind {
+    pub(in super::super) const PLAIN: u8 = 0;
+    pub(in super::super) const KERB: u8 = 1;
+    pub(in super::super) const DIRT: u8 = 2;
+    pub(in super::super) const PAVED: u8 = 3;
+}
+
+/// Colours of the lake's bank beside the road.
+const BANK: Colour = [214.0, 207.0, 180.0];
+const YELLOW: Colour = [184.0, 162.0, 72.0];
+
+/// The cross-sections of a theme's road, in the order of [`kind`].
+pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
+    let far = 20.0;
+    match theme {
+        Theme::Lake => {
+            // Measured in top views of real frames: two lines 0.65 m apart, the bank 1.6 m outside the inner one.
+            let asphalt = [113.0, 112.0, 98.0];
+            let road = [
+                Band::plain(0.0, far, asphalt, 1.0),
+                Band::plain(half + 0.17, half + 0.64, [92.0, 86.0, 66.0], 0.3),
+                Band::plain(half + 0.04, half + 0.17, YELLOW, 0.3),
+                Band::plain(half + 0.64, half + 0.80, YELLOW, 0.3),
+                Band::plain(half + 0.80, half + 1.65, [142.0, 140.0, 124.0], 0.5),
+                Band::plain(half + 1.65, far, BANK, 0.12),
+            ];
+            let red = [216.0, 106.0, 92.0];
+            let white = [238.0, 222.0, 204.0];
+            let kerb = Band { from: half + 0.55, to: half + 1.6, colour: white, other: red, rough: 0.1, pattern: 1.0 };
+            let mut kerbed = road.to_vec();
+            kerbed[3] = kerb;
+            kerbed[4] = Band::plain(half + 1.6, half + 1.65, BANK, 0.1);
+            let dirt = [
+                Band::plain(0.0, far, asphalt, 1.0),
+                Band::plain(half + 0.2, half + 1.65, [150.0, 122.0, 88.0], 0.35),
+                Band::plain(half + 1.65, far, [200.0, 156.0, 100.0], 0.2),
+            ];
+            let paved = [Band::plain(0.0, far, [160.0, 142.0, 130.0], 1.0)];
+            let bars = Pattern::Bars { period: 0.64, share: 0.5 };
+            vec![
+                Section::new(0, Pattern::Plain, &road),
+                Section::new(0, bars, &kerbed),
+                Section::new(0, Pattern::Plain, &dirt),
+                Section::new(1, Pattern::Plain, &paved),
+            ]
+        }
+        Theme::Jungle => {
+            let asphalt = [131.0, 130.0, 127.0];
+            let white = [226.0, 226.0, 222.0];
+            let dash = Band { from: 0.0, to: 0.08, colour: asphalt, other: white, rough: 0.4, pattern: 1.0 };
+            let road = [
+                Band::plain(0.0, far, asphalt, 1.0),
+                dash,
+                Band::plain(half - 0.22, half - 0.08, white, 0.3),
+                Band::plain(half - 0.02, far, [86.0, 92.0, 62.0], 0.6),
+            ];
+            let dashes = Pattern::Bars { period: 9.0, share: 0.34 };
+            (0..4).map(|_| Section::new(0, dashes, &road)).collect()
+        }
+        Theme::Mountain => {
+            let asphalt = [70.0, 68.0, 70.0];
+            let leaf = [206.0, 150.0, 44.0];
+            let track = [54.0, 52.0, 54.0];
+            let leaves = |from: f32, to: f32, share: f32| Band {
+                from,
+                to,
+                colour: [80.0, 74.0, 68.0],
+                other: leaf,
+                rough: 0.7,
+                pattern: share,
+            };
+            let road = [
+                Band::plain(0.0, far, asphalt, 1.0),
+                Band::plain(0.0, 0.5, [80.0, 78.0, 80.0], 1.0),
+                Band::plain(half * 0.20, half * 0.32, track, 1.0),
+                Band::plain(half * 0.58, half * 0.68, track, 1.0),
+                leaves(half - 0.7, half - 0.3, 0.4),
+                leaves(half - 0.3, far, 1.0),
+            ];
+            (0..4).map(|_| Section::new(0, Pattern::Flecks, &road)).collect()
+        }
+    }
+}
+
+/// What a place of open ground is like, for its colour.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub(super) x: f32,
+    pub(super) z: f32,
+    /// Metres above the road nearby.
+    pub(super) above_m: f32,
+    /// Metres climbed a metre.
+    pub(super) slope: f32,
+    /// Metres from the nearest road's edge.
+    pub(super) from_edge_m: f32,
+    /// Whether the road there runs through open dirt.
+    pub(super) dirt: bool,
+    /// Metres above the water.
+    pub(super) dry_m: f32,
+}
+
+/// The colour of open ground in full light.
+pub(super) fn ground(theme: Theme, rock: Colour, p: Place, seed: u32) -> Colour {
+    let wide = fractal(p.x / 31.0, p.z / 31.0, 3, 0, seed);
+    let fine = fractal(p.x / 5.0, p.z / 5.0, 3, 0, seed + 40);
+    match theme {
+        Theme::Lake => {
+            let grass = mix3([204.0, 190.0, 92.0], [164.0, 160.0, 76.0], step(0.4, 0.62, fine));
+            let sand = mix3([196.0, 146.0, 84.0], [214.0, 178.0, 118.0], fine);
+            let bare = step(0.52, 0.6, wide).max(if p.dirt { step(26.0, 18.0, p.from_edge_m) } else { 0.0 });
+            let shore = step(0.9, 0.2, p.dry_m);
+            let flat = mix3(mix3(grass, sand, bare), [150.0, 126.0, 84.0], shore);
+            mix3(flat, mix3(rock, [222.0, 206.0, 160.0], wide), step(0.30, 0.55, p.slope + 0.3 * (fine - 0.5)))
+        }
+        Theme::Jungle => {
+            let grass = mix3([112.0, 122.0, 72.0], [82.0, 90.0, 52.0], step(0.35, 0.65, fine));
+            let rock = mix3(rock, [128.0, 128.0, 98.0], step(0.3, 0.7, fine));
+            mix3(grass, rock, step(0.45, 0.9, p.slope + 0.4 * (wide - 0.5)))
+        }
+        Theme::Mountain => {
+            let grass = mix3([146.0, 106.0, 40.0], [92.0, 68.0, 28.0], step(0.35, 0.62, fine));
+            let rock = mix3(rock, [60.0, 62.0, 68.0], step(0.3, 0.7, fine));
+            mix3(
+                grass,
+                rock,
+                step(0.5, 0.9, p.slope + 0.8 * (wide - 0.5)).max(step(0.56, 0.62, wide) * step(2.0, 5.0, p.above_m)),
+            )
+        }
+    }
+}

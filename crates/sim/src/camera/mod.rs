@@ -1,0 +1,233 @@
+//! What the car's cameras see: a software renderer, the same picture on every machine that runs it.
+//!
+//! A [`Scenery`] is built once from a track and shared; a [`Renderer`] is one
+//! thread's working memory. Nothing here is random from frame to frame except
+//! what [`Conditions`] ask for, and that comes from the shot's seed and time.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `look` | light, sky and colours of each theme, taken from real frames |
+//! | `terrain` | the ground: heights, always below the roads, and their mesh |
+//! | `road` | the road's strip, bridge walls, rock faces, concrete blocks |
+//! | `section` | the road's cross-section: lines, kerbs, verge, antialiased |
+//! | `plants`, `sprites` | trees, bushes, boulders, posts: where they stand, their pictures |
+//! | `models` | cars, people, cones and barriers |
+//! | `light` | sun and shadows on ground and road, worked out once for each sun |
+//! | `raster` | which triangle a pixel shows |
+//! | `shade` | which colour it has |
+//! | `bonnet` | the car's own bonnet |
+//! | `weather` | [`Conditions`], laid over the finished picture |
+//! | `texture`, `noise` | what surfaces are made of |
+//! | `jpeg` | [`encode_jpeg`] |
+
+mod bonnet;
+mod jpeg;
+mod light;
+mod look;
+mod models;
+mod noise;
+mod plants;
+mod raster;
+mod road;
+mod scenery;
+mod section;
+mod shade;
+mod sprites;
+mod terrain;
+mod texture;
+mod weather;
+
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use self::{
+    bonnet::Bonnet,
+    light::Light,
+    raster::{Paint, Raster, View},
+    shade::{Shader, model_light},
+    weather::Weather,
+};
+use super::{conditions::Conditions, scene::Actor, vehicle::Car};
+use lapwing_core::perception::Frame;
+
+pub use self::{bonnet::bonnet_row, jpeg::encode_jpeg, scenery::Scenery};
+
+/// How high the stock car's origin rides over the ground, in metres: its camera at 1.2 m was measured 1.26 m up.
+pub const RIDE_M: f64 = 0.06;
+
+/// Size and field of view of a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// From the top to the bottom of the picture, in degrees.
+    pub vertical_fov_deg: f64,
+}
+
+impl Lens {
+    /// The stock simulator's: 320x160, 60 degrees, a focal length of 138.56 pixels.
+    pub const STOCK: Self = Self { width: 320, height: 160, vertical_fov_deg: 60.0 };
+}
+
+/// Where a camera sits on the car, and where it looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mount {
+    /// In the car's frame: x right, y up, z forward, in metres.
+    pub position: DVec3,
+    /// Degrees down from straight ahead.
+    pub pitch_deg: f64,
+    /// Degrees to the right.
+    pub yaw_deg: f64,
+    /// Degrees about the line of sight, as Unity's z: positive lets the horizon fall to the right.
+    pub roll_deg: f64,
+}
+
+impl Mount {
+    /// A stock camera at a place on the car. It is pitched 9.5 degrees down in a body that stands nose up at speed:
+    /// 7.5 degrees in all, between the 7.2 that the yellow lines of 80 real pictures say ([`super::survey`]) and the 7.8
+    /// at which the edges of the bridge meet.
+    const fn stock(x: f64, z: f64) -> Self {
+        Self { position: DVec3::new(x, 1.2, z), pitch_deg: 7.5, yaw_deg: 0.72, roll_deg: 1.2 }
+    }
+}
+
+/// A camera on a car.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Size and field of view.
+    pub lens: Lens,
+    /// Where it sits.
+    pub mount: Mount,
+    /// Whether it sees the car's own bonnet; one that does not sees the whole car.
+    pub bonnet: bool,
+}
+
+/// JPEG quality of the stock build's pictures.
+pub const JPEG_QUALITY: u8 = 75;
+
+impl Camera {
+    /// The stock centre camera, which is also the one of autonomous mode.
+    pub const CENTER: Self = Self { lens: Lens::STOCK, mount: Mount::stock(0.0, 1.0), bonnet: true };
+    /// The stock left camera.
+    pub const LEFT: Self = Self { lens: Lens::STOCK, mount: Mount::stock(-0.806, 0.984), bonnet: true };
+    /// The stock right camera.
+    pub const RIGHT: Self = Self { lens: Lens::STOCK, mount: Mount::stock(0.825, 0.999), bonnet: true };
+
+    /// From behind and above the car, for people.
+    pub fn follow(width: usize, height: usize) -> Self {
+        let mount = Mount { position: DVec3::new(0.0, 3.4, -8.0), pitch_deg: 14.0, yaw_deg: 0.0, roll_deg: 0.0 };
+        Self { lens: Lens { width, height, vertical_fov_deg: 55.0 }, mount, bonnet: false }
+    }
+
+    /// From straight above, the car in the lower half of the picture, for people.
+    pub fn top(width: usize, height: usize) -> Self {
+        let mount = Mount { position: DVec3::new(0.0, 42.0, 9.0), pitch_deg: 90.0, yaw_deg: 0.0, roll_deg: 0.0 };
+        Self { lens: Lens { width, height, vertical_fov_deg: 50.0 }, mount, bonnet: false }
+    }
+}
+
+/// What is to be seen in one frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Shot<'a> {
+    /// The car that carries the camera.
+    pub car: &'a Car,
+    /// Whoever else is on the road.
+    pub actors: &'a [Actor],
+    /// Weather and light.
+    pub conditions: &'a Conditions,
+    /// What noise and rain come from.
+    pub seed: u64,
+    /// Simulated time, in seconds.
+    pub time_s: f64,
+}
+
+/// One thread's working memory for pictures of a [`Scenery`].
+#[derive(Debug)]
+pub struct Renderer {
+    scenery: Arc<Scenery>,
+    light: Arc<Light>,
+    sun: (f64, f64),
+    raster: Raster,
+    bonnets: Vec<(Camera, Bonnet)>,
+    weather: Weather,
+}
+
+impl Renderer {
+    /// With nothing seen yet.
+    pub fn new(scenery: Arc<Scenery>) -> Self {
+        let sun = scenery.sun(&Conditions::default());
+        let light = scenery.light(sun);
+        Self { scenery, light, sun, raster: Raster::default(), bonnets: Vec::new(), weather: Weather::default() }
+    }
+
+    /// Paints what a camera sees. The frame takes the camera's size; its memory is used again.
+    pub fn render(&mut self, camera: &Camera, shot: &Shot<'_>, frame: &mut Frame) {
+        let (width, height) = (camera.lens.width, camera.lens.height);
+        frame.resize(width, height);
+        let sun = self.scenery.sun(shot.conditions);
+        if sun != self.sun {
+            self.light = self.scenery.light(sun);
+            self.sun = sun;
+        }
+        let car = shot.car;
+        let view = View::new(&camera.lens, &camera.mount, car.position + DVec3::Y * RIDE_M, car.yaw, car.pitch);
+        if frame.rgb().is_empty() || !(view.eye.is_finite() && view.forward.is_finite()) {
+            frame.rgb_mut().fill(0); // from nowhere there is nothing to see
+            return;
+        }
+        let light = Arc::clone(&self.light);
+        let on = |normal: Vec3| light.on(normal);
+        self.raster.clear(width, height);
+        for (chunks, one_sided) in
+            [(&self.scenery.strip, false), (&self.scenery.walls, true), (&self.scenery.land, true)]
+        {
+            for chunk in chunks {
+                if view.sees(chunk.centre, chunk.radius) {
+                    self.raster.draw(&view, chunk, one_sided, on);
+                }
+            }
+        }
+        let mut models: Vec<_> = shot.actors.iter().map(|actor| models::actor(actor, shot.time_s)).collect();
+        if !camera.bonnet {
+            models.push(models::own_car(car.position.as_vec3(), car.yaw as f32, car.pitch as f32));
+        }
+        for model in models.iter().filter(|model| view.sees(model.centre, model.radius)) {
+            self.raster.draw(&view, model, true, |normal| model_light(&light, normal));
+        }
+        let shader = Shader { scenery: &self.scenery, light: &light, view: &view };
+        for sprite in &self.scenery.sprites {
+            sprite.draw(&mut self.raster, &view, &self.scenery.pictures, |sprite, z| shader.tint(sprite, z));
+        }
+        let rgb = frame.rgb_mut();
+        shader.shade(&self.raster, rgb);
+        for model in &models {
+            self.raster.shadow(
+                &view,
+                model,
+                light.sun,
+                |setup| matches!(setup.paint, Paint::Ground | Paint::Road { .. }),
+                |i| {
+                    let pixel = &mut rgb[i * 3..i * 3 + 3];
+                    for (c, shade) in pixel.iter_mut().zip(light.shade) {
+                        *c = (f32::from(*c) * shade) as u8;
+                    }
+                },
+            );
+        }
+        if camera.bonnet {
+            let known = self.bonnets.iter().position(|(known, _)| known == camera);
+            let i = known.unwrap_or_else(|| {
+                self.bonnets.push((*camera, Bonnet::new(camera, &self.scenery.look)));
+                self.bonnets.len() - 1
+            });
+            self.bonnets[i].1.draw(rgb, &mut self.raster.depth);
+        }
+        self.weather.apply(shot.conditions, (shot.seed, shot.time_s), (&view, car), &self.raster, rgb);
+    }
+}

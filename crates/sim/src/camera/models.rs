@@ -1,0 +1,205 @@
+//! Cars, people, cones and barriers: a few boxes each.
+
+use glam::Vec3;
+
+use super::raster::{Chunk, Paint};
+use crate::{
+    scene::{Actor, ActorKind},
+    vehicle::BODY,
+};
+
+const CARS: [[u8; 3]; 6] = [[186, 40, 36], [50, 80, 150], [212, 212, 208], [60, 62, 66], [206, 166, 52], [58, 112, 74]];
+const CLOTHES: [[u8; 3]; 5] = [[170, 50, 44], [56, 84, 140], [196, 180, 60], [80, 128, 84], [122, 84, 136]];
+const TROUSERS: [[u8; 3]; 3] = [[48, 52, 66], [84, 72, 58], [36, 36, 38]];
+const SKIN: [u8; 3] = [206, 162, 132];
+const GLASS: [u8; 3] = [36, 44, 54];
+const TYRE: [u8; 3] = [24, 24, 26];
+
+/// A box standing in the axes of its owner: how wide below and above, from and to where upwards and forwards.
+#[derive(Clone, Copy)]
+struct Part {
+    x: f32,
+    wide: (f32, f32),
+    up: (f32, f32),
+    /// Rear and front ends, below and above.
+    low: (f32, f32),
+    high: (f32, f32),
+    colour: [u8; 3],
+}
+
+impl Part {
+    fn straight(x: f32, wide: f32, up: (f32, f32), along: (f32, f32), colour: [u8; 3]) -> Self {
+        Self { x, wide: (wide, wide), up, low: along, high: along, colour }
+    }
+}
+
+/// Somebody or something on the road, as triangles in the world.
+pub(super) fn actor(actor: &Actor, time_s: f64) -> Chunk {
+    let size = actor.kind.size().as_vec3();
+    let pick = |colours: &[[u8; 3]]| colours[actor.look as usize % colours.len()];
+    let parts = match actor.kind {
+        ActorKind::Car => car(size, pick(&CARS)),
+        ActorKind::Pedestrian | ActorKind::Child => {
+            // Legs swing as fast as it walks: about 1.4 m a double step.
+            let swing = if actor.speed.abs() > 0.05 { (time_s * actor.speed * 4.5).sin() as f32 } else { 0.0 };
+            person(size, swing, pick(&CLOTHES), TROUSERS[(actor.look / 5) as usize % 3])
+        }
+        ActorKind::Cone => cone(size),
+        ActorKind::Barrier => barrier(size),
+    };
+    place(&parts, actor.position.as_vec3(), actor.yaw as f32, 0.0)
+}
+
+/// The car that is driven, as others see it.
+pub(super) fn own_car(position: Vec3, yaw: f32, nose_up: f32) -> Chunk {
+    place(&car(BODY.as_vec3(), [150, 142, 116]), position, yaw, nose_up)
+}
+
+fn place(parts: &[Part], position: Vec3, yaw: f32, nose_up: f32) -> Chunk {
+    let ((s, c), (ps, pc)) = (yaw.sin_cos(), nose_up.sin_cos());
+    let mut chunk = Chunk::default();
+    for part in parts {
+        let at = |chunk: &mut Chunk, x: f32, y: f32, z: f32| {
+            let (y, z) = (y * pc + z * ps, z * pc - y * ps);
+            chunk.point(position + Vec3::new(x * c + z * s, y, z * c - x * s), 0.0, 0.0)
+        };
+        let (l, h) = (part.wide.0 / 2.0, part.wide.1 / 2.0);
+        let low = [(-l, part.low.0), (l, part.low.0), (l, part.low.1), (-l, part.low.1)];
+        let high = [(-h, part.high.0), (h, part.high.0), (h, part.high.1), (-h, part.high.1)];
+        let low = low.map(|(x, z)| at(&mut chunk, x + part.x, part.up.0, z));
+        let high = high.map(|(x, z)| at(&mut chunk, x + part.x, part.up.1, z));
+        let paint = Paint::Flat(part.colour);
+        let first = low[0] as usize;
+        let middle = chunk.points[first..first + 8].iter().map(|p| p.at).sum::<Vec3>() / 8.0;
+        for k in 0..4 {
+            let next = (k + 1) % 4;
+            let (a, b) = (chunk.points[low[k] as usize].at, chunk.points[high[next] as usize].at);
+            let beyond = middle + ((a + b) / 2.0 - middle) * 50.0;
+            chunk.quad([low[k], low[next], high[next], high[k]], paint, Some(beyond));
+        }
+        chunk.quad(high, paint, None);
+    }
+    chunk.bound()
+}
+
+fn car(size: Vec3, colour: [u8; 3]) -> Vec<Part> {
+    let (w, h, l) = (size.x, size.y, size.z / 2.0);
+    let mut parts = Vec::new();
+    for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+        let z = z * 0.62 * l;
+        parts.push(Part::straight(x * (w / 2.0 - 0.12), 0.24, (0.0, 0.62), (z - 0.31, z + 0.31), TYRE));
+    }
+    parts.push(Part {
+        x: 0.0,
+        wide: (w, w * 0.96),
+        up: (0.22 * h, 0.60 * h),
+        low: (-l, l),
+        high: (-0.98 * l, 0.96 * l),
+        colour,
+    });
+    let cabin = |up: (f32, f32), inset: f32, colour| Part {
+        x: 0.0,
+        wide: (w * (0.92 - inset), w * 0.72),
+        up,
+        low: (-0.82 * l, 0.42 * l),
+        high: (-0.56 * l, 0.08 * l),
+        colour,
+    };
+    parts.push(cabin((0.60 * h, 0.96 * h), 0.0, GLASS));
+    parts.push(Part::straight(0.0, w * 0.72, (0.94 * h, h), (-0.56 * l, 0.08 * l), colour));
+    for x in [-1.0, 1.0] {
+        let x = x * w * 0.37;
+        parts.push(Part::straight(x, w * 0.18, (0.42 * h, 0.54 * h), (-1.01 * l, -0.99 * l), [170, 24, 22]));
+        parts.push(Part::straight(x, w * 0.18, (0.40 * h, 0.52 * h), (0.97 * l, 1.005 * l), [236, 236, 220]));
+    }
+    parts.push(Part::straight(0.0, 0.5, (0.30 * h, 0.38 * h), (-1.01 * l, 1.0 * l), [226, 226, 220]));
+    parts
+}
+
+fn person(size: Vec3, swing: f32, clothes: [u8; 3], trousers: [u8; 3]) -> Vec<Part> {
+    let (w, h) = (size.x, size.y);
+    let leg = |side: f32| {
+        let step = side * swing * 0.16 * h;
+        Part {
+            x: side * w * 0.20,
+            wide: (w * 0.26, w * 0.32),
+            up: (0.0, 0.48 * h),
+            low: (step - 0.08, step + 0.12),
+            high: (-0.09, 0.09),
+            colour: trousers,
+        }
+    };
+    let arm = |side: f32| {
+        let step = -side * swing * 0.10 * h;
+        Part {
+            x: side * w * 0.40,
+            wide: (w * 0.16, w * 0.18),
+            up: (0.46 * h, 0.80 * h),
+            low: (step - 0.06, step + 0.06),
+            high: (-0.07, 0.07),
+            colour: clothes,
+        }
+    };
+    let torso = Part {
+        x: 0.0,
+        wide: (w * 0.66, w * 0.84),
+        up: (0.47 * h, 0.83 * h),
+        low: (-0.11, 0.11),
+        high: (-0.12, 0.12),
+        colour: clothes,
+    };
+    let head = Part::straight(0.0, 0.09 * h, (0.85 * h, 0.97 * h), (-0.06 * h, 0.06 * h), SKIN);
+    let hair = Part::straight(0.0, 0.10 * h, (0.95 * h, h), (-0.065 * h, 0.05 * h), [52, 40, 30]);
+    vec![leg(-1.0), leg(1.0), arm(-1.0), arm(1.0), torso, head, hair]
+}
+
+fn cone(size: Vec3) -> Vec<Part> {
+    let w = size.x;
+    let ring = |up: (f32, f32), colour| {
+        let wide = |y: f32| w * 0.72 * (1.0 - y / size.y * 0.86);
+        let (a, b) = (wide(up.0), wide(up.1));
+        Part { x: 0.0, wide: (a, b), up, low: (-a / 2.0, a / 2.0), high: (-b / 2.0, b / 2.0), colour }
+    };
+    let (orange, white) = ([226, 92, 34], [236, 236, 232]);
+    vec![
+        Part::straight(0.0, w, (0.0, 0.05), (-w / 2.0, w / 2.0), [58, 50, 46]),
+        ring((0.05, 0.28), orange),
+        ring((0.28, 0.42), white),
+        ring((0.42, 0.56), orange),
+        ring((0.56, size.y), white),
+    ]
+}
+
+fn barrier(size: Vec3) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for x in [-0.4, 0.4] {
+        parts.push(Part::straight(x * size.x, 0.08, (0.0, size.y), (-size.z / 2.0, size.z / 2.0), [90, 90, 92]));
+    }
+    let n = 8;
+    for (low, high) in [(0.30, 0.55), (0.70, 0.97)] {
+        for k in 0..n {
+            let wide = size.x / n as f32;
+            let x = (k as f32 + 0.5) * wide - size.x / 2.0;
+            let colour = if k % 2 == 0 { [206, 44, 38] } else { [232, 232, 228] };
+            parts.push(Part::straight(x, wide, (low * size.y, high * size.y), (-0.04, 0.04), colour));
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn a_model_fills_its_box_and_no_more() {
+        for kind in [ActorKind::Car, ActorKind::Pedestrian, ActorKind::Child, ActorKind::Cone, ActorKind::Barrier] {
+            let chunk = actor(&Actor { kind, position: DVec3::ZERO, yaw: 0.0, speed: 0.0, look: 0 }, 0.0);
+            let size = kind.size().as_vec3();
+            let most = chunk.points.iter().fold(Vec3::ZERO, |m, p| m.max(p.at.abs()));
+            assert!(most.x <= size.x / 2.0 + 0.03 && most.z <= size.z / 2.0 + 0.03, "{kind:?}: {most}");
+            assert!((most.y - size.y).abs() < 0.01 && most.x > size.x * 0.4, "{kind:?}: {most}");
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! Where trees, bushes, boulders and posts stand, and how they are drawn: flat, always facing the camera.
+
+use glam::Vec3;
+use rand_chacha::{
+    ChaCha8Rng,
+    rand_core::{Rng, SeedableRng},
+};
+
+use super::{
+    noise::{fractal, nearest, step},
+    raster::{COLOURED, Raster, View},
+    road::Paver,
+    sprites::picture,
+    texture::Texture,
+};
+use crate::track::{Edge, Side, Theme};
+
+/// Something flat that faces the camera.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sprite {
+    /// The middle of its foot.
+    pub(super) at: Vec3,
+    pub(super) width: f32,
+    pub(super) height: f32,
+    pub(super) picture: u8,
+    pub(super) mirrored: bool,
+    /// Brightness of its own.
+    pub(super) tone: f32,
+}
+
+/// Numbers from 0 to 1 from a seed.
+struct Dice(ChaCha8Rng);
+
+impl Dice {
+    fn unit(&mut self) -> f32 {
+        (self.0.next_u32() >> 8) as f32 / 16_777_216.0
+    }
+
+    fn between(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.unit()
+    }
+}
+
+/// Plants a country. Nothing comes nearer to a road than its own half width.
+pub(super) fn plant(paver: &Paver<'_>) -> Vec<Sprite> {
+    let seed = paver.track.file().scenery_seed;
+    let mut dice = Dice(ChaCha8Rng::seed_from_u64(seed ^ 0x1A91_1A11));
+    let mut sprites = Vec::new();
+    let side = paver.ground.side();
+    let theme = paver.track.file().theme;
+    // Over the whole country, in woods.
+    let tries = match theme {
+        Theme::Lake => 15_000,
+        Theme::Jungle => 9_000,
+        Theme::Mountain => 8_000,
+    };
+    for _ in 0..tries {
+        let (x, z) = (paver.ground.x0 + side * dice.unit(), paver.ground.z0 + side * dice.unit());
+        let (d, _) = paver.ground.near(x, z);
+        let wood = fractal(x / 45.0, z / 45.0, 3, 0, seed as u32 + 200);
+        let (chance, size, which) = (dice.unit(), dice.unit(), dice.unit());
+        let near = step(70.0, 15.0, d);
+        let (picture, width, height) = match theme {
+            Theme::Lake => {
+                let dense = step(0.40, 0.62, wood) * (1.0 - 0.55 * near) * step(320.0, 120.0, d).max(0.35);
+                if chance > dense {
+                    continue;
+                }
+                let tall = 8.0 + 8.0 * size;
+                (if which < 0.6 { picture::CONIFER } else { picture::CONIFER_SPARSE }, tall * 0.46, tall)
+            }
+            Theme::Jungle => {
+                if chance > step(0.42, 0.6, wood) * (0.9 - 0.4 * near) {
+                    continue;
+                }
+                match which {
+                    _ if d > 90.0 && which < 0.16 => (picture::SPIRE, 12.0 + 8.0 * size, 22.0 + 18.0 * size),
+                    w if w < 0.45 => (picture::PALM, 5.0 + 2.0 * size, 5.5 + 3.0 * size),
+                    _ => (picture::PALM_LOW, 3.0 + 2.0 * size, 2.4 + 1.6 * size),
+                }
+            }
+            Theme::Mountain => {
+                if chance > step(0.40, 0.6, wood) * 0.8 {
+                    continue;
+                }
+                let tall = 5.0 + 5.0 * size;
+                (if which < 0.62 { picture::AUTUMN } else { picture::AUTUMN_DARK }, tall * 0.72, tall)
+            }
+        };
+        let slope = paver.ground.normal(x, z).y;
+        if slope > 0.72 {
+            add(&mut sprites, paver, &mut dice, (x, z), picture, (width, height));
+        }
+    }
+    beside(&mut sprites, paver, &mut dice);
+    sprites
+}
+
+/// What stands in a row along the road.
+fn beside(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
+    let track = paver.track;
+    let half = track.half_width();
+    let sides = [(Side::Left, -1.0), (Side::Right, 1.0)];
+    let mut s = 0.0;
+    while s < track.length() {
+        let station = track.at(s);
+        for (side, sign) in sides {
+            let has = |edge| track.file().has(edge, side, s);
+            let free = ![Edge::Bridge, Edge::Rock, Edge::Water].into_iter().any(has);
+            let (chance, out, size) = (dice.unit(), f64::from(dice.unit()), dice.unit());
+            let mut stand = |out: f64, picture, size| {
+                let p = track.point(s, sign * (half + out));
+                add(sprites, paver, dice, (p.x as f32, p.z as f32), picture, size);
+            };
+            let outside = station.curvature * sign < -0.012;
+            let metre = s as i64;
+            match track.file().theme {
+                Theme::Lake if has(Edge::Dirt) || !free => {
+                    if chance < 0.10 && !has(Edge::Dirt) && !has(Edge::Bridge) {
+                        stand(4.5 + 3.0 * out, picture::REEDS, (3.0 + 2.0 * size, 1.1 + 0.9 * size));
+                    }
+                }
+                Theme::Lake => match chance {
+                    c if c < 0.10 => stand(6.0 + 9.0 * out, picture::BUSH, (1.2 + 1.8 * size, 0.6 + 0.7 * size)),
+                    c if c < 0.125 => stand(6.0 + 5.0 * out, picture::REEDS, (3.5 + 3.0 * size, 1.6 + 1.2 * size)),
+                    c if c < 0.155 => {
+                        let tall = 8.0 + 8.0 * size;
+                        stand(7.5 + 14.0 * out, picture::CONIFER_SPARSE, (tall * 0.5, tall));
+                    }
+                    c if c < 0.165 => stand(14.0 + 20.0 * out, picture::BOULDER, (7.0 + 8.0 * size, 2.6 + 3.0 * size)),
+                    _ => {}
+                },
+                Theme::Jungle => {
+                    if outside && metre % 8 < 2 && out < 2.0 {
+                        stand(1.5, picture::POST, (0.42, 1.7));
+                    } else if chance < 0.07 {
+                        stand(3.2 + 6.0 * out, picture::PALM, (4.2 + 1.4 * size, 4.6 + 2.4 * size));
+                    } else if chance < 0.16 {
+                        stand(2.6 + 5.0 * out, picture::PALM_LOW, (1.6 + 1.4 * size, 1.1 + 0.9 * size));
+                    }
+                }
+                Theme::Mountain => {
+                    if sign > 0.0 && metre % 44 < 2 {
+                        stand(2.6, picture::LAMP, (3.0, 7.5));
+                    } else if outside && metre % 12 < 2 {
+                        stand(2.8, picture::CHEVRON, (0.9, 1.9));
+                    } else if chance < 0.12 && free {
+                        let tall = 4.0 + 5.0 * size;
+                        stand(5.0 + 10.0 * out, picture::AUTUMN, (tall * 0.74, tall));
+                    } else if chance < 0.24 && free {
+                        stand(3.6 + 5.0 * out, picture::AUTUMN_DARK, (1.4 + 1.6 * size, 1.0 + 1.1 * size));
+                    }
+                }
+            }
+        }
+        s += 2.0;
+    }
+    if track.file().theme == Theme::Lake {
+        let side = paver.ground.side();
+        for k in 0..9 {
+            let (x, z) = (
+                paver.ground.x0 + side * (0.08 + 0.84 * k as f32 / 8.0),
+                paver.ground.z0 + side * (0.12 + 0.03 * (k % 3) as f32),
+            );
+            add(sprites, paver, dice, (x, z), picture::PYLON, (17.0, 44.0));
+        }
+    }
+}
+
+fn add(
+    sprites: &mut Vec<Sprite>,
+    paver: &Paver<'_>,
+    dice: &mut Dice,
+    (x, z): (f32, f32),
+    picture: u8,
+    (width, height): (f32, f32),
+) {
+    let (mirrored, tone) = (dice.unit() < 0.5, dice.between(0.82, 1.12));
+    let foot = paver.ground.height(x, z);
+    let at = Vec3::new(x, foot - 0.12, z);
+    let dry =
+        paver.ground.water.is_none_or(|water| foot > water + 0.2 || picture == picture::REEDS && foot > water - 0.3);
+    if dry && paver.clear(at, width / 2.0 + 0.6) {
+        sprites.push(Sprite { at, width, height, picture, mirrored, tone });
+    }
+}
+
+impl Sprite {
+    /// Draws it. `tint` says for its distance and direction what its colours are multiplied by (256 is once) and what is added.
+    pub(super) fn draw(
+        &self,
+        raster: &mut Raster,
+        view: &View,
+        pictures: &[Texture],
+        tint: impl FnOnce(&Sprite, f32) -> ([i32; 3], [i32; 3]),
+    ) {
+        if (self.at - view.eye).dot(view.forward) < 0.8 {
+            return;
+        }
+        let foot = view.turn(self.at);
+        if foot.z < 0.8 || foot.x.abs() > foot.z * view.cx / view.focal + self.width + self.height * 0.1 {
+            return;
+        }
+        let top = view.turn(self.at + Vec3::Y * self.height);
+        // It stands upright at the depth of its foot: pitch only shortens it.
+        let (fx, fy) = view.project(foot);
+        let (tx, ty) = view.project(Vec3::new(top.x, top.y, foot.z));
+        let tall = fy - ty;
+        if tall < 1.5 || fy < 0.0 || ty > view.height as f32 {
+            return;
+        }
+        let wide = self.width * view.focal / foot.z;
+        let texture = &pictures[self.picture as usize];
+        // The copy whose texels are about as large as pixels.
+        let mut level = 0;
+        let mut finer = (texture.height() as f32 / tall).min(texture.width() as f32 / wide.max(0.5));
+        while finer > 1.4 {
+            finer *= 0.5;
+            level += 1;
+        }
+        let least = [120, 110, 92, 80, 66, 56][level.min(5)];
+        let from = texture.level(level);
+        let w = 1.0 / foot.z;
+        let (multiply, add) = tint(self, foot.z);
+        let first = nearest(ty.max(0.0));
+        let last = nearest(fy.clamp(0.0, view.height as f32));
+        let du = from.width as f32 / wide * if self.mirrored { -1.0 } else { 1.0 };
+        for y in first..last {
+            let t = (y as f32 + 0.5 - ty) / tall;
+            let v = ((t * from.height as f32) as usize).min(from.height - 1);
+            let middle = tx + (fx - tx) * t;
+            let left = nearest((middle - wide / 2.0).clamp(0.0, view.width as f32));
+            let right = nearest((middle + wide / 2.0).clamp(0.0, view.width as f32));
+            if left >= right {
+                continue;
+            }
+            let texels = &from.texels[v * from.width..][..from.width];
+            // In 65,536ths of a texel.
+            let mut u = (((left as f32 + 0.5 - middle) * du + from.width as f32 / 2.0) * 65_536.0) as i32;
+            let step = (du * 65_536.0) as i32;
+            let span = y * view.width + left..y * view.width + right;
+            let (depths, ids) = (&mut raster.depth[span.clone()], &mut raster.ids[span]);
+            for (depth, id) in depths.iter_mut().zip(ids) {
+                let at = (u >> 16) as usize;
+                u += step;
+                if w <= *depth {
+                    continue;
+                }
+                let texel = texels[at.min(texels.len() - 1)];
+                if texel[3] >= least {
+                    *depth = w;
+                    let c = |k: usize| (((i32::from(texel[k]) * multiply[k]) >> 8) + add[k]).clamp(0, 255) as u32;
+                    *id = COLOURED | c(0) << 16 | c(1) << 8 | c(2);
+                }
+            }
+        }
+    }
+
+    /// Whether a point on the ground lies in its shadow; `away` points from the sun along the ground,
+    /// `climb` is how high the sun's rays rise a metre.
+    pub(super) fn shades(&self, p: Vec3, away: Vec3, climb: f32, picture: &Texture) -> bool {
+        let d = p - self.at;
+        let along = d.x * away.x + d.z * away.z;
+        let high = along * climb + (p.y - self.at.y);
+        let aside = (d.x * away.z - d.z * away.x) / self.width + 0.5;
+        let v = 1.0 - high / self.height;
+        if !(0.0..1.0).contains(&aside) || !(0.0..1.0).contains(&v) {
+            return false;
+        }
+        let view = picture.level(1);
+        let (x, y) = ((aside * view.width as f32) as usize, (v * view.height as f32) as usize);
+        view.texels[y * view.width + x][3] > 100
+    }
+}

@@ -1,0 +1,181 @@
+//! Everything that does not move, built once from a track.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::{Vec3, Vec4};
+
+use super::{
+    light::{Light, Lit, MAP},
+    look::{self, Look},
+    plants::{self, Sprite},
+    raster::{Chunk, Paint},
+    road::Paver,
+    section::Section,
+    sprites,
+    terrain::Ground,
+    texture::{self, Texture},
+};
+use crate::{
+    conditions::Conditions,
+    track::{Edge, Side, Theme, Track},
+};
+
+/// Lights for as many places of the sun are kept.
+const LIGHTS_KEPT: usize = 8;
+
+/// The light of a sun at a height and azimuth in degrees.
+type KnownLight = ((f64, f64), Arc<Light>);
+
+/// A country as the camera sees it: mesh, plants, textures, light. Shared by all renderers.
+#[derive(Debug)]
+pub struct Scenery {
+    pub(super) look: Look,
+    pub(super) strip: Vec<Chunk>,
+    pub(super) walls: Vec<Chunk>,
+    pub(super) land: Vec<Chunk>,
+    pub(super) sprites: Vec<Sprite>,
+    pub(super) pictures: Vec<Texture>,
+    pub(super) sections: Vec<Section>,
+    /// What roads are made of, and how often it repeats a metre.
+    pub(super) surfaces: Vec<(Texture, f32)>,
+    pub(super) tiles: Vec<Texture>,
+    pub(super) detail: Texture,
+    /// How often the ground's fine structure repeats a metre.
+    pub(super) detail_per_m: f32,
+    pub(super) map_texels_per_m: f32,
+    pub(super) sheen4: Vec4,
+    pub(super) fog4: Vec4,
+    pub(super) fog: [i32; 3],
+    /// Fog a metre, in 256ths.
+    pub(super) fog_per_m: f32,
+    track: Track,
+    ground: Ground,
+    albedo: Vec<[u8; 3]>,
+    lights: Mutex<Vec<KnownLight>>,
+}
+
+impl Scenery {
+    /// Builds the country around a road; takes about a second.
+    pub fn new(track: &Track) -> Self {
+        let theme = track.file().theme;
+        let seed = track.file().scenery_seed as u32;
+        let look = Look::of(theme);
+        let ground = Ground::new(track, &look);
+        let paver = Paver { track, ground: &ground, look: &look };
+        let (strip, walls) = (paver.strip(), paver.walls());
+        let sprites = plants::plant(&paver);
+        let mut land = ground.mesh();
+        land.extend(ground.water.map(|level| water(&ground, level)));
+        let (asphalt, rough, cliff) = match theme {
+            Theme::Lake => (0.76, 0.45, 0.45),
+            Theme::Jungle => (0.22, 0.55, 0.7),
+            Theme::Mountain => (0.55, 0.75, 0.8),
+        };
+        Self {
+            strip,
+            walls,
+            land,
+            sprites,
+            pictures: sprites::all(),
+            sections: look::sections(theme, track.half_width() as f32),
+            surfaces: vec![(texture::asphalt(asphalt, seed + 1), 0.25), (texture::cobbles(seed + 2), 0.34)],
+            tiles: vec![texture::rock(cliff, seed + 3), texture::striped_block(seed + 4)],
+            detail: texture::ground(rough, seed + 5),
+            detail_per_m: 1.0 / 7.0,
+            map_texels_per_m: MAP as f32 / ground.side(),
+            sheen4: Vec3::from_array(look.sheen).extend(0.0),
+            fog4: Vec3::from_array(look.fog).extend(0.0),
+            fog: look.fog.map(|c| c as i32),
+            fog_per_m: look.fog_100m * 2.56,
+            albedo: albedo(track, &ground, &look),
+            track: track.clone(),
+            ground,
+            look,
+            lights: Mutex::new(Vec::new()),
+        }
+    }
+
+    /// Height and azimuth of the sun under some conditions, in degrees.
+    pub(super) fn sun(&self, conditions: &Conditions) -> (f64, f64) {
+        let height = conditions.sun_height_deg.unwrap_or(self.look.sun_height_deg);
+        (height.clamp(3.0, 90.0), conditions.sun_azimuth_deg.unwrap_or(self.look.sun_azimuth_deg))
+    }
+
+    /// The light of a sun: worked out the first time, then kept.
+    pub(super) fn light(&self, sun: (f64, f64)) -> Arc<Light> {
+        let mut lights = self.lights.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, light)) = lights.iter().find(|(known, _)| *known == sun) {
+            return Arc::clone(light);
+        }
+        let lit = Lit {
+            track: &self.track,
+            look: &self.look,
+            ground: &self.ground,
+            albedo: &self.albedo,
+            sprites: &self.sprites,
+            pictures: &self.pictures,
+        };
+        let light = Arc::new(Light::new(&lit, sun.0, sun.1));
+        if lights.len() == LIGHTS_KEPT {
+            lights.remove(0);
+        }
+        lights.push((sun, Arc::clone(&light)));
+        light
+    }
+}
+
+/// Open water to the horizon.
+fn water(ground: &Ground, level: f32) -> Chunk {
+    let mut chunk = Chunk::default();
+    const PIECES: u16 = 8;
+    let reach = ground.side() * 2.0;
+    let low = Vec3::new(ground.x0, level, ground.z0) - Vec3::new(reach, 0.0, reach) * 0.25;
+    for j in 0..=PIECES {
+        for i in 0..=PIECES {
+            let piece = reach * 1.5 / f32::from(PIECES) / 2.0;
+            chunk.point(low + Vec3::new(f32::from(i) * piece, 0.0, f32::from(j) * piece), 0.0, 0.0);
+        }
+    }
+    for j in 0..PIECES {
+        for i in 0..PIECES {
+            let a = j * (PIECES + 1) + i;
+            chunk.quad([a, a + 1, a + PIECES + 2, a + PIECES + 1], Paint::Water, None);
+        }
+    }
+    chunk.bound()
+}
+
+fn albedo(track: &Track, ground: &Ground, look: &Look) -> Vec<[u8; 3]> {
+    let metres = ground.side() / MAP as f32;
+    let seed = track.file().scenery_seed as u32;
+    let dirt: Vec<[bool; 2]> = track
+        .stations()
+        .iter()
+        .map(|station| [Side::Left, Side::Right].map(|side| track.file().has(Edge::Dirt, side, station.s)))
+        .collect();
+    let mut albedo = Vec::with_capacity(MAP * MAP);
+    for j in 0..MAP {
+        for i in 0..MAP {
+            let (x, z) = (ground.x0 + (i as f32 + 0.5) * metres, ground.z0 + (j as f32 + 0.5) * metres);
+            let (from_edge_m, number) = ground.near(x, z);
+            let station = &track.stations()[number];
+            let to = Vec3::new(x, 0.0, z) - station.position.as_vec3();
+            let right = to.dot(station.right().as_vec3()) > 0.0;
+            let height = ground.height(x, z);
+            let normal = ground.normal(x, z);
+            let place = look::Place {
+                x,
+                z,
+                above_m: height - station.position.y as f32,
+                slope: normal.x.hypot(normal.z) / normal.y,
+                from_edge_m,
+                dirt: dirt[number][usize::from(right)],
+                dry_m: ground.water.map_or(f32::MAX, |water| height - water),
+            };
+            albedo.push(
+                look::ground(track.file().theme, look.rock, place, seed + 300).map(|c| c.clamp(0.0, 255.0) as u8),
+            );
+        }
+    }
+    albedo
+}

@@ -1,0 +1,107 @@
+//! How long until the car hits what is ahead, should nobody change speed or path.
+//!
+//! The time to collision of Hayward, Near miss determination through use of a scale of danger (1972), from the true
+//! places and sizes. The road is laid out straight for it: our car goes on along the road, as far from its middle as it
+//! is, and everything else straight on; so a bend with a car parked beside it is no collision course. Boxes keep the
+//! way they face.
+
+use glam::{DVec2, DVec3};
+
+use super::{
+    obstacles::{Box2, ahead},
+    scene::Actor,
+    track::{Place, Track},
+    traffic::signed,
+    vehicle::Car,
+};
+
+/// Places at which the bend of a way is looked up.
+const BENDS: usize = 8;
+
+/// Seconds until the car hits the first of the actors ahead of it, 0 where it does; infinite where it hits none.
+pub fn time_to_collision(track: &Track, car: &Car, place: &Place, actors: &[Actor]) -> f64 {
+    let straight = |right: f64, along: f64| DVec3::new(right, 0.0, along);
+    let yaw = car.yaw - place.station.yaw;
+    let body = Box2::of_car(&Car { position: straight(place.offset, 0.0), yaw, ..*car });
+    let velocity = DVec2::new(0.0, car.speed * yaw.cos());
+    let until = |actor: &Actor| {
+        let there = track.locate(actor.position, None);
+        let position = straight(there.offset, way(track, place, there.station.s));
+        let actor = Actor { position, yaw: actor.yaw - there.station.yaw, ..*actor };
+        let other = Box2::of_actor(&actor);
+        let is_ahead = other.centre.y > body.centre.y;
+        is_ahead.then(|| body.meets(&other, ahead(actor.yaw) * actor.speed - velocity)).flatten()
+    };
+    actors.iter().filter_map(until).fold(f64::INFINITY, f64::min)
+}
+
+/// Metres from the car to `s` on its own line, which in a bend is longer or shorter than the road's middle.
+fn way(track: &Track, from: &Place, s: f64) -> f64 {
+    let way = signed(track, from.station.s, s);
+    let at = |i: usize| from.station.s + way * (i as f64 + 0.5) / BENDS as f64;
+    let bend: f64 = (0..BENDS).map(|i| 1.0 - track.at(at(i)).curvature * from.offset).sum();
+    way * (bend / BENDS as f64).max(0.2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{obstacles::FRONT_M, scene::ActorKind};
+
+    /// Our car on the lake's line at so many m/s, and where that is.
+    fn on(track: &Track, s: f64, speed: f64) -> (Car, Place) {
+        let station = track.at(s);
+        (
+            Car { position: track.point(s, 0.0), yaw: station.yaw, speed, ..Car::default() },
+            Place { station, offset: 0.0 },
+        )
+    }
+
+    fn beside(track: &Track, kind: ActorKind, s: f64, offset: f64, turned: f64, speed: f64) -> Actor {
+        Actor { kind, position: track.point(s, offset), yaw: track.at(s).yaw + turned, speed, look: 0 }
+    }
+
+    #[test]
+    fn gap_over_closing_speed_wherever_on_the_road() {
+        let track = Track::named("lake").unwrap();
+        for s in (0..1000).step_by(37).map(f64::from) {
+            let (car, place) = on(&track, s, 10.0);
+            let until = |actor: Actor| time_to_collision(&track, &car, &place, &[actor]);
+            let gap = 30.0 - FRONT_M - 2.2;
+            let standing = until(beside(&track, ActorKind::Car, s + 30.0, 0.0, 0.0, 0.0));
+            assert!((standing - gap / 10.0).abs() < 0.05, "at {s} m: {standing} s");
+            let slower = until(beside(&track, ActorKind::Car, s + 30.0, 0.0, 0.0, 6.0));
+            assert!((slower - gap / 4.0).abs() < 0.15, "at {s} m: {slower} s");
+            let parked_beside = until(beside(&track, ActorKind::Car, s + 30.0, 3.115, 0.0, 0.0));
+            assert_eq!(parked_beside, f64::INFINITY, "at {s} m");
+        }
+    }
+
+    #[test]
+    fn one_who_crosses_is_met_or_just_missed() {
+        let track = Track::named("lake").unwrap();
+        let (car, place) = on(&track, 20.0, 10.0);
+        // Its side is reached after 2.768 s, when one who walks 4 m to the middle at 1.39 m/s is 0.15 m short of it.
+        let crossing = |from: f64, speed: f64| {
+            let walker = beside(&track, ActorKind::Pedestrian, 50.0, from, -std::f64::consts::FRAC_PI_2, speed);
+            time_to_collision(&track, &car, &place, &[walker])
+        };
+        assert!((crossing(4.0, 1.39) - 2.768).abs() < 0.02, "{}", crossing(4.0, 1.39));
+        assert_eq!(crossing(8.0, 1.39), f64::INFINITY, "it comes too late");
+        assert_eq!(crossing(4.0, 0.0), f64::INFINITY, "it waits");
+    }
+
+    #[test]
+    fn what_is_behind_or_as_fast_is_not_hit_and_what_is_touched_is_hit_now() {
+        let track = Track::named("lake").unwrap();
+        let (car, place) = on(&track, 50.0, 10.0);
+        let until =
+            |s, speed| time_to_collision(&track, &car, &place, &[beside(&track, ActorKind::Car, s, 0.0, 0.0, speed)]);
+        assert_eq!(until(30.0, 20.0), f64::INFINITY, "from behind");
+        assert_eq!(until(60.0, 15.0), f64::INFINITY, "it drives away");
+        assert_eq!(until(54.0, 0.0), 0.0);
+        let nearest = [70.0, 60.0, 80.0].map(|s| beside(&track, ActorKind::Car, s, 0.0, 0.0, 0.0));
+        assert_eq!(time_to_collision(&track, &car, &place, &nearest), until(60.0, 0.0));
+        assert_eq!(time_to_collision(&track, &car, &place, &[]), f64::INFINITY);
+    }
+}

@@ -1,0 +1,273 @@
+//! What weather, light and a bad camera do to a run.
+//!
+//! All of it is off by default and then costs nothing. Light and weather are
+//! drawn by [`crate::camera`]; latency and dropped frames are the
+//! world's business. What varies from frame to frame comes from the run's seed
+//! and the simulated time alone.
+
+use rand_chacha::{
+    ChaCha8Rng,
+    rand_core::{Rng, SeedableRng},
+};
+use serde::{Deserialize, Serialize};
+
+use lapwing_core::words::{did_you_mean, suggesting};
+
+/// Weather, light, and what is wrong with the camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Conditions {
+    /// Degrees of the sun above the horizon, 3 to 90; the track's own where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sun_height_deg: Option<f64>,
+    /// Where the sun stands, degrees clockwise from +z, -360 to 360; the track's own where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sun_azimuth_deg: Option<f64>,
+    /// Factor on all colours, 0.05 to 4.
+    pub brightness: f64,
+    /// Haze, 0 to 1: at 1 one sees some 60 m.
+    pub haze: f64,
+    /// Rain, 0 to 1: streaks, a grey sky, a darker road.
+    pub rain: f64,
+    /// Night, 0 to 1: at 1 only the headlights light the road.
+    pub night: f64,
+    /// Noise of the camera: standard deviation in grey levels, 0 to 100.
+    pub noise: f64,
+    /// Blur of the lens: standard deviation in pixels, 0 to 10.
+    pub blur: f64,
+    /// How late a command works, in milliseconds, 0 to 5000.
+    pub latency_ms: f64,
+    /// Share of the frames that are never sent, 0 to less than 1.
+    pub dropped: f64,
+}
+
+impl Default for Conditions {
+    fn default() -> Self {
+        Self {
+            sun_height_deg: None,
+            sun_azimuth_deg: None,
+            brightness: 1.0,
+            haze: 0.0,
+            rain: 0.0,
+            night: 0.0,
+            noise: 0.0,
+            blur: 0.0,
+            latency_ms: 0.0,
+            dropped: 0.0,
+        }
+    }
+}
+
+/// Why a text names no conditions.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ConditionsError {
+    /// A piece that is not `name=number`.
+    #[error("conditions: expected random, or name=number (such as rain=0.5), got {got:?}{}", did_you_mean(got, NAMES.into_iter().chain(["random"])))]
+    Form {
+        /// The piece.
+        got: String,
+    },
+    /// Not the TOML of conditions.
+    #[error("conditions: {}", suggesting(&.0.to_string()))]
+    Toml(#[from] toml::de::Error),
+    /// A name that no condition has.
+    #[error("conditions: expected one of {}, got {got:?}{}", NAMES.join(", "), did_you_mean(got, NAMES))]
+    Unknown {
+        /// The name.
+        got: String,
+    },
+    /// A number that is not one, or out of range.
+    #[error("conditions: {name}: expected {min} to {max}, got {got}")]
+    Range {
+        /// Which condition.
+        name: &'static str,
+        /// Smallest value.
+        min: f64,
+        /// Largest value.
+        max: f64,
+        /// What it was.
+        got: String,
+    },
+}
+
+const NAMES: [&str; 10] = [
+    "sun_height_deg",
+    "sun_azimuth_deg",
+    "brightness",
+    "haze",
+    "rain",
+    "night",
+    "noise",
+    "blur",
+    "latency_ms",
+    "dropped",
+];
+
+const RANGES: [(f64, f64); 10] = [
+    (3.0, 90.0),
+    (-360.0, 360.0),
+    (0.05, 4.0),
+    (0.0, 1.0),
+    (0.0, 1.0),
+    (0.0, 1.0),
+    (0.0, 100.0),
+    (0.0, 10.0),
+    (0.0, 5000.0),
+    (0.0, 0.99),
+];
+
+impl Conditions {
+    /// Reads `rain=0.5,night=1`; an empty text is the default.
+    ///
+    /// # Errors
+    /// [`ConditionsError`], naming what was expected.
+    pub fn parse(text: &str) -> Result<Self, ConditionsError> {
+        let mut conditions = Self::default();
+        for piece in text.split(',').map(str::trim).filter(|piece| !piece.is_empty()) {
+            let (name, number) =
+                piece.split_once('=').ok_or_else(|| ConditionsError::Form { got: piece.to_owned() })?;
+            let i = NAMES
+                .iter()
+                .position(|known| *known == name.trim())
+                .ok_or_else(|| ConditionsError::Unknown { got: name.trim().to_owned() })?;
+            let value = number.trim().parse().map_err(|_| out_of_range(i, number.trim()))?;
+            conditions.set(i, value);
+        }
+        conditions.check()?;
+        Ok(conditions)
+    }
+
+    /// Reads the TOML of a file.
+    ///
+    /// # Errors
+    /// [`ConditionsError`], with line and column where it is no such TOML.
+    pub fn from_file(text: &str) -> Result<Self, ConditionsError> {
+        let conditions: Self = toml::from_str(text)?;
+        conditions.check()?;
+        Ok(conditions)
+    }
+
+    /// Checks every number, as after reading a file.
+    ///
+    /// # Errors
+    /// [`ConditionsError::Range`] for the first that is out of its range.
+    pub fn check(&self) -> Result<(), ConditionsError> {
+        for (i, value) in self.values().into_iter().enumerate() {
+            let (min, max) = RANGES[i];
+            if value.is_some_and(|value| !(min..=max).contains(&value)) {
+                return Err(out_of_range(i, &format!("{:?}", value.unwrap_or_default())));
+            }
+        }
+        Ok(())
+    }
+
+    /// Conditions to vary training data with: mild more often than harsh, each seed another.
+    /// Latency and dropped frames stay off, for they are no matter of the picture.
+    pub fn random(seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        let mut conditions = Self {
+            sun_height_deg: Some(12.0 + 60.0 * unit()),
+            sun_azimuth_deg: Some(360.0 * unit()),
+            brightness: 0.7 + 0.6 * unit(),
+            noise: 4.0 * unit().powi(2),
+            ..Self::default()
+        };
+        // Each of the rest on one run in a few.
+        let mut sometimes = |share: f64, most: f64| {
+            let (on, strength) = (unit() < share, unit());
+            if on { most * strength } else { 0.0 }
+        };
+        conditions.haze = sometimes(0.35, 0.6);
+        conditions.rain = sometimes(0.25, 0.9);
+        conditions.night = sometimes(0.15, 0.9);
+        conditions.blur = sometimes(0.25, 1.2);
+        conditions
+    }
+
+    /// Whether a run's seed changes anything under these: only rain, noise and dropped frames fall by chance.
+    pub fn left_to_chance(&self) -> bool {
+        self.rain > 0.0 || self.noise > 0.0 || self.dropped > 0.0
+    }
+
+    fn values(&self) -> [Option<f64>; 10] {
+        [
+            self.sun_height_deg,
+            self.sun_azimuth_deg,
+            Some(self.brightness),
+            Some(self.haze),
+            Some(self.rain),
+            Some(self.night),
+            Some(self.noise),
+            Some(self.blur),
+            Some(self.latency_ms),
+            Some(self.dropped),
+        ]
+    }
+
+    fn set(&mut self, i: usize, value: f64) {
+        match i {
+            0 => self.sun_height_deg = Some(value),
+            1 => self.sun_azimuth_deg = Some(value),
+            2 => self.brightness = value,
+            3 => self.haze = value,
+            4 => self.rain = value,
+            5 => self.night = value,
+            6 => self.noise = value,
+            7 => self.blur = value,
+            8 => self.latency_ms = value,
+            _ => self.dropped = value,
+        }
+    }
+}
+
+fn out_of_range(i: usize, got: &str) -> ConditionsError {
+    ConditionsError::Range { name: NAMES[i], min: RANGES[i].0, max: RANGES[i].1, got: got.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_of_names_and_numbers_is_read() {
+        let read = Conditions::parse(" rain=0.5, night=1,sun_height_deg=12.5 ").unwrap();
+        let expected = Conditions { rain: 0.5, night: 1.0, sun_height_deg: Some(12.5), ..Conditions::default() };
+        assert_eq!(read, expected);
+        assert_eq!(Conditions::parse("").unwrap(), Conditions::default());
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        for (text, message) in [
+            ("rain", "conditions: expected random, or name=number (such as rain=0.5), got \"rain\""),
+            ("rain=2", "conditions: rain: expected 0 to 1, got 2.0"),
+            ("haze=NaN", "conditions: haze: expected 0 to 1, got NaN"),
+            ("dropped=much", "conditions: dropped: expected 0 to 0.99, got much"),
+        ] {
+            assert_eq!(Conditions::parse(text).unwrap_err().to_string(), message);
+        }
+        let unknown = Conditions::parse("snow=1").unwrap_err().to_string();
+        assert!(unknown.contains("sun_azimuth_deg") && unknown.ends_with("got \"snow\""), "{unknown}");
+    }
+
+    #[test]
+    fn every_random_condition_is_a_valid_one_and_the_same_for_the_same_seed() {
+        for seed in 0..200 {
+            Conditions::random(seed).check().unwrap();
+            assert_eq!(Conditions::random(seed), Conditions::random(seed));
+            assert_ne!(Conditions::random(seed), Conditions::random(seed + 1));
+        }
+    }
+
+    #[test]
+    fn a_file_may_leave_out_what_is_off() {
+        assert_eq!(
+            toml::from_str::<Conditions>("rain = 0.25").unwrap(),
+            Conditions { rain: 0.25, ..Default::default() }
+        );
+        assert!(toml::from_str::<Conditions>("snow = 1").is_err());
+        let conditions = Conditions::random(3);
+        assert_eq!(toml::from_str::<Conditions>(&toml::to_string(&conditions).unwrap()).unwrap(), conditions);
+    }
+}

@@ -1,0 +1,56 @@
+//! The headless simulator: a closed-loop world of our own.
+//!
+//! ```text
+//! Command ─▶ vehicle ─▶ judge ─▶ camera ─▶ Observation
+//!              ▲          ▲        ▲
+//!              └─ track, traffic ──┘  (conditions: light, weather, latency)
+//! ```
+//!
+//! | file | holds |
+//! |---|---|
+//! | [`track`] | roads: the stock simulator's three, and random ones |
+//! | [`vehicle`] | the car's physics |
+//! | [`expert`] | drives a known road well: for recordings, and as the scripted human |
+//! | [`scene`] | what stands and moves on the road |
+//! | [`scenario`], [`traffic`] | scripts of other traffic, and who follows them |
+//! | [`obstacles`] | oriented boxes, whether they touch, and when they will |
+//! | [`collision_course`] | how long until the car hits what is ahead |
+//! | [`judge`] | laps, collisions, off the road, stuck, wrong way |
+//! | [`camera`], [`conditions`] | what a camera on the car sees, in which light and weather |
+//! | [`world`] | all of it under one clock, as a [`World`](lapwing_core::protocol::World) |
+//! | [`along`] | a recording as a closed-loop world |
+//!
+//! No libtorch, no async runtime, no C++: this crate and `lapwing-core` are all that a simulation needs.
+//!
+//! # Example
+//! Two seconds of the expert on a random road, in lock step:
+//! ```
+//! use std::{sync::Arc, time::Instant};
+//! use lapwing_core::{config::Control, driver::Driver, pilot::PurePursuit, protocol::World};
+//! use lapwing_sim::{camera::Scenery, track::Track, world::{Setup, Simulation}};
+//!
+//! let track = Arc::new(Track::open("random:7")?);
+//! let scenery = Arc::new(Scenery::new(&track));
+//! let mut world = Simulation::new(Setup::new(track, scenery))?;
+//! let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), Instant::now);
+//! for _ in 0..30 {
+//!     let Some(observation) = world.observe().map_err(|e| e.to_string())? else { break };
+//!     let (answer, _trace) = driver.drive(&observation);
+//!     world.apply(answer);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod along;
+pub mod camera;
+pub mod collision_course;
+pub mod conditions;
+pub mod expert;
+pub mod judge;
+pub mod obstacles;
+pub mod scenario;
+pub mod scene;
+pub mod track;
+pub mod traffic;
+pub mod vehicle;
+pub mod world;

@@ -1,0 +1,261 @@
+//! What happens on the road in a run: a small TOML file.
+//!
+//! A [`Scenario`] says where our car begins and how fast, and what everything
+//! else does: parked, a lead car that brakes, cruising, crossing. It is written
+//! in road coordinates that suit any track: `ahead_m` counts along the road from
+//! where our car begins, `offset_m` to the right of the line it drives on. Each
+//! number may be a range or a list to choose from ([`Draw`]); [`Scenario::settle`]
+//! draws them from a seed, [`Scenario::cases`] lists all choices as a test
+//! protocol's table does. [`super::traffic`] plays it.
+//!
+//! ```toml
+//! name = "braking-ahead"
+//! description = "The car ahead brakes."
+//! duration_s = 30.0
+//!
+//! [ego]
+//! speed_kmh = 48.0
+//!
+//! [[actor]]
+//! script = "lead"
+//! gap_m = [10.0, 40.0]                       # drawn from the seed
+//! onset_s = [3.0, 8.0]
+//! deceleration = { one_of = [2.0, 6.0] }     # a choice
+//! ```
+
+mod draw;
+
+use serde::{Deserialize, Serialize};
+
+use super::{scene::ActorKind, track::Track};
+pub use draw::Draw;
+use lapwing_core::{
+    units::MPS_PER_MPH,
+    words::{did_you_mean, suggesting},
+};
+
+/// Metres per second in one kilometre per hour.
+pub const MPS_PER_KMH: f64 = 1.0 / 3.6;
+
+/// A run's start and everything else on the road.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// What it is called.
+    pub name: String,
+    /// What happens, and after which protocol.
+    pub description: String,
+    /// On which track; any where it does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub track: Option<String>,
+    /// Our car.
+    pub ego: Ego,
+    /// Goes into every draw beside the run's own seed. 0 by default.
+    #[serde(default)]
+    pub seed: u64,
+    /// When it is over, in seconds.
+    pub duration_s: f64,
+    /// Everything else, in the order in which hits name it.
+    #[serde(default, rename = "actor")]
+    pub actors: Vec<Script>,
+}
+
+/// Our car at the start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Ego {
+    /// Metres along the road; the track's start where it does not say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub s_m: Option<Draw>,
+    /// Metres to the right of the road's middle; the track's driving line where it does not say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_m: Option<Draw>,
+    /// How fast it rolls at the start, km/h. 0 by default.
+    pub speed_kmh: Draw,
+    /// What it is to hold, km/h; the speed at the start where it does not say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_kmh: Option<Draw>,
+}
+
+impl Default for Ego {
+    fn default() -> Self {
+        Self { s_m: None, offset_m: None, speed_kmh: Draw::Exactly(0.0), target_kmh: None }
+    }
+}
+
+impl Ego {
+    /// Distance along the road and offset at which it begins, in metres.
+    pub fn start(&self, track: &Track) -> (f64, f64) {
+        let start = track.file().start;
+        let s = self
+            .s_m
+            .as_ref()
+            .map_or_else(|| track.locate(glam::DVec3::new(start.x, start.y, start.z), None).station.s, Draw::value);
+        (s, self.offset_m.as_ref().map_or(track.file().driving_line_m, Draw::value))
+    }
+
+    /// How fast it rolls at the start, mph.
+    pub fn speed_mph(&self) -> f64 {
+        self.speed_kmh.value() * MPS_PER_KMH / MPS_PER_MPH
+    }
+
+    /// What it is to hold, mph.
+    pub fn target_mph(&self) -> f64 {
+        self.target_kmh.as_ref().unwrap_or(&self.speed_kmh).value() * MPS_PER_KMH / MPS_PER_MPH
+    }
+}
+
+/// What something on the road does.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "script", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Script {
+    /// Stands.
+    Parked {
+        /// What it is.
+        kind: ActorKind,
+        /// Metres along the road from our car's start to its middle.
+        ahead_m: Draw,
+        /// Metres to the right of our car's line. 0 by default.
+        #[serde(default)]
+        offset_m: Draw,
+        /// Degrees clockwise from the road's direction. 0 by default.
+        #[serde(default)]
+        yaw_deg: Draw,
+    },
+    /// Drives ahead of our car at a constant gap, then brakes.
+    Lead {
+        /// What it is. A car by default.
+        #[serde(default = "a_car")]
+        kind: ActorKind,
+        /// From our front bumper to its rear, in metres, at the start and held until the onset.
+        gap_m: Draw,
+        /// Metres to the right of our car's line. 0 by default.
+        #[serde(default)]
+        offset_m: Draw,
+        /// Its speed at the start, km/h; our car's where it does not say.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        speed_kmh: Option<Draw>,
+        /// When it brakes, in seconds from the start.
+        onset_s: Draw,
+        /// How hard, in m/s2, positive.
+        deceleration: Draw,
+        /// Seconds from the onset until it brakes that hard, building up evenly. 0 by default.
+        #[serde(default)]
+        build_up_s: Draw,
+        /// The speed down to which it brakes, km/h. 0 by default.
+        #[serde(default)]
+        final_kmh: Draw,
+    },
+    /// Drives along the road at a constant speed.
+    Cruise {
+        /// What it is. A car by default.
+        #[serde(default = "a_car")]
+        kind: ActorKind,
+        /// Metres along the road from our car's start to its middle; negative is behind.
+        ahead_m: Draw,
+        /// Metres to the right of our car's line. 0 by default.
+        #[serde(default)]
+        offset_m: Draw,
+        /// Its speed, km/h.
+        speed_kmh: Draw,
+        /// Whether it comes towards our car. Not by default.
+        #[serde(default)]
+        oncoming: bool,
+    },
+    /// Crosses the road and stops on the other side.
+    Cross {
+        /// What it is. An adult by default.
+        #[serde(default = "an_adult")]
+        kind: ActorKind,
+        /// Metres along the road from our car's start to the line on which it crosses.
+        ahead_m: Draw,
+        /// Where it waits, metres to the right of our car's line.
+        from_m: Draw,
+        /// Where it stops, metres to the right of our car's line.
+        to_m: Draw,
+        /// Its speed, km/h.
+        speed_kmh: Draw,
+        /// Metres over which it comes to that speed, evenly. 0 by default.
+        #[serde(default)]
+        run_up_m: Draw,
+        /// When it sets off, in seconds from the start; or `share`.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        at_s: Option<Draw>,
+        /// It sets off so that our car, should it go on as it does, would hit its middle at this
+        /// share of our car's width, counted from the side where it comes from: 0.25 and 0.75 in
+        /// CPNA-25 and -75; below 0 or above 1 our car just misses it. Or `at_s`.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        share: Option<Draw>,
+    },
+}
+
+fn a_car() -> ActorKind {
+    ActorKind::Car
+}
+
+fn an_adult() -> ActorKind {
+    ActorKind::Pedestrian
+}
+
+/// Why there is no such scenario.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// No scenario of that name.
+    #[error(
+        "unknown scenario: expected {}, or a file ending in .toml, got {got:?}{}",
+        Scenario::NAMES.join(", "),
+        did_you_mean(got, Scenario::NAMES)
+    )]
+    Unknown {
+        /// The name.
+        got: String,
+    },
+    /// Not the TOML of a scenario.
+    #[error("scenario file: {}", suggesting(&.0.to_string()))]
+    Toml(#[from] toml::de::Error),
+    /// A value that describes no scenario.
+    #[error("scenario {name}: {what}: expected {expected}, got {got}")]
+    Value {
+        /// The scenario.
+        name: String,
+        /// Which value.
+        what: String,
+        /// What it should have been.
+        expected: String,
+        /// What it was.
+        got: String,
+    },
+}
+
+impl Scenario {
+    /// Names of the scenarios that come with Lapwing.
+    pub const NAMES: [&str; 5] = ["ccrs", "ccrm", "ccrb", "cpna", "child"];
+
+    /// A scenario that comes with Lapwing.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Unknown`] for a name that is not one of [`Scenario::NAMES`].
+    pub fn named(name: &str) -> Result<Self, ScenarioError> {
+        Self::parse(match name {
+            "ccrs" => include_str!("ccrs.toml"),
+            "ccrm" => include_str!("ccrm.toml"),
+            "ccrb" => include_str!("ccrb.toml"),
+            "cpna" => include_str!("cpna.toml"),
+            "child" => include_str!("child.toml"),
+            _ => return Err(ScenarioError::Unknown { got: name.to_owned() }),
+        })
+    }
+
+    /// Reads TOML.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Toml`] with line and column, [`ScenarioError::Value`] where a number makes no sense.
+    pub fn parse(text: &str) -> Result<Self, ScenarioError> {
+        let scenario: Self = toml::from_str(text)?;
+        scenario.check()?;
+        Ok(scenario)
+    }
+}
+
+#[cfg(test)]
+mod tests;

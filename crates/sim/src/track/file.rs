@@ -1,0 +1,223 @@
+//! Tracks as files.
+
+use std::{fmt, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use lapwing_core::words::{did_you_mean, suggesting};
+
+/// A track as a person writes it, in TOML.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrackFile {
+    /// What it is called.
+    pub name: String,
+    /// Which country it lies in: colours, plants, rocks, light.
+    pub theme: Theme,
+    /// Width of the road, edge to edge, in metres.
+    pub width_m: f64,
+    /// Where on it one drives: metres to the right of the middle.
+    #[serde(default)]
+    pub driving_line_m: f64,
+    /// Which of all random sceneries stands along it.
+    pub scenery_seed: u64,
+    /// Where the car stands when a run begins.
+    pub start: Start,
+    /// Control points of a closed uniform cubic B-spline through the road's middle: x, y (up), z, in metres.
+    pub control_points: Vec<[f64; 3]>,
+    /// What is special along the road.
+    #[serde(default, rename = "stretch")]
+    pub stretches: Vec<Stretch>,
+}
+
+/// Colours, plants, rocks, light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Theme {
+    /// Grey asphalt, double yellow lines, pale verge, water, conifers, clear sky.
+    Lake,
+    /// Pale asphalt, white edge lines and a dashed middle, steep green rock, palms, hard shadows.
+    Jungle,
+    /// Brown-grey asphalt, leaves along it, concrete blocks, autumn trees, dark rock.
+    Mountain,
+}
+
+/// Where the car stands when a run begins.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// Metres to Unity's right.
+    pub x: f64,
+    /// Metres up.
+    pub y: f64,
+    /// Metres to Unity's front.
+    pub z: f64,
+    /// Degrees clockwise from +z.
+    pub yaw_deg: f64,
+}
+
+/// A piece of road with something special along it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stretch {
+    /// Where it begins, in metres along the road.
+    pub from_m: f64,
+    /// Where it ends; smaller than `from_m` where it runs over the start.
+    pub to_m: f64,
+    /// On which side.
+    pub side: Side,
+    /// What it is.
+    pub edge: Edge,
+}
+
+/// A side of the road.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Side {
+    /// Left in driving direction.
+    Left,
+    /// Right in driving direction.
+    Right,
+    /// Both.
+    Both,
+}
+
+/// What a side of the road can be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Edge {
+    /// Red and white kerb.
+    Kerb,
+    /// Open dirt, at the level of the road, without a line.
+    Dirt,
+    /// The bridge: paving instead of asphalt, and a low black wall that is hit.
+    Bridge,
+    /// Concrete blocks in a row, that are hit.
+    Blocks,
+    /// A rock face close by, that is hit.
+    Rock,
+    /// Water a few metres away.
+    Water,
+}
+
+impl Edge {
+    /// How far outside the road's edge it begins, in metres.
+    pub const fn stands_off_m(self) -> f64 {
+        match self {
+            Self::Kerb | Self::Dirt => 0.0,
+            Self::Bridge => 1.9, // its wall's foot: 1.4 m where it begins, 2.8 m where it ends
+            Self::Blocks => 1.2,
+            Self::Rock => 3.0,
+            Self::Water => 8.0,
+        }
+    }
+}
+
+impl fmt::Display for Edge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Kerb => "a kerb",
+            Self::Dirt => "the dirt",
+            Self::Bridge => "the bridge's wall",
+            Self::Blocks => "a concrete block",
+            Self::Rock => "a rock face",
+            Self::Water => "the water",
+        })
+    }
+}
+
+/// Why there is no such road.
+#[derive(Debug, thiserror::Error)]
+pub enum TrackError {
+    /// No track of that name.
+    #[error(
+        "unknown track: expected lake, jungle, mountain, random, random:SEED or a file ending in .toml, got {got:?}{}",
+        did_you_mean(got, super::Track::NAMES)
+    )]
+    Unknown {
+        /// The name.
+        got: String,
+    },
+    /// A track's file cannot be read.
+    #[error("{path} cannot be read: {source}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why, in the system's words.
+        source: std::io::Error,
+    },
+    /// A track's file is none.
+    #[error("{path}: {source}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: Box<TrackError>,
+    },
+    /// Not the TOML of a track.
+    #[error("track file: {}", suggesting(&.0.to_string()))]
+    Toml(#[from] toml::de::Error),
+    /// A number that describes no road.
+    #[error("track {name}: {what}: expected {expected}, got {got}")]
+    Value {
+        /// The track.
+        name: String,
+        /// Which value.
+        what: String,
+        /// What it should have been.
+        expected: &'static str,
+        /// What it was.
+        got: String,
+    },
+}
+
+impl TrackFile {
+    /// Reads TOML.
+    ///
+    /// # Errors
+    /// [`TrackError::Toml`], with line and column.
+    pub fn parse(text: &str) -> Result<Self, TrackError> {
+        Ok(toml::from_str(text)?)
+    }
+
+    /// Whether a stretch of this kind runs along that side at `s`.
+    pub fn has(&self, edge: Edge, side: Side, s: f64) -> bool {
+        self.stretches.iter().any(|stretch| {
+            stretch.edge == edge
+                && (stretch.side == side || stretch.side == Side::Both)
+                && if stretch.from_m <= stretch.to_m {
+                    (stretch.from_m..stretch.to_m).contains(&s)
+                } else {
+                    s >= stretch.from_m || s < stretch.to_m
+                }
+        })
+    }
+
+    pub(super) fn check(&self) -> Result<(), TrackError> {
+        let wrong = |what: String, expected, got: String| {
+            Err(TrackError::Value { name: self.name.clone(), what, expected, got })
+        };
+        if self.control_points.len() < 8 {
+            return wrong("control_points".into(), "at least 8", self.control_points.len().to_string());
+        }
+        for (i, point) in self.control_points.iter().enumerate() {
+            let next = self.control_points[(i + 1) % self.control_points.len()];
+            let apart = (point[0] - next[0]).hypot(point[2] - next[2]);
+            if !point.iter().all(|x| x.abs() < 1e5) || !(0.5..=200.0).contains(&apart) {
+                let expected = "finite metres, 0.5 to 200 m from the next";
+                return wrong(format!("control point {i}"), expected, format!("{point:?}"));
+            }
+        }
+        if !(2.5..=50.0).contains(&self.width_m) {
+            return wrong("width_m".into(), "2.5 to 50", self.width_m.to_string());
+        }
+        if !(0.0..=self.width_m / 2.0).contains(&self.driving_line_m.abs()) {
+            return wrong("driving_line_m".into(), "a place on the road", self.driving_line_m.to_string());
+        }
+        let Start { x, y, z, yaw_deg } = self.start;
+        if ![x, y, z, yaw_deg].iter().all(|v| v.abs() < 1e5) {
+            return wrong("start".into(), "finite metres and degrees", format!("{:?}", self.start));
+        }
+        Ok(())
+    }
+}

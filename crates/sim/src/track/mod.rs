@@ -1,0 +1,308 @@
+//! Roads: where they lie, how they look in general, and where on them a point is.
+//!
+//! A [`TrackFile`] is what a person writes: the closed spline through the
+//! road's middle, its width, what stands along it. A [`Track`] is that file
+//! laid out in [`Station`]s half a metre apart. Axes are Unity's: x right, y
+//! up, z forward, in metres; yaw clockwise from +z, in radians. A distance `s`
+//! along the road counts from the first control point in driving order and
+//! wraps around; an offset is positive to the right of the middle.
+
+mod driving;
+mod file;
+mod line;
+mod random;
+
+use std::fs;
+
+use glam::DVec3;
+
+pub use driving::LinePoint;
+pub use file::{Edge, Side, Start, Stretch, Theme, TrackError, TrackFile};
+pub use line::turn;
+pub use random::RandomTrack;
+
+/// Distance between stations, at most: they divide the length evenly.
+pub const STATION_STEP_M: f64 = 0.5;
+
+/// One place on the road's middle line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Station {
+    /// Distance along the road, in metres.
+    pub s: f64,
+    /// The road's middle, at road level.
+    pub position: DVec3,
+    /// Direction of travel, radians clockwise from +z.
+    pub yaw: f64,
+    /// 1/m, positive where the road turns right.
+    pub curvature: f64,
+    /// Metres climbed a metre travelled.
+    pub grade: f64,
+}
+
+impl Station {
+    /// The unit vector of travel in the horizontal plane.
+    pub fn ahead(&self) -> DVec3 {
+        DVec3::new(self.yaw.sin(), 0.0, self.yaw.cos())
+    }
+
+    /// The unit vector to the right of travel.
+    pub fn right(&self) -> DVec3 {
+        DVec3::new(self.yaw.cos(), 0.0, -self.yaw.sin())
+    }
+}
+
+/// Where a point is, seen from the road.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// The station beside the point, interpolated.
+    pub station: Station,
+    /// Metres from the road's middle, positive to the right.
+    pub offset: f64,
+}
+
+/// A closed road.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    file: TrackFile,
+    stations: Vec<Station>,
+    length: f64,
+    driving_line: Vec<LinePoint>,
+    driving_line_length: f64,
+}
+
+impl Track {
+    /// Names of the tracks that come with Lapwing.
+    pub const NAMES: [&str; 3] = ["lake", "jungle", "mountain"];
+
+    /// A track that comes with Lapwing.
+    ///
+    /// # Errors
+    /// [`TrackError::Unknown`] for a name that is not one of [`Track::NAMES`].
+    pub fn named(name: &str) -> Result<Self, TrackError> {
+        let text = match name {
+            "lake" => include_str!("lake.toml"),
+            "jungle" => include_str!("jungle.toml"),
+            "mountain" => include_str!("mountain.toml"),
+            _ => return Err(TrackError::Unknown { got: name.to_owned() }),
+        };
+        Self::new(TrackFile::parse(text)?)
+    }
+
+    /// A track by what a person calls it: one of [`Track::NAMES`], `random:SEED` for a [`RandomTrack`] (`random` for
+    /// that of seed 0), or the path of a track's file, which ends in `.toml`.
+    ///
+    /// # Errors
+    /// [`TrackError`], naming the file where it is one.
+    pub fn open(name: &str) -> Result<Self, TrackError> {
+        let unknown = || TrackError::Unknown { got: name.to_owned() };
+        if let Some(seed) = if name == "random" { Some("0") } else { name.strip_prefix("random:") } {
+            let seed = seed.parse().map_err(|_| unknown())?;
+            return Self::new(RandomTrack { seed, ..RandomTrack::default() }.build()?);
+        }
+        if !name.ends_with(".toml") {
+            return Self::named(name);
+        }
+        let text = fs::read_to_string(name).map_err(|source| TrackError::Read { path: name.into(), source })?;
+        TrackFile::parse(&text)
+            .and_then(Self::new)
+            .map_err(|source| TrackError::File { path: name.into(), source: Box::new(source) })
+    }
+
+    /// Lays a road out.
+    ///
+    /// # Errors
+    /// [`TrackError`] where the file describes no road that can be driven.
+    pub fn new(file: TrackFile) -> Result<Self, TrackError> {
+        file.check()?;
+        let (stations, length) = line::lay_out(&file.control_points, STATION_STEP_M);
+        let (driving_line, driving_line_length) = driving::smooth(&stations, file.driving_line_m, file.width_m);
+        Ok(Self { file, stations, length, driving_line, driving_line_length })
+    }
+
+    /// What it was laid out from.
+    pub fn file(&self) -> &TrackFile {
+        &self.file
+    }
+
+    /// Once around, in metres along the ground plane.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Half the road's width, in metres: where its edge is.
+    pub fn half_width(&self) -> f64 {
+        self.file.width_m / 2.0
+    }
+
+    /// All stations, evenly spaced from `s` = 0 around to just before it.
+    pub fn stations(&self) -> &[Station] {
+        &self.stations
+    }
+
+    /// The line to drive, smoothed: a point beside each station.
+    pub fn driving_line(&self) -> &[LinePoint] {
+        &self.driving_line
+    }
+
+    /// Once around on the line to drive, in metres along the ground plane.
+    pub fn driving_line_length(&self) -> f64 {
+        self.driving_line_length
+    }
+
+    /// The line to drive after so many metres along it, which wrap.
+    pub fn on_driving_line(&self, travelled: f64) -> LinePoint {
+        let (line, length) = (&self.driving_line, self.driving_line_length);
+        let travelled = travelled.rem_euclid(length);
+        let after = line.partition_point(|point| point.travelled <= travelled);
+        let a = line[after.saturating_sub(1)];
+        // The last point's way to the first is a part of the road as well.
+        let (b, until) = line.get(after).map_or((line[0], length), |point| (*point, point.travelled));
+        let t = (travelled - a.travelled) / (until - a.travelled).max(1e-9);
+        LinePoint {
+            travelled,
+            position: a.position.lerp(b.position, t),
+            offset: a.offset + t * (b.offset - a.offset),
+            yaw: a.yaw + t * line::turn(b.yaw - a.yaw),
+            curvature: a.curvature + t * (b.curvature - a.curvature),
+        }
+    }
+
+    /// The road at distance `s`, which wraps.
+    pub fn at(&self, s: f64) -> Station {
+        let n = self.stations.len();
+        let s = s.rem_euclid(self.length);
+        let step = self.length / n as f64;
+        let i = ((s / step) as usize).min(n - 1);
+        let (a, b) = (self.stations[i], self.stations[(i + 1) % n]);
+        let t = s / step - i as f64;
+        Station {
+            s,
+            position: a.position.lerp(b.position, t),
+            yaw: a.yaw + t * line::turn(b.yaw - a.yaw),
+            curvature: a.curvature + t * (b.curvature - a.curvature),
+            grade: a.grade + t * (b.grade - a.grade),
+        }
+    }
+
+    /// Where a point is on the road. `near` is the `s` of a moment ago, if any: then only
+    /// the road within 25 m of it is searched, which keeps a car on its level where the
+    /// road crosses itself. Without it the whole road is, height counting as distance.
+    pub fn locate(&self, point: DVec3, near: Option<f64>) -> Place {
+        let n = self.stations.len();
+        let step = self.length / n as f64;
+        let flat = |i: usize| {
+            let d = self.stations[i].position - point;
+            d.x * d.x + d.z * d.z
+        };
+        let nearest = match near {
+            Some(s) => {
+                // Downhill from where it was: a few steps, for a car moves less than a metre at a time.
+                let mut i = ((s.rem_euclid(self.length) / step) as usize).min(n - 1);
+                let mut best = flat(i);
+                for _ in 0..(25.0 / step) as usize {
+                    let (back, on) = ((i + n - 1) % n, (i + 1) % n);
+                    let (b, o) = (flat(back), flat(on));
+                    if b.min(o) >= best {
+                        break;
+                    }
+                    (i, best) = if b < o { (back, b) } else { (on, o) };
+                }
+                i
+            }
+            None => (0..n)
+                .min_by(|&a, &b| {
+                    let far = |i: usize| self.stations[i].position.distance_squared(point);
+                    far(a).total_cmp(&far(b))
+                })
+                .unwrap_or(0),
+        };
+        // The foot of the perpendicular, between the stations.
+        let here = self.stations[nearest];
+        let along = (point - here.position).dot(here.ahead());
+        let lateral = (point - here.position).dot(here.right());
+        let bend = (1.0 - here.curvature * lateral).max(0.2); // nearer the centre of a bend, a metre of road is less
+        let station = self.at(here.s + (along / bend).clamp(-step, step));
+        Place { station, offset: (point - station.position).dot(station.right()) }
+    }
+
+    /// The point beside `s` at an offset, at road level.
+    pub fn point(&self, s: f64, offset: f64) -> DVec3 {
+        let station = self.at(s);
+        station.position + station.right() * offset
+    }
+
+    /// From `from` on to `to` in driving direction, in metres, from 0 to less than once around.
+    pub fn ahead(&self, from: f64, to: f64) -> f64 {
+        (to - from).rem_euclid(self.length)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_driving_line_goes_around_without_a_leap() {
+        let track = Track::named("jungle").unwrap();
+        let (length, step) = (track.driving_line_length(), 0.4);
+        for i in 0..(length / step) as u32 + 4 {
+            let travelled = step * f64::from(i);
+            let (here, next) = (track.on_driving_line(travelled), track.on_driving_line(travelled + step));
+            let moved = (next.position - here.position).with_y(0.0).length();
+            assert!((0.9 * step..=1.001 * step).contains(&moved), "{travelled}: {moved}");
+            assert!(line::turn(next.yaw - here.yaw).abs() < 0.1, "{travelled}");
+            let middle = track.locate(here.position, None);
+            assert!((middle.offset - here.offset).abs() < 0.05, "{travelled}: {middle:?}, {here:?}");
+        }
+    }
+
+    #[test]
+    fn the_tracks_are_as_long_as_the_simulators() {
+        for (name, length) in [("lake", 1137.5), ("jungle", 1484.7), ("mountain", 1317.7)] {
+            let track = Track::named(name).unwrap();
+            assert!((track.length() - length).abs() < 6.0, "{name} is {} m long, expected {length}", track.length());
+        }
+    }
+
+    #[test]
+    fn a_track_is_opened_by_name_by_seed_or_by_file() {
+        assert_eq!(Track::open("lake").unwrap(), Track::named("lake").unwrap());
+        assert_eq!(Track::open("random:3").unwrap().file().name, "random:3");
+        assert_eq!(Track::open("random").unwrap(), Track::open("random:0").unwrap());
+        let own = concat!(env!("CARGO_MANIFEST_DIR"), "/src/track/jungle.toml");
+        assert_eq!(Track::open(own).unwrap(), Track::named("jungle").unwrap());
+        for name in ["moon", "random:", "random:-1", "random:x"] {
+            let error = Track::open(name).unwrap_err().to_string();
+            assert!(error.ends_with(&format!("or a file ending in .toml, got {name:?}")), "{error}");
+        }
+        let error = Track::open("nowhere/my.toml").unwrap_err().to_string();
+        assert!(error.starts_with("nowhere/my.toml cannot be read: "), "{error}");
+        let error = Track::open(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).unwrap_err().to_string();
+        assert!(error.contains("/Cargo.toml: track file: TOML parse error at line "), "{error}");
+    }
+
+    #[test]
+    fn a_point_beside_the_road_is_found_again() {
+        for name in Track::NAMES {
+            let track = Track::named(name).unwrap();
+            for i in 0..500 {
+                let (s, offset) = (track.length() * f64::from(i) / 500.0, f64::from(i % 7) - 3.0);
+                for near in [None, Some(s - 3.0), Some(s + 3.0)] {
+                    let place = track.locate(track.point(s, offset), near);
+                    let along = track.ahead(s, place.station.s);
+                    let along = along.min(track.length() - along);
+                    assert!(along < 0.3, "{name} {s:.0} {offset} {near:?}: {along:.3} m off along the road");
+                    assert!((place.offset - offset).abs() < 0.05, "{name} {s:.0} {offset}: {}", place.offset);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_bend_is_tighter_than_the_car_can_turn() {
+        for name in Track::NAMES {
+            let tightest = Track::named(name).unwrap().stations().iter().map(|s| s.curvature.abs()).fold(0.0, f64::max);
+            assert!(tightest < 1.0 / 8.0, "{name}: radius {:.1} m", 1.0 / tightest);
+        }
+    }
+}

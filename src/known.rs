@@ -1,0 +1,101 @@
+//! A track as a road that drives are found on again.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use lapwing_core::perception::{Frame, decode_jpeg};
+use lapwing_score::odometry::{Look, Road};
+use lapwing_sim::{
+    camera::{Camera, Renderer, Scenery},
+    track::{Track, TrackError},
+    world::{Setup, Simulation},
+};
+
+/// Metres between headings.
+const STEP_M: f64 = 0.5;
+
+/// What one sees at the starts of [`Track::NAMES`], fair weather: to build one's scenery takes a second. They are drawn
+/// anew by `cargo test --release draws_the_starts -- --ignored`.
+const STARTS: [&[u8]; 3] =
+    [include_bytes!("starts/lake.jpg"), include_bytes!("starts/jungle.jpg"), include_bytes!("starts/mountain.jpg")];
+
+/// The road of a track, named as for [`Track::open`], by the line that one drives on it, with what one sees at its start.
+///
+/// # Errors
+/// Those of [`Track::open`].
+pub fn known_road(name: &str) -> Result<Road, TrackError> {
+    let track = Track::open(name)?;
+    let (length_m, file) = (track.driving_line_length(), track.file().start);
+    let line = track.driving_line();
+    let at = DVec3::new(file.x, file.y, file.z);
+    let start = line.iter().min_by(|a, b| a.position.distance_squared(at).total_cmp(&b.position.distance_squared(at)));
+    let start = start.map_or(0.0, |point| point.travelled);
+    let steps = (length_m / STEP_M).ceil().max(2.0);
+    let heading = |i: u32| track.on_driving_line(length_m * f64::from(i) / steps).yaw;
+    let headings = (0..=steps as u32).map(heading).collect();
+    let called = track.file().name.clone();
+    let mut seen = Frame::default();
+    match Track::NAMES.iter().position(|shipped| *shipped == name) {
+        Some(i) => decode_jpeg(STARTS[i], &mut seen).unwrap_or_default(),
+        None => see_start(track, &mut seen),
+    }
+    Ok(Road::new(called, start, length_m, Look::of(&seen), headings))
+}
+
+/// What the camera sees at a track's start.
+fn see_start(track: Track, frame: &mut Frame) {
+    let scenery = Arc::new(Scenery::new(&track));
+    if let Ok(world) = Simulation::new(Setup::new(Arc::new(track), scenery.clone())) {
+        world.draw(&mut Renderer::new(scenery), &Camera::CENTER, frame);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+    use lapwing_score::odometry::{Filter, Motion};
+    use lapwing_sim::{camera::encode_jpeg, track::turn};
+
+    #[test]
+    fn who_drives_a_tracks_line_is_followed_to_its_end() {
+        for name in ["jungle", "lake"] {
+            let track = Track::named(name).unwrap();
+            let line = track.driving_line().to_vec();
+            let road = Arc::new(known_road(name).unwrap());
+            let first = line.iter().position(|point| point.travelled >= road.start_m).unwrap();
+            let mut filter = Filter::at_start(road.clone(), rand_chacha::ChaCha8Rng::seed_from_u64(3));
+            let mut driven = 0.0;
+            for i in first..first + line.len() / 2 {
+                let (here, next) = (line[i % line.len()], line[(i + 1) % line.len()]);
+                let way_m = (next.position - here.position).with_y(0.0).length();
+                filter.step(Motion { way_m, turn_rad: turn(next.yaw - here.yaw) });
+                driven += way_m;
+            }
+            let place = filter.found().place;
+            assert!((place.progress_m - driven).abs() < 8.0, "{name}: {place:?}, driven {driven}");
+        }
+    }
+
+    #[test]
+    fn the_starts_that_come_along_are_those_that_the_camera_sees() {
+        for name in Track::NAMES {
+            let mut frame = Frame::default();
+            see_start(Track::named(name).unwrap(), &mut frame);
+            let agrees = known_road(name).unwrap().start.unwrap().agrees(&Look::of(&frame).unwrap());
+            assert!(agrees > 0.95, "{name}: {agrees:.3}; see STARTS for how to draw them anew");
+        }
+    }
+
+    #[test]
+    #[ignore = "writes the pictures that STARTS includes"]
+    fn draws_the_starts() {
+        for name in Track::NAMES {
+            let mut frame = Frame::default();
+            see_start(Track::named(name).unwrap(), &mut frame);
+            std::fs::write(format!("src/simulator/survey/starts/{name}.jpg"), encode_jpeg(&frame, 85)).unwrap();
+        }
+    }
+}
