@@ -8,7 +8,7 @@
 //! that come half a second to one and a half late, and pilots that do not look. Each run is recorded as the stock build
 //! would have it, scored from that file alone, and held against what the judge in the simulator saw. Exit status 1 where
 //! a track is named wrongly, a completion is further off than 2 percentage points, a lap count differs, or collisions
-//! are found with a precision or recall below 0.9. After `--` stand the runs to of 0 to 99, and `--keep DIR`, where
+//! are found with a precision or recall below 0.9. After `--` stand the runs to drive, of 0 to 99, and `--keep DIR`, where
 //! they stay, to be looked into.
 
 use std::{

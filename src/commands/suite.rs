@@ -96,7 +96,7 @@ fn planned(
     sha256: impl Fn(&Contestant) -> Option<String>,
 ) -> anyhow::Result<Vec<Cell>> {
     let mut cells = suite.cells(sha256);
-    // What is wrong with a track or conditions is said before the first not hours later.
+    // What is wrong with a track or conditions is said before the first drive, not hours later.
     let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
     let tracks: BTreeMap<_, _> = tracks.collect::<anyhow::Result<_>>()?;
     let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));

@@ -37,7 +37,7 @@
 //! let mut driver = Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
 //! let observation = Observation { at: Duration::ZERO, sight: Sight::HumanDrives };
 //! let (answer, trace) = driver.drive(&observation);
-//! assert_eq!(answer.to_string(), "42[\"manual\",{}]");
+//! assert_eq!(answer.encode(None), r#"42["manual",{}]"#);
 //! # let _ = trace;
 //! ```
 

@@ -16,9 +16,13 @@
 //! It knows no simulator: it is handed runs, items and roads. No libtorch, no async runtime, no C++.
 //!
 //! # Example
-//! ```no_run
-//! let card = lapwing_score::score::of_run("recordings/lake.mcap", &[], None)?;
-//! println!("{card}");
+//! ```
+//! use lapwing_core::recording::RunReader;
+//! use lapwing_score::score::{self, Figure, Scorer};
+//!
+//! let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../recordings/lake.mcap");
+//! let card = score::of_run(&mut RunReader::open(path)?, Scorer::default(), |_, _| ())?;
+//! assert_eq!(card.value(Figure::Collisions), Some(0.0));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

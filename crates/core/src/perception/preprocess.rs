@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// metadata, a table in the side file of a TorchScript model.
 ///
 /// ```
-/// # use lapwing::perception::Preprocess;
+/// # use lapwing_core::perception::Preprocess;
 /// let preprocess: Preprocess = serde_json::from_str(
 ///     r#"{
 ///         "crop": {"top": 60, "bottom": 135},

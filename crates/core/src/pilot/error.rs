@@ -1,6 +1,6 @@
 //! What keeps a pilot from driving.
 
-use crate::perception::PreprocessError;
+use crate::{perception::PreprocessError, words::count};
 
 /// Why there is no steering of a pilot.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +17,7 @@ pub enum PilotError {
     #[error(transparent)]
     Network(Box<dyn std::error::Error + Send + Sync>),
     /// The network answers more or fewer numbers than it is said to.
-    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}", expected = numbers(.outputs.len()), names = .outputs.join(", "))]
+    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}", expected = count(.outputs.len(), "number"), names = .outputs.join(", "))]
     OutputShape {
         /// What each number should be.
         outputs: Vec<String>,
@@ -32,8 +32,4 @@ pub enum PilotError {
         /// What it is.
         got: f64,
     },
-}
-
-fn numbers(count: usize) -> String {
-    if count == 1 { "1 number".into() } else { format!("{count} numbers") }
 }

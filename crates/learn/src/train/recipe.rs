@@ -14,7 +14,7 @@ use lapwing_core::perception::Resize;
 /// A training, whole. The defaults are Lu's: L2 loss, Adam 1e-3, batch 64, 20 epochs, all five augmentations.
 ///
 /// ```
-/// let recipe = lapwing::train::Recipe::parse(r#"
+/// let recipe = lapwing_learn::train::Recipe::parse(r#"
 ///     network = "pilotnet"
 ///     epochs = 8
 ///     [[data]]
@@ -22,7 +22,7 @@ use lapwing_core::perception::Resize;
 ///     side_offset = 0.15
 /// "#)?;
 /// assert_eq!((recipe.batch, recipe.data[0].weight), (64, 1.0));
-/// # Ok::<(), lapwing::train::TrainError>(())
+/// # Ok::<(), lapwing_learn::train::TrainError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -3,7 +3,7 @@
 //! A [`Chart`] says what is shown; [`Chart::sheet`] lays it out, and [`stack`] puts several below each other.
 //!
 //! ```
-//! use lapwing::drawing::chart::{Axis, Chart, Marks, Series};
+//! use lapwing_score::drawing::chart::{Axis, Chart, Marks, Series};
 //!
 //! let loss = Series::new("training", Marks::Line(vec![(0.0, 0.30), (1.0, 0.12), (2.0, 0.07)]));
 //! let chart = Chart { series: vec![loss], ..Chart::new("Loss", Axis::new("epoch"), Axis::new("loss").logarithmic()) };
