@@ -56,8 +56,9 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
+    use lapwing_core::motion::turn;
     use lapwing_score::odometry::{Filter, Motion};
-    use lapwing_sim::{camera::encode_jpeg, track::turn};
+    use lapwing_sim::camera::encode_jpeg;
 
     #[test]
     fn who_drives_a_tracks_line_is_followed_to_its_end() {

@@ -9,20 +9,23 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 27] = [
-    ("core/units", &[]),
+const MAY_IMPORT: [(&str, &[&str]); 30] = [
+    ("core/car", &[]),
+    ("core/hash", &[]),
+    ("core/motion", &["car"]),
+    ("core/units", &["car"]),
     ("core/files", &[]),
     ("core/words", &[]),
     ("core/stats", &[]),
-    ("core/config", &["units", "words"]),
+    ("core/config", &["car", "units", "words"]),
     ("core/protocol", &["units"]),
     ("core/client", &["protocol", "units", "words"]),
     ("core/perception", &["units"]),
-    ("core/pilot", &["perception", "units", "words"]),
-    ("core/control", &["units"]),
+    ("core/pilot", &["car", "motion", "perception", "units", "words"]),
+    ("core/control", &["car", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control"]),
     ("core/recording", &["units", "protocol", "words"]),
-    ("core/drive", &["driver", "protocol", "recording"]),
+    ("core/drive", &["driver", "hash", "protocol", "recording"]),
     (
         "core/replay",
         &["client", "drive", "driver", "files", "perception", "protocol", "recording", "stats", "units", "words"],

@@ -27,15 +27,13 @@ use crate::cli;
 use lapwing_core::{
     config::{Layers, Settings},
     driver::Driver,
+    hash,
     pilot::{Pilot, PurePursuit},
     units::Mph,
     words::count,
 };
 use lapwing_learn::models;
-use lapwing_learn::{
-    models::Model,
-    nn::{self, runtime},
-};
+use lapwing_learn::{models::Model, nn::runtime};
 use lapwing_score::judged;
 use lapwing_score::suite::{Cell, Contestant, Done, Outcome, Plan, Results, Suite, groups, render, table};
 use lapwing_sim::{
@@ -148,7 +146,7 @@ fn track_sha256(track: &str) -> anyhow::Result<Option<String>> {
         return Ok(None);
     }
     let bytes = fs::read(track).with_context(|| track.to_owned())?;
-    Ok(Some(nn::sha256_hex(&bytes)))
+    Ok(Some(hash::sha256(&bytes)))
 }
 
 /// The hash of what lies beside a TorchScript model and says how its frames are prepared.
@@ -158,7 +156,7 @@ fn beside(contestant: &Contestant) -> anyhow::Result<Option<String>> {
     };
     let side = path.with_extension("toml");
     let bytes = fs::read(&side).with_context(|| side.display().to_string())?;
-    Ok(Some(nn::sha256_hex(&bytes)))
+    Ok(Some(hash::sha256(&bytes)))
 }
 
 /// A cell's world as flags, and all settings.

@@ -13,6 +13,9 @@
 //! | module | holds |
 //! |---|---|
 //! | [`units`] | mph, degrees, normalised steering and throttle: newtypes with checked construction |
+//! | [`car`] | the stock simulator's car: its measures and rules, once |
+//! | [`motion`] | the bicycle model, angles, closed roads, straight lines between points |
+//! | [`hash`] | SHA-256 as names have it |
 //! | [`files`] | files written whole or not at all, and whether they could be |
 //! | [`words`] | plurals, and what a misspelt name was meant to be, for messages |
 //! | [`stats`] | how well two series agree |
@@ -41,12 +44,15 @@
 //! # let _ = trace;
 //! ```
 
+pub mod car;
 pub mod client;
 pub mod config;
 pub mod control;
 pub mod drive;
 pub mod driver;
 pub mod files;
+pub mod hash;
+pub mod motion;
 pub mod perception;
 pub mod pilot;
 pub mod protocol;

@@ -8,11 +8,7 @@ use std::{fmt, time::Instant};
 
 use serde::{Deserialize, Serialize};
 
-/// The steering angle at full command in every build of the simulator (`CarController`'s maximum).
-pub const FULL_STEERING_DEG: f64 = 25.0;
-
-/// From front axle to rear axle of the simulator's car, in metres.
-pub const WHEELBASE_M: f64 = 2.87;
+use crate::car::FULL_STEERING_DEG;
 
 /// Metres per second in one mile per hour.
 pub const MPS_PER_MPH: f64 = 0.447_04;

@@ -3,9 +3,10 @@
 
 use super::{
     track::{Place, Track},
-    vehicle::{Car, GRAVITY},
+    vehicle::Car,
 };
 use lapwing_core::{
+    car::GRAVITY,
     pilot::PurePursuit,
     protocol::Command,
     units::{MetresPerSecond, Mph, PathPoint, Steering, Throttle},

@@ -26,7 +26,7 @@ use super::{
     track::{Edge, Place, Side, Track},
     vehicle::Car,
 };
-use lapwing_core::{config::Rules, units::MPS_PER_MPH};
+use lapwing_core::{config::Rules, motion, units::MPS_PER_MPH};
 
 /// Sides of the road that are hit.
 const WALLS: [Edge; 3] = [Edge::Bridge, Edge::Blocks, Edge::Rock];
@@ -187,10 +187,7 @@ impl Judge {
 
     fn count_laps(&mut self, t: f64, track: &Track, car: &Car, place: &Place, out: &mut Vec<Verdict>) {
         let s = place.station.s;
-        let around = |metres: f64| {
-            let half = track.length() / 2.0;
-            (metres + half).rem_euclid(track.length()) - half
-        };
+        let around = |metres: f64| motion::around(metres, track.length());
         let beyond =
             |waypoint: usize| around(s - self.start_s - track.length() * waypoint as f64 / self.waypoints as f64);
         let mut next = (self.waypoint + 1) % self.waypoints;

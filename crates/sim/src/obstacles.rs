@@ -5,14 +5,16 @@
 
 use glam::{DVec2, DVec3};
 
+use lapwing_core::car::{FRONT_AXLE_M, REAR_AXLE_M};
+
 use super::{
     scene::Actor,
     vehicle::{BODY, Car},
 };
 
 /// How far ahead of the car's origin the middle of its body is, in metres: halfway between
-/// the axles at z +1.27 and -1.60 of Unity's car object.
-pub const BODY_CENTRE_M: f64 = (1.27 - 1.60) / 2.0;
+/// the axles.
+pub const BODY_CENTRE_M: f64 = (FRONT_AXLE_M - REAR_AXLE_M) / 2.0;
 /// How far ahead of the car's origin its front bumper is, in metres.
 pub const FRONT_M: f64 = BODY_CENTRE_M + BODY.z / 2.0;
 

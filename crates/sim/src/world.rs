@@ -19,16 +19,17 @@ use super::{
     expert::{Expert, path_ahead},
     judge::{Hit, Judge, Verdict},
     scenario::{Scenario, ScenarioError},
-    track::{Place, Track, turn},
+    track::{Place, Track},
     traffic::Traffic,
     vehicle::{self, Car, Ground},
 };
 use lapwing_core::{
     config::{OnCrash, Rules},
+    motion::turn,
     perception::Frame,
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, Truth, World},
     recording::{EventRecord, Eventful},
-    units::{Degrees, FULL_STEERING_DEG, MPS_PER_MPH, Metres, Mph, Throttle},
+    units::{Degrees, MPS_PER_MPH, Metres, Mph, Throttle},
 };
 
 /// Grip beside the road, as a share of the grip on it.
@@ -434,7 +435,7 @@ impl Simulation {
             };
         }
         Telemetry {
-            steering: Degrees::saturating(self.command.steering.get() * FULL_STEERING_DEG),
+            steering: self.command.steering.degrees(),
             throttle: Throttle::saturating(self.command.throttle.get().max(0.0)),
             speed: Mph::saturating(self.car.speed.abs() / MPS_PER_MPH),
             image: CameraImage::Jpeg(image),

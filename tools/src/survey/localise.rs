@@ -1,7 +1,7 @@
 //! From a log and the edges in its pictures to places on the road.
 
 use super::{Edges, Lens, Pose};
-use lapwing_core::units::WHEELBASE_M;
+use lapwing_core::{car::FULL_STEERING_DEG, motion};
 use lapwing_sim::track::{Edge, Side, Track};
 
 /// Rows of a picture by which the car's offset and yaw are fitted. Rows 80, 100 and 120 and their
@@ -151,7 +151,7 @@ fn steered(moments: &[Moment], driven: &[f64]) -> Vec<f64> {
             while driven.get(i + 1).is_some_and(|&d| d < k as f64 * GRID_M) {
                 i += 1;
             }
-            (moments[i].steering * 25.0).to_radians().tan() / WHEELBASE_M
+            motion::curvature(moments[i].steering * FULL_STEERING_DEG)
         })
         .collect()
 }
@@ -303,7 +303,7 @@ mod tests {
                     .map(|edges| edges.map(|edge| edge.and_then(inside)))
                     .collect();
                 let curvature = track.at(pose.s).curvature;
-                let steering = (curvature * WHEELBASE_M).atan().to_degrees() / 25.0;
+                let steering = motion::steering_deg(curvature) / FULL_STEERING_DEG;
                 Moment { at: i as f64 / 15.0, speed, steering, paved, edges }
             })
             .collect();

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::car;
+
 /// `[simulator]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -64,9 +66,9 @@ impl Default for Rules {
     fn default() -> Self {
         Self {
             off_road_m: None,
-            stuck_mph: 1.0,
-            stuck_s: 2.0,
-            grace_s: 5.0,
+            stuck_mph: car::STUCK_MPH,
+            stuck_s: car::STUCK_S,
+            grace_s: car::GRACE_S,
             waiting_m: 6.0,
             wrong_way_deg: 90.0,
             wrong_way_s: 1.0,

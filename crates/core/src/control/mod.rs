@@ -9,7 +9,7 @@ pub use handover::{Change, Handover};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
 pub use standstill::{Speed, Standstill};
 
-use crate::units::Mph;
+use crate::{car, units::Mph};
 
-/// Below this speed the car's brake is its reverse gear (`CarController`: brake torque only above 5 mph).
-pub const REVERSES_BELOW: Mph = Mph::constant(5.0);
+/// [`car::REVERSES_BELOW_MPH`], as speeds are compared here.
+const REVERSES_BELOW: Mph = Mph::constant(car::REVERSES_BELOW_MPH);

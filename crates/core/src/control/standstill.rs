@@ -3,7 +3,10 @@
 use std::time::Duration;
 
 use super::REVERSES_BELOW;
-use crate::units::{MPS_PER_MPH, Mph, Throttle};
+use crate::{
+    car::GRAVITY,
+    units::{MPS_PER_MPH, Mph, Throttle},
+};
 
 /// The car counts as standing below this speed.
 const STANDING_BELOW: Mph = Mph::constant(0.7);
@@ -12,7 +15,7 @@ const STANDING_BELOW: Mph = Mph::constant(0.7);
 const RISE_MPH: f64 = 0.05;
 
 /// How fast full brake takes speed off: 1 g, in mph a second. The car's brakes lock the wheels, its grip does no better.
-const BRAKING_MPH_PER_S: f64 = 9.81 / MPS_PER_MPH;
+const BRAKING_MPH_PER_S: f64 = GRAVITY / MPS_PER_MPH;
 
 /// What is known of the car's speed.
 #[derive(Debug, Clone, Copy, PartialEq)]

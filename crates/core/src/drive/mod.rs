@@ -17,6 +17,7 @@ pub use turn::items;
 
 use crate::{
     driver::{By, Driver},
+    hash::hex,
     protocol::{Answer, CameraImage, Observation, Sight},
     recording::{EventRecord, Eventful, Item, Recorder},
 };
@@ -105,6 +106,6 @@ pub fn run<W: Eventful>(
             observers.iter_mut().for_each(|observer| observer.item(at, &item));
         }
     }
-    let fingerprint = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let fingerprint = hex(&hash.finalize());
     Ok(Driven { fingerprint, frames, bad_frames })
 }

@@ -11,10 +11,11 @@
 //! 1.6 m behind the line. That, and not the line's own direction, is what the heading is held against.
 
 use super::{Pilot, PilotError, Prediction, View};
-use crate::units::{Degrees, MetresPerSecond, Mph, PathPoint, Steering, WHEELBASE_M};
-
-/// From the rear axle to the car's origin, in metres.
-const REAR_M: f64 = 1.6;
+use crate::{
+    car::REAR_AXLE_M,
+    motion::steering_deg,
+    units::{Degrees, MetresPerSecond, Mph, PathPoint, Steering},
+};
 
 /// The steepest approach to the line from afar: metres towards it for a metre along.
 const STEEPEST: f64 = 0.5;
@@ -79,10 +80,10 @@ impl PurePursuit {
         let reach = gains.reach_m + gains.reach_s * speed_mps;
         // From far off the line is approached at an angle, not crossed at a right one.
         let offset = offset.clamp(-STEEPEST * reach, STEEPEST * reach);
-        let astray = heading - REAR_M * self.bend_at(path, -REAR_M);
+        let astray = heading - REAR_AXLE_M * self.bend_at(path, -REAR_AXLE_M);
         let towards = 2.0 * (offset + reach * astray) / (reach * reach);
-        let curvature = self.bend_at(path, gains.preview_s * speed_mps - REAR_M) + towards;
-        let angle = Degrees::saturating((WHEELBASE_M * curvature).atan().to_degrees());
+        let curvature = self.bend_at(path, gains.preview_s * speed_mps - REAR_AXLE_M) + towards;
+        let angle = Degrees::saturating(steering_deg(curvature));
         Some(Pursuit { steering: angle.get() / Steering::MAX.degrees().get(), speed_limit: self.speed_limit(path) })
     }
 
@@ -154,7 +155,7 @@ mod tests {
         for curvature in [-0.1f64, -0.01, 0.0, 0.02, 0.12] {
             let expected = (2.87 * curvature).atan().to_degrees() / 25.0;
             // The car faces outward as it does in a steady bend.
-            let (sin, cos) = (REAR_M * curvature).sin_cos();
+            let (sin, cos) = (REAR_AXLE_M * curvature).sin_cos();
             let turned = arc(0.0, curvature).into_iter().map(|p| PathPoint {
                 ahead_m: p.ahead_m * cos - p.right_m * sin,
                 right_m: p.ahead_m * sin + p.right_m * cos,

@@ -7,8 +7,9 @@ use std::{
 };
 
 use super::{ModelError, network::NetworkPilot, torchscript::TorchScriptPilot};
-use crate::nn::{Checkpoint, Network, sha256_hex};
+use crate::nn::{Checkpoint, Network};
 use lapwing_core::{
+    hash::sha256,
     perception::Preprocess,
     pilot::{self, Pilot},
     units::Clock,
@@ -71,7 +72,7 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, ModelError> {
             let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
             Ok(Model {
                 name: format!("torchscript ({})", path.display()),
-                sha256: sha256_hex(&bytes),
+                sha256: sha256(&bytes),
                 preprocess: pilot.preprocess().clone(),
                 training: None,
                 threads: None,

@@ -23,11 +23,10 @@ use safetensors::{
     tensor::{Metadata as TensorTable, TensorInfo, TensorView},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use sha2::{Digest, Sha256};
 use tch::{Device, Kind, Tensor};
 
 use super::{Architecture, Design, Network, NnError};
-use lapwing_core::{files, perception::Preprocess};
+use lapwing_core::{files, hash::sha256, perception::Preprocess};
 
 /// What the metadata key `format` says.
 pub const FORMAT: &str = "lapwing/1";
@@ -128,7 +127,7 @@ impl Checkpoint {
         if let Some(name) = surplus.into_iter().min() {
             return Err(NnError::SurplusTensor { architecture, name: name.to_owned() });
         }
-        Ok(Self { metadata, network: network.for_inference()?, sha256: sha256_hex(bytes) })
+        Ok(Self { metadata, network: network.for_inference()?, sha256: sha256(bytes) })
     }
 }
 
@@ -249,12 +248,7 @@ pub fn save(
     let path = path.as_ref();
     let bytes = encode(metadata, network, precision)?;
     files::write(path, &bytes).map_err(|source| NnError::Write { path: path.to_owned(), source })?;
-    Ok(sha256_hex(&bytes))
-}
-
-/// SHA-256 of some bytes in lower-case hexadecimal.
-pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+    Ok(sha256(&bytes))
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ mod source;
 pub mod stack;
 
 pub use architecture::{Architecture, Design};
-pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save, sha256_hex};
+pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save};
 pub use error::NnError;
 pub(crate) use error::first_line;
 pub use network::{Memory, Network, SPEED_UNIT_MPH};

@@ -24,7 +24,7 @@ use crate::{
     dataset::{Batch, Cache, Inputs, Loader, Samples, Workers},
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
 };
-use lapwing_core::{files, perception::Resize};
+use lapwing_core::{files, hash::sha256, perception::Resize};
 
 /// Plateau: epochs without a better error, and the factor then.
 const PLATEAU: (usize, f64) = (3, 0.1);
@@ -231,7 +231,7 @@ impl Trainer {
             self.save_model(&model)?;
         }
         let bytes = fs::read(&model).map_err(TrainError::io("read the model", &model))?;
-        Ok(Outcome { model, sha256: nn::sha256_hex(&bytes), kept: state::epoch_of(&bytes), finished })
+        Ok(Outcome { model, sha256: sha256(&bytes), kept: state::epoch_of(&bytes), finished })
     }
 
     /// One pass; `None` where it was stopped, and its state saved.

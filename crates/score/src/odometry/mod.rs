@@ -16,7 +16,7 @@ mod look;
 mod matcher;
 mod revisits;
 
-use std::f64::consts::{PI, TAU};
+use lapwing_core::motion::turn;
 
 pub use filter::{Filter, Milestone, Place};
 pub use look::Look;
@@ -57,7 +57,7 @@ impl Road {
         // From one to the next nothing turns by half a circle.
         let mut before = headings.first().copied().unwrap_or(0.0);
         for heading in &mut headings {
-            *heading = before + (*heading - before + PI).rem_euclid(TAU) - PI;
+            *heading = before + turn(*heading - before);
             before = *heading;
         }
         let per_m = (headings.len() - 1) as f64 / length_m;

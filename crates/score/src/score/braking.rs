@@ -8,6 +8,7 @@ use super::{
     scorer::{NO_JUDGE, NO_TIME},
 };
 use lapwing_core::{
+    car::REVERSES_BELOW_MPH,
     protocol::Truth,
     recording::{By, CommandRecord},
     units::Mph,
@@ -22,8 +23,6 @@ const APART_S: f64 = 1.0;
 /// A throttle of so little or less is emergency braking. An emergency brake is full, -1; the default PI controller asks
 /// for this much only at 8 mph over its speed.
 const EMERGENCY: f64 = -0.8;
-/// Below this speed the brake is the reverse gear, in mph.
-const REVERSES_BELOW_MPH: f64 = 5.0;
 
 const NO_SCENARIO: &str = "no scenario asked for braking";
 const NOT_TOLD: &str = "the run tells no time to collision: worlds without other traffic do not";

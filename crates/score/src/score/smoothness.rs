@@ -1,6 +1,6 @@
 //! How smooth a drive was, from the steering and speed told.
 
-use lapwing_core::units::WHEELBASE_M;
+use lapwing_core::motion;
 
 /// Telemetries farther apart than this say nothing of what was between them, in seconds.
 pub(super) const GAP_S: f64 = 1.0;
@@ -123,8 +123,7 @@ impl Motion {
 fn motions(stretch: &[Sample], factor: f64) -> Vec<Motion> {
     let series = |of: fn(&Sample) -> f64| stretch.iter().map(|sample| (sample.at_s, of(sample))).collect::<Vec<_>>();
     let speeds = parabolas(&series(|sample| sample.speed_mps));
-    let yaw_rates =
-        parabolas(&series(|sample| sample.speed_mps * sample.steering_deg.to_radians().tan() / WHEELBASE_M));
+    let yaw_rates = parabolas(&series(|sample| motion::yaw_rate(sample.speed_mps, sample.steering_deg)));
     let mut motions = Vec::new();
     let mut magnitudes = Vec::new();
     for (sample, (speed, yaw_rate)) in stretch.iter().zip(speeds.into_iter().zip(yaw_rates)) {

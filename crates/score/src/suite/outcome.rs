@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use serde_json::Value;
-use sha2::{Digest, Sha256};
 
 use super::{Cell, Done};
 use crate::{
     score::summary::spreads,
     score::{Figure, Spread, aligned},
 };
+use lapwing_core::hash::sha256;
 
 /// What the JSON is called.
 const SCHEMA: &str = "lapwing.suite/1";
@@ -88,8 +88,7 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
     let group = |(key, done): (&(&String, _, _, _, String), &Vec<&Done>)| {
         let Cell { mut pilot, model_sha256, track, conditions, speed_mph, .. } = done[0].cell.clone();
         if several(&pilot) {
-            let id: String = Sha256::digest(&key.4).iter().take(3).map(|byte| format!("{byte:02x}")).collect();
-            pilot = format!("{pilot} (settings {id})");
+            pilot = format!("{pilot} (settings {})", &sha256(&key.4)[..6]);
         }
         let spreads = spreads(done, |one, figure| one.value(figure));
         let over = |figure: Figure| {

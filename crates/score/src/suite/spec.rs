@@ -3,9 +3,8 @@
 use std::{fmt, path::PathBuf, str::FromStr};
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
-use lapwing_core::words::suggesting;
+use lapwing_core::{hash::sha256, words::suggesting};
 
 /// Cells of a suite at most: a hundred a minute take most of a day.
 const MOST_CELLS: usize = 100_000;
@@ -138,7 +137,7 @@ impl Cell {
     pub fn id(&self) -> String {
         // Keys stand in the order of the fields: the same cell has the same text.
         let text = serde_json::to_string(self).unwrap_or_default();
-        Sha256::digest(text).iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+        sha256(text)[..16].to_owned()
     }
 }
 

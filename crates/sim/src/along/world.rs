@@ -12,10 +12,12 @@ use super::{
 };
 use crate::{camera::encode_jpeg, vehicle::STEP_S};
 use lapwing_core::{
+    car::FULL_STEERING_DEG,
+    motion,
     perception::Frame,
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
     recording::{EventRecord, Eventful},
-    units::{Degrees, FULL_STEERING_DEG, Metres, Steering, WHEELBASE_M},
+    units::{Degrees, Metres, Steering},
     words::count,
 };
 
@@ -250,7 +252,7 @@ impl RecordedWorld {
 /// Whether a car on its tyres can turn so fast, in radians a second: twice what full steering asks for, and some more
 /// for what a wall does to it.
 fn believable(rate: f64, speed: f64) -> bool {
-    rate.abs() < 0.5 + 2.0 * speed * FULL_STEERING_DEG.to_radians().tan() / WHEELBASE_M
+    rate.abs() < 0.5 + motion::yaw_rate(2.0 * speed, FULL_STEERING_DEG)
 }
 
 fn told(cut: Cut) -> String {

@@ -10,8 +10,9 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{Station, line::turn};
+use super::Station;
 use crate::vehicle::BODY;
+use lapwing_core::motion::turn;
 
 /// Over how many metres a change of the road's curvature is spread. Lower keeps nearer to the lane's middle.
 const SPREAD_M: f64 = 3.5;

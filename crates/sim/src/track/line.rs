@@ -3,8 +3,6 @@
 //! The spline has a continuous curvature and each control point moves only the
 //! road around it.
 
-use std::f64::consts::{PI, TAU};
-
 use glam::{DVec2, DVec3};
 
 use super::Station;
@@ -39,11 +37,6 @@ pub(super) fn lay_out(control: &[[f64; 3]], step: f64) -> (Vec<Station>, f64) {
         })
         .collect();
     (stations, length)
-}
-
-/// An angle brought between -PI and PI, in radians.
-pub fn turn(angle: f64) -> f64 {
-    (angle + PI).rem_euclid(TAU) - PI
 }
 
 fn weights(u: f64) -> [f64; 4] {

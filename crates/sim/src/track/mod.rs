@@ -15,10 +15,10 @@ mod random;
 use std::fs;
 
 use glam::DVec3;
+use lapwing_core::motion::turn;
 
 pub use driving::LinePoint;
 pub use file::{Edge, Side, Start, Stretch, Theme, TrackError, TrackFile};
-pub use line::turn;
 pub use random::RandomTrack;
 
 /// Distance between stations, at most: they divide the length evenly.
@@ -162,7 +162,7 @@ impl Track {
             travelled,
             position: a.position.lerp(b.position, t),
             offset: a.offset + t * (b.offset - a.offset),
-            yaw: a.yaw + t * line::turn(b.yaw - a.yaw),
+            yaw: a.yaw + t * turn(b.yaw - a.yaw),
             curvature: a.curvature + t * (b.curvature - a.curvature),
         }
     }
@@ -178,7 +178,7 @@ impl Track {
         Station {
             s,
             position: a.position.lerp(b.position, t),
-            yaw: a.yaw + t * line::turn(b.yaw - a.yaw),
+            yaw: a.yaw + t * turn(b.yaw - a.yaw),
             curvature: a.curvature + t * (b.curvature - a.curvature),
             grade: a.grade + t * (b.grade - a.grade),
         }
@@ -250,7 +250,7 @@ mod tests {
             let (here, next) = (track.on_driving_line(travelled), track.on_driving_line(travelled + step));
             let moved = (next.position - here.position).with_y(0.0).length();
             assert!((0.9 * step..=1.001 * step).contains(&moved), "{travelled}: {moved}");
-            assert!(line::turn(next.yaw - here.yaw).abs() < 0.1, "{travelled}");
+            assert!(turn(next.yaw - here.yaw).abs() < 0.1, "{travelled}");
             let middle = track.locate(here.position, None);
             assert!((middle.offset - here.offset).abs() < 0.05, "{travelled}: {middle:?}, {here:?}");
         }

@@ -15,26 +15,22 @@ mod tyre;
 use glam::DVec3;
 
 use lapwing_core::{
+    car::{
+        FRONT_AXLE_M, FULL_STEERING_DEG, GRAVITY, HEIGHT_M, LENGTH_M, REAR_AXLE_M, REVERSES_BELOW_MPH, TOP_SPEED_MPH,
+        WHEELBASE_M, WIDTH_M,
+    },
     protocol::Command,
-    units::{FULL_STEERING_DEG, MPS_PER_MPH, Mph},
+    units::{MPS_PER_MPH, Mph},
 };
 
 /// One step of the physics, in seconds (Unity's fixed timestep).
 pub const STEP_S: f64 = 0.02;
-/// From axle to axle, in metres.
-pub const WHEELBASE_M: f64 = FRONT_AXLE_M + REAR_AXLE_M;
 /// Top speed, in metres per second. It is enforced before the forces of a step act, so that a car at full
 /// throttle shows 30.19 mph, as the recordings do.
-pub const TOP_SPEED: f64 = 30.0 * MPS_PER_MPH;
+pub const TOP_SPEED: f64 = TOP_SPEED_MPH * MPS_PER_MPH;
 /// Width, height and length of the body, in metres.
-pub const BODY: DVec3 = DVec3::new(2.43, 1.4, 4.47);
-/// Gravity, in metres per second squared.
-pub const GRAVITY: f64 = 9.81;
+pub const BODY: DVec3 = DVec3::new(WIDTH_M, HEIGHT_M, LENGTH_M);
 
-/// From the car's origin, which is its centre of mass, to the front axle, in metres.
-const FRONT_AXLE_M: f64 = 1.27;
-/// And to the rear axle.
-const REAR_AXLE_M: f64 = 1.60;
 const MASS_KG: f64 = 1000.0;
 /// What the drive has to accelerate: the car, and four wheels of Unity's default 20 kg as discs, each of which
 /// resists like half its mass. From a standstill the mountain recording gains 11.8 mph/s: 5.5 m/s2 less drag.
@@ -54,7 +50,7 @@ const BRAKE_NM: f64 = 20_000.0;
 /// Torque of each wheel at full reverse, in Nm.
 const REVERSE_NM: f64 = 150.0;
 /// Below this speed, in metres per second, negative throttle reverses instead of braking.
-const REVERSE_BELOW: f64 = 5.0 * MPS_PER_MPH;
+const REVERSE_BELOW: f64 = REVERSES_BELOW_MPH * MPS_PER_MPH;
 /// Beyond this angle between heading and motion, in degrees, it does so at any speed.
 const BRAKE_WITHIN_DEG: f64 = 50.0;
 /// Rigid body's drag, per second.

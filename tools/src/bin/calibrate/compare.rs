@@ -1,12 +1,14 @@
 //! The car against a drive: its speed rolled out from every row, its yaw rate between the rows.
 
 use lapwing_core::{
+    car::FULL_STEERING_DEG,
+    motion,
     protocol::Command,
-    units::{FULL_STEERING_DEG, MPS_PER_MPH, Steering, Throttle},
+    units::{MPS_PER_MPH, Steering, Throttle},
 };
 use lapwing_sim::{
     along::Turn,
-    vehicle::{Car, Ground, STEP_S, WHEELBASE_M},
+    vehicle::{Car, Ground, STEP_S},
 };
 use serde::Serialize;
 
@@ -65,8 +67,8 @@ pub fn speeds(rows: &[Row], grades: &[f64], all: bool) -> Vec<Speeds> {
         if row.time + longest > end || (spans_contact && !all) {
             continue;
         }
-        let steering = (row.steering * FULL_STEERING_DEG).to_radians();
-        let mut car = Car { speed: row.speed, yaw_rate: row.speed * steering.tan() / WHEELBASE_M, ..Car::default() };
+        let yaw_rate = motion::yaw_rate(row.speed, row.steering * FULL_STEERING_DEG);
+        let mut car = Car { speed: row.speed, yaw_rate, ..Car::default() };
         let mut steps = 0_u32;
         for (horizon, errors) in HORIZONS_S.iter().zip(&mut errors) {
             while f64::from(steps) * STEP_S < horizon - 1e-9 {
@@ -91,10 +93,7 @@ pub fn speeds(rows: &[Row], grades: &[f64], all: bool) -> Vec<Speeds> {
 }
 
 fn along(rows: &[Row], values: &[f64], time: f64) -> f64 {
-    let after = rows.partition_point(|row| row.time <= time).clamp(1, rows.len() - 1);
-    let (a, b) = (&rows[after - 1], &rows[after]);
-    let t = ((time - a.time) / (b.time - a.time)).clamp(0.0, 1.0);
-    values[after - 1] + t * (values[after] - values[after - 1])
+    motion::between(rows, time, |row| row.time, |i| values[i])
 }
 
 /// Drives the car with the recorded steering at the recorded speed and compares how far it turns between rows.

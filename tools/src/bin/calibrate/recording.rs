@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use lapwing_core::units::MPS_PER_MPH;
+use lapwing_core::{motion, units::MPS_PER_MPH};
 
 /// A change of speed faster than this, in metres per second squared, is no tyre's doing: locked wheels give 8, a
 /// steep hill 4. Taken as a contact: a wall, or the body that strikes the foot of a ramp. It is inferred, not seen.
@@ -98,8 +98,5 @@ fn mark_contacts(rows: &mut [Row]) {
 
 /// A column between the rows, linearly.
 pub fn at(rows: &[Row], time: f64, column: impl Fn(&Row) -> f64) -> f64 {
-    let after = rows.partition_point(|row| row.time <= time).clamp(1, rows.len() - 1);
-    let (a, b) = (&rows[after - 1], &rows[after]);
-    let t = ((time - a.time) / (b.time - a.time)).clamp(0.0, 1.0);
-    column(a) + t * (column(b) - column(a))
+    motion::between(rows, time, |row| row.time, |i| column(&rows[i]))
 }

@@ -1,5 +1,6 @@
 //! Where on the track a drive was, and how steep it was there.
 
+use lapwing_core::motion;
 use lapwing_sim::{along::Turn, track::Track};
 
 use super::recording::Row;
@@ -54,7 +55,7 @@ pub fn locate(rows: &[Row], turns: &[Option<Turn>], track: &Track) -> Option<Rou
     let metres = track.length().round() as usize;
     let grid = |i: usize| track.length() * i as f64 / metres as f64;
     let bend: Vec<f64> = (0..metres).map(|i| track.at(grid(i)).yaw).collect();
-    let bend: Vec<f64> = (0..metres).map(|i| wrapped(bend[i] - bend[(i + metres - 1) % metres])).collect();
+    let bend: Vec<f64> = (0..metres).map(|i| motion::turn(bend[i] - bend[(i + metres - 1) % metres])).collect();
     let turn_at = |i: usize| (0..COMPARED_M).map(|k| bend[(i + metres - k) % metres]).sum::<f64>();
     let turned: Vec<f64> = (0..metres).map(turn_at).collect();
 
@@ -141,11 +142,5 @@ fn pitch_seen(rows: &[Row], turns: &[Option<Turn>], grades: &[f64]) -> Vec<f64> 
 
 /// `y` at `x`, linearly, for rising `xs`.
 fn between(xs: &[f64], ys: &[f64], x: f64) -> f64 {
-    let after = xs.partition_point(|&at| at <= x).clamp(1, xs.len() - 1);
-    let t = ((x - xs[after - 1]) / (xs[after] - xs[after - 1])).clamp(0.0, 1.0);
-    ys[after - 1] + t * (ys[after] - ys[after - 1])
-}
-
-fn wrapped(angle: f64) -> f64 {
-    angle.sin().atan2(angle.cos())
+    motion::between(xs, x, |at| *at, |i| ys[i])
 }

@@ -1,7 +1,10 @@
 //! Collisions and being stuck, by speed and throttle alone.
 
 use crate::score::smoothness::GAP_S;
-use lapwing_core::units::MPS_PER_MPH;
+use lapwing_core::{
+    car::{GRACE_S, STUCK_MPH, STUCK_S},
+    units::MPS_PER_MPH,
+};
 
 /// The hardest that the car slows down by itself, in m/s2: rolling out uphill, and braking. Brakes of the stock build come
 /// to 8.5 in real drives, tyres to 11.
@@ -11,12 +14,8 @@ const BRAKES: f64 = 12.0;
 const LOST: f64 = 1.0;
 /// What follows within so many seconds is the same collision: one bounces.
 const APART_S: f64 = 2.0;
-/// Stuck: under this speed, with this throttle at least, for so long (SelfOracle: 120 game frames).
-const STUCK_MPH: f64 = 1.0;
+/// Who stands with less throttle than this waits, and is not stuck.
 const STUCK_THROTTLE: f64 = 0.05;
-const STUCK_S: f64 = 2.0;
-/// A car that starts is not stuck yet, in seconds of the run.
-const GRACE_S: f64 = 5.0;
 
 /// Watches speeds and throttles.
 #[derive(Debug, Clone, Default)]

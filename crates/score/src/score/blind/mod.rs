@@ -30,8 +30,8 @@ use super::{
 use crate::odometry::{BEGINNING_M, EVERY_M, Look, Match, Matcher, Motion, Road, laps};
 use lapwing_core::{
     config::Rules,
+    motion,
     perception::{Frame, decode_jpeg},
-    units::WHEELBASE_M,
 };
 
 /// A road is the one that was driven where it explains the drive better than all others by so much, as a log likelihood:
@@ -133,7 +133,7 @@ impl Blind {
 
     pub fn telemetry(&mut self, at: f64, mps: f64, steering_deg: f64) {
         self.impacts.speed(at, mps);
-        let curvature = steering_deg.to_radians().tan() / WHEELBASE_M;
+        let curvature = motion::curvature(steering_deg);
         if let Some((before, was_mps, was_curvature)) = self.last {
             let apart = at - before;
             let way_m = apart * (mps + was_mps) / 2.0;

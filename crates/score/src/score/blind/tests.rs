@@ -49,7 +49,7 @@ fn crashed_and_told(
     for i in 0..=steps {
         let s = way * f64::from(i);
         let curvature = (heading(s + way) - heading(s)) / way;
-        let steering = (curvature * WHEELBASE_M).atan().to_degrees();
+        let steering = motion::steering_deg(curvature);
         let telemetry = Telemetry { truth: told(s), ..telemetry(steering, MPS) };
         scorer.telemetry(Duration::from_secs_f64(f64::from(i) / 15.0), &telemetry);
     }
@@ -130,7 +130,7 @@ fn while_a_human_drives_unseen_the_car_goes_on_along_the_road_and_his_takeover_c
             continue;
         }
         let curvature = (heading(s + way) - heading(s)) / way;
-        scorer.telemetry(at, &telemetry((curvature * WHEELBASE_M).atan().to_degrees(), MPS));
+        scorer.telemetry(at, &telemetry(motion::steering_deg(curvature), MPS));
         scorer.command(&pilot);
     }
     scorer.event(Duration::from_secs(50), &EventRecord::TakeoverEnded { duration_s: 10.0 });
