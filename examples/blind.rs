@@ -28,7 +28,7 @@ use lapwing_core::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{EventRecord, Item, Recorder, RecorderOptions, RunHeader, RunReader},
+    recording::{EventRecord, Item, Recorder, RecorderOptions, RunHeader, RunKind, RunReader},
     units::{Mph, Steering},
 };
 use lapwing_learn::models;
@@ -174,6 +174,7 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Er
     let control = Control { speed_mph: Mph::new(mph)?, ..Control::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);
     let header = RunHeader {
+        kind: RunKind::Driven,
         name_hint: None,
         dialect: Some(Dialect::Term1),
         model: None,

@@ -8,7 +8,7 @@ use lapwing_core::{
     pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Dialect, Observation, Sight, World},
     recording::udacity::{DrivingLogWriter, Sample},
-    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunReader},
+    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunKind, RunReader},
     units::{MPS_PER_MPH, Mph, Steering, Throttle},
 };
 use lapwing_learn::models;
@@ -125,6 +125,7 @@ fn a_pilot_that_knows_the_road_keeps_it_and_one_that_does_not_look_is_put_back()
 fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of_it() {
     let (dir, _) = recorded(15.0);
     let header = RunHeader {
+        kind: RunKind::RecordedPath,
         name_hint: None,
         dialect: Some(Dialect::SelfOracle),
         model: None,

@@ -14,7 +14,8 @@ use std::{
 use lapwing_core::{
     protocol::{CameraImage, Dialect, Telemetry},
     recording::{
-        By, CommandRecord, EventRecord, Item, ModelId, Moment, Recorder, RecorderOptions, RunHeader, RunReader, Step,
+        By, CommandRecord, EventRecord, Item, ModelId, Moment, Recorder, RecorderOptions, RunHeader, RunKind,
+        RunReader, Step,
     },
     units::{Steering, Throttle},
 };
@@ -22,6 +23,7 @@ use mcap::{Compression, WriteOptions, read::MessageStream, records::Metadata};
 
 fn header() -> RunHeader {
     RunHeader {
+        kind: RunKind::Driven,
         name_hint: Some("lake".into()),
         dialect: Some(Dialect::Term1),
         model: Some(ModelId { name: "pilotnet-lake".into(), sha256: "ab".repeat(32) }),

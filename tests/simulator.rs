@@ -13,7 +13,7 @@ use lapwing_core::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
-    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunReader},
+    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind, RunReader},
     units::{Mph, Steering, Throttle},
 };
 use lapwing_score::judged::{self, Drive};
@@ -278,6 +278,7 @@ fn who_stops_for_a_child_that_waits_raises_a_false_alarm() {
 /// Drives at 20 mph and records it.
 fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Drive, RecordingReport) {
     let header = RunHeader {
+        kind: RunKind::Driven,
         name_hint: Some("lake".into()),
         dialect: None,
         model: None,

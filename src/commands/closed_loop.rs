@@ -19,7 +19,7 @@ use lapwing_core::{
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
-    recording::{ModelId, Recorder, RecorderOptions, RunHeader},
+    recording::{Eventful, ModelId, Recorder, RecorderOptions, RunHeader},
     replay::{self},
     words::count,
 };
@@ -67,6 +67,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let mut world = RecordedWorld::open(&arguments.source, arguments.limit, yaw)?;
     let (rows, read, stood) = world.rows();
     let header = RunHeader {
+        kind: world.kind(),
         name_hint: Some(format!("{}-closed-loop", world.name())),
         dialect: Some(Dialect::SelfOracle),
         model: Some(ModelId { name: name.clone(), sha256: model.sha256().to_owned() }),

@@ -14,7 +14,7 @@ use lapwing_core::{
     driver::Driver,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader},
+    recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind},
     units::Mph,
     words::count,
 };
@@ -67,6 +67,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         }
     };
     let header = settings.recording.enabled.then(|| RunHeader {
+        kind: RunKind::Driven,
         name_hint: Some(setup.track.file().name.clone()),
         dialect: Some(if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }),
         model,

@@ -6,7 +6,7 @@ use lapwing_core::{
     config::{Control, OnCrash},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
-    recording::{Recorder, RecorderOptions, RunHeader},
+    recording::{Recorder, RecorderOptions, RunHeader, RunKind},
     units::{Mph, Steering},
 };
 use lapwing_score::judged;
@@ -56,6 +56,7 @@ fn every_message_of_a_driven_a_crashed_and_a_taken_over_run_is_as_its_schema_say
     ];
     for (setup, pilot) in drives {
         let header = RunHeader {
+            kind: RunKind::Driven,
             name_hint: None,
             dialect: None,
             model: None,

@@ -44,7 +44,7 @@ pub fn run<W: Eventful>(
     recorder: Option<&Recorder>,
     watch: impl FnMut(&mut W, &Observation, Answer) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
 ) -> Result<Drive, Box<dyn std::error::Error + Send + Sync>> {
-    let mut scorer = Scorer::default();
+    let mut scorer = Scorer::default().of_kind(world.kind());
     let mut recorder = recorder;
     let mut observers: Vec<&mut dyn Observer> = vec![&mut scorer];
     observers.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));

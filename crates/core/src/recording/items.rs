@@ -15,6 +15,8 @@ use crate::{
 /// How a run was made, all that is known when it begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
+    /// What was recorded. Where a run of an earlier version does not say, its settings tell.
+    pub kind: RunKind,
     /// What a person calls this run; part of the file's name.
     pub name_hint: Option<String>,
     /// Which simulator speaks.
@@ -29,6 +31,33 @@ pub struct RunHeader {
     pub lapwing: String,
     /// The wall clock when the run began; every item's time counts from here.
     pub started: jiff::Timestamp,
+}
+
+/// What a run is a recording of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RunKind {
+    /// A simulator, driven: the project's own, or one that was connected.
+    #[default]
+    Driven,
+    /// The path of a recording, driven along: there are no laps, nothing stands on it, and nobody knows how wide the
+    /// road is.
+    RecordedPath,
+    /// A driving log of the stock simulator's recorder, made a run: a human drove, and nobody was answered.
+    DrivingLog,
+}
+
+impl RunKind {
+    /// What a run of an earlier version is, which says so by its settings only.
+    fn by_config(config: &serde_json::Value) -> Self {
+        if config.pointer("/world/closed_loop_on").is_some() {
+            Self::RecordedPath
+        } else if config.get("converted_from").is_some() {
+            Self::DrivingLog
+        } else {
+            Self::Driven
+        }
+    }
 }
 
 /// Which checkpoint drives.
@@ -241,14 +270,16 @@ pub trait Eventful: World {
     /// What has happened since the last call, in the order of time.
     fn take_events(&mut self) -> Vec<(Duration, EventRecord)>;
 
+    /// What a run of this world is a recording of.
+    fn kind(&self) -> RunKind {
+        RunKind::Driven
+    }
+
     /// Whether a run of this world holds what it says: not where it plays one that says nothing.
     fn is_recorded(&self) -> bool {
         true
     }
 }
-
-/// Behind the name of a recording that is the course.
-const RECORDED: &str = " (recorded)";
 
 /// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
 pub(super) const MAX_TEXT: usize = 2000;
@@ -268,15 +299,10 @@ impl Item {
 
 impl EventRecord {
     /// The course of whoever drives along the path of a recording of this name and may be `limit_m` beside it: a path
-    /// and nothing else, which ends somewhere. It has no laps, nothing stands on it, and nobody knows how wide the road is.
+    /// and nothing else, which ends somewhere. That it is one stands in the run's header ([`RunKind::RecordedPath`]).
     pub fn recorded_path(recording: &str, length_m: f64, waypoints: u32, limit_m: f64) -> Self {
-        let track = format!("{recording}{RECORDED}");
+        let track = format!("{recording} (recorded)");
         Self::Course { track, length_m, waypoints, laps: None, edge_m: limit_m, scenario: None }
-    }
-
-    /// Whether this is such a course, in runs of earlier versions, too.
-    pub fn is_recorded_path(&self) -> bool {
-        matches!(self, Self::Course { track, laps: None, scenario: None, .. } if track.ends_with(RECORDED))
     }
 
     fn shorten(&mut self) {
@@ -330,8 +356,9 @@ impl RunHeader {
             ("config".into(), self.config.to_string()),
         ]);
         let mut optional = |name: &str, value: Option<String>| fields.extend(value.map(|v| (name.to_owned(), v)));
+        optional("kind", word(self.kind));
         optional("name", self.name_hint.clone());
-        optional("dialect", self.dialect.and_then(|d| Some(serde_json::to_value(d).ok()?.as_str()?.to_owned())));
+        optional("dialect", self.dialect.and_then(word));
         optional("model_name", self.model.as_ref().map(|m| m.name.clone()));
         optional("model_sha256", self.model.as_ref().map(|m| m.sha256.clone()));
         optional("seed", self.seed.map(|s| s.to_string()));
@@ -358,7 +385,11 @@ impl RunHeader {
         let mut required = |field: &'static str| fields.remove(field).ok_or_else(|| bad(field, "a text", None));
         let (lapwing, started, config) = (required("lapwing")?, required("started")?, required("config")?);
         let quoted = |text: String| serde_json::Value::String(text);
+        let config = serde_json::from_str(&config).map_err(|_| bad("config", "JSON", Some(config)))?;
+        let kind = parsed(fields.remove("kind"), |t| from_value(quoted(t.into())))
+            .map_err(|got| bad("kind", "a kind of run that this lapwing knows", Some(got)))?;
         Ok(Self {
+            kind: kind.unwrap_or_else(|| RunKind::by_config(&config)),
             name_hint: fields.remove("name"),
             dialect: parsed(fields.remove("dialect"), |t| from_value(quoted(t.into())))
                 .map_err(|got| bad("dialect", "a dialect that this lapwing knows", Some(got)))?,
@@ -367,11 +398,16 @@ impl RunHeader {
                 .map(|name| ModelId { name, sha256: fields.remove("model_sha256").unwrap_or_default() }),
             seed: parsed(fields.remove("seed"), |t| t.parse().ok())
                 .map_err(|got| bad("seed", "a whole number", Some(got)))?,
-            config: serde_json::from_str(&config).map_err(|_| bad("config", "JSON", Some(config)))?,
+            config,
             lapwing,
             started: started.parse().map_err(|_| bad("started", "a time (RFC 3339)", Some(started)))?,
         })
     }
+}
+
+/// The name that a value without fields has in JSON.
+fn word(value: impl Serialize) -> Option<String> {
+    Some(serde_json::to_value(value).ok()?.as_str()?.to_owned())
 }
 
 fn from_value<T: DeserializeOwned>(value: serde_json::Value) -> Option<T> {
@@ -389,6 +425,7 @@ mod tests {
 
     fn header() -> RunHeader {
         RunHeader {
+            kind: RunKind::Driven,
             name_hint: Some("lake".into()),
             dialect: Some(Dialect::Term1),
             model: Some(ModelId { name: "pilotnet".into(), sha256: "00ff".into() }),
@@ -420,6 +457,7 @@ mod tests {
         );
         assert_eq!(with("seed", "-1"), r#"a.mcap: seed in lapwing.run: expected a whole number, got "-1""#);
         assert_eq!(with("started", "now"), r#"a.mcap: started in lapwing.run: expected a time (RFC 3339), got "now""#);
+        assert!(with("kind", "dream").contains("expected a kind of run that this lapwing knows"));
         assert!(with("dialect", "klingon").contains("expected a dialect that this lapwing knows"));
         let missing = RunHeader::from_metadata(Path::new("a.mcap"), BTreeMap::new()).unwrap_err();
         assert_eq!(missing.to_string(), r#"a.mcap: format_version in lapwing.run: expected a whole number, got """#);
@@ -437,16 +475,21 @@ mod tests {
     }
 
     #[test]
-    fn the_path_of_a_recording_is_told_from_a_track_in_earlier_runs_too() {
-        let is_path = |event: &str| serde_json::from_str::<EventRecord>(event).unwrap().is_recorded_path();
-        let course = |track: &str, more: &str| {
-            format!(r#"{{"kind":"course","track":"{track}","length_m":525.8,"waypoints":27,{more}"edge_m":1.0}}"#)
+    fn what_a_run_is_stands_in_its_header_and_in_earlier_runs_in_its_settings() {
+        let read = |fields| RunHeader::from_metadata(Path::new("a.mcap"), fields).unwrap().kind;
+        for kind in [RunKind::Driven, RunKind::RecordedPath, RunKind::DrivingLog] {
+            assert_eq!(read(RunHeader { kind, ..header() }.to_metadata()), kind);
+        }
+        let earlier = |config: &str| {
+            let mut fields = header().to_metadata();
+            fields.remove("kind");
+            fields.insert("config".into(), config.into());
+            read(fields)
         };
-        assert!(is_path(&course("data (recorded)", "")));
-        assert!(!is_path(&course("lake", "")));
-        assert!(!is_path(&course("data (recorded)", r#""laps":1,"#)), "a track that somebody calls so");
-        assert!(!is_path(r#"{"kind":"kick"}"#));
-        assert!(EventRecord::recorded_path("data", 525.8, 27, 1.0).is_recorded_path());
+        assert_eq!(earlier(r#"{"world":{"closed_loop_on":"data","limit_m":1.0}}"#), RunKind::RecordedPath);
+        assert_eq!(earlier(r#"{"converted_from":"driving_log.csv"}"#), RunKind::DrivingLog);
+        assert_eq!(earlier(r#"{"world":{"track":"lake (recorded)"}}"#), RunKind::Driven, "a name decides nothing");
+        assert_eq!(earlier("null"), RunKind::Driven);
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub mod udacity;
 mod writer;
 
 pub use format::FORMAT_VERSION;
-pub use items::{By, CommandRecord, EventRecord, Eventful, Item, ModelId, RunHeader};
+pub use items::{By, CommandRecord, EventRecord, Eventful, Item, ModelId, RunHeader, RunKind};
 pub use moments::{Moment, Moments, Step};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};

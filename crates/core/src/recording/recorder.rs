@@ -260,7 +260,7 @@ mod tests {
     use std::sync::{Condvar, Mutex};
 
     use super::{
-        super::{EventRecord, RunReader},
+        super::{EventRecord, RunKind, RunReader},
         *,
     };
     use crate::protocol::Telemetry;
@@ -335,6 +335,7 @@ mod tests {
 
     fn header() -> RunHeader {
         RunHeader {
+            kind: RunKind::Driven,
             name_hint: Some("a/b".into()),
             dialect: None,
             model: None,

@@ -12,7 +12,7 @@ use super::*;
 use lapwing_core::{
     protocol::Telemetry,
     recording::udacity::{DrivingLogWriter, Sample},
-    recording::{CommandRecord, Item, Moment, Recorder, RecorderOptions, RunHeader, RunReader, Step},
+    recording::{CommandRecord, Item, Moment, Recorder, RecorderOptions, RunHeader, RunKind, RunReader, Step},
     units::{Mph, Steering, Throttle},
 };
 
@@ -70,6 +70,7 @@ pub(super) fn steps(run: &Path) -> Vec<Step> {
 /// Records a telemetry each, with its picture where there is one, and this answer.
 pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>], answer: Option<&CommandRecord>) {
     let header = RunHeader {
+        kind: RunKind::Driven,
         name_hint: None,
         dialect: None,
         model: None,

@@ -15,7 +15,7 @@ use super::{Bridge, Place, Signals, account::Account, throttled::Throttled, wait
 use lapwing_core::{
     driver::{Driver, Happening, Trace},
     protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
-    recording::{EventRecord, Item, ModelId, RunHeader},
+    recording::{EventRecord, Item, ModelId, RunHeader, RunKind},
     units::Throttle,
     words::count,
 };
@@ -333,6 +333,7 @@ impl Session {
         let started = jiff::Timestamp::now();
         let started = started.checked_sub(began.elapsed()).unwrap_or(started);
         let header = RunHeader {
+            kind: RunKind::Driven,
             name_hint: None,
             dialect: self.dialect,
             model: Some(ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() }),

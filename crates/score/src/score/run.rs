@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{Scorecard, Scorer};
 use lapwing_core::{
     recording::udacity::DrivingLog,
-    recording::{EventRecord, Item, RecordingError, RunReader},
+    recording::{EventRecord, Item, RecordingError, RunKind, RunReader},
     words::count,
 };
 
@@ -53,7 +53,7 @@ pub fn of_run(
     scorer: Scorer,
     watch: impl FnMut(Duration, &Item),
 ) -> Result<Scorecard, RecordingError> {
-    let mut judge = Judge::new(scorer, watch);
+    let mut judge = Judge::new(scorer.of_kind(run.header().kind), watch);
     let mut not_recorded = 0;
     for item in run.by_ref() {
         match item {
@@ -82,7 +82,7 @@ pub fn of_run(
 /// The same of a driving log, which a human drove. Pictures that cannot be read stand in the notes, and drives joined in one
 /// log, between which time passes here.
 pub fn of_log(log: &DrivingLog, scorer: Scorer, watch: impl FnMut(Duration, &Item)) -> Scorecard {
-    let mut judge = Judge::new(scorer, watch);
+    let mut judge = Judge::new(scorer.of_kind(RunKind::DrivingLog), watch);
     let mut joined = 0;
     for row in &log.rows {
         joined += u32::from(row.joined);

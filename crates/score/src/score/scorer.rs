@@ -19,7 +19,7 @@ use super::{
 use crate::odometry::Road;
 use lapwing_core::{
     protocol::Telemetry,
-    recording::{By, CommandRecord, EventRecord, Item},
+    recording::{By, CommandRecord, EventRecord, Item, RunKind},
     units::{MPS_PER_MPH, Metres},
 };
 
@@ -28,6 +28,7 @@ pub(super) use judgement::{NO_JUDGE, NO_PILOT, NO_TIME};
 /// Watches one run.
 #[derive(Debug, Clone, Default)]
 pub struct Scorer {
+    kind: RunKind,
     course: Option<Course>,
     clock: Clock,
     /// Nothing is kept that grows with the run.
@@ -91,8 +92,6 @@ struct Course {
     waypoints: u32,
     laps: Option<u32>,
     scenario: Option<String>,
-    /// A recording's path, not a track.
-    is_recorded: bool,
 }
 
 /// How many answers there were, and whose.
@@ -136,6 +135,11 @@ impl Scorer {
     /// that take either are not measurable; all others are those of the run's file. Of these roads it knows the length.
     pub fn live(roads: &[Arc<Road>]) -> Self {
         Self { is_live: true, blind: Blind::of_known(roads), ..Self::default() }
+    }
+
+    /// The same scorer for a run of this kind: what can be told of it depends on that.
+    pub fn of_kind(self, kind: RunKind) -> Self {
+        Self { kind, ..self }
     }
 
     /// Takes an item of a run, in the order of the file; says when it happened, in the time of the run.
@@ -231,7 +235,7 @@ impl Scorer {
 
     /// Whether it is a recording that is driven along.
     fn is_recorded(&self) -> bool {
-        self.course.as_ref().is_some_and(|course| course.is_recorded)
+        self.kind == RunKind::RecordedPath
     }
 
     /// What the last telemetry gives to suspect, where the run itself does not say what happened.
@@ -258,8 +262,7 @@ impl Scorer {
         match event {
             EventRecord::Course { track, waypoints, laps, scenario, .. } => {
                 let (track, scenario) = (track.clone(), scenario.clone());
-                let is_recorded = event.is_recorded_path();
-                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario, is_recorded });
+                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario });
                 self.clock.is_the_worlds();
                 self.blind.stand_down();
             }

@@ -16,7 +16,7 @@ use lapwing_core::{
     motion,
     perception::Frame,
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
-    recording::{EventRecord, Eventful},
+    recording::{EventRecord, Eventful, RunKind},
     units::{Degrees, Metres, Steering},
     words::count,
 };
@@ -268,6 +268,10 @@ fn told(cut: Cut) -> String {
 impl Eventful for RecordedWorld {
     fn take_events(&mut self) -> Vec<(Duration, EventRecord)> {
         std::mem::take(&mut self.events)
+    }
+
+    fn kind(&self) -> RunKind {
+        RunKind::RecordedPath
     }
 }
 

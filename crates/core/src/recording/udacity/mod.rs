@@ -39,7 +39,7 @@ use jiff::{
 
 use self::line::{Bad, Column, Layout};
 pub use self::writer::{DrivingLogWriter, Sample};
-use super::{CommandRecord, Item, RecordingError, RunHeader, read_file, read_picture};
+use super::{CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture};
 use crate::{
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
@@ -130,6 +130,7 @@ impl DrivingLog {
     /// The header of a run made of it.
     pub fn header(&self) -> RunHeader {
         RunHeader {
+            kind: RunKind::DrivingLog,
             name_hint: None,
             dialect: None,
             model: None,

@@ -41,13 +41,13 @@ mod tests {
     use lapwing_core::{
         config::Thresholds,
         protocol::{Telemetry, Truth},
-        recording::EventRecord,
+        recording::{EventRecord, RunKind},
         units::{Metres, Mph},
     };
 
     /// A minute along a recording, told each second, and put back three times from so far beside the path.
     fn minute(offsets_m: [f64; 3]) -> Scorecard {
-        let mut scorer = Scorer::default();
+        let mut scorer = Scorer::default().of_kind(RunKind::RecordedPath);
         scorer.event(Duration::ZERO, &EventRecord::recorded_path("data", 268.0, 14, 1.0));
         for second in 0..=60 {
             let at = Duration::from_secs(second);
