@@ -150,7 +150,7 @@ pub enum PilotKind {
     Expert,
 }
 
-/// What a run must reach, or the exit status is 3; over [thresholds] of the settings.
+/// What a run must reach, or the exit status is 3; over `[thresholds]` of the settings.
 #[derive(Debug, Args)]
 pub struct Thresholds {
     /// Least completion, in percent of the laps asked for

@@ -96,7 +96,7 @@ mod tests {
         for name in Track::NAMES {
             let mut frame = Frame::default();
             see_start(Track::named(name).unwrap(), &mut frame);
-            std::fs::write(format!("src/simulator/survey/starts/{name}.jpg"), encode_jpeg(&frame, 85)).unwrap();
+            std::fs::write(format!("src/starts/{name}.jpg"), encode_jpeg(&frame, 85)).unwrap();
         }
     }
 }

@@ -48,7 +48,7 @@
 //! | `cell.settings.control` | object | settings in force, with the keys of `[control]`: [`Control`](lapwing_core::config::Control) |
 //! | `cell.settings.simulator` | object | and with those of `[simulator]`: [`Simulator`](lapwing_core::config::Simulator) |
 //! | `cell.settings.beside_model_sha256` | string or null | SHA-256 of the `.toml` beside a TorchScript model; null for others |
-//! | `cell.world.conditions` | object | what `cell.conditions` means with this seed: [`Conditions`](lapwing_sim::conditions::Conditions) has its keys and units |
+//! | `cell.world.conditions` | object | what `cell.conditions` means with this seed: `lapwing_sim::conditions::Conditions` has its keys and units |
 //! | `cell.world.track_sha256` | string or null | SHA-256 of the track's file; null for a track that comes with Lapwing |
 //! | `card` | object | the scorecard, `lapwing.scorecard/1`: [`Scorecard`](crate::score::Scorecard) |
 //! | `fingerprint` | string | SHA-256 over all frames and commands in hexadecimal: equal where two drives were the same |

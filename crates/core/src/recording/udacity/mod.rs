@@ -15,7 +15,7 @@
 //!   where there is no `IMG`. Only where no such file is there and the log has
 //!   an absolute path of one that is, that one counts: so a log can speak of
 //!   pictures that lie elsewhere;
-//! - decimal points and decimal commas, see [`line`].
+//! - decimal points and decimal commas, also where they are mixed up with the commas between fields.
 //!
 //! Pictures are opened when they are asked for ([`Row::jpeg`]), and need not exist.
 //!
