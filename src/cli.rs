@@ -2,9 +2,17 @@
 
 use std::{ffi::OsString, path::PathBuf};
 
-use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
+use clap::{
+    Arg, ArgGroup, ArgMatches, Args, Command, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
+    builder::ValueParser, error::ErrorKind,
+};
+use serde::Serialize;
 
-use lapwing_core::{protocol::number::Culture, replay::Rate};
+use lapwing_core::{
+    config::{self, LimitUnit, OnCrash, SpeedLaw, Takeover, Threshold},
+    protocol::number::Culture,
+    replay::Rate,
+};
 use lapwing_learn::{
     nn::Precision,
     train::{Keep, OptimiserKind, Schedule},
@@ -80,13 +88,6 @@ pub struct World {
     pub max_time: Option<f64>,
 }
 
-/// What happens after a crash, by name.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum OnCrash {
-    Stop,
-    Reset,
-}
-
 /// Pictures for people.
 #[derive(Debug, Args)]
 pub struct Pictures {
@@ -150,30 +151,47 @@ pub enum PilotKind {
     Expert,
 }
 
-/// What a run must reach, or the exit status is 3; over `[thresholds]` of the settings.
-#[derive(Debug, Args)]
-pub struct Thresholds {
-    /// Least completion, in percent of the laps asked for
-    #[arg(long, value_name = "PERCENT")]
-    pub min_completion: Option<f64>,
-    /// Least autonomy, in percent
-    #[arg(long, value_name = "PERCENT")]
-    pub min_autonomy: Option<f64>,
-    /// Least driving score, 0 to 100
-    #[arg(long, value_name = "POINTS")]
-    pub min_driving_score: Option<f64>,
-    /// Most collisions
-    #[arg(long, value_name = "N")]
-    pub max_collisions: Option<u32>,
-    /// Most times off the road
-    #[arg(long, value_name = "N")]
-    pub max_off_road: Option<u32>,
-    /// Largest |cte| anywhere, in metres
-    #[arg(long, value_name = "METRES")]
-    pub max_cte: Option<f64>,
-    /// Largest mean |cte|, in metres
-    #[arg(long, value_name = "METRES")]
-    pub max_mean_cte: Option<f64>,
+/// What a run must reach, or the exit status is 3: a flag for each of [`config::Thresholds::ALL`]. They stand over
+/// `[thresholds]` of the settings.
+#[derive(Debug, Default)]
+pub struct Thresholds(pub Vec<(Threshold, Limit)>);
+
+/// A threshold's number, as its setting has it.
+#[derive(Debug, Clone, Copy, Serialize)]
+#[serde(untagged)]
+pub enum Limit {
+    Count(u32),
+    Number(f64),
+}
+
+impl Args for Thresholds {
+    fn augment_args(command: Command) -> Command {
+        let flag = |threshold: Threshold| {
+            let parser = match threshold.unit {
+                LimitUnit::Count => ValueParser::new(|text: &str| text.parse().map(Limit::Count)),
+                _ => ValueParser::new(|text: &str| text.parse().map(Limit::Number)),
+            };
+            let flag = Arg::new(threshold.key).long(threshold.flag()).value_name(threshold.unit.placeholder());
+            flag.help(threshold.help).value_parser(parser)
+        };
+        command.args(config::Thresholds::ALL.map(flag))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for Thresholds {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let given = |threshold: Threshold| Some((threshold, *matches.get_one(threshold.key)?));
+        Ok(Self(config::Thresholds::ALL.into_iter().filter_map(given).collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
 }
 
 impl Cli {
@@ -189,23 +207,6 @@ impl Cli {
         };
         let arguments: Vec<_> = arguments.skip(1).map(text).collect::<Result<_, _>>()?;
         Self::try_parse_from(std::iter::once("lapwing".to_owned()).chain(arguments))
-    }
-}
-
-impl Thresholds {
-    /// The first that is given, by its flag.
-    pub fn first(&self) -> Option<&'static str> {
-        [
-            ("--min-completion", self.min_completion.is_some()),
-            ("--min-autonomy", self.min_autonomy.is_some()),
-            ("--min-driving-score", self.min_driving_score.is_some()),
-            ("--max-collisions", self.max_collisions.is_some()),
-            ("--max-off-road", self.max_off_road.is_some()),
-            ("--max-cte", self.max_cte.is_some()),
-            ("--max-mean-cte", self.max_mean_cte.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(flag, given)| given.then_some(flag))
     }
 }
 
@@ -543,20 +544,6 @@ pub struct Thinking {
     /// Threads for one forward pass [default: what serves the network best]
     #[arg(long)]
     pub threads: Option<u16>,
-}
-
-/// Speed laws by name.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum SpeedLaw {
-    Pi,
-    Quadratic,
-}
-
-/// Hand-over policies by name.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum Takeover {
-    Resume,
-    Latch,
 }
 
 /// `lapwing replay`

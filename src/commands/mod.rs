@@ -38,7 +38,7 @@ use tracing_subscriber::EnvFilter;
 
 use outputs::print;
 
-use crate::cli::{Cli, Driving, SpeedLaw, Takeover, Thinking, Trust, Verb};
+use crate::cli::{Cli, Driving, Thinking, Trust, Verb};
 use lapwing_core::{
     config::{self, ConfigError, Layers, Settings},
     perception,
@@ -206,18 +206,10 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
         layers = layers.set("--speed", "control.speed_mph", speed)?;
     }
     if let Some(law) = driving.speed_law {
-        let name = match law {
-            SpeedLaw::Pi => "pi",
-            SpeedLaw::Quadratic => "quadratic",
-        };
-        layers = layers.set("--speed-law", "control.speed_law", name)?;
+        layers = layers.set("--speed-law", "control.speed_law", law)?;
     }
     if let Some(takeover) = driving.takeover {
-        let name = match takeover {
-            Takeover::Resume => "resume",
-            Takeover::Latch => "latch",
-        };
-        layers = layers.set("--takeover", "control.takeover", name)?;
+        layers = layers.set("--takeover", "control.takeover", takeover)?;
     }
     let layers = allowing(layers, &driving.trust)?;
     let settings = layers.clone().resolve()?;
@@ -239,7 +231,7 @@ fn allowing(layers: Layers, trust: &Trust) -> Result<Layers, ConfigError> {
 fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking) -> Result<Layers, ConfigError> {
     let layers = layers(config, driving)?;
     match thinking.threads {
-        Some(threads) => layers.set("--threads", "model.threads", i64::from(threads)),
+        Some(threads) => layers.set("--threads", "model.threads", threads),
         None => Ok(layers),
     }
 }

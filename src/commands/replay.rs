@@ -44,10 +44,10 @@ struct Comparison {
 }
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
-    if let Some(flag) = arguments.thresholds.first() {
+    if let Some((threshold, _)) = arguments.thresholds.0.first() {
         // What is only answered, and not driven, has no such figures.
         return Err(ConfigError::Value {
-            layer: flag.into(),
+            layer: format!("--{}", threshold.flag()),
             why: "requires --closed-loop: without it nothing is driven".into(),
         }
         .into());

@@ -43,11 +43,7 @@ pub(super) fn layers(mut layers: Layers, world: &cli::World) -> Result<Layers, C
         layers = layers.set("--hz", "simulator.hz", hz)?;
     }
     if let Some(on_crash) = world.on_crash {
-        let name = match on_crash {
-            cli::OnCrash::Stop => "stop",
-            cli::OnCrash::Reset => "reset",
-        };
-        layers = layers.set("--on-crash", "simulator.on_crash", name)?;
+        layers = layers.set("--on-crash", "simulator.on_crash", on_crash)?;
     }
     Ok(layers)
 }

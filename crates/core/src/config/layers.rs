@@ -6,6 +6,7 @@ use std::{
     path::Path,
 };
 
+use serde::Serialize;
 use toml::{Table, Value};
 
 use super::{ConfigError, FILE, PREFIX, Settings, check};
@@ -81,8 +82,9 @@ impl Layers {
     ///
     /// # Errors
     /// [`ConfigError`] naming `layer`.
-    pub fn set(self, layer: &str, key: &str, value: impl Into<Value>) -> Result<Self, ConfigError> {
-        let mut value = value.into();
+    pub fn set(self, layer: &str, key: &str, value: impl Serialize) -> Result<Self, ConfigError> {
+        let wrong = |why: toml::ser::Error| ConfigError::Value { layer: layer.into(), why: why.to_string() };
+        let mut value = Value::try_from(value).map_err(wrong)?;
         for part in key.rsplit('.') {
             value = Value::Table(Table::from_iter([(part.to_owned(), value)]));
         }

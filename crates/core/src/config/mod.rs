@@ -7,10 +7,12 @@
 mod bridge;
 mod layers;
 mod simulator;
+mod thresholds;
 
 pub use bridge::{Bridge, Limits};
 pub use layers::Layers;
 pub use simulator::{OnCrash, Rules, RulesError, Simulator};
+pub use thresholds::{Bound, LimitUnit, Threshold, Thresholds};
 
 use std::{io, path::PathBuf};
 
@@ -89,22 +91,28 @@ pub struct Control {
 /// Which law makes throttle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum SpeedLaw {
     /// `drive.py`'s PI controller.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     #[default]
     Pi,
     /// Lu's `1 - steering² - (speed / limit)²`.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Quadratic,
 }
 
 /// What happens when a human lets go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Takeover {
     /// The pilot goes on.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     #[default]
     Resume,
     /// The pilot stays off until it is armed again.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Latch,
 }
 
@@ -118,33 +126,6 @@ pub struct Recording {
     pub dir: PathBuf,
     /// Items that may wait for the disk before frames are left out. Default 512, some 6 s of one simulator at 20 Hz.
     pub queue: usize,
-}
-
-/// `[thresholds]`: what a run must reach, or the exit status is 3. None is set by default.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Thresholds {
-    /// Least completion, percent of the laps asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub min_completion: Option<f64>,
-    /// Least autonomy, percent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub min_autonomy: Option<f64>,
-    /// Least driving score (CARLA 2.1), 0 to 100.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub min_driving_score: Option<f64>,
-    /// Most collisions.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_collisions: Option<u32>,
-    /// Most times off the road.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_off_road: Option<u32>,
-    /// Largest |cte| allowed anywhere, m.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_cte: Option<f64>,
-    /// Largest mean |cte|, m.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_mean_cte: Option<f64>,
 }
 
 impl Default for Perception {
@@ -215,19 +196,7 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     if settings.model.threads > 1024 {
         return Err(error(format!("model.threads: expected at most 1024, got {}", settings.model.threads)));
     }
-    let Thresholds { min_completion, min_autonomy, min_driving_score, max_cte, max_mean_cte, .. } = settings.thresholds;
-    for (key, limit, most) in [
-        ("min_completion", min_completion, 100.0),
-        ("min_autonomy", min_autonomy, 100.0),
-        ("min_driving_score", min_driving_score, 100.0),
-        ("max_cte", max_cte, f64::MAX),
-        ("max_mean_cte", max_mean_cte, f64::MAX),
-    ] {
-        if let Some(limit) = limit.filter(|limit| !(0.0..=most).contains(limit)) {
-            let expected = if most > 100.0 { "0 or more".into() } else { format!("0 to {most}") };
-            return Err(error(format!("thresholds.{key}: expected {expected}, got {limit}")));
-        }
-    }
+    settings.thresholds.check().map_err(error)?;
     settings.simulator.rules.check().map_err(|why| error(format!("simulator.rules: {why}")))?;
     if !(1.0..=50.0).contains(&settings.simulator.hz) {
         return Err(error(format!("simulator.hz: expected 1 to 50 a second, got {}", settings.simulator.hz)));

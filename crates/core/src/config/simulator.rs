@@ -21,12 +21,15 @@ pub struct Simulator {
 /// What happens after a crash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum OnCrash {
     /// The run ends.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     #[default]
     Stop,
     /// The car stands at the next waypoint, and the run goes on, as in SelfOracle's build.
     /// Leaving the road counts as a crash there.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Reset,
 }
 

@@ -194,6 +194,11 @@ macro_rules! figures {
                 match self { $(Self::$name => $key,)+ }
             }
 
+            /// The one of this name in JSON.
+            pub fn of_key(key: &str) -> Option<Self> {
+                Self::ALL.into_iter().find(|figure| figure.key() == key)
+            }
+
             /// What people call it.
             pub const fn label(self) -> &'static str {
                 match self { $(Self::$name => $label,)+ }

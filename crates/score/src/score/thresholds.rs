@@ -1,7 +1,7 @@
 //! What a run must reach.
 
 use super::{Figure, Scorecard};
-use lapwing_core::config::Thresholds;
+use lapwing_core::config::{Threshold, Thresholds};
 
 /// A threshold held against a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,38 +16,15 @@ pub struct Check {
 
 /// Every threshold that is set, held against a run; of what is damaged nobody knows whether it reaches them.
 pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
-    let share = |percent: Option<f64>| percent.map(|percent| percent / 100.0);
-    let count = |count: Option<u32>| count.map(f64::from);
-    let Thresholds {
-        min_completion,
-        min_autonomy,
-        min_driving_score,
-        max_collisions,
-        max_off_road,
-        max_cte,
-        max_mean_cte,
-    } = *thresholds;
-    let least = [
-        ("min_completion", Figure::Completion, share(min_completion)),
-        ("min_autonomy", Figure::Autonomy, share(min_autonomy)),
-        ("min_driving_score", Figure::DrivingScore, min_driving_score),
-    ];
-    let most = [
-        ("max_collisions", Figure::Collisions, count(max_collisions)),
-        ("max_off_road", Figure::OffRoads, count(max_off_road)),
-        ("max_cte", Figure::MaxCte, max_cte),
-        ("max_mean_cte", Figure::MeanCte, max_mean_cte),
-    ];
-    let check =
-        |bound: &str, (name, figure, limit): (&'static str, Figure, Option<f64>), holds: fn(f64, f64) -> bool| {
-            let limit = limit?;
-            let expected = figure.unit().show(limit);
-            let words = format!("{}: expected {bound} {expected}, got {}", figure.label(), card.words(figure));
-            Some(Check { name, passed: card.value(figure).is_some_and(|value| holds(value, limit)), words })
-        };
-    let least = least.into_iter().map(|threshold| check("at least", threshold, |value, limit| value >= limit));
-    let most = most.into_iter().map(|threshold| check("at most", threshold, |value, limit| value <= limit));
-    let mut checks: Vec<Check> = least.chain(most).flatten().collect();
+    let check = |threshold: Threshold| {
+        let limit = threshold.limit(thresholds)?;
+        let figure = Figure::of_key(threshold.figure)?;
+        let (bound, expected) = (threshold.bound, figure.unit().show(limit));
+        let words = format!("{}: expected {} {expected}, got {}", figure.label(), bound.words(), card.words(figure));
+        let passed = card.value(figure).is_some_and(|value| bound.holds(value, limit));
+        Some(Check { name: threshold.key, passed, words })
+    };
+    let mut checks: Vec<Check> = Thresholds::ALL.into_iter().filter_map(check).collect();
     if card.damaged && !checks.is_empty() {
         let words = "the run's file: expected a whole one, got one that is damaged: what is lost may have been worse";
         checks.push(Check { name: "whole", passed: false, words: words.into() });
@@ -58,4 +35,26 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
 /// Each threshold that a run misses, in words.
 pub fn missed(thresholds: &Thresholds, card: &Scorecard) -> Vec<String> {
     checks(thresholds, card).into_iter().filter(|check| !check.passed).map(|check| check.words).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::{Better, Unit};
+    use lapwing_core::config::{Bound, LimitUnit};
+
+    #[test]
+    fn each_threshold_bounds_a_figure_that_there_is_on_the_side_on_which_it_gets_worse() {
+        for threshold in Thresholds::ALL {
+            let figure = Figure::of_key(threshold.figure).expect(threshold.figure);
+            let side = match figure.better() {
+                Better::Higher => Bound::AtLeast,
+                Better::Lower => Bound::AtMost,
+                Better::Neither => panic!("{}: no side of it is better", threshold.figure),
+            };
+            assert_eq!(threshold.bound, side, "{}", threshold.key);
+            let is_share = figure.unit() == Unit::Share;
+            assert_eq!(is_share, threshold.unit == LimitUnit::Percent, "{}", threshold.key);
+        }
+    }
 }

@@ -1,0 +1,186 @@
+//! What a run must reach: each threshold once, a figure and a bound. The settings, the flags of the command line, the
+//! checks of a scorecard and the names of JUnit's test cases follow from this list.
+
+use serde::{Deserialize, Serialize};
+
+/// On which side of its limit a figure has to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bound {
+    /// The limit, or more.
+    AtLeast,
+    /// The limit, or less.
+    AtMost,
+}
+
+impl Bound {
+    /// Whether a figure's value is on the right side.
+    pub fn holds(self, value: f64, limit: f64) -> bool {
+        match self {
+            Self::AtLeast => value >= limit,
+            Self::AtMost => value <= limit,
+        }
+    }
+
+    /// `at least`, `at most`.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::AtLeast => "at least",
+            Self::AtMost => "at most",
+        }
+    }
+}
+
+/// What the limit of a threshold is counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LimitUnit {
+    /// 0 to 100, of a figure that is a share.
+    Percent,
+    /// 0 to 100.
+    Points,
+    /// A whole number from 0.
+    Count,
+    /// Metres, from 0.
+    Metres,
+}
+
+impl LimitUnit {
+    /// What stands for a number of it in a usage line.
+    pub fn placeholder(self) -> &'static str {
+        match self {
+            Self::Percent => "PERCENT",
+            Self::Points => "POINTS",
+            Self::Count => "N",
+            Self::Metres => "METRES",
+        }
+    }
+
+    /// The largest limit that makes sense; the least is 0.
+    fn most(self) -> f64 {
+        match self {
+            Self::Percent | Self::Points => 100.0,
+            Self::Count | Self::Metres => f64::MAX,
+        }
+    }
+}
+
+/// A threshold as it is defined, whether it is set or not.
+#[derive(Debug, Clone, Copy)]
+pub struct Threshold {
+    /// The setting below `[thresholds]`, and with dashes the flag.
+    pub key: &'static str,
+    /// The key of the figure that it bounds.
+    pub figure: &'static str,
+    /// From which side.
+    pub bound: Bound,
+    /// What the limit is counted in.
+    pub unit: LimitUnit,
+    /// What people are told it is.
+    pub help: &'static str,
+    limit: fn(&Thresholds) -> Option<f64>,
+}
+
+impl Threshold {
+    /// The flag that sets it, without its dashes in front.
+    pub fn flag(&self) -> String {
+        self.key.replace('_', "-")
+    }
+
+    /// The limit that is set, as the figure counts: a share is 0 to 1.
+    pub fn limit(&self, thresholds: &Thresholds) -> Option<f64> {
+        let limit = (self.limit)(thresholds)?;
+        Some(if self.unit == LimitUnit::Percent { limit / 100.0 } else { limit })
+    }
+}
+
+/// How a field's number stands in the list.
+trait Limit: Copy {
+    fn number(self) -> f64;
+}
+
+impl Limit for f64 {
+    fn number(self) -> f64 {
+        self
+    }
+}
+
+impl Limit for u32 {
+    fn number(self) -> f64 {
+        self.into()
+    }
+}
+
+macro_rules! thresholds {
+    ($($key:ident: $number:ty, $bound:ident, $figure:literal, $unit:ident, $help:literal;)+) => {
+        /// `[thresholds]`: what a run must reach, or the exit status is 3. None is set by default.
+        #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct Thresholds {
+            $(
+                #[doc = $help]
+                #[serde(skip_serializing_if = "Option::is_none")]
+                pub $key: Option<$number>,
+            )+
+        }
+
+        impl Thresholds {
+            /// All that there are, in the order in which they are told.
+            pub const ALL: [Threshold; [$($help),+].len()] = [$(Threshold {
+                key: stringify!($key),
+                figure: $figure,
+                bound: Bound::$bound,
+                unit: LimitUnit::$unit,
+                help: $help,
+                limit: |thresholds| thresholds.$key.map(Limit::number),
+            }),+];
+        }
+    };
+}
+
+thresholds! {
+    min_completion: f64, AtLeast, "completion", Percent, "Least completion, in percent of the laps asked for";
+    min_autonomy: f64, AtLeast, "autonomy", Percent, "Least autonomy, in percent";
+    min_driving_score: f64, AtLeast, "driving_score", Points, "Least driving score, 0 to 100";
+    max_collisions: u32, AtMost, "collisions", Count, "Most collisions";
+    max_off_road: u32, AtMost, "off_roads", Count, "Most times off the road";
+    max_cte: f64, AtMost, "max_cte_m", Metres, "Largest |cte| anywhere, in metres";
+    max_mean_cte: f64, AtMost, "mean_cte_m", Metres, "Largest mean |cte|, in metres";
+}
+
+impl Thresholds {
+    /// What cannot be a limit, with expected and got.
+    pub(super) fn check(&self) -> Result<(), String> {
+        for Threshold { key, unit, limit, .. } in Self::ALL {
+            let most = unit.most();
+            if let Some(limit) = limit(self).filter(|limit| !(0.0..=most).contains(limit)) {
+                let expected = if most > 100.0 { "0 or more".into() } else { format!("0 to {most}") };
+                return Err(format!("thresholds.{key}: expected {expected}, got {limit}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_threshold_is_a_setting_whose_name_says_its_side() {
+        for threshold in Thresholds::ALL {
+            let side = if threshold.key.starts_with("min_") { Bound::AtLeast } else { Bound::AtMost };
+            assert_eq!(threshold.bound, side, "{}", threshold.key);
+            let set: Thresholds = toml::from_str(&format!("{} = 50", threshold.key)).unwrap();
+            let expected = if threshold.unit == LimitUnit::Percent { 0.5 } else { 50.0 };
+            assert_eq!(threshold.limit(&set), Some(expected), "{}", threshold.key);
+            assert_eq!(Thresholds::ALL.iter().filter(|other| other.limit(&set).is_some()).count(), 1);
+        }
+    }
+
+    #[test]
+    fn a_limit_that_no_figure_can_have_is_refused() {
+        let wrong = |text: &str| toml::from_str::<Thresholds>(text).unwrap().check().unwrap_err();
+        assert_eq!(wrong("min_completion = 101"), "thresholds.min_completion: expected 0 to 100, got 101");
+        assert_eq!(wrong("max_cte = nan"), "thresholds.max_cte: expected 0 or more, got NaN");
+        assert!(toml::from_str::<Thresholds>("max_collisions = 1.5").is_err());
+    }
+}
