@@ -24,7 +24,7 @@ const MAY_IMPORT: [(&str, &[&str]); 30] = [
     ("core/pilot", &["car", "motion", "perception", "units", "words"]),
     ("core/control", &["car", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control"]),
-    ("core/recording", &["units", "protocol", "words"]),
+    ("core/recording", &["pilot", "units", "protocol", "words"]),
     ("core/drive", &["driver", "hash", "protocol", "recording"]),
     (
         "core/replay",

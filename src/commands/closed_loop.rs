@@ -66,18 +66,15 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let mut world = RecordedWorld::open(&arguments.source, arguments.limit, yaw)?;
     let (rows, read, stood) = world.rows();
+    let config = json!({
+        "settings": settings,
+        "world": { "closed_loop_on": source, "limit_m": arguments.limit, "by_steering": arguments.by_steering },
+    });
     let header = RunHeader {
-        kind: world.kind(),
         name_hint: Some(format!("{}-closed-loop", world.name())),
         dialect: Some(Dialect::SelfOracle),
-        model: Some(ModelId { name: name.clone(), sha256: model.sha256().to_owned() }),
-        seed: None,
-        config: json!({
-            "settings": settings,
-            "world": { "closed_loop_on": source, "limit_m": arguments.limit, "by_steering": arguments.by_steering },
-        }),
-        lapwing: env!("CARGO_PKG_VERSION").to_owned(),
-        started: jiff::Timestamp::now(),
+        model: Some(ModelId::of(&model)),
+        ..RunHeader::new(world.kind(), config, jiff::Timestamp::now())
     };
     let mut film = arguments.film.as_deref().map(|path| Seen::new(path, &world)).transpose()?;
     let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);

@@ -62,25 +62,23 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         PilotKind::Model => {
             let model = super::load_model(&settings)?;
             super::suits_our_cameras(&model)?;
-            let id = ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() };
+            let id = ModelId::of(&model);
             (model.pilot(), model.name().to_owned(), Some(id))
         }
     };
+    let config = || {
+        let world = json!({
+            "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
+            "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
+        });
+        json!({ "settings": settings, "world": world })
+    };
     let header = settings.recording.enabled.then(|| RunHeader {
-        kind: RunKind::Driven,
         name_hint: Some(setup.track.file().name.clone()),
         dialect: Some(if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }),
         model,
         seed: Some(setup.seed),
-        config: json!({
-            "settings": settings,
-            "world": {
-                "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
-                "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
-            },
-        }),
-        lapwing: env!("CARGO_PKG_VERSION").to_owned(),
-        started: jiff::Timestamp::now(),
+        ..RunHeader::new(RunKind::Driven, config(), jiff::Timestamp::now())
     });
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
     let mut driver = Driver::new(pilot, &settings.control, Instant::now);

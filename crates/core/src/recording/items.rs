@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{FORMAT_VERSION, RecordingError};
 use crate::{
+    pilot::Model,
     protocol::{CameraImage, Dialect, Telemetry, World},
     units::{Steering, Throttle},
 };
@@ -67,6 +68,21 @@ pub struct ModelId {
     pub name: String,
     /// SHA-256 of its file, hexadecimal.
     pub sha256: String,
+}
+
+impl RunHeader {
+    /// The header of a run that this version of Lapwing makes. Nothing else is known of it yet.
+    pub fn new(kind: RunKind, config: serde_json::Value, started: jiff::Timestamp) -> Self {
+        let lapwing = env!("CARGO_PKG_VERSION").to_owned();
+        Self { kind, name_hint: None, dialect: None, model: None, seed: None, config, lapwing, started }
+    }
+}
+
+impl ModelId {
+    /// A model's.
+    pub fn of(model: &dyn Model) -> Self {
+        Self { name: model.name().to_owned(), sha256: model.sha256().to_owned() }
+    }
 }
 
 /// One thing that is recorded.

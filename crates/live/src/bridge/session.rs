@@ -332,15 +332,11 @@ impl Session {
         let settings = &bridge.settings;
         let started = jiff::Timestamp::now();
         let started = started.checked_sub(began.elapsed()).unwrap_or(started);
+        let config = serde_json::to_value(settings).expect("settings are plain data");
         let header = RunHeader {
-            kind: RunKind::Driven,
-            name_hint: None,
             dialect: self.dialect,
-            model: Some(ModelId { name: model.name().to_owned(), sha256: model.sha256().to_owned() }),
-            seed: None,
-            config: serde_json::to_value(settings).expect("settings are plain data"),
-            lapwing: env!("CARGO_PKG_VERSION").to_owned(),
-            started,
+            model: Some(ModelId::of(model.as_ref())),
+            ..RunHeader::new(RunKind::Driven, config, started)
         };
         let mut drive = Drive {
             driver: Driver::new(model.pilot(), &settings.control, Instant::now),

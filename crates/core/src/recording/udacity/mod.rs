@@ -129,16 +129,8 @@ impl DrivingLog {
 impl DrivingLog {
     /// The header of a run made of it.
     pub fn header(&self) -> RunHeader {
-        RunHeader {
-            kind: RunKind::DrivingLog,
-            name_hint: None,
-            dialect: None,
-            model: None,
-            seed: None,
-            config: serde_json::json!({ "converted_from": "driving_log.csv" }),
-            lapwing: env!("CARGO_PKG_VERSION").into(),
-            started: self.started(),
-        }
+        let config = serde_json::json!({ "converted_from": "driving_log.csv" });
+        RunHeader::new(RunKind::DrivingLog, config, self.started())
     }
 
     /// When the first picture was taken, by its name in this place's time; else when the log was written last.
