@@ -22,6 +22,12 @@
 //!
 //! Each crate's `Cargo.toml` is the statement of what it may know. `tests/architecture.rs` holds what Cargo cannot see.
 
+#![warn(missing_docs)]
+// As the workspace's lints, but for the tests, benches and examples of this package, which may panic and print.
+#![warn(clippy::unwrap_used, clippy::panic, clippy::todo, clippy::unimplemented)]
+// These panic where nobody reads any more; `commands::terminal` does not.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod allocator;
 #[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text
 pub mod cli;

@@ -30,7 +30,7 @@ fn the_shipped_model_drives() {
     let model = load(shipped(), Instant::now).unwrap();
     assert!(model.name().starts_with("pilotnet ("), "{}", model.name());
     assert_eq!(model.preprocess().shape(), [3, 66, 200]);
-    assert_eq!(model.sha256(), sha256(&fs::read(shipped()).unwrap()));
+    assert_eq!(model.sha256(), sha256(fs::read(shipped()).unwrap()));
     let steering = steering(&mut *model.pilot());
     assert!((-1.0..=1.0).contains(&steering), "{steering}");
 }
