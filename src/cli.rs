@@ -63,7 +63,7 @@ pub enum Verb {
 }
 
 /// Which world; shared by all verbs that simulate one.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct World {
     /// lake, jungle, mountain, random:SEED, or a track file (.toml) [default: lake]
     #[arg(long, value_name = "NAME")]

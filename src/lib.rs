@@ -17,6 +17,7 @@
 //! | [`lapwing_learn`] | networks, models, data sets, training: the only one that knows libtorch | `core`, `score` for its charts |
 //! | [`lapwing_live`] | the server | `core`, `score` |
 //! | here: [`cli`], [`commands`] | clap types; one file a verb | all |
+//! | [`course`] | suites, driven in our simulator by our models | `core`, `sim`, `score`, `learn` |
 //! | [`film`], [`map`], [`known`] | films and maps for people; tracks as roads that drives are found on again | `core`, `sim`, `score` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
 //!
@@ -32,6 +33,7 @@ pub mod allocator;
 #[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text
 pub mod cli;
 pub mod commands;
+pub mod course;
 pub mod film;
 pub mod known;
 pub mod map;

@@ -52,7 +52,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let mut settings = layers.resolve()?;
     // libtorch rounds otherwise with another number of threads, and the same seed must give the same bytes everywhere.
     settings.model.threads = 1;
-    let mut setup = world::setup(&settings, &arguments.world, arguments.laps)?;
+    let mut setup = world::spec(&arguments.world, arguments.laps).setup(&settings.simulator)?;
     setup.stock = arguments.stock;
     if let (None, Some(scenario)) = (arguments.driving.speed, &setup.scenario) {
         settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());

@@ -243,11 +243,6 @@ fn suits_our_cameras(model: &Model) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The text of a file that says what is wanted: settings, a scenario, a suite.
-fn text_of(path: &Path) -> Result<String, ConfigError> {
-    fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
-}
-
 /// `HOST`, or `HOST:PORT`, as the latter; the port is the simulator's where none is given.
 fn bridge_address(text: &str) -> Result<String, ConfigError> {
     let port = config::Bridge::default().port;

@@ -16,7 +16,7 @@ use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
 };
-use lapwing_sim::{conditions::ConditionsError, scenario::ScenarioError, track::TrackError};
+use lapwing_sim::{conditions::ConditionsError, scenario::ScenarioError, spec::SpecError, track::TrackError};
 
 /// The result is lost: stdout's disk is full, or its reader is gone.
 #[derive(Debug, thiserror::Error)]
@@ -69,6 +69,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
         cause.is::<ConfigError>()
             || cause.is::<ConditionsError>()
             || cause.is::<ScenarioError>()
+            || cause.is::<SpecError>()
             || cause.is::<SuiteError>()
             || cause.is::<TrackError>()
             || matches!(cause.downcast_ref(), Some(DrawingError::Kind { .. }))

@@ -55,7 +55,7 @@ pub(super) fn record(
     interrupted: &Interrupted,
 ) -> anyhow::Result<Recorded> {
     let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
-    let setup = world::setup(&settings, &arguments.world, Some(arguments.laps))?;
+    let setup = world::spec(&arguments.world, Some(arguments.laps)).setup(&settings.simulator)?;
     let (hz, seed) = (setup.hz, setup.seed);
     let mut simulation = Simulation::new(setup)?;
     // Last, for whatever fails before leaves no log.

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
     let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
     let layers = world::layers(super::undriven_layers(config)?, &arguments.world)?;
     let settings = thresholds::layers(layers, &arguments.thresholds)?.resolve()?;
-    let mut setup = world::setup(&settings, &arguments.world, arguments.laps)?;
+    let mut setup = world::spec(&arguments.world, arguments.laps).setup(&settings.simulator)?;
     setup.human = arguments.human_from.zip(arguments.human_for).map(|(from_s, for_s)| Human {
         from_s,
         for_s,

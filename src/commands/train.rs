@@ -201,7 +201,7 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
     for recording in made {
         let arguments = arguments(recording, &recording.out);
         Track::open(&recording.track)?;
-        world::conditions(&arguments.world)?;
+        world::spec(&arguments.world, None).conditions()?;
         outputs::check_folder(&recording.out)?;
     }
     Ok(())

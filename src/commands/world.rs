@@ -2,12 +2,10 @@
 
 use std::{
     io::{self, IsTerminal},
-    path::{Path, PathBuf},
-    sync::Arc,
+    path::PathBuf,
     time::Instant,
 };
 
-use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::outputs;
@@ -17,15 +15,13 @@ use crate::{
     map::{self, Driven, Mark, MarkKind},
 };
 use lapwing_core::{
-    config::{ConfigError, Layers, Settings},
+    config::{ConfigError, Layers},
     perception::Frame,
     units::MPS_PER_MPH,
 };
 use lapwing_sim::{
-    camera::{Camera, Renderer, Scenery},
-    conditions::Conditions,
-    scenario::Scenario,
-    track::Track,
+    camera::{Camera, Renderer},
+    spec::WorldSpec,
     world::{Setup, Simulation},
 };
 
@@ -48,51 +44,10 @@ pub(super) fn layers(mut layers: Layers, world: &cli::World) -> Result<Layers, C
     Ok(layers)
 }
 
-/// The world that settings and flags describe, ready to be driven.
-pub(super) fn setup(settings: &Settings, world: &cli::World, laps: Option<u32>) -> anyhow::Result<Setup> {
-    // Settled here, so that its speeds are known before it begins.
-    let scenario = world.scenario.as_deref().map(scenario).transpose()?.map(|s| s.settle(world.seed));
-    let name = match (&world.track, scenario.as_ref().and_then(|s| s.track.as_deref())) {
-        (None, Some(track)) => track,
-        _ => &settings.simulator.track,
-    };
-    let track = Track::open(name)?;
-    let longest_s = world.max_time.or(scenario.as_ref().map(|s| s.duration_s));
-    let scenery = Arc::new(Scenery::new(&track));
-    Ok(Setup {
-        // One lap where nothing else ends the run.
-        laps: laps.or(scenario.is_none().then_some(1)),
-        scenario,
-        conditions: conditions(world)?,
-        seed: world.seed,
-        hz: settings.simulator.hz,
-        longest_s,
-        on_crash: settings.simulator.on_crash,
-        rules: settings.simulator.rules.clone(),
-        ..Setup::new(Arc::new(track), scenery)
-    })
-}
-
-/// The conditions that the flags name.
-pub(super) fn conditions(world: &cli::World) -> anyhow::Result<Conditions> {
-    Ok(match world.conditions.as_deref() {
-        None => Conditions::default(),
-        Some("random") => Conditions::random(world.seed),
-        Some(path) if path.ends_with(".toml") => {
-            let place = || format!("--conditions {path}");
-            let conditions = Conditions::from_file(&super::text_of(Path::new(path)).with_context(place)?);
-            conditions.with_context(place)?
-        }
-        Some(list) => Conditions::parse(list).with_context(|| format!("--conditions {list}"))?,
-    })
-}
-
-fn scenario(name: &str) -> anyhow::Result<Scenario> {
-    if Path::new(name).extension().is_some_and(|e| e == "toml") {
-        let scenario = super::text_of(Path::new(name)).map(|text| Scenario::parse(&text));
-        return scenario?.with_context(|| format!("--scenario {name}"));
-    }
-    Ok(Scenario::named(name)?)
+/// The world that the flags name.
+pub(super) fn spec(world: &cli::World, laps: Option<u32>) -> WorldSpec {
+    let cli::World { track, seed, conditions, scenario, max_time, .. } = world.clone();
+    WorldSpec { track, seed, conditions, scenario, laps, longest_s: max_time }
 }
 
 /// What a person wants to look at afterwards.

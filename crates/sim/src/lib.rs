@@ -18,6 +18,7 @@
 //! | [`judge`] | laps, collisions, off the road, stuck, wrong way |
 //! | [`camera`], [`conditions`] | what a camera on the car sees, in which light and weather |
 //! | [`world`] | all of it under one clock, as a [`World`](lapwing_core::protocol::World) |
+//! | [`spec`] | a world as people name it |
 //! | [`along`] | a recording as a closed-loop world |
 //!
 //! No libtorch, no async runtime, no C++: this crate and `lapwing-core` are all that a simulation needs.
@@ -50,6 +51,7 @@ pub mod judge;
 pub mod obstacles;
 pub mod scenario;
 pub mod scene;
+pub mod spec;
 pub mod track;
 pub mod traffic;
 pub mod vehicle;

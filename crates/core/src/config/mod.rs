@@ -14,7 +14,10 @@ pub use layers::Layers;
 pub use simulator::{OnCrash, Rules, RulesError, Simulator};
 pub use thresholds::{Bound, LimitUnit, Threshold, Thresholds};
 
-use std::{io, path::PathBuf};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -173,6 +176,14 @@ pub enum ConfigError {
         /// What is wrong, with expected and got.
         why: String,
     },
+}
+
+/// The text of a file that says what is wanted: settings, conditions, a scenario, a suite.
+///
+/// # Errors
+/// [`ConfigError::Read`].
+pub fn text_of(path: &Path) -> Result<String, ConfigError> {
+    fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
 }
 
 fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {

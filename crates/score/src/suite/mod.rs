@@ -3,7 +3,7 @@
 //! A [`Suite`] (a small TOML file) is pilots x tracks x conditions x speeds x seeds; each combination is a [`Cell`]. A cell's
 //! result is a file of its own under a name that follows from all that the drive depends on ([`Cell::id`]), so that a
 //! suite that was killed goes on where it was, several machines can share one out ([`Shard`]), and what they have done
-//! is put together by copying files. Driving itself is not done here.
+//! is put together by copying files ([`merge()`]). Who drives, and in which world, is for the caller to say: [`Course`].
 //!
 //! ```toml
 //! tracks = ["lake", "jungle", "mountain"]
@@ -87,12 +87,16 @@
 //! | `groups[].figures.KEY.confidence` | number or null | half the width of the mean's confidence interval at 95 %, by Student's t; null of a single drive |
 //! | `groups[].figures.KEY.interval` | two numbers or null | the mean's interval at 95 %, never beyond what can be: Student's t, for counts of what happens now and then at least Garwood's; null of a single drive, and where all tell the same; the table and the page show this one |
 
+mod drive;
+mod merge;
 mod outcome;
 mod page;
 mod plan;
 mod results;
 mod spec;
 
+pub use drive::{Course, DriveError, Planned, Stop, Watch, drive_all};
+pub use merge::{MergeError, Merged, check_parts, merge};
 pub use outcome::{Group, Outcome, Over, groups, table};
 pub use page::render;
 pub use plan::Plan;

@@ -1,0 +1,210 @@
+//! A suite driven: which of its cells are drives of their own, over all cores, and what they come to.
+
+use std::{
+    collections::{BTreeSet, VecDeque},
+    error::Error,
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Instant,
+};
+
+use super::{Cell, Contestant, Done, Outcome, Plan, Results, ResultsError, Shard, Suite, groups};
+use crate::judged::Drive;
+
+/// What drives a suite's cells: pilots and worlds, of which nothing is known here.
+pub trait Course: Sync {
+    /// Why a cell cannot be driven.
+    type Error: Error + Send + Sync + 'static;
+
+    /// SHA-256 of a pilot's model; none of the expert.
+    fn model_sha256(&self, pilot: &Contestant) -> Option<String>;
+
+    /// Fills in a cell's settings and world: all that its drive depends on besides.
+    ///
+    /// # Errors
+    /// What is wrong with them, said before the first drive and not hours later.
+    fn resolve(&self, cell: &mut Cell) -> Result<(), Self::Error>;
+
+    /// Whether another seed makes other pictures of a cell that was resolved.
+    fn left_to_chance(&self, cell: &Cell) -> bool;
+
+    /// Drives a cell and judges it; `None` where `stop` said so in between.
+    ///
+    /// # Errors
+    /// What keeps it from being driven to its end.
+    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Drive>, Self::Error>;
+}
+
+/// Whether to stop, asked again and again.
+pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
+/// A suite's cells, each a drive of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// In the order of driving.
+    pub cells: Vec<Cell>,
+    /// So many more were left out: another seed would not change their drives.
+    pub left_out: usize,
+}
+
+impl Planned {
+    /// The cells of a suite, with all that they depend on; none that would only be another one over again.
+    ///
+    /// # Errors
+    /// Those of [`Course::resolve`].
+    pub fn new<C: Course>(suite: &Suite, course: &C) -> Result<Self, C::Error> {
+        let mut cells = suite.cells(|pilot| course.model_sha256(pilot));
+        cells.iter_mut().try_for_each(|cell| course.resolve(cell))?;
+        let mut ids = BTreeSet::new();
+        cells.retain(|cell| ids.insert(cell.id()));
+        let all = cells.len();
+        let cells = told_apart(cells, |cell| cell, |cell| course.left_to_chance(cell));
+        Ok(Self { left_out: all - cells.len(), cells })
+    }
+
+    /// What is kept beside the results.
+    pub fn plan(&self) -> Plan {
+        Plan::new(&self.cells)
+    }
+
+    /// Those of a part, or of all, that have no result yet, in their order, and how many have one.
+    ///
+    /// # Errors
+    /// [`ResultsError::Io`].
+    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(VecDeque<Cell>, usize), ResultsError> {
+        let (mut open, mut driven) = (VecDeque::new(), 0);
+        for (_, cell) in self.cells.iter().enumerate().filter(|(i, _)| shard.is_none_or(|shard| shard.has(*i))) {
+            match results.get(cell)? {
+                Some(_) => driven += 1,
+                None => open.push_back(cell.clone()),
+            }
+        }
+        Ok((open, driven))
+    }
+
+    /// What its results come to. Of what else lies in the folder nothing belongs to this suite.
+    ///
+    /// # Errors
+    /// [`ResultsError::Io`].
+    pub fn outcome(&self, results: &Results) -> Result<Outcome, ResultsError> {
+        let done: Vec<_> =
+            self.cells.iter().filter_map(|cell| results.get(cell).transpose()).collect::<Result<_, _>>()?;
+        let missing = self.plan().missing(&done).len();
+        Ok(Outcome::new(groups(&done), Some(self.cells.len()), missing))
+    }
+}
+
+/// Those, in their order, of which no earlier one was the same drive under another seed.
+pub(super) fn told_apart<T>(
+    mut all: Vec<T>,
+    cell: impl Fn(&T) -> &Cell,
+    left_to_chance: impl Fn(&Cell) -> bool,
+) -> Vec<T> {
+    let mut known = BTreeSet::new();
+    all.retain(|one| whatever_the_seed(cell(one), &left_to_chance).is_none_or(|id| known.insert(id)));
+    all
+}
+
+/// An id of the drive that a cell is under every seed; none where the seed makes another one of it.
+fn whatever_the_seed(cell: &Cell, left_to_chance: impl Fn(&Cell) -> bool) -> Option<String> {
+    let mut unseeded = Cell { seed: 0, ..cell.clone() };
+    if cell.model_sha256.is_none() {
+        // The expert looks at no picture, and conditions change nothing else.
+        unseeded.world = unseeded.world["track_sha256"].take();
+    } else if left_to_chance(cell) {
+        return None;
+    }
+    Some(unseeded.id())
+}
+
+/// Who looks on while cells are driven, from several threads.
+pub trait Watch: Sync {
+    /// A cell begins.
+    fn begins(&self, cell: &Cell);
+    /// A result is kept.
+    fn done(&self, done: &Done);
+}
+
+/// Why a suite was not driven to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveError<E: Error + 'static> {
+    /// A cell cannot be driven.
+    #[error("{cell}")]
+    Cell {
+        /// Which, as people call it.
+        cell: String,
+        /// Why not.
+        source: E,
+    },
+    /// A result cannot be kept.
+    #[error("{cell}")]
+    Results {
+        /// Whose, as people call it.
+        cell: String,
+        /// Why not.
+        source: ResultsError,
+    },
+    /// A scorecard cannot be written as JSON.
+    #[error("{cell}")]
+    Card {
+        /// Whose, as people call it.
+        cell: String,
+        /// Why not.
+        source: serde_json::Error,
+    },
+    /// A mistake of the program.
+    #[error("a thread panicked; what it said stands above")]
+    Panicked,
+}
+
+/// Drives cells in their order, so many at a time, by default one a core, and keeps each result as soon as it is there.
+/// The first error ends all, and so does `stop`: what was being driven then is not kept.
+///
+/// # Errors
+/// [`DriveError`], the first.
+pub fn drive_all<C: Course>(
+    course: &C,
+    open: VecDeque<Cell>,
+    results: &Results,
+    jobs: Option<u16>,
+    stop: Stop<'_>,
+    watch: &impl Watch,
+) -> Result<(), DriveError<C::Error>> {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = jobs.map_or_else(cores, usize::from).min(open.len().max(1));
+    let open = Mutex::new(open);
+    let next = || open.lock().ok().and_then(|mut open| open.pop_front());
+    let failed = AtomicBool::new(false);
+    let work = || {
+        while !stop() && !failed.load(Ordering::Relaxed) {
+            let Some(cell) = next() else { break };
+            drive_one(course, cell, results, stop, watch).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
+        }
+        Ok(())
+    };
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
+        let ended: Vec<_> = workers.into_iter().map(|worker| worker.join()).collect();
+        ended.into_iter().try_for_each(|worker| worker.map_err(|_| DriveError::Panicked)?)
+    })
+}
+
+fn drive_one<C: Course>(
+    course: &C,
+    cell: Cell,
+    results: &Results,
+    stop: Stop<'_>,
+    watch: &impl Watch,
+) -> Result<(), DriveError<C::Error>> {
+    watch.begins(&cell);
+    let (name, began) = (cell.to_string(), Instant::now());
+    let driven = course.drive(&cell, stop).map_err(|source| DriveError::Cell { cell: name.clone(), source })?;
+    let Some(Drive { card, fingerprint, .. }) = driven else { return Ok(()) };
+    let card = serde_json::to_value(card).map_err(|source| DriveError::Card { cell: name.clone(), source })?;
+    let done = Done::new(cell, card, fingerprint, began.elapsed().as_secs_f64());
+    results.keep(&done).map_err(|source| DriveError::Results { cell: name, source })?;
+    watch.done(&done);
+    Ok(())
+}

@@ -1,0 +1,123 @@
+use std::{fs, path::PathBuf};
+
+use serde_json::{Value, json};
+
+use super::*;
+use crate::suite::{Suite, render};
+
+const SUITE: &str = r#"
+tracks = ["lake"]
+conditions = ["fair", "latency_ms=100", "noise=4", "random"]
+seeds = 3
+
+[[pilot]]
+name = "network"
+
+[[pilot]]
+name = "expert"
+expert = true
+"#;
+
+fn left_to_chance(cell: &Cell) -> bool {
+    matches!(cell.conditions.as_str(), "noise=4" | "random")
+}
+
+/// Twelve: two pilots under four conditions, and two of the network's under two more seeds.
+fn cells() -> Vec<Cell> {
+    let cells = Suite::parse(SUITE).unwrap().cells(|pilot| (!pilot.expert).then(|| "00ff".to_owned()));
+    told_apart(cells, |cell| cell, left_to_chance)
+}
+
+/// Folders of parts, and of what is put together from them.
+struct Folders(tempfile::TempDir);
+
+impl Folders {
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// A part that has driven these.
+    fn part(&self, name: &str, cells: &[Cell], plan: Option<&Plan>) -> Results {
+        let results = Results::open(&self.path(name)).unwrap();
+        plan.iter().for_each(|plan| results.keep_plan(plan).unwrap());
+        for cell in cells {
+            let card = json!({"completion": 1.0, "time_s": 10.0});
+            results.keep(&Done::new(cell.clone(), card, cell.id(), 1.5)).unwrap();
+        }
+        results
+    }
+
+    /// Whether what is put together is whole, and what it comes to.
+    fn merge(&self, parts: &[&str], out: &str) -> (bool, Value) {
+        let folders: Vec<_> = parts.iter().map(|part| self.path(part)).collect();
+        let merged = merge(&folders, &self.path(out), left_to_chance).unwrap();
+        assert!(render(&merged.outcome).unwrap().contains("</html>"));
+        (merged.is_whole(), serde_json::to_value(&merged.outcome).unwrap())
+    }
+}
+
+#[test]
+fn merge_says_what_is_missing_and_writes_what_is_there() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    let plan = Plan::new(&cells);
+    folders.part("one", &cells[..5], Some(&plan));
+    folders.part("two", &cells[5..], Some(&plan));
+    let (whole, suite) = folders.merge(&["one"], "half");
+    assert!(!whole);
+    assert_eq!((&suite["planned"], &suite["missing"]), (&json!(12), &json!(7)));
+    assert!(!suite["groups"].as_array().unwrap().is_empty());
+    let (whole, suite) = folders.merge(&["one", "two"], "whole");
+    assert_eq!((whole, &suite["planned"], &suite["missing"]), (true, &json!(12), &json!(0)));
+    // What is put together knows its plan too.
+    assert!(folders.merge(&["whole"], "copy").0);
+    assert!(folders.merge(&["two"], "half").0, "the half is whole now");
+}
+
+#[test]
+fn merge_counts_a_file_that_cannot_be_read_as_missing_and_goes_on() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    let plan = Plan::new(&cells);
+    let spoil = |part: &str, cell: &Cell| {
+        fs::write(folders.path(part).join(format!("cells/{}.json", cell.id())), "{").unwrap();
+    };
+    folders.part("one", &cells, Some(&plan));
+    spoil("one", &cells[2]);
+    let (whole, suite) = folders.merge(&["one"], "whole");
+    assert_eq!((whole, &suite["planned"], &suite["missing"]), (false, &json!(12), &json!(1)));
+    // Without a plan such a file is all that is known to be missing.
+    folders.part("old", &cells, None);
+    let (whole, suite) = folders.merge(&["old"], "of old");
+    assert_eq!((whole, &suite["planned"], &suite["missing"]), (true, &Value::Null, &json!(0)));
+    spoil("old", &cells[2]);
+    let (whole, suite) = folders.merge(&["old"], "of spoilt");
+    assert_eq!((whole, &suite["planned"], &suite["missing"]), (false, &Value::Null, &json!(1)));
+    // Another part that has it helps; that the file is corrupt is said all the same.
+    folders.part("other", &cells[2..3], Some(&plan));
+    let (whole, suite) = folders.merge(&["one", "other"], "mwhole");
+    assert_eq!((whole, &suite["missing"]), (false, &json!(0)));
+    // And so is a plan that cannot be read.
+    fs::write(folders.path("other").join("plan.json"), "").unwrap();
+    assert!(!folders.merge(&["other"], "of other").0);
+}
+
+#[test]
+fn the_same_drive_under_ten_seeds_counts_once() {
+    // As it was driven before the other seeds were left out.
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let every = |cell: &Cell| (0..10).map(|seed| Cell { seed, ..cell.clone() }).collect::<Vec<_>>();
+    let cells = cells();
+    let of = |conditions: &str| cells.iter().find(|cell| cell.pilot == "network" && cell.conditions == conditions);
+    folders.part("old", &[every(of("fair").unwrap()), every(of("noise=4").unwrap())].concat(), None);
+    let (whole, suite) = folders.merge(&["old"], "whole");
+    assert!(whole);
+    let completion = |i: usize| suite["groups"][i]["figures"]["completion"].clone();
+    assert_eq!(
+        (&suite["groups"][0]["conditions"], &suite["groups"][1]["conditions"]),
+        (&json!("fair"), &json!("noise=4"))
+    );
+    assert_eq!((&completion(0)["runs"], &completion(0)["confidence"]), (&json!(1), &Value::Null));
+    assert_eq!(completion(1)["runs"], json!(10));
+    assert_eq!(fs::read_dir(folders.path("whole/cells")).unwrap().count(), 20, "none is thrown away");
+}

@@ -1,0 +1,254 @@
+//! A suite's drives in our simulator, by our models: the glue between [`suite`](lapwing_score::suite), the worlds and
+//! the networks.
+
+use std::{collections::BTreeMap, error::Error, fs, io, path::Path, path::PathBuf, time::Instant};
+
+use serde_json::json;
+
+use lapwing_core::{
+    config::{ConfigError, Layers, Settings},
+    driver::Driver,
+    hash::sha256,
+    pilot::{Pilot, PurePursuit},
+    units::Mph,
+};
+use lapwing_learn::models::{self, Model, ModelError};
+use lapwing_score::{
+    judged::{self, Drive},
+    suite::{self, Cell, Contestant, Stop, Suite},
+};
+use lapwing_sim::{
+    conditions::Conditions,
+    scenario::ScenarioError,
+    spec::{SpecError, WorldSpec},
+    track::{Track, TrackError},
+    world::{Ending, Simulation},
+};
+
+/// Why a cell of a suite cannot be driven.
+#[derive(Debug, thiserror::Error)]
+pub enum CourseError {
+    /// Settings that cannot be used.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// A world that there is not.
+    #[error("{0}")]
+    Spec(#[from] SpecError),
+    /// A track that there is not.
+    #[error("{0}")]
+    Track(#[from] TrackError),
+    /// A scenario that does not fit its track.
+    #[error("{0}")]
+    Scenario(#[from] ScenarioError),
+    /// A model that cannot be used.
+    #[error("{0}")]
+    Model(#[from] ModelError),
+    /// A file that a drive depends on cannot be read.
+    #[error("{}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The drive broke off.
+    #[error("{0}")]
+    Drive(#[source] Box<dyn Error + Send + Sync>),
+}
+
+/// What all drives of a suite share.
+pub struct Course {
+    layers: Layers,
+    models: BTreeMap<String, Model>,
+    /// The hash of each track's file.
+    tracks: BTreeMap<String, Option<String>>,
+    /// Of each pilot, the hash of what lies beside its model.
+    beside: BTreeMap<String, Option<String>>,
+}
+
+impl Course {
+    /// Of a suite, under these settings, with the models of its pilots by their names; see [`model_of`].
+    ///
+    /// # Errors
+    /// [`CourseError`], where a track or a file beside a model cannot be read.
+    pub fn new(suite: &Suite, layers: Layers, models: BTreeMap<String, Model>) -> Result<Self, CourseError> {
+        // What is wrong with a track is said before the first drive, not hours later.
+        let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
+        let tracks = tracks.collect::<Result<_, CourseError>>()?;
+        let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
+        Ok(Self { layers, models, tracks, beside: beside.collect::<Result<_, CourseError>>()? })
+    }
+
+    /// A cell's world, and all settings.
+    fn resolved(&self, cell: &Cell) -> Result<(WorldSpec, Settings), CourseError> {
+        let spec = WorldSpec {
+            track: Some(cell.track.clone()),
+            seed: cell.seed,
+            conditions: (cell.conditions != "fair").then(|| cell.conditions.clone()),
+            scenario: None,
+            laps: Some(cell.laps),
+            longest_s: Some(cell.longest_s),
+        };
+        let mut settings = self.layers.clone().set("--track", "simulator.track", &cell.track)?.resolve()?;
+        settings.control.speed_mph = Mph::saturating(cell.speed_mph);
+        Ok((spec, settings))
+    }
+}
+
+impl suite::Course for Course {
+    type Error = CourseError;
+
+    fn model_sha256(&self, pilot: &Contestant) -> Option<String> {
+        self.models.get(&pilot.name).map(|model| model.sha256().to_owned())
+    }
+
+    fn resolve(&self, cell: &mut Cell) -> Result<(), CourseError> {
+        let (spec, settings) = self.resolved(cell)?;
+        cell.settings = json!({
+            "lapwing": env!("CARGO_PKG_VERSION"), "control": settings.control, "simulator": settings.simulator,
+            "beside_model_sha256": self.beside.get(&cell.pilot),
+        });
+        cell.world = json!({ "conditions": spec.conditions()?, "track_sha256": self.tracks.get(&cell.track) });
+        Ok(())
+    }
+
+    fn left_to_chance(&self, cell: &Cell) -> bool {
+        left_to_chance(cell)
+    }
+
+    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Drive>, CourseError> {
+        let (spec, settings) = self.resolved(cell)?;
+        let setup = spec.setup(&settings.simulator)?;
+        let pilot: Box<dyn Pilot> = match self.models.get(&cell.pilot) {
+            Some(model) => model.pilot(),
+            None => Box::new(PurePursuit::default()),
+        };
+        let mut driver = Driver::new(pilot, &settings.control, Instant::now);
+        let mut simulation = Simulation::new(setup)?;
+        let driven = judged::run(&mut simulation, &mut driver, None, |simulation, _, _| {
+            if stop() {
+                simulation.end(Ending::Interrupted);
+            }
+            Ok(())
+        });
+        let driven = driven.map_err(CourseError::Drive)?;
+        Ok((!matches!(simulation.ending(), Some(Ending::Interrupted))).then_some(driven))
+    }
+}
+
+/// Whether another seed makes other pictures of a cell: its conditions say so.
+pub fn left_to_chance(cell: &Cell) -> bool {
+    let conditions = serde_json::from_value(cell.world["conditions"].clone());
+    // Of conditions of another version nobody knows.
+    conditions.map_or(true, |conditions: Conditions| conditions.left_to_chance())
+}
+
+/// The model of one who drives; none of the expert.
+///
+/// # Errors
+/// [`ModelError`].
+pub fn model_of(pilot: &Contestant) -> Result<Option<Model>, ModelError> {
+    Ok(match &pilot.model {
+        _ if pilot.expert => None,
+        Some(path) => Some(models::load(path, Instant::now)?),
+        None => Some(models::built_in(Instant::now)?),
+    })
+}
+
+/// The hash of a track's file; of one that comes with Lapwing none.
+fn track_sha256(track: &str) -> Result<Option<String>, CourseError> {
+    Track::open(track)?;
+    let path = Path::new(track);
+    path.is_file().then(|| sha256_of(path)).transpose()
+}
+
+/// The hash of what lies beside a TorchScript model and says how its frames are prepared.
+fn beside(pilot: &Contestant) -> Result<Option<String>, CourseError> {
+    let script = pilot.model.as_ref().filter(|path| path.extension().is_some_and(|extension| extension == "pt"));
+    script.map(|path| sha256_of(&path.with_extension("toml"))).transpose()
+}
+
+fn sha256_of(path: &Path) -> Result<String, CourseError> {
+    Ok(sha256(fs::read(path).map_err(|source| CourseError::Read { path: path.to_owned(), source })?))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use lapwing_core::config::Control;
+    use lapwing_score::{score::Figure, suite::Planned};
+    use lapwing_sim::{camera::Scenery, world::Setup};
+
+    const SUITE: &str = r#"
+    tracks = ["lake"]
+    conditions = ["fair", "latency_ms=100", "noise=4", "random"]
+    seeds = [7, 3, 5]
+
+    [[pilot]]
+    name = "network"
+
+    [[pilot]]
+    name = "expert"
+    expert = true
+    "#;
+
+    fn cells() -> Vec<Cell> {
+        cells_of(SUITE)
+    }
+
+    fn cells_of(suite: &str) -> Vec<Cell> {
+        let suite = Suite::parse(suite).unwrap();
+        let model = |pilot: &Contestant| Some((pilot.name.clone(), model_of(pilot).unwrap()?));
+        let models = suite.pilots.iter().filter_map(model).collect();
+        Planned::new(&suite, &Course::new(&suite, Layers::default(), models).unwrap()).unwrap().cells
+    }
+
+    #[test]
+    fn the_first_seed_alone_is_driven_where_another_one_changes_nothing() {
+        let cells = cells();
+        let seeds = |pilot: &str, conditions: &str| {
+            let of = |cell: &&Cell| cell.pilot == pilot && cell.conditions == conditions;
+            cells.iter().filter(of).map(|cell| cell.seed).collect::<Vec<_>>()
+        };
+        for (conditions, expected) in
+            [("fair", &[3][..]), ("latency_ms=100", &[3]), ("noise=4", &[3, 5, 7]), ("random", &[3, 5, 7])]
+        {
+            assert_eq!(seeds("network", conditions), expected, "{conditions}");
+            assert_eq!(seeds("expert", conditions), [3], "{conditions}: it looks at no picture");
+        }
+        // What is driven goes by the name that it has without the others.
+        let alone = cells_of(&SUITE.replace("[7, 3, 5]", "[3]"));
+        assert_eq!(alone.len(), 8);
+        assert!(alone.iter().all(|cell| cells.contains(cell)));
+    }
+
+    #[test]
+    fn the_seed_changes_a_drive_under_the_conditions_that_say_so_and_the_experts_figures_under_none() {
+        let track = Arc::new(Track::open("lake").unwrap());
+        let scenery = Arc::new(Scenery::new(&track));
+        let now = Instant::now;
+        for (text, by_chance) in [
+            ("", false),
+            ("sun_height_deg=20,sun_azimuth_deg=90,brightness=0.8,haze=0.5,night=0.5,blur=1,latency_ms=100", false),
+            ("rain=0.5", true),
+            ("noise=4", true),
+            ("dropped=0.5", true),
+        ] {
+            let conditions = Conditions::parse(text).unwrap();
+            let drive = |seed| {
+                let setup = Setup::new(track.clone(), scenery.clone());
+                let setup = Setup { conditions: conditions.clone(), seed, longest_s: Some(2.0), ..setup };
+                let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), now);
+                judged::run(&mut Simulation::new(setup).unwrap(), &mut driver, None, |_, _, _| Ok(())).unwrap()
+            };
+            let (one, other) = (drive(1), drive(2));
+            assert_eq!(one.fingerprint != other.fingerprint, by_chance, "{text}");
+            assert_eq!(conditions.left_to_chance(), by_chance, "{text}");
+            for figure in Figure::ALL {
+                assert_eq!(one.card.value(figure), other.card.value(figure), "{text}: {}", figure.key());
+            }
+        }
+    }
+}
