@@ -1,11 +1,14 @@
-//! A track as a road that drives are found on again.
+//! Tracks as scores need them: roads that drives are found on again, and their outlines on a page.
 
-use std::sync::Arc;
+use std::{cell::OnceCell, sync::Arc};
 
 use glam::DVec3;
 
 use lapwing_core::perception::{Frame, decode_jpeg};
-use lapwing_score::odometry::{Look, Road};
+use lapwing_score::{
+    odometry::{Look, Road},
+    score::{Scorecard, page::Outline},
+};
 use lapwing_sim::{
     camera::{Camera, Renderer, Scenery},
     track::{Track, TrackError},
@@ -15,10 +18,68 @@ use lapwing_sim::{
 /// Metres between headings.
 const STEP_M: f64 = 0.5;
 
+/// Metres between points of a road's edge on a page.
+const OUTLINE_M: f64 = 3.0;
+
 /// What one sees at the starts of [`Track::NAMES`], fair weather: to build one's scenery takes a second. They are drawn
 /// anew by `cargo test --release draws_the_starts -- --ignored`.
 const STARTS: [&[u8]; 3] =
     [include_bytes!("starts/lake.jpg"), include_bytes!("starts/jungle.jpg"), include_bytes!("starts/mountain.jpg")];
+
+/// Roads that a run may be on which does not say: the tracks that come with Lapwing, and others. They are made once they
+/// are asked for.
+#[derive(Debug, Default)]
+pub struct Roads {
+    more: Vec<String>,
+    known: OnceCell<Vec<Arc<Road>>>,
+}
+
+impl Roads {
+    /// Those that come with Lapwing, and more, named as for [`Track::open`].
+    pub fn with(more: &[String]) -> Self {
+        Self { more: more.to_owned(), known: OnceCell::new() }
+    }
+
+    /// All of them.
+    ///
+    /// # Errors
+    /// Those of [`Track::open`].
+    pub fn known(&self) -> Result<&[Arc<Road>], TrackError> {
+        if let Some(known) = self.known.get() {
+            return Ok(known);
+        }
+        let known = self.names().map(|name| Ok(Arc::new(known_road(name)?))).collect::<Result<_, TrackError>>()?;
+        Ok(self.known.get_or_init(|| known))
+    }
+
+    /// The track that calls itself so, if it is known.
+    pub fn track(&self, name: &str) -> Option<Track> {
+        let known = |track: &Track| track.file().name == name;
+        Track::open(name).ok().or_else(|| self.names().filter_map(|name| Track::open(name).ok()).find(known))
+    }
+
+    fn names(&self) -> impl Iterator<Item = &str> {
+        Track::NAMES.into_iter().chain(self.more.iter().map(String::as_str))
+    }
+}
+
+/// A track's edges, as a page shows them.
+pub fn outline(track: &Track) -> Outline {
+    let edge = |offset: f64| {
+        let steps = (track.length() / OUTLINE_M).ceil() as u32;
+        (0..steps).map(|i| from_above(track.point(f64::from(i) * OUTLINE_M, offset))).collect()
+    };
+    Outline { left: edge(-track.half_width()), right: edge(track.half_width()) }
+}
+
+/// Where a run that tells no position seems to have been: seconds, and places on the line to drive.
+pub fn whereabouts(card: &Scorecard, track: &Track) -> Vec<(f64, [f32; 2])> {
+    card.whereabouts.iter().map(|(at, s)| (*at, from_above(track.on_driving_line(*s).position))).collect()
+}
+
+fn from_above(point: DVec3) -> [f32; 2] {
+    [point.x as f32, point.z as f32]
+}
 
 /// The road of a track, named as for [`Track::open`], by the line that one drives on it, with what one sees at its start.
 ///

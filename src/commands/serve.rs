@@ -13,10 +13,9 @@ use std::{
 use anyhow::Context;
 
 use super::{Ended, outputs::Unprinted, terminal::Asked};
-use crate::{cli, known};
+use crate::{cli, known::Roads};
 use lapwing_core::config::Settings;
 use lapwing_live::bridge::{self, Bridge, Listener, Summary};
-use lapwing_sim::track::Track;
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
@@ -62,8 +61,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let loading = tokio::task::spawn_blocking({
         let bridge = bridge.clone();
         move || {
-            let roads = Track::NAMES.into_iter().map(|name| Ok(Arc::new(known::known_road(name)?)));
-            bridge.roads_are_known(roads.collect::<anyhow::Result<_>>()?);
+            bridge.roads_are_known(Roads::default().known()?.to_vec());
             super::load_model(&settings).map(|model| bridge.model_is_ready(model))
         }
     });

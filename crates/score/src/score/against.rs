@@ -3,13 +3,46 @@
 //! Runs are held against those of the same [`setting`]: over all tracks together a lap lost on one of them would look like
 //! the scatter between them.
 
-use std::{collections::BTreeMap, fmt};
+use std::{
+    collections::BTreeMap,
+    fmt, fs, io,
+    path::{Path, PathBuf},
+};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Better, Figure, Scorecard, Spread, Unit, summary::student};
+use super::{Better, Figure, Scorecard, Spread, Unit, report::SCHEMA, summary::student};
 use lapwing_core::recording::RunHeader;
+
+/// A file that is no baseline.
+#[derive(Debug, thiserror::Error)]
+pub enum BaselineError {
+    /// It cannot be read.
+    #[error("{}: cannot be read", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// It is not the JSON of a [`Report`](super::report::Report).
+    #[error("{}: expected the JSON of lapwing score", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: serde_json::Error,
+    },
+    /// It is that of another version.
+    #[error("{}: expected schema {SCHEMA}, got {got:?}", path.display())]
+    Schema {
+        /// The file.
+        path: PathBuf,
+        /// The schema that it names.
+        got: String,
+    },
+}
 
 /// A difference is none by chance where it is so many times the half width of its confidence interval at 95 %: some
 /// forty figures are compared, and one of them would often lie outside the interval itself.
@@ -89,6 +122,20 @@ pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
 const UNKNOWN: &str = "unknown track";
 
 impl Baseline {
+    /// Reads an earlier result.
+    ///
+    /// # Errors
+    /// [`BaselineError`].
+    pub fn read(path: &Path) -> Result<Self, BaselineError> {
+        let text = fs::read_to_string(path).map_err(|source| BaselineError::Read { path: path.to_owned(), source })?;
+        let content = |source| BaselineError::Content { path: path.to_owned(), source };
+        let baseline: Self = serde_json::from_str(&text).map_err(content)?;
+        match baseline.schema == SCHEMA {
+            true => Ok(baseline),
+            false => Err(BaselineError::Schema { path: path.to_owned(), got: baseline.schema }),
+        }
+    }
+
     /// Holds runs, each with its [`setting`], against it.
     pub fn compare(&self, runs: &[(String, &Scorecard)]) -> Comparison {
         // Lapwing 0.1 wrote no settings at first.

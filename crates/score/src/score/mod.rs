@@ -14,6 +14,7 @@
 //! | `blind` | what the stock build does not tell, as well as it can be found out |
 //! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that take a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
+//! | [`files`], [`report`] | which runs are meant, and what is said of all of them |
 //! | `thresholds`, [`junit`] | what a run must reach, and how CI is told |
 //! | [`page`] | runs as a page for a browser |
 //! | [`summary`], [`against`] | several runs in one, and whether they got worse |
@@ -24,12 +25,14 @@ mod braking;
 mod card;
 mod clock;
 pub mod figure;
+pub mod files;
 mod infractions;
 pub mod junit;
 mod latency;
 mod measure;
 mod offline;
 pub mod page;
+pub mod report;
 mod run;
 mod scorer;
 mod smoothness;

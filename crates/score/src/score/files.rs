@@ -1,0 +1,106 @@
+//! Which runs are meant by paths: files, and what lies in folders.
+
+use std::{
+    collections::HashSet,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use lapwing_core::words::count;
+
+/// Paths that name no runs.
+#[derive(Debug, thiserror::Error)]
+pub enum FilesError {
+    /// A folder cannot be read.
+    #[error("{}: cannot be read", path.display())]
+    Read {
+        /// The folder.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The name of a file is no text.
+    #[error("{0:?}: expected a name in UTF-8")]
+    Name(PathBuf),
+    /// A folder without runs.
+    #[error("{}: expected runs (.mcap) or a driving_log.csv in the folder, got {got}", path.display())]
+    NoRuns {
+        /// The folder.
+        path: PathBuf,
+        /// What is there.
+        got: String,
+    },
+}
+
+/// The runs and driving logs that are meant, each once; of a folder all in it, by name.
+///
+/// # Errors
+/// [`FilesError`].
+pub fn runs_in(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FilesError> {
+    let mut files = vec![];
+    for path in paths {
+        if path.is_dir() {
+            files.extend(in_folder(path)?);
+        } else {
+            files.push(path.clone());
+        }
+    }
+    // A run that is named twice is one.
+    let mut seen = HashSet::new();
+    files.retain(|file| seen.insert(fs::canonicalize(file).unwrap_or_else(|_| file.clone())));
+    Ok(files)
+}
+
+fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
+    let cannot = |source| FilesError::Read { path: path.to_owned(), source };
+    let mut inside = vec![];
+    for entry in fs::read_dir(path).map_err(cannot)? {
+        let file = entry.map_err(cannot)?.path();
+        if file.to_str().is_none() {
+            return Err(FilesError::Name(file));
+        }
+        inside.push(file);
+    }
+    let pictures = inside.iter().filter(|file| ends(file, "jpg")).count();
+    inside.retain(|file| ends(file, "mcap") || file.file_name().is_some_and(|name| name == "driving_log.csv"));
+    if inside.is_empty() {
+        let got = match pictures {
+            0 => "neither".to_owned(),
+            n => {
+                let pictures = count(n, "picture");
+                format!("{pictures} alone, which tell neither speed nor steering: let lapwing serve record the drive")
+            }
+        };
+        return Err(FilesError::NoRuns { path: path.to_owned(), got });
+    }
+    inside.sort();
+    Ok(inside)
+}
+
+fn ends(file: &Path, ending: &str) -> bool {
+    file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_means_its_runs_by_name_and_a_run_that_is_named_twice_is_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b, log] = ["a.mcap", "b.MCAP", "driving_log.csv"].map(|name| dir.path().join(name));
+        for file in [&b, &a, &log] {
+            fs::write(file, "").unwrap();
+        }
+        assert_eq!(runs_in(&[a.clone(), dir.path().to_owned()]).unwrap(), [a, b, log]);
+    }
+
+    #[test]
+    fn pictures_alone_are_no_run() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = || runs_in(&[dir.path().to_owned()]).unwrap_err().to_string();
+        assert!(error().ends_with("in the folder, got neither"), "{}", error());
+        fs::write(dir.path().join("1.jpg"), "").unwrap();
+        assert!(error().contains("got 1 picture alone, which tell neither"), "{}", error());
+    }
+}

@@ -1,0 +1,191 @@
+//! What `lapwing score` says of runs: each judged and held against thresholds, all in one table or one JSON.
+
+use std::{collections::BTreeMap, path::PathBuf, time::Duration};
+
+use serde::Serialize;
+
+use super::{
+    Check, Figure, Measure, Scorecard, Scorer, Spread, Unit,
+    against::{self, Comparison},
+    aligned, checks, of_log, of_run,
+    summary::summary,
+};
+use lapwing_core::{
+    config::Thresholds,
+    recording::{Item, RecordingError, RunHeader, RunReader, is_run, udacity::DrivingLog},
+};
+
+/// What the JSON of a [`Report`] is called.
+pub const SCHEMA: &str = "lapwing.score/1";
+
+/// Figures that stand in the table of several runs.
+const COMPARED: [Figure; 8] = [
+    Figure::Completion,
+    Figure::Collisions,
+    Figure::OffRoads,
+    Figure::MeanCte,
+    Figure::Autonomy,
+    Figure::DrivingScore,
+    Figure::MeanMph,
+    Figure::SteeringRate,
+];
+
+/// A run, judged.
+#[derive(Debug)]
+pub struct JudgedRun {
+    /// Its file.
+    pub path: PathBuf,
+    /// How it was made.
+    pub header: RunHeader,
+    /// The judgement.
+    pub card: Scorecard,
+    /// The thresholds that are set, held against it.
+    pub checks: Vec<Check>,
+}
+
+impl JudgedRun {
+    /// Reads a run (`.mcap`) or a driving log to its end. The scorer is made once the file is open; `watch` sees each
+    /// item as [`of_run`] shows it.
+    ///
+    /// # Errors
+    /// What keeps the file from being read, or the scorer from being made.
+    pub fn open<E: From<RecordingError>>(
+        path: PathBuf,
+        limits: &Thresholds,
+        scorer: impl FnOnce() -> Result<Scorer, E>,
+        watch: impl FnMut(Duration, &Item),
+    ) -> Result<Self, E> {
+        let (header, card) = if is_run(&path) {
+            let mut reader = RunReader::open(&path)?;
+            let card = of_run(&mut reader, scorer()?, watch)?;
+            (reader.header().clone(), card)
+        } else {
+            let log = DrivingLog::open(&path)?;
+            (log.header(), of_log(&log, scorer()?, watch))
+        };
+        let checks = checks(limits, &card);
+        Ok(Self { path, header, card, checks })
+    }
+
+    /// Its path, as text.
+    pub fn name(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    /// See [`against::setting`].
+    pub fn setting(&self) -> String {
+        against::setting(&self.header, &self.card)
+    }
+
+    /// The thresholds that it misses, in words.
+    pub fn missed(&self) -> impl Iterator<Item = &str> {
+        self.checks.iter().filter(|check| !check.passed).map(|check| check.words.as_str())
+    }
+
+    /// Which run by which model on which track.
+    pub fn title(&self) -> String {
+        let driver = self.model().map_or_else(String::new, |model| format!(", {model}"));
+        let track = self.card.track.as_ref().map_or_else(String::new, |track| format!(" on {track}"));
+        let seed = self.header.seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
+        format!("{}{driver}{track}{seed}", self.name())
+    }
+
+    fn model(&self) -> Option<&str> {
+        self.header.model.as_ref().map(|model| model.name.as_str())
+    }
+}
+
+/// Runs that were scored, as one JSON: [`SCHEMA`]. A key's meaning never changes under one number, new keys may come.
+#[derive(Debug, Serialize)]
+pub struct Report<'a> {
+    schema: &'static str,
+    /// What each was worth.
+    pub runs: Vec<ScoredRun<'a>>,
+    /// Under each figure's key, over the runs that tell it.
+    pub summary: BTreeMap<&'static str, Spread>,
+    /// How they compare with earlier ones, where that was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub against: Option<&'a Comparison>,
+    /// Runs that could not be scored, and why.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub unscored: BTreeMap<&'a str, &'a str>,
+}
+
+/// A run in a [`Report`].
+#[derive(Debug, Serialize)]
+pub struct ScoredRun<'a> {
+    /// Its path.
+    pub run: String,
+    /// When it began, RFC 3339.
+    pub started: String,
+    /// Which model drove.
+    pub model: Option<&'a str>,
+    /// SHA-256 of its file.
+    pub model_sha256: Option<&'a str>,
+    /// Of everything random.
+    pub seed: Option<u64>,
+    /// What it may be compared with: see [`against::setting`].
+    pub setting: String,
+    /// The judgement.
+    #[serde(flatten)]
+    pub card: &'a Scorecard,
+    /// The thresholds that it missed, in words.
+    pub missed: Vec<&'a str>,
+}
+
+impl<'a> Report<'a> {
+    /// Of judged runs, and of those that could not be, each with the reason.
+    pub fn new(runs: &[&'a JudgedRun], unscored: &'a [(String, String)], against: Option<&'a Comparison>) -> Self {
+        let scored = |run: &&'a JudgedRun| ScoredRun {
+            run: run.name(),
+            started: run.header.started.to_string(),
+            model: run.model(),
+            model_sha256: run.header.model.as_ref().map(|model| model.sha256.as_str()),
+            seed: run.header.seed,
+            setting: run.setting(),
+            card: &run.card,
+            missed: run.missed().collect(),
+        };
+        let cards: Vec<_> = runs.iter().map(|run| &run.card).collect();
+        Self {
+            schema: SCHEMA,
+            runs: runs.iter().map(scored).collect(),
+            summary: summary(&cards),
+            against,
+            unscored: unscored.iter().map(|(name, why)| (name.as_str(), why.as_str())).collect(),
+        }
+    }
+
+    /// A line for each run, and their mean.
+    pub fn table(&self) -> String {
+        let mut rows: Vec<Vec<String>> = vec![];
+        rows.push(std::iter::once("run").chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
+        for run in &self.runs {
+            let cell = |figure: Figure| match run.card.get(figure) {
+                Measure::Told(value) => figure.unit().show(value),
+                Measure::Estimate { value, .. } => format!("~{}", figure.unit().show(value)),
+                Measure::Unknown(_) => "-".to_owned(),
+            };
+            rows.push(std::iter::once(run.run.clone()).chain(COMPARED.map(cell)).collect());
+        }
+        let mean = |figure: Figure| {
+            let spread = self.summary.get(figure.key());
+            spread.map_or_else(|| "-".to_owned(), |spread| figure.unit().show_mean(spread.mean))
+        };
+        rows.push(std::iter::once(format!("mean of {}", self.runs.len())).chain(COMPARED.map(mean)).collect());
+        aligned(&rows, 1) + "\n~ is an estimate, - not measurable; lapwing score RUN says more."
+    }
+}
+
+/// Every figure's key, unit, formula and source, a line each.
+pub fn explained() -> String {
+    let unit = |figure: Figure| match figure.unit() {
+        Unit::Share => "0 to 1",
+        Unit::Count => "count",
+        Unit::Points => "0 to 100",
+        Unit::Correlation => "-1 to 1",
+        unit => unit.symbol(),
+    };
+    let line = |figure: Figure| format!("{:<27} {:<8} {}", figure.key(), unit(figure), figure.meaning());
+    Figure::ALL.map(line).join("\n")
+}
