@@ -7,6 +7,9 @@ use std::{env, path::Path};
 fn main() {
     // Set by torch-sys (`links = "tch"`), which is therefore a direct dependency.
     println!("cargo:rerun-if-env-changed=DEP_TCH_LIBTORCH_LIB");
+    if env::var("CARGO_PKG_NAME").is_ok_and(|name| name == "lapwing") && env::var("CARGO_FEATURE_NETWORKS").is_err() {
+        return; // built without libtorch
+    }
     let Ok(lib) = env::var("DEP_TCH_LIBTORCH_LIB") else {
         println!("cargo:warning=torch-sys did not say where libtorch is; the binary may not start");
         return;

@@ -13,11 +13,13 @@ use lapwing_core::{
     protocol::number::Culture,
     replay::Rate,
 };
+#[cfg(feature = "networks")]
 use lapwing_learn::{
     nn::Precision,
     train::{Keep, OptimiserKind, Schedule},
 };
 use lapwing_score::suite::Shard;
+#[cfg(feature = "simulator")]
 use lapwing_sim::along::DEFAULT_LIMIT_M;
 
 /// Connects, drives, records and replays the Udacity self-driving-car simulator.
@@ -37,28 +39,38 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Verb {
     /// Drive the headless simulator and print the scorecard
+    #[cfg(feature = "simulator")]
     Drive(Drive),
     /// Wait for simulators, drive them and record the runs
+    #[cfg(feature = "bridge")]
     Serve(Serve),
     /// Be a simulator: dial a bridge as the Unity build does, or let the expert drive
+    #[cfg(feature = "simulator")]
     Simulate(Simulate),
     /// Let the expert drive and write what the stock recorder would: driving_log.csv and IMG/
+    #[cfg(feature = "simulator")]
     Record(Record),
     /// Train a network on driving logs and runs
+    #[cfg(feature = "networks")]
     Train(Train),
     /// Say how far a model's steering lies from that of data sets
+    #[cfg(feature = "networks")]
     Evaluate(Evaluate),
     /// Show a recording to a model, or to any bridge, and compare the steering; or drive along it
+    #[cfg(feature = "networks")]
     Replay(Replay),
     /// Say what recorded runs were worth, for people and for CI
     Score(Score),
     /// Drive pilots x tracks x conditions x seeds over all cores, and compare them
+    #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),
     /// Put the results of a suite's parts together
     Merge(Merge),
     /// Look over, convert and split recordings as data sets
+    #[cfg(feature = "networks")]
     Dataset(Dataset),
     /// Say which libtorch is in use, and what is wrong if anything
+    #[cfg(feature = "bridge")]
     Doctor(Doctor),
 }
 

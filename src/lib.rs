@@ -33,7 +33,11 @@ pub mod allocator;
 #[allow(missing_docs)] // clap shows these docs as help; what they flatten or name needs no second text
 pub mod cli;
 pub mod commands;
+#[cfg(all(feature = "networks", feature = "simulator"))]
 pub mod course;
+#[cfg(feature = "simulator")]
 pub mod film;
+#[cfg(feature = "simulator")]
 pub mod known;
+#[cfg(feature = "simulator")]
 pub mod map;

@@ -3,13 +3,13 @@
 use std::process::ExitCode;
 
 use lapwing::{allocator::Allocator, cli::Cli, commands};
-use lapwing_learn::nn::runtime;
 
 #[global_allocator]
 static ALLOCATOR: Allocator = Allocator;
 
 fn main() -> ExitCode {
-    runtime::keep_tensor_memory();
+    #[cfg(feature = "networks")]
+    lapwing_learn::nn::runtime::keep_tensor_memory();
     match Cli::read(std::env::args_os()) {
         Ok(cli) => commands::run(cli),
         // Wrong usage, or the help that was asked for, which is a result.

@@ -3,20 +3,32 @@
 #[macro_use]
 mod terminal;
 
+#[cfg(all(feature = "networks", feature = "simulator"))]
 mod closed_loop;
+#[cfg(feature = "networks")]
 mod dataset;
+#[cfg(feature = "bridge")]
 mod doctor;
+#[cfg(feature = "simulator")]
 mod drive;
+#[cfg(feature = "networks")]
 mod evaluate;
 mod outputs;
+#[cfg(feature = "simulator")]
 mod record;
+#[cfg(feature = "networks")]
 mod replay;
 mod score;
+#[cfg(feature = "bridge")]
 mod serve;
+#[cfg(feature = "simulator")]
 mod simulate;
+#[cfg(all(feature = "networks", feature = "simulator"))]
 mod suite;
 mod thresholds;
+#[cfg(feature = "networks")]
 mod train;
+#[cfg(feature = "simulator")]
 mod world;
 
 use std::{
@@ -73,18 +85,29 @@ pub fn run(cli: Cli) -> ExitCode {
         .init();
     let config = cli.config.as_deref();
     let ended = match cli.verb {
+        #[cfg(feature = "simulator")]
         Verb::Drive(arguments) => drive::run(arguments, config),
+        #[cfg(feature = "simulator")]
         Verb::Simulate(arguments) => simulate::run(arguments, config),
+        #[cfg(feature = "simulator")]
         Verb::Record(arguments) => record::run(&arguments, config),
+        #[cfg(feature = "networks")]
         Verb::Train(arguments) => limit_pictures(config).and_then(|()| train::run(arguments, config)),
+        #[cfg(feature = "networks")]
         Verb::Evaluate(arguments) => limit_pictures(config).and_then(|()| evaluate::run(arguments)),
+        #[cfg(feature = "bridge")]
         Verb::Serve(arguments) => serve::run(arguments, config),
+        #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Replay(arguments) if arguments.closed_loop => closed_loop::run(&arguments, config),
+        #[cfg(feature = "networks")]
         Verb::Replay(arguments) => replay::run(arguments, config),
         Verb::Score(arguments) => score::run(&arguments, config),
+        #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Suite(arguments) => suite::run(&arguments, config),
         Verb::Merge(arguments) => suite::merge(&arguments),
+        #[cfg(feature = "networks")]
         Verb::Dataset(arguments) => limit_pictures(config).and_then(|()| dataset::run(arguments)),
+        #[cfg(feature = "bridge")]
         Verb::Doctor(arguments) => doctor::run(arguments, config),
     };
     match ended {

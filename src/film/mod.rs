@@ -13,6 +13,7 @@
 //! pictures in a folder are not. Nothing is made before the first frame.
 
 mod gif;
+#[cfg(feature = "films")]
 mod mp4;
 mod stills;
 
@@ -21,7 +22,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use self::{gif::Gif, mp4::Mp4, stills::Stills};
+#[cfg(feature = "films")]
+use self::mp4::Mp4;
+use self::{gif::Gif, stills::Stills};
 use lapwing_core::{files, perception::Frame};
 
 /// What keeps a film from being made.
@@ -34,6 +37,13 @@ pub enum FilmError {
         path: PathBuf,
         /// Its extension.
         got: String,
+    },
+    /// A kind of film that this program was built without.
+    #[cfg(not(feature = "films"))]
+    #[error("{}: this program was built without MP4: write a .gif or a folder, or build it with --features films", path.display())]
+    LeftOut {
+        /// The path.
+        path: PathBuf,
     },
     /// A width and height that no such film can have.
     #[error("{}: expected {expected}, got {width}x{height}", path.display())]
@@ -122,6 +132,7 @@ pub struct Film {
 }
 
 enum Kind {
+    #[cfg(feature = "films")]
     Mp4(Box<Mp4>),
     Gif(Box<Gif>),
     Stills(Stills),
@@ -130,6 +141,7 @@ enum Kind {
 /// A kind of film, by its path.
 #[derive(Clone, Copy)]
 enum Named {
+    #[cfg(feature = "films")]
     Mp4,
     Gif,
     Stills { is_folder: bool },
@@ -140,7 +152,10 @@ impl Named {
         let is_folder = path.is_dir() || path.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
         let extension = path.extension().filter(|_| !is_folder).map(|e| e.to_string_lossy().to_lowercase());
         match extension.as_deref() {
+            #[cfg(feature = "films")]
             Some("mp4") => Ok(Self::Mp4),
+            #[cfg(not(feature = "films"))]
+            Some("mp4") => Err(FilmError::LeftOut { path: path.to_owned() }),
             Some("gif") => Ok(Self::Gif),
             None | Some("png" | "jpg" | "jpeg") => Ok(Self::Stills { is_folder }),
             Some(got) => Err(FilmError::Kind { got: got.to_owned(), path: path.to_owned() }),
@@ -156,8 +171,8 @@ impl Film {
     pub fn check(path: impl AsRef<Path>) -> Result<(), FilmError> {
         let path = path.as_ref();
         match Named::of(path)? {
-            Named::Mp4 | Named::Gif => files::check(path).map_err(FilmError::io("create the film", path)),
             Named::Stills { is_folder } => Stills::new(path, is_folder).check(),
+            _ => files::check(path).map_err(FilmError::io("create the film", path)),
         }
     }
 
@@ -175,6 +190,7 @@ impl Film {
         }
         let reel = Reel { path, width, height, fps, frames: 0 };
         let kind = match Named::of(&reel.path)? {
+            #[cfg(feature = "films")]
             Named::Mp4 => Kind::Mp4(Box::new(Mp4::new(&reel)?)),
             Named::Gif => Kind::Gif(Box::default()),
             Named::Stills { is_folder } => Kind::Stills(Stills::new(&reel.path, is_folder)),
@@ -194,6 +210,7 @@ impl Film {
         }
         self.reel.frames += 1;
         match &mut self.kind {
+            #[cfg(feature = "films")]
             Kind::Mp4(mp4) => mp4.frame(&self.reel, frame),
             Kind::Gif(gif) => gif.frame(&self.reel, frame),
             Kind::Stills(stills) => stills.frame(&self.reel, frame),
@@ -214,6 +231,7 @@ impl Film {
             return Err(FilmError::Empty { path: self.reel.path });
         }
         match self.kind {
+            #[cfg(feature = "films")]
             Kind::Mp4(mp4) => mp4.finish(&self.reel),
             Kind::Gif(gif) => gif.finish(&self.reel),
             Kind::Stills(_) => Ok(()),
@@ -221,5 +239,5 @@ impl Film {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "films"))]
 mod tests;
