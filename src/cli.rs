@@ -51,7 +51,7 @@ pub enum Verb {
     #[cfg(feature = "simulator")]
     Record(Record),
     /// Train a network on driving logs and runs
-    #[cfg(feature = "networks")]
+    #[cfg(all(feature = "networks", feature = "simulator"))]
     Train(Train),
     /// Say how far a model's steering lies from that of data sets
     #[cfg(feature = "networks")]
@@ -60,11 +60,13 @@ pub enum Verb {
     #[cfg(feature = "networks")]
     Replay(Replay),
     /// Say what recorded runs were worth, for people and for CI
+    #[cfg(feature = "simulator")]
     Score(Score),
     /// Drive pilots x tracks x conditions x seeds over all cores, and compare them
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),
     /// Put the results of a suite's parts together
+    #[cfg(all(feature = "networks", feature = "simulator"))]
     Merge(Merge),
     /// Look over, convert and split recordings as data sets
     #[cfg(feature = "networks")]
@@ -134,7 +136,7 @@ pub struct Drive {
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
     /// Who steers: the model, or the expert, who knows the road
-    #[arg(long, value_enum, default_value_t = PilotKind::Model)]
+    #[arg(long, value_enum, default_value_t)]
     pub pilot: PilotKind,
     #[command(flatten)]
     pub driving: Driving,
@@ -157,9 +159,12 @@ pub struct Drive {
 }
 
 /// Who steers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PilotKind {
+    #[cfg(feature = "networks")]
+    #[default]
     Model,
+    #[cfg_attr(not(feature = "networks"), default)]
     Expert,
 }
 
@@ -353,6 +358,7 @@ pub struct Record {
 }
 
 /// `lapwing train`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("learnt from").args(["data", "recipe", "resume"]).required(true).multiple(true)))]
 pub struct Train {
@@ -455,6 +461,7 @@ pub struct Train {
 }
 
 /// `lapwing evaluate`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct Evaluate {
     /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), whose code runs: load only files that you
@@ -478,18 +485,21 @@ pub struct Evaluate {
 }
 
 /// Which rows of a data set.
+#[cfg(feature = "networks")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Rows {
     All,
     HeldOut,
 }
 
+#[cfg(feature = "networks")]
 fn rows_and_columns(text: &str) -> Result<(usize, usize), String> {
     let parsed = text.split_once('x').and_then(|(rows, columns)| Some((rows.parse().ok()?, columns.parse().ok()?)));
     parsed.ok_or_else(|| "expected rows x columns, such as 80x160".into())
 }
 
 /// A word as settings files have it.
+#[cfg(feature = "networks")]
 fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(text.into()).map_err(|why| why.to_string())
 }
@@ -526,8 +536,10 @@ pub struct Serve {
 pub struct Driving {
     /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), whose code runs: load only files that you
     /// trust [default: the PilotNet built in]
+    #[cfg(feature = "networks")]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    #[cfg(feature = "networks")]
     #[command(flatten)]
     pub trust: Trust,
     /// Set speed of the PI law, limit of the quadratic one, in mph [default: 9]
@@ -559,6 +571,7 @@ pub struct Thinking {
 }
 
 /// `lapwing replay`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct Replay {
     /// A run (.mcap), or a folder with driving_log.csv and IMG/
@@ -571,18 +584,23 @@ pub struct Replay {
     #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
     pub connect: Option<String>,
     /// Drive along the recording: a virtual car steers, and sees the recorded pictures from where it is
+    #[cfg(feature = "simulator")]
     #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
     pub closed_loop: bool,
     /// How far beside the recorded path the virtual car may be before it is put back, in metres
+    #[cfg(feature = "simulator")]
     #[arg(long, value_name = "METRES", default_value_t = DEFAULT_LIMIT_M, value_parser = above_zero, requires = "closed_loop")]
     pub limit: f64,
     /// Take the recorded car's turning from recorded steering and speed alone, not from the pictures
+    #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub by_steering: bool,
     /// Film of what the pilot sees: FILE.mp4, FILE.gif, or a folder for single pictures
+    #[cfg(feature = "simulator")]
     #[arg(long, value_name = "FILE", requires = "closed_loop")]
     pub film: Option<PathBuf>,
     /// Record the closed loop as a run in this folder
+    #[cfg(feature = "simulator")]
     #[arg(long, value_name = "DIR", requires = "closed_loop")]
     pub recordings: Option<PathBuf>,
     #[command(flatten)]
@@ -625,6 +643,7 @@ fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number of at least 0".into())
 }
 
+#[cfg(feature = "networks")]
 fn tolerance(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|t| *t >= 0.0).ok_or_else(|| "expected a number of at least 0".into())
 }
@@ -642,6 +661,7 @@ pub struct Doctor {
 }
 
 /// `lapwing dataset`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct Dataset {
     #[command(subcommand)]
@@ -649,6 +669,7 @@ pub struct Dataset {
 }
 
 /// What to do with data sets.
+#[cfg(feature = "networks")]
 #[derive(Debug, Subcommand)]
 pub enum DatasetVerb {
     /// Decode every picture and say what is there: rows, cameras, steering, speed, gaps, missing and broken pictures
@@ -662,6 +683,7 @@ pub enum DatasetVerb {
 }
 
 /// `lapwing dataset inspect`; exit 1 where a picture is missing or broken
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct DatasetInspect {
     /// Folders with driving_log.csv and IMG/, or runs (.mcap)
@@ -679,6 +701,7 @@ pub struct DatasetInspect {
 }
 
 /// `lapwing dataset convert`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct DatasetConvert {
     /// A folder with driving_log.csv and IMG/, or a run (.mcap)
@@ -693,6 +716,7 @@ pub struct DatasetConvert {
 }
 
 /// `lapwing dataset preview`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct DatasetPreview {
     /// A folder with driving_log.csv and IMG/, or a run (.mcap)
@@ -710,6 +734,7 @@ pub struct DatasetPreview {
 }
 
 /// `lapwing dataset split`
+#[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct DatasetSplit {
     /// A folder with driving_log.csv and IMG/

@@ -21,9 +21,24 @@
 //! | [`film`], [`map`], [`known`] | films and maps for people; tracks as roads that drives are found on again | `core`, `sim`, `score` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
 //!
+//! # Parts
+//! What is not wanted is not compiled:
+//!
+//! | feature | verbs | needs |
+//! |---|---|---|
+//! | `bridge` | `serve`, `doctor`, and those of `networks` | libtorch |
+//! | `networks` | `replay`, `evaluate`, `dataset`; with `simulator` also `train`, `suite`, `merge`, the closed loop | libtorch |
+//! | `simulator` | `drive`, `simulate`, `record`, `score`; only the expert drives without `networks` | nothing |
+//! | `films` | `--video FILE.mp4` | a C++ compiler, for OpenH264 |
+//!
 //! Each crate's `Cargo.toml` is the statement of what it may know. `tests/architecture.rs` holds what Cargo cannot see.
 
 #![warn(missing_docs)]
+// In a build of a part, what only the parts left out would use.
+#![cfg_attr(
+    not(all(feature = "bridge", feature = "films", feature = "simulator")),
+    allow(dead_code, unused_imports, unused_mut)
+)]
 // As the workspace's lints, but for the tests, benches and examples of this package, which may panic and print.
 #![warn(clippy::unwrap_used, clippy::panic, clippy::todo, clippy::unimplemented)]
 // These panic where nobody reads any more; `commands::terminal` does not.

@@ -59,6 +59,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     }
     let (pilot, name, model): (Box<dyn Pilot>, _, _) = match arguments.pilot {
         PilotKind::Expert => (Box::new(PurePursuit::default()), EXPERT.to_owned(), None),
+        #[cfg(feature = "networks")]
         PilotKind::Model => {
             let model = super::load_model(&settings)?;
             super::suits_our_cameras(&model)?;

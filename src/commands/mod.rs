@@ -13,11 +13,14 @@ mod doctor;
 mod drive;
 #[cfg(feature = "networks")]
 mod evaluate;
+#[cfg(feature = "networks")]
+mod model;
 mod outputs;
 #[cfg(feature = "simulator")]
 mod record;
 #[cfg(feature = "networks")]
 mod replay;
+#[cfg(feature = "simulator")]
 mod score;
 #[cfg(feature = "bridge")]
 mod serve;
@@ -26,7 +29,7 @@ mod simulate;
 #[cfg(all(feature = "networks", feature = "simulator"))]
 mod suite;
 mod thresholds;
-#[cfg(feature = "networks")]
+#[cfg(all(feature = "networks", feature = "simulator"))]
 mod train;
 #[cfg(feature = "simulator")]
 mod world;
@@ -35,34 +38,31 @@ use std::{
     fs,
     io::{self, IsTerminal},
     net::{IpAddr, SocketAddr},
-    num::NonZeroU16,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    time::Instant,
 };
 
-use anyhow::Context;
 use tracing_subscriber::EnvFilter;
 
+#[cfg(all(feature = "networks", feature = "simulator"))]
+use model::suits_our_cameras;
+#[cfg(feature = "networks")]
+use model::{allowing, load_model, refuse_strangers_code, thinking_layers};
 use outputs::print;
 
-use crate::cli::{Cli, Driving, Thinking, Trust, Verb};
+use crate::cli::{Cli, Driving, Verb};
 use lapwing_core::{
-    config::{self, ConfigError, Layers, Settings},
+    config::{self, ConfigError, Layers},
     perception,
     recording::{Recorder, RecordingReport},
     words::count,
 };
-use lapwing_learn::models;
-use lapwing_learn::{models::Model, nn::runtime};
-use lapwing_sim::{
-    camera::{Camera, Lens},
-    world::{Ending, Simulation},
-};
+#[cfg(feature = "simulator")]
+use lapwing_sim::world::{Ending, Simulation};
 
 /// How a verb ended, as the exit status tells it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,7 +91,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Simulate(arguments) => simulate::run(arguments, config),
         #[cfg(feature = "simulator")]
         Verb::Record(arguments) => record::run(&arguments, config),
-        #[cfg(feature = "networks")]
+        #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Train(arguments) => limit_pictures(config).and_then(|()| train::run(arguments, config)),
         #[cfg(feature = "networks")]
         Verb::Evaluate(arguments) => limit_pictures(config).and_then(|()| evaluate::run(arguments)),
@@ -101,9 +101,11 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Replay(arguments) if arguments.closed_loop => closed_loop::run(&arguments, config),
         #[cfg(feature = "networks")]
         Verb::Replay(arguments) => replay::run(arguments, config),
+        #[cfg(feature = "simulator")]
         Verb::Score(arguments) => score::run(&arguments, config),
         #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Suite(arguments) => suite::run(&arguments, config),
+        #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Merge(arguments) => suite::merge(&arguments),
         #[cfg(feature = "networks")]
         Verb::Dataset(arguments) => limit_pictures(config).and_then(|()| dataset::run(arguments)),
@@ -139,6 +141,7 @@ impl Interrupted {
     }
 
     /// Ends the run if it is to end.
+    #[cfg(feature = "simulator")]
     fn end(&self, simulation: &mut Simulation) {
         if self.is_pressed() {
             simulation.end(Ending::Interrupted);
@@ -203,25 +206,10 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
 
-/// Refuses a model whose code would run because a file says so that anybody may have written. `has_flag` says whether
-/// the verb has `--model`.
-fn refuse_strangers_code(file: &str, model: &Path, has_flag: bool, settings: &Settings) -> Result<(), ConfigError> {
-    if !models::is_torchscript(model) || settings.model.allow_torchscript {
-        return Ok(());
-    }
-    let own = own_settings().map_or_else(|| "your own settings".into(), |path| path.display().to_string());
-    let model = model.display();
-    let flag = if has_flag { format!("--model {model} or ") } else { String::new() };
-    let why = format!(
-        "model {model} is TorchScript, and loading it runs its code; this file alone may not choose it. If you trust \
-         the model, pass {flag}--allow-torchscript, or set model.allow_torchscript = true in {own}"
-    );
-    Err(ConfigError::Value { layer: file.into(), why })
-}
-
 /// Those, then the flags that all driving verbs share.
 fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigError> {
     let mut layers = undriven_layers(config)?;
+    #[cfg(feature = "networks")]
     if let Some(path) = &driving.model {
         layers = layers.set_path("--model", "model.path", path)?;
     }
@@ -234,36 +222,15 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
     if let Some(takeover) = driving.takeover {
         layers = layers.set("--takeover", "control.takeover", takeover)?;
     }
-    let layers = allowing(layers, &driving.trust)?;
-    let settings = layers.clone().resolve()?;
-    if let (Some(file), Some(model)) = (layers.model_named_by_others(), &settings.model.path) {
-        refuse_strangers_code(file, model, true, &settings)?;
+    #[cfg(feature = "networks")]
+    {
+        layers = allowing(layers, &driving.trust)?;
+        let settings = layers.clone().resolve()?;
+        if let (Some(file), Some(model)) = (layers.model_named_by_others(), &settings.model.path) {
+            refuse_strangers_code(file, model, true, &settings)?;
+        }
     }
     Ok(layers)
-}
-
-/// Those, and whether others may name TorchScript models.
-fn allowing(layers: Layers, trust: &Trust) -> Result<Layers, ConfigError> {
-    match trust.allow_torchscript {
-        true => layers.set("--allow-torchscript", "model.allow_torchscript", true),
-        false => Ok(layers),
-    }
-}
-
-/// Those, then the flags of the verbs whose model may think in several threads.
-fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking) -> Result<Layers, ConfigError> {
-    let layers = layers(config, driving)?;
-    match thinking.threads {
-        Some(threads) => layers.set("--threads", "model.threads", threads),
-        None => Ok(layers),
-    }
-}
-
-/// Refuses a model whose crop the cameras of our own worlds cannot fill, before anything is driven.
-fn suits_our_cameras(model: &Model) -> anyhow::Result<()> {
-    let Lens { width, height, .. } = Camera::CENTER.lens;
-    model.preprocess().rows_of(width, height).with_context(|| model.name().to_owned())?;
-    Ok(())
 }
 
 /// `HOST`, or `HOST:PORT`, as the latter; the port is the simulator's where none is given.
@@ -321,17 +288,3 @@ fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Loads the model that the settings name, or the one built in.
-fn load_model(settings: &Settings) -> anyhow::Result<Model> {
-    let model = match &settings.model.path {
-        Some(path) => models::load(path, Instant::now)?,
-        None => models::built_in(Instant::now)?,
-    };
-    // Before any thread drives: each takes the number over at its first operation.
-    let chosen = NonZeroU16::new(settings.model.threads).map(NonZeroU16::get);
-    if let Some(threads) = chosen.or(model.threads()) {
-        runtime::set_threads(threads);
-    }
-    tracing::info!("model: {}", model.name());
-    Ok(model)
-}

@@ -4,18 +4,21 @@
 //! at the end is looked at before the beginning: its format, and whether there is a place for it.
 
 use std::{
+    error::Error,
     io::{self, Write},
     path::Path,
 };
 
 use anyhow::Context;
 
+#[cfg(feature = "simulator")]
 use crate::film::{Film, FilmError};
 use lapwing_core::{config::ConfigError, files};
 use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
 };
+#[cfg(feature = "simulator")]
 use lapwing_sim::{conditions::ConditionsError, scenario::ScenarioError, spec::SpecError, track::TrackError};
 
 /// The result is lost: stdout's disk is full, or its reader is gone.
@@ -44,6 +47,7 @@ pub(super) fn check_drawing(path: &Path) -> anyhow::Result<()> {
 }
 
 /// Whether a film could be.
+#[cfg(feature = "simulator")]
 pub(super) fn check_film(path: &Path) -> anyhow::Result<()> {
     Ok(Film::check(path)?)
 }
@@ -67,12 +71,22 @@ fn cannot(path: &Path) -> String {
 pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<ConfigError>()
-            || cause.is::<ConditionsError>()
-            || cause.is::<ScenarioError>()
-            || cause.is::<SpecError>()
             || cause.is::<SuiteError>()
-            || cause.is::<TrackError>()
             || matches!(cause.downcast_ref(), Some(DrawingError::Kind { .. }))
-            || matches!(cause.downcast_ref(), Some(FilmError::Kind { .. } | FilmError::Rate { .. }))
+            || is_usage_of_the_simulator(cause)
     })
+}
+
+#[cfg(feature = "simulator")]
+fn is_usage_of_the_simulator(cause: &(dyn Error + 'static)) -> bool {
+    cause.is::<ConditionsError>()
+        || cause.is::<ScenarioError>()
+        || cause.is::<SpecError>()
+        || cause.is::<TrackError>()
+        || matches!(cause.downcast_ref(), Some(FilmError::Kind { .. } | FilmError::Rate { .. }))
+}
+
+#[cfg(not(feature = "simulator"))]
+fn is_usage_of_the_simulator(_: &(dyn Error + 'static)) -> bool {
+    false
 }

@@ -13,7 +13,7 @@ use std::{
 use anyhow::Context;
 
 use super::{Ended, outputs::Unprinted, terminal::Asked};
-use crate::{cli, known::Roads};
+use crate::cli;
 use lapwing_core::config::Settings;
 use lapwing_live::bridge::{self, Bridge, Listener, Summary};
 
@@ -61,7 +61,8 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let loading = tokio::task::spawn_blocking({
         let bridge = bridge.clone();
         move || {
-            bridge.roads_are_known(Roads::default().known()?.to_vec());
+            #[cfg(feature = "simulator")]
+            bridge.roads_are_known(crate::known::Roads::default().known()?.to_vec());
             super::load_model(&settings).map(|model| bridge.model_is_ready(model))
         }
     });

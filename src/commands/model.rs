@@ -1,0 +1,72 @@
+//! Models of the commands: which may be loaded, and loading them.
+
+use std::{num::NonZeroU16, path::Path, time::Instant};
+
+#[cfg(feature = "simulator")]
+use anyhow::Context;
+
+use super::{layers, own_settings};
+use crate::cli::{Driving, Thinking, Trust};
+use lapwing_core::config::{ConfigError, Layers, Settings};
+use lapwing_learn::{
+    models::{self, Model},
+    nn::runtime,
+};
+#[cfg(feature = "simulator")]
+use lapwing_sim::camera::{Camera, Lens};
+
+/// Refuses a model whose code would run because a file says so that anybody may have written. `has_flag` says whether
+/// the verb has `--model`.
+pub(super) fn refuse_strangers_code(file: &str, model: &Path, has_flag: bool, settings: &Settings) -> Result<(), ConfigError> {
+    if !models::is_torchscript(model) || settings.model.allow_torchscript {
+        return Ok(());
+    }
+    let own = own_settings().map_or_else(|| "your own settings".into(), |path| path.display().to_string());
+    let model = model.display();
+    let flag = if has_flag { format!("--model {model} or ") } else { String::new() };
+    let why = format!(
+        "model {model} is TorchScript, and loading it runs its code; this file alone may not choose it. If you trust \
+         the model, pass {flag}--allow-torchscript, or set model.allow_torchscript = true in {own}"
+    );
+    Err(ConfigError::Value { layer: file.into(), why })
+}
+
+/// Those, and whether others may name TorchScript models.
+pub(super) fn allowing(layers: Layers, trust: &Trust) -> Result<Layers, ConfigError> {
+    match trust.allow_torchscript {
+        true => layers.set("--allow-torchscript", "model.allow_torchscript", true),
+        false => Ok(layers),
+    }
+}
+
+/// Those, then the flags of the verbs whose model may think in several threads.
+pub(super) fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking) -> Result<Layers, ConfigError> {
+    let layers = layers(config, driving)?;
+    match thinking.threads {
+        Some(threads) => layers.set("--threads", "model.threads", threads),
+        None => Ok(layers),
+    }
+}
+
+/// Refuses a model whose crop the cameras of our own worlds cannot fill, before anything is driven.
+#[cfg(feature = "simulator")]
+pub(super) fn suits_our_cameras(model: &Model) -> anyhow::Result<()> {
+    let Lens { width, height, .. } = Camera::CENTER.lens;
+    model.preprocess().rows_of(width, height).with_context(|| model.name().to_owned())?;
+    Ok(())
+}
+
+/// Loads the model that the settings name, or the one built in.
+pub(super) fn load_model(settings: &Settings) -> anyhow::Result<Model> {
+    let model = match &settings.model.path {
+        Some(path) => models::load(path, Instant::now)?,
+        None => models::built_in(Instant::now)?,
+    };
+    // Before any thread drives: each takes the number over at its first operation.
+    let chosen = NonZeroU16::new(settings.model.threads).map(NonZeroU16::get);
+    if let Some(threads) = chosen.or(model.threads()) {
+        runtime::set_threads(threads);
+    }
+    tracing::info!("model: {}", model.name());
+    Ok(model)
+}
