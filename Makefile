@@ -3,7 +3,7 @@
 PYTHON ?= python3
 CARGO ?= cargo
 
-.PHONY: drive test build lint deny bench fuzz interop soak clean
+.PHONY: drive test build lint light deny bench fuzz interop soak clean
 
 # A lap of the lake in the headless simulator: first by the expert, who knows the road, then by the shipped model.
 drive: build
@@ -19,6 +19,13 @@ build: .libtorch/build-version
 lint: .libtorch/build-version
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
+	$(CARGO) clippy --release -p lapwing --no-default-features --features bridge -- -D warnings
+	$(CARGO) clippy --release -p lapwing --no-default-features --features simulator -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --workspace --no-deps
+
+# What needs no libtorch, built without it: fails where one of these crates asks for it.
+light:
+	env -u LIBTORCH -u LIBTORCH_USE_PYTORCH $(CARGO) build -p lapwing-core -p lapwing-sim -p lapwing-score
 
 # What the program is made of: licences, bans, sources, advisories; and whether NOTICES names it all.
 deny:
