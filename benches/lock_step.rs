@@ -28,7 +28,9 @@ struct Standing {
 }
 
 impl World for Standing {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+    type Error = std::convert::Infallible;
+
+    fn observe(&mut self) -> Result<Option<Observation>, Self::Error> {
         self.left = match self.left.checked_sub(1) {
             Some(left) => left,
             None => return Ok(None),

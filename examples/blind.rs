@@ -33,7 +33,7 @@ use lapwing_core::{
 };
 use lapwing_learn::models;
 use lapwing_learn::{models::Model, nn::runtime};
-use lapwing_score::judged::{self, Drive};
+use lapwing_score::judged::{self, Judged};
 use lapwing_score::{
     odometry::Road,
     score::{self, Figure, Scorecard, Scorer},
@@ -185,9 +185,9 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Er
     };
     let recorder = Recorder::create(&folder.join(run.to_string()), header, RecorderOptions::default())?;
     let mut world = Simulation::new(setup)?;
-    let driven = judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(()));
+    let driven = judged::run(&mut world, &mut driver, &mut [&mut &recorder]);
     let recorded = recorder.finish();
-    let Drive { card: truth, .. } = driven?;
+    let Judged { card: truth, .. } = driven?;
     let judge = world.judge();
     let progress = f64::from(judge.laps()) + judge.waypoint() as f64 / judge.waypoints() as f64;
     let completion = (progress / f64::from(laps)).min(1.0);

@@ -1,12 +1,13 @@
 //! A suite's drives in our simulator, by our models: the glue between [`suite`](lapwing_score::suite), the worlds and
 //! the networks.
 
-use std::{collections::BTreeMap, error::Error, fs, io, path::Path, path::PathBuf, time::Instant};
+use std::{collections::BTreeMap, convert::Infallible, fs, io, path::Path, path::PathBuf, time::Instant};
 
 use serde_json::json;
 
 use lapwing_core::{
     config::{ConfigError, Layers, Settings},
+    drive::{StopWhen, TurnError},
     driver::Driver,
     hash::sha256,
     pilot::{Pilot, PurePursuit},
@@ -14,7 +15,7 @@ use lapwing_core::{
 };
 use lapwing_learn::models::{self, Model, ModelError};
 use lapwing_score::{
-    judged::{self, Drive},
+    judged::{self, Judged},
     suite::{self, Cell, Contestant, Stop, Suite},
 };
 use lapwing_sim::{
@@ -53,7 +54,7 @@ pub enum CourseError {
     },
     /// The drive broke off.
     #[error("{0}")]
-    Drive(#[source] Box<dyn Error + Send + Sync>),
+    Drive(#[from] TurnError<Infallible>),
 }
 
 /// What all drives of a suite share.
@@ -116,7 +117,7 @@ impl suite::Course for Course {
         left_to_chance(cell)
     }
 
-    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Drive>, CourseError> {
+    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Judged>, CourseError> {
         let (spec, settings) = self.resolved(cell)?;
         let setup = spec.setup(&settings.simulator)?;
         let pilot: Box<dyn Pilot> = match self.models.get(&cell.pilot) {
@@ -125,13 +126,7 @@ impl suite::Course for Course {
         };
         let mut driver = Driver::new(pilot, &settings.control, Instant::now);
         let mut simulation = Simulation::new(setup)?;
-        let driven = judged::run(&mut simulation, &mut driver, None, |simulation, _, _| {
-            if stop() {
-                simulation.end(Ending::Interrupted);
-            }
-            Ok(())
-        });
-        let driven = driven.map_err(CourseError::Drive)?;
+        let driven = judged::run(&mut simulation, &mut driver, &mut [&mut StopWhen(stop)])?;
         Ok((!matches!(simulation.ending(), Some(Ending::Interrupted))).then_some(driven))
     }
 }
@@ -241,10 +236,10 @@ mod tests {
                 let setup = Setup::new(track.clone(), scenery.clone());
                 let setup = Setup { conditions: conditions.clone(), seed, longest_s: Some(2.0), ..setup };
                 let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), now);
-                judged::run(&mut Simulation::new(setup).unwrap(), &mut driver, None, |_, _, _| Ok(())).unwrap()
+                judged::run(&mut Simulation::new(setup).unwrap(), &mut driver, &mut []).unwrap()
             };
             let (one, other) = (drive(1), drive(2));
-            assert_eq!(one.fingerprint != other.fingerprint, by_chance, "{text}");
+            assert_eq!(one.driven.fingerprint != other.driven.fingerprint, by_chance, "{text}");
             assert_eq!(conditions.left_to_chance(), by_chance, "{text}");
             for figure in Figure::ALL {
                 assert_eq!(one.card.value(figure), other.card.value(figure), "{text}: {}", figure.key());

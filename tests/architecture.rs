@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 31] = [
+const MAY_IMPORT: [(&str, &[&str]); 32] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -23,13 +23,11 @@ const MAY_IMPORT: [(&str, &[&str]); 31] = [
     ("core/perception", &["units"]),
     ("core/pilot", &["car", "motion", "perception", "units", "words"]),
     ("core/control", &["car", "units"]),
-    ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control"]),
-    ("core/recording", &["pilot", "units", "protocol", "words"]),
-    ("core/drive", &["driver", "hash", "protocol", "recording"]),
-    (
-        "core/replay",
-        &["client", "drive", "driver", "files", "perception", "protocol", "recording", "stats", "units", "words"],
-    ),
+    ("core/turn", &["control", "protocol", "units"]),
+    ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "turn"]),
+    ("core/recording", &["pilot", "units", "protocol", "turn", "words"]),
+    ("core/drive", &["driver", "hash", "protocol", "recording", "turn"]),
+    ("core/replay", &["drive", "files", "perception", "protocol", "recording", "stats", "turn", "units", "words"]),
     ("score/odometry", &[]),
     ("score/score", &["odometry"]),
     ("score/judged", &["score"]),

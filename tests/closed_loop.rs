@@ -4,15 +4,16 @@ use std::{fs, path::Path, sync::Arc, time::Instant};
 
 use lapwing_core::{
     config::{Control, Thresholds},
+    drive::Eventful,
     driver::Driver,
     pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Dialect, Observation, Sight, World},
     recording::udacity::{DrivingLogWriter, Sample},
-    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RunHeader, RunKind, RunReader},
+    recording::{EventRecord, Recorder, RecorderOptions, RunHeader, RunKind, RunReader},
     units::{MPS_PER_MPH, Mph, Steering, Throttle},
 };
 use lapwing_learn::models;
-use lapwing_score::judged::{self, Drive};
+use lapwing_score::judged::{self, Judged};
 use lapwing_score::score::{self, Figure, Scorer};
 use lapwing_sim::{
     along::{Beside, RecordedWorld, Yaw},
@@ -63,9 +64,9 @@ fn open(dir: &TempDir, yaw: Yaw) -> RecordedWorld {
     RecordedWorld::open(&dir.path().join("lake"), 1.0, yaw).unwrap()
 }
 
-fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Drive {
+fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Judged {
     let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
-    judged::run(world, &mut driver, None, |_, _, _| Ok(())).unwrap()
+    judged::run(world, &mut driver, &mut []).unwrap()
 }
 
 /// The steering of each row of a folder's log.
@@ -138,7 +139,7 @@ fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of
     let pilot = Box::new(ConstantPilot::new(Steering::constant(0.3)));
     let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
     let mut world = open(&dir, Yaw::Pictures);
-    let card = judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap().card;
+    let card = judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap().card;
     let run = recorder.finish().path;
     let again = score::of_run(&mut RunReader::open(&run).unwrap(), Scorer::default(), |_, _| ()).unwrap();
     assert_eq!(again, card);
@@ -190,7 +191,7 @@ fn a_closed_loop_is_the_same_each_time() {
     let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap");
     let prints = [(); 2].map(|()| {
         let mut world = RecordedWorld::open(&run, 1.0, Yaw::Pictures).unwrap();
-        driven(&mut world, Box::new(ConstantPilot::new(Steering::constant(0.02)))).fingerprint
+        driven(&mut world, Box::new(ConstantPilot::new(Steering::constant(0.02)))).driven.fingerprint
     });
     assert_eq!(prints[0], prints[1]);
 }

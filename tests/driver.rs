@@ -7,9 +7,10 @@ use std::{
 
 use lapwing_core::{
     config::{Control, SpeedLaw, Takeover},
-    driver::{By, Driver, Happening},
+    driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, TelemetryError, Truth},
+    turn::{By, EventRecord},
     units::{Degrees, Mph, PathPoint, Steering, Throttle},
 };
 use lapwing_sim::{
@@ -102,7 +103,7 @@ fn a_reset_driver_has_forgotten_the_human_too() {
     driver.reset();
     assert!(!driver.human_drives());
     let (answer, trace) = driver.drive(&good(0, 0.0));
-    assert_eq!((command(answer), trace.by, trace.happenings), ((0.25, 0.918), By::Pilot, vec![]));
+    assert_eq!((command(answer), trace.by, trace.events), ((0.25, 0.918), By::Pilot, vec![]));
 }
 
 #[test]
@@ -110,11 +111,11 @@ fn a_takeover_has_a_beginning_an_end_and_a_duration() {
     let mut driver = driver(Control::default());
     driver.drive(&good(0, 4.0));
     let (answer, trace) = driver.drive(&human(1000));
-    assert_eq!((answer, trace.happenings), (Answer::Manual, vec![Happening::TakeoverBegan]));
-    assert_eq!(driver.drive(&human(2000)).1.happenings, []);
+    assert_eq!((answer, trace.events), (Answer::Manual, vec![EventRecord::TakeoverBegan]));
+    assert_eq!(driver.drive(&human(2000)).1.events, []);
     let (answer, trace) = driver.drive(&good(3500, 4.0));
-    let ended = Happening::TakeoverEnded { after: Duration::from_millis(2500), pilot_off: false };
-    assert_eq!((command(answer).1, trace.happenings), (0.52, vec![ended]));
+    let ended = EventRecord::TakeoverEnded { duration_s: 2.5 };
+    assert_eq!((command(answer).1, trace.events), (0.52, vec![ended]));
 }
 
 #[test]
@@ -122,7 +123,9 @@ fn latched_the_driver_answers_nothing_but_coasting_until_armed() {
     let mut driver = driver(Control { takeover: Takeover::Latch, ..Control::default() });
     driver.drive(&human(0));
     let (answer, trace) = driver.drive(&good(1000, 4.0));
-    assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Nobody));
+    assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Off));
+    let why = "a human drove; the pilot waits to be armed".to_owned();
+    assert_eq!(trace.events, [EventRecord::TakeoverEnded { duration_s: 1.0 }, EventRecord::PilotOff { why }]);
     assert!(trace.jpeg.is_some(), "what is seen is still recorded");
     assert!(driver.arm());
     assert_eq!(command(driver.drive(&good(1066, 4.0)).0), (0.25, 0.51));
@@ -136,8 +139,10 @@ fn four_bad_frames_coast_and_the_fifth_brakes() {
     let mut throttles = vec![];
     for i in 1..=6 {
         let (answer, trace) = driver.drive(&bad(i * 66, 12.0));
-        assert_eq!((command(answer).0, trace.by), (0.25, By::Safety), "steering stays");
-        assert!(matches!(&trace.happenings[0], Happening::BadFrame { in_a_row, .. } if u64::from(*in_a_row) == i));
+        assert_eq!((command(answer).0, trace.by), (0.25, By::Safe), "steering stays");
+        assert!(
+            matches!(&trace.events[0], EventRecord::BadFrame { count_in_row, .. } if u64::from(*count_in_row) == i)
+        );
         throttles.push(command(answer).1);
     }
     assert_eq!(throttles, [0.0, 0.0, 0.0, 0.0, -1.0, -1.0]);
@@ -176,8 +181,8 @@ impl Pilot for Failing {
 fn a_pilot_that_fails_is_a_bad_frame_and_not_the_end() {
     let mut driver = Driver::new(Box::new(Failing), &Control::default(), frozen);
     let (answer, trace) = driver.drive(&good(0, 5.0));
-    assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Safety));
-    assert!(matches!(&trace.happenings[0], Happening::BadFrame { why, .. } if why.starts_with("pilot: ")));
+    assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Safe));
+    assert!(matches!(&trace.events[0], EventRecord::BadFrame { why, .. } if why.starts_with("pilot: ")));
 }
 
 /// A straight line, its points a metre apart, that bends at the end.
@@ -201,7 +206,7 @@ fn a_pilot_that_knows_the_line_needs_no_picture_and_holds_the_speed_below_its_li
     assert!((command(answer).1 - 0.1 * (limit - 35.0)).abs() < 1e-9, "{answer:?}, expected {limit} mph to be held");
 
     let (_, trace) = driver.drive(&good(66, 20.0));
-    let Happening::BadFrame { why, .. } = &trace.happenings[0] else { panic!("{trace:?}") };
+    let EventRecord::BadFrame { why, .. } = &trace.events[0] else { panic!("{trace:?}") };
     assert!(why.contains("lapwing drive"), "a world without a path: {why}");
 }
 

@@ -9,13 +9,14 @@ use std::{
 use futures_util::{SinkExt, StreamExt};
 use lapwing_core::stats::Agreement;
 use lapwing_core::{
-    client::{self, ClientError, ClientOptions},
+    client::{self, ClientOptions, PlayError},
     config::Control,
+    drive,
     driver::Driver,
-    pilot,
+    pilot::{ConstantPilot, Pilot},
     protocol::Command,
     protocol::number::Culture,
-    replay::{self, Answered, Golden, Rate, Replay, Report, Response},
+    replay::{Answered, Answers, ForBridge, Golden, Rate, Replay, ReplayError, Report, Response},
     units::Steering,
 };
 use lapwing_learn::models;
@@ -36,11 +37,21 @@ fn steered(answered: &Answered) -> Command {
     command
 }
 
-fn in_process(path: &Path) -> Replay {
+/// What a pilot in this process answers, and what the recording lost.
+fn answered_by(path: &Path, pilot: Box<dyn Pilot>) -> (Answers, (u64, Option<String>)) {
     let mut replay = Replay::open(path, Rate::Max).unwrap();
-    let mut driver = Driver::new(models::built_in(Instant::now).unwrap().pilot(), &Control::default(), Instant::now);
-    replay::run(&mut replay, &mut driver, || {}).unwrap();
-    replay
+    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let mut answers = Answers::default();
+    drive::run(&mut replay, &mut driver, &mut [&mut answers]).unwrap();
+    (answers, replay.losses())
+}
+
+fn in_process(path: &Path) -> Answers {
+    answered_by(path, models::built_in(Instant::now).unwrap().pilot()).0
+}
+
+fn for_bridge(path: &Path, rate: Rate) -> ForBridge {
+    ForBridge::new(Replay::open(path, rate).unwrap())
 }
 
 /// A folder as the stock recorder leaves it, of so many rows.
@@ -65,9 +76,9 @@ fn udacity_folder(rows: u8) -> TempDir {
 
 #[test]
 fn the_shipped_run_is_answered_frame_by_frame() {
-    let replay = in_process(&shipped());
-    assert_eq!((replay.answers().len(), replay.losses()), (225, (0, None)));
-    let pairs = replay.answers().iter().map(|a| (steered(a).steering.get(), a.recorded.unwrap().get()));
+    let (answers, losses) = answered_by(&shipped(), models::built_in(Instant::now).unwrap().pilot());
+    assert_eq!((answers.answers().len(), losses), (225, (0, None)));
+    let pairs = answers.answers().iter().map(|a| (steered(a).steering.get(), a.recorded.unwrap().get()));
     let agreement = Agreement::of(pairs).unwrap();
     assert_eq!(agreement.frames, 225);
     assert!(agreement.r.is_some());
@@ -81,10 +92,7 @@ fn a_replay_agrees_with_its_golden_file_and_another_models_does_not() {
     Golden::new("run", "model", replay.answers(), None).write(&path).unwrap();
     let golden = Golden::read(&path).unwrap();
     assert_eq!(golden.compare(in_process(&shipped()).answers(), 1e-6), []);
-    let mut other = Replay::open(&shipped(), Rate::Max).unwrap();
-    let mut driver =
-        Driver::new(Box::new(pilot::ConstantPilot::new(Steering::constant(0.9))), &Control::default(), Instant::now);
-    replay::run(&mut other, &mut driver, || {}).unwrap();
+    let (other, _) = answered_by(&shipped(), Box::new(ConstantPilot::new(Steering::constant(0.9))));
     assert!(golden.compare(other.answers(), 1e-3).len() > 200);
 }
 
@@ -99,7 +107,7 @@ async fn over_the_wire_the_same_commands_come_back_in_every_culture() {
     for culture in Culture::ALL.into_iter().filter(|c| c.name != "fa-IR") {
         let (path, address) = (folder.path().to_owned(), address.clone());
         let there = tokio::task::spawn_blocking(move || {
-            let mut replay = Replay::open(&path, Rate::Max).unwrap();
+            let mut replay = for_bridge(&path, Rate::Max);
             let options = ClientOptions { culture, ..ClientOptions::default() };
             let report = client::play(&mut replay, &address, &options, |_| {}).unwrap();
             assert_eq!((report.telemetries, report.answers, report.lost_tokens), (40, 40, 0));
@@ -127,16 +135,15 @@ async fn a_bridge_that_kicks_between_the_frames_of_a_slow_replay_does_not_mix_up
     let running = Running::start(settings).await;
     let (path, address) = (folder.path().to_owned(), running.address.to_string());
     let there = tokio::task::spawn_blocking(move || {
-        let mut replay = Replay::open(&path, Rate::Hz(2.0)).unwrap();
+        let mut replay = for_bridge(&path, Rate::Hz(2.0));
         client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
         replay
     })
     .await
     .unwrap();
-    let steering =
-        |replay: &Replay| -> Vec<f64> { replay.answers().iter().map(|a| steered(a).steering.get()).collect() };
+    let steering = |answers: &[Answered]| -> Vec<f64> { answers.iter().map(|a| steered(a).steering.get()).collect() };
     assert!(running.stop().await[0].count(Figure::Kicks) > 0);
-    let (there, here) = (steering(&there), steering(&here));
+    let (there, here) = (steering(there.answers()), steering(here.answers()));
     assert!((here[0] - here[5]).abs() > 1e-3, "the frames are told apart");
     assert_eq!(there.len(), here.len());
     assert!(there.iter().zip(&here).all(|(a, b)| (a - b).abs() < 1e-4), "{there:?} {here:?}");
@@ -149,7 +156,7 @@ async fn a_run_recorded_by_the_bridge_replays_to_the_commands_that_were_given() 
     let running = Running::start(settings(dir.path())).await;
     let (path, address) = (folder.path().to_owned(), running.address.to_string());
     tokio::task::spawn_blocking(move || {
-        let mut replay = Replay::open(&path, Rate::Max).unwrap();
+        let mut replay = for_bridge(&path, Rate::Max);
         client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
     })
     .await
@@ -188,12 +195,12 @@ async fn pictures_that_no_network_can_see_are_bad_frames_in_process_and_over_the
     let running = Running::start(settings(dir.path())).await;
     let (path, address) = (folder.path().to_owned(), running.address.to_string());
     let there = tokio::task::spawn_blocking(move || {
-        let mut replay = Replay::open(&path, Rate::Max).unwrap();
+        let mut replay = for_bridge(&path, Rate::Max);
         client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
         replay
     });
-    for replay in [here, there.await.unwrap()] {
-        for answered in replay.answers() {
+    for answers in [here.answers(), there.await.unwrap().answers()] {
+        for answered in answers {
             match &answered.response {
                 Response::Bad { why } if answered.frame % 4 == 1 => {
                     assert_eq!(why, "image: expected a JPEG (ff d8 ff), got bytes that begin with 89 50 4e 47");
@@ -204,7 +211,7 @@ async fn pictures_that_no_network_can_see_are_bad_frames_in_process_and_over_the
         }
         let times = vec![std::time::Duration::ZERO; 20];
         let names = (String::new(), String::new());
-        let report = Report::new(names, replay.answers(), replay.losses(), (&times, times[0]));
+        let report = Report::new(names, answers, (0, None), (&times, times[0]));
         assert_eq!((report.moments, report.bad_frames, report.steering.unwrap().frames), (20, 5, 15));
         assert!(report.has_too_many_bad_frames());
     }
@@ -216,11 +223,11 @@ fn an_image_that_is_missing_is_named() {
     let missing = folder.path().join("IMG/center_2026_11_21_08_00_00_100.jpg");
     fs::remove_file(&missing).unwrap();
     let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
-    let mut driver =
-        Driver::new(Box::new(pilot::ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
-    let error = replay::run(&mut replay, &mut driver, || {}).unwrap_err().to_string();
+    let mut driver = Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
+    let mut answers = Answers::default();
+    let error = drive::run(&mut replay, &mut driver, &mut [&mut answers]).unwrap_err().to_string();
     assert!(error.contains("center_2026_11_21_08_00_00_100.jpg"), "{error}");
-    assert_eq!(replay.answers().len(), 1, "what came before is kept");
+    assert_eq!(answers.answers().len(), 1, "what came before is kept");
 }
 
 #[test]
@@ -250,9 +257,9 @@ async fn odd_bridge(head: &'static str, says: &'static [u8]) -> String {
     address
 }
 
-async fn play_to(address: String) -> ClientError {
+async fn play_to(address: String) -> PlayError<ReplayError> {
     tokio::task::spawn_blocking(move || {
-        let mut replay = Replay::open(&shipped(), Rate::Max).unwrap();
+        let mut replay = for_bridge(&shipped(), Rate::Max);
         let stall = std::time::Duration::from_millis(500);
         client::play(&mut replay, &address, &ClientOptions { stall, ..Default::default() }, |_| {}).unwrap_err()
     })
@@ -305,7 +312,7 @@ async fn bridge_that_stutters() -> String {
 async fn an_answer_that_cannot_be_read_does_not_put_later_ones_to_the_wrong_frames() {
     let (folder, address) = (udacity_folder(5), bridge_that_stutters().await);
     let replay = tokio::task::spawn_blocking(move || {
-        let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
+        let mut replay = for_bridge(folder.path(), Rate::Max);
         let report = client::play(&mut replay, &address, &ClientOptions::default(), |_| {}).unwrap();
         assert_eq!((report.telemetries, report.answers, report.lost_tokens), (5, 4, 1));
         assert_eq!(report.round_trips.len(), 5, "a time for each frame");

@@ -10,13 +10,14 @@ use std::{
 use lapwing::known::known_road;
 use lapwing_core::{
     config::{Control, OnCrash, Takeover},
+    drive::{Driven, Eventful},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
-    recording::{EventRecord, Eventful, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind, RunReader},
+    recording::{EventRecord, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind, RunReader},
     units::{Mph, Steering, Throttle},
 };
-use lapwing_score::judged::{self, Drive};
+use lapwing_score::judged::{self, Judged};
 use lapwing_score::score::{self, Figure, Measure, Scorer};
 use lapwing_sim::{
     camera::Scenery,
@@ -47,9 +48,9 @@ fn driver(pilot: impl Pilot + 'static, mph: f64) -> Driver {
     Driver::new(Box::new(pilot), &control, Instant::now)
 }
 
-fn driven(setup: Setup, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, Drive) {
+fn driven(setup: Setup, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, Judged) {
     let mut world = Simulation::new(setup).unwrap();
-    let drive = judged::run(&mut world, &mut driver(pilot, mph), None, |_, _, _| Ok(())).unwrap();
+    let drive = judged::run(&mut world, &mut driver(pilot, mph), &mut []).unwrap();
     (world, drive)
 }
 
@@ -71,7 +72,7 @@ fn picture(observation: &Observation) -> Vec<u8> {
 fn the_expert_drives_every_kind_of_road_without_leaving_it() {
     // Track, set speed in mph, largest mean |cte| in metres.
     for (name, mph, mean_cte) in [("lake", 30.0, 0.2), ("jungle", 20.0, 0.4), ("random:7", 30.0, 0.4)] {
-        let (_, Drive { card, .. }) = driven(setup(open(name)), PurePursuit::default(), mph);
+        let (_, Judged { card, .. }) = driven(setup(open(name)), PurePursuit::default(), mph);
         assert_eq!(card.value(Figure::Completion), Some(1.0), "{name}: {card}");
         assert_eq!(
             (card.value(Figure::Collisions), card.value(Figure::OffRoads)),
@@ -84,7 +85,7 @@ fn the_expert_drives_every_kind_of_road_without_leaving_it() {
 
 #[test]
 fn who_steers_straight_on_ends_beside_the_road() {
-    let (world, Drive { card, .. }) = driven(setup(lake()), straight_on(), 15.0);
+    let (world, Judged { card, .. }) = driven(setup(lake()), straight_on(), 15.0);
     assert!(matches!(world.ending(), Some(Ending::Lost | Ending::Collision(_))), "{:?}", world.ending());
     assert!(card.value(Figure::Completion).unwrap() < 0.2, "{card}");
     assert_eq!(card.value(Figure::OffRoads), Some(1.0), "{card}");
@@ -93,7 +94,7 @@ fn who_steers_straight_on_ends_beside_the_road() {
 #[test]
 fn after_a_crash_the_car_may_go_on_from_the_next_waypoint() {
     let setup = Setup { on_crash: OnCrash::Reset, longest_s: Some(120.0), ..setup(lake()) };
-    let (world, Drive { card, .. }) = driven(setup, straight_on(), 20.0);
+    let (world, Judged { card, .. }) = driven(setup, straight_on(), 20.0);
     assert_eq!(world.ending(), Some(&Ending::TimeOver));
     assert!(card.value(Figure::Resets).unwrap() >= 3.0, "{card}");
     assert_eq!(card.value(Figure::OffRoads), card.value(Figure::Resets), "{card}");
@@ -108,7 +109,7 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_other_noise() {
         conditions: Conditions { noise: 6.0, rain: 0.5, dropped: 0.2, latency_ms: 70.0, ..Conditions::default() },
         ..setup(lake())
     };
-    let fingerprint = |seed| driven(noisy(seed), PurePursuit::default(), 20.0).1.fingerprint;
+    let fingerprint = |seed| driven(noisy(seed), PurePursuit::default(), 20.0).1.driven.fingerprint;
     let first = fingerprint(1);
     assert_eq!(first, fingerprint(1));
     assert_ne!(first, fingerprint(2));
@@ -236,7 +237,7 @@ fn standing_car() -> Setup {
 #[test]
 fn braking_tells_who_hits_the_standing_car_and_who_stops_short_of_it() {
     let mph = standing_car().scenario.unwrap().ego.speed_mph();
-    let (_, Drive { card, .. }) = driven(standing_car(), PurePursuit::default(), mph);
+    let (_, Judged { card, .. }) = driven(standing_car(), PurePursuit::default(), mph);
     let [avoided, impact, taken_off, until] =
         [Figure::BrakingAvoided, Figure::Impact, Figure::SpeedReduction, Figure::MinTimeToCollision]
             .map(|figure| card.value(figure).unwrap_or_else(|| panic!("{figure:?} in {card}")));
@@ -244,7 +245,7 @@ fn braking_tells_who_hits_the_standing_car_and_who_stops_short_of_it() {
     assert!((impact - mph).abs() < 1.5 && taken_off.abs() < 1.5, "{card}");
     assert!((impact + taken_off - mph).abs() < 0.1, "what was not taken off was met: {card}");
 
-    let (_, Drive { card, .. }) = driven(standing_car(), Stops::after(30), mph);
+    let (_, Judged { card, .. }) = driven(standing_car(), Stops::after(30), mph);
     assert_eq!(card.get(Figure::BrakingAvoided), Measure::Told(1.0), "{card}");
     assert_eq!(card.words(Figure::Impact), "not measurable: nothing was hit");
     assert_eq!(card.get(Figure::FalseAlarms), Measure::Told(0.0), "{card}");
@@ -252,7 +253,7 @@ fn braking_tells_who_hits_the_standing_car_and_who_stops_short_of_it() {
     assert!((0.5..5.0).contains(&card.value(Figure::MinTimeToCollision).unwrap()), "{card}");
 
     // The same with nobody in the way is no avoidance and no alarm that a scenario asked for.
-    let (_, Drive { card, .. }) = driven(Setup { scenario: None, ..standing_car() }, Stops::after(30), mph);
+    let (_, Judged { card, .. }) = driven(Setup { scenario: None, ..standing_car() }, Stops::after(30), mph);
     assert_eq!(card.words(Figure::BrakingAvoided), "not measurable: no scenario asked for braking");
 }
 
@@ -269,14 +270,14 @@ fn who_stops_for_a_child_that_waits_raises_a_false_alarm() {
         offset_m = 4.0"#;
     let scenario = Some(Scenario::parse(text).unwrap());
     let setup = Setup { scenario, laps: None, longest_s: Some(10.0), ..setup(lake()) };
-    let (_, Drive { card, .. }) = driven(setup, Stops::after(30), 24.9);
+    let (_, Judged { card, .. }) = driven(setup, Stops::after(30), 24.9);
     let time_s = card.value(Figure::TimeS).unwrap();
     assert_eq!(card.value(Figure::FalseAlarms), Some(3600.0 / time_s), "{card}");
     assert!(card.value(Figure::MinTimeToCollision).is_none(), "{card}");
 }
 
 /// Drives at 20 mph and records it.
-fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Drive, RecordingReport) {
+fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Judged, RecordingReport) {
     let header = RunHeader {
         kind: RunKind::Driven,
         name_hint: Some("lake".into()),
@@ -292,7 +293,7 @@ fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Drive, Recordin
     let mut world = Simulation::new(setup).unwrap();
     let control = Control { speed_mph: Mph::new(20.0).unwrap(), ..Control::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);
-    let driven = judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
+    let driven = judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap();
     (driven, recorder.finish())
 }
 
@@ -309,7 +310,7 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
     ];
     for (how, setup, pilot) in drives {
         let dir = tempfile::tempdir().unwrap();
-        let (Drive { card, .. }, report) = recorded(dir.path(), setup, pilot);
+        let (Judged { card, .. }, report) = recorded(dir.path(), setup, pilot);
         let again = score::of_run(&mut RunReader::open(&report.path).unwrap(), Scorer::default(), |_, _| ()).unwrap();
         assert_eq!(again, card, "{how}");
         let counts = [Figure::Takeovers, Figure::Collisions].map(|figure| card.value(figure));
@@ -325,7 +326,7 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
 fn laps_of_a_road_that_nobody_knows_are_seen_and_it_is_taken_for_none_that_is_known() {
     let dir = tempfile::tempdir().unwrap();
     let setup = Setup { laps: Some(2), longest_s: Some(300.0), stock: true, ..setup(open("random:14")) };
-    let (Drive { card: truth, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
+    let (Judged { card: truth, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
     let roads: Vec<_> = Track::NAMES.iter().map(|name| Arc::new(known_road(name).unwrap())).collect();
     let scorer = Scorer::on(&roads, Some(2));
     let card = score::of_run(&mut RunReader::open(&report.path).unwrap(), scorer, |_, _| ()).unwrap();
@@ -338,7 +339,8 @@ fn laps_of_a_road_that_nobody_knows_are_seen_and_it_is_taken_for_none_that_is_kn
 fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
     let dir = tempfile::tempdir().unwrap();
     let setup = Setup { longest_s: Some(20.0), ..setup(lake()) };
-    let (Drive { frames, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
+    let (Judged { driven: Driven { frames, .. }, .. }, report) =
+        recorded(dir.path(), setup, Box::new(PurePursuit::default()));
     assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (frames, 0, 0));
     let mut events = vec![];
     let mut telemetries = 0u32;

@@ -121,10 +121,10 @@ fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pi
     let yaw = if a.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let mut along = RecordedWorld::open(recording, a.limit, yaw)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
-    let replay = judged::run(&mut along, &mut driver, None, |_, _, _| Ok(())).map_err(|e| anyhow!(e))?.card;
+    let replay = judged::run(&mut along, &mut driver, &mut [])?.card;
     let mut road = Kept::new(track, a.limit, a.seconds)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
-    let road = judged::run(&mut road, &mut driver, None, |_, _, _| Ok(())).map_err(|e| anyhow!(e))?.card;
+    let road = judged::run(&mut road, &mut driver, &mut [])?.card;
     Ok(Row { pilot: pilot.name.clone(), replay, road })
 }
 

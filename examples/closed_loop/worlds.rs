@@ -1,13 +1,14 @@
 //! The road: a lap of it recorded, and driven with the replay's interventions.
 
-use std::{path::Path, sync::Arc, time::Duration};
+use std::{convert::Infallible, path::Path, sync::Arc, time::Duration};
 
 use anyhow::Result;
 use lapwing_core::{
     config::OnCrash,
+    drive::Eventful,
     protocol::{Answer, Observation, World},
     recording::udacity::{DrivingLogWriter, Sample},
-    recording::{EventRecord, Eventful},
+    turn::EventRecord,
     units::{MPS_PER_MPH, Mph},
 };
 use lapwing_sim::{
@@ -66,7 +67,9 @@ impl Kept {
 }
 
 impl World for Kept {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+    type Error = Infallible;
+
+    fn observe(&mut self) -> Result<Option<Observation>, Infallible> {
         self.simulation.observe()
     }
 
@@ -90,5 +93,9 @@ impl Eventful for Kept {
         events.append(&mut self.events);
         events.sort_by_key(|(at, _)| *at);
         events
+    }
+
+    fn interrupt(&mut self) {
+        self.simulation.interrupt();
     }
 }

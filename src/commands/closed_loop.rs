@@ -11,19 +11,21 @@ use serde_json::json;
 
 use super::{
     Ended, outputs,
-    replay::{progress_bar, too_many_bad_frames},
+    replay::{Bar, too_many_bad_frames},
     thresholds,
 };
 use crate::{cli, film::Film};
 use lapwing_core::{
+    drive::{Driven, Eventful, Observer, ObserverError},
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
-    recording::{Eventful, ModelId, Recorder, RecorderOptions, RunHeader},
+    recording::{ModelId, Recorder, RecorderOptions, RunHeader},
     replay::{self},
+    turn::Turn,
     words::count,
 };
-use lapwing_score::judged::{self, Drive};
+use lapwing_score::judged::{self, Judged};
 use lapwing_score::score::{self, Scorecard};
 use lapwing_sim::along::{Beside, RecordedWorld, Sources, Yaw};
 
@@ -81,21 +83,13 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     // Last, for whatever fails before leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = arguments.recordings.as_deref().map(|dir| Recorder::create(dir, header, options)).transpose()?;
-    let bar = progress_bar(Some(rows as u64));
-    let interrupted = super::interrupted();
+    let (mut bar, mut interrupted) = (Bar::new(Some(rows as u64)), super::interrupted());
     let began = Instant::now();
-    let driven = judged::run(&mut world, &mut driver, recorder.as_ref(), |world, seen, _| {
-        bar.inc(1);
-        if interrupted.is_pressed() {
-            world.end("interrupted");
-        }
-        film.as_mut().map_or(Ok(()), |film| film.take(world, seen.at))
-    });
+    let observers: &mut [&mut dyn Observer<_>] = &mut [&mut recorder.as_ref(), &mut bar, &mut interrupted, &mut film];
+    let judged = judged::run(&mut world, &mut driver, observers);
     let wall = began.elapsed();
-    bar.finish_and_clear();
     let report = recorder.and_then(super::close);
-    let Drive { card, fingerprint, frames, bad_frames } =
-        driven.map_err(|e| anyhow::anyhow!(e)).context(source.clone())?;
+    let Judged { card, driven: Driven { fingerprint, frames, bad_frames } } = judged.with_context(|| source.clone())?;
     let filmed = film.map_or(Ok(()), |film| film.film.finish());
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
@@ -164,8 +158,11 @@ impl Seen {
         let film = Film::create(path, width, height, world.hz())?;
         Ok(Self { film, frame, interventions: 0, marked_until: Duration::ZERO })
     }
+}
 
-    fn take(&mut self, world: &RecordedWorld, at: Duration) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+impl Observer<RecordedWorld> for Seen {
+    fn turn(&mut self, world: &RecordedWorld, turn: &Turn) -> Result<(), ObserverError> {
+        let at = turn.at();
         let (width, height) = (self.frame.width(), self.frame.height());
         let from = world.picture();
         for (i, pixel) in self.frame.rgb_mut().chunks_exact_mut(3).enumerate() {

@@ -11,6 +11,7 @@ use serde_json::json;
 use super::{Ended, thresholds, world};
 use crate::cli::{self, PilotKind};
 use lapwing_core::{
+    drive::{Driven, Observer},
     driver::Driver,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
@@ -18,7 +19,7 @@ use lapwing_core::{
     units::Mph,
     words::count,
 };
-use lapwing_score::judged::{self, Drive};
+use lapwing_score::judged::{self, Judged};
 use lapwing_score::score::{self, Figure, Scorecard};
 use lapwing_sim::world::Simulation;
 
@@ -40,7 +41,7 @@ struct Result_<'a> {
 }
 
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let interrupted = super::interrupted();
+    let mut interrupted = super::interrupted();
     let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
     let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
     if let Some(dir) = &arguments.recordings {
@@ -87,18 +88,15 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     // Last, for whatever fails before leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
-    let bar = world::Progress::new();
+    let mut bar = world::Progress::new();
     let began = Instant::now();
-    let driven = judged::run(&mut simulation, &mut driver, recorder.as_ref(), |simulation, _, _| {
-        bar.show(simulation);
-        interrupted.end(simulation);
-        Ok(pictures.take(simulation)?)
-    });
+    let observers: &mut [&mut dyn Observer<_>] =
+        &mut [&mut recorder.as_ref(), &mut bar, &mut interrupted, &mut pictures];
+    let judged = judged::run(&mut simulation, &mut driver, observers);
     let wall = began.elapsed();
-    bar.clear();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
-    let Drive { card, fingerprint, frames, .. } = driven.map_err(|error| anyhow::anyhow!(error))?;
+    let Judged { card, driven: Driven { fingerprint, frames, .. } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;

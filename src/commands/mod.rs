@@ -57,8 +57,10 @@ use outputs::print;
 use crate::cli::{Cli, Driving, Verb};
 use lapwing_core::{
     config::{self, ConfigError, Layers},
+    drive::{Observer, ObserverError},
     perception,
     recording::{Recorder, RecordingReport},
+    turn::Turn,
     words::count,
 };
 #[cfg(feature = "simulator")]
@@ -146,6 +148,16 @@ impl Interrupted {
         if self.is_pressed() {
             simulation.end(Ending::Interrupted);
         }
+    }
+}
+
+impl<W: ?Sized> Observer<W> for Interrupted {
+    fn turn(&mut self, _: &W, _: &Turn) -> Result<(), ObserverError> {
+        Ok(())
+    }
+
+    fn has_seen_enough(&self) -> bool {
+        self.is_pressed()
     }
 }
 
@@ -287,4 +299,3 @@ fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
     anyhow::ensure!(lost == 0, "{}: {} could not be recorded", path.display(), count(lost, "item"));
     Ok(())
 }
-

@@ -17,7 +17,12 @@ use lapwing_sim::camera::{Camera, Lens};
 
 /// Refuses a model whose code would run because a file says so that anybody may have written. `has_flag` says whether
 /// the verb has `--model`.
-pub(super) fn refuse_strangers_code(file: &str, model: &Path, has_flag: bool, settings: &Settings) -> Result<(), ConfigError> {
+pub(super) fn refuse_strangers_code(
+    file: &str,
+    model: &Path,
+    has_flag: bool,
+    settings: &Settings,
+) -> Result<(), ConfigError> {
     if !models::is_torchscript(model) || settings.model.allow_torchscript {
         return Ok(());
     }
@@ -40,7 +45,11 @@ pub(super) fn allowing(layers: Layers, trust: &Trust) -> Result<Layers, ConfigEr
 }
 
 /// Those, then the flags of the verbs whose model may think in several threads.
-pub(super) fn thinking_layers(config: Option<&Path>, driving: &Driving, thinking: &Thinking) -> Result<Layers, ConfigError> {
+pub(super) fn thinking_layers(
+    config: Option<&Path>,
+    driving: &Driving,
+    thinking: &Thinking,
+) -> Result<Layers, ConfigError> {
     let layers = layers(config, driving)?;
     match thinking.threads {
         Some(threads) => layers.set("--threads", "model.threads", threads),

@@ -14,9 +14,11 @@ use super::{Ended, outputs};
 use crate::cli;
 use lapwing_core::{
     client::{self, ClientOptions},
-    config::ConfigError,
+    config::{ConfigError, Settings},
+    drive::{self, Observer, ObserverError},
     driver::Driver,
-    replay::{self, Difference, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
+    replay::{Answered, Answers, Difference, ForBridge, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
+    turn::Turn,
 };
 use lapwing_learn::nn::runtime;
 use lapwing_score::score::Scorecard;
@@ -57,42 +59,22 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
     arguments.write_golden.as_deref().map_or(Ok(()), outputs::check)?;
     let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
-    let mut replay = Replay::open(&arguments.source, arguments.rate)?;
-    let bar = progress_bar(replay.frames());
-    let (driver, times, began, here) = match &connect {
-        Some(address) => {
-            let began = Instant::now();
-            let options = ClientOptions { culture: arguments.culture, ..Default::default() };
-            let report = client::play(&mut replay, address, &options, |_| bar.inc(1))?;
-            super::tell_ignored(report.lost_tokens);
-            (format!("the bridge at {address}"), report.round_trips, began, None)
-        }
-        None => {
-            let model = super::load_model(&settings)?;
-            let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
-            let began = Instant::now();
-            let times = replay::run(&mut replay, &mut driver, || bar.inc(1))
-                .map_err(|e| anyhow::anyhow!(e))
-                .with_context(|| arguments.source.display().to_string())?;
-            let libtorch = runtime::libtorch().version.unwrap_or_else(|| "of unknown version".into());
-            let here = Machine { cpu: runtime::processor(), libtorch };
-            (model.name().to_owned(), times, began, Some(here))
-        }
+    let replay = Replay::open(&arguments.source, arguments.rate)?;
+    let Asked { driver, answers, times, losses, wall, here } = match connect {
+        Some(address) => of_bridge(replay, address, &arguments)?,
+        None => of_model(replay, &settings).with_context(|| arguments.source.display().to_string())?,
     };
-    let wall = began.elapsed();
-    bar.finish_and_clear();
     let source = arguments.source.display().to_string();
-    let answers = replay.answers();
-    let report = Report::new((source.clone(), driver.clone()), answers, replay.losses(), (&times, wall));
+    let report = Report::new((source.clone(), driver.clone()), &answers, losses, (&times, wall));
     let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
     // What cannot be written takes nothing else with it.
     let written = arguments.write_golden.as_ref().filter(|_| !too_many_bad).map_or(Ok(()), |path| {
-        Golden::new(&source, &driver, answers, here.clone()).write(path)?;
+        Golden::new(&source, &driver, &answers, here.clone()).write(path)?;
         say!("written: {}", path.display());
         Ok::<_, GoldenError>(())
     });
     let comparison = golden.map(|golden| {
-        let differences = golden.compare(answers, arguments.tolerance);
+        let differences = golden.compare(&answers, arguments.tolerance);
         Comparison {
             tolerance: arguments.tolerance,
             differing_frames: differences.len(),
@@ -123,6 +105,46 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     Ok(ended)
 }
 
+/// What was answered, and how.
+struct Asked {
+    driver: String,
+    answers: Vec<Answered>,
+    times: Vec<Duration>,
+    /// Of the recording: [`Replay::losses`].
+    losses: (u64, Option<String>),
+    wall: Duration,
+    /// Absent where a bridge answered, which does not say what it runs on.
+    here: Option<Machine>,
+}
+
+fn of_bridge(replay: Replay, address: String, arguments: &cli::Replay) -> anyhow::Result<Asked> {
+    let bar = Bar::new(replay.frames());
+    let mut world = ForBridge::new(replay);
+    let began = Instant::now();
+    let options = ClientOptions { culture: arguments.culture, ..Default::default() };
+    let report = client::play(&mut world, &address, &options, |_| bar.0.inc(1))?;
+    super::tell_ignored(report.lost_tokens);
+    let wall = began.elapsed();
+    bar.0.finish_and_clear();
+    let losses = world.replay().losses();
+    let (driver, answers) = (format!("the bridge at {address}"), world.into_answers());
+    Ok(Asked { driver, answers, times: report.round_trips, losses, wall, here: None })
+}
+
+fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<Asked> {
+    let mut bar = Bar::new(replay.frames());
+    let model = super::load_model(settings)?;
+    let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
+    let mut answers = Answers::default();
+    let began = Instant::now();
+    drive::run(&mut replay, &mut driver, &mut [&mut answers, &mut bar])?;
+    let wall = began.elapsed();
+    let libtorch = runtime::libtorch().version.unwrap_or_else(|| "of unknown version".into());
+    let here = Some(Machine { cpu: runtime::processor(), libtorch });
+    let (answers, times) = answers.into_parts();
+    Ok(Asked { driver: model.name().to_owned(), answers, times, losses: replay.losses(), wall, here })
+}
+
 /// What is said of a replay that fails for its bad frames.
 pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
     let most = MOST_BAD_FRAMES * 100.0;
@@ -151,14 +173,30 @@ fn told(Comparison { tolerance, differing_frames, first, written_on, compared_on
     text
 }
 
-pub(super) fn progress_bar(frames: Option<u64>) -> ProgressBar {
-    if !io::stderr().is_terminal() {
-        return ProgressBar::hidden();
+/// A line of progress through a recording, where somebody watches.
+pub(super) struct Bar(ProgressBar);
+
+impl Bar {
+    pub(super) fn new(frames: Option<u64>) -> Self {
+        if !io::stderr().is_terminal() {
+            return Self(ProgressBar::hidden());
+        }
+        let (bar, template) = match frames {
+            Some(frames) => (ProgressBar::new(frames), "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left"),
+            None => (ProgressBar::new_spinner(), "{spinner} {pos} frames, {per_sec}, {elapsed}"),
+        };
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self(bar.with_style(ProgressStyle::with_template(template).expect("the template is written here")))
     }
-    let (bar, template) = match frames {
-        Some(frames) => (ProgressBar::new(frames), "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left"),
-        None => (ProgressBar::new_spinner(), "{spinner} {pos} frames, {per_sec}, {elapsed}"),
-    };
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar.with_style(ProgressStyle::with_template(template).expect("the template is written here"))
+}
+
+impl<W: ?Sized> Observer<W> for Bar {
+    fn turn(&mut self, _: &W, _: &Turn) -> Result<(), ObserverError> {
+        self.0.inc(1);
+        Ok(())
+    }
+
+    fn end(&mut self) {
+        self.0.finish_and_clear();
+    }
 }

@@ -8,15 +8,16 @@ use std::{
 use serde::Serialize;
 
 use super::{Ended, Interrupted, thresholds, world};
-use crate::cli;
+use crate::{cli, film::FilmError};
 use lapwing_core::{
     client::{self, ClientOptions},
     config::{Control, Settings},
     control::{Change, Handover},
+    drive::{self, Eventful, Observer, ObserverError},
     driver::Driver,
     pilot::PurePursuit,
     protocol::{Answer, Observation, Sight, World},
-    recording::{EventRecord, Eventful},
+    turn::{EventRecord, Turn},
     units::Mph,
 };
 use lapwing_score::score::{self, Scorecard, Scorer};
@@ -42,58 +43,57 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
         for_s,
         speed: Mph::saturating(arguments.speed),
     });
-    let pictures = world::Pictures::new(&arguments.pictures, &setup)?;
-    let mut live = Live {
-        simulation: Simulation::new(setup)?,
+    let mut seen = Seen {
         judge: Judge::default(),
-        pictures,
+        pictures: world::Pictures::new(&arguments.pictures, &setup)?,
         progress: world::Progress::new(),
+        pace: Pace { began: arguments.realtime.then(Instant::now) },
         interrupted,
-        began: arguments.realtime.then(Instant::now),
-        answered: false,
     };
-    let driver = match &connect {
-        Some(address) => {
-            let options = ClientOptions { culture: arguments.culture, stock: arguments.stock, ..Default::default() };
-            let played = client::play(&mut live, address, &options, |_| ());
-            live.progress.clear();
-            let report = match played {
-                Ok(report) => report,
-                Err(error) => {
-                    // What was driven until then is still worth its pictures and its score.
-                    if live.answered {
-                        finish(live, address, &arguments, &settings)?;
-                    }
-                    return Err(error.into());
-                }
-            };
-            super::tell_ignored(report.lost_tokens);
-            format!("the bridge at {address}")
-        }
-        None => {
-            let control = Control { speed_mph: Mph::saturating(arguments.speed), ..settings.control };
-            let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
-            while let Some(observation) = live.observe().map_err(|error| anyhow::anyhow!(error))? {
-                live.apply(driver.drive(&observation).0);
+    let mut simulation = Simulation::new(setup)?;
+    let Some(address) = &connect else {
+        let control = Control { speed_mph: Mph::saturating(arguments.speed), ..settings.control };
+        let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
+        let Seen { judge, pictures, progress, pace, interrupted } = &mut seen;
+        drive::run(&mut simulation, &mut driver, &mut [pace, progress, interrupted, judge, pictures])?;
+        return finish(seen, &simulation, "the expert", &arguments, &settings);
+    };
+    let options = ClientOptions { culture: arguments.culture, stock: arguments.stock, ..Default::default() };
+    let mut world = ForBridge { simulation, seen, answered: false };
+    let played = client::play(&mut world, address, &options, |_| ());
+    world.seen.progress.clear();
+    world.listen();
+    let ForBridge { simulation, seen, answered } = world;
+    let report = match played {
+        Ok(report) => report,
+        Err(error) => {
+            // What was driven until then is still worth its pictures and its score.
+            if answered {
+                finish(seen, &simulation, address, &arguments, &settings)?;
             }
-            live.progress.clear();
-            "the expert".to_owned()
+            return Err(error.into());
         }
     };
-    finish(live, &driver, &arguments, &settings)
+    super::tell_ignored(report.lost_tokens);
+    finish(seen, &simulation, &format!("the bridge at {address}"), &arguments, &settings)
 }
 
-fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Settings) -> anyhow::Result<Ended> {
-    live.listen();
-    let (made, drawn) = live.pictures.finish(&live.simulation);
-    let card = live.judge.scorer.finish();
+fn finish(
+    seen: Seen,
+    simulation: &Simulation,
+    driver: &str,
+    arguments: &cli::Simulate,
+    settings: &Settings,
+) -> anyhow::Result<Ended> {
+    let (made, drawn) = seen.pictures.finish(simulation);
+    let card = seen.judge.scorer.finish();
     let missed = score::missed(&settings.thresholds, &card);
-    let seed = live.simulation.setup().seed;
+    let seed = simulation.setup().seed;
     let result = if arguments.json {
         let result = Result_ { driver, seed, card: &card, missed: &missed };
         serde_json::to_string_pretty(&result)?
     } else {
-        let mut text = format!("{driver} on {}, seed {seed}\n{card}", live.simulation.setup().track.file().name);
+        let mut text = format!("{driver} on {}, seed {seed}\n{card}", simulation.setup().track.file().name);
         for (what, path) in made {
             text += &format!("\n  {what:<17} {}", path.display());
         }
@@ -106,24 +106,77 @@ fn finish(mut live: Live, driver: &str, arguments: &cli::Simulate, settings: &Se
     Ok(ended)
 }
 
-/// The world while somebody drives it: paced, filmed, scored.
-struct Live {
-    simulation: Simulation,
+/// Those who look on, whoever drives.
+struct Seen {
     judge: Judge,
     pictures: world::Pictures,
     progress: world::Progress,
+    pace: Pace,
     interrupted: Interrupted,
-    /// When, where it keeps step with the clock on the wall.
+}
+
+/// Keeps step with the clock on the wall, if that is wanted since then.
+struct Pace {
     began: Option<Instant>,
+}
+
+impl Pace {
+    fn wait(&self, at: Duration) {
+        if let Some(began) = self.began {
+            std::thread::sleep((began + at).saturating_duration_since(Instant::now()).min(Duration::from_secs(1)));
+        }
+    }
+}
+
+impl<W: ?Sized> Observer<W> for Pace {
+    fn ready(&mut self, at: Duration) {
+        self.wait(at);
+    }
+
+    fn turn(&mut self, _: &W, _: &Turn) -> Result<(), ObserverError> {
+        Ok(())
+    }
+}
+
+/// The world while a bridge drives it. Its turns are not made here but over there, where the driver is: a bridge tells
+/// neither who answered nor how, may have several telemetries in hand, and may leave one without an answer. So those who
+/// look on are shown what is seen, when it is seen.
+struct ForBridge {
+    simulation: Simulation,
+    seen: Seen,
     /// Whether anybody drove.
     answered: bool,
 }
 
-impl Live {
+impl ForBridge {
     fn listen(&mut self) {
         for (at, event) in self.simulation.take_events() {
-            self.judge.scorer.event(at, &event);
+            self.seen.judge.scorer.event(at, &event);
         }
+    }
+}
+
+impl World for ForBridge {
+    type Error = FilmError;
+
+    fn observe(&mut self) -> Result<Option<Observation>, FilmError> {
+        self.seen.progress.show(&self.simulation);
+        if self.seen.interrupted.is_pressed() {
+            self.simulation.interrupt();
+        }
+        let Ok(observation) = self.simulation.observe();
+        self.listen();
+        if let Some(Observation { at, sight }) = &observation {
+            self.seen.pace.wait(*at);
+            self.seen.judge.sight(*at, sight);
+            self.seen.pictures.take(&self.simulation)?;
+        }
+        Ok(observation)
+    }
+
+    fn apply(&mut self, answer: Answer) {
+        self.answered = true;
+        self.simulation.apply(answer);
     }
 }
 
@@ -159,25 +212,19 @@ impl Judge {
     }
 }
 
-impl World for Live {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
-        self.progress.show(&self.simulation);
-        self.interrupted.end(&mut self.simulation);
-        let observation = self.simulation.observe()?;
-        self.listen();
-        if let Some(Observation { at, sight }) = &observation {
-            if let Some(began) = self.began {
-                std::thread::sleep((began + *at).saturating_duration_since(Instant::now()).min(Duration::from_secs(1)));
-            }
-            self.judge.sight(*at, sight);
-            self.pictures.take(&self.simulation)?;
-        }
-        Ok(observation)
+/// Judges whoever drives as it judges a bridge, of whose answers it knows nothing.
+impl<W: ?Sized> Observer<W> for Judge {
+    fn turn(&mut self, _: &W, turn: &Turn) -> Result<(), ObserverError> {
+        self.sight(turn.at(), &turn.observation.sight);
+        Ok(())
     }
 
-    fn apply(&mut self, answer: Answer) {
-        self.answered = true;
-        self.simulation.apply(answer);
+    fn event(&mut self, at: Duration, event: &EventRecord) {
+        self.scorer.event(at, event);
+    }
+
+    fn untold(&mut self, at: Duration, event: &EventRecord) {
+        self.scorer.event(at, event);
     }
 }
 

@@ -11,12 +11,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::outputs;
 use crate::{
     cli::{self, View},
-    film::Film,
+    film::{Film, FilmError},
     map::{self, Driven, Mark, MarkKind},
 };
 use lapwing_core::{
     config::{ConfigError, Layers},
+    drive::{Observer, ObserverError},
     perception::Frame,
+    turn::Turn,
     units::MPS_PER_MPH,
 };
 use lapwing_sim::{
@@ -87,7 +89,7 @@ impl Pictures {
     }
 
     /// Takes the world as it is now.
-    pub(super) fn take(&mut self, world: &Simulation) -> anyhow::Result<()> {
+    pub(super) fn take(&mut self, world: &Simulation) -> Result<(), FilmError> {
         if let Some((film, renderer, camera, frame)) = &mut self.film {
             world.draw(renderer, camera, frame);
             film.frame(frame)?;
@@ -124,6 +126,12 @@ impl Pictures {
     }
 }
 
+impl Observer<Simulation> for Pictures {
+    fn turn(&mut self, world: &Simulation, _: &Turn) -> Result<(), ObserverError> {
+        Ok(self.take(world)?)
+    }
+}
+
 /// A live line of progress, where somebody watches.
 pub(super) struct Progress {
     bar: ProgressBar,
@@ -149,5 +157,16 @@ impl Progress {
 
     pub(super) fn clear(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+impl Observer<Simulation> for Progress {
+    fn turn(&mut self, world: &Simulation, _: &Turn) -> Result<(), ObserverError> {
+        self.show(world);
+        Ok(())
+    }
+
+    fn end(&mut self) {
+        self.clear();
     }
 }

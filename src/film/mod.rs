@@ -144,7 +144,9 @@ enum Named {
     #[cfg(feature = "films")]
     Mp4,
     Gif,
-    Stills { is_folder: bool },
+    Stills {
+        is_folder: bool,
+    },
 }
 
 impl Named {

@@ -12,9 +12,10 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 use lapwing::known::known_road;
 use lapwing_core::{
     control::{Change, Handover},
+    drive::Eventful,
     protocol::number::Culture,
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, World, encode_superset, encode_telemetry},
-    recording::{EventRecord, Eventful},
+    turn::EventRecord,
     units::{Mph, Steering, Throttle},
 };
 use lapwing_live::bridge::Summary;

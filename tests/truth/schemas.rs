@@ -69,7 +69,7 @@ fn every_message_of_a_driven_a_crashed_and_a_taken_over_run_is_as_its_schema_say
         let control = Control { speed_mph: Mph::constant(20.0), ..Control::default() };
         let mut driver = Driver::new(pilot, &control, std::time::Instant::now);
         let mut world = Simulation::new(setup).unwrap();
-        judged::run(&mut world, &mut driver, Some(&recorder), |_, _, _| Ok(())).unwrap();
+        judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap();
         kinds.extend(checked(&recorder.finish().path));
     }
     let expected = ["course", "lap", "off-road", "reset", "run-ended", "takeover-began", "takeover-ended"];

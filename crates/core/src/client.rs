@@ -123,22 +123,30 @@ pub enum ClientError {
         /// How long nothing came.
         stall: Duration,
     },
+}
+
+/// Why a world was not played to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayError<E> {
+    /// There is no bridge, or none that the simulator would play with.
+    #[error(transparent)]
+    Bridge(#[from] ClientError),
     /// The world could not go on.
-    #[error("{0}")]
-    World(Box<dyn std::error::Error + Send + Sync>),
+    #[error(transparent)]
+    World(E),
 }
 
 /// Plays a world to the bridge at `address` (`HOST:PORT`) until the world ends.
 /// `progress` is called after each answer.
 ///
 /// # Errors
-/// [`ClientError`]: no bridge there, or one that the simulator would not play with.
-pub fn play(
-    world: &mut dyn World,
+/// [`PlayError`]: no bridge there, one that the simulator would not play with, or a world that cannot go on.
+pub fn play<W: World>(
+    world: &mut W,
     address: &str,
     options: &ClientOptions,
     mut progress: impl FnMut(&ClientReport),
-) -> Result<ClientReport, ClientError> {
+) -> Result<ClientReport, PlayError<W::Error>> {
     let mut client = Client {
         socket: connect(address)?,
         options,
@@ -161,7 +169,7 @@ pub fn play(
             next_ping += PING;
         }
         if client.tokens > 0 && world_goes_on {
-            match world.observe().map_err(ClientError::World)? {
+            match world.observe().map_err(PlayError::World)? {
                 Some(observation) => {
                     if client.in_flight.is_empty() {
                         // Kicks of a bridge that has waited for long, as slow replays make it.

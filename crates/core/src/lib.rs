@@ -25,8 +25,9 @@
 //! | [`perception`] | base64 and JPEG to `Frame`; crop, resize, colour, scale |
 //! | [`pilot`] | the trait `Pilot`, pure pursuit, constant |
 //! | [`control`] | speed controllers, standstill, hand-over |
+//! | [`turn`] | one turn of a drive, and what is recorded of it |
 //! | [`driver`] | the function above |
-//! | [`drive`] | a world driven in this process, before observers |
+//! | [`drive`] | the loop: a world driven before observers |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders |
 //! | [`replay`] | a recording as a world, open loop |
 //!
@@ -59,5 +60,6 @@ pub mod protocol;
 pub mod recording;
 pub mod replay;
 pub mod stats;
+pub mod turn;
 pub mod units;
 pub mod words;

@@ -3,51 +3,59 @@
 use std::time::Duration;
 
 use lapwing_core::{
-    drive::{self, Observer},
+    drive::{self, Driven, Eventful, Fingerprint, Observer, ObserverError, TurnError},
     driver::Driver,
-    protocol::{Answer, Observation},
-    recording::{EventRecord, Eventful, Item, Recorder},
+    turn::{EventRecord, Turn},
 };
 
 use crate::score::{Scorecard, Scorer};
 
-impl Observer for Scorer {
-    fn item(&mut self, at: Duration, item: &Item) {
-        Scorer::item(self, at, item);
+/// Takes the parts of a turn in the order in which a run of it holds them.
+impl<W: ?Sized> Observer<W> for Scorer {
+    fn turn(&mut self, _world: &W, turn: &Turn) -> Result<(), ObserverError> {
+        if let Some(telemetry) = turn.telemetry() {
+            self.telemetry(turn.at(), telemetry);
+        }
+        if let Some(jpeg) = &turn.trace.jpeg {
+            self.frame(jpeg);
+        }
+        if let Some(command) = turn.command() {
+            self.command(&command);
+        }
+        turn.trace.events.iter().for_each(|event| self.event(turn.at(), event));
+        Ok(())
+    }
+
+    fn event(&mut self, at: Duration, event: &EventRecord) {
+        Self::event(self, at, event);
     }
 
     fn untold(&mut self, at: Duration, event: &EventRecord) {
-        self.event(at, event);
+        Self::event(self, at, event);
     }
 }
 
 /// What became of a drive, and what it was worth.
 #[derive(Debug)]
-pub struct Drive {
+pub struct Judged {
     /// The judgement.
     pub card: Scorecard,
-    /// SHA-256 over all frames and commands in order: equal where two drives were the same.
-    pub fingerprint: String,
-    /// Frames that were there to drive by.
-    pub frames: u64,
-    /// Those of them that no pilot could drive by.
-    pub bad_frames: u64,
+    /// By what to tell it from others, and how many frames were seen.
+    pub driven: Driven,
 }
 
-/// Drives a world to its end, recorded if wanted, and judges it. `watch` sees each turn before the world moves on.
+/// Drives a world to its end, before these observers and a scorer, and judges it.
 ///
 /// # Errors
-/// What keeps the world from going on.
+/// [`TurnError`]: what keeps the world or an observer from going on.
 pub fn run<W: Eventful>(
     world: &mut W,
     driver: &mut Driver,
-    recorder: Option<&Recorder>,
-    watch: impl FnMut(&mut W, &Observation, Answer) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
-) -> Result<Drive, Box<dyn std::error::Error + Send + Sync>> {
-    let mut scorer = Scorer::default().of_kind(world.kind());
-    let mut recorder = recorder;
-    let mut observers: Vec<&mut dyn Observer> = vec![&mut scorer];
-    observers.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
-    let drive::Driven { fingerprint, frames, bad_frames } = drive::run(world, driver, &mut observers, watch)?;
-    Ok(Drive { card: scorer.finish(), fingerprint, frames, bad_frames })
+    observers: &mut [&mut dyn Observer<W>],
+) -> Result<Judged, TurnError<W::Error>> {
+    let (mut scorer, mut fingerprint) = (Scorer::default().of_kind(world.kind()), Fingerprint::default());
+    let mut all: Vec<&mut dyn Observer<W>> = vec![&mut scorer, &mut fingerprint];
+    all.extend(observers.iter_mut().map(|observer| &mut **observer as &mut dyn Observer<W>));
+    drive::run(world, driver, &mut all)?;
+    Ok(Judged { card: scorer.finish(), driven: fingerprint.finish() })
 }

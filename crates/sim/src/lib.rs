@@ -35,7 +35,7 @@
 //! let mut world = Simulation::new(Setup::new(track, scenery))?;
 //! let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), Instant::now);
 //! for _ in 0..30 {
-//!     let Some(observation) = world.observe().map_err(|e| e.to_string())? else { break };
+//!     let Some(observation) = world.observe()? else { break };
 //!     let (answer, _trace) = driver.drive(&observation);
 //!     world.apply(answer);
 //! }

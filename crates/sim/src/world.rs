@@ -5,7 +5,7 @@
 //! time of day, so the same [`Setup`] under the same answers is the same to the
 //! last byte, however fast it runs.
 
-use std::{fmt, sync::Arc, time::Duration};
+use std::{convert::Infallible, fmt, sync::Arc, time::Duration};
 
 use bytes::Bytes;
 use glam::DVec3;
@@ -25,10 +25,11 @@ use super::{
 };
 use lapwing_core::{
     config::{OnCrash, Rules},
+    drive::Eventful,
     motion::turn,
     perception::Frame,
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, Truth, World},
-    recording::{EventRecord, Eventful},
+    turn::EventRecord,
     units::{Degrees, MPS_PER_MPH, Metres, Mph, Throttle},
 };
 
@@ -466,10 +467,16 @@ impl Eventful for Simulation {
     fn is_recorded(&self) -> bool {
         !self.setup.stock
     }
+
+    fn interrupt(&mut self) {
+        self.end(Ending::Interrupted);
+    }
 }
 
 impl World for Simulation {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+    type Error = Infallible;
+
+    fn observe(&mut self) -> Result<Option<Observation>, Infallible> {
         if let Some(ending) = &self.ending {
             if !std::mem::replace(&mut self.announced_end, true) {
                 let at = Duration::from_secs_f64(self.time_s());

@@ -13,7 +13,9 @@ struct Telling {
 }
 
 impl World for Telling {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+    type Error = std::convert::Infallible;
+
+    fn observe(&mut self) -> Result<Option<Observation>, Self::Error> {
         let Some(left) = self.left.checked_sub(1) else { return Ok(None) };
         self.left = left;
         let telemetry = Telemetry {

@@ -9,10 +9,6 @@
 //! measured is what drives. It always answers: what cannot be seen or computed
 //! gets a safe command.
 
-mod trace;
-
-pub use trace::{By, Happening, Trace};
-
 use std::time::Duration;
 
 use crate::{
@@ -21,6 +17,7 @@ use crate::{
     perception::{self, Frame, ImageError},
     pilot::{Pilot, PilotError, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
+    turn::{By, EventRecord, Trace},
     units::{Clock, Mph, Steering, Throttle},
 };
 
@@ -83,7 +80,7 @@ impl Driver {
         let answer = match &observation.sight {
             Sight::HumanDrives => {
                 if self.handover.human_drives(at).is_some() {
-                    trace.happenings.push(Happening::TakeoverBegan);
+                    trace.events.push(EventRecord::TakeoverBegan);
                 }
                 // Pilot and integral are held, not reset: they go on when the human lets go.
                 self.bad = BadFrames::default();
@@ -104,7 +101,7 @@ impl Driver {
             }
             // It does not say that the human has let go.
             Sight::Unreadable(why) if self.handover.is_human() => {
-                trace.happenings.push(Happening::BadFrame { why: why.to_string(), in_a_row: 1 });
+                trace.events.push(EventRecord::BadFrame { why: why.to_string(), count_in_row: 1 });
                 trace.by = By::Human;
                 Answer::Manual
             }
@@ -141,7 +138,10 @@ impl Driver {
 
     fn human_let_go(&mut self, at: Duration, trace: &mut Trace) {
         if let Some(Change::TakeoverEnded(after)) = self.handover.command_asked(at) {
-            trace.happenings.push(Happening::TakeoverEnded { after, pilot_off: self.handover.is_off() });
+            trace.events.push(EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() });
+            if self.handover.is_off() {
+                trace.events.push(EventRecord::PilotOff { why: "a human drove; the pilot waits to be armed".into() });
+            }
         }
     }
 
@@ -154,7 +154,7 @@ impl Driver {
         };
         trace.jpeg = Some(jpeg.clone());
         if self.handover.is_off() {
-            trace.by = By::Nobody;
+            trace.by = By::Off;
             return Ok(Command::default()); // wheels straight, the car rolls out
         }
         if self.pilot.needs_picture() {
@@ -175,15 +175,15 @@ impl Driver {
 
     /// The way of a bad one: roll on as steered last, and stop if it stays bad.
     fn safe(&mut self, at: Duration, speed: Speed, why: &str, trace: &mut Trace) -> Command {
-        trace.by = By::Safety;
+        trace.by = By::Safe;
         self.bad.in_a_row += 1;
-        let in_a_row = self.bad.in_a_row;
-        trace.happenings.push(Happening::BadFrame { why: why.to_owned(), in_a_row });
-        if in_a_row == BAD_FRAMES_TO_BRAKE {
-            trace.happenings.push(Happening::BrakingToStandstill);
+        let count_in_row = self.bad.in_a_row;
+        trace.events.push(EventRecord::BadFrame { why: why.to_owned(), count_in_row });
+        if count_in_row == BAD_FRAMES_TO_BRAKE {
+            trace.events.push(EventRecord::BrakingToStandstill);
         }
         let throttle =
-            if in_a_row < BAD_FRAMES_TO_BRAKE { Throttle::ZERO } else { self.bad.standstill.update(at, speed) };
+            if count_in_row < BAD_FRAMES_TO_BRAKE { Throttle::ZERO } else { self.bad.standstill.update(at, speed) };
         Command { steering: self.last.steering, throttle }
     }
 }

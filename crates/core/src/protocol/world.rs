@@ -30,11 +30,14 @@ pub enum Sight {
 
 /// Something that yields telemetry and takes commands: a recording, the headless simulator.
 pub trait World {
+    /// What keeps it from going on; [`Infallible`](std::convert::Infallible) where nothing does.
+    type Error: std::error::Error + Send + Sync + 'static;
+
     /// The next moment, or `None` at the end.
     ///
     /// # Errors
-    /// What keeps the world from going on, in words for a person.
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>>;
+    /// What keeps the world from going on.
+    fn observe(&mut self) -> Result<Option<Observation>, Self::Error>;
 
     /// Takes the answer to the last observation.
     fn apply(&mut self, answer: Answer);

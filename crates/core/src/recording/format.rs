@@ -6,11 +6,11 @@ use prost_types::{
     field_descriptor_proto::{Label, Type},
 };
 
-use super::{
-    items::{CommandRecord, EventRecord},
-    schema,
+use super::schema;
+use crate::{
+    protocol::Telemetry,
+    turn::{CommandRecord, EventRecord},
 };
-use crate::protocol::Telemetry;
 
 /// The version of the run file that is written, and the latest that is read.
 pub const FORMAT_VERSION: u32 = 1;

@@ -1,16 +1,15 @@
 //! What a run is made of: its header, and the items that happen in it.
 
-use std::{collections::BTreeMap, path::Path, time::Duration};
+use std::{collections::BTreeMap, path::Path};
 
 use bytes::Bytes;
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{FORMAT_VERSION, RecordingError};
 use crate::{
     pilot::Model,
-    protocol::{CameraImage, Dialect, Telemetry, World},
-    units::{Steering, Throttle},
+    protocol::{CameraImage, Dialect, Telemetry},
+    turn::{CommandRecord, EventRecord},
 };
 
 /// How a run was made, all that is known when it begins.
@@ -102,204 +101,6 @@ pub enum Item {
     Event(EventRecord),
 }
 
-/// Who decided a command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum By {
-    /// The model.
-    Pilot,
-    /// A person at the simulator's keyboard.
-    Human,
-    /// Nobody: the safe answer to a frame that cannot be driven by.
-    Safe,
-    /// Nobody: the pilot is switched off.
-    Off,
-}
-
-/// An answer to the simulator and how it came about.
-///
-/// JSON has no NaN: a number here that is not finite reads back as `None`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct CommandRecord {
-    /// Who decided.
-    pub by: By,
-    /// The steering sent.
-    pub steering: Steering,
-    /// The throttle sent.
-    pub throttle: Throttle,
-    /// What the network said, before anything was made of it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub prediction: Option<f64>,
-    /// The proportional part of the speed controller's output.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub p: Option<f64>,
-    /// Its integral part.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub i: Option<f64>,
-    /// Whether the speed controller's output was cut to the throttle's range.
-    pub saturated: bool,
-    /// Time to decode base64 and JPEG.
-    pub decode_ns: u64,
-    /// Time to crop, scale and normalise.
-    pub preprocess_ns: u64,
-    /// Time in the network.
-    pub forward_ns: u64,
-    /// Time in the driver altogether.
-    pub driver_ns: u64,
-    /// From message in to answer out, as far as it is known when this is recorded.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub latency_ns: Option<u64>,
-}
-
-impl CommandRecord {
-    /// What a person at the wheel did: nobody predicted, controlled or was waited for.
-    pub fn of_human(steering: Steering, throttle: Throttle) -> Self {
-        Self {
-            by: By::Human,
-            steering,
-            throttle,
-            prediction: None,
-            p: None,
-            i: None,
-            saturated: false,
-            decode_ns: 0,
-            preprocess_ns: 0,
-            forward_ns: 0,
-            driver_ns: 0,
-            latency_ns: None,
-        }
-    }
-}
-
-/// What happens in a run besides telemetry and commands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum EventRecord {
-    /// A person took the wheel.
-    TakeoverBegan,
-    /// And gave it back.
-    TakeoverEnded {
-        /// How long they had it.
-        duration_s: f64,
-    },
-    /// A telemetry or picture that could not be driven by.
-    BadFrame {
-        /// What was wrong.
-        why: String,
-        /// The how-manieth in a row.
-        count_in_row: u32,
-    },
-    /// Too many bad frames in a row: the car is being stopped.
-    BrakingToStandstill,
-    /// The disk was too slow; written by the recorder itself once there was room again.
-    FramesNotRecorded {
-        /// How many frames are missing before this.
-        count: u64,
-    },
-    /// An answer was sent without a telemetry, to wake a simulator that waits for one.
-    Kick,
-    /// The pilot was switched off.
-    PilotOff {
-        /// By what.
-        why: String,
-    },
-    /// The pilot was switched on.
-    PilotArmed,
-    /// An event of the simulator that is no telemetry.
-    Simulator {
-        /// Its name on the wire.
-        name: String,
-        /// Its payload, as text; cut to 2000 characters.
-        payload: String,
-    },
-    /// What is to be driven; before the first telemetry, where the world knows.
-    Course {
-        /// The track's name.
-        track: String,
-        /// Once around, in metres.
-        length_m: f64,
-        /// Waypoints around it, counted by the telemetry's `waypoint`.
-        waypoints: u32,
-        /// Laps asked for; none where only time ends the run.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        laps: Option<u32>,
-        /// Metres from the road's middle at which its edge is.
-        edge_m: f64,
-        /// The script of the other traffic, by name.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        scenario: Option<String>,
-    },
-    /// A lap was completed.
-    Lap {
-        /// The how manieth, from 1.
-        number: u32,
-        /// How long it took.
-        time_s: f64,
-    },
-    /// The car hit something.
-    Collision {
-        /// What.
-        with: String,
-        /// How fast the two met.
-        speed_mph: f64,
-        /// How fast the car itself was; earlier versions did not tell.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        own_mph: Option<f64>,
-    },
-    /// The car left the road.
-    OffRoad {
-        /// How far from the road's middle it was, positive to the right.
-        offset_m: f64,
-    },
-    /// And came back.
-    BackOnRoad {
-        /// How long it was off.
-        after_s: f64,
-    },
-    /// The car does not get away.
-    Stuck,
-    /// And did after all.
-    Moving,
-    /// The car drives against the direction of the track.
-    WrongWay,
-    /// And turned round.
-    RightWay,
-    /// The car was put back on the road.
-    Reset {
-        /// The waypoint.
-        waypoint: u32,
-    },
-    /// Words of a person or a script.
-    Note {
-        /// The words.
-        text: String,
-    },
-    /// The run ended in an orderly way.
-    RunEnded {
-        /// By what.
-        why: String,
-    },
-}
-
-/// A world that says what happens in it besides its telemetry.
-pub trait Eventful: World {
-    /// What has happened since the last call, in the order of time.
-    fn take_events(&mut self) -> Vec<(Duration, EventRecord)>;
-
-    /// What a run of this world is a recording of.
-    fn kind(&self) -> RunKind {
-        RunKind::Driven
-    }
-
-    /// Whether a run of this world holds what it says: not where it plays one that says nothing.
-    fn is_recorded(&self) -> bool {
-        true
-    }
-}
-
-/// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
-pub(super) const MAX_TEXT: usize = 2000;
-
 impl Item {
     /// The item without what is not recorded: no picture inside telemetry, no endless text.
     pub(super) fn lean(mut self) -> Self {
@@ -310,50 +111,6 @@ impl Item {
             Self::Frame(_) | Self::Command(_) => {}
         }
         self
-    }
-}
-
-impl EventRecord {
-    /// The course of whoever drives along the path of a recording of this name and may be `limit_m` beside it: a path
-    /// and nothing else, which ends somewhere. That it is one stands in the run's header ([`RunKind::RecordedPath`]).
-    pub fn recorded_path(recording: &str, length_m: f64, waypoints: u32, limit_m: f64) -> Self {
-        let track = format!("{recording} (recorded)");
-        Self::Course { track, length_m, waypoints, laps: None, edge_m: limit_m, scenario: None }
-    }
-
-    fn shorten(&mut self) {
-        let cut = |text: &mut String| {
-            if let Some((end, _)) = text.char_indices().nth(MAX_TEXT) {
-                text.truncate(end);
-                text.shrink_to_fit();
-            }
-        };
-        match self {
-            Self::BadFrame { why: text, .. }
-            | Self::PilotOff { why: text }
-            | Self::RunEnded { why: text }
-            | Self::Note { text } => cut(text),
-            Self::Simulator { name, payload } => {
-                cut(name);
-                cut(payload);
-            }
-            Self::TakeoverBegan
-            | Self::TakeoverEnded { .. }
-            | Self::BrakingToStandstill
-            | Self::FramesNotRecorded { .. }
-            | Self::Kick
-            | Self::PilotArmed
-            | Self::Course { .. }
-            | Self::Lap { .. }
-            | Self::Collision { .. }
-            | Self::OffRoad { .. }
-            | Self::BackOnRoad { .. }
-            | Self::Stuck
-            | Self::Moving
-            | Self::WrongWay
-            | Self::RightWay
-            | Self::Reset { .. } => {}
-        }
     }
 }
 
@@ -480,17 +237,6 @@ mod tests {
     }
 
     #[test]
-    fn an_event_is_one_json_object_told_apart_by_kind() {
-        let text = |event: EventRecord| serde_json::to_string(&event).unwrap();
-        assert_eq!(text(EventRecord::Kick), r#"{"kind":"kick"}"#);
-        assert_eq!(
-            text(EventRecord::BadFrame { why: "no JPEG".into(), count_in_row: 2 }),
-            r#"{"kind":"bad-frame","why":"no JPEG","count_in_row":2}"#
-        );
-        assert_eq!(text(EventRecord::FramesNotRecorded { count: 3 }), r#"{"kind":"frames-not-recorded","count":3}"#);
-    }
-
-    #[test]
     fn what_a_run_is_stands_in_its_header_and_in_earlier_runs_in_its_settings() {
         let read = |fields| RunHeader::from_metadata(Path::new("a.mcap"), fields).unwrap().kind;
         for kind in [RunKind::Driven, RunKind::RecordedPath, RunKind::DrivingLog] {
@@ -510,8 +256,8 @@ mod tests {
 
     #[test]
     fn a_simulators_payload_is_cut_between_characters() {
-        let event = EventRecord::Simulator { name: "x".into(), payload: "é".repeat(MAX_TEXT + 1) };
+        let event = EventRecord::Simulator { name: "x".into(), payload: "é".repeat(2001) };
         let Item::Event(EventRecord::Simulator { payload, .. }) = Item::Event(event).lean() else { panic!() };
-        assert_eq!(payload, "é".repeat(MAX_TEXT));
+        assert_eq!(payload, "é".repeat(2000));
     }
 }

@@ -45,10 +45,12 @@ pub mod udacity;
 mod writer;
 
 pub use format::FORMAT_VERSION;
-pub use items::{By, CommandRecord, EventRecord, Eventful, Item, ModelId, RunHeader, RunKind};
+pub use items::{Item, ModelId, RunHeader, RunKind};
 pub use moments::{Moment, Moments, Step};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
+
+pub use crate::turn::{By, CommandRecord, EventRecord};
 
 /// The longest picture that is read, in bytes, from a file or a run. The stock simulator's take some 12 kB.
 pub const MOST_PICTURE: usize = 16 << 20;

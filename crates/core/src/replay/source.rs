@@ -1,20 +1,18 @@
 //! Runs and Udacity folders as one kind of world.
 
 use std::{
-    collections::VecDeque,
     io,
     path::{Path, PathBuf},
     str::FromStr,
     time::{Duration, Instant},
 };
 
-use super::pace;
 use crate::{
-    driver::{By as DrivenBy, Happening, Trace},
-    perception::{self, Frame, ImageError},
-    protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, Truth, World},
+    drive::Eventful,
+    protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
     recording::udacity::{DrivingLog, Row},
-    recording::{By, EventRecord, Moment, Moments, RecordingError, RunReader, is_run, read_picture},
+    recording::{Moment, Moments, RecordingError, RunReader, is_run, read_picture},
+    turn::{By, EventRecord},
     units::Steering,
 };
 
@@ -60,75 +58,18 @@ pub enum ReplayError {
     },
 }
 
-/// What became of one frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Answered {
-    /// Number of the frame, from 0.
-    pub frame: u64,
-    /// Time since the recording began.
-    pub at: Duration,
-    /// What was steered when it was recorded; absent where the recording does not tell.
-    pub recorded: Option<Steering>,
-    /// What is answered now.
-    pub response: Response,
-}
-
-/// What a driver makes of a frame. Only the first is the pilot's word.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Response {
-    /// The pilot saw the frame, and this is its command.
-    Steer(Command),
-    /// A human drives.
-    Human,
-    /// The pilot waits to be armed: this command is nobody's.
-    Off(Command),
-    /// No pilot saw the frame: it cannot be read, or the pilot has no answer to it. What the driver sends instead is
-    /// there for safety and says nothing about a pilot.
-    Bad {
-        /// What is wrong with it.
-        why: String,
-    },
-}
-
-impl Response {
-    /// Of a driver in this process, which tells who answered.
-    pub fn of(answer: Answer, trace: &Trace) -> Self {
-        match (answer, trace.by) {
-            (Answer::Manual, _) => Self::Human,
-            (Answer::Steer(command), DrivenBy::Nobody) => Self::Off(command),
-            (Answer::Steer(_), DrivenBy::Safety) => {
-                let why = trace.happenings.iter().find_map(|happening| match happening {
-                    Happening::BadFrame { why, .. } => Some(why.clone()),
-                    _ => None,
-                });
-                Self::Bad { why: why.unwrap_or_default() }
-            }
-            (Answer::Steer(command), _) => Self::Steer(command),
-        }
-    }
-}
-
-/// A recording as a world: yields what was recorded and keeps what is answered.
+/// A recording as a world: yields what was recorded, whatever is answered.
 pub struct Replay {
     source: Source,
     rate: Rate,
     began: Option<Instant>,
     shown: u64,
     skipped: u64,
-    /// The pilot was armed since the last look.
-    armed: bool,
-    /// Shown and not yet answered.
-    waiting: VecDeque<Shown>,
-    answers: Vec<Answered>,
-    /// Memory for pictures that are looked at here.
-    scratch: Frame,
-}
-
-struct Shown {
-    frame: u64,
-    at: Duration,
+    /// What was steered at the moment observed last.
     recorded: Option<Steering>,
-    image: Option<CameraImage>,
+    /// The pilot was armed before it.
+    armed: Option<Duration>,
+    interrupted: bool,
 }
 
 enum Source {
@@ -148,17 +89,7 @@ impl Replay {
             let rows = DrivingLog::open(path)?.rows;
             Source::Folder { frames: rows.len() as u64, rows: rows.into_iter() }
         };
-        Ok(Self {
-            source,
-            rate,
-            began: None,
-            shown: 0,
-            skipped: 0,
-            armed: false,
-            waiting: VecDeque::new(),
-            answers: vec![],
-            scratch: Frame::default(),
-        })
+        Ok(Self { source, rate, began: None, shown: 0, skipped: 0, recorded: None, armed: None, interrupted: false })
     }
 
     /// How many frames there are, where that is known beforehand.
@@ -169,14 +100,9 @@ impl Replay {
         }
     }
 
-    /// What has been answered.
-    pub fn answers(&self) -> &[Answered] {
-        &self.answers
-    }
-
-    /// Whether the pilot was armed by hand before the moment observed last; says so once.
-    pub fn take_armed(&mut self) -> bool {
-        std::mem::take(&mut self.armed)
+    /// What was steered at the moment observed last; absent where the recording does not tell.
+    pub fn recorded(&self) -> Option<Steering> {
+        self.recorded
     }
 
     /// Telemetries skipped for want of a frame, and why the recording ends early if it does.
@@ -186,13 +112,6 @@ impl Replay {
             Source::Folder { .. } => None,
         };
         (self.skipped, cut_off)
-    }
-
-    /// Takes what became of the frame that has waited longest.
-    pub(super) fn settle(&mut self, response: Response) {
-        if let Some(Shown { frame, at, recorded, .. }) = self.waiting.pop_front() {
-            self.answers.push(Answered { frame, at, recorded, response });
-        }
     }
 
     fn next(&mut self) -> Result<Option<(Observation, Option<Steering>)>, ReplayError> {
@@ -224,7 +143,7 @@ impl Replay {
                         Moment::Event { at, event: EventRecord::TakeoverBegan } => {
                             return Ok(Some((Observation { at, sight: Sight::HumanDrives }, None)));
                         }
-                        Moment::Event { event: EventRecord::PilotArmed, .. } => self.armed = true,
+                        Moment::Event { at, event: EventRecord::PilotArmed } => self.armed = Some(at),
                         Moment::Event { .. } => {}
                     }
                 }
@@ -234,46 +153,44 @@ impl Replay {
     }
 }
 
+impl Eventful for Replay {
+    /// Of all events only that a person armed the pilot: what else happened then says nothing of who is asked now.
+    fn take_events(&mut self) -> Vec<(Duration, EventRecord)> {
+        self.armed.take().map(|at| (at, EventRecord::PilotArmed)).into_iter().collect()
+    }
+
+    fn interrupt(&mut self) {
+        self.interrupted = true;
+    }
+}
+
 impl World for Replay {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+    type Error = ReplayError;
+
+    fn observe(&mut self) -> Result<Option<Observation>, ReplayError> {
+        if self.interrupted {
+            return Ok(None);
+        }
         let Some((observation, recorded)) = self.next()? else { return Ok(None) };
         let began = *self.began.get_or_insert_with(Instant::now);
         pace(self.rate, began, self.shown, observation.at);
-        let image = match &observation.sight {
-            Sight::Telemetry(telemetry) => Some(telemetry.image.clone()),
-            Sight::HumanDrives | Sight::Unreadable(_) => None,
-        };
-        self.waiting.push_back(Shown { frame: self.shown, at: observation.at, recorded, image });
+        self.recorded = recorded;
         self.shown += 1;
         Ok(Some(observation))
     }
 
-    fn unanswered(&mut self) {
-        self.settle(Response::Bad { why: "its answer could not be read".into() });
-    }
-
-    /// Takes the answer of a bridge, which does not tell what it is worth: a picture that cannot be read was seen by no
-    /// network behind it.
-    fn apply(&mut self, answer: Answer) {
-        let response = match answer {
-            Answer::Manual => Response::Human,
-            Answer::Steer(command) => {
-                let image = self.waiting.front().and_then(|shown| shown.image.as_ref());
-                match image.map_or(Ok(()), |image| readable(image, &mut self.scratch)) {
-                    Ok(()) => Response::Steer(command),
-                    Err(why) => Response::Bad { why: format!("image: {why}") },
-                }
-            }
-        };
-        self.settle(response);
-    }
+    /// What was recorded stays as it was.
+    fn apply(&mut self, _: Answer) {}
 }
 
-fn readable(image: &CameraImage, scratch: &mut Frame) -> Result<(), ImageError> {
-    match image {
-        CameraImage::Jpeg(jpeg) => perception::decode_jpeg(jpeg, scratch),
-        CameraImage::Base64(text) => perception::decode_jpeg(&perception::decode_base64(text)?, scratch),
-    }
+/// Waits until `at` after `began`, at `rate`.
+fn pace(rate: Rate, began: Instant, frame: u64, at: Duration) {
+    let due = match rate {
+        Rate::Max => return,
+        Rate::Real => at,
+        Rate::Hz(hz) => Duration::from_secs_f64(frame as f64 / hz),
+    };
+    std::thread::sleep((began + due).saturating_duration_since(Instant::now()));
 }
 
 #[cfg(test)]

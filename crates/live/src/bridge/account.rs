@@ -6,17 +6,17 @@ use serde::Serialize;
 
 use lapwing_core::{
     config::Recording,
-    drive,
-    driver::Trace,
-    protocol::{Answer, Dialect, Telemetry},
-    recording::{Item, Recorder, RecorderOptions, RunHeader},
+    drive::{Elsewhere, Observer, ObserverError},
+    protocol::{Answer, Dialect},
+    recording::{Recorder, RecorderOptions, RunHeader},
+    turn::{EventRecord, Turn},
 };
 use lapwing_score::{
     odometry::Road,
     score::{self, Figure, Scorecard, Scorer},
 };
 
-/// A drive's items, counted and recorded.
+/// A drive, counted, scored and recorded.
 pub(super) struct Account {
     dialect: Option<Dialect>,
     /// None where nobody wants a file, or none could be made.
@@ -37,30 +37,6 @@ impl Account {
         Self { dialect, recorder: recorder.flatten(), scorer: Scorer::live(roads), steers: 0, manuals: 0 }
     }
 
-    /// A message and what came of it; without a latency the answer was never sent.
-    pub fn turn(
-        &mut self,
-        at: Duration,
-        telemetry: Option<Telemetry>,
-        answer: Answer,
-        trace: Trace,
-        latency: Option<Duration>,
-    ) {
-        match answer {
-            Answer::Steer(_) => self.steers += 1,
-            Answer::Manual => self.manuals += 1,
-        }
-        drive::items(telemetry, answer, trace, latency).for_each(|item| self.take(at, item));
-    }
-
-    /// What happened at this time since the drive began.
-    pub fn take(&mut self, at: Duration, item: Item) {
-        self.scorer.item(at, &item);
-        if let Some(recorder) = &self.recorder {
-            recorder.record(at, item);
-        }
-    }
-
     /// Closes the file and says what there is to say.
     pub fn finish(self, simulator: String) -> Summary {
         let run = self.recorder.map(|recorder| {
@@ -74,6 +50,23 @@ impl Account {
         });
         let (telemetries, human_messages) = (self.steers, self.manuals);
         Summary { simulator, dialect: self.dialect, telemetries, human_messages, card: self.scorer.finish(), run }
+    }
+}
+
+/// Counts, and shows what it is shown to those who score and record.
+impl Observer<Elsewhere> for Account {
+    fn turn(&mut self, world: &Elsewhere, turn: &Turn) -> Result<(), ObserverError> {
+        match turn.answer {
+            Answer::Steer(_) => self.steers += 1,
+            Answer::Manual => self.manuals += 1,
+        }
+        self.scorer.turn(world, turn)?;
+        self.recorder.as_ref().turn(world, turn)
+    }
+
+    fn event(&mut self, at: Duration, event: &EventRecord) {
+        self.scorer.event(at, event);
+        Observer::<Elsewhere>::event(&mut self.recorder.as_ref(), at, event);
     }
 }
 

@@ -180,7 +180,7 @@ async fn serve(
 }
 
 fn answer(socket: &SocketRef, session: &mut Session, Incoming { received, name, payload }: Incoming) {
-    let turn = session.aside(|session| {
+    let reply = session.aside(|session| {
         // The session slices the image out of the text that it lies in.
         let text = payload.map_or(Bytes::from_static(b"null"), |payload| {
             let text: Box<str> = payload.into();
@@ -189,9 +189,9 @@ fn answer(socket: &SocketRef, session: &mut Session, Incoming { received, name, 
         let payload: Option<&RawValue> = serde_json::from_slice(&text).ok();
         session.event(received, &text, &name, payload)
     });
-    let Some(turn) = turn else { return };
-    match emit(socket, turn.answer, turn.dialect) {
-        Ok(()) => session.answered(turn, Instant::now()),
+    let Some(reply) = reply else { return };
+    match emit(socket, reply.answer, reply.dialect) {
+        Ok(()) => session.answered(reply, Instant::now()),
         Err(error) => tracing::debug!("a client took no answer: {error}"),
     }
 }

@@ -13,9 +13,11 @@ use serde_json::value::RawValue;
 
 use super::{Bridge, Place, Signals, account::Account, throttled::Throttled, waiting::Waiting};
 use lapwing_core::{
-    driver::{Driver, Happening, Trace},
+    drive::{self, Elsewhere, Observer},
+    driver::Driver,
     protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
-    recording::{EventRecord, Item, ModelId, RunHeader, RunKind},
+    recording::{ModelId, RunHeader, RunKind},
+    turn::{EventRecord, Turn},
     units::Throttle,
     words::count,
 };
@@ -30,7 +32,7 @@ pub(super) struct Session {
     dialect: Option<Dialect>,
     /// Until there is a drive.
     waiting: Waiting,
-    drive: Option<Drive>,
+    drive: Option<Underway>,
     last: Command,
     /// Kicks before the drive began, for its account.
     early_kicks: u32,
@@ -52,7 +54,7 @@ struct Told {
 }
 
 /// From the first telemetry on that tells which simulator this is, once the model is there.
-struct Drive {
+struct Underway {
     driver: Driver,
     began: Instant,
     /// Time of the last answer.
@@ -60,16 +62,25 @@ struct Drive {
     account: Account,
 }
 
+impl Underway {
+    /// Nobody who looks on here can break a drive off: what goes wrong with a run is told at its end.
+    fn show(&mut self, turn: &Turn) {
+        if let Err(error) = self.account.turn(&Elsewhere, turn) {
+            tracing::error!("a turn could not be shown: {error}");
+        }
+    }
+}
+
 /// An answer on its way out, with what is to be recorded once it is.
-pub(super) struct Turn {
+pub(super) struct Reply {
     pub answer: Answer,
     pub dialect: Option<Dialect>,
     received: Instant,
     /// Absent where nothing drives: the car waits, or the simulator is none that can be driven.
-    driven: Option<(Observation, Trace)>,
+    turn: Option<Turn>,
 }
 
-impl Turn {
+impl Reply {
     /// Whether the simulator said that a human drives.
     pub fn is_human(&self) -> bool {
         self.answer == Answer::Manual
@@ -125,7 +136,7 @@ impl Session {
         message: &Bytes,
         name: &str,
         payload: Option<&RawValue>,
-    ) -> Option<Turn> {
+    ) -> Option<Reply> {
         if !matches!(name, "telemetry" | "car_telemetry") {
             // The recorder keeps the beginning of long ones.
             let (name, payload) = (name.to_owned(), payload.map_or("", RawValue::get).to_owned());
@@ -141,7 +152,7 @@ impl Session {
             }
             Err(error) => Sight::Unreadable(error),
         };
-        Some(self.turn(received, sight))
+        Some(self.reply(received, sight))
     }
 
     /// Reads a telemetry; the first one that is an object tells the dialect, be its fields good or bad.
@@ -157,8 +168,8 @@ impl Session {
     }
 
     /// A message that is no event of a simulator: it may have been a telemetry, so it gets an answer.
-    pub fn unreadable(&mut self, received: Instant, got: String, why: String) -> Turn {
-        self.turn(received, Sight::Unreadable(TelemetryError::Json { got, why }))
+    pub fn unreadable(&mut self, received: Instant, got: String, why: String) -> Reply {
+        self.reply(received, Sight::Unreadable(TelemetryError::Json { got, why }))
     }
 
     /// The last command on the way out: steering as it was, no throttle, or the car would go on with the last one,
@@ -203,14 +214,14 @@ impl Session {
     }
 
     /// Records a turn whose answer has gone out.
-    pub fn answered(&mut self, turn: Turn, now: Instant) {
-        let latency = now.saturating_duration_since(turn.received);
-        self.record(turn, now, Some(latency));
+    pub fn answered(&mut self, reply: Reply, now: Instant) {
+        let latency = now.saturating_duration_since(reply.received);
+        self.show(reply, now, Some(latency));
     }
 
     /// Records a turn that is left unanswered.
-    pub fn swallowed(&mut self, turn: Turn, now: Instant) {
-        self.record(turn, now, None);
+    pub fn swallowed(&mut self, reply: Reply, now: Instant) {
+        self.show(reply, now, None);
     }
 
     /// Tokens too many are out of the game.
@@ -228,23 +239,18 @@ impl Session {
         tracing::warn!("{}: telemetry comes faster than it is answered, and without waiting for answers", self.peer);
     }
 
-    fn record(&mut self, turn: Turn, now: Instant, latency: Option<Duration>) {
-        let Some(((observation, trace), drive)) = turn.driven.zip(self.drive.as_mut()) else { return };
-        let at = observation.at;
-        let telemetry = match observation.sight {
-            Sight::Telemetry(telemetry) => Some(telemetry),
-            Sight::HumanDrives | Sight::Unreadable(_) => None,
-        };
-        for happening in &trace.happenings {
-            tell(&self.peer, happening, &self.bad, now);
-        }
-        drive.account.turn(at, telemetry, turn.answer, trace, latency);
+    /// Completes a turn and shows it to those who look on.
+    fn show(&mut self, reply: Reply, now: Instant, latency: Option<Duration>) {
+        let Some((turn, drive)) = reply.turn.zip(self.drive.as_mut()) else { return };
+        let turn = Turn { latency, ..turn };
+        tell(&self.peer, &turn.trace.events, &self.bad, now);
+        drive.show(&turn);
     }
 
     /// Ends the run: the file is closed, the account given.
     pub fn finish(mut self, why: &str) {
         self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
-        let Some(Drive { account, .. }) = self.drive.take() else {
+        let Some(Underway { account, .. }) = self.drive.take() else {
             let what = match () {
                 () if self.is_refused() => "it could not be driven",
                 () if self.dialect.is_some() => "the model was still loading",
@@ -262,16 +268,16 @@ impl Session {
         (self.bridge().on_summary)(&summary);
     }
 
-    fn turn(&mut self, received: Instant, sight: Sight) -> Turn {
+    fn reply(&mut self, received: Instant, sight: Sight) -> Reply {
         let dialect = self.dialect;
         if self.is_refused() {
             // Its `null` is no human, and nothing is recorded. This answer leaves the car to the player in every
             // build, and keeps the simulator's loop going.
-            return Turn { answer: Answer::Manual, dialect, received, driven: None };
+            return Reply { answer: Answer::Manual, dialect, received, turn: None };
         }
         self.begin(received);
         let Some(drive) = &mut self.drive else {
-            return Turn { answer: self.wait(received, &sight), dialect, received, driven: None };
+            return Reply { answer: self.wait(received, &sight), dialect, received, turn: None };
         };
         let at = received.saturating_duration_since(drive.began);
         // While the human still drives the wish is kept until they let go.
@@ -280,16 +286,15 @@ impl Session {
             arm.store(false, Ordering::Relaxed);
             if drive.driver.arm() {
                 tracing::info!("{}: the pilot is armed", self.peer);
-                drive.account.take(at, Item::Event(EventRecord::PilotArmed));
+                drive.account.event(at, &EventRecord::PilotArmed);
             }
         }
-        let observation = Observation { at, sight };
-        let (answer, trace) = drive.driver.drive(&observation);
-        drive.took = trace.total;
-        if let Answer::Steer(command) = answer {
+        let turn = drive::turn(&mut drive.driver, Observation { at, sight });
+        drive.took = turn.trace.total;
+        if let Answer::Steer(command) = turn.answer {
             self.last = command;
         }
-        Turn { answer, dialect, received, driven: Some((observation, trace)) }
+        Reply { answer: turn.answer, dialect, received, turn: Some(turn) }
     }
 
     /// The answer while nothing drives.
@@ -338,15 +343,16 @@ impl Session {
             model: Some(ModelId::of(model.as_ref())),
             ..RunHeader::new(RunKind::Driven, config, started)
         };
-        let mut drive = Drive {
+        let mut drive = Underway {
             driver: Driver::new(model.pilot(), &settings.control, Instant::now),
             began,
             took: Duration::MAX,
             account: Account::new(&self.peer, header, &settings.recording, bridge.roads()),
         };
         if human_since.is_some() {
-            let (answer, trace) = drive.driver.drive(&Observation { at: Duration::ZERO, sight: Sight::HumanDrives });
-            drive.account.turn(Duration::ZERO, None, answer, trace, None);
+            let observation = Observation { at: Duration::ZERO, sight: Sight::HumanDrives };
+            let turn = drive::turn(&mut drive.driver, observation);
+            drive.show(&turn);
         }
         self.drive = Some(drive);
         for _ in 0..std::mem::take(&mut self.early_kicks) {
@@ -362,27 +368,35 @@ impl Session {
     }
 
     fn note(&mut self, now: Instant, event: EventRecord) {
-        if let Some(Drive { account, began, .. }) = &mut self.drive {
-            account.take(now.saturating_duration_since(*began), Item::Event(event));
+        if let Some(Underway { account, began, .. }) = &mut self.drive {
+            account.event(now.saturating_duration_since(*began), &event);
         }
     }
 }
 
-fn tell(peer: &str, happening: &Happening, bad: &Throttled, now: Instant) {
-    match happening {
-        Happening::TakeoverBegan => tracing::info!("{peer}: a human drives"),
-        Happening::TakeoverEnded { after, pilot_off: false } => {
-            tracing::info!("{peer}: the pilot drives again after {:.1} s", after.as_secs_f64());
-        }
-        Happening::TakeoverEnded { after, pilot_off: true } => tracing::warn!(
-            "{peer}: the human let go after {:.1} s; the pilot is off until it is armed: press Enter here, or POST /arm",
-            after.as_secs_f64()
-        ),
-        Happening::BadFrame { why, in_a_row } => {
-            if let Some(more) = bad.due(now) {
-                tracing::warn!("{peer}: bad frame ({in_a_row} in a row): {why}{more}");
+fn tell(peer: &str, events: &[EventRecord], bad: &Throttled, now: Instant) {
+    let is_off = events.iter().any(|event| matches!(event, EventRecord::PilotOff { .. }));
+    for event in events {
+        match event {
+            EventRecord::TakeoverBegan => tracing::info!("{peer}: a human drives"),
+            EventRecord::TakeoverEnded { duration_s } if is_off => tracing::warn!(
+                "{peer}: the human let go after {duration_s:.1} s; the pilot is off until it is armed: press Enter \
+                 here, or POST /arm"
+            ),
+            EventRecord::TakeoverEnded { duration_s } => {
+                tracing::info!("{peer}: the pilot drives again after {duration_s:.1} s");
             }
+            EventRecord::BadFrame { why, count_in_row } => {
+                if let Some(more) = bad.due(now) {
+                    tracing::warn!("{peer}: bad frame ({count_in_row} in a row): {why}{more}");
+                }
+            }
+            EventRecord::BrakingToStandstill => {
+                tracing::error!("{peer}: too many bad frames in a row: stopping the car");
+            }
+            // Said with the takeover's end.
+            EventRecord::PilotOff { .. } => {}
+            other => tracing::debug!("{peer}: {other:?}"),
         }
-        Happening::BrakingToStandstill => tracing::error!("{peer}: too many bad frames in a row: stopping the car"),
     }
 }

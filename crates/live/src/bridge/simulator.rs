@@ -25,7 +25,7 @@ use tokio_tungstenite::{
 use super::{
     Bridge,
     liveness::{Due, Liveness},
-    session::{Session, Turn},
+    session::{Reply, Session},
     tokens::Tokens,
 };
 use lapwing_core::protocol::{Answer, Dialect, Packet};
@@ -54,8 +54,8 @@ where
         Err(tungstenite::Error::Io(error)) => error.to_string(),
         Err(error) => error.to_string(),
     };
-    if let Some((turn, _)) = simulator.held.take() {
-        simulator.session.swallowed(turn, Instant::now());
+    if let Some((reply, _)) = simulator.held.take() {
+        simulator.session.swallowed(reply, Instant::now());
     }
     if simulator.heard && simulator.liveness.has_kicks_open() {
         bridge.kicked().insert(simulator.peer);
@@ -72,7 +72,7 @@ struct Simulator<S> {
     /// A telemetry came.
     heard: bool,
     /// The answer that goes out next, and when, unless another telemetry comes before.
-    held: Option<(Turn, Instant)>,
+    held: Option<(Reply, Instant)>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
@@ -182,7 +182,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
     }
 
     /// Answers a telemetry, or holds its answer back until it is known whether another one comes.
-    async fn telemetry(&mut self, turn: Turn, message: &[u8]) -> Result<(), tungstenite::Error> {
+    async fn telemetry(&mut self, reply: Reply, message: &[u8]) -> Result<(), tungstenite::Error> {
         let now = Instant::now();
         if !std::mem::replace(&mut self.heard, true) && self.bridge().kicked().remove(&self.peer) {
             self.tokens.kicked();
@@ -196,12 +196,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
         }
         let unasked = self.session.is_timer_driven() || self.tokens.are_unasked();
         // From now on the simulator owes the next one.
-        self.liveness.telemetry(now, turn.is_human(), unasked);
+        self.liveness.telemetry(now, reply.is_human(), unasked);
         if unasked {
-            return self.answer(turn).await;
+            return self.answer(reply).await;
         }
-        let wait = self.tokens.telemetry(now, message, !turn.is_human());
-        self.held = Some((turn, now + wait));
+        let wait = self.tokens.telemetry(now, message, !reply.is_human());
+        self.held = Some((reply, now + wait));
         Ok(())
     }
 
@@ -212,7 +212,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
             self.session.took_out(taken_out);
         }
         match self.held.take() {
-            Some((turn, _)) => self.answer(turn).await,
+            Some((reply, _)) => self.answer(reply).await,
             None => Ok(()),
         }
     }
@@ -221,9 +221,9 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
         self.session.bridge()
     }
 
-    async fn answer(&mut self, turn: Turn) -> Result<(), tungstenite::Error> {
-        self.send(turn.answer, turn.dialect).await?;
-        self.session.answered(turn, Instant::now());
+    async fn answer(&mut self, reply: Reply) -> Result<(), tungstenite::Error> {
+        self.send(reply.answer, reply.dialect).await?;
+        self.session.answered(reply, Instant::now());
         Ok(())
     }
 

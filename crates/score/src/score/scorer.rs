@@ -7,6 +7,8 @@ mod within_run;
 
 use std::{sync::Arc, time::Duration};
 
+use bytes::Bytes;
+
 use super::{
     blind::Blind,
     braking::Braking,
@@ -148,7 +150,7 @@ impl Scorer {
             Item::Telemetry(telemetry) => self.telemetry(at, telemetry),
             Item::Command(command) => self.command(command),
             Item::Event(event) => self.event(at, event),
-            Item::Frame(jpeg) => self.blind.frame(jpeg),
+            Item::Frame(jpeg) => self.frame(jpeg),
         }
         if !self.clock.is_told() {
             return at; // to the nanosecond
@@ -242,6 +244,11 @@ impl Scorer {
     pub(super) fn suspicion(&mut self) -> Option<EventRecord> {
         let text = self.blind.suspicion()?.to_owned();
         (!self.tells()).then_some(EventRecord::Note { text })
+    }
+
+    /// Takes the picture of the last telemetry, as JPEG.
+    pub fn frame(&mut self, jpeg: &Bytes) {
+        self.blind.frame(jpeg);
     }
 
     /// Takes an answer.

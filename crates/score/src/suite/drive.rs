@@ -11,7 +11,7 @@ use std::{
 };
 
 use super::{Cell, Contestant, Done, Outcome, Plan, Results, ResultsError, Shard, Suite, groups};
-use crate::judged::Drive;
+use crate::judged::Judged;
 
 /// What drives a suite's cells: pilots and worlds, of which nothing is known here.
 pub trait Course: Sync {
@@ -34,7 +34,7 @@ pub trait Course: Sync {
     ///
     /// # Errors
     /// What keeps it from being driven to its end.
-    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Drive>, Self::Error>;
+    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Judged>, Self::Error>;
 }
 
 /// Whether to stop, asked again and again.
@@ -201,9 +201,9 @@ fn drive_one<C: Course>(
     watch.begins(&cell);
     let (name, began) = (cell.to_string(), Instant::now());
     let driven = course.drive(&cell, stop).map_err(|source| DriveError::Cell { cell: name.clone(), source })?;
-    let Some(Drive { card, fingerprint, .. }) = driven else { return Ok(()) };
+    let Some(Judged { card, driven }) = driven else { return Ok(()) };
     let card = serde_json::to_value(card).map_err(|source| DriveError::Card { cell: name.clone(), source })?;
-    let done = Done::new(cell, card, fingerprint, began.elapsed().as_secs_f64());
+    let done = Done::new(cell, card, driven.fingerprint, began.elapsed().as_secs_f64());
     results.keep(&done).map_err(|source| DriveError::Results { cell: name, source })?;
     watch.done(&done);
     Ok(())

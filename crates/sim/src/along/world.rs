@@ -13,10 +13,12 @@ use super::{
 use crate::{camera::encode_jpeg, vehicle::STEP_S};
 use lapwing_core::{
     car::FULL_STEERING_DEG,
+    drive::Eventful,
     motion,
     perception::Frame,
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
-    recording::{EventRecord, Eventful, RunKind},
+    recording::RunKind,
+    turn::EventRecord,
     units::{Degrees, Metres, Steering},
     words::count,
 };
@@ -273,12 +275,18 @@ impl Eventful for RecordedWorld {
     fn kind(&self) -> RunKind {
         RunKind::RecordedPath
     }
+
+    fn interrupt(&mut self) {
+        self.end("interrupted");
+    }
 }
 
 impl World for RecordedWorld {
-    fn observe(&mut self) -> Result<Option<Observation>, Box<dyn std::error::Error + Send + Sync>> {
+    type Error = ClosedLoopError;
+
+    fn observe(&mut self) -> Result<Option<Observation>, ClosedLoopError> {
         if let Some(error) = self.failed.take() {
-            return Err(error.into());
+            return Err(error);
         }
         let row = self.recorded.rows.get(self.row).copied().filter(|_| self.ended.is_none());
         let Some(row) = row else {

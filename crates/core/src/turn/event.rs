@@ -1,0 +1,178 @@
+//! What happens in a drive besides telemetry and commands.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What happens in a run besides telemetry and commands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum EventRecord {
+    /// A person took the wheel.
+    TakeoverBegan,
+    /// And gave it back.
+    TakeoverEnded {
+        /// How long they had it.
+        duration_s: f64,
+    },
+    /// A telemetry or picture that could not be driven by.
+    BadFrame {
+        /// What was wrong.
+        why: String,
+        /// The how-manieth in a row.
+        count_in_row: u32,
+    },
+    /// Too many bad frames in a row: the car is being stopped.
+    BrakingToStandstill,
+    /// The disk was too slow; written by the recorder itself once there was room again.
+    FramesNotRecorded {
+        /// How many frames are missing before this.
+        count: u64,
+    },
+    /// An answer was sent without a telemetry, to wake a simulator that waits for one.
+    Kick,
+    /// The pilot was switched off.
+    PilotOff {
+        /// By what.
+        why: String,
+    },
+    /// The pilot was switched on.
+    PilotArmed,
+    /// An event of the simulator that is no telemetry.
+    Simulator {
+        /// Its name on the wire.
+        name: String,
+        /// Its payload, as text; cut to 2000 characters.
+        payload: String,
+    },
+    /// What is to be driven; before the first telemetry, where the world knows.
+    Course {
+        /// The track's name.
+        track: String,
+        /// Once around, in metres.
+        length_m: f64,
+        /// Waypoints around it, counted by the telemetry's `waypoint`.
+        waypoints: u32,
+        /// Laps asked for; none where only time ends the run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        laps: Option<u32>,
+        /// Metres from the road's middle at which its edge is.
+        edge_m: f64,
+        /// The script of the other traffic, by name.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        scenario: Option<String>,
+    },
+    /// A lap was completed.
+    Lap {
+        /// The how manieth, from 1.
+        number: u32,
+        /// How long it took.
+        time_s: f64,
+    },
+    /// The car hit something.
+    Collision {
+        /// What.
+        with: String,
+        /// How fast the two met.
+        speed_mph: f64,
+        /// How fast the car itself was; earlier versions did not tell.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        own_mph: Option<f64>,
+    },
+    /// The car left the road.
+    OffRoad {
+        /// How far from the road's middle it was, positive to the right.
+        offset_m: f64,
+    },
+    /// And came back.
+    BackOnRoad {
+        /// How long it was off.
+        after_s: f64,
+    },
+    /// The car does not get away.
+    Stuck,
+    /// And did after all.
+    Moving,
+    /// The car drives against the direction of the track.
+    WrongWay,
+    /// And turned round.
+    RightWay,
+    /// The car was put back on the road.
+    Reset {
+        /// The waypoint.
+        waypoint: u32,
+    },
+    /// Words of a person or a script.
+    Note {
+        /// The words.
+        text: String,
+    },
+    /// The run ended in an orderly way.
+    RunEnded {
+        /// By what.
+        why: String,
+    },
+}
+
+/// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
+const MAX_TEXT: usize = 2000;
+
+impl EventRecord {
+    /// The course of whoever drives along the path of a recording of this name and may be `limit_m` beside it: a path
+    /// and nothing else, which ends somewhere. That it is one stands in the run's header.
+    pub fn recorded_path(recording: &str, length_m: f64, waypoints: u32, limit_m: f64) -> Self {
+        let track = format!("{recording} (recorded)");
+        Self::Course { track, length_m, waypoints, laps: None, edge_m: limit_m, scenario: None }
+    }
+
+    /// Cuts every text to [`MAX_TEXT`].
+    pub(crate) fn shorten(&mut self) {
+        let cut = |text: &mut String| {
+            if let Some((end, _)) = text.char_indices().nth(MAX_TEXT) {
+                text.truncate(end);
+                text.shrink_to_fit();
+            }
+        };
+        match self {
+            Self::BadFrame { why: text, .. }
+            | Self::PilotOff { why: text }
+            | Self::RunEnded { why: text }
+            | Self::Note { text } => cut(text),
+            Self::Simulator { name, payload } => {
+                cut(name);
+                cut(payload);
+            }
+            Self::TakeoverBegan
+            | Self::TakeoverEnded { .. }
+            | Self::BrakingToStandstill
+            | Self::FramesNotRecorded { .. }
+            | Self::Kick
+            | Self::PilotArmed
+            | Self::Course { .. }
+            | Self::Lap { .. }
+            | Self::Collision { .. }
+            | Self::OffRoad { .. }
+            | Self::BackOnRoad { .. }
+            | Self::Stuck
+            | Self::Moving
+            | Self::WrongWay
+            | Self::RightWay
+            | Self::Reset { .. } => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_is_one_json_object_told_apart_by_kind() {
+        let text = |event: EventRecord| serde_json::to_string(&event).unwrap();
+        assert_eq!(text(EventRecord::Kick), r#"{"kind":"kick"}"#);
+        assert_eq!(
+            text(EventRecord::BadFrame { why: "no JPEG".into(), count_in_row: 2 }),
+            r#"{"kind":"bad-frame","why":"no JPEG","count_in_row":2}"#
+        );
+        assert_eq!(text(EventRecord::FramesNotRecorded { count: 3 }), r#"{"kind":"frames-not-recorded","count":3}"#);
+    }
+}

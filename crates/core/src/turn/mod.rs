@@ -1,0 +1,97 @@
+//! One turn of a drive, and what is told of it: the one vocabulary of the driver, the recorder, the scorer and whoever
+//! else looks on.
+//!
+//! ```text
+//! Observation ─▶ Driver ─▶ Answer + Trace ─▶ Turn ─▶ observers
+//! ```
+//! A turn is made once, by [`drive::turn`](crate::drive::turn), whether the world is in this process or at the other end
+//! of a wire. What is recorded of it are its own parts, by reference: the telemetry, the JPEG bytes,
+//! [`command`](Turn::command) and the events of its trace. [`CommandRecord`] and [`EventRecord`] are what runs hold, as
+//! JSON.
+
+mod command;
+mod event;
+
+use std::time::Duration;
+
+use bytes::Bytes;
+
+pub use command::{By, CommandRecord};
+pub use event::EventRecord;
+
+use crate::{
+    control::ThrottleOutput,
+    protocol::{Answer, Observation, Sight, Telemetry},
+};
+
+/// What the driver tells of one answer.
+#[derive(Debug, Clone, Default)]
+pub struct Trace {
+    /// Who made the answer.
+    pub by: By,
+    /// The JPEG bytes as received, where the base64 could be read.
+    pub jpeg: Option<Bytes>,
+    /// The pilot's raw output, not clamped.
+    pub prediction: Option<f64>,
+    /// The speed controller's terms.
+    pub throttle: Option<ThrottleOutput>,
+    /// Time from base64 to pixels.
+    pub decode: Duration,
+    /// Time from pixels to the network's input.
+    pub preprocess: Duration,
+    /// Time of the forward pass.
+    pub forward: Duration,
+    /// Time of the whole answer.
+    pub total: Duration,
+    /// What happened with it, in order: each an event in the run and a line in the log.
+    pub events: Vec<EventRecord>,
+}
+
+/// One turn of a drive: what was seen, what was answered, and how that came about.
+#[derive(Debug, Clone)]
+pub struct Turn {
+    /// What was seen, and when.
+    pub observation: Observation,
+    /// What was answered.
+    pub answer: Answer,
+    /// What the driver tells of it.
+    pub trace: Trace,
+    /// From message in to answer out, once the answer is out; none of an answer that never went out.
+    pub latency: Option<Duration>,
+}
+
+impl Turn {
+    /// Time since the run began.
+    pub fn at(&self) -> Duration {
+        self.observation.at
+    }
+
+    /// What the simulator told, where that could be read.
+    pub fn telemetry(&self) -> Option<&Telemetry> {
+        match &self.observation.sight {
+            Sight::Telemetry(telemetry) => Some(telemetry),
+            Sight::HumanDrives | Sight::Unreadable(_) => None,
+        }
+    }
+
+    /// The command that went out, as a run holds it; none where a human drove, or the answer was left out.
+    pub fn command(&self) -> Option<CommandRecord> {
+        let (Answer::Steer(command), Some(latency)) = (self.answer, self.latency) else { return None };
+        let ns = |duration: Duration| duration.as_nanos().try_into().unwrap_or(u64::MAX);
+        let trace = &self.trace;
+        Some(CommandRecord {
+            by: trace.by,
+            steering: command.steering,
+            throttle: command.throttle,
+            prediction: trace.prediction,
+            p: trace.throttle.map(|t| t.p),
+            i: trace.throttle.map(|t| t.i),
+            saturated: trace.throttle.is_some_and(|t| t.saturated),
+            decode_ns: ns(trace.decode),
+            preprocess_ns: ns(trace.preprocess),
+            forward_ns: ns(trace.forward),
+            driver_ns: ns(trace.total),
+            latency_ns: Some(ns(latency)),
+        })
+    }
+}
