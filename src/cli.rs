@@ -15,6 +15,7 @@ use lapwing_core::{
 };
 #[cfg(feature = "networks")]
 use lapwing_learn::{
+    evaluate::Rows,
     nn::Precision,
     train::{Keep, OptimiserKind, Schedule},
 };
@@ -482,14 +483,6 @@ pub struct Evaluate {
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,
-}
-
-/// Which rows of a data set.
-#[cfg(feature = "networks")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Rows {
-    All,
-    HeldOut,
 }
 
 #[cfg(feature = "networks")]

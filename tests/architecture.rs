@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 32] = [
+const MAY_IMPORT: [(&str, &[&str]); 34] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -31,12 +31,14 @@ const MAY_IMPORT: [(&str, &[&str]); 32] = [
     ("score/odometry", &[]),
     ("score/score", &["odometry"]),
     ("score/judged", &["score"]),
+    ("score/results", &["score"]),
     ("score/suite", &["judged", "score"]),
     ("score/drawing", &[]),
     ("learn/nn", &[]),
     ("learn/models", &["nn"]),
     ("learn/dataset", &[]),
     ("learn/train", &["dataset", "nn"]),
+    ("learn/evaluate", &["dataset", "models", "nn", "train"]),
     ("live/bridge", &[]),
     ("lapwing/course", &[]),
     ("lapwing/film", &[]),

@@ -6,7 +6,6 @@ use std::{
 };
 
 use anyhow::Context;
-use serde::Serialize;
 use serde_json::json;
 
 use super::{
@@ -26,34 +25,14 @@ use lapwing_core::{
     words::count,
 };
 use lapwing_score::judged::{self, Judged};
-use lapwing_score::score::{self, Scorecard};
+use lapwing_score::results::{Along, AlongRows, ScoredDrive};
+use lapwing_score::score;
 use lapwing_sim::along::{Beside, RecordedWorld, Sources, Yaw};
 
 /// A film's pixels for each of the picture's, along and across.
 const ENLARGED: usize = 2;
 /// An intervention shows in a film for so long, in seconds.
 const SHOWN_S: f64 = 0.5;
-
-#[derive(Serialize)]
-struct Result_<'a> {
-    pilot: &'a str,
-    source: String,
-    limit_m: f64,
-    #[serde(flatten)]
-    card: &'a Scorecard,
-    frames: u64,
-    /// Those of them that no network saw; the card counts bad frames of a pilot that drove at all.
-    unseen_frames: u64,
-    rows_read: usize,
-    rows_standing: usize,
-    turned_by_pictures: usize,
-    turned_by_steering: usize,
-    fingerprint: &'a str,
-    frames_per_s: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    run: Option<String>,
-    missed: &'a [String],
-}
 
 pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
     let layers = thresholds::layers(super::layers(config, &arguments.driving)?, &arguments.thresholds)?;
@@ -96,11 +75,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let Sources { pictures, steering } = world.sources();
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
-        let result = Result_ {
-            pilot: &name,
-            source,
-            limit_m: arguments.limit,
-            card: &card,
+        let how = AlongRows {
             frames,
             unseen_frames: bad_frames,
             rows_read: read,
@@ -110,9 +85,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             fingerprint: &fingerprint,
             frames_per_s,
             run,
-            missed: &missed,
         };
-        serde_json::to_string_pretty(&result)?
+        let who = Along { pilot: &name, source: &source, limit_m: arguments.limit };
+        serde_json::to_string_pretty(&ScoredDrive { who, card: &card, how, missed: &missed })?
     } else {
         let unseen = match bad_frames {
             0 => String::new(),

@@ -5,7 +5,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde::Serialize;
 use serde_json::json;
 
 use super::{Ended, thresholds, world};
@@ -20,25 +19,12 @@ use lapwing_core::{
     words::count,
 };
 use lapwing_score::judged::{self, Judged};
-use lapwing_score::score::{self, Figure, Scorecard};
+use lapwing_score::results::{InProcess, ScoredDrive, Simulated};
+use lapwing_score::score::{self, Figure};
 use lapwing_sim::world::Simulation;
 
 /// What the expert is called in a run.
 const EXPERT: &str = "expert (pure pursuit on the known line)";
-
-#[derive(Serialize)]
-struct Result_<'a> {
-    pilot: &'a str,
-    seed: u64,
-    #[serde(flatten)]
-    card: &'a Scorecard,
-    frames: u64,
-    fingerprint: &'a str,
-    times_real_time: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    run: Option<String>,
-    missed: &'a [String],
-}
 
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut interrupted = super::interrupted();
@@ -103,17 +89,9 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
     let result = if arguments.json {
         let run = report.as_ref().map(|report| report.path.display().to_string());
-        let result = Result_ {
-            pilot: &name,
-            seed,
-            card: &card,
-            frames,
-            fingerprint: &fingerprint,
-            times_real_time,
-            run,
-            missed: &missed,
-        };
-        serde_json::to_string_pretty(&result)?
+        let (who, fingerprint) = (Simulated { pilot: &name, seed }, fingerprint.as_str());
+        let how = InProcess { frames, fingerprint, times_real_time, run };
+        serde_json::to_string_pretty(&ScoredDrive { who, card: &card, how, missed: &missed })?
     } else {
         let title = format!("{name} on {}, seed {seed}", simulation.setup().track.file().name);
         let mut text = format!("{title}\n{card}\n  {:<17} {frames} in {}", "frames", paced(wall, times_real_time));

@@ -53,6 +53,8 @@ use model::suits_our_cameras;
 #[cfg(feature = "networks")]
 use model::{allowing, load_model, refuse_strangers_code, thinking_layers};
 use outputs::print;
+#[cfg(feature = "networks")]
+use outputs::sorted_json;
 
 use crate::cli::{Cli, Driving, Verb};
 use lapwing_core::{

@@ -10,6 +10,8 @@ use std::{
 };
 
 use anyhow::Context;
+#[cfg(feature = "networks")]
+use serde::Serialize;
 
 #[cfg(feature = "simulator")]
 use crate::film::{Film, FilmError};
@@ -33,6 +35,12 @@ pub(super) struct Unprinted(io::Error);
 pub(super) fn print(text: &str) -> Result<(), Unprinted> {
     let mut stdout = io::stdout().lock();
     writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Unprinted)
+}
+
+/// A result as JSON, the keys of its objects in alphabetical order.
+#[cfg(feature = "networks")]
+pub(super) fn sorted_json(result: &impl Serialize) -> Result<String, serde_json::Error> {
+    serde_json::to_string_pretty(&serde_json::to_value(result)?)
 }
 
 /// Whether a file could be written at the end of the work.

@@ -5,8 +5,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde::Serialize;
-
 use super::{Ended, Interrupted, thresholds, world};
 use crate::{cli, film::FilmError};
 use lapwing_core::{
@@ -20,17 +18,9 @@ use lapwing_core::{
     turn::{EventRecord, Turn},
     units::Mph,
 };
-use lapwing_score::score::{self, Scorecard, Scorer};
+use lapwing_score::results::{Bridged, ScoredDrive};
+use lapwing_score::score::{self, Scorer};
 use lapwing_sim::world::{Human, Simulation};
-
-#[derive(Serialize)]
-struct Result_<'a> {
-    driver: &'a str,
-    seed: u64,
-    #[serde(flatten)]
-    card: &'a Scorecard,
-    missed: &'a [String],
-}
 
 pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Result<Ended> {
     let interrupted = super::interrupted();
@@ -90,8 +80,8 @@ fn finish(
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
     let result = if arguments.json {
-        let result = Result_ { driver, seed, card: &card, missed: &missed };
-        serde_json::to_string_pretty(&result)?
+        let drive = ScoredDrive { who: Bridged { driver, seed }, card: &card, how: (), missed: &missed };
+        serde_json::to_string_pretty(&drive)?
     } else {
         let mut text = format!("{driver} on {}, seed {seed}\n{card}", simulation.setup().track.file().name);
         for (what, path) in made {
@@ -233,7 +223,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use lapwing_score::score::Figure;
+    use lapwing_score::score::{Figure, Scorecard};
     use lapwing_sim::{camera::Scenery, track::Track, world::Setup};
 
     /// The judgement of half a minute on the lake, driven by the expert, with this human.

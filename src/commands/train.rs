@@ -10,7 +10,6 @@ use std::{
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::json;
 
 use super::{
     Ended, Interrupted, outputs,
@@ -51,9 +50,7 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
     bar.0.finish_and_clear();
     let outcome = outcome?;
     if arguments.json {
-        super::print(&serde_json::to_string_pretty(&json!({
-            "model": outcome.model, "sha256": outcome.sha256, "kept": outcome.kept, "finished": outcome.finished,
-        }))?)?;
+        super::print(&super::sorted_json(&outcome)?)?;
     } else {
         let kept = outcome.kept.as_ref().map_or_else(
             || "no epoch was finished".to_owned(),

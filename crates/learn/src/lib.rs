@@ -10,6 +10,7 @@
 //! | [`models`] | files read into models, of which pilots drive |
 //! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes |
+//! | [`evaluate`] | models held against data sets |
 //!
 //! # Example
 //! ```no_run
@@ -20,6 +21,7 @@
 //! ```
 
 pub mod dataset;
+pub mod evaluate;
 pub mod models;
 pub mod nn;
 pub mod train;

@@ -63,7 +63,7 @@ pub enum Go {
 }
 
 /// How a training ended.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
     /// The checkpoint.
     pub model: PathBuf,

@@ -1,0 +1,288 @@
+//! How far a model's steering lies from that of data sets, row by row.
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use serde::Serialize;
+
+use crate::{
+    dataset::{Balance, Blocks, Cache, DatasetError, Inputs, Sample, Samples, Selection, Set},
+    models::Model,
+    nn::Network,
+    train::{Measured, Metrics, Recipe, TrainError, measure},
+};
+use lapwing_core::{
+    perception::{Frame, ImageError, decode_jpeg},
+    pilot::{PilotError, View},
+};
+use lapwing_score::drawing::chart::{Axis, Chart, Marks, Series};
+
+/// Which rows of a data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+pub enum Rows {
+    // No comments that clap would show as help.
+    #[expect(missing_docs, reason = "its name says it")]
+    All,
+    #[expect(missing_docs, reason = "those that the checkpoint's training held out")]
+    HeldOut,
+}
+
+/// Why a model cannot be held against data.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// Rows that were held out are asked for, and there are none.
+    #[error("{model} was validated on separate data and held out no rows: use --rows all on that data")]
+    NoneHeldOut {
+        /// The model.
+        model: String,
+    },
+    /// The data.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The network.
+    #[error(transparent)]
+    Train(#[from] TrainError),
+    /// A sample has no picture.
+    #[error("a sample without a picture")]
+    NoPicture,
+    /// A picture that cannot be decoded.
+    #[error("{picture}")]
+    Image {
+        /// The picture.
+        picture: String,
+        /// What is wrong with it.
+        source: ImageError,
+    },
+    /// A picture that the model cannot answer.
+    #[error("{picture}")]
+    Pilot {
+        /// The picture.
+        picture: String,
+        /// Why not.
+        source: PilotError,
+    },
+    /// Answers that are no numbers.
+    #[error(
+        "{}: expected finite answers from {model}, got {got} in row {row}; {count} of {rows} are not finite",
+        path.display()
+    )]
+    NotFinite {
+        /// The data set.
+        path: PathBuf,
+        /// The model.
+        model: String,
+        /// The first such answer.
+        got: f64,
+        /// Its row.
+        row: u32,
+        /// How many there are.
+        count: usize,
+        /// Of how many.
+        rows: usize,
+    },
+}
+
+/// A model held against data sets. As JSON the keys stand in alphabetical order, also those of the [`Metrics`]: make a
+/// [`serde_json::Value`] of it first.
+#[derive(Debug, Clone, Serialize)]
+pub struct Evaluation {
+    /// How rows were held out, where only those were looked at.
+    pub held_out: Option<Blocks>,
+    /// The model's file, or `built in`.
+    pub model: PathBuf,
+    /// Each data set.
+    pub results: Vec<Compared>,
+    /// SHA-256 of the model's file.
+    pub sha256: String,
+}
+
+/// A model held against one data set.
+#[derive(Debug, Clone, Serialize)]
+pub struct Compared {
+    /// The data set.
+    pub data: PathBuf,
+    /// Rows of these that the network learnt from, as far as its recipe tells; absent without a recipe.
+    pub learnt_from: Option<usize>,
+    /// Rows that were looked at.
+    pub rows: usize,
+    /// How far the answers lie from the labels.
+    #[serde(flatten)]
+    pub measured: Measured,
+    /// Each label and its answer.
+    #[serde(skip)]
+    pub answers: Vec<(f64, f64)>,
+}
+
+impl Evaluation {
+    /// Holds a model, which was read from this file, against data sets; of each at most the rows before one of them.
+    ///
+    /// # Errors
+    /// [`EvaluateError`].
+    pub fn of(
+        model: &Model,
+        file: Option<&Path>,
+        data: &[PathBuf],
+        rows: Rows,
+        before: Option<usize>,
+    ) -> Result<Self, EvaluateError> {
+        let name = model.name();
+        // Models made elsewhere say in their own words how they were trained, or not at all.
+        let recipe: Option<Recipe> = model.training().and_then(|training| serde_json::from_str(training).ok());
+        let (set, blocks) = match rows {
+            Rows::All => (Set::All, None),
+            Rows::HeldOut if recipe.as_ref().is_some_and(|recipe| !recipe.validation.is_empty()) => {
+                return Err(EvaluateError::NoneHeldOut { model: name.into() });
+            }
+            Rows::HeldOut => {
+                let blocks = recipe.as_ref().map_or_else(Blocks::default, |recipe| recipe.blocks);
+                (Set::Validation, Some(blocks))
+            }
+        };
+        if recipe.is_none() {
+            tracing::warn!("{name} has no recipe: whether these rows were held out is unknown");
+        }
+        let results = data.iter().map(|path| {
+            let selection = Selection { rows: before.map(|row| (0, row)), ..Selection::of(path) };
+            let samples = Arc::new(Samples::open(&[selection], set, blocks, &Balance::default())?);
+            Compared::of(model, path, &samples, recipe.as_ref())
+        });
+        Ok(Self {
+            held_out: blocks,
+            model: file.unwrap_or(Path::new("built in")).to_owned(),
+            results: results.collect::<Result<_, _>>()?,
+            sha256: model.sha256().to_owned(),
+        })
+    }
+
+    /// Each data set's errors over the steering angle.
+    pub fn charts(&self) -> Vec<Chart> {
+        self.results.iter().map(|compared| errors(&compared.data.display().to_string(), &compared.answers)).collect()
+    }
+}
+
+impl fmt::Display for Evaluation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE")?;
+        for Compared { data, rows, measured, .. } in &self.results {
+            for (label, Metrics { mse, mae, r }) in [("as recorded", measured.raw), ("9-frame mean", measured.smooth)] {
+                let r = r.map_or_else(|| "-".to_owned(), |r| format!("{r:.3}"));
+                let name = data.display().to_string();
+                write!(f, "\n{name:<32} {rows:>6}  {label:<12}  {mse:.4}  {mae:.4}  {r}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Compared {
+    fn of(model: &Model, path: &Path, samples: &Arc<Samples>, recipe: Option<&Recipe>) -> Result<Self, EvaluateError> {
+        let answers = match model.network() {
+            Some(network) => of_network(&network, model, samples)?,
+            None => of_pilot(model, samples)?,
+        };
+        let rows = samples.samples.len();
+        let not_finite: Vec<usize> = (0..answers.len()).filter(|i| !answers[*i].is_finite()).collect();
+        if let [first, ..] = not_finite[..] {
+            return Err(EvaluateError::NotFinite {
+                path: path.to_owned(),
+                model: model.name().to_owned(),
+                got: answers[first],
+                row: samples.samples[first].row,
+                count: not_finite.len(),
+                rows,
+            });
+        }
+        let learnt_from = recipe.map(|recipe| {
+            let learnt = learnt_from(recipe, path);
+            samples.samples.iter().filter(|sample| learnt(sample.row as usize)).count()
+        });
+        if let Some(learnt) = learnt_from.filter(|learnt| *learnt > 0) {
+            let path = path.display();
+            tracing::warn!("{path}: the network learnt from {learnt} of these {rows} rows; see --rows held-out");
+        }
+        let measured = Measured::of(&answers, samples);
+        let answers = samples.samples.iter().map(|sample| sample.steering).zip(answers).collect();
+        Ok(Self { data: path.to_owned(), learnt_from, rows, measured, answers })
+    }
+}
+
+/// The steering that a network answers to each sample, many at once.
+fn of_network(network: &Network, model: &Model, samples: &Arc<Samples>) -> Result<Vec<f64>, TrainError> {
+    let inputs = Inputs::plain(model.preprocess().clone(), network.architecture().frames());
+    Ok(measure(network, samples, &Cache::new(samples, 0), &inputs)?.1)
+}
+
+/// The steering that a model answers to each sample as it would while driving: a network made elsewhere takes one
+/// picture at a time.
+fn of_pilot(model: &Model, samples: &Samples) -> Result<Vec<f64>, EvaluateError> {
+    let (mut pilot, mut frame) = (model.pilot(), Frame::default());
+    let answer = |sample: &Sample| {
+        let row = &samples.sources[sample.source as usize].rows[sample.row as usize];
+        let picture = row.pictures[sample.camera as usize].as_ref().ok_or(EvaluateError::NoPicture)?;
+        let undecoded = |source| EvaluateError::Image { picture: picture.name(), source };
+        decode_jpeg(&picture.read()?, &mut frame).map_err(undecoded)?;
+        let view = View { speed: sample.speed, ..View::of(&frame) };
+        let unanswered = |source| EvaluateError::Pilot { picture: picture.name(), source };
+        Ok(pilot.steer(&view).map_err(unanswered)?.steering)
+    };
+    samples.samples.iter().map(answer).collect()
+}
+
+/// Which rows of a data set a training learnt from, as far as paths tell: a copy elsewhere is another data set.
+fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> impl Fn(usize) -> bool + 'a {
+    let measured = Selection::of(path).place();
+    let same: Vec<&Selection> = recipe.data.iter().filter(|data| data.place() == measured).collect();
+    move |row| {
+        let taken = same.iter().any(|data| data.rows.is_none_or(|(first, end)| (first..end).contains(&row)));
+        // Where there were data to validate by, no blocks were held out.
+        taken && !(recipe.validation.is_empty() && recipe.blocks.is_validation(row))
+    }
+}
+
+/// Width of a bin of steering over which errors are averaged.
+const BIN: f64 = 0.1;
+
+/// Each row's error over its label, and the mean of each bin.
+fn errors(title: &str, answers: &[(f64, f64)]) -> Chart {
+    let points: Vec<(f64, f64)> = answers.iter().map(|(label, answer)| (*label, answer - label)).collect();
+    let mean = |bin: i32| {
+        let middle = f64::from(bin) * BIN;
+        let inside = points.iter().filter(|(label, _)| (label - middle).abs() <= BIN / 2.0);
+        let (sum, count) = inside.fold((0.0, 0.0), |(sum, count), (_, error)| (sum + error, count + 1.0));
+        (middle, if count > 0.0 { sum / count } else { f64::NAN })
+    };
+    let means = (-10..=10).map(mean).collect();
+    let y = Axis::new("answered less recorded").from_to(-1.0, 1.0);
+    Chart {
+        series: vec![Series::new("rows", Marks::Points(points)), Series::new("mean", Marks::Line(means))],
+        ..Chart::new(title, Axis::new("recorded steering").from_to(-1.0, 1.0), y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn rows_were_learnt_from_where_the_recipe_has_them_and_does_not_hold_them_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let lake = dir.path().join("lake");
+        fs::create_dir(&lake).unwrap();
+        let data = vec![Selection { rows: Some((20, 40)), ..Selection::of(&lake) }];
+        let mut recipe = Recipe { data, blocks: Blocks { size: 10, every: 3 }, ..Recipe::default() };
+        let rows = |recipe: &Recipe, path: &Path| {
+            let learnt = learnt_from(recipe, path);
+            (0..50).filter(|row| learnt(*row)).collect::<Vec<_>>()
+        };
+        assert_eq!(rows(&recipe, &dir.path().join("./lake")), (20..30).collect::<Vec<_>>());
+        assert!(rows(&recipe, dir.path()).is_empty());
+        recipe.validation = vec![Selection::of("other")];
+        assert_eq!(rows(&recipe, &lake), (20..40).collect::<Vec<_>>());
+    }
+}

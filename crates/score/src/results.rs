@@ -1,0 +1,108 @@
+//! A scored drive as one JSON object, whoever drove and wherever: what `drive`, `simulate` and a closed loop say with
+//! `--json`.
+
+use serde::Serialize;
+
+use crate::score::Scorecard;
+
+/// A scored drive. Its keys are, in this order: those of who drove where, those of the [`Scorecard`], those of how it was
+/// driven, and `missed`.
+#[derive(Debug, Serialize)]
+pub struct ScoredDrive<'a, Who, How> {
+    /// Who drove where: [`Simulated`], [`Bridged`], [`Along`].
+    #[serde(flatten)]
+    pub who: Who,
+    /// The judgement.
+    #[serde(flatten)]
+    pub card: &'a Scorecard,
+    /// How it was driven: [`InProcess`], [`AlongRows`], or nothing of it is known here.
+    #[serde(flatten)]
+    pub how: How,
+    /// The thresholds that it missed, in words.
+    pub missed: &'a [String],
+}
+
+/// A pilot in a simulated world.
+#[derive(Debug, Serialize)]
+pub struct Simulated<'a> {
+    /// What it is called.
+    pub pilot: &'a str,
+    /// Of everything random in the world.
+    pub seed: u64,
+}
+
+/// Whoever answers a simulated world, a bridge for example.
+#[derive(Debug, Serialize)]
+pub struct Bridged<'a> {
+    /// What it is called.
+    pub driver: &'a str,
+    /// Of everything random in the world.
+    pub seed: u64,
+}
+
+/// A pilot along a recording.
+#[derive(Debug, Serialize)]
+pub struct Along<'a> {
+    /// What it is called.
+    pub pilot: &'a str,
+    /// The recording.
+    pub source: &'a str,
+    /// How far beside the recorded path the car may be, in metres.
+    pub limit_m: f64,
+}
+
+/// A drive in one process, as fast as it goes.
+#[derive(Debug, Serialize)]
+pub struct InProcess<'a> {
+    /// Frames that were there to drive by.
+    pub frames: u64,
+    /// SHA-256 over all frames and commands: equal where two drives were the same.
+    pub fingerprint: &'a str,
+    /// Seconds of the world for one on the wall.
+    pub times_real_time: f64,
+    /// The run's file, where one was recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+}
+
+/// A drive along the rows of a recording.
+#[derive(Debug, Serialize)]
+pub struct AlongRows<'a> {
+    /// Frames that were there to drive by.
+    pub frames: u64,
+    /// Those of them that no network saw; the card counts bad frames of a pilot that drove at all.
+    pub unseen_frames: u64,
+    /// Rows with a picture in the recording.
+    pub rows_read: usize,
+    /// Those of them in which the recorded car stands.
+    pub rows_standing: usize,
+    /// Intervals in which the pictures said how the recorded car turned.
+    pub turned_by_pictures: usize,
+    /// And those in which its steering had to.
+    pub turned_by_steering: usize,
+    /// SHA-256 over all frames and commands.
+    pub fingerprint: &'a str,
+    /// Frames a second on the wall.
+    pub frames_per_s: f64,
+    /// The run's file, where one was recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::Scorer;
+
+    #[test]
+    fn keys_stand_in_the_order_of_who_what_it_was_worth_and_how() {
+        let (card, missed) = (Scorer::default().finish(), ["a".to_owned()]);
+        let how = InProcess { frames: 3, fingerprint: "ff", times_real_time: 2.0, run: None };
+        let drive = ScoredDrive { who: Simulated { pilot: "p", seed: 1 }, card: &card, how, missed: &missed };
+        let json = serde_json::to_string(&drive).unwrap();
+        assert!(json.starts_with(r#"{"pilot":"p","seed":1,"schema":"#), "{json}");
+        assert!(json.ends_with(r#","frames":3,"fingerprint":"ff","times_real_time":2.0,"missed":["a"]}"#), "{json}");
+        let bare = ScoredDrive { who: Bridged { driver: "d", seed: 1 }, card: &card, how: (), missed: &[] };
+        assert!(serde_json::to_string(&bare).unwrap().ends_with(r#","missed":[]}"#));
+    }
+}
