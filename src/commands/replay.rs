@@ -8,7 +8,6 @@ use std::{
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
-use serde::Serialize;
 
 use super::{Ended, outputs};
 use crate::cli;
@@ -17,33 +16,11 @@ use lapwing_core::{
     config::{ConfigError, Settings},
     drive::{self, Observer, ObserverError},
     driver::Driver,
-    replay::{Answered, Answers, Difference, ForBridge, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
+    replay::{Answered, Answers, Comparison, ForBridge, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
     turn::Turn,
 };
 use lapwing_learn::nn::runtime;
-use lapwing_score::score::Scorecard;
-
-/// Differing frames that are named one by one.
-const NAMED: usize = 10;
-
-#[derive(Serialize)]
-struct Result_<'a> {
-    #[serde(flatten)]
-    report: &'a Report,
-    card: Scorecard,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    golden: Option<Comparison>,
-}
-
-#[derive(Serialize)]
-struct Comparison {
-    tolerance: f64,
-    differing_frames: usize,
-    first: Vec<Difference>,
-    /// Where the stored replay was written and where this one ran; absent where it is not told.
-    written_on: Option<Machine>,
-    compared_on: Option<Machine>,
-}
+use lapwing_score::{results::Replayed, score::Scorecard};
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
     if let Some((threshold, _)) = arguments.thresholds.0.first() {
@@ -73,16 +50,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         say!("written: {}", path.display());
         Ok::<_, GoldenError>(())
     });
-    let comparison = golden.map(|golden| {
-        let differences = golden.compare(&answers, arguments.tolerance);
-        Comparison {
-            tolerance: arguments.tolerance,
-            differing_frames: differences.len(),
-            first: differences.into_iter().take(NAMED).collect(),
-            written_on: golden.written_on().cloned(),
-            compared_on: here,
-        }
-    });
+    let comparison = golden.map(|golden| Comparison::new(&golden, &answers, arguments.tolerance, here));
     let ended = match &comparison {
         _ if too_many_bad => Ended::Failed,
         Some(comparison) if comparison.differing_frames > 0 => Ended::Failed,
@@ -90,9 +58,9 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     };
     if arguments.json {
         let card = Scorecard::of_replay(report.agreement());
-        super::print(&serde_json::to_string_pretty(&Result_ { report: &report, card, golden: comparison })?)?;
+        super::print(&serde_json::to_string_pretty(&Replayed { report: &report, card, golden: comparison })?)?;
     } else {
-        let comparison = comparison.as_ref().map(told).unwrap_or_default();
+        let comparison = comparison.map_or_else(String::new, |comparison| format!("\n{comparison}"));
         super::print(&format!("{report}{comparison}"))?;
     }
     if too_many_bad {
@@ -152,25 +120,6 @@ pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
         "{source}: expected at most {most} % bad frames, which no network sees, got {bad} of {all}; \
          --allow-bad-frames accepts them"
     )
-}
-
-fn told(Comparison { tolerance, differing_frames, first, written_on, compared_on }: &Comparison) -> String {
-    if *differing_frames == 0 {
-        return format!("\n  golden           every command agrees within {tolerance}");
-    }
-    let mut text = format!("\n  golden           {differing_frames} differ by more than {tolerance}:");
-    for Difference { frame, what } in first {
-        text += &format!("\n    frame {frame}: {what}");
-    }
-    if *differing_frames > first.len() {
-        text += &format!("\n    and {} more", differing_frames - first.len());
-    }
-    let machine = |machine: &Option<Machine>| machine.as_ref().map_or_else(|| "not told".into(), Machine::to_string);
-    text += &format!("\n    written on       {}\n    compared on      {}", machine(written_on), machine(compared_on));
-    if written_on != compared_on {
-        text += "\n    the last bits of a network's answers differ between kinds of processor and versions of libtorch";
-    }
-    text
 }
 
 /// A line of progress through a recording, where somebody watches.

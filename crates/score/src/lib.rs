@@ -10,7 +10,7 @@
 //! | [`score`] | from the items of a run to its scorecard, and what is made of scorecards |
 //! | [`odometry`] | where a car was, by its speed, steering and pictures alone |
 //! | [`judged`] | a drive with a scorer among its observers |
-//! | [`results`] | a scored drive as JSON |
+//! | [`results`] | scored drives and replays as JSON |
 //! | [`suite`] | many drives as one: which, their results, what they come to |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts |
 //!

@@ -1,9 +1,10 @@
-//! A scored drive as one JSON object, whoever drove and wherever: what `drive`, `simulate` and a closed loop say with
+//! Drives and replays as one JSON object, whoever drove and wherever: what `drive`, `simulate` and `replay` say with
 //! `--json`.
 
 use serde::Serialize;
 
 use crate::score::Scorecard;
+use lapwing_core::replay::{Comparison, Report};
 
 /// A scored drive. Its keys are, in this order: those of who drove where, those of the [`Scorecard`], those of how it was
 /// driven, and `missed`.
@@ -87,6 +88,20 @@ pub struct AlongRows<'a> {
     /// The run's file, where one was recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
+}
+
+/// An open-loop replay: its report, the scorecard's figures of steering, and how it agrees with a stored one where that
+/// was asked.
+#[derive(Debug, Serialize)]
+pub struct Replayed<'a> {
+    /// What was answered, and how fast.
+    #[serde(flatten)]
+    pub report: &'a Report,
+    /// What it was worth.
+    pub card: Scorecard,
+    /// Held against a stored replay.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub golden: Option<Comparison>,
 }
 
 #[cfg(test)]

@@ -10,11 +10,13 @@
 //! A frame that no network saw is a bad one: it is counted as such and is in no figure.
 
 mod answers;
+mod comparison;
 mod golden;
 mod report;
 mod source;
 
 pub use answers::{Answered, Answers, ForBridge, Response};
+pub use comparison::Comparison;
 pub use golden::{Difference, Golden, GoldenError, Machine};
 pub use report::{BadFrame, Latency, MOST_BAD_FRAMES, Report, too_many_bad_frames};
 pub use source::{Rate, Replay, ReplayError};

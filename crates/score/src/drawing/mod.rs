@@ -106,16 +106,16 @@ impl Sheet {
     /// As SVG text.
     ///
     /// # Errors
-    /// A picture that cannot be encoded, in words.
-    pub fn svg(&self) -> Result<String, String> {
+    /// [`PaintError::Encode`].
+    pub fn svg(&self) -> Result<String, PaintError> {
         svg::paint(self)
     }
 
     /// As a PNG file's bytes.
     ///
     /// # Errors
-    /// A side of nought or of more than 16384 pixels, in words.
-    pub fn png(&self) -> Result<Vec<u8>, String> {
+    /// [`PaintError`].
+    pub fn png(&self) -> Result<Vec<u8>, PaintError> {
         png::paint(self)
     }
 
@@ -132,6 +132,25 @@ impl Sheet {
         let bytes = bytes.map_err(|why| DrawingError::Encode { path: path.to_owned(), why })?;
         files::write(path, &bytes).map_err(|source| DrawingError::Io { path: path.to_owned(), source })
     }
+}
+
+/// Why a sheet cannot be painted.
+#[derive(Debug, thiserror::Error)]
+pub enum PaintError {
+    /// A side of nought, or more than memory is for.
+    #[error("expected 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
+    Size {
+        /// In pixels.
+        width: u32,
+        /// In pixels.
+        height: u32,
+    },
+    /// The encoder of pictures says no.
+    #[error(transparent)]
+    Encode(#[from] image::ImageError),
+    /// The text cannot be written.
+    #[error(transparent)]
+    Text(#[from] std::fmt::Error),
 }
 
 /// What a sheet is painted as.
@@ -171,8 +190,8 @@ pub enum DrawingError {
     Encode {
         /// The path.
         path: PathBuf,
-        /// What the encoder says.
-        why: String,
+        /// What the painter says.
+        why: PaintError,
     },
     /// The file system says no.
     #[error("cannot write the picture {}: {source}", path.display())]

@@ -4,17 +4,14 @@ use image::{ExtendedColorType::Rgb8, ImageEncoder, codecs::png::PngEncoder};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster};
 use tiny_skia::{Color, FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Stroke, Transform};
 
-use super::{Colour, INK, LETTER, LINE_PX, MAX_SIDE, PAPER, Point, Shape, Sheet};
+use super::{Colour, INK, LETTER, LINE_PX, MAX_SIDE, PAPER, PaintError, Point, Shape, Sheet};
 use lapwing_core::perception::Frame;
 
 /// The whole file, or why there is none.
-pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, String> {
+pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, PaintError> {
     let (width, height) = (sheet.width as u32, sheet.height as u32);
     let fits = sheet.width <= MAX_SIDE && sheet.height <= MAX_SIDE;
-    let mut pixels = fits
-        .then(|| Pixmap::new(width, height))
-        .flatten()
-        .ok_or_else(|| format!("expected 1 to {MAX_SIDE} pixels a side, got {width}x{height}"))?;
+    let mut pixels = fits.then(|| Pixmap::new(width, height)).flatten().ok_or(PaintError::Size { width, height })?;
     pixels.fill(colour(PAPER));
     for shape in &sheet.shapes {
         match shape {
@@ -39,9 +36,9 @@ pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, String> {
 }
 
 /// Rows of red, green and blue bytes as a PNG file.
-pub(super) fn encode(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
+pub(super) fn encode(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, PaintError> {
     let mut png = Vec::new();
-    PngEncoder::new(&mut png).write_image(rgb, width, height, Rgb8).map_err(|e| e.to_string())?;
+    PngEncoder::new(&mut png).write_image(rgb, width, height, Rgb8)?;
     Ok(png)
 }
 

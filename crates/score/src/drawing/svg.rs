@@ -4,10 +4,10 @@ use std::fmt::Write;
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 
-use super::{Colour, INK, LINE_PX, PAPER, Point, Shape, Sheet, png, width_of};
+use super::{Colour, INK, LINE_PX, PAPER, PaintError, Point, Shape, Sheet, png, width_of};
 
 /// The whole file, or why there is none.
-pub(super) fn paint(sheet: &Sheet) -> Result<String, String> {
+pub(super) fn paint(sheet: &Sheet) -> Result<String, PaintError> {
     // Pictures are encoded first: of the rest nothing can fail.
     let mut pictures = Vec::new();
     for shape in &sheet.shapes {
@@ -17,7 +17,7 @@ pub(super) fn paint(sheet: &Sheet) -> Result<String, String> {
         }
     }
     let mut svg = String::new();
-    write(sheet, pictures.into_iter(), &mut svg).map_err(|e| e.to_string())?;
+    write(sheet, pictures.into_iter(), &mut svg)?;
     Ok(svg)
 }
 

@@ -58,5 +58,5 @@ fn a_file_is_painted_by_its_ending() {
 #[test]
 fn a_png_beyond_what_memory_is_for_is_refused() {
     let error = Sheet { height: 20_000.0, ..sheet(vec![]) }.png().unwrap_err();
-    assert_eq!(error, "expected 1 to 16384 pixels a side, got 40x20000");
+    assert_eq!(error.to_string(), "expected 1 to 16384 pixels a side, got 40x20000");
 }

@@ -101,7 +101,7 @@ pub use outcome::{Group, Outcome, Over, groups, table};
 pub use page::render;
 pub use plan::Plan;
 pub use results::{Done, Results, ResultsError, Unreadable};
-pub use spec::{Cell, Contestant, Seeds, Shard, Suite, SuiteError};
+pub use spec::{Cell, Contestant, Seeds, Shard, ShardError, Suite, SuiteError};
 
 #[cfg(test)]
 mod tests;

@@ -53,7 +53,7 @@ fn shards_share_a_suite_out_and_leave_nothing() {
         assert_eq!(shards.iter().filter(|shard| shard.has(i)).count(), 1);
     }
     for wrong in ["0/5", "6/5", "1", "a/b", "1/0"] {
-        assert!(wrong.parse::<Shard>().unwrap_err().contains("such as 2/8"), "{wrong}");
+        assert!(wrong.parse::<Shard>().unwrap_err().to_string().contains("such as 2/8"), "{wrong}");
     }
 }
 
