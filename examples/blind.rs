@@ -28,7 +28,7 @@ use lapwing_core::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{EventRecord, Item, Recorder, RecorderOptions, RunHeader, RunKind, RunReader},
+    recording::{EventRecord, Item, Recorder, RecorderOptions, Recording, RunHeader, RunKind},
     units::{Mph, Steering},
 };
 use lapwing_learn::models;
@@ -95,7 +95,7 @@ struct Roads {
     cps: Model,
 }
 
-struct Row {
+struct BlindDrive {
     run: usize,
     who: Who,
     mph: f64,
@@ -147,7 +147,7 @@ fn main() -> Result<ExitCode, Error> {
 }
 
 /// Drives and scores one run.
-fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Error> {
+fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<BlindDrive, Error> {
     let who = Who::of(run);
     let (track, scenery) = roads.worlds[run % roads.worlds.len()].clone();
     let mph: f64 = [20.0, 15.0, 25.0, 30.0][(run / 3 + run / 24) % 4];
@@ -193,7 +193,7 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Er
     let completion = (progress / f64::from(laps)).min(1.0);
     let scorer = Scorer::on(&roads.known, Some(laps));
     let mut suspected = vec![];
-    let found = score::of_run(&mut RunReader::open(&recorded.path)?, scorer, |at, item| {
+    let found = score::of_recording(&mut Recording::open(&recorded.path)?, scorer, |at, item| {
         if matches!(item, Item::Event(EventRecord::Note { text }) if text.starts_with("a collision")) {
             suspected.push(at.as_secs_f64());
         }
@@ -201,15 +201,15 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<Row, Er
     if !keep {
         std::fs::remove_file(&recorded.path)?;
     }
-    Ok(Row { run, who, mph, truth, completion, found, suspected })
+    Ok(BlindDrive { run, who, mph, truth, completion, found, suspected })
 }
 
 fn figure(card: &Scorecard, figure: Figure) -> f64 {
     card.value(figure).unwrap_or(f64::NAN)
 }
 
-fn told(row: &Row) -> String {
-    let Row { run, who, mph, truth, completion, found, .. } = row;
+fn told(row: &BlindDrive) -> String {
+    let BlindDrive { run, who, mph, truth, completion, found, .. } = row;
     let track = |card: &Scorecard| card.track.clone().unwrap_or_else(|| "-".into());
     let both = |of: Figure| format!("{:>6} {:>6}", figure(truth, of), figure(found, of));
     format!(
@@ -226,20 +226,20 @@ fn told(row: &Row) -> String {
 }
 
 /// How far off the completion is, if there is any.
-fn off(row: &Row) -> Option<f64> {
+fn off(row: &BlindDrive) -> Option<f64> {
     Some((row.found.value(Figure::Completion)? - row.completion).abs())
 }
 
 /// How far off each lap's time is, in seconds.
-fn lap_times_off(row: &Row) -> impl Iterator<Item = f64> {
+fn lap_times_off(row: &BlindDrive) -> impl Iterator<Item = f64> {
     let (truth, found) = (&row.truth.lap_times_s, &row.found.lap_times_s);
     let pairs = truth.iter().zip(found).filter(|_| truth.len() == found.len());
     pairs.map(|(truth, found)| (truth - found).abs())
 }
 
 /// What of a run is not as the judge saw it, collisions left aside.
-fn wrong(row: &Row) -> Vec<&'static str> {
-    let Row { truth, found, .. } = row;
+fn wrong(row: &BlindDrive) -> Vec<&'static str> {
+    let BlindDrive { truth, found, .. } = row;
     [
         (truth.track != found.track, "track"),
         (off(row).is_none_or(|off| off > COMPLETION), "completion"),
@@ -250,7 +250,7 @@ fn wrong(row: &Row) -> Vec<&'static str> {
     .collect()
 }
 
-fn report(rows: &[Row]) -> ExitCode {
+fn report(rows: &[BlindDrive]) -> ExitCode {
     println!(
         "run  pilot                   mph  track    found     completion %    laps           collisions     ended"
     );
@@ -258,7 +258,7 @@ fn report(rows: &[Row]) -> ExitCode {
         println!("{}", told(row));
     }
     let (mut both, mut told, mut seen) = (0.0, 0.0, 0.0);
-    for Row { truth, suspected, .. } in rows {
+    for BlindDrive { truth, suspected, .. } in rows {
         let struck = figure(truth, Figure::Collisions);
         // A run ends with its collision.
         let right = suspected.iter().any(|at| (at - figure(truth, Figure::TimeS)).abs() < SAME_S);

@@ -15,7 +15,7 @@ use lapwing_core::{
     protocol::number::{self, Culture},
     protocol::{CameraImage, Command, Packet, Payload, Telemetry, Truth, encode_superset, encode_telemetry},
     recording::udacity::DrivingLog,
-    recording::{Item, Moment, RunReader},
+    recording::{Entry, Item, RunReader},
     units::SpeedUnit,
 };
 use lapwing_learn::nn::Checkpoint;
@@ -209,8 +209,8 @@ pub fn runs(data: &[u8]) {
             assert!(told >= telemetries || told < u64::MAX);
         }
         assert!(bytes <= 256 * data.len() + (64 << 20), "{bytes} bytes of pictures from {}", data.len());
-        let steps = RunReader::open(&path).expect("it opened before").moments();
-        let steps = steps.filter(|moment| matches!(moment, Ok(Moment::Step(_)))).count();
+        let steps = RunReader::open(&path).expect("it opened before").entries();
+        let steps = steps.filter(|moment| matches!(moment, Ok(Entry::Step(_)))).count();
         assert_eq!(steps as u64, telemetries, "each telemetry is a step");
     });
 }

@@ -8,8 +8,8 @@ use lapwing_core::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Dialect, Observation, Sight, World},
-    recording::udacity::{DrivingLogWriter, Sample},
-    recording::{EventRecord, Recorder, RecorderOptions, RunHeader, RunKind, RunReader},
+    recording::udacity::{DrivingLogWriter, NewRow},
+    recording::{EventRecord, Recorder, RecorderOptions, Recording, RunHeader, RunKind},
     units::{MPS_PER_MPH, Mph, Steering, Throttle},
 };
 use lapwing_learn::models;
@@ -42,7 +42,7 @@ fn recorded(seconds: f64) -> (TempDir, Vec<f64>) {
     while world.ending().is_none() {
         let command = world.expert(Mph::constant(20.0));
         let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| world.picture(c));
-        let sample = Sample {
+        let sample = NewRow {
             at: std::time::Duration::from_secs_f64(yaws.len() as f64 / 15.0),
             center: &center,
             left: Some(&left),
@@ -141,7 +141,7 @@ fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of
     let mut world = open(&dir, Yaw::Pictures);
     let card = judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap().card;
     let run = recorder.finish().path;
-    let again = score::of_run(&mut RunReader::open(&run).unwrap(), Scorer::default(), |_, _| ()).unwrap();
+    let again = score::of_recording(&mut Recording::open(&run).unwrap(), Scorer::default(), |_, _| ()).unwrap();
     assert_eq!(again, card);
     for figure in [Figure::Collisions, Figure::Laps, Figure::Completion, Figure::OffRoads, Figure::DrivingScore] {
         assert!(card.words(figure).starts_with("not measurable: a recording "), "{}: {card}", figure.key());

@@ -8,7 +8,7 @@ use std::{
 };
 
 use lapwing::known::known_road;
-use lapwing_core::{protocol::number, recording::RunReader, recording::udacity::DrivingLog};
+use lapwing_core::{protocol::number, recording::Recording, recording::udacity::DrivingLog};
 use lapwing_learn::dataset;
 use lapwing_score::{
     odometry::Road,
@@ -100,14 +100,15 @@ fn real_drives_are_known_by_their_bends_and_their_collisions_found_in_log_and_ru
         ("mountain", None, None, 107.6),
     ] {
         let log = folder.join(name);
-        let card = score::of_log(&DrivingLog::open(&log).unwrap(), Scorer::on(&roads, Some(1)), |_, _| ());
+        let card =
+            score::of_recording(&mut Recording::open(&log).unwrap(), Scorer::on(&roads, Some(1)), |_, _| ()).unwrap();
         assert_eq!((card.track.as_deref(), card.value(Figure::Laps)), (track, laps), "{name}: {card}");
         assert_eq!(card.value(Figure::Collisions), Some(1.0), "{name}: {card}");
         assert!((card.value(Figure::SurvivalS).unwrap() - collision_s).abs() < 0.1, "{name}: {card}");
         let run = dir.path().join(name).with_extension("mcap");
         dataset::convert(&log, &run, &mut |_, _| std::ops::ControlFlow::Continue(())).unwrap();
-        let mut run = RunReader::open(&run).unwrap();
-        let of_run = score::of_run(&mut run, Scorer::on(&roads, Some(1)), |_, _| ()).unwrap();
+        let mut run = Recording::open(&run).unwrap();
+        let of_run = score::of_recording(&mut run, Scorer::on(&roads, Some(1)), |_, _| ()).unwrap();
         assert_eq!(of_run, card, "{name}");
     }
 }

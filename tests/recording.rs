@@ -14,8 +14,8 @@ use std::{
 use lapwing_core::{
     protocol::{CameraImage, Dialect, Telemetry},
     recording::{
-        By, CommandRecord, EventRecord, Item, ModelId, Moment, Recorder, RecorderOptions, RunHeader, RunKind,
-        RunReader, Step,
+        Break, By, CommandRecord, Entry, EventRecord, Item, ModelId, Recorder, RecorderOptions, Recording, RunHeader,
+        RunKind, RunReader, Step,
     },
     units::{Steering, Throttle},
 };
@@ -334,15 +334,15 @@ fn items_are_joined_into_steps_with_events_between_them() {
     ] {
         recorder.record(ms(at), item);
     }
-    let mut moments = RunReader::open(recorder.finish().path).unwrap().moments();
+    let mut moments = RunReader::open(recorder.finish().path).unwrap().entries();
     let step = |at, i: u32, picture: bool, answered: bool| {
         let mut telemetry = telemetry(i);
         if picture {
             telemetry.image = CameraImage::Jpeg(jpeg(i).into());
         }
-        Moment::Step(Step { at: ms(at), telemetry, frame_recorded: picture, command: answered.then(|| command(i)) })
+        Entry::Step(Step { at: ms(at), telemetry, frame_recorded: picture, command: answered.then(|| command(i)) })
     };
-    let note = |at, text: &str| Moment::Event { at: ms(at), event: event(text) };
+    let note = |at, text: &str| Entry::Event { at: ms(at), event: event(text) };
     assert_eq!(
         moments.by_ref().map(Result::unwrap).collect::<Vec<_>>(),
         [
@@ -356,6 +356,57 @@ fn items_are_joined_into_steps_with_events_between_them() {
     );
     assert_eq!((moments.without_frame(), moments.unanswered()), (1, 1));
     assert!(moments.truncated().is_none());
+}
+
+#[test]
+fn a_recording_says_where_it_is_broken_and_why() {
+    let dir = tempfile::tempdir().unwrap();
+    let recorder = Recorder::create(dir.path(), header(), RecorderOptions::default()).unwrap();
+    let ms = Duration::from_millis;
+    let seen = |at: u64, i: u32, by: By| {
+        let command = CommandRecord { by, ..command(i) };
+        [Item::Telemetry(telemetry(i)), Item::Frame(jpeg(i).into()), Item::Command(command)].map(|item| (at, item))
+    };
+    let event = |at, event| [(at, Item::Event(event))];
+    let items = [
+        &seen(0, 0, By::Pilot)[..],
+        &seen(1000, 1, By::Pilot), // a second is no gap yet
+        &seen(2001, 2, By::Human),
+        &event(2010, EventRecord::Reset { waypoint: 0 }),
+        &seen(2070, 3, By::Safe),
+        &event(2080, EventRecord::TakeoverBegan),
+        &seen(9000, 4, By::Off),
+        &[(9066, Item::Telemetry(telemetry(5)))], // its picture is not recorded, and nobody answers
+        &seen(9132, 6, By::Pilot),
+        &event(9140, EventRecord::Break { seconds: Some(-3.5) }),
+        &seen(9198, 7, By::Pilot),
+        &event(9200, EventRecord::RunEnded { why: "the end".into() }),
+    ];
+    for (at, item) in items.into_iter().flatten() {
+        recorder.record(ms(*at), item.clone());
+    }
+    let mut recording = Recording::open(recorder.finish().path).unwrap();
+    assert_eq!((recording.left(), recording.log().is_none()), (Some(8), true));
+    let moments: Vec<_> = recording.by_ref().map(Result::unwrap).collect();
+    let breaks: Vec<_> = moments.iter().map(|moment| moment.broken).collect();
+    let expected = [
+        None,
+        None,
+        Some(Break::Gap(ms(1001))),
+        Some(Break::PutBack),
+        Some(Break::TakenOver),
+        None,
+        Some(Break::Unseen(1)),
+        Some(Break::Back(ms(3500))),
+    ];
+    assert_eq!(breaks, expected);
+    let steered: Vec<_> = moments.iter().map(|moment| moment.steering().is_some()).collect();
+    assert_eq!(steered, [true, true, true, false, false, false, true, true], "a pilot or a human steers");
+    let rows: Vec<_> = moments.iter().map(|moment| (moment.row, moment.is_seen())).collect();
+    assert_eq!((rows[0], rows[5], rows[7]), ((0, true), (5, false), (7, true)));
+    assert_eq!(moments[4].before, [(ms(2080), EventRecord::TakeoverBegan)]);
+    assert_eq!(recording.events_after(), [(ms(9200), EventRecord::RunEnded { why: "the end".into() })]);
+    assert_eq!((recording.left(), recording.truncated()), (Some(0), None));
 }
 
 /// In the environment of the process that is to be killed: where it records to.

@@ -56,12 +56,12 @@ impl Desk {
 
     /// A drive of 60 rows that sways.
     fn data(&self) {
-        use lapwing_core::recording::udacity::{DrivingLogWriter, Sample};
+        use lapwing_core::recording::udacity::{DrivingLogWriter, NewRow};
         let jpeg = super::support::jpeg(90);
         let began = "2020-01-01T12:00:00".parse().unwrap();
         let mut log = DrivingLogWriter::create(self.path("data"), began).unwrap();
         for i in 0..60u32 {
-            log.row(&Sample {
+            log.row(&NewRow {
                 at: Duration::from_millis(u64::from(i) * 100),
                 center: &jpeg,
                 left: None,

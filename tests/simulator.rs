@@ -14,7 +14,7 @@ use lapwing_core::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
-    recording::{EventRecord, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind, RunReader},
+    recording::{EventRecord, Recorder, RecorderOptions, Recording, RecordingReport, RunHeader, RunKind, RunReader},
     units::{Mph, Steering, Throttle},
 };
 use lapwing_score::judged::{self, Judged};
@@ -311,7 +311,8 @@ fn a_recorded_run_is_judged_as_its_drive_was() {
     for (how, setup, pilot) in drives {
         let dir = tempfile::tempdir().unwrap();
         let (Judged { card, .. }, report) = recorded(dir.path(), setup, pilot);
-        let again = score::of_run(&mut RunReader::open(&report.path).unwrap(), Scorer::default(), |_, _| ()).unwrap();
+        let again =
+            score::of_recording(&mut Recording::open(&report.path).unwrap(), Scorer::default(), |_, _| ()).unwrap();
         assert_eq!(again, card, "{how}");
         let counts = [Figure::Takeovers, Figure::Collisions].map(|figure| card.value(figure));
         let expected = ["with a human", "into a standing car"].map(|one| Some(f64::from(how == one)));
@@ -329,7 +330,7 @@ fn laps_of_a_road_that_nobody_knows_are_seen_and_it_is_taken_for_none_that_is_kn
     let (Judged { card: truth, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
     let roads: Vec<_> = Track::NAMES.iter().map(|name| Arc::new(known_road(name).unwrap())).collect();
     let scorer = Scorer::on(&roads, Some(2));
-    let card = score::of_run(&mut RunReader::open(&report.path).unwrap(), scorer, |_, _| ()).unwrap();
+    let card = score::of_recording(&mut Recording::open(&report.path).unwrap(), scorer, |_, _| ()).unwrap();
     assert_eq!((card.track.as_deref(), card.value(Figure::Laps)), (None, Some(2.0)), "{card}");
     let times = truth.lap_times_s.iter().zip(&card.lap_times_s);
     assert!(times.map(|(told, seen)| (told - seen).abs()).fold(0.0, f64::max) < 1.0, "{truth}\n{card}");

@@ -71,7 +71,7 @@ struct Arguments {
 }
 
 /// What one pilot came to.
-struct Row {
+struct Matched {
     pilot: String,
     replay: Scorecard,
     road: Scorecard,
@@ -89,7 +89,7 @@ fn main() -> Result<()> {
 
     let next = AtomicUsize::new(0);
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut rows: Vec<(usize, Row)> = std::thread::scope(|scope| {
+    let mut rows: Vec<(usize, Matched)> = std::thread::scope(|scope| {
         let work = || {
             let mut rows = Vec::new();
             while let Some(pilot) = pilots.get(next.load(Ordering::Relaxed)) {
@@ -107,7 +107,7 @@ fn main() -> Result<()> {
         joined.collect::<Result<Vec<Vec<_>>>>().map(|rows| rows.into_iter().flatten().collect())
     })?;
     rows.sort_by_key(|(index, _)| *index);
-    let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
+    let rows: Vec<Matched> = rows.into_iter().map(|(_, row)| row).collect();
     print(&arguments, &rows);
     if let Some(path) = &arguments.out {
         draw(&arguments, &rows).sheet(720, 560).write(path)?;
@@ -116,7 +116,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pilot: &Handicapped) -> Result<Row> {
+fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pilot: &Handicapped) -> Result<Matched> {
     let control = Control { speed_mph: speed, ..Control::default() };
     let yaw = if a.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let mut along = RecordedWorld::open(recording, a.limit, yaw)?;
@@ -125,14 +125,14 @@ fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pi
     let mut road = Kept::new(track, a.limit, a.seconds)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
     let road = judged::run(&mut road, &mut driver, &mut [])?.card;
-    Ok(Row { pilot: pilot.name.clone(), replay, road })
+    Ok(Matched { pilot: pilot.name.clone(), replay, road })
 }
 
 fn autonomy(card: &Scorecard) -> f64 {
     card.value(Figure::Autonomy).unwrap_or(f64::NAN)
 }
 
-fn print(arguments: &Arguments, rows: &[Row]) {
+fn print(arguments: &Arguments, rows: &[Matched]) {
     let (replay, road): (Vec<f64>, Vec<f64>) =
         rows.iter().map(|row| (autonomy(&row.replay), autonomy(&row.road))).unzip();
     let ranks = (ranks(&replay), ranks(&road));
@@ -177,7 +177,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     sum(&|a, b| a * b) / (sum(&|a, _| a * a) * sum(&|_, b| b * b)).sqrt()
 }
 
-fn draw(arguments: &Arguments, rows: &[Row]) -> Chart {
+fn draw(arguments: &Arguments, rows: &[Matched]) -> Chart {
     let percent = |label: &str| Axis::new(label).from_to(0.0, 100.0);
     let title = format!("Autonomy of {} pilots on {} at {} mph", rows.len(), arguments.track, arguments.speed);
     let mut chart =

@@ -7,7 +7,7 @@ use lapwing_core::{
     config::OnCrash,
     drive::Eventful,
     protocol::{Answer, Observation, World},
-    recording::udacity::{DrivingLogWriter, Sample},
+    recording::udacity::{DrivingLogWriter, NewRow},
     turn::EventRecord,
     units::{MPS_PER_MPH, Mph},
 };
@@ -35,7 +35,7 @@ pub fn record(track: &Track, speed: Mph, seconds: Option<f64>, one_camera: bool,
     while world.ending().is_none() {
         let command = world.expert(speed);
         let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| world.picture(c));
-        log.row(&Sample {
+        log.row(&NewRow {
             at: Duration::from_secs_f64(f64::from(frame) / HZ),
             center: &center,
             left: (!one_camera).then_some(&left),

@@ -9,7 +9,7 @@ use super::{Ended, Interrupted, world};
 use crate::cli;
 use lapwing_core::{
     protocol::{Answer, Command, World},
-    recording::udacity::{DrivingLogWriter, Sample},
+    recording::udacity::{DrivingLogWriter, NewRow},
     units::{MPS_PER_MPH, Mph, Steering},
     words::count,
 };
@@ -63,7 +63,7 @@ pub(super) fn record(
     let mut disturbance = arguments.recovery.then(|| Disturbance::new(seed, hz));
     let bar = world::Progress::new();
     let speed = Mph::saturating(arguments.speed);
-    let (mut frame, mut jump_s) = (0u64, 0.0);
+    let mut frame = 0u64;
     let ending = loop {
         if let Some(ending) = simulation.ending() {
             break ending.clone();
@@ -72,12 +72,12 @@ pub(super) fn record(
             && disturbance.is_due(simulation.time_s())
         {
             disturbance.strike(&mut simulation);
-            jump_s += 1.0; // whoever reads the log as a sequence sees that it was cut here
+            log.cut();
         }
         let label = simulation.expert(speed);
         let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| simulation.picture(c));
-        log.row(&Sample {
-            at: std::time::Duration::from_secs_f64(frame as f64 / hz + jump_s),
+        log.row(&NewRow {
+            at: std::time::Duration::from_secs_f64(frame as f64 / hz),
             center: &center,
             left: Some(&left),
             right: Some(&right),

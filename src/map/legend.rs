@@ -18,7 +18,7 @@ pub(super) fn draw(
 ) -> f64 {
     let y = top + LINE_PX / 2.0;
     scale_bar(scale, (width - MARGIN, y), shapes);
-    let mut row = Row { x: MARGIN, y, right: width - MARGIN, shapes };
+    let mut row = LegendRow { x: MARGIN, y, right: width - MARGIN, shapes };
     if let Some(fastest) = fastest {
         row.text("0");
         for level in 0..LEVELS {
@@ -57,7 +57,7 @@ pub(super) fn draw(
 }
 
 /// A row of the legend, written from left to right.
-struct Row<'a> {
+struct LegendRow<'a> {
     x: f64,
     y: f64,
     /// Where the sheet's room ends.
@@ -65,7 +65,7 @@ struct Row<'a> {
     shapes: &'a mut Vec<Shape>,
 }
 
-impl Row<'_> {
+impl LegendRow<'_> {
     /// On to the next row where a symbol with this text would not fit.
     fn make_room(&mut self, text: &str) {
         if self.x > MARGIN && self.x + 18.0 + (text.len() as f64 + 1.0) * LETTER > self.right {

@@ -2,7 +2,7 @@
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use futures_util::SinkExt;
-use lapwing_core::recording::{EventRecord, Moment, RunReader};
+use lapwing_core::recording::{Entry, EventRecord, RunReader};
 use lapwing_learn::models;
 use lapwing_score::score::Figure;
 use tempfile::tempdir;
@@ -62,8 +62,8 @@ async fn every_bad_message_gets_one_safe_command_and_the_drive_goes_on() {
     let summaries = running.stop().await;
     assert_eq!(summaries[0].count(Figure::BadFrames), count);
     let run = &summaries[0].run.as_ref().unwrap().path;
-    let events = RunReader::open(run).unwrap().moments().map(Result::unwrap).filter(
-        |moment| matches!(moment, Moment::Event { event: EventRecord::BadFrame { why, .. }, .. } if !why.is_empty()),
+    let events = RunReader::open(run).unwrap().entries().map(Result::unwrap).filter(
+        |moment| matches!(moment, Entry::Event { event: EventRecord::BadFrame { why, .. }, .. } if !why.is_empty()),
     );
     assert_eq!(events.count() as u64, count);
 }
@@ -97,9 +97,9 @@ async fn a_network_without_an_answer_gets_the_car_a_safe_command_and_the_run_the
     }
     let run = running.stop().await.remove(0).run.unwrap().path;
     let why = |moment| match moment {
-        Ok(Moment::Event { event: EventRecord::BadFrame { why, .. }, .. }) => Some(why),
+        Ok(Entry::Event { event: EventRecord::BadFrame { why, .. }, .. }) => Some(why),
         _ => None,
     };
-    let reasons: Vec<_> = RunReader::open(&run).unwrap().moments().filter_map(why).collect();
+    let reasons: Vec<_> = RunReader::open(&run).unwrap().entries().filter_map(why).collect();
     assert_eq!(reasons, vec!["pilot: expected a finite steering from the network, got NaN"; 3]);
 }

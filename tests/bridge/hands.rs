@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use lapwing_core::{
     config::Takeover,
-    recording::{EventRecord, Moment, RunReader},
+    recording::{Entry, EventRecord, RunReader},
 };
 use lapwing_score::score::Figure;
 use tempfile::tempdir;
@@ -31,9 +31,9 @@ async fn a_human_is_answered_manual_and_the_integral_is_held_meanwhile() {
     assert_eq!(steer(&simulator.ask(&telemetry("4.0000")).await).1, 0.52, "one more error in the sum, not twenty");
     let summary = running.stop().await.remove(0);
     assert_eq!((summary.count(Figure::Takeovers), summary.human_messages, summary.telemetries), (1, 21, 2));
-    let moments: Vec<_> = RunReader::open(summary.run.unwrap().path).unwrap().moments().map(Result::unwrap).collect();
+    let moments: Vec<_> = RunReader::open(summary.run.unwrap().path).unwrap().entries().map(Result::unwrap).collect();
     let ended = moments.iter().any(
-        |m| matches!(m, Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } if *duration_s > 0.0),
+        |m| matches!(m, Entry::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } if *duration_s > 0.0),
     );
     assert!(ended, "{moments:?}");
 }
@@ -75,9 +75,9 @@ async fn a_human_from_the_first_frame_belongs_to_a_run_that_knows_its_simulator(
     assert_eq!((summary.count(Figure::Takeovers), summary.telemetries), (1, 1));
     let reader = RunReader::open(summary.run.unwrap().path).unwrap();
     assert_eq!(reader.header().dialect, Some(lapwing_core::protocol::Dialect::Term1));
-    let moments: Vec<_> = reader.moments().map(Result::unwrap).collect();
+    let moments: Vec<_> = reader.entries().map(Result::unwrap).collect();
     let driven_s = moments.iter().find_map(|moment| match moment {
-        Moment::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } => Some(*duration_s),
+        Entry::Event { event: EventRecord::TakeoverEnded { duration_s }, .. } => Some(*duration_s),
         _ => None,
     });
     assert!(driven_s.is_some_and(|s| (0.4..10.0).contains(&s)), "{moments:?}");

@@ -109,10 +109,10 @@ async fn a_stopped_bridge_leaves_the_car_rolling_and_the_run_whole() {
     assert!(simulator.ends_within(Duration::from_secs(2)).await);
     let run = summaries[0].run.as_ref().unwrap();
     assert_eq!((run.frames, run.not_recorded, &run.error), (1, 0, &None));
-    let mut moments = lapwing_core::recording::RunReader::open(&run.path).unwrap().moments();
+    let mut moments = lapwing_core::recording::RunReader::open(&run.path).unwrap().entries();
     let steps: Vec<_> = moments.by_ref().map(Result::unwrap).collect();
     assert!(moments.truncated().is_none());
-    let lapwing_core::recording::Moment::Step(step) = &steps[0] else { panic!("{steps:?}") };
+    let lapwing_core::recording::Entry::Step(step) = &steps[0] else { panic!("{steps:?}") };
     assert_eq!(
         step.telemetry.image,
         lapwing_core::protocol::CameraImage::Jpeg(jpeg(90).into()),
@@ -121,8 +121,8 @@ async fn a_stopped_bridge_leaves_the_car_rolling_and_the_run_whole() {
     assert_eq!(step.command.as_ref().unwrap().steering.get(), summaries_steering(&steps), "as answered");
 }
 
-fn summaries_steering(moments: &[lapwing_core::recording::Moment]) -> f64 {
-    let lapwing_core::recording::Moment::Step(step) = &moments[0] else { panic!("no step") };
+fn summaries_steering(moments: &[lapwing_core::recording::Entry]) -> f64 {
+    let lapwing_core::recording::Entry::Step(step) = &moments[0] else { panic!("no step") };
     step.command.as_ref().unwrap().prediction.unwrap().clamp(-1.0, 1.0)
 }
 

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use drive::{Case, Drive, How, Speaks, loop_road, play};
 use futures_util::future::join_all;
-use lapwing_core::recording::RunReader;
+use lapwing_core::recording::Recording;
 use lapwing_score::score::{self, Figure as F, Measure, Scorecard, Scorer};
 use tempfile::tempdir;
 
@@ -29,9 +29,9 @@ async fn played(cases: &[Case]) -> Vec<(Drive, Scorecard)> {
         let summary = summaries[&drive.peer].clone();
         let path = summary.run.as_ref().unwrap().path.clone();
         assert_eq!(summary.run.as_ref().unwrap().not_recorded, 0);
-        let mut run = RunReader::open(&path).unwrap();
+        let mut run = Recording::open(&path).unwrap();
         assert_eq!(run.header().dialect, summary.dialect, "{:?}", drive.case);
-        let card = score::of_run(&mut run, Scorer::on(std::slice::from_ref(&road), Some(1)), |_, _| ()).unwrap();
+        let card = score::of_recording(&mut run, Scorer::on(std::slice::from_ref(&road), Some(1)), |_, _| ()).unwrap();
         drive.summary = Some(summary);
         (drive, card)
     };

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lapwing_core::recording::RunReader;
+use lapwing_core::recording::Recording;
 use lapwing_score::score::{self, Figure, Measure, Scorer};
 use tempfile::tempdir;
 
@@ -32,7 +32,7 @@ async fn a_drive_with_a_takeover_kicks_and_bad_frames_is_summed_up_as_its_file_i
     simulator.text().await;
     let summary = running.stop().await.remove(0);
     let path = summary.run.as_ref().unwrap().path.clone();
-    let card = score::of_run(&mut RunReader::open(path).unwrap(), Scorer::on(&[], Some(1)), |_, _| ()).unwrap();
+    let card = score::of_recording(&mut Recording::open(path).unwrap(), Scorer::on(&[], Some(1)), |_, _| ()).unwrap();
     let counts = [Figure::Takeovers, Figure::Kicks, Figure::BadFrames].map(|figure| summary.count(figure));
     assert_eq!(counts, [1, 2, 2], "{summary}");
     let mut shown = 0;
@@ -79,9 +79,9 @@ async fn a_run_that_begins_with_a_human_names_its_dialect_and_keeps_its_beginnin
     simulator.ask(&telemetry("9.0000")).await;
     simulator.ask(&telemetry("9.0000")).await;
     let summary = running.stop().await.remove(0);
-    let mut run = RunReader::open(summary.run.unwrap().path).unwrap();
+    let mut run = Recording::open(summary.run.unwrap().path).unwrap();
     assert_eq!(run.header().dialect, Some(lapwing_core::protocol::Dialect::Term1));
-    let card = score::of_run(&mut run, Scorer::on(&[], Some(1)), |_, _| ()).unwrap();
+    let card = score::of_recording(&mut run, Scorer::on(&[], Some(1)), |_, _| ()).unwrap();
     assert!(card.value(Figure::HumanS).unwrap() >= 0.15, "{card}");
     assert_eq!(card.value(Figure::SurvivalS), Some(0.0), "{card}");
 }

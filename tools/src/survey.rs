@@ -19,7 +19,7 @@ mod localise;
 mod view;
 
 pub use edges::{Detector, Edges};
-pub use localise::{FIT_ROWS, Fix, LocaliseError, Moment, Odometry, localise};
+pub use localise::{FIT_ROWS, Fix, LocaliseError, Odometry, Sighting, localise};
 pub use view::{Lens, Pose};
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::{
 use serde::Serialize;
 
 use crate::{
-    dataset::{Balance, Blocks, Cache, DatasetError, Inputs, Sample, Samples, Selection, Set},
+    dataset::{self, Balance, Blocks, Cache, DatasetError, Inputs, Sample, Samples, Selection, Set},
     models::Model,
     nn::Network,
     train::{Measured, Metrics, Recipe, TrainError, measure},
@@ -223,10 +223,10 @@ fn of_pilot(model: &Model, samples: &Samples) -> Result<Vec<f64>, EvaluateError>
     let answer = |sample: &Sample| {
         let row = &samples.sources[sample.source as usize].rows[sample.row as usize];
         let picture = row.pictures[sample.camera as usize].as_ref().ok_or(EvaluateError::NoPicture)?;
-        let undecoded = |source| EvaluateError::Image { picture: picture.name(), source };
-        decode_jpeg(&picture.read()?, &mut frame).map_err(undecoded)?;
+        let undecoded = |source| EvaluateError::Image { picture: picture.to_string(), source };
+        decode_jpeg(&dataset::read(picture)?, &mut frame).map_err(undecoded)?;
         let view = View { speed: sample.speed, ..View::of(&frame) };
-        let unanswered = |source| EvaluateError::Pilot { picture: picture.name(), source };
+        let unanswered = |source| EvaluateError::Pilot { picture: picture.to_string(), source };
         Ok(pilot.steer(&view).map_err(unanswered)?.steering)
     };
     samples.samples.iter().map(answer).collect()

@@ -18,11 +18,11 @@
 //!
 //! # Example
 //! ```
-//! use lapwing_core::recording::RunReader;
+//! use lapwing_core::recording::Recording;
 //! use lapwing_score::score::{self, Figure, Scorer};
 //!
 //! let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../recordings/lake.mcap");
-//! let card = score::of_run(&mut RunReader::open(path)?, Scorer::default(), |_, _| ())?;
+//! let card = score::of_recording(&mut Recording::open(path)?, Scorer::default(), |_, _| ())?;
 //! assert_eq!(card.value(Figure::Collisions), Some(0.0));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -45,7 +45,7 @@ impl Detector {
         let paved = self.paved(frame);
         rows.iter()
             .map(|&row| {
-                let row = Row::read(frame, row);
+                let row = Scanline::read(frame, row);
                 match self.theme {
                     Theme::Lake | Theme::Mountain if paved => [row.wall(-1), row.wall(1)],
                     Theme::Lake | Theme::Mountain => [row.line(-1), row.line(1)],
@@ -70,7 +70,7 @@ fn mean(frame: &Frame, columns: std::ops::Range<usize>, rows: std::ops::Range<us
 }
 
 /// One row, as wide as the picture.
-struct Row {
+struct Scanline {
     /// How yellow, red or brown: the warm channels over blue.
     warmth: Vec<f64>,
     /// Brightness, a little smoothed along and across.
@@ -81,7 +81,7 @@ struct Row {
     green: Vec<f64>,
 }
 
-impl Row {
+impl Scanline {
     fn read(frame: &Frame, y: usize) -> Self {
         let gain = 125.0 / light(mean(frame, 110..210, 100..130)).max(20.0);
         let gain = if gain > 1.4 { gain } else { 1.0 }; // dark pictures only

@@ -19,7 +19,7 @@ const WINDOW: usize = 15;
 
 /// One row of a recording.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
+pub struct Sighting {
     /// Seconds from its beginning.
     pub at: f64,
     /// Metres a second.
@@ -72,7 +72,7 @@ pub enum LocaliseError {
 pub fn localise(
     track: &Track,
     lens: &Lens,
-    moments: &[Moment],
+    moments: &[Sighting],
     start: Option<f64>,
 ) -> Result<(Odometry, Vec<Fix>), LocaliseError> {
     let driven = driven(moments);
@@ -91,7 +91,7 @@ pub fn localise(
 }
 
 /// Metres driven up to each moment, by the trapezoid rule.
-fn driven(moments: &[Moment]) -> Vec<f64> {
+fn driven(moments: &[Sighting]) -> Vec<f64> {
     let mut sum = 0.0;
     let mut out = Vec::with_capacity(moments.len());
     for (i, now) in moments.iter().enumerate() {
@@ -104,7 +104,7 @@ fn driven(moments: &[Moment]) -> Vec<f64> {
 }
 
 /// Where the drive begins: curvature says roughly, the bridge's paving exactly where there is one.
-fn place(track: &Track, moments: &[Moment], driven: &[f64], start: Option<f64>) -> Odometry {
+fn place(track: &Track, moments: &[Sighting], driven: &[f64], start: Option<f64>) -> Odometry {
     let steered = hann(&steered(moments, driven));
     let curved = hann(
         &(0..(track.length() / GRID_M) as usize).map(|i| track.at(i as f64 * GRID_M).curvature).collect::<Vec<_>>(),
@@ -144,7 +144,7 @@ fn place(track: &Track, moments: &[Moment], driven: &[f64], start: Option<f64>) 
 }
 
 /// Curvature that the steering drives, each metre of the way.
-fn steered(moments: &[Moment], driven: &[f64]) -> Vec<f64> {
+fn steered(moments: &[Sighting], driven: &[f64]) -> Vec<f64> {
     let mut i = 0;
     (0..(driven.last().copied().unwrap_or(0.0) / GRID_M) as usize)
         .map(|k| {
@@ -193,7 +193,7 @@ fn expected(track: &Track, lens: &Lens, pose: Pose, paved: bool) -> Vec<Edges> {
 }
 
 /// Offset and yaw at `s` by Gauss and Newton, weighted against outliers more sharply from step to step.
-fn fit(track: &Track, lens: &Lens, s: f64, moment: &Moment) -> Fix {
+fn fit(track: &Track, lens: &Lens, s: f64, moment: &Sighting) -> Fix {
     let mut pose = Pose { s, offset: track.file().driving_line_m, yaw: 0.0 };
     let home = pose;
     let (step_offset, step_yaw) = (0.02, 0.002);
@@ -234,7 +234,7 @@ fn fit(track: &Track, lens: &Lens, s: f64, moment: &Moment) -> Fix {
 }
 
 /// A pose with how well it explains the edges.
-fn judged(track: &Track, lens: &Lens, pose: Pose, moment: &Moment) -> Fix {
+fn judged(track: &Track, lens: &Lens, pose: Pose, moment: &Sighting) -> Fix {
     let at = expected(track, lens, pose, moment.paved);
     let mut errors: Vec<f64> = moment
         .edges
@@ -249,7 +249,7 @@ fn judged(track: &Track, lens: &Lens, pose: Pose, moment: &Moment) -> Fix {
 }
 
 /// The pose at `i` from a line through its neighbours' within four moments: a car moves steadily.
-fn smooth(track: &Track, lens: &Lens, raw: &[Fix], moments: &[Moment], i: usize) -> Fix {
+fn smooth(track: &Track, lens: &Lens, raw: &[Fix], moments: &[Sighting], i: usize) -> Fix {
     let near = &raw[i.saturating_sub(4)..(i + 5).min(raw.len())];
     let first = i.saturating_sub(4);
     let middle = |value: &dyn Fn(&Fix) -> f64| {
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     /// A drive along the lake from a place on, weaving, whose edges are where geometry puts them.
-    fn weaving(track: &Track, lens: &Lens, from: f64, count: usize) -> (Vec<Moment>, Vec<Pose>) {
+    fn weaving(track: &Track, lens: &Lens, from: f64, count: usize) -> (Vec<Sighting>, Vec<Pose>) {
         let speed = 12.0;
         let poses: Vec<Pose> = (0..count)
             .map(|i| {
@@ -304,7 +304,7 @@ mod tests {
                     .collect();
                 let curvature = track.at(pose.s).curvature;
                 let steering = motion::steering_deg(curvature) / FULL_STEERING_DEG;
-                Moment { at: i as f64 / 15.0, speed, steering, paved, edges }
+                Sighting { at: i as f64 / 15.0, speed, steering, paved, edges }
             })
             .collect();
         (moments, poses)
@@ -340,7 +340,7 @@ mod tests {
     #[test]
     fn a_recording_that_stands_is_refused() {
         let track = Track::named("lake").unwrap();
-        let standing = Moment { at: 1.0, speed: 0.0, steering: 0.0, paved: false, edges: vec![] };
+        let standing = Sighting { at: 1.0, speed: 0.0, steering: 0.0, paved: false, edges: vec![] };
         let error = localise(&track, &Lens::stock(), &[standing], None).unwrap_err();
         assert_eq!(error.to_string(), "recording: expected a drive of at least 100 m, got 0 m");
     }

@@ -1,15 +1,41 @@
-//! Runs on disk: one drive is one MCAP file, written while driving and read
-//! back for scoring and replay; and Udacity's own folders, read as they are and written.
+//! Recordings on disk: one drive is one run, an MCAP file, written while driving and read back for scoring and replay;
+//! and Udacity's own folders, read as they are and written.
 //!
-//! A [`Recorder`] takes [`Item`]s from the driving loop and never holds it up;
-//! its own thread writes them. A [`RunReader`] yields the same items again, a
-//! file cut off by a crash up to its last whole chunk, and joins them into
-//! [`Moment`]s for replay. [`udacity`] reads `driving_log.csv` in all the
-//! shapes that simulators, locales and scripts leave it in, and writes it as
-//! the simulator's own recorder does.
+//! [`Recording::open`] takes either and yields [`Moment`]s: when, what was seen and told, what was steered and by whom,
+//! what happened before, and, where a moment does not go on from the one before, why ([`Break`]). Whoever scores, learns,
+//! inspects, replays or drives along reads that and need not know what the recording is.
 //!
-//! Nothing here decodes a picture, judges a run or knows a model: frames are
-//! JPEG bytes as received.
+//! ```text
+//! run (.mcap) ─▶ RunReader: items ─▶ Entries: steps and events ─┐
+//!                                                               ├▶ Recording: moments
+//! folder, CSV ─▶ DrivingLog: rows ──────────────────────────────┘
+//! ```
+//! A [`Recorder`] takes [`Item`]s from the driving loop and never holds it up; its own thread writes them. A
+//! [`RunReader`] yields the same items again, a file cut off by a crash up to its last whole chunk; [`Entries`] joins each
+//! telemetry with its picture and its answer. [`udacity`] reads `driving_log.csv` in all the shapes that simulators,
+//! locales and scripts leave it in, and writes it as the simulator's own recorder does.
+//!
+//! Nothing here decodes a picture, judges a run or knows a model: frames are JPEG bytes as received.
+//!
+//! # To read more
+//! **What another simulator tells** is no matter of recordings: it becomes a
+//! [`Telemetry`](crate::protocol::Telemetry) in [`protocol`](crate::protocol), where its
+//! [`Dialect`](crate::protocol::Dialect) stands, and a run holds that. A number that is new is an optional field of
+//! [`Truth`](crate::protocol::Truth) with `#[serde(default)]`, so that earlier runs read as before.
+//!
+//! **Another dialect of the driving log** is a matter of `udacity::line`: a column is a `Column` with the name that a
+//! header calls it by, its range, and a field of [`udacity::Row`]; how numbers are written is decided in `join_numbers`.
+//! Every log of `tests/driving_logs.rs` must read as before.
+//!
+//! **Another kind of recording** (a bag, a folder of another recorder) is a third source in `open`: say in `is_run` and
+//! its like what a path leads to, make a [`RunHeader`] with a [`RunKind`] of its own, and yield moments. It fills in
+//!
+//! - the time since the beginning, which counts no time that is left out, and the local time where it is known;
+//! - where each picture's bytes are, read only when they are asked for, or that it is not recorded;
+//! - the telemetry, and the command with who decided it: [`Moment::steering`] follows from that;
+//! - each [`Break`], by [`LONGEST_GAP`] where only the clock tells.
+//!
+//! For scoring it says the same as items ([`Recording::next_item`]), with [`EventRecord::Break`] where it is broken.
 //!
 //! # The run file
 //! | what | where | form |
@@ -34,9 +60,11 @@ use std::{
 use bytes::Bytes;
 
 mod container;
+mod entries;
 mod format;
 mod items;
-mod moments;
+mod moment;
+mod open;
 mod queue;
 mod reader;
 mod recorder;
@@ -44,9 +72,11 @@ mod schema;
 pub mod udacity;
 mod writer;
 
+pub use entries::{Entries, Entry, Step};
 pub use format::FORMAT_VERSION;
 pub use items::{Item, ModelId, RunHeader, RunKind};
-pub use moments::{Moment, Moments, Step};
+pub use moment::{Break, LONGEST_GAP, Moment, Picture};
+pub use open::{Recording, is_run_name, recordings_in};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
 
@@ -177,12 +207,6 @@ pub enum RecordingError {
         /// The CSV file.
         path: PathBuf,
     },
-}
-
-/// Whether a path is that of a run, by its ending or by being a file that is no CSV; others are Udacity folders.
-pub fn is_run(path: &Path) -> bool {
-    let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-    ends("mcap") || path.is_file() && !ends("csv")
 }
 
 /// The bytes of a picture's file, whatever the path leads to: to a picture, or to an error at once.

@@ -18,7 +18,7 @@ use prost::Message;
 use serde::de::DeserializeOwned;
 
 use super::{
-    Item, MOST_PICTURE, Moments, RecordingError, RunHeader,
+    Entries, Item, MOST_PICTURE, RecordingError, RunHeader,
     container::{Broken, Chunk, Container, Fields},
     format::{Channel, CompressedImage, RUN},
 };
@@ -164,9 +164,9 @@ impl RunReader {
         self.truncation.as_ref()
     }
 
-    /// The items joined into what a replay takes.
-    pub fn moments(self) -> Moments {
-        Moments::new(self)
+    /// The items joined: each telemetry with its picture and its answer.
+    pub fn entries(self) -> Entries {
+        Entries::new(self)
     }
 
     /// The next record that may matter: from the open chunk, else from the file.

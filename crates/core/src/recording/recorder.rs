@@ -150,7 +150,7 @@ impl Recorder {
     /// Never waits for the disk and never fails; what cannot be recorded is
     /// counted. The telemetry, the frame and the command of one step are handed
     /// over in this order, the frame with the very time of its telemetry: that
-    /// is how [`Moments`](super::Moments) joins them.
+    /// is how [`Entries`](super::Entries) joins them.
     pub fn record(&self, at: Duration, item: Item) {
         if let Some(lost) = self.queue.push(at, item.lean()) {
             tracing::warn!(

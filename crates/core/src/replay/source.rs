@@ -1,6 +1,7 @@
 //! Runs and Udacity folders as one kind of world.
 
 use std::{
+    collections::VecDeque,
     io,
     path::{Path, PathBuf},
     str::FromStr,
@@ -9,10 +10,9 @@ use std::{
 
 use crate::{
     drive::Eventful,
-    protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
-    recording::udacity::{DrivingLog, Row},
-    recording::{Moment, Moments, RecordingError, RunReader, is_run, read_picture},
-    turn::{By, EventRecord},
+    protocol::{Answer, CameraImage, Observation, Sight, Truth, World},
+    recording::{Moment, Picture, Recording, RecordingError},
+    turn::EventRecord,
     units::Steering,
 };
 
@@ -60,7 +60,10 @@ pub enum ReplayError {
 
 /// A recording as a world: yields what was recorded, whatever is answered.
 pub struct Replay {
-    source: Source,
+    recording: Recording,
+    /// What happened before the moment that is shown next, and that moment.
+    events: VecDeque<(Duration, EventRecord)>,
+    moment: Option<Moment>,
     rate: Rate,
     began: Option<Instant>,
     shown: u64,
@@ -72,32 +75,29 @@ pub struct Replay {
     interrupted: bool,
 }
 
-enum Source {
-    Run(Box<Moments>),
-    Folder { rows: std::vec::IntoIter<Row>, frames: u64 },
-}
-
 impl Replay {
     /// Opens a run (a file) or a Udacity folder (a folder, or its CSV).
     ///
     /// # Errors
     /// [`ReplayError`], with file, line and field.
     pub fn open(path: &Path, rate: Rate) -> Result<Self, ReplayError> {
-        let source = if is_run(path) {
-            Source::Run(Box::new(RunReader::open(path)?.moments()))
-        } else {
-            let rows = DrivingLog::open(path)?.rows;
-            Source::Folder { frames: rows.len() as u64, rows: rows.into_iter() }
-        };
-        Ok(Self { source, rate, began: None, shown: 0, skipped: 0, recorded: None, armed: None, interrupted: false })
+        Ok(Self {
+            recording: Recording::open(path)?,
+            events: VecDeque::new(),
+            moment: None,
+            rate,
+            began: None,
+            shown: 0,
+            skipped: 0,
+            recorded: None,
+            armed: None,
+            interrupted: false,
+        })
     }
 
     /// How many frames there are, where that is known beforehand.
     pub fn frames(&self) -> Option<u64> {
-        match &self.source {
-            Source::Run(moments) => moments.run().telemetries(),
-            Source::Folder { frames, .. } => Some(*frames),
-        }
+        self.recording.left()
     }
 
     /// What was steered at the moment observed last; absent where the recording does not tell.
@@ -107,49 +107,55 @@ impl Replay {
 
     /// Telemetries skipped for want of a frame, and why the recording ends early if it does.
     pub fn losses(&self) -> (u64, Option<String>) {
-        let cut_off = match &self.source {
-            Source::Run(moments) => moments.truncated().map(ToString::to_string),
-            Source::Folder { .. } => None,
-        };
+        let cut_off = self.recording.truncated().map(ToString::to_string);
         (self.skipped, cut_off)
     }
 
     fn next(&mut self) -> Result<Option<(Observation, Option<Steering>)>, ReplayError> {
-        match &mut self.source {
-            Source::Folder { rows, .. } => {
-                let Some(row) = rows.next() else { return Ok(None) };
-                let jpeg = read_picture(&row.center)
-                    .map_err(|source| ReplayError::Image { path: row.center.clone(), source })?;
-                let telemetry = Telemetry {
-                    steering: row.steering.degrees(),
-                    throttle: row.throttle,
-                    speed: row.speed,
-                    image: CameraImage::Jpeg(jpeg),
-                    truth: Truth::default(),
-                };
-                Ok(Some((Observation { at: row.at, sight: Sight::Telemetry(telemetry) }, Some(row.steering))))
+        loop {
+            while let Some((at, event)) = self.events.pop_front() {
+                match event {
+                    EventRecord::TakeoverBegan => {
+                        return Ok(Some((Observation { at, sight: Sight::HumanDrives }, None)));
+                    }
+                    EventRecord::PilotArmed => self.armed = Some(at),
+                    _ => {}
+                }
             }
-            Source::Run(moments) => {
-                for moment in moments {
-                    match moment? {
-                        Moment::Step(step) if !step.frame_recorded => self.skipped += 1,
-                        Moment::Step(step) => {
-                            // What nobody steered is nothing to compare with.
-                            let driven = |by| matches!(by, By::Pilot | By::Human);
-                            let recorded = step.command.filter(|c| driven(c.by)).map(|c| c.steering);
-                            let sight = Sight::Telemetry(step.telemetry);
-                            return Ok(Some((Observation { at: step.at, sight }, recorded)));
-                        }
-                        Moment::Event { at, event: EventRecord::TakeoverBegan } => {
-                            return Ok(Some((Observation { at, sight: Sight::HumanDrives }, None)));
-                        }
-                        Moment::Event { at, event: EventRecord::PilotArmed } => self.armed = Some(at),
-                        Moment::Event { .. } => {}
+            if let Some(moment) = self.moment.take() {
+                if moment.is_seen() {
+                    return self.shown(moment).map(Some);
+                }
+                self.skipped += 1;
+            }
+            match self.recording.next().transpose()? {
+                Some(mut moment) => {
+                    self.events.extend(std::mem::take(&mut moment.before));
+                    self.moment = Some(moment);
+                }
+                None => {
+                    self.events.extend(self.recording.events_after());
+                    if self.events.is_empty() {
+                        return Ok(None);
                     }
                 }
-                Ok(None)
             }
         }
+    }
+
+    /// A moment with its picture as an observation, and what was steered then: what nobody steered is nothing to
+    /// compare with.
+    fn shown(&self, moment: Moment) -> Result<(Observation, Option<Steering>), ReplayError> {
+        let recorded = moment.steering();
+        let Moment { at, mut telemetry, pictures: [picture, ..], .. } = moment;
+        let picture = picture.unwrap_or(Picture::NotRecorded);
+        let jpeg =
+            picture.read().map_err(|source| ReplayError::Image { path: PathBuf::from(picture.to_string()), source })?;
+        telemetry.image = CameraImage::Jpeg(jpeg);
+        if self.recording.log().is_some() {
+            telemetry.truth = Truth::default(); // the recorder's brake is nothing that a simulator tells
+        }
+        Ok((Observation { at, sight: Sight::Telemetry(telemetry) }, recorded))
     }
 }
 

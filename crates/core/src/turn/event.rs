@@ -28,6 +28,13 @@ pub enum EventRecord {
         /// How many frames are missing before this.
         count: u64,
     },
+    /// What comes next does not go on from what came before, though the times of the two do not show it: a driving log
+    /// joined from several drives, made a run.
+    Break {
+        /// What passed between them by the log's own clock, below 0 where that was set back; absent where it does not tell.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        seconds: Option<f64>,
+    },
     /// An answer was sent without a telemetry, to wake a simulator that waits for one.
     Kick,
     /// The pilot was switched off.
@@ -145,6 +152,7 @@ impl EventRecord {
             | Self::TakeoverEnded { .. }
             | Self::BrakingToStandstill
             | Self::FramesNotRecorded { .. }
+            | Self::Break { .. }
             | Self::Kick
             | Self::PilotArmed
             | Self::Course { .. }

@@ -23,7 +23,8 @@ pub fn steering_chart(inspections: &[Inspection]) -> Sheet {
 
 fn of(inspection: &Inspection) -> Chart {
     let histogram = &inspection.steering_histogram;
-    let share = |count: &u64| 100.0 * *count as f64 / inspection.rows.max(1) as f64;
+    let steered: u64 = histogram.counts.iter().sum();
+    let share = |count: &u64| 100.0 * *count as f64 / steered.max(1) as f64;
     let heights: Vec<f64> = histogram.counts.iter().map(share).collect();
     let mut sorted = heights.clone();
     sorted.sort_by(|a, b| b.total_cmp(a));

@@ -8,16 +8,18 @@
 //! | brake | the telemetry's ground truth |
 //! | all of them | a command by a human, who steered so; from run to folder it does not count |
 //! | time in the picture's name | time of the item, to the millisecond |
+//! | a jump in that time | the event `break`; from run to folder whatever breaks the run ([`Break`]) is a jump |
 
-use std::{fs, io, ops::ControlFlow, path::Path};
+use std::{fs, io, ops::ControlFlow, path::Path, time::Duration};
 
 use jiff::tz::TimeZone;
 
 use super::DatasetError;
 use lapwing_core::{
-    protocol::CameraImage,
-    recording::udacity::{DrivingLog, DrivingLogWriter, Sample},
-    recording::{Moment, Recorder, RecorderOptions, RecordingError, RunReader, Step, is_run},
+    recording::udacity::{DrivingLog, DrivingLogWriter, NewRow},
+    recording::{
+        Break, LONGEST_GAP, Moment, Picture, Recorder, RecorderOptions, Recording, RecordingError, is_run_name,
+    },
     words::count,
 };
 
@@ -48,19 +50,15 @@ pub struct Converted {
 /// [`DatasetError`]: broken off; a target that is there, or of the wrong kind; a picture that cannot be read or is no JPEG; what
 /// the source cannot be read or the target not be written for. What was written until then is removed.
 pub fn convert(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
-    let ends_as_run = target.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let recording = Recording::open(source)?;
     let (folder, run) = ("a folder", "a run");
-    match (is_run(source), ends_as_run) {
-        (true, true) => {
-            return Err(DatasetError::Target { path: target.to_owned(), expected: folder, got: run });
-        }
-        (false, false) => {
-            return Err(DatasetError::Target { path: target.to_owned(), expected: run, got: folder });
-        }
-        _ => {}
+    let wrong = |expected, got| Err(DatasetError::Target { path: target.to_owned(), expected, got });
+    match (recording.log(), is_run_name(target)) {
+        (None, true) => wrong(folder, run),
+        (Some(_), false) => wrong(run, folder),
+        (Some(log), true) => check_free(target).and_then(|()| to_run(log, target, progress)),
+        (None, false) => check_free(target).and_then(|()| to_folder(recording, target, progress)),
     }
-    check_free(target)?;
-    if ends_as_run { to_run(source, target, progress) } else { to_folder(source, target, progress) }
 }
 
 /// Nothing is there but perhaps an empty folder, where a folder is to be.
@@ -84,8 +82,7 @@ fn io_error(doing: &'static str, path: &Path, why: io::Error) -> DatasetError {
     DatasetError::Io { doing, path: path.to_owned(), why }
 }
 
-fn to_run(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
-    let log = DrivingLog::open(source)?;
+fn to_run(log: &DrivingLog, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
     if let Some(parent) = target.parent() {
         fs::create_dir_all(parent).map_err(|why| io_error("create the folder", parent, why))?;
     }
@@ -117,17 +114,22 @@ fn to_run(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Conver
     finished
 }
 
-fn to_folder(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
-    let run = RunReader::open(source)?;
-    let total = run.telemetries();
+fn to_folder(mut run: Recording, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+    let total = run.left();
     let began = run.header().started.to_zoned(TimeZone::system()).datetime();
     let was_there = target.exists();
     let result = DrivingLogWriter::create(target, began).map_err(DatasetError::from).and_then(|mut log| {
-        let mut moments = run.moments();
         let mut converted = Converted::default();
-        for moment in moments.by_ref() {
-            let Moment::Step(step) = moment? else { continue };
-            if write(&step, &mut log)? {
+        let mut last = Duration::ZERO;
+        for moment in run.by_ref() {
+            let moment = moment?;
+            // A picture that is not there is no reason to cut, and a longer time shows by itself.
+            let shows = moment.at.saturating_sub(last) > LONGEST_GAP;
+            if !shows && moment.broken.is_some_and(|broken| !matches!(broken, Break::Unseen(_))) {
+                log.cut();
+            }
+            last = moment.at;
+            if write(&moment, &mut log)? {
                 converted.rows += 1;
             } else {
                 converted.without_picture += 1;
@@ -135,9 +137,9 @@ fn to_folder(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Con
             go_on(progress(converted.rows + converted.without_picture, total), target)?;
         }
         if log.finish()? == 0 {
-            return Err(DatasetError::Empty { path: source.to_owned() });
+            return Err(DatasetError::Empty { path: run.path().to_owned() });
         }
-        converted.truncated = moments.truncated().map(ToString::to_string);
+        converted.truncated = run.truncated().map(ToString::to_string);
         Ok(converted)
     });
     if result.is_err() {
@@ -158,16 +160,12 @@ fn go_on(progress: ControlFlow<()>, target: &Path) -> Result<(), DatasetError> {
     }
 }
 
-/// Writes a step that has a picture, and says whether it has.
-fn write(step: &Step, log: &mut DrivingLogWriter) -> Result<bool, RecordingError> {
-    let Step { at, telemetry, .. } = step;
-    let CameraImage::Jpeg(jpeg) = &telemetry.image else { return Ok(false) };
-    if !step.frame_recorded {
-        return Ok(false);
-    }
-    log.row(&Sample {
+/// Writes a moment that has a picture, and says whether it has.
+fn write(moment: &Moment, log: &mut DrivingLogWriter) -> Result<bool, RecordingError> {
+    let Moment { at, telemetry, pictures: [Some(Picture::Jpeg(center)), ..], .. } = moment else { return Ok(false) };
+    log.row(&NewRow {
         at: *at,
-        center: jpeg,
+        center,
         left: None,
         right: None,
         steering: telemetry.steering.steering(),

@@ -9,8 +9,8 @@ use std::{
 use super::{Blocks, DatasetError};
 use lapwing_core::{
     files,
-    recording::udacity::{DrivingLog, Row},
-    recording::{RecordingError, is_run},
+    recording::udacity::{LOG_NAME, Row},
+    recording::{Recording, RecordingError},
 };
 
 /// What became of a split.
@@ -37,10 +37,8 @@ pub struct Divided {
 /// half empty, and folders that have a log already: nothing is overwritten.
 pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) -> Result<Divided, DatasetError> {
     blocks.check(["block", "every"])?;
-    if is_run(source) {
-        return Err(DatasetError::Run { path: source.to_owned() });
-    }
-    let log = DrivingLog::open(source)?;
+    let recording = Recording::open(source)?;
+    let Some(log) = recording.log() else { return Err(DatasetError::Run { path: source.to_owned() }) };
     let mut texts = [String::new(), String::new()];
     let mut counts = [0, 0];
     for (i, row) in log.rows.iter().enumerate() {
@@ -50,11 +48,11 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
     }
     for (count, half) in counts.into_iter().zip(["validation", "training"]) {
         if count == 0 {
-            return Err(DatasetError::OneHalf { path: log.path, rows: log.rows.len(), half });
+            return Err(DatasetError::OneHalf { path: log.path.clone(), rows: log.rows.len(), half });
         }
     }
     // Both are looked at before the first is written.
-    let paths = [train, validation].map(|dir| dir.join("driving_log.csv"));
+    let paths = [train, validation].map(|dir| dir.join(LOG_NAME));
     if let Some(path) = paths.iter().find(|path| path.exists()) {
         return Err(exists(path));
     }

@@ -11,8 +11,8 @@ use image::{ColorType, codecs::jpeg::JpegEncoder};
 use super::*;
 use lapwing_core::{
     protocol::Telemetry,
-    recording::udacity::{DrivingLogWriter, Sample},
-    recording::{CommandRecord, Item, Moment, Recorder, RecorderOptions, RunHeader, RunKind, RunReader, Step},
+    recording::udacity::{DrivingLogWriter, NewRow},
+    recording::{CommandRecord, Entry, Item, Recorder, RecorderOptions, RunHeader, RunKind, RunReader, Step},
     units::{Mph, Steering, Throttle},
 };
 
@@ -35,7 +35,7 @@ pub(super) fn folder(dir: &Path, rows: usize, sides: bool) -> PathBuf {
     for i in 0..rows {
         let jpeg = jpeg(i);
         let side = sides.then_some(&jpeg[..]);
-        log.row(&Sample {
+        log.row(&NewRow {
             at: Duration::from_millis(67 * i as u64),
             center: &jpeg,
             left: side,
@@ -61,10 +61,10 @@ pub(super) fn converted(source: &Path, target: &Path) -> Converted {
 
 pub(super) fn steps(run: &Path) -> Vec<Step> {
     let step = |moment| match moment {
-        Ok(Moment::Step(step)) => Some(step),
+        Ok(Entry::Step(step)) => Some(step),
         other => panic!("{other:?}"),
     };
-    RunReader::open(run).unwrap().moments().filter_map(step).collect()
+    RunReader::open(run).unwrap().entries().filter_map(step).collect()
 }
 
 /// Records a telemetry each, with its picture where there is one, and this answer.

@@ -14,18 +14,15 @@ use std::{
 use jiff::civil::DateTime;
 use serde::Serialize;
 
-use super::{
-    DatasetError,
-    moments::{CAMERAS, Drive, Moment, Picture},
-};
+use super::DatasetError;
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
-    recording::{RecordingError, is_run},
+    recording::{Break, By, LONGEST_GAP, Moment, Picture, Recording, RecordingError},
+    units::Steering,
 };
 
-/// Rows further apart than this, in time, are told as a gap, and no sequence or mean reaches across: recorders write
-/// ten rows a second or more.
-pub const LONGEST_GAP: Duration = Duration::from_millis(900);
+/// Names of the cameras, in the order in which a moment has its pictures.
+const CAMERAS: [&str; 3] = ["center", "left", "right"];
 
 /// Slower than this, in mph, the car stands.
 const STANDS_MPH: f64 = 0.5;
@@ -43,9 +40,9 @@ pub struct Inspection {
     pub rows: u64,
     /// The cameras that have pictures.
     pub cameras: Vec<CameraCount>,
-    /// Steering in effect, -1 full left to 1 full right.
+    /// The steering that is learnt, -1 full left to 1 full right. Rows of a run that nobody steered have none.
     pub steering: Spread,
-    /// Share of the rows with a steering of exactly 0, 0 to 1.
+    /// Share of the rows that have one with a steering of exactly 0, 0 to 1.
     pub zero_steering: f64,
     /// How often which steering is.
     pub steering_histogram: Histogram,
@@ -210,9 +207,9 @@ impl Intervals {
 /// [`DatasetError::Recording`] where the log cannot be read, or the run not be opened; [`DatasetError::Empty`] for a run
 /// without telemetry. Pictures that cannot be read are no error but [`Inspection::problems`].
 pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Result<Inspection, DatasetError> {
-    let mut drive = Drive::open(path)?;
-    let total = drive.left().map(|rows| rows as u64);
-    let mut rows = Rows::default();
+    let mut recording = Recording::open(path)?;
+    let total = recording.left();
+    let mut rows = Rows { is_run: recording.log().is_none(), ..Rows::default() };
     let (jobs, queue) = sync_channel(WAITING);
     let queue = Mutex::new(queue);
     let pictures = thread::scope(|scope| {
@@ -220,7 +217,7 @@ pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Resul
         let workers: Vec<_> = (0..threads).map(|_| scope.spawn(|| decode(&queue))).collect();
         // What ends the rows early also ends the queue, and with it the workers.
         let jobs = jobs;
-        for moment in drive.by_ref() {
+        for moment in recording.by_ref() {
             match moment {
                 Ok(moment) => {
                     for (camera, picture) in moment.pictures.iter().enumerate() {
@@ -233,8 +230,8 @@ pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Resul
                     rows.take(&moment);
                     progress(rows.count, total);
                 }
-                Err(DatasetError::Recording(error @ RecordingError::Message { .. })) => rows.unreadable(&error),
-                Err(error) => return Err(error),
+                Err(error @ RecordingError::Message { .. }) => rows.unreadable(&error),
+                Err(error) => return Err(DatasetError::from(error)),
             }
         }
         drop(jobs);
@@ -245,7 +242,7 @@ pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Resul
     if rows.count == 0 {
         return Err(DatasetError::Empty { path: path.to_owned() });
     }
-    Ok(rows.with(pictures, path, drive.truncated()))
+    Ok(rows.with(pictures, path, recording.truncated().map(ToString::to_string)))
 }
 
 /// A picture to be decoded.
@@ -288,7 +285,7 @@ fn decode(queue: &Mutex<Receiver<Job>>) -> Pictures {
         let Ok(Job { row, line, camera, picture }) = next else { return found };
         let [rows, missing, broken] = &mut found.counts[camera];
         *rows += 1;
-        let decoded = picture.read().map_err(|why| (true, why)).and_then(|bytes| {
+        let decoded = picture.read().map_err(|why| (true, why.to_string())).and_then(|bytes| {
             found.bytes += bytes.len() as u64;
             decode_jpeg(&bytes, &mut frame).map_err(|e| (false, e.to_string()))
         });
@@ -313,6 +310,7 @@ fn decode(queue: &Mutex<Receiver<Job>>) -> Pictures {
 /// What the rows themselves tell.
 #[derive(Default)]
 struct Rows {
+    is_run: bool,
     count: u64,
     steering: Vec<f64>,
     speed_mph: Vec<f64>,
@@ -326,19 +324,32 @@ struct Rows {
     problems: Vec<Problem>,
 }
 
+/// Who answered a run's telemetry.
+fn answered(moment: &Moment) -> &'static str {
+    match moment.command.as_ref().map(|command| command.by) {
+        None => "nobody",
+        Some(By::Pilot) => "pilot",
+        Some(By::Human) => "human",
+        Some(By::Safe) => "safe",
+        Some(By::Off) => "off",
+    }
+}
+
 impl Rows {
     fn take(&mut self, moment: &Moment) {
         self.count += 1;
-        self.steering.push(moment.steering.get());
-        self.speed_mph.push(moment.speed_mph);
+        self.steering.extend(moment.steering().map(Steering::get));
+        self.speed_mph.push(moment.telemetry.speed.get());
         self.first.get_or_insert(moment.at);
         self.last = moment.at;
-        if let Some(by) = moment.answered {
-            *self.answered.entry(by).or_default() += 1;
+        if self.is_run {
+            *self.answered.entry(answered(moment)).or_default() += 1;
         }
         self.untimed += u64::from(moment.taken_at.is_none());
         if let (Some(from), Some(to)) = (self.last_taken, moment.taken_at) {
-            let seconds = to.duration_since(from).as_secs_f64();
+            // A run made of a log says outright what the times of its moments do not show.
+            let told = moment.broken.and_then(Break::seconds);
+            let seconds = told.unwrap_or_else(|| to.duration_since(from).as_secs_f64());
             if (0.0..=LONGEST_GAP.as_secs_f64()).contains(&seconds) {
                 self.intervals_ms.push(seconds * 1e3);
             } else {
@@ -355,7 +366,7 @@ impl Rows {
     }
 
     fn with(mut self, pictures: Pictures, path: &Path, truncated: Option<String>) -> Inspection {
-        let share = |count: usize| count as f64 / self.count.max(1) as f64;
+        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let cameras = CAMERAS.into_iter().zip(pictures.counts).filter(|(_, counts)| counts[0] > 0);
         let cameras = cameras.map(|(camera, [rows, missing, broken])| CameraCount { camera, rows, missing, broken });
         let sizes = pictures.sizes.into_iter();
@@ -363,14 +374,14 @@ impl Rows {
         self.problems.sort_by_key(|p| (p.row, CAMERAS.iter().position(|camera| p.camera == Some(camera))));
         Inspection {
             path: path.to_owned(),
-            kind: if is_run(path) { "run" } else { "folder" },
+            kind: if self.is_run { "run" } else { "folder" },
             rows: self.count,
             cameras: cameras.collect(),
             steering: Spread::of(&self.steering),
-            zero_steering: share(self.steering.iter().filter(|x| **x == 0.0).count()),
+            zero_steering: share(self.steering.iter().filter(|x| **x == 0.0).count(), self.steering.len()),
             steering_histogram: Histogram::of_steering(&self.steering),
             speed_mph: Spread::of(&self.speed_mph),
-            standing: share(self.speed_mph.iter().filter(|mph| mph.abs() < STANDS_MPH).count()),
+            standing: share(self.speed_mph.iter().filter(|mph| mph.abs() < STANDS_MPH).count(), self.speed_mph.len()),
             duration_s: self.last.saturating_sub(self.first.unwrap_or_default()).as_secs_f64(),
             intervals_ms: Intervals::of(self.intervals_ms),
             untimed: self.untimed,

@@ -383,11 +383,11 @@ impl Worker {
         let strip = match slot.and_then(OnceLock::get) {
             Some(strip) if strip.is_of(&plan.cut) => strip,
             _ => {
-                let bytes = picture.read()?;
+                let bytes = super::read(picture)?;
                 decode_jpeg(&bytes, &mut self.decoded)
-                    .map_err(|why| DatasetError::Image { picture: picture.name(), why })?;
+                    .map_err(|why| DatasetError::Image { picture: picture.to_string(), why })?;
                 self.strip = Strip::cut(&plan.cut, &mut self.preprocessor, &self.decoded)
-                    .map_err(|why| DatasetError::Preprocess { picture: picture.name(), why })?;
+                    .map_err(|why| DatasetError::Preprocess { picture: picture.to_string(), why })?;
                 if let Some(slot) = slot
                     && plan.cache.take(self.strip.bytes())
                 {

@@ -20,7 +20,6 @@ mod divide;
 mod fixture;
 mod inspect;
 mod loader;
-mod moments;
 mod preview;
 mod samples;
 mod sheet;
@@ -35,12 +34,12 @@ pub use balance::Balance;
 pub use chart::steering_chart;
 pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
-pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, LONGEST_GAP, Problem, Size, Spread, inspect};
+pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, Problem, Size, Spread, inspect};
 pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
 pub use samples::{Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
-pub use source::{Camera, Picture, Row, Source, check};
+pub use source::{Camera, Labelled, Source, check, read};
 pub use split::Blocks;
 
 use lapwing_core::{

@@ -86,8 +86,8 @@ fn pictures(source: &Source) -> Result<Vec<(Frame, f64)>, DatasetError> {
     for row in (0..count).map(row).map(|row| &source.rows[row]) {
         let Some(picture) = &row.pictures[0] else { continue };
         let mut frame = Frame::default();
-        decode_jpeg(&picture.read()?, &mut frame)
-            .map_err(|why| DatasetError::Image { picture: picture.name(), why })?;
+        decode_jpeg(&super::read(picture)?, &mut frame)
+            .map_err(|why| DatasetError::Image { picture: picture.to_string(), why })?;
         all.push((frame, row.steering.get()));
     }
     Ok(all)

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Balance, Blocks, Camera, DatasetError, Source};
-use lapwing_core::{units::Mph, words::count};
+use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What is taken of one data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -67,7 +67,7 @@ impl Selection {
 
     /// Which data set it is, whatever way it is named; a copy elsewhere is another.
     pub fn place(&self) -> PathBuf {
-        let folder = if self.path.ends_with("driving_log.csv") { self.path.parent() } else { None };
+        let folder = if self.path.ends_with(LOG_NAME) { self.path.parent() } else { None };
         let path = folder.unwrap_or(&self.path);
         fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
     }

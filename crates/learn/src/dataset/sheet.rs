@@ -1,11 +1,9 @@
 //! The contact sheet: pictures over the drive, with what was steered.
 
-use super::{
-    DatasetError, Inspection, chart,
-    moments::{Drive, Moment},
-};
+use super::{DatasetError, Inspection, chart};
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
+    recording::{Moment, Recording},
     words::count,
 };
 use lapwing_score::drawing::{Colour, INK, LINE_PX, MARGIN, PAPER, Point, Shape, Sheet};
@@ -43,7 +41,7 @@ pub fn contact_sheet(inspections: &[Inspection]) -> Result<Sheet, DatasetError> 
         let chosen = chosen(usize::try_from(inspection.rows).unwrap_or(usize::MAX));
         let mut wanted = chosen.iter().copied().peekable();
         let mut shown = 0;
-        for moment in Drive::open(&inspection.path)? {
+        for moment in Recording::open(&inspection.path)? {
             // Messages that cannot be read are the inspection's to tell.
             let Ok(moment) = moment else { continue };
             if wanted.next_if_eq(&moment.row).is_some() {
@@ -71,19 +69,25 @@ fn place(moment: &Moment, (left, top): Point, shapes: &mut Vec<Shape>) {
     let (width, height) = (PICTURE.0 as f64, PICTURE.1 as f64);
     let mut frame = Frame::default();
     let decoded = match &moment.pictures[0] {
-        Some(picture) => picture.read().and_then(|bytes| decode_jpeg(&bytes, &mut frame).map_err(|e| e.to_string())),
-        None => Err("no picture".into()),
+        Some(picture) => picture.read().is_ok_and(|bytes| decode_jpeg(&bytes, &mut frame).is_ok()),
+        None => false,
     };
     match decoded {
-        Ok(()) => shapes.push(Shape::Picture { at: (left, top), frame: fitted(frame) }),
-        Err(_) => {
+        true => shapes.push(Shape::Picture { at: (left, top), frame: fitted(frame) }),
+        false => {
             shapes.push(Shape::rectangle((left, top), (left + width, top + height), [0xdd, 0xd8, 0xcc]));
             shapes.push(Shape::text((left + width / 2.0, top + height / 2.0), 0.5, "missing or broken"));
         }
     }
-    arrow((left + width / 2.0, top + height - 10.0), moment.steering.get(), shapes);
-    let Moment { row, at, speed_mph, steering, .. } = moment;
-    let text = format!("row {row}  {:.1} s  {speed_mph:.1} mph  {:+.3}", at.as_secs_f64(), steering.get());
+    let steered = match moment.steering() {
+        Some(steering) => {
+            arrow((left + width / 2.0, top + height - 10.0), steering.get(), shapes);
+            format!("{:+.3}", steering.get())
+        }
+        None => "nobody steers".to_owned(),
+    };
+    let (row, at_s, mph) = (moment.row, moment.at.as_secs_f64(), moment.telemetry.speed.get());
+    let text = format!("row {row}  {at_s:.1} s  {mph:.1} mph  {steered}");
     shapes.push(Shape::Text { at: (left, top + height + LINE_PX / 2.0), text });
 }
 

@@ -1,4 +1,4 @@
-//! Folders and runs as lists of rows.
+//! Recordings as lists of rows with a label.
 
 use std::{
     path::{Path, PathBuf},
@@ -6,14 +6,11 @@ use std::{
 };
 
 use bytes::Bytes;
-use jiff::civil::DateTime;
 use serde::{Deserialize, Serialize};
 
-use super::{DatasetError, LONGEST_GAP};
+use super::DatasetError;
 use lapwing_core::{
-    protocol::CameraImage,
-    recording::udacity::DrivingLog,
-    recording::{By, Moment, RunReader, is_run, read_picture},
+    recording::{Picture, Recording},
     units::{Mph, Steering},
 };
 
@@ -30,7 +27,7 @@ pub enum Camera {
 }
 
 impl Camera {
-    /// All of them, as [`Row::pictures`] has them.
+    /// All of them, as [`Labelled::pictures`] has them.
     pub const ALL: [Self; 3] = [Self::Center, Self::Left, Self::Right];
 
     /// Which way a picture of it must be steered beside the centre's label: the left camera's to the right.
@@ -43,52 +40,29 @@ impl Camera {
     }
 }
 
-/// Where the bytes of a picture are.
-#[derive(Debug, Clone)]
-pub enum Picture {
-    /// In a file.
-    File(PathBuf),
-    /// JPEG, as a run holds them.
-    Bytes(Bytes),
-}
-
-impl Picture {
-    /// Its bytes.
-    ///
-    /// # Errors
-    /// [`DatasetError::Picture`] where the file cannot be read.
-    pub fn read(&self) -> Result<Bytes, DatasetError> {
-        match self {
-            Self::File(path) => read_picture(path)
-                .map_err(|why| DatasetError::Picture { picture: path.display().to_string(), why: why.to_string() }),
-            Self::Bytes(bytes) => Ok(bytes.clone()),
-        }
-    }
-
-    /// What it is called in messages.
-    pub fn name(&self) -> String {
-        match self {
-            Self::File(path) => path.display().to_string(),
-            Self::Bytes(_) => "a picture of the run".into(),
-        }
-    }
+/// The bytes of a picture.
+///
+/// # Errors
+/// [`DatasetError::Picture`] where it cannot be read.
+pub fn read(picture: &Picture) -> Result<Bytes, DatasetError> {
+    picture.read().map_err(|why| DatasetError::Picture { picture: picture.to_string(), why: why.to_string() })
 }
 
 /// One moment of a drive, with its label.
 #[derive(Debug, Clone)]
-pub struct Row {
+pub struct Labelled {
     /// Time since the first row.
     pub at: Duration,
     /// Pictures in the order of [`Camera::ALL`].
     pub pictures: [Option<Picture>; 3],
-    /// What was steered.
+    /// What was steered: [`Moment::steering`](lapwing_core::recording::Moment::steering).
     pub steering: Steering,
     /// -1 (full brake) to 1 (full throttle).
     pub acceleration: f64,
     /// How fast the car was.
     pub speed: Mph,
-    /// Number of the drive that it belongs to: between two numbers time is missing. A pause longer than
-    /// [`LONGEST_GAP`], a clock that goes back (two logs joined), moments of a run that have no picture or no label.
+    /// Number of the drive that it belongs to: from one to the next the recording is broken ([`Moment::broken`](lapwing_core::recording::Moment::broken)), or
+    /// moments are left out that have no picture or no label.
     pub drive: u32,
     /// Number of the stretch within the drive: no sequence of pictures goes over its end. It ends where a camera's
     /// pictures begin or end, and, of rows that are learnt from, where others are that are not.
@@ -101,7 +75,7 @@ pub struct Source {
     /// What it was read from.
     pub path: PathBuf,
     /// Its rows in time; at least one.
-    pub rows: Vec<Row>,
+    pub rows: Vec<Labelled>,
 }
 
 /// Whether there is a data set, as far as can be told before all of it is read.
@@ -109,11 +83,7 @@ pub struct Source {
 /// # Errors
 /// [`DatasetError::Recording`].
 pub fn check(path: &Path) -> Result<(), DatasetError> {
-    if is_run(path) {
-        RunReader::open(path)?;
-    } else {
-        DrivingLog::open(path)?;
-    }
+    Recording::open(path)?;
     Ok(())
 }
 
@@ -125,7 +95,7 @@ impl Source {
     /// [`DatasetError::Recording`], [`DatasetError::Empty`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, DatasetError> {
         let path = path.as_ref();
-        let rows = if is_run(path) { run(path)? } else { folder(path)? };
+        let rows = labelled(path)?;
         if rows.is_empty() {
             return Err(DatasetError::Empty { path: path.to_owned() });
         }
@@ -148,7 +118,7 @@ impl Source {
     }
 
     /// Ends each stretch also where neighbours differ in this.
-    pub(super) fn end_stretches_where<T: PartialEq>(&mut self, of: impl Fn(usize, &Row) -> T) {
+    pub(super) fn end_stretches_where<T: PartialEq>(&mut self, of: impl Fn(usize, &Labelled) -> T) {
         let mut stretch = 0;
         let mut before: Option<(T, u32, u32)> = None;
         for (i, row) in self.rows.iter_mut().enumerate() {
@@ -192,62 +162,28 @@ impl Source {
     }
 }
 
-fn folder(path: &Path) -> Result<Vec<Row>, DatasetError> {
-    let mut rows: Vec<Row> = Vec::new();
-    let (mut drive, mut last_taken) = (0, None);
-    for row in DrivingLog::open(path)?.rows {
-        // By the names of the pictures: where they jump, the log's own time goes on as if they had not.
-        if !rows.is_empty() && !follows(last_taken, row.taken_at) {
-            drive += 1;
-        }
-        last_taken = row.taken_at;
-        rows.push(Row {
-            at: row.at,
-            pictures: [Some(row.center), row.left, row.right].map(|path| path.map(Picture::File)),
-            steering: row.steering,
-            acceleration: row.throttle.get() - row.brake,
-            speed: row.speed,
-            drive,
-            stretch: 0,
-        });
-    }
-    Ok(rows)
-}
-
-/// Whether the second of two pictures may have been taken right after the first.
-fn follows(from: Option<DateTime>, to: Option<DateTime>) -> bool {
-    match (from, to) {
-        (Some(from), Some(to)) => Duration::try_from(to.duration_since(from)).is_ok_and(|passed| passed <= LONGEST_GAP),
-        (None, None) => true,
-        _ => false,
-    }
-}
-
-fn run(path: &Path) -> Result<Vec<Row>, DatasetError> {
-    let mut rows: Vec<Row> = Vec::new();
-    let (mut drive, mut left_out) = (0, false);
-    for moment in RunReader::open(path)?.moments() {
-        let Moment::Step(step) = moment? else { continue };
-        // What nobody steered is no label.
-        let command = step.command.filter(|c| matches!(c.by, By::Pilot | By::Human));
-        let (CameraImage::Jpeg(jpeg), true, Some(command)) = (&step.telemetry.image, step.frame_recorded, command)
-        else {
-            left_out = true;
+fn labelled(path: &Path) -> Result<Vec<Labelled>, DatasetError> {
+    let mut rows: Vec<Labelled> = Vec::new();
+    let (mut drive, mut goes_on) = (0, true);
+    for moment in Recording::open(path)? {
+        let moment = moment?;
+        goes_on &= moment.broken.is_none();
+        let Some(command) = moment.decided().filter(|_| moment.is_seen()) else {
+            goes_on = false;
             continue;
         };
-        let paused = rows.last().is_some_and(|last| step.at.saturating_sub(last.at) > LONGEST_GAP);
-        if paused || (left_out && !rows.is_empty()) {
+        if !rows.is_empty() && !goes_on {
             drive += 1;
         }
-        left_out = false;
-        rows.push(Row {
-            at: step.at,
-            pictures: [Some(Picture::Bytes(jpeg.clone())), None, None],
+        goes_on = true;
+        rows.push(Labelled {
+            at: moment.at,
             steering: command.steering,
             acceleration: command.throttle.get(),
-            speed: step.telemetry.speed,
+            speed: moment.telemetry.speed,
             drive,
             stretch: 0,
+            pictures: moment.pictures,
         });
     }
     Ok(rows)

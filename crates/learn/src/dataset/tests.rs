@@ -9,8 +9,9 @@ use super::{
     strip::{Cut, Strip},
     *,
 };
-use lapwing_core::perception::{
-    Colour, Crop, Filter, Frame, Layout, Preprocess, Preprocessor, Resize, Scale, decode_jpeg,
+use lapwing_core::{
+    perception::{Colour, Crop, Filter, Frame, Layout, Preprocess, Preprocessor, Resize, Scale, decode_jpeg},
+    recording::Picture,
 };
 
 /// A folder of `rows` rows of three cameras, 32x16 pixels, whose brightness is the row's number.
@@ -438,7 +439,7 @@ fn a_picture_that_is_a_pipe_a_device_a_folder_or_endless_is_a_problem_in_words_a
         ]
     );
     for path in [pipe, device, directory, endless] {
-        let error = Picture::File(path.clone()).read().unwrap_err().to_string();
+        let error = read(&Picture::File(path.clone())).unwrap_err().to_string();
         assert!(error.contains(" cannot be read: expected a picture"), "{error}");
     }
 }

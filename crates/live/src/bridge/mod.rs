@@ -118,7 +118,7 @@ struct Signals {
 }
 
 /// A connection's place among the others; leaves when dropped.
-struct Place {
+struct Presence {
     bridge: Arc<Bridge>,
     id: u64,
     simulator: bool,
@@ -194,16 +194,16 @@ impl Bridge {
     }
 
     /// Takes a place for a new connection.
-    fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Place {
+    fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Presence {
         let id = self.next_id.fetch_add(1, Ordering::Relaxed);
         let signals = Arc::<Signals>::default();
         let connection = Connection { peer: peer.ip(), simulator, dialect: None, signals: signals.clone() };
         self.connections().insert(id, connection);
-        Place { bridge: self.clone(), id, simulator, signals }
+        Presence { bridge: self.clone(), id, simulator, signals }
     }
 }
 
-impl Place {
+impl Presence {
     /// This connection plays, and older ones from its address that play the same simulator are told: where one of
     /// them is silent, it may be the same simulator's, which has left the scene and come back.
     fn plays(&self, dialect: Dialect) {
@@ -218,7 +218,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for Presence {
     fn drop(&mut self) {
         let mut connections = self.bridge.connections();
         connections.remove(&self.id);

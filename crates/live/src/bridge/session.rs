@@ -11,7 +11,7 @@ use std::{
 use bytes::Bytes;
 use serde_json::value::RawValue;
 
-use super::{Bridge, Place, Signals, account::Account, throttled::Throttled, waiting::Waiting};
+use super::{Bridge, Presence, Signals, account::Account, throttled::Throttled, waiting::Waiting};
 use lapwing_core::{
     drive::{self, Elsewhere, Observer},
     driver::Driver,
@@ -27,7 +27,7 @@ const QUICK: Duration = Duration::from_millis(5);
 
 /// A connection's drive.
 pub(super) struct Session {
-    place: Place,
+    place: Presence,
     peer: String,
     dialect: Option<Dialect>,
     /// Until there is a drive.
@@ -88,7 +88,7 @@ impl Reply {
 }
 
 impl Session {
-    pub fn new(place: Place, peer: String) -> Self {
+    pub fn new(place: Presence, peer: String) -> Self {
         // Other clients have been introduced when they connected.
         let told = Told { connected: !place.simulator, ..Told::default() };
         Self {

@@ -95,7 +95,7 @@ fn from_start(count: usize, road: &Road, random: &mut ChaCha8Rng) -> Vec<Particl
 
 /// Where the car is, by all guesses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct Whereabouts {
     /// Metres along the road, 0 to its length.
     pub s_m: f64,
     /// Standard deviation of that, in metres; that of any place on the road where the guesses are all over it.
@@ -133,7 +133,7 @@ pub struct Filter {
     sure_m: f64,
     asked_m: f64,
     /// Where it seemed to be when it was last sought anew, and the metres driven until then.
-    sought: Option<(Place, f64)>,
+    sought: Option<(Whereabouts, f64)>,
     /// Where it was, as often as that was asked and known.
     trail: Vec<Milestone>,
     /// Where it began is known for certain.
@@ -312,7 +312,7 @@ impl Filter {
 
     /// Where the car is, as far as that is proven: where it was just sought anew, it may as well have left the road there as
     /// have gone on.
-    fn settled(&self) -> Place {
+    fn settled(&self) -> Whereabouts {
         let Some((before, on)) = self.sought.map(|(place, way_m)| (place, self.way_m - way_m)) else {
             return self.place();
         };
@@ -321,11 +321,11 @@ impl Filter {
         }
         let s_m = (before.s_m + on / 2.0).rem_euclid(self.road.length_m);
         let deviation_m = before.deviation_m.max(LOST_WITHIN_M);
-        Place { s_m, deviation_m, progress_m: before.progress_m + on / 2.0 }
+        Whereabouts { s_m, deviation_m, progress_m: before.progress_m + on / 2.0 }
     }
 
     /// Where the car is.
-    pub fn place(&self) -> Place {
+    pub fn place(&self) -> Whereabouts {
         let weighted = |of: &dyn Fn(&Particle) -> f64| -> f64 {
             self.particles.iter().map(|p| p.log_weight.exp() * of(p)).sum::<f64>()
         };
@@ -336,12 +336,12 @@ impl Filter {
         let metres = self.road.length_m / std::f64::consts::TAU;
         let s_m = (y.atan2(x) * metres).rem_euclid(self.road.length_m);
         let deviation_m = (-2.0 * x.hypot(y).clamp(1e-6, 1.0).ln()).sqrt() * metres;
-        Place { s_m, deviation_m, progress_m: weighted(&|p| p.progress_m) / sum }
+        Whereabouts { s_m, deviation_m, progress_m: weighted(&|p| p.progress_m) / sum }
     }
 
     /// The place as one of the trail, if it is known well enough.
-    fn milestone(&self, place: Place) -> Option<Milestone> {
-        let Place { s_m, deviation_m, progress_m } = place;
+    fn milestone(&self, place: Whereabouts) -> Option<Milestone> {
+        let Whereabouts { s_m, deviation_m, progress_m } = place;
         (deviation_m < VAGUE_M).then_some(Milestone { way_m: self.way_m, s_m, progress_m, deviation_m })
     }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Filter, Milestone, Motion, Place, Road};
+use super::{Filter, Milestone, Motion, Road, Whereabouts};
 
 /// Motions are gathered over so many metres.
 pub const STEP_M: f64 = 2.0;
@@ -22,7 +22,7 @@ pub struct Match {
     /// Whether it explains the drive at all.
     pub explains: bool,
     /// Where on it the car is.
-    pub place: Place,
+    pub place: Whereabouts,
     /// Metres along the road that it has gone at least, by two standard deviations when it was known best.
     pub sure_m: f64,
     /// Where it was on the way there, every 20 m or so as far as that was known.

@@ -18,7 +18,7 @@ mod revisits;
 
 use lapwing_core::motion::turn;
 
-pub use filter::{Filter, Milestone, Place};
+pub use filter::{Filter, Milestone, Whereabouts};
 pub use look::Look;
 pub use matcher::{Match, Matcher, STEP_M};
 pub use revisits::{BEGINNING_M, EVERY_M, laps};

@@ -61,7 +61,7 @@ fn a_car_that_begins_anywhere_is_found_once_it_has_seen_some_bends() {
     let road = bends("a", 1000.0, 0.3);
     let mut filter = Filter::new(road.clone(), rand::SeedableRng::seed_from_u64(2));
     drive(&road, 620.0, 500.0, |motion| filter.step(motion));
-    let Place { s_m, deviation_m, .. } = filter.place();
+    let Whereabouts { s_m, deviation_m, .. } = filter.place();
     let off = (s_m - 1120.0 + 500.0).rem_euclid(1000.0) - 500.0;
     assert!(off.abs() < 15.0 && deviation_m < 15.0, "{s_m} {deviation_m}");
 }

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use lapwing_core::words::count;
+use lapwing_core::{recording::recordings_in, words::count};
 
 /// Paths that name no runs.
 #[derive(Debug, thiserror::Error)]
@@ -53,18 +53,14 @@ pub fn runs_in(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FilesError> {
 
 fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
     let cannot = |source| FilesError::Read { path: path.to_owned(), source };
-    let mut inside = vec![];
-    for entry in fs::read_dir(path).map_err(cannot)? {
-        let file = entry.map_err(cannot)?.path();
-        if file.to_str().is_none() {
-            return Err(FilesError::Name(file));
-        }
-        inside.push(file);
+    let inside = recordings_in(path).map_err(cannot)?;
+    if let Some(file) = inside.iter().find(|file| file.to_str().is_none()) {
+        return Err(FilesError::Name(file.clone()));
     }
-    let pictures = inside.iter().filter(|file| ends(file, "jpg")).count();
-    inside.retain(|file| ends(file, "mcap") || file.file_name().is_some_and(|name| name == "driving_log.csv"));
     if inside.is_empty() {
-        let got = match pictures {
+        let is_picture = |file: PathBuf| file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("jpg"));
+        let pictures = fs::read_dir(path).map_err(cannot)?.flatten().filter(|entry| is_picture(entry.path()));
+        let got = match pictures.count() {
             0 => "neither".to_owned(),
             n => {
                 let pictures = count(n, "picture");
@@ -73,12 +69,7 @@ fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
         };
         return Err(FilesError::NoRuns { path: path.to_owned(), got });
     }
-    inside.sort();
     Ok(inside)
-}
-
-fn ends(file: &Path, ending: &str) -> bool {
-    file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
 }
 
 #[cfg(test)]

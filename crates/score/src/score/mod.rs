@@ -1,6 +1,6 @@
 //! What a run was worth.
 //!
-//! A [`Scorer`] watches a run item by item, live or from a file ([`of_run`], [`of_log`]), and ends in a [`Scorecard`]: a [`Measure`]
+//! A [`Scorer`] watches a run item by item, live or from a file ([`of_recording`]), and ends in a [`Scorecard`]: a [`Measure`]
 //! for each [`Figure`]. What the world tells of itself (its position, laps and collisions) is told on; what follows
 //! from other things is marked as an estimate, with its uncertainty; what a run cannot tell is not measurable, with
 //! the reason, never 0.
@@ -45,7 +45,7 @@ pub use card::{SCHEMA, Scorecard};
 pub use figure::{Better, Figure, Unit};
 pub use latency::{Latency, STAGES};
 pub use measure::Measure;
-pub use run::{of_log, of_run};
+pub use run::of_recording;
 pub use scorer::Scorer;
 pub use summary::Spread;
 pub use table::{aligned, lines};

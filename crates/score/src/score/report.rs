@@ -7,12 +7,12 @@ use serde::Serialize;
 use super::{
     Check, Figure, Measure, Scorecard, Scorer, Spread, Unit,
     against::{self, Comparison},
-    aligned, checks, of_log, of_run,
+    aligned, checks, of_recording,
     summary::summary,
 };
 use lapwing_core::{
     config::Thresholds,
-    recording::{Item, RecordingError, RunHeader, RunReader, is_run, udacity::DrivingLog},
+    recording::{Item, Recording, RecordingError, RunHeader},
 };
 
 /// What the JSON of a [`Report`] is called.
@@ -44,8 +44,8 @@ pub struct JudgedRun {
 }
 
 impl JudgedRun {
-    /// Reads a run (`.mcap`) or a driving log to its end. The scorer is made once the file is open; `watch` sees each
-    /// item as [`of_run`] shows it.
+    /// Reads a recording to its end. The scorer is made once the file is open; `watch` sees each
+    /// item as [`of_recording`] shows it.
     ///
     /// # Errors
     /// What keeps the file from being read, or the scorer from being made.
@@ -55,14 +55,9 @@ impl JudgedRun {
         scorer: impl FnOnce() -> Result<Scorer, E>,
         watch: impl FnMut(Duration, &Item),
     ) -> Result<Self, E> {
-        let (header, card) = if is_run(&path) {
-            let mut reader = RunReader::open(&path)?;
-            let card = of_run(&mut reader, scorer()?, watch)?;
-            (reader.header().clone(), card)
-        } else {
-            let log = DrivingLog::open(&path)?;
-            (log.header(), of_log(&log, scorer()?, watch))
-        };
+        let mut recording = Recording::open(&path)?;
+        let card = of_recording(&mut recording, scorer()?, watch)?;
+        let header = recording.header().clone();
         let checks = checks(limits, &card);
         Ok(Self { path, header, card, checks })
     }

@@ -1,16 +1,12 @@
-//! A run's file, or a Udacity folder, as a scorecard.
+//! A recording as a scorecard.
 
 use std::time::Duration;
 
 use super::{Scorecard, Scorer};
 use lapwing_core::{
-    recording::udacity::DrivingLog,
-    recording::{EventRecord, Item, RecordingError, RunKind, RunReader},
+    recording::{EventRecord, Item, Recording, RecordingError},
     words::count,
 };
-
-/// What passes between two drives joined in one log: just more than anything is concluded over.
-const BETWEEN_DRIVES: Duration = Duration::from_millis(1200);
 
 /// A scorer, whoever watches it, and what it could not be told.
 struct Judge<W> {
@@ -43,67 +39,65 @@ impl<W: FnMut(Duration, &Item)> Judge<W> {
     }
 }
 
-/// Reads a run to its end and judges it by this scorer; `watch` sees each item, too, with the time of the run, and as events what the scorer suspects
-/// where the run does not tell. What is wrong with the file stands in the notes.
+/// Reads a recording to its end and judges it by this scorer; `watch` sees each item, too, with the time of the run, and
+/// as events what the scorer suspects where the run does not tell. What is wrong with the recording stands in the notes:
+/// where it is damaged, what cannot be read, drives that are joined in it.
 ///
 /// # Errors
 /// [`RecordingError::Io`] where the file cannot be read any more.
-pub fn of_run(
-    run: &mut RunReader,
+pub fn of_recording(
+    recording: &mut Recording,
     scorer: Scorer,
     watch: impl FnMut(Duration, &Item),
 ) -> Result<Scorecard, RecordingError> {
-    let mut judge = Judge::new(scorer.of_kind(run.header().kind), watch);
-    let mut not_recorded = 0;
-    for item in run.by_ref() {
+    let mut judge = Judge::new(scorer.of_kind(recording.header().kind), watch);
+    let (mut not_recorded, mut joined, mut second) = (0, 0, None);
+    while let Some(item) = recording.next_item() {
         match item {
             Ok((at, item)) => {
-                if let Item::Event(EventRecord::FramesNotRecorded { count }) = item {
-                    not_recorded += count;
+                match item {
+                    Item::Event(EventRecord::FramesNotRecorded { count }) => not_recorded += count,
+                    Item::Event(EventRecord::Break { .. }) => {
+                        joined += 1;
+                        second.get_or_insert(at);
+                    }
+                    _ => {}
                 }
                 judge.item(at, &item);
             }
-            Err(error @ RecordingError::Message { .. }) => judge.unreadable(error),
+            Err(error @ (RecordingError::Message { .. } | RecordingError::Picture { .. })) => judge.unreadable(error),
             Err(error) => return Err(error),
         }
     }
-    if let Some(truncation) = run.truncated() {
+    let log = recording.log();
+    if let Some(truncation) = recording.truncated() {
         judge.scorer.damaged(truncation.to_string());
     }
     if not_recorded > 0 {
         judge.scorer.note(format!("{} not recorded: the disk was too slow", count(not_recorded, "picture")));
     }
-    if let Some(unread) = judge.unread("messages") {
+    if let Some(second) = second {
+        let (what, begins) = match log.and_then(|log| log.rows.iter().find(|row| row.broken.is_some())) {
+            Some(row) => ("log", format!("in line {}", row.line)),
+            None => ("run", format!("at {:.1} s", second.as_secs_f64())),
+        };
+        judge.scorer.note(format!("{} drives are joined in this {what}, the second begins {begins}", joined + 1));
+    }
+    if log.is_some() {
+        // The figures come from the log.
+        let unread = judge.unread("pictures");
+        unread.into_iter().for_each(|unread| judge.scorer.note(unread));
+    } else if let Some(unread) = judge.unread("messages") {
         judge.scorer.damaged(unread);
     }
     Ok(judge.scorer.finish())
-}
-
-/// The same of a driving log, which a human drove. Pictures that cannot be read stand in the notes, and drives joined in one
-/// log, between which time passes here.
-pub fn of_log(log: &DrivingLog, scorer: Scorer, watch: impl FnMut(Duration, &Item)) -> Scorecard {
-    let mut judge = Judge::new(scorer.of_kind(RunKind::DrivingLog), watch);
-    let mut joined = 0;
-    for row in &log.rows {
-        joined += u32::from(row.joined);
-        let jpeg = row.jpeg().map_err(|error| judge.unreadable(error)).ok();
-        row.items(jpeg).for_each(|item| judge.item(row.at + BETWEEN_DRIVES * joined, &item));
-    }
-    if joined > 0 {
-        let first = log.rows.iter().find(|row| row.joined).map_or(0, |row| row.line);
-        judge.scorer.note(format!("{} drives are joined in this log, the second begins in line {first}", joined + 1));
-    }
-    // The figures come from the log.
-    if let Some(unread) = judge.unread("pictures") {
-        judge.scorer.note(unread);
-    }
-    judge.scorer.finish()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::score::Figure;
+    use lapwing_core::{recording::udacity::FALLBACK_INTERVAL, units::MPS_PER_MPH};
 
     #[test]
     fn drives_joined_in_a_log_are_no_collision_and_lost_pictures_are_said() {
@@ -115,9 +109,14 @@ mod tests {
         let path = dir.path().join("driving_log.csv");
         std::fs::write(&path, rows.join("\n")).unwrap();
         let mut watched = 0;
-        let card = of_log(&DrivingLog::open(&path).unwrap(), Scorer::on(&[], None), |_, _| watched += 1);
+        let mut log = Recording::open(&path).unwrap();
+        let card = of_recording(&mut log, Scorer::on(&[], None), |_, _| watched += 1).unwrap();
         assert_eq!(card.value(Figure::Collisions), Some(0.0), "{card}");
-        assert_eq!(watched, 200, "a telemetry and a command each");
+        assert_eq!(watched, 201, "a telemetry and a command each, and that the second drive begins");
+        // Neither way nor time is made up for what is between them.
+        let (driven_m, passed_s) = (4.9 * (30.0 + 24.5) * MPS_PER_MPH, 9.8 + FALLBACK_INTERVAL.as_secs_f64());
+        assert!((card.value(Figure::DistanceM).unwrap() - driven_m).abs() < 0.01, "{card}");
+        assert!((card.value(Figure::TimeS).unwrap() - passed_s).abs() < 1e-6, "{card}");
         let [joined, lost] = &card.notes[..] else { panic!("{card}") };
         assert_eq!(joined, "2 drives are joined in this log, the second begins in line 51");
         assert!(

@@ -15,8 +15,8 @@ use super::{
     clock::Clock,
     infractions::Struck,
     latency::Stages,
-    smoothness::{GAP_S, Sample, Wheel},
-    told::{Moment, News, Told},
+    smoothness::{GAP_S, Tick, Wheel},
+    told::{News, Now, Told},
 };
 use crate::odometry::Road;
 use lapwing_core::{
@@ -50,9 +50,11 @@ pub struct Scorer {
     max_mph: f64,
     offsets: Offsets,
     wheel: Wheel,
-    samples: Vec<Sample>,
+    samples: Vec<Tick>,
     /// The car was put elsewhere since the last sample.
     was_put: bool,
+    /// The run is broken off since the last telemetry, whatever time it says has passed.
+    is_cut: bool,
     /// Furthest that the car came, in laps.
     progress: f64,
     laps: Vec<f64>,
@@ -178,23 +180,26 @@ impl Scorer {
         self.began_s.get_or_insert(at);
         self.first_s.get_or_insert(at);
         let apart = self.last.map_or(0.0, |(before, _)| at - before);
-        if let Some((_, was_mps)) = self.last {
+        let is_cut = std::mem::take(&mut self.is_cut);
+        let after_gap = is_cut || apart > GAP_S;
+        // Between two drives none was driven.
+        if let Some((_, was_mps)) = self.last.filter(|_| !is_cut) {
             // Trapezium: the speed changes evenly between two telemetries.
             let way = apart * (speed_mps + was_mps) / 2.0;
             self.driven_m += way;
-            self.in_gaps_m += if apart > GAP_S { way } else { 0.0 };
+            self.in_gaps_m += if after_gap { way } else { 0.0 };
             self.off_road_m += if self.off_since.is_some() { way } else { 0.0 };
         }
         let apart_s = self.last.map(|_| apart);
-        let now = Moment { at_s: at, apart_s, mps: speed_mps, driven_m: self.driven_m, is_beginning };
+        let now = Now { at_s: at, apart_s, after_gap, mps: speed_mps, driven_m: self.driven_m, is_beginning };
         let news = self.told.telemetry(truth, now);
         if self.course.is_none() {
             self.judge(at, news);
         }
         // Of two at one time the first is what counts: in no time nothing turns.
         if self.last.is_none() || apart > 0.0 {
-            let goes_on = self.last.is_some() && apart <= GAP_S && !self.was_put;
-            let sample = Sample { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on };
+            let goes_on = self.last.is_some() && !after_gap && !self.was_put;
+            let sample = Tick { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on };
             self.wheel.sample(sample);
             self.samples.extend((!self.is_live).then_some(sample));
             self.was_put = false;
@@ -296,6 +301,10 @@ impl Scorer {
                 self.off_road_s += within(*after_s, at);
             }
             EventRecord::Reset { .. } => self.put(at),
+            EventRecord::Break { .. } => {
+                self.is_cut = true;
+                self.blind.cut();
+            }
             EventRecord::Stuck => {
                 self.stuck += 1;
                 self.is_stuck = true;

@@ -1,9 +1,10 @@
 //! How smooth a drive was, from the steering and speed told.
 
 use lapwing_core::motion;
+use lapwing_core::recording::LONGEST_GAP;
 
 /// Telemetries farther apart than this say nothing of what was between them, in seconds.
-pub(super) const GAP_S: f64 = 1.0;
+pub(super) const GAP_S: f64 = LONGEST_GAP.as_secs_f64();
 /// Least turning back that is a reversal, in degrees of the front wheels.
 const REVERSAL_DEG: f64 = 1.0;
 /// Parabolas are fitted to what is told within so many seconds. nuPlan smooths over 0.8 to 1.5 s with a
@@ -14,7 +15,7 @@ const YAW_RATE_OFF: f64 = 0.1;
 
 /// What a telemetry told.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
+pub(super) struct Tick {
     pub at_s: f64,
     pub speed_mps: f64,
     pub steering_deg: f64,
@@ -31,7 +32,7 @@ pub(super) struct Smoothness {
 }
 
 impl Smoothness {
-    pub(super) fn of(samples: &[Sample]) -> Self {
+    pub(super) fn of(samples: &[Tick]) -> Self {
         let stretches: Vec<_> = samples.chunk_by(|_, next| next.goes_on).collect();
         let motions = |factor: f64| stretches.iter().flat_map(move |stretch| motions(stretch, factor));
         let n = motions(1.0).count();
@@ -50,7 +51,7 @@ impl Smoothness {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Wheel {
     /// Where this stretch began, in seconds, and its last sample.
-    stretch: Option<(f64, Sample)>,
+    stretch: Option<(f64, Tick)>,
     /// Seconds of the stretches before.
     seconds: f64,
     /// Sum of squared changes over their time.
@@ -62,7 +63,7 @@ pub(super) struct Wheel {
 }
 
 impl Wheel {
-    pub(super) fn sample(&mut self, now: Sample) {
+    pub(super) fn sample(&mut self, now: Tick) {
         let Some((began_s, before)) = self.stretch.filter(|_| now.goes_on) else {
             self.seconds = self.seconds();
             (self.stretch, self.extreme_deg, self.direction) = (Some((now.at_s, now)), now.steering_deg, 0.0);
@@ -120,8 +121,8 @@ impl Motion {
 }
 
 /// The motions of a stretch, but at its ends; yaw rates times `factor`.
-fn motions(stretch: &[Sample], factor: f64) -> Vec<Motion> {
-    let series = |of: fn(&Sample) -> f64| stretch.iter().map(|sample| (sample.at_s, of(sample))).collect::<Vec<_>>();
+fn motions(stretch: &[Tick], factor: f64) -> Vec<Motion> {
+    let series = |of: fn(&Tick) -> f64| stretch.iter().map(|sample| (sample.at_s, of(sample))).collect::<Vec<_>>();
     let speeds = parabolas(&series(|sample| sample.speed_mps));
     let yaw_rates = parabolas(&series(|sample| motion::yaw_rate(sample.speed_mps, sample.steering_deg)));
     let mut motions = Vec::new();
@@ -204,12 +205,12 @@ mod tests {
     use super::*;
 
     /// Told 20 times a second.
-    fn drive(seconds: f64, of: impl Fn(f64) -> (f64, f64)) -> Vec<Sample> {
+    fn drive(seconds: f64, of: impl Fn(f64) -> (f64, f64)) -> Vec<Tick> {
         (0..=(seconds * 20.0) as u32)
             .map(|i| {
                 let at_s = f64::from(i) / 20.0;
                 let (speed_mps, steering_deg) = of(at_s);
-                Sample { at_s, speed_mps, steering_deg, goes_on: i > 0 }
+                Tick { at_s, speed_mps, steering_deg, goes_on: i > 0 }
             })
             .collect()
     }
@@ -234,7 +235,7 @@ mod tests {
         assert_eq!((share, off), (0.0, 0.5));
     }
 
-    fn wheel(samples: &[Sample]) -> Wheel {
+    fn wheel(samples: &[Tick]) -> Wheel {
         let mut wheel = Wheel::default();
         samples.iter().for_each(|sample| wheel.sample(*sample));
         wheel

@@ -6,7 +6,7 @@ mod waypoints;
 pub(super) use waypoints::Waypoints;
 
 use self::waypoints::Seen;
-use super::{infractions::Struck, smoothness::GAP_S};
+use super::infractions::Struck;
 use lapwing_core::{
     protocol::Truth,
     units::{MPS_PER_MPH, Metres},
@@ -44,10 +44,12 @@ pub(super) struct Told {
 
 /// What a telemetry tells besides its truth.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Moment {
+pub(super) struct Now {
     pub at_s: f64,
     /// Seconds since the telemetry before; `None` for the first.
     pub apart_s: Option<f64>,
+    /// Nobody knows what was between the two.
+    pub after_gap: bool,
     pub mps: f64,
     /// Metres driven until then, by its speed.
     pub driven_m: f64,
@@ -66,7 +68,7 @@ pub(super) struct News {
 }
 
 impl Told {
-    pub(super) fn telemetry(&mut self, truth: &Truth, now: Moment) -> News {
+    pub(super) fn telemetry(&mut self, truth: &Truth, now: Now) -> News {
         self.tells |= !truth.is_empty() && *truth != Truth { brake: truth.brake, ..Truth::default() };
         self.tells_cte |= truth.cte.is_some();
         if self.track.is_none() {
@@ -75,8 +77,8 @@ impl Told {
         self.distance_m.take(truth.distance.map(Metres::get));
         let way_m = self.distance_m.total().unwrap_or(now.driven_m);
         let laps = self.laps.take(truth.lap.map(f64::from));
-        let seen = match now.apart_s {
-            Some(apart_s) if apart_s > GAP_S => Seen::Unseen,
+        let seen = match now.after_gap {
+            true => Seen::Unseen,
             _ if now.mps < STANDS_MPS => Seen::Standing,
             _ => Seen::Driving,
         };
@@ -117,7 +119,7 @@ impl Told {
         truth.crashes.map(f64::from).or(named)
     }
 
-    fn time_laps(&mut self, laps: u32, waypoint: Option<u32>, now: Moment) {
+    fn time_laps(&mut self, laps: u32, waypoint: Option<u32>, now: Now) {
         let Some(apart_s) = now.apart_s else {
             self.lap_began_s = (now.is_beginning && waypoint.unwrap_or(0) == 0).then_some(now.at_s);
             return;
@@ -173,7 +175,8 @@ mod tests {
         let mut see = |second: u32, hit: Option<&str>| {
             let at_s = f64::from(second);
             let apart_s = (second > 0).then_some(1.0);
-            let now = Moment { at_s, apart_s, mps: 9.0, driven_m: 9.0 * at_s, is_beginning: second == 0 };
+            let now =
+                Now { at_s, apart_s, after_gap: false, mps: 9.0, driven_m: 9.0 * at_s, is_beginning: second == 0 };
             told.telemetry(&Truth { hit: hit.map(str::to_owned), ..Truth::default() }, now).crashes
         };
         let hits = [None, Some("block"), Some("block"), None, Some("tree")];

@@ -2,30 +2,26 @@
 //!
 //! A recording is read twice, its numbers first, then picture by picture as the drive goes on: memory stays flat.
 
-use std::{
-    io,
-    path::{Path, PathBuf},
-};
+use std::{io, path::Path};
 
 use bytes::Bytes;
 
 use super::{ClosedLoopError, warp::SIZE};
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
-    protocol::CameraImage,
-    recording::udacity::{self, DrivingLog, FALLBACK_INTERVAL},
-    recording::{By, EventRecord, Moment, Moments, RunReader, read_picture},
+    recording::{Break, By, LONGEST_GAP, Picture, Recording, udacity::FALLBACK_INTERVAL},
     units::{Mph, Steering, Throttle},
 };
 
 /// Slower than this the car stands: the simulator's forks call it stuck at 1 mph.
 pub const STANDS_MPH: f64 = 1.0;
-/// A longer time between two rows is a gap, in seconds: slow machines record each 0.12 s, the stock build each 0.07 s.
-pub const GAP_S: f64 = 0.5;
+/// A longer time between two rows is not driven, in seconds: half of what is a gap to others ([`LONGEST_GAP`]). The
+/// recorded car keeps one steering until the next row, and half a second of a wrong one leads half a metre astray.
+pub const GAP_S: f64 = LONGEST_GAP.as_secs_f64() / 2.0;
 
 /// A recorded moment in which the car moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Row {
+pub(super) struct PathRow {
     /// Seconds of driving before it: standing and gaps do not count.
     pub at_s: f64,
     /// What was recorded.
@@ -65,19 +61,14 @@ struct Raw {
 
 /// A recording to drive along.
 pub(super) struct Recorded {
-    pub rows: Vec<Row>,
+    pub rows: Vec<PathRow>,
     /// Rows of the recording with a picture, and those of them in which the car stood.
     pub read: usize,
     pub stood: usize,
-    pictures: Pictures,
-    path: PathBuf,
-    /// Rows of the run read so far, with a picture.
+    /// The recording once more, read as far as the row that is shown.
+    again: Recording,
+    /// Rows read so far of it, with a picture.
     seen: usize,
-}
-
-enum Pictures {
-    Folder(Vec<[Option<PathBuf>; 3]>),
-    Run(Box<Moments>),
 }
 
 /// One moment's pictures: of the centre camera, the left and the right one.
@@ -95,21 +86,20 @@ impl Shown {
 
 impl Recorded {
     pub(super) fn open(path: &Path) -> Result<Self, ClosedLoopError> {
-        let is_log = path.is_dir() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-        let (raw, pictures) = if is_log { folder(path)? } else { run(path)? };
+        let raw = raw(path)?;
         let (read, rows) = (raw.len(), driven(&raw));
         let stood = raw.iter().filter(|row| row.speed.get() < STANDS_MPH).count();
         if rows.len() < 2 {
             return Err(ClosedLoopError::NothingDriven { path: path.to_owned(), read, stood });
         }
-        Ok(Self { rows, read, stood, pictures, path: path.to_owned(), seen: 0 })
+        Ok(Self { rows, read, stood, again: Recording::open(path)?, seen: 0 })
     }
 
     /// Metres that the car drove, stretch by stretch.
     pub(super) fn length_m(&self) -> f64 {
         let pairs = self.rows.windows(2).filter(|pair| pair[1].cut.is_none());
-        let way = |pair: &[Row]| {
-            let mps = |row: &Row| row.speed.metres_per_second().get();
+        let way = |pair: &[PathRow]| {
+            let mps = |row: &PathRow| row.speed.metres_per_second().get();
             (mps(&pair[0]) + mps(&pair[1])) / 2.0 * (pair[1].at_s - pair[0].at_s)
         };
         pairs.map(way).sum()
@@ -118,48 +108,31 @@ impl Recorded {
     /// The pictures of a row; rows are asked for in their order.
     pub(super) fn show(&mut self, row: usize) -> Result<Shown, ClosedLoopError> {
         let index = self.rows[row].index;
-        let (jpeg, sides) = match &mut self.pictures {
-            Pictures::Folder(paths) => {
-                let [centre, left, right] = &paths[index];
-                let read = |path: &Option<PathBuf>| match path {
-                    None => Ok(None),
-                    Some(path) => {
-                        read_picture(path).map(|bytes| Some((path.clone(), bytes))).map_err(|e| (path.clone(), e))
-                    }
-                };
-                let side = |path: &Option<PathBuf>| match read(path) {
-                    Err((_, e)) if e.kind() == io::ErrorKind::NotFound => Ok(None), // some people keep the centre's only
-                    other => other,
-                };
-                let failed = |(path, source)| ClosedLoopError::Read { path, source };
-                let centre = read(centre).map_err(failed)?;
-                (centre, [side(left).map_err(failed)?, side(right).map_err(failed)?])
-            }
-            Pictures::Run(moments) => {
-                let mut found = None;
-                for moment in moments.by_ref() {
-                    let Moment::Step(step) = moment? else { continue };
-                    if !step.frame_recorded {
-                        continue;
-                    }
-                    self.seen += 1;
-                    if self.seen == index + 1 {
-                        let CameraImage::Jpeg(jpeg) = step.telemetry.image else { break };
-                        let at = format!("{} at {:.3} s", self.path.display(), step.at.as_secs_f64());
-                        found = Some((PathBuf::from(at), jpeg));
-                        break;
-                    }
-                }
-                (found, [None, None])
+        let moment = loop {
+            let Some(moment) = self.again.next().transpose()? else {
+                return Err(ClosedLoopError::Changed { path: self.again.path().to_owned() });
+            };
+            self.seen += usize::from(moment.is_seen());
+            if self.seen == index + 1 {
+                break moment;
             }
         };
-        let Some((place, jpeg)) = jpeg else {
-            return Err(ClosedLoopError::Changed { path: self.path.clone() });
-        };
-        let frame = decode(&place, &jpeg)?;
-        let mut shown = Shown { jpeg, frames: [Some(frame), None, None] };
-        for (slot, side) in shown.frames[1..].iter_mut().zip(sides) {
-            *slot = side.map(|(path, jpeg)| decode(&path, &jpeg)).transpose()?;
+        let mut shown = Shown::default();
+        for (i, (slot, picture)) in shown.frames.iter_mut().zip(&moment.pictures).enumerate() {
+            let Some(picture) = picture else { continue };
+            let place = match picture {
+                Picture::File(path) => path.clone(),
+                _ => format!("{} at {:.3} s", self.again.path().display(), moment.at.as_secs_f64()).into(),
+            };
+            let jpeg = match picture.read() {
+                Ok(jpeg) => jpeg,
+                Err(e) if i > 0 && e.kind() == io::ErrorKind::NotFound => continue, // some people keep the centre's only
+                Err(source) => return Err(ClosedLoopError::Read { path: place, source }),
+            };
+            *slot = Some(decode(&place, &jpeg)?);
+            if i == 0 {
+                shown.jpeg = jpeg;
+            }
         }
         Ok(shown)
     }
@@ -175,71 +148,54 @@ fn decode(place: &Path, jpeg: &[u8]) -> Result<Frame, ClosedLoopError> {
     Ok(frame)
 }
 
-fn folder(path: &Path) -> Result<(Vec<Raw>, Pictures), ClosedLoopError> {
-    let log = DrivingLog::open(path)?;
-    let mut raw: Vec<Raw> = Vec::with_capacity(log.rows.len());
-    let mut before: Option<&udacity::Row> = None;
-    for row in &log.rows {
-        // The log fills what it cannot tell with its usual interval; the names of the pictures say more.
-        let apart = before.and_then(|before| {
-            let (then, now) = before.taken_at.zip(row.taken_at)?;
-            Some(now.duration_since(then).as_secs_f64())
-        });
-        let broken = match apart {
-            Some(apart) if apart > GAP_S => Some(Cut::Gap(Some(apart))),
-            Some(apart) if apart <= 0.0 => Some(Cut::Gap(None)),
-            _ => None,
-        };
-        let (steering, throttle) = (row.steering, row.throttle);
-        raw.push(Raw { at_s: row.at.as_secs_f64(), speed: row.speed, steering, throttle, broken });
-        before = Some(row);
-    }
-    let paths = log.rows.into_iter().map(|row| [Some(row.center), row.left, row.right]).collect();
-    Ok((raw, Pictures::Folder(paths)))
-}
-
-fn run(path: &Path) -> Result<(Vec<Raw>, Pictures), ClosedLoopError> {
+/// The rows with a picture.
+fn raw(path: &Path) -> Result<Vec<Raw>, ClosedLoopError> {
     let mut raw: Vec<Raw> = Vec::new();
     let mut broken = None;
     let mut without = 0;
     // Whether the row before has no answer, so that the next telemetry says what was steered.
     let mut unanswered = false;
-    for moment in RunReader::open(path)?.moments() {
-        match moment? {
-            Moment::Step(step) => {
-                let told = step.telemetry.steering.steering();
-                if let Some(before) = raw.last_mut().filter(|_| unanswered) {
-                    before.steering = told;
-                }
-                let answer = step.command.filter(|c| matches!(c.by, By::Pilot | By::Human | By::Safe));
-                if !step.frame_recorded {
-                    without += 1;
-                    continue;
-                }
-                unanswered = answer.is_none();
-                raw.push(Raw {
-                    at_s: step.at.as_secs_f64(),
-                    speed: step.telemetry.speed,
-                    steering: answer.map_or(told, |c| c.steering),
-                    throttle: step.telemetry.throttle,
-                    broken: std::mem::take(&mut broken),
-                });
-            }
-            Moment::Event { event: EventRecord::Reset { .. } | EventRecord::TakeoverBegan, .. } => {
-                broken = Some(Cut::Put);
-            }
-            Moment::Event { .. } => {}
+    for moment in Recording::open(path)? {
+        let moment = moment?;
+        let told = moment.telemetry.steering.steering();
+        if let Some(before) = raw.last_mut().filter(|_| unanswered) {
+            before.steering = told;
         }
+        broken = moment.broken.and_then(cut).or(broken);
+        if !moment.is_seen() {
+            without += 1;
+            continue;
+        }
+        // The car drove a safe answer, too; where the pilot is off it did something else.
+        let answer = moment.command.filter(|c| c.by != By::Off);
+        unanswered = answer.is_none();
+        raw.push(Raw {
+            at_s: moment.at.as_secs_f64(),
+            speed: moment.telemetry.speed,
+            steering: answer.map_or(told, |c| c.steering),
+            throttle: moment.telemetry.throttle,
+            broken: broken.take(),
+        });
     }
     if raw.is_empty() {
         return Err(ClosedLoopError::NoPictures { path: path.to_owned(), telemetries: without });
     }
-    Ok((raw, Pictures::Run(Box::new(RunReader::open(path)?.moments()))))
+    Ok(raw)
+}
+
+/// What a break is to whoever drives along: where pictures are missing, the times of those that are there decide.
+fn cut(broken: Break) -> Option<Cut> {
+    match broken {
+        Break::Gap(apart) => Some(Cut::Gap(Some(apart.as_secs_f64()))),
+        Break::Back(_) | Break::Joined => Some(Cut::Gap(None)),
+        Break::PutBack | Break::TakenOver => Some(Cut::Put),
+        Break::Unseen(_) => None,
+    }
 }
 
 /// The rows in which the car moves, on a clock that stands while it does not.
-fn driven(raw: &[Raw]) -> Vec<Row> {
-    let mut rows: Vec<Row> = Vec::new();
+fn driven(raw: &[Raw]) -> Vec<PathRow> {
+    let mut rows: Vec<PathRow> = Vec::new();
     let mut cut = Some(Cut::Begins);
     let mut at_s = 0.0;
     let mut last_s: Option<f64> = None;
@@ -260,7 +216,7 @@ fn driven(raw: &[Raw]) -> Vec<Row> {
             at_s += if cut.is_some() { FALLBACK_INTERVAL.as_secs_f64() } else { apart };
         }
         let Raw { speed, steering, throttle, .. } = *row;
-        rows.push(Row { at_s, speed, steering, throttle, cut: cut.take(), index });
+        rows.push(PathRow { at_s, speed, steering, throttle, cut: cut.take(), index });
     }
     rows
 }

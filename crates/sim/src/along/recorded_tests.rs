@@ -11,7 +11,7 @@ fn raw(rows: &[(f64, f64)]) -> Vec<Raw> {
     rows.iter().map(row).collect()
 }
 
-fn cuts(rows: &[Row]) -> Vec<Option<Cut>> {
+fn cuts(rows: &[PathRow]) -> Vec<Option<Cut>> {
     rows.iter().map(|row| row.cut).collect()
 }
 

@@ -6,7 +6,7 @@ use super::{
     ClosedLoopError,
     abreast::{Abreast, Recorded as Then},
     flow::Pyramid,
-    recorded::{Cut, Recorded, Row, Shown},
+    recorded::{Cut, PathRow, Recorded, Shown},
     rotation,
     warp::{Beside, Warp},
 };
@@ -193,9 +193,9 @@ impl RecordedWorld {
     }
 
     /// From a row to the next one under a steering command.
-    fn drive(&mut self, from: Row, to: Row, before: Option<Pyramid>) {
+    fn drive(&mut self, from: PathRow, to: PathRow, before: Option<Pyramid>) {
         let apart = to.at_s - from.at_s;
-        let mps = |row: Row| row.speed.metres_per_second().get();
+        let mps = |row: PathRow| row.speed.metres_per_second().get();
         let rolled = (mps(from) + mps(to)) / 2.0 * apart;
         let seen = before.zip(self.pyramid.as_ref()).and_then(|(before, next)| rotation::turn(&before, next, rolled));
         let yaw_rate = seen.map(|turn| turn.yaw / apart).filter(|rate| believable(*rate, mps(from)));
@@ -227,7 +227,7 @@ impl RecordedWorld {
         self.events.push((at, EventRecord::Reset { waypoint }));
     }
 
-    fn telemetry(&self, row: Row) -> Telemetry {
+    fn telemetry(&self, row: PathRow) -> Telemetry {
         let Beside { offset_m, heading_rad } = self.abreast.beside();
         // On the path there is nothing to warp, and no second JPEG to blur it.
         let jpeg = if self.abreast.beside() == Beside::default() {

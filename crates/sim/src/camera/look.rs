@@ -172,7 +172,7 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
 
 /// What a place of open ground is like, for its colour.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct Spot {
     pub(super) x: f32,
     pub(super) z: f32,
     /// Metres above the road nearby.
@@ -188,7 +188,7 @@ pub(super) struct Place {
 }
 
 /// The colour of open ground in full light.
-pub(super) fn ground(theme: Theme, rock: Colour, p: Place, seed: u32) -> Colour {
+pub(super) fn ground(theme: Theme, rock: Colour, p: Spot, seed: u32) -> Colour {
     let wide = fractal(p.x / 31.0, p.z / 31.0, 3, 0, seed);
     let fine = fractal(p.x / 5.0, p.z / 5.0, 3, 0, seed + 40);
     match theme {

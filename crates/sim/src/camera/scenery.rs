@@ -163,7 +163,7 @@ fn albedo(track: &Track, ground: &Ground, look: &Look) -> Vec<[u8; 3]> {
             let right = to.dot(station.right().as_vec3()) > 0.0;
             let height = ground.height(x, z);
             let normal = ground.normal(x, z);
-            let place = look::Place {
+            let place = look::Spot {
                 x,
                 z,
                 above_m: height - station.position.y as f32,

@@ -37,7 +37,7 @@ pub(super) struct Ground {
     pub(super) water: Option<f32>,
 }
 
-struct Sample {
+struct RoadPoint {
     x: f32,
     z: f32,
     y: f32,
@@ -49,12 +49,12 @@ impl Ground {
     /// Shapes the ground around a road.
     pub(super) fn new(track: &Track, look: &Look) -> Self {
         let stations = track.stations();
-        let samples: Vec<Sample> = (0..stations.len())
+        let samples: Vec<RoadPoint> = (0..stations.len())
             .step_by(4)
             .map(|i| {
                 let p = stations[i].position.as_vec3();
                 let ahead = stations[i].ahead().as_vec3();
-                Sample { x: p.x, z: p.z, y: p.y, ahead: (ahead.x, ahead.z), station: i as u32 }
+                RoadPoint { x: p.x, z: p.z, y: p.y, ahead: (ahead.x, ahead.z), station: i as u32 }
             })
             .collect();
         let low = samples.iter().fold([f32::MAX; 3], |m, p| [m[0].min(p.x), m[1].min(p.y), m[2].min(p.z)]);

@@ -12,7 +12,7 @@ use lapwing_sim::{
 };
 use serde::Serialize;
 
-use super::recording::{Row, at};
+use super::recording::{Logged, at};
 
 /// How far ahead speeds are compared, in seconds.
 pub const HORIZONS_S: [f64; 3] = [1.0, 2.0, 5.0];
@@ -49,7 +49,7 @@ pub struct Yaw {
     pub rmse_deg_s: f64,
 }
 
-fn command(rows: &[Row], time: f64) -> Command {
+fn command(rows: &[Logged], time: f64) -> Command {
     Command {
         steering: Steering::saturating(at(rows, time, |row| row.steering)),
         throttle: Throttle::saturating(at(rows, time, |row| row.throttle)),
@@ -58,7 +58,7 @@ fn command(rows: &[Row], time: f64) -> Command {
 
 /// Rolls the car out from each row; `grades` has a value a row. Rows whose roll-out spans a contact are left out
 /// unless `all` are asked for.
-pub fn speeds(rows: &[Row], grades: &[f64], all: bool) -> Vec<Speeds> {
+pub fn speeds(rows: &[Logged], grades: &[f64], all: bool) -> Vec<Speeds> {
     let end = rows[rows.len() - 1].time;
     let longest = HORIZONS_S[HORIZONS_S.len() - 1];
     let mut errors = vec![Vec::new(); HORIZONS_S.len()];
@@ -92,12 +92,12 @@ pub fn speeds(rows: &[Row], grades: &[f64], all: bool) -> Vec<Speeds> {
         .collect()
 }
 
-fn along(rows: &[Row], values: &[f64], time: f64) -> f64 {
+fn along(rows: &[Logged], values: &[f64], time: f64) -> f64 {
     motion::between(rows, time, |row| row.time, |i| values[i])
 }
 
 /// Drives the car with the recorded steering at the recorded speed and compares how far it turns between rows.
-pub fn yaw(rows: &[Row], turns: &[Option<Turn>]) -> Yaw {
+pub fn yaw(rows: &[Logged], turns: &[Option<Turn>]) -> Yaw {
     let mut car = Car::default();
     let mut headings = vec![0.0];
     while headings.len() as f64 * STEP_S <= rows[rows.len() - 1].time + STEP_S {

@@ -3,7 +3,7 @@
 use lapwing_core::motion;
 use lapwing_sim::{along::Turn, track::Track};
 
-use super::recording::Row;
+use super::recording::Logged;
 
 /// Headings are compared over this distance, in metres.
 const COMPARED_M: usize = 24;
@@ -36,7 +36,7 @@ pub struct Route {
 }
 
 /// Finds the drive on its track by heading over distance; `None` where it does not fit.
-pub fn locate(rows: &[Row], turns: &[Option<Turn>], track: &Track) -> Option<Route> {
+pub fn locate(rows: &[Logged], turns: &[Option<Turn>], track: &Track) -> Option<Route> {
     // Odometry, a value a row, and the heading seen at every STEP_M.
     let (mut rolled, mut heading) = (vec![0.0_f64], vec![0.0_f64]);
     for (pair, turn) in rows.windows(2).zip(turns) {
@@ -112,7 +112,7 @@ pub fn locate(rows: &[Row], turns: &[Option<Turn>], track: &Track) -> Option<Rou
 }
 
 /// Integrates the turns seen, forward and backward in time, held to the track's grade in the long run.
-fn pitch_seen(rows: &[Row], turns: &[Option<Turn>], grades: &[f64]) -> Vec<f64> {
+fn pitch_seen(rows: &[Logged], turns: &[Option<Turn>], grades: &[f64]) -> Vec<f64> {
     let n = rows.len();
     let integrate = |order: &[usize], sign: f64| {
         // The upright in the car's frame, right and ahead; level to start with.

@@ -30,7 +30,7 @@ use lapwing_sim::{
     track::Track,
     vehicle::Car,
 };
-use lapwing_tools::survey::{Detector, FIT_ROWS, Fix, Lens, Moment, localise};
+use lapwing_tools::survey::{Detector, FIT_ROWS, Fix, Lens, Sighting, localise};
 
 use crate::compare::{Comparison, Pair, ROWS};
 
@@ -112,7 +112,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         comparison.add(&pair);
         if n % between == between / 2 {
             let text = format!("row {i}  {:.0} m  {:+.2} m", fixes[i].pose.s, fixes[i].pose.offset);
-            shown.push(sheet::Place { text, frames: [frame.clone(), rendered], edges: pair.edges.clone() });
+            shown.push(sheet::Tile { text, frames: [frame.clone(), rendered], edges: pair.edges.clone() });
         }
     }
     let all = (0..fixes.len()).step_by(args.every.max(1)).count();
@@ -131,9 +131,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn moment(row: &Row, detector: Detector, frame: &mut Frame) -> Result<Moment, Box<dyn Error>> {
+fn moment(row: &Row, detector: Detector, frame: &mut Frame) -> Result<Sighting, Box<dyn Error>> {
     decode_jpeg(&fs::read(&row.center)?, frame)?;
-    Ok(Moment {
+    Ok(Sighting {
         at: row.at.as_secs_f64(),
         speed: row.speed.metres_per_second().get(),
         steering: row.steering.get(),
@@ -143,7 +143,7 @@ fn moment(row: &Row, detector: Detector, frame: &mut Frame) -> Result<Moment, Bo
 }
 
 /// The simulator's car at a place of the real one.
-fn car(track: &Track, fix: &Fix, moment: &Moment) -> Car {
+fn car(track: &Track, fix: &Fix, moment: &Sighting) -> Car {
     let station = track.at(fix.pose.s);
     Car {
         position: track.point(fix.pose.s, fix.pose.offset),

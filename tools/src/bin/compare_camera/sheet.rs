@@ -9,7 +9,7 @@ use lapwing_tools::survey::Edges;
 use crate::compare::ROWS;
 
 /// One place, seen twice.
-pub struct Place {
+pub struct Tile {
     /// Where it is.
     pub text: String,
     /// Real and rendered.
@@ -24,7 +24,7 @@ const ACROSS: u32 = 2;
 const GAP: u32 = 4;
 
 /// Writes the sheet as a PNG and says on stdout what is where.
-pub fn write(places: &[Place], path: &Path) -> Result<(), Box<dyn Error>> {
+pub fn write(places: &[Tile], path: &Path) -> Result<(), Box<dyn Error>> {
     let (wide, high) = (320 + GAP, 160 + GAP);
     let down = (places.len() as u32).div_ceil(ACROSS);
     let mut sheet = RgbImage::from_pixel(wide * 2 * ACROSS, high * down, Rgb([255, 255, 255]));

@@ -15,7 +15,10 @@ use std::{
 
 use jiff::civil::DateTime;
 
-use super::RecordingError;
+use super::{
+    super::{LONGEST_GAP, RecordingError},
+    LOG_NAME,
+};
 use crate::{
     protocol::number,
     units::{Mph, Steering, Throttle},
@@ -23,7 +26,7 @@ use crate::{
 
 /// One moment of a drive, to be written.
 #[derive(Debug, Clone, Copy)]
-pub struct Sample<'a> {
+pub struct NewRow<'a> {
     /// Time since the recording began.
     pub at: Duration,
     /// JPEG of the centre camera.
@@ -52,6 +55,8 @@ pub struct DrivingLogWriter {
     began: DateTime,
     /// Of the row written last, in milliseconds since `began`.
     last_ms: Option<u64>,
+    /// What cuts add to the times of the rows.
+    cut: Duration,
     rows: u64,
 }
 
@@ -69,7 +74,7 @@ impl DrivingLogWriter {
                 std::io::ErrorKind::AlreadyExists => RecordingError::LogExists { path: path.clone() },
                 _ => RecordingError::Io { doing: "create the driving log", path: path.clone(), source },
             })?;
-        Ok(Self { path, images, images_text, log, began, last_ms: None, rows: 0 })
+        Ok(Self { path, images, images_text, log, began, last_ms: None, cut: Duration::ZERO, rows: 0 })
     }
 
     /// Makes the folder and says where in it the log and its pictures go, and the pictures' folder as the log has it.
@@ -82,7 +87,7 @@ impl DrivingLogWriter {
             return Err(RecordingError::LogFolder { path: dir });
         };
         fs::create_dir_all(&images).map_err(RecordingError::io("create the folder", &images))?;
-        Ok((dir.join("driving_log.csv"), images, text))
+        Ok((dir.join(LOG_NAME), images, text))
     }
 
     /// The CSV file.
@@ -100,8 +105,8 @@ impl DrivingLogWriter {
     ///
     /// # Errors
     /// [`RecordingError::Io`], also for a picture of that name left by somebody else.
-    pub fn row(&mut self, sample: &Sample<'_>) -> Result<(), RecordingError> {
-        let ms = u64::try_from(sample.at.as_millis()).unwrap_or(u64::MAX);
+    pub fn row(&mut self, sample: &NewRow<'_>) -> Result<(), RecordingError> {
+        let ms = u64::try_from((sample.at + self.cut).as_millis()).unwrap_or(u64::MAX);
         let ms = self.last_ms.map_or(ms, |last| ms.max(last + 1));
         let taken = self.began.saturating_add(Duration::from_millis(ms));
         let mut line = String::with_capacity(400);
@@ -127,6 +132,15 @@ impl DrivingLogWriter {
         Ok(())
     }
 
+    /// Says that the next row does not go on from the last one: the car was put elsewhere. The recorder's form can say
+    /// so by the times in the pictures' names only, so that all rows from here on are named [`LONGEST_GAP`] later, and
+    /// whoever reads the log finds a gap.
+    pub fn cut(&mut self) {
+        if self.rows > 0 {
+            self.cut += LONGEST_GAP;
+        }
+    }
+
     /// Ends the log, and says how many rows were written.
     ///
     /// # Errors
@@ -148,14 +162,17 @@ fn picture_name(camera: &str, t: DateTime) -> String {
 mod tests {
     use jiff::civil::date;
 
-    use super::{super::DrivingLog, *};
+    use super::{
+        super::{Break, DrivingLog},
+        *,
+    };
 
     fn began() -> DateTime {
         date(2016, 12, 1).at(13, 30, 48, 287_000_000)
     }
 
-    fn sample(at_ms: u64, steering: f64, speed: f64) -> Sample<'static> {
-        Sample {
+    fn sample(at_ms: u64, steering: f64, speed: f64) -> NewRow<'static> {
+        NewRow {
             at: Duration::from_millis(at_ms),
             center: b"center's jpeg",
             left: Some(b"left's jpeg"),
@@ -167,7 +184,7 @@ mod tests {
         }
     }
 
-    fn write(dir: &Path, samples: &[Sample<'_>]) -> DrivingLog {
+    fn write(dir: &Path, samples: &[NewRow<'_>]) -> DrivingLog {
         let mut writer = DrivingLogWriter::create(dir, began()).unwrap();
         for sample in samples {
             writer.row(sample).unwrap();
@@ -218,7 +235,7 @@ mod tests {
     #[test]
     fn a_camera_that_is_not_there_leaves_its_field_empty() {
         let dir = tempfile::tempdir().unwrap();
-        let log = write(dir.path(), &[Sample { left: None, right: None, ..sample(0, 0.5, 5.0) }]);
+        let log = write(dir.path(), &[NewRow { left: None, right: None, ..sample(0, 0.5, 5.0) }]);
         let text = fs::read_to_string(&log.path).unwrap();
         assert!(text.ends_with("center_2016_12_01_13_30_48_287.jpg,,,0.5,0.25,0,5\n"), "{text}");
         assert_eq!((&log.rows[0].left, &log.rows[0].right), (&None, &None));
@@ -228,8 +245,8 @@ mod tests {
     #[test]
     fn brake_and_throttle_keep_to_their_columns() {
         let dir = tempfile::tempdir().unwrap();
-        let braking = Sample { throttle: Throttle::new(-0.75).unwrap(), brake: 0.75, ..sample(0, 0.0, 5.0) };
-        let beyond = Sample { brake: f64::NAN, ..sample(67, 0.0, 5.0) };
+        let braking = NewRow { throttle: Throttle::new(-0.75).unwrap(), brake: 0.75, ..sample(0, 0.0, 5.0) };
+        let beyond = NewRow { brake: f64::NAN, ..sample(67, 0.0, 5.0) };
         let log = write(dir.path(), &[braking, beyond]);
         assert_eq!((log.rows[0].throttle.get(), log.rows[0].brake), (0.0, 0.75));
         assert_eq!(log.rows[1].brake, 0.0);
@@ -241,6 +258,22 @@ mod tests {
         let log = write(dir.path(), &[sample(5, 0.0, 1.0), sample(5, 0.0, 1.0), sample(3, 0.0, 1.0)]);
         let at: Vec<_> = log.rows.iter().map(|row| row.at.as_millis()).collect();
         assert_eq!(at, [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_cut_is_a_gap_to_whoever_reads_the_log() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut writer = DrivingLogWriter::create(dir.path(), began()).unwrap();
+        writer.cut(); // before the first row is nothing to cut
+        for at_ms in [0, 67, 133, 200] {
+            if at_ms == 133 {
+                writer.cut();
+            }
+            writer.row(&sample(at_ms, 0.0, 1.0)).unwrap();
+        }
+        let log = DrivingLog::open(dir.path()).unwrap();
+        let breaks: Vec<_> = log.rows.iter().map(|row| row.broken).collect();
+        assert_eq!(breaks, [None, None, Some(Break::Gap(Duration::from_millis(1066))), None]);
     }
 
     #[test]

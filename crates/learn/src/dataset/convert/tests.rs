@@ -1,9 +1,13 @@
 use std::time::Duration;
 
 use super::{
-    super::fixture::{converted, folder, jpeg, record, steps},
+    super::{
+        Source,
+        fixture::{converted, folder, jpeg, looked_over, record, steps},
+    },
     *,
 };
+use lapwing_core::units::{Mph, Steering, Throttle};
 
 fn error(source: &Path, target: &Path) -> String {
     convert(source, target, &mut |_, _| ControlFlow::Continue(())).unwrap_err().to_string()
@@ -119,4 +123,29 @@ fn a_run_without_pictures_leaves_no_folder_behind() {
     record(&run, &[None, None], None);
     assert!(error(&run, &dir.path().join("drive")).contains("expected rows with pictures"));
     assert!(!dir.path().join("drive").exists());
+}
+
+#[test]
+fn two_drives_joined_in_a_log_stay_two_in_its_run_and_in_that_runs_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let [first, run, second] = ["first", "a.mcap", "second"].map(|name| dir.path().join(name));
+    let mut log = DrivingLogWriter::create(&first, jiff::civil::date(2024, 5, 17).at(12, 0, 0, 0)).unwrap();
+    for i in 0..6u64 {
+        // Five minutes lie between the third row and the fourth.
+        let at = Duration::from_millis(67 * i + if i < 3 { 0 } else { 300_000 });
+        let jpeg = jpeg(i as usize);
+        let (steering, throttle, speed) = (Steering::ZERO, Throttle::ZERO, Mph::constant(9.0));
+        log.row(&NewRow { at, center: &jpeg, left: None, right: None, steering, throttle, brake: 0.0, speed }).unwrap();
+    }
+    log.finish().unwrap();
+    converted(&first, &run);
+    converted(&run, &second);
+    for path in [&first, &run, &second] {
+        let drives: Vec<_> = Source::open(path).unwrap().rows.iter().map(|row| row.drive).collect();
+        assert_eq!(drives, [0, 0, 0, 1, 1, 1], "{}", path.display());
+        let found = looked_over(path);
+        assert_eq!(found.gaps.iter().map(|gap| gap.row).collect::<Vec<_>>(), [3], "{}", path.display());
+        assert!(found.duration_s < 2.0, "what is not recorded does not count: {}", found.duration_s);
+    }
+    assert_eq!(looked_over(&run).gaps[0].seconds, looked_over(&first).gaps[0].seconds);
 }

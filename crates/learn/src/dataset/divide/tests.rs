@@ -4,6 +4,7 @@ use super::{
     super::fixture::{converted, folder, looked_over},
     *,
 };
+use lapwing_core::recording::udacity::DrivingLog;
 
 fn halves(dir: &TempDir) -> [PathBuf; 2] {
     ["train", "validation"].map(|name| dir.path().join("halves").join(name))

@@ -1,10 +1,16 @@
 use std::fs;
 
 use super::{
-    super::fixture::{converted, folder, jpeg, looked_over, record},
+    super::{
+        Source,
+        fixture::{converted, folder, jpeg, looked_over, record},
+    },
     *,
 };
-use lapwing_core::recording::udacity::DrivingLog;
+use lapwing_core::{
+    recording::{CommandRecord, udacity::DrivingLog},
+    units::Throttle,
+};
 
 #[test]
 fn rows_cameras_steering_speed_and_intervals_are_counted() {
@@ -92,6 +98,20 @@ fn a_run_that_is_cut_off_says_so_and_a_frame_not_recorded_is_missing() {
     let bytes = fs::read(&run).unwrap();
     fs::write(&run, &bytes[..bytes.len() - 200]).unwrap();
     assert!(looked_over(&run).truncated.is_some());
+}
+
+#[test]
+fn the_steering_shown_of_a_run_is_the_one_that_is_learnt() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = dir.path().join("a.mcap");
+    let answer = CommandRecord::of_human(Steering::new(0.5).unwrap(), Throttle::ZERO);
+    record(&run, &[Some(jpeg(0)), Some(jpeg(1))], Some(&answer));
+    let learnt: Vec<_> = Source::open(&run).unwrap().rows.iter().map(|row| row.steering.get()).collect();
+    assert_eq!((learnt, looked_over(&run).steering), (vec![0.5; 2], Spread::of(&[0.5; 2])));
+    let nobody = CommandRecord { by: By::Safe, ..answer };
+    let run = dir.path().join("b.mcap");
+    record(&run, &[Some(jpeg(0))], Some(&nobody));
+    assert_eq!(looked_over(&run).steering, Spread::default());
 }
 
 #[test]

@@ -68,8 +68,8 @@ fn labels_stay_within_the_rows_that_are_asked_for() {
 #[test]
 fn where_time_is_missing_or_goes_back_another_drive_begins() {
     let dir = tempfile::tempdir().unwrap();
-    // A pause of a second; a jump back; one of a minute, over which the log's own time goes on as if nothing were.
-    folder_at(dir.path(), [1000, 1067, 2067, 2134, 500, 567, 60_567, 60_634].into_iter(), |_| 0.0);
+    // A pause of just over a second; a jump back; one of a minute, over which the log's own time goes on as if nothing were.
+    folder_at(dir.path(), [1000, 1067, 2068, 2135, 500, 567, 60_567, 60_634].into_iter(), |_| 0.0);
     let source = Source::open(dir.path()).unwrap();
     assert_eq!(source.rows.iter().map(|row| row.drive).collect::<Vec<_>>(), [0, 0, 1, 1, 2, 2, 3, 3]);
     assert_eq!(source.sequence(3, 3).collect::<Vec<_>>(), [2, 2, 3]);
@@ -80,7 +80,7 @@ fn a_picture_that_is_not_there_is_no_sample_and_sequences_begin_anew_behind_it()
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), 20, |_| 0.1);
     let log = Source::open(dir.path()).unwrap();
-    let Some(crate::dataset::Picture::File(gone)) = &log.rows[7].pictures[0] else { panic!() };
+    let Some(lapwing_core::recording::Picture::File(gone)) = &log.rows[7].pictures[0] else { panic!() };
     fs::remove_file(gone).unwrap();
     let samples = open(Selection::of(dir.path()), Set::Training).unwrap();
     let of_row = |row| samples.samples.iter().filter(|s| s.row == row).map(|s| s.camera).collect::<Vec<_>>();

@@ -46,6 +46,11 @@ impl Impacts {
         self.throttle = throttle;
     }
 
+    /// The next speed is that of another drive.
+    pub fn cut(&mut self) {
+        self.last = None;
+    }
+
     /// The speed at a time, in m/s and s. Times never go back.
     pub fn speed(&mut self, at: f64, mps: f64) {
         let first = *self.first_s.get_or_insert(at);

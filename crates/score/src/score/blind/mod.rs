@@ -73,6 +73,8 @@ pub(super) struct Blind {
     is_anchored: bool,
     /// Seconds, m/s and 1/m.
     last: Option<(f64, f64, f64)>,
+    /// What was told last was of another drive.
+    is_cut: bool,
     way_m: f64,
     clock: Clock,
     /// When humans took over, in seconds.
@@ -134,7 +136,10 @@ impl Blind {
     pub fn telemetry(&mut self, at: f64, mps: f64, steering_deg: f64) {
         self.impacts.speed(at, mps);
         let curvature = motion::curvature(steering_deg);
-        if let Some((before, was_mps, was_curvature)) = self.last {
+        if std::mem::take(&mut self.is_cut) {
+            // Another drive of the same road goes on anywhere; what people join is mostly a pause.
+            self.matcher.iter_mut().for_each(|matcher| matcher.skip(0.0, UNSEEN_MPS * GAP_S));
+        } else if let Some((before, was_mps, was_curvature)) = self.last {
             let apart = at - before;
             let way_m = apart * (mps + was_mps) / 2.0;
             self.way_m += way_m;
@@ -150,6 +155,12 @@ impl Blind {
             self.clock.note(at, self.way_m);
         }
         self.last = Some((at, mps, curvature));
+    }
+
+    /// The next telemetry does not go on from the last one.
+    pub fn cut(&mut self) {
+        self.is_cut = true;
+        self.impacts.cut();
     }
 
     /// What the last telemetry gives to suspect, once, if anybody asks.

@@ -175,6 +175,7 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
         EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
         EventRecord::PilotArmed => "the pilot was switched on".into(),
+        EventRecord::Break { .. } => "another drive is joined here".into(),
         EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
         EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
         EventRecord::OffRoad { offset_m } => format!("out of bounds, {:.1} m from the middle", offset_m.abs()),

@@ -20,10 +20,10 @@ pub struct Step {
     pub command: Option<CommandRecord>,
 }
 
-/// What a replay takes one after the other.
+/// What a run tells, one after the other.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "nearly every moment is a step")]
-pub enum Moment {
+#[expect(clippy::large_enum_variant, reason = "nearly every entry is a step")]
+pub enum Entry {
     /// The simulator spoke.
     Step(Step),
     /// Something happened besides.
@@ -43,19 +43,19 @@ const WAITING: usize = 64;
 /// first command before the next telemetry make a [`Step`]. Events stay where
 /// they are between the steps.
 #[derive(Debug)]
-pub struct Moments {
+pub struct Entries {
     run: RunReader,
     /// The step that may yet get its frame or command, then events after it.
     open: Option<Step>,
     /// A frame that came before its telemetry: of equal times, tools that sort keep no order.
     early: Option<(Duration, Bytes)>,
-    events: VecDeque<Moment>,
-    ready: VecDeque<Moment>,
+    events: VecDeque<Entry>,
+    ready: VecDeque<Entry>,
     without_frame: u64,
     unanswered: u64,
 }
 
-impl Moments {
+impl Entries {
     pub(super) fn new(run: RunReader) -> Self {
         let (events, ready) = Default::default();
         Self { run, open: None, early: None, events, ready, without_frame: 0, unanswered: 0 }
@@ -64,6 +64,11 @@ impl Moments {
     /// The run that is read.
     pub fn run(&self) -> &RunReader {
         &self.run
+    }
+
+    /// The same, for whoever takes its items as they stand.
+    pub(super) fn run_mut(&mut self) -> &mut RunReader {
+        &mut self.run
     }
 
     /// How the file ended, once the iterator has: `None` is in good order.
@@ -101,7 +106,7 @@ impl Moments {
                 }
             }
             Item::Event(event) => {
-                self.events.push_back(Moment::Event { at, event });
+                self.events.push_back(Entry::Event { at, event });
                 let answered = self.open.as_ref().is_none_or(|step| step.command.is_some());
                 if answered || self.events.len() >= WAITING {
                     self.close();
@@ -115,7 +120,7 @@ impl Moments {
         if let Some(step) = self.open.take() {
             self.without_frame += u64::from(!step.frame_recorded);
             self.unanswered += u64::from(step.command.is_none());
-            self.ready.push_back(Moment::Step(step));
+            self.ready.push_back(Entry::Step(step));
         }
         self.ready.append(&mut self.events);
     }
@@ -128,8 +133,8 @@ impl Step {
     }
 }
 
-impl Iterator for Moments {
-    type Item = Result<Moment, RecordingError>;
+impl Iterator for Entries {
+    type Item = Result<Entry, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {

@@ -1,0 +1,187 @@
+//! One moment of a drive, whatever it was recorded in.
+
+use std::{fmt, io, path::PathBuf, time::Duration};
+
+use bytes::Bytes;
+use jiff::civil::DateTime;
+
+use super::{By, CommandRecord, EventRecord, read_picture};
+use crate::{protocol::Telemetry, units::Steering};
+
+/// A longer time between two moments is a gap: nothing is concluded from the one about the other. Recorders write eight
+/// moments a second or more, and the longest that one takes in real recordings is 0.3 s; a driver who is not seen for a
+/// second may have done anything.
+pub const LONGEST_GAP: Duration = Duration::from_secs(1);
+
+/// What was there at one moment.
+#[derive(Debug, Clone)]
+pub struct Moment {
+    /// Which of the recording's moments it is, counted from 0.
+    pub row: usize,
+    /// Line in the CSV file, counted from 1.
+    pub line: Option<usize>,
+    /// Time since the recording began. Of what a driving log leaves out nothing counts.
+    pub at: Duration,
+    /// Local time; absent in a row whose pictures' names hold none.
+    pub taken_at: Option<DateTime>,
+    /// Of the cameras in the middle, to the left and to the right; `None` where the recording has no such camera.
+    pub pictures: [Option<Picture>; 3],
+    /// What the simulator told, without the picture.
+    pub telemetry: Telemetry,
+    /// What it was answered; of a driving log what the human did.
+    pub command: Option<CommandRecord>,
+    /// What has happened since the moment before, in order.
+    pub before: Vec<(Duration, EventRecord)>,
+    /// Why it does not go on from the moment before.
+    pub broken: Option<Break>,
+}
+
+impl Moment {
+    /// The steering in effect from here on, which is to be learnt and compared with: what a pilot or a human decided
+    /// when this was seen. `None` where nobody steered: a safe answer, a pilot that is off, no answer at all. (The
+    /// telemetry tells what was decided one moment earlier.)
+    pub fn steering(&self) -> Option<Steering> {
+        self.decided().map(|command| command.steering)
+    }
+
+    /// The command of a pilot or a human.
+    pub fn decided(&self) -> Option<&CommandRecord> {
+        self.command.as_ref().filter(|command| matches!(command.by, By::Pilot | By::Human))
+    }
+
+    /// Whether the centre camera's picture is there.
+    pub fn is_seen(&self) -> bool {
+        matches!(self.pictures[0], Some(Picture::File(_) | Picture::Jpeg(_)))
+    }
+}
+
+/// Where the bytes of a picture are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Picture {
+    /// In a file, which need not be there.
+    File(PathBuf),
+    /// In memory, as a run holds them.
+    Jpeg(Bytes),
+    /// Nowhere: the telemetry is recorded without it.
+    NotRecorded,
+}
+
+impl Picture {
+    /// Its bytes.
+    ///
+    /// # Errors
+    /// Those of [`read_picture`]; [`io::ErrorKind::NotFound`] where it is not recorded.
+    pub fn read(&self) -> io::Result<Bytes> {
+        match self {
+            Self::File(path) => read_picture(path),
+            Self::Jpeg(bytes) => Ok(bytes.clone()),
+            Self::NotRecorded => Err(io::Error::new(io::ErrorKind::NotFound, "not recorded")),
+        }
+    }
+}
+
+impl fmt::Display for Picture {
+    /// What it is called in messages.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path) => path.display().fmt(f),
+            Self::Jpeg(_) | Self::NotRecorded => f.write_str("a picture of the run"),
+        }
+    }
+}
+
+/// Why a moment does not go on from the one before it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Break {
+    /// For so long nothing is recorded, longer than [`LONGEST_GAP`].
+    Gap(Duration),
+    /// The clock goes back by so much: another drive is joined.
+    Back(Duration),
+    /// Another drive is joined, and nobody knows what passed.
+    Joined,
+    /// The car was put elsewhere.
+    PutBack,
+    /// A human took over, and what they do before the simulator tells something again is not recorded.
+    TakenOver,
+    /// So many moments just before have no picture. The drive goes on; a sequence of pictures does not.
+    Unseen(usize),
+}
+
+impl Break {
+    /// Of two rows of a driving log, by when they were. One that tells and one that does not come from two drives.
+    pub(super) fn between(from: Option<DateTime>, to: Option<DateTime>) -> Option<Self> {
+        match (from, to) {
+            (Some(from), Some(to)) => {
+                let passed = to.duration_since(from);
+                match Duration::try_from(passed) {
+                    Ok(passed) => Self::after(passed),
+                    Err(_) => Some(Self::Back(passed.unsigned_abs())),
+                }
+            }
+            (None, None) => None,
+            _ => Some(Self::Joined),
+        }
+    }
+
+    /// A gap, if so much time is one.
+    pub(super) fn after(passed: Duration) -> Option<Self> {
+        (passed > LONGEST_GAP).then_some(Self::Gap(passed))
+    }
+
+    /// What an event says about the moment that follows.
+    pub(super) fn told(event: &EventRecord) -> Option<Self> {
+        match event {
+            EventRecord::Break { seconds } => Some(match seconds.map(|s| (s, Duration::try_from_secs_f64(s.abs()))) {
+                Some((seconds, Ok(passed))) => {
+                    if seconds < 0.0 {
+                        Self::Back(passed)
+                    } else {
+                        Self::Gap(passed)
+                    }
+                }
+                Some((_, Err(_))) | None => Self::Joined,
+            }),
+            EventRecord::Reset { .. } => Some(Self::PutBack),
+            EventRecord::TakeoverBegan => Some(Self::TakenOver),
+            _ => None,
+        }
+    }
+
+    /// As a run says it outright.
+    pub(super) fn event(self) -> EventRecord {
+        EventRecord::Break { seconds: self.seconds() }
+    }
+
+    /// What passed by the recording's own clock, below 0 where that was set back.
+    pub fn seconds(self) -> Option<f64> {
+        match self {
+            Self::Gap(passed) => Some(passed.as_secs_f64()),
+            Self::Back(passed) => Some(-passed.as_secs_f64()),
+            Self::Joined | Self::PutBack | Self::TakenOver | Self::Unseen(_) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_break_comes_back_from_the_event_that_a_run_says_it_by() {
+        let s = Duration::from_secs_f64;
+        for broken in [Break::Gap(s(1.5)), Break::Back(s(3600.25)), Break::Joined] {
+            assert_eq!(Break::told(&broken.event()), Some(broken));
+        }
+        // A file says anything.
+        assert_eq!(Break::told(&EventRecord::Break { seconds: Some(f64::NAN) }), Some(Break::Joined));
+        assert_eq!(Break::told(&EventRecord::Break { seconds: Some(-1e300) }), Some(Break::Joined));
+        assert_eq!(Break::told(&EventRecord::Kick), None);
+    }
+
+    #[test]
+    fn a_second_is_no_gap_yet() {
+        assert_eq!(Break::after(LONGEST_GAP), None);
+        let longer = LONGEST_GAP + Duration::from_millis(1);
+        assert_eq!(Break::after(longer), Some(Break::Gap(longer)));
+    }
+}

@@ -1,0 +1,227 @@
+//! Anything recorded, opened: what it is, is decided here and nowhere else.
+
+use std::{
+    collections::VecDeque,
+    fs, io,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use jiff::{civil::DateTime, tz::TimeZone};
+
+use super::{
+    Break, Entries, Entry, EventRecord, Item, Moment, Picture, RecordingError, RunHeader, RunReader, Step, Truncation,
+    udacity::{DrivingLog, LOG_NAME, Row},
+};
+use crate::protocol::CameraImage;
+
+/// How many events are kept between two moments: more are those of a damaged file, and memory is to stay flat.
+const MOST_EVENTS: usize = 1 << 16;
+
+/// A run, or a driving log of any dialect, opened. It yields its [`Moment`]s in order, a run's from its file in memory
+/// for one chunk; pictures of a log are read when they are asked for.
+///
+/// The iterator yields [`RecordingError::Message`] for a message of a run that does not parse and goes on behind it,
+/// [`RecordingError::Io`] where the file cannot be read any more and ends.
+#[derive(Debug)]
+pub struct Recording {
+    path: PathBuf,
+    header: RunHeader,
+    source: Source,
+    /// The moments yielded so far.
+    row: usize,
+    /// Of a run: when the last one was, what has happened since, and how many had no picture.
+    last: Option<Duration>,
+    events: Vec<(Duration, EventRecord)>,
+    unseen: usize,
+    /// Of a run: local time at its beginning.
+    began: DateTime,
+    /// Of a log that is read by items: what is left of the row.
+    items: VecDeque<Result<(Duration, Item), RecordingError>>,
+}
+
+#[derive(Debug)]
+enum Source {
+    Run(Box<Entries>),
+    Log(DrivingLog),
+}
+
+/// Whether a path is that of a run, by its ending or by being a file that is no CSV; others are driving logs.
+fn is_run(path: &Path) -> bool {
+    is_run_name(path) || path.is_file() && !ends(path, "csv")
+}
+
+/// Whether a run is made under this name: it ends in `.mcap`.
+pub fn is_run_name(path: &Path) -> bool {
+    ends(path, "mcap")
+}
+
+fn ends(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
+}
+
+/// The recordings in a folder, by name: its runs, and its driving log.
+///
+/// # Errors
+/// The system's, where the folder cannot be read.
+pub fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut inside = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>()?;
+    inside.retain(|file| is_run_name(file) || file.file_name().is_some_and(|name| name == LOG_NAME));
+    inside.sort();
+    Ok(inside)
+}
+
+impl Recording {
+    /// Opens a run, a folder with `driving_log.csv`, or a CSV file.
+    ///
+    /// # Errors
+    /// Those of [`RunReader::open`] and [`DrivingLog::open`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
+        let path = path.as_ref();
+        let (header, source) = if is_run(path) {
+            let run = RunReader::open(path)?;
+            (run.header().clone(), Source::Run(Box::new(run.entries())))
+        } else {
+            let log = DrivingLog::open(path)?;
+            (log.header(), Source::Log(log))
+        };
+        let began = header.started.to_zoned(TimeZone::system()).datetime();
+        Ok(Self {
+            path: path.to_owned(),
+            header,
+            source,
+            row: 0,
+            last: None,
+            events: vec![],
+            unseen: 0,
+            began,
+            items: VecDeque::new(),
+        })
+    }
+
+    /// What was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How it was made; of a driving log what a run made of it says.
+    pub fn header(&self) -> &RunHeader {
+        &self.header
+    }
+
+    /// The driving log, where it is one and no run.
+    pub fn log(&self) -> Option<&DrivingLog> {
+        match &self.source {
+            Source::Run(_) => None,
+            Source::Log(log) => Some(log),
+        }
+    }
+
+    /// How many moments are still to come, where that is known: a run cut off does not say.
+    pub fn left(&self) -> Option<u64> {
+        let all = match &self.source {
+            Source::Run(entries) => entries.run().telemetries()?,
+            Source::Log(log) => log.rows.len() as u64,
+        };
+        Some(all.saturating_sub(self.row as u64))
+    }
+
+    /// Where a run ends before its orderly end, once it has been read: `None` is in good order.
+    pub fn truncated(&self) -> Option<&Truncation> {
+        match &self.source {
+            Source::Run(entries) => entries.truncated(),
+            Source::Log(_) => None,
+        }
+    }
+
+    /// What happened after the last moment, once the iterator has ended.
+    pub fn events_after(&mut self) -> Vec<(Duration, EventRecord)> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// The next item as it stands in the file, for whoever judges the run: instead of the iterator, not beside it. A
+    /// driving log's rows are items of a run made of it; a picture that cannot be read is
+    /// [`RecordingError::Picture`], and what the row tells follows.
+    pub fn next_item(&mut self) -> Option<Result<(Duration, Item), RecordingError>> {
+        match &mut self.source {
+            Source::Run(entries) => entries.run_mut().next(),
+            Source::Log(log) => {
+                if self.items.is_empty() {
+                    let row = log.rows.get(self.row)?;
+                    self.row += 1;
+                    let jpeg = row.jpeg().map_err(|error| self.items.push_back(Err(error))).ok();
+                    self.items.extend(row.items(jpeg).map(|item| Ok((row.at, item))));
+                }
+                self.items.pop_front()
+            }
+        }
+    }
+
+    fn of_run(&mut self, step: Step) -> Moment {
+        let Step { at, mut telemetry, frame_recorded, command } = step;
+        let picture = match std::mem::take(&mut telemetry.image) {
+            CameraImage::Jpeg(jpeg) if frame_recorded => Picture::Jpeg(jpeg),
+            _ => Picture::NotRecorded,
+        };
+        let before = std::mem::take(&mut self.events);
+        let told = before.iter().filter_map(|(_, event)| Break::told(event)).next_back();
+        let timed = self.last.and_then(|last| match last.checked_sub(at) {
+            Some(back) if !back.is_zero() => Some(Break::Back(back)),
+            _ => Break::after(at.saturating_sub(last)),
+        });
+        let unseen = if frame_recorded { std::mem::take(&mut self.unseen) } else { 0 };
+        self.unseen += usize::from(!frame_recorded);
+        let broken = told.or(timed).or((unseen > 0).then_some(Break::Unseen(unseen)));
+        let is_first = self.last.is_none();
+        self.last = Some(at);
+        Moment {
+            row: self.row,
+            line: None,
+            at,
+            taken_at: self.began.checked_add(at).ok(),
+            pictures: [Some(picture), None, None],
+            telemetry,
+            command,
+            before,
+            broken: broken.filter(|_| !is_first),
+        }
+    }
+}
+
+fn of_log(row: usize, of_log: &Row) -> Moment {
+    let Row { line, at, broken, center, left, right, taken_at, .. } = of_log;
+    Moment {
+        row,
+        line: Some(*line),
+        at: *at,
+        taken_at: *taken_at,
+        pictures: [Some(center), left.as_ref(), right.as_ref()].map(|path| path.cloned().map(Picture::File)),
+        telemetry: of_log.telemetry(),
+        command: Some(of_log.command()),
+        before: vec![],
+        broken: *broken,
+    }
+}
+
+impl Iterator for Recording {
+    type Item = Result<Moment, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let moment = loop {
+            match &mut self.source {
+                Source::Log(log) => break of_log(self.row, log.rows.get(self.row)?),
+                Source::Run(entries) => match entries.next()? {
+                    Ok(Entry::Step(step)) => break self.of_run(step),
+                    Ok(Entry::Event { at, event }) => {
+                        if self.events.len() < MOST_EVENTS {
+                            self.events.push((at, event));
+                        }
+                    }
+                    Err(error) => return Some(Err(error)),
+                },
+            }
+        };
+        self.row += 1;
+        Some(Ok(moment))
+    }
+}
