@@ -4,27 +4,17 @@ use std::{cell::OnceCell, sync::Arc};
 
 use glam::DVec3;
 
-use lapwing_core::perception::{Frame, decode_jpeg};
 use lapwing_score::{
     odometry::{Look, Road},
     score::{Scorecard, page::Outline},
 };
 use lapwing_sim::{
-    camera::{Camera, Renderer, Scenery},
+    known::KnownRoad,
     track::{Track, TrackError},
-    world::{Setup, Simulation},
 };
-
-/// Metres between headings.
-const STEP_M: f64 = 0.5;
 
 /// Metres between points of a road's edge on a page.
 const OUTLINE_M: f64 = 3.0;
-
-/// What one sees at the starts of [`Track::NAMES`], fair weather: to build one's scenery takes a second. They are drawn
-/// anew by `cargo test --release draws_the_starts -- --ignored`.
-const STARTS: [&[u8]; 3] =
-    [include_bytes!("starts/lake.jpg"), include_bytes!("starts/jungle.jpg"), include_bytes!("starts/mountain.jpg")];
 
 /// Roads that a run may be on which does not say: the tracks that come with Lapwing, and others. They are made once they
 /// are asked for.
@@ -86,30 +76,8 @@ fn from_above(point: DVec3) -> [f32; 2] {
 /// # Errors
 /// Those of [`Track::open`].
 pub fn known_road(name: &str) -> Result<Road, TrackError> {
-    let track = Track::open(name)?;
-    let (length_m, file) = (track.driving_line_length(), track.file().start);
-    let line = track.driving_line();
-    let at = DVec3::new(file.x, file.y, file.z);
-    let start = line.iter().min_by(|a, b| a.position.distance_squared(at).total_cmp(&b.position.distance_squared(at)));
-    let start = start.map_or(0.0, |point| point.travelled);
-    let steps = (length_m / STEP_M).ceil().max(2.0);
-    let heading = |i: u32| track.on_driving_line(length_m * f64::from(i) / steps).yaw;
-    let headings = (0..=steps as u32).map(heading).collect();
-    let called = track.file().name.clone();
-    let mut seen = Frame::default();
-    match Track::NAMES.iter().position(|shipped| *shipped == name) {
-        Some(i) => decode_jpeg(STARTS[i], &mut seen).unwrap_or_default(),
-        None => see_start(track, &mut seen),
-    }
-    Ok(Road::new(called, start, length_m, Look::of(&seen), headings))
-}
-
-/// What the camera sees at a track's start.
-fn see_start(track: Track, frame: &mut Frame) {
-    let scenery = Arc::new(Scenery::new(&track));
-    if let Ok(world) = Simulation::new(Setup::new(Arc::new(track), scenery.clone())) {
-        world.draw(&mut Renderer::new(scenery), &Camera::CENTER, frame);
-    }
+    let KnownRoad { name, start_m, length_m, headings, start } = KnownRoad::of(name)?;
+    Ok(Road::new(name, start_m, length_m, Look::of(&start), headings))
 }
 
 #[cfg(test)]
@@ -117,9 +85,9 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use lapwing_core::motion::turn;
+    use lapwing_core::{motion::turn, perception::Frame};
     use lapwing_score::odometry::{Filter, Motion};
-    use lapwing_sim::camera::encode_jpeg;
+    use lapwing_sim::known::see_start;
 
     #[test]
     fn who_drives_a_tracks_line_is_followed_to_its_end() {
@@ -147,17 +115,7 @@ mod tests {
             let mut frame = Frame::default();
             see_start(Track::named(name).unwrap(), &mut frame);
             let agrees = known_road(name).unwrap().start.unwrap().agrees(&Look::of(&frame).unwrap());
-            assert!(agrees > 0.95, "{name}: {agrees:.3}; see STARTS for how to draw them anew");
-        }
-    }
-
-    #[test]
-    #[ignore = "writes the pictures that STARTS includes"]
-    fn draws_the_starts() {
-        for name in Track::NAMES {
-            let mut frame = Frame::default();
-            see_start(Track::named(name).unwrap(), &mut frame);
-            std::fs::write(format!("src/starts/{name}.jpg"), encode_jpeg(&frame, 85)).unwrap();
+            assert!(agrees > 0.95, "{name}: {agrees:.3}; see STARTS of lapwing_sim::known for how to draw them anew");
         }
     }
 }

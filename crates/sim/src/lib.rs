@@ -19,6 +19,7 @@
 //! | [`camera`], [`conditions`] | what a camera on the car sees, in which light and weather |
 //! | [`world`] | all of it under one clock, as a [`World`](lapwing_core::protocol::World) |
 //! | [`spec`] | a world as people name it |
+//! | [`known`] | a track as a road that drives are found on again |
 //! | [`along`] | a recording as a closed-loop world |
 //!
 //! No libtorch, no async runtime, no C++: this crate and `lapwing-core` are all that a simulation needs.
@@ -48,6 +49,7 @@ pub mod collision_course;
 pub mod conditions;
 pub mod expert;
 pub mod judge;
+pub mod known;
 pub mod obstacles;
 pub mod scenario;
 pub mod scene;
