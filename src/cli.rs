@@ -110,8 +110,8 @@ pub struct Pictures {
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
     /// Where the film is taken from
-    #[arg(long, value_enum, default_value_t = View::Follow, requires = "video")]
-    pub view: View,
+    #[arg(long, value_enum, default_value_t = FilmView::Follow, requires = "video")]
+    pub view: FilmView,
     /// Map of the track with the driven line: FILE.svg or FILE.png
     #[arg(long, value_name = "FILE")]
     pub map: Option<PathBuf>,
@@ -119,7 +119,7 @@ pub struct Pictures {
 
 /// Where a film is taken from.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum View {
+pub enum FilmView {
     /// Behind the car
     Follow,
     /// Above it

@@ -8,16 +8,17 @@ use lapwing_core::{
     driver::Driver,
     pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Dialect, Observation, Sight, World},
-    recording::udacity::{DrivingLogWriter, NewRow},
+    recording::udacity::DrivingLogWriter,
     recording::{EventRecord, Recorder, RecorderOptions, Recording, RunHeader, RunKind},
-    units::{MPS_PER_MPH, Mph, Steering, Throttle},
+    units::{Mph, Steering, Throttle},
 };
 use lapwing_learn::models;
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::score::{self, Figure, Scorer};
 use lapwing_sim::{
     along::{Beside, RecordedWorld, Yaw},
-    camera::{Camera, Scenery},
+    camera::Scenery,
+    record::{self, RecordOptions},
     track::Track,
     world::{Setup, Simulation},
 };
@@ -37,26 +38,11 @@ fn recorded(seconds: f64) -> (TempDir, Vec<f64>) {
     let dir = tempdir().unwrap();
     let folder = dir.path().join("lake");
     let mut world = simulation(seconds);
-    let mut log = DrivingLogWriter::create(&folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0)).unwrap();
-    let mut yaws = vec![];
-    while world.ending().is_none() {
-        let command = world.expert(Mph::constant(20.0));
-        let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| world.picture(c));
-        let sample = NewRow {
-            at: std::time::Duration::from_secs_f64(yaws.len() as f64 / 15.0),
-            center: &center,
-            left: Some(&left),
-            right: Some(&right),
-            steering: command.steering,
-            throttle: command.throttle,
-            brake: 0.0,
-            speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
-        };
-        log.row(&sample).unwrap();
-        yaws.push(world.car().yaw);
-        world.apply(Answer::Steer(command));
-    }
-    log.finish().unwrap();
+    let log = DrivingLogWriter::create(&folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0)).unwrap();
+    let mut yaws = vec![world.car().yaw];
+    record::record(&mut world, log, RecordOptions::at(Mph::constant(20.0)), |world| yaws.push(world.car().yaw))
+        .unwrap();
+    yaws.pop();
     (dir, yaws)
 }
 

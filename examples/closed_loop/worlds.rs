@@ -7,13 +7,14 @@ use lapwing_core::{
     config::OnCrash,
     drive::Eventful,
     protocol::{Answer, Observation, World},
-    recording::udacity::{DrivingLogWriter, NewRow},
+    recording::udacity::DrivingLogWriter,
     turn::EventRecord,
-    units::{MPS_PER_MPH, Mph},
+    units::Mph,
 };
 use lapwing_sim::{
     along::FURTHEST_HEADING_DEG,
-    camera::{Camera, Scenery},
+    camera::Scenery,
+    record::{self, RecordOptions},
     track::Track,
     world::{Setup, Simulation},
 };
@@ -30,25 +31,9 @@ fn simulation(track: &Track, seconds: Option<f64>) -> Result<Simulation> {
 /// The expert's lap in a Udacity folder, as `lapwing record` writes it.
 pub fn record(track: &Track, speed: Mph, seconds: Option<f64>, one_camera: bool, folder: &Path) -> Result<()> {
     let mut world = simulation(track, seconds)?;
-    let mut log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
-    let mut frame = 0_u32;
-    while world.ending().is_none() {
-        let command = world.expert(speed);
-        let [center, left, right] = [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|c| world.picture(c));
-        log.row(&NewRow {
-            at: Duration::from_secs_f64(f64::from(frame) / HZ),
-            center: &center,
-            left: (!one_camera).then_some(&left),
-            right: (!one_camera).then_some(&right),
-            steering: command.steering,
-            throttle: command.throttle,
-            brake: (-command.throttle.get()).max(0.0),
-            speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
-        })?;
-        frame += 1;
-        world.apply(Answer::Steer(command));
-    }
-    log.finish()?;
+    let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
+    let options = RecordOptions { side_cameras: !one_camera, ..RecordOptions::at(speed) };
+    record::record(&mut world, log, options, |_| ())?;
     Ok(())
 }
 

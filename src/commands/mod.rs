@@ -65,8 +65,6 @@ use lapwing_core::{
     turn::Turn,
     words::count,
 };
-#[cfg(feature = "simulator")]
-use lapwing_sim::world::{Ending, Simulation};
 
 /// How a verb ended, as the exit status tells it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,14 +140,6 @@ impl Interrupted {
     /// Whether the loop is to end.
     fn is_pressed(&self) -> bool {
         self.0.load(Ordering::Relaxed)
-    }
-
-    /// Ends the run if it is to end.
-    #[cfg(feature = "simulator")]
-    fn end(&self, simulation: &mut Simulation) {
-        if self.is_pressed() {
-            simulation.end(Ending::Interrupted);
-        }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::{
 use lapwing_core::{recording::Item, words::count};
 use lapwing_score::score::{
     Scorer,
-    against::{Baseline, Comparison, Turn},
+    against::{Baseline, Comparison, Trend},
     files::runs_in,
     junit,
     page::{self, Collector, Drawn, Outline, Shown},
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         _ => Some(report.table()),
     };
     let printed = result.map_or(Ok(()), |result| super::print(&result));
-    for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Turn::Better) {
+    for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Trend::Better) {
         say!("better: {change}");
     }
     for setting in against.iter().flat_map(|against| &against.new) {

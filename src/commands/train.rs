@@ -11,18 +11,14 @@ use std::{
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{
-    Ended, Interrupted, outputs,
-    record::{self, Recorded},
-    world,
-};
+use super::{Ended, Interrupted, outputs, record, world};
 use crate::cli;
 use lapwing_core::words::count;
 use lapwing_learn::{
     dataset::{self, Augmentation, Selection},
     train::{Go, Metrics, Progress, Recipe, Recording, TimedEpoch, Trainer},
 };
-use lapwing_sim::{track::Track, world::Ending};
+use lapwing_sim::{record::RecordReport, track::Track, world::Ending};
 
 pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Result<Ended> {
     let recipe = recipe(&arguments)?;
@@ -231,16 +227,15 @@ fn make(recording: &Recording, config: Option<&Path>, interrupted: &Interrupted)
         _ => Ok(()),
     };
     remove()?;
-    let recorded = record::record(&arguments(recording, partial), config, interrupted).and_then(|recorded| {
-        let Recorded { ending, laps: driven, .. } = recorded;
-        match ending {
+    let recorded = record::record(&arguments(recording, partial), config, interrupted).and_then(
+        |(RecordReport { ending, laps: driven, .. }, _)| match ending {
             Ending::Interrupted => bail!("interrupted while {} was recorded: nothing of it is kept", out.display()),
             _ if driven < recording.laps => {
                 bail!("{}: expected {laps}, got {driven}; the drive ended: {ending}", out.display())
             }
             _ => fs::rename(partial, out).with_context(|| format!("{}: cannot be renamed", partial.display())),
-        }
-    });
+        },
+    );
     if recorded.is_err() {
         remove()?;
     }

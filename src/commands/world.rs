@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::outputs;
 use crate::{
-    cli::{self, View},
+    cli::{self, FilmView},
     film::{Film, FilmError},
     map::{self, Driven, Mark, MarkKind},
 };
@@ -70,9 +70,9 @@ impl Pictures {
             None => None,
             Some(path) => {
                 let camera = match arguments.view {
-                    View::Follow => Camera::follow(FILM.0, FILM.1),
-                    View::Top => Camera::top(FILM.0, FILM.1),
-                    View::Car => Camera::CENTER,
+                    FilmView::Follow => Camera::follow(FILM.0, FILM.1),
+                    FilmView::Top => Camera::top(FILM.0, FILM.1),
+                    FilmView::Car => Camera::CENTER,
                 };
                 let film = Film::create(path, camera.lens.width, camera.lens.height, setup.hz)?;
                 Some((film, Renderer::new(setup.scenery.clone()), camera, Frame::default()))

@@ -64,7 +64,7 @@ pub struct Case {
     pub realtime: bool,
 }
 
-pub struct Drive {
+pub struct Played {
     pub case: Case,
     /// What the bridge calls it.
     pub peer: String,
@@ -96,7 +96,7 @@ pub fn loop_road(dir: &Path) -> ((Arc<Track>, Arc<Scenery>), Arc<Road>) {
 
 /// Drives a case over the wire. The expert drives, whatever the bridge says, so that the world's judgement does not hang on
 /// the bridge's pilot.
-pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scenery>), case: Case) -> Drive {
+pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scenery>), case: Case) -> Played {
     let human = |from_s: f64, for_s: f64| Some(Human { from_s, for_s, speed: LAP_MPH });
     let setup = Setup {
         hz: HZ,
@@ -151,7 +151,7 @@ pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scener
     wire.send("41").await;
     wire.send("1").await;
     let _ = wire.ends_within(Duration::from_secs(5)).await;
-    Drive { case, peer, truth: scorer.finish(), summary: None }
+    Played { case, peer, truth: scorer.finish(), summary: None }
 }
 
 /// A telemetry in the words of a build.

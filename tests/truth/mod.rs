@@ -8,7 +8,7 @@ mod summary;
 
 use std::collections::BTreeMap;
 
-use drive::{Case, Drive, How, Speaks, loop_road, play};
+use drive::{Case, How, Played, Speaks, loop_road, play};
 use futures_util::future::join_all;
 use lapwing_core::recording::Recording;
 use lapwing_score::score::{self, Figure as F, Measure, Scorecard, Scorer};
@@ -17,7 +17,7 @@ use tempfile::tempdir;
 use crate::support::{Running, settings};
 
 /// Plays all of these at once; each drive with the scorecard of its run's file.
-async fn played(cases: &[Case]) -> Vec<(Drive, Scorecard)> {
+async fn played(cases: &[Case]) -> Vec<(Played, Scorecard)> {
     let dir = tempdir().unwrap();
     let (track, road) = loop_road(dir.path());
     let running = Running::start(settings(dir.path())).await;
@@ -25,7 +25,7 @@ async fn played(cases: &[Case]) -> Vec<(Drive, Scorecard)> {
     let drives = join_all(cases.iter().map(|case| play(running.address, track.clone(), *case))).await;
     let summaries: BTreeMap<_, _> =
         running.stop().await.into_iter().map(|summary| (summary.simulator.clone(), summary)).collect();
-    let judged = |mut drive: Drive| {
+    let judged = |mut drive: Played| {
         let summary = summaries[&drive.peer].clone();
         let path = summary.run.as_ref().unwrap().path.clone();
         assert_eq!(summary.run.as_ref().unwrap().not_recorded, 0);
@@ -56,7 +56,7 @@ const HELD: [(F, f64, f64); 14] = [
     (F::SurvivalS, 0.01, 1.0),
 ];
 
-fn hold(drive: &Drive, card: &Scorecard, figures: impl Fn(F) -> bool) {
+fn hold(drive: &Played, card: &Scorecard, figures: impl Fn(F) -> bool) {
     let truth = &drive.truth;
     let told = |figure: F, share: f64, off: f64, card: &Scorecard, whose: &str| {
         let (Some(expected), Some(got)) = (truth.value(figure), card.value(figure)) else { return };
@@ -90,14 +90,14 @@ const STOCK: [F; 12] = [
     F::SurvivalS,
 ];
 
-fn has(drive: &Drive, card: &Scorecard, figures: &[F]) {
+fn has(drive: &Played, card: &Scorecard, figures: &[F]) {
     for figure in figures {
         assert!(card.value(*figure).is_some(), "{:?}: {}: {card}", drive.case, card.words(*figure));
     }
 }
 
 /// What the summary shows and the scorecard of the file shows, is the same.
-fn alike(drive: &Drive, card: &Scorecard) {
+fn alike(drive: &Played, card: &Scorecard) {
     let summary = &drive.summary.as_ref().unwrap().card;
     for figure in F::ALL {
         // Looked for in pictures, and on roads that it seems to be, by `score` alone.

@@ -117,7 +117,7 @@ mod tests {
 
     /// What a drive was like.
     #[derive(Debug, Default)]
-    struct Drive {
+    struct LineKept {
         seconds: f64,
         top_mph: f64,
         /// Metres from the driving line: mean and worst.
@@ -130,16 +130,16 @@ mod tests {
     }
 
     /// Drives laps with an answer each `every` steps, which takes effect `late` steps later.
-    fn drive(track: &Track, laps: u32, mph: f64, every: u32, late: u32) -> Drive {
+    fn drive(track: &Track, laps: u32, mph: f64, every: u32, late: u32) -> LineKept {
         let start = track.driving_line()[0];
         let car = Car { position: start.position, yaw: start.yaw, ..Car::default() };
         drive_from(track, car, f64::from(laps) * track.length(), mph, every, late).0
     }
 
     /// Drives so many metres; also says how far from the line it was at last.
-    fn drive_from(track: &Track, mut car: Car, metres: f64, mph: f64, every: u32, late: u32) -> (Drive, f64) {
+    fn drive_from(track: &Track, mut car: Car, metres: f64, mph: f64, every: u32, late: u32) -> (LineKept, f64) {
         let mut expert = Expert::default();
-        let mut drive = Drive { origin_beyond: -9.9, corner_beyond: -9.9, ..Drive::default() };
+        let mut drive = LineKept { origin_beyond: -9.9, corner_beyond: -9.9, ..LineKept::default() };
         let (mut place, mut gone, mut sum, mut steps) = (track.locate(car.position, None), 0.0, 0.0, 0u32);
         let mut queue = std::collections::VecDeque::from(vec![Command::default(); late as usize]);
         let (mut answer, mut last) = (Command::default(), 0.0);
@@ -181,7 +181,7 @@ mod tests {
     }
 
     /// Laps at 50 Hz as the simulator itself drives, and as a pilot does: at 16.7 Hz, the answer a frame late.
-    fn drives_well(track: &Track, laps: u32, what: fn(&Drive) -> bool) {
+    fn drives_well(track: &Track, laps: u32, what: fn(&LineKept) -> bool) {
         for mph in [20.0, 30.0] {
             for (every, late) in [(1, 0), (3, 3)] {
                 let drive = drive(track, laps, mph, every, late);

@@ -21,6 +21,7 @@
 //! | [`spec`] | a world as people name it |
 //! | [`known`] | a track as a road that drives are found on again |
 //! | [`along`] | a recording as a closed-loop world |
+//! | [`record`] | training data by the expert |
 //!
 //! No libtorch, no async runtime, no C++: this crate and `lapwing-core` are all that a simulation needs.
 //!
@@ -28,18 +29,15 @@
 //! Two seconds of the expert on a random road, in lock step:
 //! ```
 //! use std::{sync::Arc, time::Instant};
-//! use lapwing_core::{config::Control, driver::Driver, pilot::PurePursuit, protocol::World};
+//! use lapwing_core::{config::Control, drive, driver::Driver, pilot::PurePursuit};
 //! use lapwing_sim::{camera::Scenery, track::Track, world::{Setup, Simulation}};
 //!
 //! let track = Arc::new(Track::open("random:7")?);
 //! let scenery = Arc::new(Scenery::new(&track));
-//! let mut world = Simulation::new(Setup::new(track, scenery))?;
+//! let mut world = Simulation::new(Setup { longest_s: Some(2.0), ..Setup::new(track, scenery) })?;
 //! let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), Instant::now);
-//! for _ in 0..30 {
-//!     let Some(observation) = world.observe()? else { break };
-//!     let (answer, _trace) = driver.drive(&observation);
-//!     world.apply(answer);
-//! }
+//! drive::run(&mut world, &mut driver, &mut [])?;
+//! assert!(world.time_s() >= 2.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -51,6 +49,7 @@ pub mod expert;
 pub mod judge;
 pub mod known;
 pub mod obstacles;
+pub mod record;
 pub mod scenario;
 pub mod scene;
 pub mod spec;

@@ -53,7 +53,7 @@ const ALONE: f64 = 0.05;
 /// Which way a figure went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Turn {
+pub enum Trend {
     /// Better beyond noise.
     Better,
     /// Within noise.
@@ -76,7 +76,7 @@ pub struct Change {
     /// How far apart the means may lie by chance.
     pub noise: f64,
     /// Which way it went.
-    pub turn: Turn,
+    pub turn: Trend,
     #[serde(skip)]
     unit: Unit,
 }
@@ -173,7 +173,7 @@ impl Baseline {
 impl Comparison {
     /// What got worse, in words: figures, and settings without a run.
     pub fn worse(&self) -> impl Iterator<Item = String> {
-        let worse = self.changes.iter().filter(|change| change.turn == Turn::Worse).map(Change::to_string);
+        let worse = self.changes.iter().filter(|change| change.turn == Trend::Worse).map(Change::to_string);
         worse.chain(self.missing.iter().map(|setting| format!("{setting}: no run, the baseline has some")))
     }
 }
@@ -186,9 +186,9 @@ fn change(setting: &str, figure: Figure, before: Spread, now: Option<Spread>) ->
     };
     let noise = now.map_or(0.0, |now| noise(figure.unit(), &before, &now));
     let turn = match now.map(|now| sign * (now.mean - before.mean)) {
-        Some(gain) if gain > noise => Turn::Better,
-        Some(gain) if gain >= -noise => Turn::Same,
-        _ => Turn::Worse,
+        Some(gain) if gain > noise => Trend::Better,
+        Some(gain) if gain >= -noise => Trend::Same,
+        _ => Trend::Worse,
     };
     Some(Change { setting: setting.to_owned(), figure: figure.key(), before, now, noise, turn, unit: figure.unit() })
 }
@@ -238,7 +238,7 @@ mod tests {
     use super::*;
     use crate::score::card::Figures;
 
-    fn changed(figure: Figure, before: &[f64], now: &[f64]) -> Turn {
+    fn changed(figure: Figure, before: &[f64], now: &[f64]) -> Trend {
         change("lake", figure, Spread::of(before).unwrap(), Spread::of(now)).unwrap().turn
     }
 
@@ -293,28 +293,28 @@ mod tests {
     #[test]
     fn what_lies_within_the_scatter_of_the_runs_is_no_change() {
         let before = [0.20, 0.24, 0.28];
-        assert_eq!(changed(Figure::MeanCte, &before, &[0.22, 0.26, 0.30]), Turn::Same);
-        assert_eq!(changed(Figure::MeanCte, &before, &[0.42, 0.46, 0.50]), Turn::Worse, "5.6 times 0.033");
-        assert_eq!(changed(Figure::MeanCte, &before, &[0.05, 0.06, 0.07]), Turn::Better);
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.22, 0.26, 0.30]), Trend::Same);
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.42, 0.46, 0.50]), Trend::Worse, "5.6 times 0.033");
+        assert_eq!(changed(Figure::MeanCte, &before, &[0.05, 0.06, 0.07]), Trend::Better);
     }
 
     #[test]
     fn a_collision_more_is_worse_even_in_a_single_run() {
-        assert_eq!(changed(Figure::Collisions, &[0.0], &[1.0]), Turn::Worse);
-        assert_eq!(changed(Figure::Collisions, &[1.0], &[1.0]), Turn::Same);
-        assert_eq!(changed(Figure::Completion, &[1.0], &[0.9]), Turn::Worse);
-        assert_eq!(changed(Figure::Completion, &[0.98], &[1.0]), Turn::Same, "within 5 %");
+        assert_eq!(changed(Figure::Collisions, &[0.0], &[1.0]), Trend::Worse);
+        assert_eq!(changed(Figure::Collisions, &[1.0], &[1.0]), Trend::Same);
+        assert_eq!(changed(Figure::Completion, &[1.0], &[0.9]), Trend::Worse);
+        assert_eq!(changed(Figure::Completion, &[0.98], &[1.0]), Trend::Same, "within 5 %");
     }
 
     #[test]
     fn one_run_is_held_against_the_scatter_of_many() {
         let before = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0];
-        assert_eq!(changed(Figure::Collisions, &before, &[1.0]), Turn::Same);
-        assert_eq!(changed(Figure::Collisions, &before, &[3.0]), Turn::Worse);
+        assert_eq!(changed(Figure::Collisions, &before, &[1.0]), Trend::Same);
+        assert_eq!(changed(Figure::Collisions, &before, &[3.0]), Trend::Worse);
     }
 
     #[test]
     fn what_is_not_measurable_any_more_is_worse() {
-        assert_eq!(changed(Figure::MeanCte, &[0.2], &[]), Turn::Worse);
+        assert_eq!(changed(Figure::MeanCte, &[0.2], &[]), Trend::Worse);
     }
 }

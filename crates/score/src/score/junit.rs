@@ -4,7 +4,7 @@ use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::{
     Check, Figure, Measure, Scorecard,
-    against::{Comparison, Turn},
+    against::{Comparison, Trend},
 };
 
 /// A report with a suite for each run and a case for each threshold; a run without thresholds has one case, that it was
@@ -52,7 +52,7 @@ pub fn report(
         let mut suite = TestSuite::new("against the baseline");
         for change in &against.changes {
             let words = change.to_string();
-            let failed = (change.turn == Turn::Worse).then_some(words.as_str());
+            let failed = (change.turn == Trend::Worse).then_some(words.as_str());
             suite.add_test_case(case(&change.setting, change.figure, status(failed, "worse")));
         }
         for setting in &against.missing {

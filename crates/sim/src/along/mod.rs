@@ -37,7 +37,7 @@ use std::{io, path::PathBuf};
 
 pub use flow::Pyramid;
 pub use recorded::{GAP_S, STANDS_MPH};
-pub use rotation::{Turn, turn};
+pub use rotation::{Rotation, turn};
 pub use warp::{Beside, SIZE, Warp};
 pub use world::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, RecordedWorld, Sources, Yaw};
 

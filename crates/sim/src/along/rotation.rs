@@ -21,7 +21,7 @@ const OUTLIER_PX: f64 = 0.5;
 
 /// A turn of the car between two pictures.
 #[derive(Debug, Clone, Copy)]
-pub struct Turn {
+pub struct Rotation {
     /// Nose up, in radians.
     pub pitch: f64,
     /// Clockwise, in radians.
@@ -32,7 +32,7 @@ pub struct Turn {
 
 /// How the car turned between two pictures of the centre camera while it rolled `rolled_m` metres; `None` where there
 /// is too little to see.
-pub fn turn(before: &Pyramid, next: &Pyramid, rolled_m: f64) -> Option<Turn> {
+pub fn turn(before: &Pyramid, next: &Pyramid, rolled_m: f64) -> Option<Rotation> {
     let shift = before.shift(next);
     solve(&before.track(next, shift), f64::from(shift), rolled_m)
 }
@@ -44,7 +44,7 @@ fn ray(pixel: [f32; 2]) -> DVec3 {
     DVec3::new(x, y * cos - sin, cos + y * sin).normalize()
 }
 
-fn solve(patches: &[([f32; 2], [f32; 2])], shift: f64, rolled: f64) -> Option<Turn> {
+fn solve(patches: &[([f32; 2], [f32; 2])], shift: f64, rolled: f64) -> Option<Rotation> {
     if patches.len() < PATCHES {
         return None;
     }
@@ -84,5 +84,5 @@ fn solve(patches: &[([f32; 2], [f32; 2])], shift: f64, rolled: f64) -> Option<Tu
     }
     // The camera is rolled a little: part of what it sees as pitch is yaw.
     let tilt = ROLL_DEG.to_radians();
-    Some(Turn { pitch: rest.x + tilt * yaw, yaw: yaw - tilt * rest.x, roll: rest.z })
+    Some(Rotation { pitch: rest.x + tilt * yaw, yaw: yaw - tilt * rest.x, roll: rest.z })
 }

@@ -47,7 +47,7 @@ use glam::{DVec3, Vec3};
 use self::{
     bonnet::Bonnet,
     light::Light,
-    raster::{Paint, Raster, View},
+    raster::{Paint, Raster, Viewpoint},
     shade::{Shader, model_light},
     weather::Weather,
 };
@@ -176,7 +176,7 @@ impl Renderer {
             self.sun = sun;
         }
         let car = shot.car;
-        let view = View::new(&camera.lens, &camera.mount, car.position + DVec3::Y * RIDE_M, car.yaw, car.pitch);
+        let view = Viewpoint::new(&camera.lens, &camera.mount, car.position + DVec3::Y * RIDE_M, car.yaw, car.pitch);
         if frame.rgb().is_empty() || !(view.eye.is_finite() && view.forward.is_finite()) {
             frame.rgb_mut().fill(0); // from nowhere there is nothing to see
             return;

@@ -8,7 +8,7 @@ use rand_chacha::{
 
 use super::{
     noise::{fractal, nearest, step},
-    raster::{COLOURED, Raster, View},
+    raster::{COLOURED, Raster, Viewpoint},
     road::Paver,
     sprites::picture,
     texture::Texture,
@@ -190,7 +190,7 @@ impl Sprite {
     pub(super) fn draw(
         &self,
         raster: &mut Raster,
-        view: &View,
+        view: &Viewpoint,
         pictures: &[Texture],
         tint: impl FnOnce(&Sprite, f32) -> ([i32; 3], [i32; 3]),
     ) {

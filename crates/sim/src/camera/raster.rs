@@ -89,7 +89,7 @@ const NEAR: f32 = 0.3;
 
 /// From where, and through which lens.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View {
+pub(super) struct Viewpoint {
     pub(super) eye: Vec3,
     pub(super) right: Vec3,
     pub(super) up: Vec3,
@@ -102,7 +102,7 @@ pub(super) struct View {
     sides: [Vec3; 4],
 }
 
-impl View {
+impl Viewpoint {
     /// The view of a camera on a car. Unity turns about z, then x, then y.
     pub(super) fn new(lens: &Lens, mount: &Mount, position: DVec3, yaw: f64, nose_up: f64) -> Self {
         let body = |v: DVec3| about_y(about_x(v, -nose_up), yaw);
@@ -223,7 +223,7 @@ impl Raster {
     }
 
     /// Draws a chunk. Faces that look away are left out where `one_sided`.
-    pub(super) fn draw(&mut self, view: &View, chunk: &Chunk, one_sided: bool, light: impl Fn(Vec3) -> f32) {
+    pub(super) fn draw(&mut self, view: &Viewpoint, chunk: &Chunk, one_sided: bool, light: impl Fn(Vec3) -> f32) {
         let mut turned = std::mem::take(&mut self.turned);
         turned.clear();
         turned.extend(chunk.points.iter().map(|p| view.turn(p.at)));
@@ -267,7 +267,7 @@ impl Raster {
         self.turned = turned;
     }
 
-    fn clipped(&mut self, view: &View, corners: [Vec3; 3], w: &Plane, id: u32) -> bool {
+    fn clipped(&mut self, view: &Viewpoint, corners: [Vec3; 3], w: &Plane, id: u32) -> bool {
         let mut kept = [(0.0, 0.0); 4];
         let mut n = 0;
         for i in 0..3 {
@@ -315,7 +315,7 @@ impl Raster {
     /// Calls `darken` for each pixel that shows ground in a model's shadow.
     pub(super) fn shadow(
         &self,
-        view: &View,
+        view: &Viewpoint,
         model: &Chunk,
         sun: Vec3,
         is_ground: impl Fn(&Setup) -> bool,

@@ -7,7 +7,7 @@ use super::{
     light::{Light, MAP},
     noise::{nearest, step},
     plants::Sprite,
-    raster::{COLOURED, Paint, Plane, Raster, SKY, Setup, View},
+    raster::{COLOURED, Paint, Plane, Raster, SKY, Setup, Viewpoint},
     section::STRIPES_PER_M,
     texture::Texel,
 };
@@ -19,7 +19,7 @@ const MOST_FOG: i32 = 205;
 pub(super) struct Shader<'a> {
     pub(super) scenery: &'a Scenery,
     pub(super) light: &'a Light,
-    pub(super) view: &'a View,
+    pub(super) view: &'a Viewpoint,
 }
 
 /// A piece of a row that shows one triangle.

@@ -65,7 +65,7 @@ fn eye(camera: &Camera, car: &Car) -> DVec3 {
 #[test]
 fn the_horizon_of_flat_ground_is_where_the_pitch_puts_it() {
     // 7.5 degrees down at a focal length of 138.56 pixels: 18.2 rows above the middle, there rolled by 1.2 degrees.
-    let view = View::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.7, 0.0);
+    let view = Viewpoint::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.7, 0.0);
     let far = Vec3::new(0.7f32.sin(), 0.0, 0.7f32.cos()) * 1e6 + Vec3::Y * view.eye.y;
     let (column, row) = view.project(view.turn(far));
     assert!((row - 61.8).abs() < 0.1 && (column - 158.3).abs() < 0.7, "{column} {row}");
@@ -76,9 +76,9 @@ fn the_horizon_of_flat_ground_is_where_the_pitch_puts_it() {
 
 #[test]
 fn the_car_nose_up_sees_more_sky() {
-    let level = View::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.0, 0.0);
-    let up = View::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.0, 0.1);
-    let row = |view: &View| view.project(view.turn(Vec3::new(0.0, view.eye.y, 1e6))).1;
+    let level = Viewpoint::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.0, 0.0);
+    let up = Viewpoint::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.0, 0.1);
+    let row = |view: &Viewpoint| view.project(view.turn(Vec3::new(0.0, view.eye.y, 1e6))).1;
     assert!(row(&up) > row(&level) + 12.0, "{} {}", row(&up), row(&level));
 }
 

@@ -60,9 +60,9 @@ impl Texture {
 
     /// One of the halvings: 0 is the full picture.
     #[inline]
-    pub(super) fn level(&self, level: usize) -> View<'_> {
+    pub(super) fn level(&self, level: usize) -> Texels<'_> {
         let level = self.levels[level.min(self.levels.len() - 1)];
-        View {
+        Texels {
             texels: &self.texels[level.start..level.start + level.width * level.height],
             width: level.width,
             height: level.height,
@@ -82,13 +82,13 @@ impl Texture {
 
 /// One size of a picture.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View<'a> {
+pub(super) struct Texels<'a> {
     pub(super) texels: &'a [Texel],
     pub(super) width: usize,
     pub(super) height: usize,
 }
 
-impl View<'_> {
+impl Texels<'_> {
     /// The texel at a place in units of the picture's size, which repeats.
     #[inline]
     pub(super) fn wrapped(&self, u: f32, v: f32) -> Texel {

@@ -5,7 +5,7 @@ use rand_chacha::{
     rand_core::{Rng, SeedableRng},
 };
 
-use super::raster::{Raster, View};
+use super::raster::{Raster, Viewpoint};
 use crate::{conditions::Conditions, vehicle::Car};
 
 /// How far the sky counts as, in metres.
@@ -24,7 +24,7 @@ impl Weather {
         &mut self,
         conditions: &Conditions,
         (seed, time_s): (u64, f64),
-        (view, car): (&View, &Car),
+        (view, car): (&Viewpoint, &Car),
         raster: &Raster,
         rgb: &mut [u8],
     ) {
@@ -92,7 +92,7 @@ impl Weather {
 }
 
 /// Haze, the grey of rain, and night with headlights.
-fn atmosphere(conditions: &Conditions, view: &View, car: &Car, raster: &Raster, rgb: &mut [u8]) {
+fn atmosphere(conditions: &Conditions, view: &Viewpoint, car: &Car, raster: &Raster, rgb: &mut [u8]) {
     let (haze, rain, night) = (conditions.haze as f32, conditions.rain as f32, conditions.night as f32);
     // One sees as far as a contrast of a twentieth: three lengths of decay.
     let decay = 3.0 / 60.0 * haze * haze + 0.006 * rain * rain;
@@ -139,7 +139,7 @@ fn atmosphere(conditions: &Conditions, view: &View, car: &Car, raster: &Raster, 
     }
 }
 
-fn streaks(conditions: &Conditions, view: &View, rng: &mut ChaCha8Rng, rgb: &mut [u8]) {
+fn streaks(conditions: &Conditions, view: &Viewpoint, rng: &mut ChaCha8Rng, rgb: &mut [u8]) {
     let (width, height) = (view.width as f32, view.height as f32);
     let count = (conditions.rain * 340.0 * f64::from(width * height) / 51_200.0) as usize;
     let mut unit = || (rng.next_u32() >> 8) as f32 / 16_777_216.0;

@@ -7,7 +7,7 @@ use lapwing_core::{
     units::{MPS_PER_MPH, Steering, Throttle},
 };
 use lapwing_sim::{
-    along::Turn,
+    along::Rotation,
     vehicle::{Car, Ground, STEP_S},
 };
 use serde::Serialize;
@@ -97,7 +97,7 @@ fn along(rows: &[Logged], values: &[f64], time: f64) -> f64 {
 }
 
 /// Drives the car with the recorded steering at the recorded speed and compares how far it turns between rows.
-pub fn yaw(rows: &[Logged], turns: &[Option<Turn>]) -> Yaw {
+pub fn yaw(rows: &[Logged], turns: &[Option<Rotation>]) -> Yaw {
     let mut car = Car::default();
     let mut headings = vec![0.0];
     while headings.len() as f64 * STEP_S <= rows[rows.len() - 1].time + STEP_S {

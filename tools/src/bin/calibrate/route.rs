@@ -1,7 +1,7 @@
 //! Where on the track a drive was, and how steep it was there.
 
 use lapwing_core::motion;
-use lapwing_sim::{along::Turn, track::Track};
+use lapwing_sim::{along::Rotation, track::Track};
 
 use super::recording::Logged;
 
@@ -36,7 +36,7 @@ pub struct Route {
 }
 
 /// Finds the drive on its track by heading over distance; `None` where it does not fit.
-pub fn locate(rows: &[Logged], turns: &[Option<Turn>], track: &Track) -> Option<Route> {
+pub fn locate(rows: &[Logged], turns: &[Option<Rotation>], track: &Track) -> Option<Route> {
     // Odometry, a value a row, and the heading seen at every STEP_M.
     let (mut rolled, mut heading) = (vec![0.0_f64], vec![0.0_f64]);
     for (pair, turn) in rows.windows(2).zip(turns) {
@@ -112,7 +112,7 @@ pub fn locate(rows: &[Logged], turns: &[Option<Turn>], track: &Track) -> Option<
 }
 
 /// Integrates the turns seen, forward and backward in time, held to the track's grade in the long run.
-fn pitch_seen(rows: &[Logged], turns: &[Option<Turn>], grades: &[f64]) -> Vec<f64> {
+fn pitch_seen(rows: &[Logged], turns: &[Option<Rotation>], grades: &[f64]) -> Vec<f64> {
     let n = rows.len();
     let integrate = |order: &[usize], sign: f64| {
         // The upright in the car's frame, right and ahead; level to start with.
@@ -120,7 +120,7 @@ fn pitch_seen(rows: &[Logged], turns: &[Option<Turn>], grades: &[f64]) -> Vec<f6
         let mut pitch = vec![0.0; n];
         pitch[order[0]] = ahead.asin();
         for pair in order.windows(2) {
-            let turn = turns[pair[0].min(pair[1])].unwrap_or(Turn { pitch: 0.0, yaw: 0.0, roll: 0.0 });
+            let turn = turns[pair[0].min(pair[1])].unwrap_or(Rotation { pitch: 0.0, yaw: 0.0, roll: 0.0 });
             let mut up = (1.0 - right * right - ahead * ahead).max(0.0).sqrt();
             let (sin, cos) = (sign * turn.yaw).sin_cos();
             (right, ahead) = (right * cos - ahead * sin, ahead * cos + right * sin);

@@ -2,12 +2,12 @@
 
 use anyhow::{Context, Result};
 use lapwing_core::perception::{Frame, decode_jpeg};
-use lapwing_sim::along::{Pyramid, Turn, turn};
+use lapwing_sim::along::{Pyramid, Rotation, turn};
 
 use super::recording::Logged;
 
 /// The turns from each row to the next, where there is enough to see. On as many threads as there are cores.
-pub fn between(rows: &[Logged]) -> Result<Vec<Option<Turn>>> {
+pub fn between(rows: &[Logged]) -> Result<Vec<Option<Rotation>>> {
     let pairs = rows.len() - 1;
     let share = pairs.div_ceil(std::thread::available_parallelism().map_or(1, usize::from));
     std::thread::scope(|scope| {
@@ -23,7 +23,7 @@ pub fn between(rows: &[Logged]) -> Result<Vec<Option<Turn>>> {
     })
 }
 
-fn some(rows: &[Logged]) -> Result<Vec<Option<Turn>>> {
+fn some(rows: &[Logged]) -> Result<Vec<Option<Rotation>>> {
     let mut before = open(&rows[0])?;
     let mut turns = Vec::new();
     for pair in rows.windows(2) {
