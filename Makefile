@@ -8,7 +8,7 @@ CARGO ?= cargo
 # A lap of the lake in the headless simulator: first by the expert, who knows the road, then by the shipped model.
 drive: build
 	target/release/lapwing drive --track lake --laps 1 --speed 20 --pilot expert --recordings runs
-	target/release/lapwing drive --track lake --laps 1 --recordings runs
+	target/release/lapwing drive --track lake --laps 1 --speed 20 --recordings runs
 
 test: .libtorch/build-version
 	$(CARGO) test --release --workspace

@@ -4,6 +4,7 @@ mod architecture;
 mod bridge;
 mod closed_loop;
 mod corpus;
+mod documentation;
 mod driver;
 mod driving_logs;
 mod model_files;
