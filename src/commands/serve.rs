@@ -68,7 +68,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     });
     let (failed, failure) = tokio::sync::oneshot::channel();
     tokio::spawn(async move {
-        let loaded = loading.await.context("loading the model was broken off").and_then(|r| r);
+        let loaded = loading.await.context("loading the model was interrupted").and_then(|r| r);
         match loaded {
             Ok(()) => std::future::pending().await, // keeps `failed` from being dropped
             Err(error) => failed.send(error),
@@ -83,7 +83,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
         // The receiver waits below for as long as the bridge serves.
         let _ = ended.send(why);
     };
-    bridge::serve(listener, bridge, shutdown).await.context("the server broke off")?;
+    bridge::serve(listener, bridge, shutdown).await.context("the server failed")?;
     if let Ok(why) = end.await {
         why?;
     }
@@ -121,11 +121,11 @@ fn arm_on_enter(bridge: Arc<Bridge>) {
 
 fn how_to_connect(address: SocketAddr) -> String {
     let port = address.port();
-    let warning = if port == 4567 { "" } else { "\n  Note: the simulator itself only dials port 4567." };
+    let warning = if port == 4567 { "" } else { "\n  Note: the simulator connects only to port 4567." };
     format!(
-        "Lapwing waits for a simulator on {address}. Ctrl-C ends.{warning}
-  Simulator on this machine: start it and choose Autonomous Mode; it dials by itself.
-  On another machine or in a VM it still dials its own 127.0.0.1:4567, so bring that port here. Over there, run
+        "Waiting for a simulator on {address}. Press Ctrl-C to stop.{warning}
+  Simulator on this machine: start it and choose Autonomous Mode; it connects by itself.
+  On another machine or in a VM it still connects to its own 127.0.0.1:4567, so bring that port here. Over there, run
     ssh -N -L 4567:127.0.0.1:{port} USER@THIS-MACHINE
   or, on Windows as administrator, with lapwing serve --bind 0.0.0.0 here,
     netsh interface portproxy add v4tov4 listenaddress=127.0.0.1 listenport=4567 connectaddress=THIS-MACHINE connectport={port}

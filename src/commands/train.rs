@@ -54,7 +54,7 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
         );
         super::print(&format!("{} ({kept})", outcome.model.display()))?;
         if !outcome.finished {
-            say!("stopped; go on with: lapwing train --resume --out {}", arguments.out.display());
+            say!("stopped; to resume: lapwing train --resume --out {}", arguments.out.display());
         }
     }
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
@@ -89,7 +89,7 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
         // Flags that are not given again are as they were.
         None if arguments.resume && left.exists() => read(&left)?,
         None if arguments.resume && arguments.data.is_empty() => anyhow::bail!(
-            "{}: expected a training to go on with, got none; --data or --recipe would begin one",
+            "{}: expected a training to resume, got none; start one with --data or --recipe",
             arguments.out.display()
         ),
         None => Recipe::default(),

@@ -83,7 +83,7 @@ class Bridge:
             if self.process.poll() is not None:
                 raise Failed(f"serve: expected to wait for simulators, got exit {self.process.returncode}: {self.log[-300:]}")
             first = self.log.splitlines()[0]
-            address = re.match(r"Lapwing waits for a simulator on 127\.0\.0\.1:(\d+)\. ", first)
+            address = re.match(r"Waiting for a simulator on 127\.0\.0\.1:(\d+)\. ", first)
             if not address:
                 raise Failed(f"first line on stderr: expected where Lapwing waits, got {first!r}")
         except BaseException:

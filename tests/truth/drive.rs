@@ -34,7 +34,7 @@ use crate::support::Wire;
 
 /// How fast it goes round.
 pub const LAP_MPH: Mph = Mph::constant(22.0);
-/// Telemetries a second.
+/// Telemetries per second.
 const HZ: f64 = 6.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! The stock simulator's car, once: its measures, and the rules of its `CarController` that others have to know.
+//! The stock simulator's car: its dimensions, and the rules of its `CarController` that other modules need.
 //!
 //! Plain numbers, with their units in the names. How they act on one another is `lapwing_sim::vehicle`; how a car moves
 //! on its wheels is [`motion`](crate::motion).

@@ -84,7 +84,7 @@ pub enum ClientError {
         source: io::Error,
     },
     /// The answer to the WebSocket handshake is not one that the simulator takes.
-    #[error("the simulator would not take this handshake: expected {expected}, got {got:?}")]
+    #[error("the simulator would not accept this handshake: expected {expected}, got {got:?}")]
     Handshake {
         /// What the simulator wants.
         expected: &'static str,

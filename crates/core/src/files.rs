@@ -1,4 +1,4 @@
-//! Files that are written whole or not at all, and whether they could be: asked before the work whose result they hold.
+//! Files that are written whole or not at all. Callers check that a file can be written before they start the work.
 
 use std::{
     fs::{self, File, OpenOptions},

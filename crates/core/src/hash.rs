@@ -1,4 +1,4 @@
-//! Hashes as people and files name them: SHA-256, in hexadecimal.
+//! SHA-256 hashes in hexadecimal, as people and files write them.
 
 use std::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! What every part of Lapwing stands on: the simulator's text, frames, pilots, controllers, the driver made of them,
+//! The foundation of all other crates: the simulator's messages, frames, pilots, controllers, the driver that combines them,
 //! and runs on disk.
 //!
 //! ```text
@@ -7,7 +7,7 @@
 //!                                  └──────────┬────────────┴────────┘
 //!                                  drive ─▶ observers: recording, scores, films
 //! ```
-//! [`driver`] is the middle of that line as one plain function: an observation in, an answer and its trace out. The
+//! [`driver`] is the middle of that line, as one plain function from an observation to an answer and its trace. The
 //! live bridge, the replay, the tests and the benches call that same function, so what is measured is what drives.
 //!
 //! | module | holds |

@@ -1,6 +1,6 @@
-//! How a car moves on its wheels, and the arithmetic of angles and of roads that are closed: each formula once.
+//! The motion of a car on its wheels, and the arithmetic of angles and closed roads.
 //!
-//! The bicycle model: two wheels of one track, which roll without slipping. Angles are positive to the right, and so is
+//! The bicycle model has two wheels in one track that roll without slipping. Angles are positive to the right, and so is
 //! a curvature.
 
 use std::f64::consts::{PI, TAU};

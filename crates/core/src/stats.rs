@@ -1,4 +1,4 @@
-//! How well two series agree.
+//! Statistics on how well two series agree.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! Words that every module's messages share.
+//! Wording that the messages of all modules share.
 
 /// So many of something, as one says it: `1 lap`, `2 laps`, `0 telemetries`.
 pub fn count(n: impl TryInto<u64>, what: &str) -> String {

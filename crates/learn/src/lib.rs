@@ -1,4 +1,4 @@
-//! Networks and how they are trained: the only crate that knows libtorch.
+//! Networks and their training: the only crate that uses libtorch.
 //!
 //! ```text
 //! driving logs, runs ─▶ dataset ─▶ train ─▶ checkpoint (.safetensors) ─▶ models ─▶ Pilot
@@ -7,8 +7,8 @@
 //! | module | holds |
 //! |---|---|
 //! | [`nn`] | networks, checkpoints, the libtorch in use |
-//! | [`models`] | files read into models, of which pilots drive |
-//! | [`dataset`] | driving logs and runs as something to learn from: looked over, converted, split; labels, balance, augmentation, loader |
+//! | [`models`] | models from files, and the pilots that drive with them |
+//! | [`dataset`] | driving logs and runs as data sets: inspect, convert, split; labels, balance, augmentation, loader |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes |
 //! | [`evaluate`] | models held against data sets |
 //!

@@ -1,4 +1,4 @@
-//! The live end: the server that any build of the simulator dials, and any Socket.IO client.
+//! The live server, to which any build of the simulator and any Socket.IO client connects.
 //!
 //! ```text
 //! simulator ─▶ bridge ─▶ Driver ─▶ answer

@@ -1,4 +1,4 @@
-//! How long until the car hits what is ahead, should nobody change speed or path.
+//! Time to collision with what is ahead, if nobody changes speed or path.
 //!
 //! The time to collision of Hayward, Near miss determination through use of a scale of danger (1972), from the true
 //! places and sizes. The road is laid out straight for it: our car goes on along the road, as far from its middle as it

@@ -1,4 +1,4 @@
-//! What weather, light and a bad camera do to a run.
+//! Weather, light and camera faults.
 //!
 //! All of it is off by default and then costs nothing. Light and weather are
 //! drawn by [`crate::camera`]; latency and dropped frames are the

@@ -29,7 +29,10 @@ pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
         say!("left out: {} whose picture was not recorded", count(without_picture, "telemetry"));
     }
     if side_pictures > 0 {
-        say!("left out: {} of the side cameras, for a run has the centre camera only", count(side_pictures, "picture"));
+        say!(
+            "left out: {} of the side cameras, because a run has only the centre camera",
+            count(side_pictures, "picture")
+        );
     }
     if let Some(truncated) = truncated {
         say!("{} is {truncated}", source.display());

@@ -1,4 +1,4 @@
-//! Settings on their way to being resolved: files, environment and flags, one over the other, and whose word each is.
+//! Resolves settings: files, environment and flags override one another in layers, and each value keeps its origin.
 
 use std::{
     ffi::{OsStr, OsString},

@@ -1,4 +1,4 @@
-//! What a run must reach: each threshold once, a figure and a bound. The settings, the flags of the command line, the
+//! Thresholds that a run must reach: each is a figure and a bound, defined once. The settings, the flags, the
 //! checks of a scorecard and the names of JUnit's test cases follow from this list.
 
 use serde::{Deserialize, Serialize};

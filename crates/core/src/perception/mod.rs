@@ -1,4 +1,4 @@
-//! From what a camera sent to what a network was trained on.
+//! From the bytes that a camera sent to the numbers that a network takes.
 //!
 //! [`decode_base64`] makes JPEG bytes of a telemetry's text, [`decode_jpeg`] a
 //! [`Frame`] of those, and a [`Preprocessor`] the numbers that go into a

@@ -1,4 +1,4 @@
-//! What happens to a picture before a network sees it, as data.
+//! Preprocessing as data: what happens to a picture before a network sees it.
 
 use serde::{Deserialize, Serialize};
 

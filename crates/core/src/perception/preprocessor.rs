@@ -1,4 +1,4 @@
-//! What happens to a picture before a network sees it, as a function.
+//! Preprocessing as a function: it prepares a picture for a network.
 
 use fast_image_resize::{
     FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer,

@@ -1,4 +1,4 @@
-//! The pilot that does not look.
+//! A pilot that always answers the same.
 
 use super::{Pilot, PilotError, Prediction, View};
 use crate::units::Steering;

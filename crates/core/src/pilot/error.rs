@@ -1,4 +1,4 @@
-//! What keeps a pilot from driving.
+//! Errors of pilots.
 
 use crate::{perception::PreprocessError, words::count};
 
@@ -7,7 +7,7 @@ use crate::{perception::PreprocessError, words::count};
 pub enum PilotError {
     /// A pilot that follows the road's line needs to know it, and only worlds of our own tell it.
     #[error(
-        "expected a world that tells the line to drive, got telemetry without one: this pilot drives with lapwing drive, not with a simulator of others"
+        "expected telemetry with the line to drive, got telemetry without it: this pilot works with lapwing drive, not with other simulators"
     )]
     NoPath,
     /// The frame does not suit the preprocessing, or that cannot be.

@@ -1,4 +1,4 @@
-//! Who says a steering angle for a frame.
+//! Pilots: they give a steering angle for a frame.
 //!
 //! A [`Model`] is that of which any number of independent pilots drive, each on a thread of its own if need be;
 //! `lapwing-learn` reads such from files.

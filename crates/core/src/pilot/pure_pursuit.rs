@@ -1,4 +1,4 @@
-//! The pilot that knows the line: it follows points told by the world instead of looking.
+//! A pilot that knows the line: it follows points from the world instead of pictures.
 //!
 //! It turns as the line itself bends a little way ahead (feed-forward), and steers back what offset and heading
 //! have gone wrong as pure pursuit does: towards a point of the straightened line one reach ahead (Coulter 1992,

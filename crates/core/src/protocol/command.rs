@@ -1,4 +1,4 @@
-//! What goes back: steering and throttle in every dialect, and how the
+//! Commands: steering and throttle in every dialect, and how the
 //! simulator's own client reads them.
 
 use std::fmt::Write;

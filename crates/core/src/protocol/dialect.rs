@@ -1,4 +1,4 @@
-//! The forks of the simulator and what gives each away.
+//! The forks of the simulator, and how each is recognised.
 
 use std::fmt;
 

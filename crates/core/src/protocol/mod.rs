@@ -1,4 +1,4 @@
-//! What goes over the wire, both ends of it, as text and nothing else: no
+//! The messages on the wire, for both ends, as text only: no
 //! socket, no clock, no picture is opened here.
 //!
 //! A simulator's text comes in as a [`Packet`]; its event's [`Payload`] becomes a

@@ -1,4 +1,4 @@
-//! The seam between what drives and what is driven.
+//! The interface between a driver and the world that it drives in.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Items joined into the steps of a drive.
+//! Moments: items joined into the steps of a drive.
 
 use std::{collections::VecDeque, time::Duration};
 

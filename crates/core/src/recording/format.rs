@@ -1,4 +1,4 @@
-//! The names, schemas and numbers of the run file, shared by its two ends.
+//! The names, schemas and constants of the run file, shared by its writer and its reader.
 
 use bytes::Bytes;
 use prost_types::{

@@ -1,4 +1,4 @@
-//! What a run is made of: its header, and the items that happen in it.
+//! The contents of a run: its header and its items.
 
 use std::{collections::BTreeMap, path::Path};
 

@@ -178,7 +178,7 @@ pub enum RecordingError {
     },
     /// A folder whose path cannot stand in a driving log.
     #[error(
-        "{:?}: expected a folder with a path in UTF-8 without quotes or line breaks, for no driving log can hold another",
+        "{:?}: expected a folder with a path in UTF-8 without quotes or line breaks, because a driving log cannot hold any other",
         path
     )]
     LogFolder {

@@ -1,4 +1,4 @@
-//! A run read back, item by item, in memory for one chunk.
+//! Reads a run item by item, with one chunk in memory at a time.
 
 use std::{
     collections::HashMap,

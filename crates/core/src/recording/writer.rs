@@ -1,4 +1,4 @@
-//! Items into MCAP, chunk by chunk. No thread, no clock, any sink.
+//! Writes items as MCAP, chunk by chunk, to any sink. No thread, no clock.
 
 use std::{
     collections::BTreeMap,

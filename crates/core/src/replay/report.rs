@@ -1,4 +1,4 @@
-//! What an open-loop replay says of a driver.
+//! The report of an open-loop replay.
 
 use std::{fmt, time::Duration};
 

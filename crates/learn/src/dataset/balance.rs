@@ -1,4 +1,4 @@
-//! Which rows are drawn more often than others, by their steering.
+//! Balances rows by their steering: which are drawn more often than others.
 
 use serde::{Deserialize, Serialize};
 

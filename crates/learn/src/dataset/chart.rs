@@ -1,4 +1,4 @@
-//! How often which steering is, drawn.
+//! A chart of the distribution of steering.
 
 use super::Inspection;
 use lapwing_core::words::count;

@@ -1,4 +1,4 @@
-//! Udacity folders made runs, and runs made Udacity folders.
+//! Converts Udacity folders to runs, and runs to Udacity folders.
 //!
 //! | in a folder | in a run |
 //! |---|---|

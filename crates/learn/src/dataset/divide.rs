@@ -1,4 +1,4 @@
-//! A driving log written as two: the rows to learn from, and those to validate by.
+//! Splits a driving log in two: rows to train on, and rows to validate on.
 
 use std::{
     fs::{self, OpenOptions},

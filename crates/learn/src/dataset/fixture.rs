@@ -1,4 +1,4 @@
-//! Data sets for the tests of this room.
+//! Data sets for the tests of this module.
 
 use std::{
     ops::ControlFlow,

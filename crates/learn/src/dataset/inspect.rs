@@ -1,4 +1,4 @@
-//! What is in a data set, and what is wrong with it.
+//! Reports what is in a data set, and what is wrong with it.
 
 use std::{
     collections::BTreeMap,

@@ -1,4 +1,4 @@
-//! From samples to batches of numbers, ahead of whoever learns from them.
+//! Loads samples as batches of numbers, ahead of the training.
 
 use std::{
     any::Any,

@@ -1,4 +1,4 @@
-//! Driving logs and runs as something to learn from.
+//! Data sets: driving logs and runs to learn from.
 //!
 //! A [`Source`] is a Udacity folder or a run, row by row. A [`Selection`] says which of its rows, cameras and labels
 //! count and how much; [`Samples`] holds the outcome for several sources at once. A [`Loader`] decodes, augments and
@@ -90,7 +90,7 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// A data set of which nothing is left.
-    #[error("{path}: expected rows with a picture to take, got none of its {rows}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", path = path.display())]
+    #[error("{path}: expected usable rows with a picture, got none of {rows}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", path = path.display())]
     NoneLeft {
         /// The data set.
         path: PathBuf,
@@ -132,7 +132,7 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// A run where only a folder will do.
-    #[error("{path}: expected a folder with driving_log.csv, got a run: make one of it with `lapwing dataset convert`", path = path.display())]
+    #[error("{path}: expected a folder with driving_log.csv, got a run: convert it with `lapwing dataset convert`", path = path.display())]
     Run {
         /// The run.
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! What augmentation makes of pictures and labels, to be looked at.
+//! A preview: what augmentation does to pictures and labels.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

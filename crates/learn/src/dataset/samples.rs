@@ -1,4 +1,4 @@
-//! Which rows and cameras count, with which label, and how much.
+//! Selects rows and cameras, with their labels and weights.
 
 use std::{fs, path::PathBuf};
 

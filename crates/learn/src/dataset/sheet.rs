@@ -1,4 +1,4 @@
-//! The contact sheet: pictures over the drive, with what was steered.
+//! The contact sheet: pictures over the drive, with the recorded steering.
 
 use super::{DatasetError, Inspection, chart};
 use lapwing_core::{

@@ -1,4 +1,4 @@
-//! What keeps a model from driving.
+//! Errors of models.
 
 use std::path::PathBuf;
 
@@ -30,7 +30,7 @@ pub enum ModelError {
     },
     /// A TorchScript model does not say what it was trained on; a file beside it must.
     #[error(
-        "expected {side} beside {model} to name the preprocessing, and cannot read it: {source}",
+        "expected {side} next to {model} to name the preprocessing, and cannot read it: {source}",
         side = side.display(), model = model.display()
     )]
     NoSideFile {

@@ -1,4 +1,4 @@
-//! Files read into models, of which pilots drive.
+//! Models from files, and the pilots that drive with them.
 //!
 //! [`load`] reads a file, [`built_in`] the shipped one, into a [`Model`], of which any number of independent
 //! pilots drive with the same weights, each on a thread of its own if need be.

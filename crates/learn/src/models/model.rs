@@ -1,4 +1,4 @@
-//! A file read once, and the pilots that drive by it.
+//! A model is read once from its file; its pilots share it.
 
 use std::{
     fs,

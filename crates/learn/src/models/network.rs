@@ -1,4 +1,4 @@
-//! A network of this crate, out of a checkpoint.
+//! A model that is a network of this crate, from a checkpoint.
 
 use std::fmt;
 

@@ -16,7 +16,7 @@
 //! scale = "x/127.5-1"
 //! layout = "nchw"
 //! ```
-//! A TorchScript file holds code. Drive with those only that you trust.
+//! A TorchScript file contains code. Load only files that you trust.
 
 use std::{fs, path::Path, sync::Arc};
 

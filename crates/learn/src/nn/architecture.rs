@@ -1,4 +1,4 @@
-//! The architectures that there are, and what a network is built as.
+//! All architectures, and the design of a network.
 
 use super::{NnError, cps::Cps, pilotnet::PilotNet, resnet};
 use lapwing_core::perception::{Colour, Crop, Filter, Layout, Preprocess, Resize, Scale};

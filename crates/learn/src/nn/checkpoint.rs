@@ -1,4 +1,4 @@
-//! One `.safetensors` file that says all about itself.
+//! A checkpoint: one self-describing `.safetensors` file.
 //!
 //! The tensors are those of an architecture, under the names that its file in
 //! this module gives them, f32, f16 or bf16. The header's metadata, text all of

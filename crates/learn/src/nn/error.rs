@@ -1,4 +1,4 @@
-//! What can be wrong with a checkpoint or a forward pass.
+//! Errors of checkpoints and forward passes.
 
 use std::path::PathBuf;
 

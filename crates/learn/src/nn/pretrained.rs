@@ -1,4 +1,4 @@
-//! Weights that others trained, as a beginning.
+//! Pretrained weights as the start of a training.
 
 use std::{fs, path::Path};
 

@@ -1,4 +1,4 @@
-//! Where a network's tensors come from while it is built.
+//! The source of a network's tensors while it is built.
 
 use tch::{
     Tensor,

@@ -1,4 +1,4 @@
-//! What ends a training before its time.
+//! Errors that end a training early.
 
 use std::path::PathBuf;
 
@@ -28,7 +28,7 @@ pub enum TrainError {
     Network(#[from] NnError),
     /// All labels say the same, or all steer to one side, and no picture is mirrored.
     #[error(
-        "expected labels that steer to both sides, got steering from {least:.3} to {most:.3} in {rows} samples: a network would learn to answer that; add data, or mirror pictures (augment.flip)"
+        "expected labels that steer to both sides, got steering from {least:.3} to {most:.3} in {rows} samples: a network would learn to steer only that way; add data, or mirror pictures (augment.flip)"
     )]
     OneSided {
         /// The least.
@@ -63,7 +63,7 @@ pub enum TrainError {
         epoch: usize,
     },
     /// No memory for a step, or for measuring.
-    #[error("no memory for a batch of {batch}: take a smaller batch or input, or cache less (cache_mib): {why}")]
+    #[error("not enough memory for a batch of {batch}: use a smaller batch, input or cache (cache_mib): {why}")]
     Memory {
         /// Samples in a step.
         batch: usize,
@@ -81,11 +81,11 @@ pub enum TrainError {
         source: std::io::Error,
     },
     /// There is a training in that folder already.
-    #[error("{path} holds a training: go on with it (--resume), or name another folder", path = .0.display())]
+    #[error("{path} already holds a training: resume it (--resume), or choose another folder", path = .0.display())]
     Exists(PathBuf),
     /// The training in that folder is another one.
     #[error(
-        "{folder} holds a training by another recipe: {differences}: go on with the one that is there (--resume alone), or name another folder",
+        "{folder} already holds a training with another recipe: {differences}: resume it (--resume alone), or choose another folder",
         folder = folder.display()
     )]
     OtherRecipe {
@@ -95,10 +95,10 @@ pub enum TrainError {
         differences: String,
     },
     /// A checkpoint that nobody goes on with, where one would be written.
-    #[error("{path} is there, but no state to go on from: nothing is overwritten, name another folder", path = .0.display())]
+    #[error("{path} exists, but without a resume state: nothing is overwritten, choose another folder", path = .0.display())]
     ModelThere(PathBuf),
     /// The state of another network, or none.
-    #[error("{path}: {why}; training cannot go on from it", path = path.display())]
+    #[error("{path}: {why}; the training cannot be resumed from it", path = path.display())]
     State {
         /// The file.
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! What epochs were like: a line of CSV and a point of each curve.
+//! The log of a training: for each epoch a line of CSV and a point on each curve.
 
 use std::{io, path::Path, time::SystemTime};
 

@@ -1,4 +1,4 @@
-//! How far answers lie from labels.
+//! The error of answers against labels.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,11 +1,11 @@
-//! Supervised training: from data sets to a checkpoint that says how it came about.
+//! Supervised training: from data sets to a checkpoint that says how it was made.
 //!
 //! A [`Recipe`] says all; a [`Trainer`] follows it and leaves in its folder
 //!
 //! | file | is |
 //! |---|---|
 //! | `model.safetensors` | the network, as `pilot` and `nn` read it |
-//! | `state.safetensors` | all that going on takes: weights, moments, averages, where it was |
+//! | `state.safetensors` | the resume state: weights, moments, averages, position |
 //! | `log.csv` | a line for each epoch |
 //! | `recipe.toml` | the recipe as it was followed |
 //! | `events.out.tfevents.…` | the same curves for TensorBoard |

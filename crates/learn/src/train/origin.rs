@@ -1,4 +1,4 @@
-//! What a training began with: it goes on with that, or not at all.
+//! The origin of a training: it is resumed with the same data and recipe, or not at all.
 
 use std::path::Path;
 
@@ -99,7 +99,10 @@ mod tests {
         let error = origin().check_recipe(&other, Path::new("out")).unwrap_err().to_string();
         let differences = "data[1].path: expected \"jungle\", got \"mountain\"; ema: expected none, got 0.5; \
                            network: expected \"pilotnet\", got \"cps\"; optimiser.kind: expected \"adam\", got \"sgd\"";
-        assert!(error.starts_with(&format!("out holds a training by another recipe: {differences}:")), "{error}");
+        assert!(
+            error.starts_with(&format!("out already holds a training with another recipe: {differences}:")),
+            "{error}"
+        );
         let error = origin().check_samples((400, 90), Path::new("out")).unwrap_err().to_string();
         assert!(error.contains("samples: expected 400 and 100 held out, got 400 and 90 held out"), "{error}");
     }

@@ -1,4 +1,4 @@
-//! What must be in order before a training begins.
+//! Checks before a training begins.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! What is seen of a training: its steps and epochs while it runs, and what it came to.
+//! The progress of a training, step by step and epoch by epoch, and its result.
 
 use std::path::PathBuf;
 

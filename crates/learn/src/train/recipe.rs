@@ -1,4 +1,4 @@
-//! All that decides how a network is trained: one TOML file, kept in the checkpoint.
+//! The recipe: one TOML file with everything that decides how a network is trained. The checkpoint keeps it.
 
 use std::path::PathBuf;
 

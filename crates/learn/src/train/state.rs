@@ -1,4 +1,4 @@
-//! All that going on with a training takes, in one file.
+//! The resume state of a training, in one file.
 
 use std::{
     collections::HashMap,

@@ -1,4 +1,4 @@
-//! Small trainings, whole.
+//! Small trainings, from start to end.
 
 use std::{fs, path::Path};
 
@@ -212,7 +212,7 @@ fn a_training_goes_on_by_its_own_recipe_and_on_its_own_data_only() {
         (|r| r.keep = Keep::Last, "keep: expected \"best\", got \"last\""),
     ] {
         let error = refused(change);
-        assert!(error.contains(&format!("holds a training by another recipe: {named}: ")), "{error}");
+        assert!(error.contains(&format!("already holds a training with another recipe: {named}: ")), "{error}");
     }
     let more = Recipe { epochs: 4, cache_mib: 1, ..recipe(dir.path()) };
     Trainer::new(more, &out, true).unwrap();
@@ -231,7 +231,7 @@ fn to_go_on_where_nothing_is_is_to_begin_and_a_lonely_checkpoint_stays() {
     fs::write(out.join("model.safetensors"), "precious").unwrap();
     for resume in [false, true] {
         let error = Trainer::new(recipe(dir.path()), &out, resume).unwrap_err().to_string();
-        assert!(error.contains("model.safetensors is there, but no state to go on from"), "{error}");
+        assert!(error.contains("model.safetensors exists, but without a resume state"), "{error}");
     }
     assert_eq!(fs::read(out.join("model.safetensors")).unwrap(), b"precious");
 }

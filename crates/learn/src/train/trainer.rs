@@ -1,4 +1,4 @@
-//! The loop.
+//! The training loop.
 
 use std::{
     fs,

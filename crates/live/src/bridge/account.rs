@@ -1,4 +1,4 @@
-//! What is kept of a drive while it lasts, its run's file and its scorecard; and what is said of it at its end.
+//! The account of a drive: its run's file and scorecard while it lasts, and its summary at the end.
 
 use std::{fmt, path::PathBuf, sync::Arc, time::Duration};
 

@@ -1,4 +1,4 @@
-//! Who may come in: programs on this machine's names, not pages of a browser.
+//! Who may connect: programs that use this machine's names, not pages in a browser.
 //!
 //! A browser lets any page of the web talk to this port, and says so in
 //! `Origin`. No simulator sends one, so a request that has one is turned away,

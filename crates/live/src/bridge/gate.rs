@@ -1,4 +1,4 @@
-//! Who is at the door: a simulator or an ordinary Socket.IO client.
+//! Tells simulators from ordinary Socket.IO clients.
 //!
 //! The stock simulator is known by its user agent. Other builds are known by
 //! talking first: an ordinary client of Engine.IO 4 waits for the server's OPEN

@@ -1,4 +1,4 @@
-//! Who is connected: every TCP connection from accept to close, so many at a time and no more.
+//! Counts TCP connections from accept to close, and limits how many there are at a time.
 
 use std::{
     collections::{BTreeMap, HashMap, VecDeque},

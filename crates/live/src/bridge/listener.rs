@@ -30,7 +30,7 @@ const TURN: usize = 16 << 10;
 #[derive(Debug, thiserror::Error)]
 pub enum BindError {
     /// Somebody else listens there.
-    #[error("port {port} is taken{}: end that program, or choose another port with --port (the simulator itself only dials 4567)", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
+    #[error("port {port} is taken{}: end that program, or choose another port with --port (the simulator connects only to port 4567)", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
     Taken {
         /// The port.
         port: u16,

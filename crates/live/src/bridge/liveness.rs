@@ -1,4 +1,4 @@
-//! Whether a simulator still plays: when to kick it, when to take its connection for a ghost.
+//! Liveness of a simulator: when to kick it, and when its connection counts as dead.
 //!
 //! A game of tokens (see `tokens`): each answer lets one telemetry through, so silence after an answer means
 //! that the simulator missed its start, is paused, or has left the scene with the socket open. A kick is an

@@ -1,4 +1,4 @@
-//! What messages take up, from their first byte until they are answered.
+//! The memory that messages take up, from their first byte until they are answered.
 //!
 //! Half of what is allowed is shared out, so that an ordinary message always
 //! finds room; the other half is a pool for large ones. A connection that finds

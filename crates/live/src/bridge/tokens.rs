@@ -1,4 +1,4 @@
-//! Tokens too many, and how they are taken out of the game.
+//! Surplus tokens, and how they are removed.
 //!
 //! A simulator whose every answer lets one telemetry through owes one telemetry at a time. A second one while
 //! the first has no answer yet proves a token too many, whatever made it: kicks of a paused game, those that a

@@ -1,6 +1,6 @@
-//! Whether runs got worse than they were.
+//! Compares runs with a baseline: did they get worse?
 //!
-//! Runs are held against those of the same [`setting`]: over all tracks together a lap lost on one of them would look like
+//! Runs are compared with those of the same [`setting`]: over all tracks together a lap lost on one would look like
 //! the scatter between them.
 
 use std::{

@@ -1,4 +1,4 @@
-//! Braking for what is on the road: avoided or not, how hard it was hit, how near it came, and false alarms.
+//! Braking for obstacles: avoided or not, impact speed, closest approach, and false alarms.
 //!
 //! A *braking situation* is a stretch of a run in which the world tells a time to collision below [`COURSE_S`]. It ends
 //! with what is hit, or once no such time was told for [`APART_S`]. One that the run's end cuts short is not judged.

@@ -1,4 +1,4 @@
-//! The judgement, for scripts; [`super::table`] is for people.
+//! The scorecard for scripts, as JSON; [`super::table`] is for people.
 
 use std::collections::BTreeMap;
 

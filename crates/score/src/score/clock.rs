@@ -1,4 +1,4 @@
-//! The time of a run: the simulator's own where it tells it, else when its messages came.
+//! The time of a run: the simulator's own if it sends it, otherwise the time at which its messages came.
 //!
 //! In lock-step a world runs as fast as it is answered, so that the stamps of a recording say how long a drive took to
 //! compute; how long the car drove is what `sim_time` says. Builds of the SelfOracle family tell it in whole seconds: there

@@ -1,18 +1,27 @@
-//! What is measured: each figure with its unit, formula and source.
+//! The figures of a scorecard, each with its unit, formula and source.
 //!
-//! The text behind each is its documentation here and in `lapwing score --explain`. Sources by short name:
-//!
-//! - Lu: End to End Learning for Self-Driving Cars, which judged by collision rate, maximum speed and completion rate.
-//! - Bojarski: End to End Learning for Self-Driving Cars, arXiv 1604.07316 (2016), section 7.1.
-//! - CARLA: the leaderboard's evaluation criteria, versions 1.0 and 2.1 (leaderboard.carla.org).
-//! - nuPlan: `ego_is_comfortable` of the nuPlan benchmark (Caesar et al., arXiv 2106.11810) and its development kit.
-//! - Hayward: Near miss determination through use of a scale of danger, Highway Research Record 384 (1972).
-//! - Euro NCAP: the test protocols AEB Car-to-Car v4 and AEB/LSS VRU v4 (2023), after which the scenarios are made.
-//! - Codevilla: On Offline Evaluation of Vision-based Driving Models, arXiv 1809.04843 (2018).
-//! - J2944: SAE J2944, Operational Definitions of Driving Performance Measures and Statistics (2015).
-//! - SelfOracle: the simulator of Stocco et al., Misbehaviour Prediction for Autonomous Driving Systems (2020).
+//! The text behind each is its documentation here and in `lapwing score --explain`; [`SOURCES`] are cited in it.
 
 use serde::Serialize;
+
+/// The sources that figures cite, by their short names.
+pub const SOURCES: [(&str, &str); 9] = [
+    (
+        "Lu",
+        "End to End Learning for Self-Driving Cars, which judged by collision rate, maximum speed and completion rate.",
+    ),
+    ("Bojarski", "End to End Learning for Self-Driving Cars, arXiv 1604.07316 (2016), section 7.1."),
+    ("CARLA", "the leaderboard's evaluation criteria, versions 1.0 and 2.1 (leaderboard.carla.org)."),
+    ("nuPlan", "ego_is_comfortable of the nuPlan benchmark (Caesar et al., arXiv 2106.11810) and its development kit."),
+    ("Hayward", "Near miss determination through use of a scale of danger, Highway Research Record 384 (1972)."),
+    (
+        "Euro NCAP",
+        "the test protocols AEB Car-to-Car v4 and AEB/LSS VRU v4 (2023), after which the scenarios are made.",
+    ),
+    ("Codevilla", "On Offline Evaluation of Vision-based Driving Models, arXiv 1809.04843 (2018)."),
+    ("J2944", "SAE J2944, Operational Definitions of Driving Performance Measures and Statistics (2015)."),
+    ("SelfOracle", "the simulator of Stocco et al., Misbehaviour Prediction for Autonomous Driving Systems (2020)."),
+];
 
 /// What a figure is counted in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -236,37 +245,37 @@ macro_rules! figures {
 
 figures! {
     Completion = "completion", "completion", Share, Higher,
-        "The way that the car got, as a share of the laps asked for (Lu's completion rate).";
+        "Distance covered, as a share of the laps asked for (Lu's completion rate).";
     Laps = "laps", "laps", Count, Higher,
         "Times that waypoint 0 was reached in sequence (SelfOracle).";
     Collisions = "collisions", "collisions", Count, Lower,
-        "Contacts with anything; touching on is the same one (Lu).";
+        "Contacts with anything; a contact that continues is counted once (Lu).";
     CollisionsPerKm = "collisions_per_km", "collisions per km", PerKm, Lower,
         "Collisions over the distance driven (CARLA counts infractions a kilometre).";
     Episodes = "episodes", "episodes", Count, Neither,
-        "Drives from a start to the next: one, and one more for each time that the car was put back.";
+        "Drives from one start to the next: one, and one more each time the car was put back.";
     CollisionRate = "collision_rate", "collision rate", Share, Lower,
         "Episodes with a collision as a share of all (Lu).";
     MeanMph = "mean_mph", "mean speed", Mph, Higher,
-        "The integral of the speed told over time, divided by the time, from the first telemetry to the last.";
+        "Integral of the reported speed over time, divided by the time, from the first telemetry to the last.";
     MaxMph = "max_mph", "maximum speed", Mph, Neither,
-        "Highest speed told (Lu).";
+        "Highest reported speed (Lu).";
     Autonomy = "autonomy", "autonomy", Share, Higher,
-        "1 - 6 s x (takeovers + interventions) / time, at least 0 (Bojarski, who takes 6 s for what an intervention costs).";
+        "1 - 6 s x (takeovers + interventions) / time, at least 0 (Bojarski, where an intervention costs 6 s).";
     AutonomyMeasured = "autonomy_measured", "autonomy, measured", Share, Higher,
-        "1 - (seconds that humans drove + 6 s x interventions) / time, at least 0: Bojarski's with takeovers as long as they were.";
+        "1 - (seconds that humans drove + 6 s x interventions) / time, at least 0: Bojarski's formula with the actual length of the takeovers.";
     Takeovers = "takeovers", "human takeovers", Count, Lower,
-        "Times that a human took the wheel.";
+        "Number of times that a human took over.";
     HumanS = "human_s", "driven by humans", Seconds, Lower,
-        "How long humans had the wheel.";
+        "Time for which humans drove.";
     Interventions = "interventions", "interventions", Count, Lower,
-        "Virtual ones: each time that the car was put back on the road, and once more if the run ended within 2 s of a collision, off the road or stuck.";
+        "Virtual interventions: each time that the car was put back on the road, and once more if the run ended within 2 s of a collision, off the road or stuck.";
     DrivingScore = "driving_score", "driving score", Points, Higher,
         "100 x completion x (1 - share of the way off the road) / (1 + sum of 1.0 for each person hit, 0.7 for each vehicle, 0.6 for anything else) (CARLA 2.1).";
     DrivingScoreProduct = "driving_score_product", "driving score 1.0", Points, Higher,
         "100 x completion x (1 - share of the way off the road) x 0.5 for each person hit x 0.6 for each vehicle x 0.65 for anything else (CARLA 1.0).";
     MeanCte = "mean_cte_m", "mean |cte|", Metres, Lower,
-        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world tells it, over telemetries (the cross-track error of SelfOracle's telemetry); along a recording the offset at which the car was put back counts once, too.";
+        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world reports it, over telemetries (the cross-track error of SelfOracle's telemetry); along a recording the offset at which the car was put back counts once, too.";
     RmsCte = "rms_cte_m", "RMS cte", Metres, Lower,
         "Root of the mean squared distance from the line to drive (as the mean).";
     P95Cte = "p95_cte_m", "95th percentile of |cte|", Metres, Lower,
@@ -276,13 +285,13 @@ figures! {
     OffRoads = "off_roads", "times off the road", Count, Lower,
         "Episodes out of bounds: times that the car left the road (SelfOracle's tot_obes).";
     OffRoadS = "off_road_s", "time off the road", Seconds, Lower,
-        "How long it was off the road.";
+        "Time off the road.";
     OffRoadShare = "off_road_share", "share off the road", Share, Lower,
-        "Distance driven off the road as a share of all.";
+        "Distance driven off the road, as a share of the whole distance.";
     SteeringRate = "steering_rate_deg_s", "steering rate", DegreesPerSecond, Lower,
         "Whiteness: root mean square of the steering angle's rate over time, sqrt(integral of (d angle / dt)^2 dt / time), a straight line between two telemetries; gaps of more than a second and resets do not count.";
     SteeringReversals = "steering_reversals_per_min", "steering reversals", PerMinute, Lower,
-        "Times a minute that the steering angle turns back by at least 1 degree of the front wheels (J2944, whose gap is of the hand wheel).";
+        "Times a minute that the steering angle turns back by at least 1 degree of the front wheels (J2944, where the threshold applies to the steering wheel).";
     RmsJerk = "rms_jerk_m_s3", "jerk", Jerk, Lower,
         "Root mean square of the speed's second derivative, each from a parabola fitted to the telemetries within half a second.";
     Comfort = "comfort", "comfortable", Share, Higher,
@@ -290,7 +299,7 @@ figures! {
     BrakingAvoided = "braking_avoided", "avoided by braking", Share, Higher,
         "Braking situations in which nothing was hit, as a share of all. One begins where the time to collision falls below 10 s (Euro NCAP's tests begin at 4 s) and ends with what is hit, or after 1 s without a collision course; one that the run's end cuts short does not count.";
     Impact = "impact_mph", "impact speed", Mph, Lower,
-        "How fast the car met what it hit in a braking situation, relative to it, mean over those (Euro NCAP's relative impact speed).";
+        "Speed of the car relative to what it hit in a braking situation, mean over those situations (Euro NCAP's relative impact speed).";
     SpeedReduction = "speed_reduction_mph", "speed reduction", Mph, Higher,
         "The car's speed where a braking situation began less its speed at the impact, or where nothing was hit its lowest in the situation, at least 0; mean over situations (Euro NCAP: test speed less impact speed).";
     MinTimeToCollision = "min_time_to_collision_s", "least time to collision", Seconds, Higher,
@@ -304,25 +313,25 @@ figures! {
     SteeringR = "steering_r", "steering r", Correlation, Higher,
         "Open-loop replay: Pearson's correlation of the driver's steering and the recorded one over frames (Codevilla).";
     TimeS = "time_s", "time", Seconds, Neither,
-        "From the first telemetry to the last, in seconds of the world: its own clock where it tells one (sim_time), else that of the recording. A human's drive before the first or after the last counts.";
+        "From the first telemetry to the last, in seconds of the world: its own clock if it sends one (sim_time), otherwise the recording's. A human's drive before the first or after the last counts.";
     DistanceM = "distance_m", "distance", Metres, Neither,
-        "Metres driven: told by the world, else speed over time.";
+        "Metres driven: as the world reports them, otherwise speed over time.";
     SurvivalS = "survival_s", "survived", Seconds, Higher,
         "Time to the first infraction (collision, leaving the road, being stuck, takeover, being put back), or to the end.";
     SurvivalM = "survival_m", "distance survived", Metres, Higher,
         "Distance to the first infraction, or to the end.";
     Stuck = "stuck", "stuck", Count, Lower,
-        "Times that the car did not get away: under 1 mph for 2 s (SelfOracle).";
+        "Number of times that the car was stuck: under 1 mph for 2 s (SelfOracle).";
     Resets = "resets", "put back", Count, Lower,
-        "Times that the car was put back on the road.";
+        "Number of times that the car was put back on the road.";
     FramesPerS = "frames_per_s", "frame rate", PerSecond, Neither,
-        "Telemetries a second.";
+        "Telemetries per second.";
     BadFrames = "bad_frames", "bad frames", Count, Lower,
-        "Telemetries or pictures that could not be driven by.";
+        "Telemetries or pictures by which the pilot could not drive.";
     Kicks = "kicks", "kicks", Count, Lower,
-        "Answers that the bridge sent unasked, to start or restart a simulator that waits for one.";
+        "Answers that the bridge sent unasked, to start or restart a simulator that was waiting for one.";
     MissedFrames = "missed_frames", "missed frames", Count, Lower,
-        "Telemetries that another followed before they were answered.";
+        "Telemetries that were followed by another before they were answered.";
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What went wrong in a run, and what it costs.
+//! Infractions of a run, and what each costs.
 
 /// What was hit, as CARLA's leaderboard tells it apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

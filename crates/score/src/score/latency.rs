@@ -1,4 +1,4 @@
-//! How long answers took, split by stage.
+//! Latency of answers, by stage.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;

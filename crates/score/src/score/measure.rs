@@ -1,4 +1,4 @@
-//! A value with how sure it is.
+//! A measure: a value and how certain it is.
 
 /// What a run says of a figure.
 #[derive(Debug, Clone, Copy, PartialEq)]

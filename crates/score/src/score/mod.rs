@@ -1,4 +1,4 @@
-//! What a run was worth.
+//! Scores a run.
 //!
 //! A [`Scorer`] watches a run item by item, live or from a file ([`of_recording`]), and ends in a [`Scorecard`]: a [`Measure`]
 //! for each [`Figure`]. What the world tells of itself (its position, laps and collisions) is told on; what follows
@@ -42,7 +42,7 @@ mod thresholds;
 mod told;
 
 pub use card::{SCHEMA, Scorecard};
-pub use figure::{Better, Figure, Unit};
+pub use figure::{Better, Figure, SOURCES, Unit};
 pub use latency::{Latency, STAGES};
 pub use measure::Measure;
 pub use run::of_recording;

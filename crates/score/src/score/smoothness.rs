@@ -1,4 +1,4 @@
-//! How smooth a drive was, from the steering and speed told.
+//! Smoothness of a drive, from steering and speed.
 
 use lapwing_core::motion;
 use lapwing_core::recording::LONGEST_GAP;

@@ -1,4 +1,4 @@
-//! Several runs in one.
+//! Summarises several runs.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! A scorecard for people.
+//! The scorecard for people, as a table.
 
 use std::fmt;
 

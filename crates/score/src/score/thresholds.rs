@@ -1,4 +1,4 @@
-//! What a run must reach.
+//! Checks a run against its thresholds.
 
 use super::{Figure, Scorecard};
 use lapwing_core::config::{Threshold, Thresholds};

@@ -1,4 +1,4 @@
-//! Two cars side by side: the recorded one and the one that is driven now.
+//! Two cars side by side: the recorded one and the virtual one.
 
 use super::warp::Beside;
 use crate::vehicle::{Car, Ground, STEP_S};

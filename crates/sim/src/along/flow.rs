@@ -1,4 +1,4 @@
-//! Where patches of one picture are in the next: pyramidal Lucas-Kanade, checked there and back.
+//! Optical flow: where patches of one picture are in the next. Pyramidal Lucas-Kanade, checked forwards and backwards.
 
 use super::warp::SIZE;
 use lapwing_core::perception::Frame;

@@ -67,7 +67,7 @@ pub enum ClosedLoopError {
     },
     /// Pictures of another camera.
     #[error(
-        "{}: expected a picture of {}x{} pixels, got {width}x{height}: only the stock simulator's camera is known well enough to look from beside",
+        "{}: expected a picture of {}x{} pixels, got {width}x{height}: a closed loop is possible only with the stock simulator's camera",
         place.display(), SIZE.0, SIZE.1
     )]
     Size {
@@ -79,7 +79,7 @@ pub enum ClosedLoopError {
         height: usize,
     },
     /// A run of telemetry alone.
-    #[error("{}: expected a run with pictures, got {telemetries} telemetries without one: record it anew, with pictures", path.display())]
+    #[error("{}: expected a run with pictures, got {telemetries} telemetries without one: record it again with pictures", path.display())]
     NoPictures {
         /// The run.
         path: PathBuf,
@@ -87,7 +87,7 @@ pub enum ClosedLoopError {
         telemetries: usize,
     },
     /// A recording in which the car stands.
-    #[error("{}: expected a recorded drive, got {read} rows with a picture, in {stood} of which the car stands (under {STANDS_MPH} mph)", path.display())]
+    #[error("{}: expected a recorded drive, got {read} rows with a picture, in {stood} of them the car is stationary (under {STANDS_MPH} mph)", path.display())]
     NothingDriven {
         /// The recording.
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! What of a recording is driven along: rows with their pictures, cut where the car stood or time is missing.
+//! The stretches of a recording to drive along: rows with pictures, cut where the car was stationary or time is missing.
 //!
 //! A recording is read twice, its numbers first, then picture by picture as the drive goes on: memory stays flat.
 

@@ -1,4 +1,4 @@
-//! What a car beside the recorded one would have seen: recorded pictures, warped.
+//! The view from beside the recorded car: recorded pictures, warped.
 //!
 //! The stock simulator's cameras are known, so each pixel of the picture to make has a ray. Below the horizon the ray
 //! ends on the ground, which is taken for a plane, and the pixel is looked up where a recorded camera saw that place;

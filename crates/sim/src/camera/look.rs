@@ -1,4 +1,4 @@
-//! How a country looks: light, sky, and the colours of ground, road and car.
+//! The look of a landscape: light, sky, and the colours of ground, road and car.
 //!
 //! Colours are means of real frames (`recordings/lake`, `jungle`, `mountain`
 //! of the stock simulator), by eye where nothing could be averaged.

@@ -1,4 +1,4 @@
-//! What the car's cameras see: a software renderer, the same picture on every machine that runs it.
+//! The car's cameras: a software renderer that gives the same picture on every machine.
 //!
 //! A [`Scenery`] is built once from a track and shared; a [`Renderer`] is one
 //! thread's working memory. Nothing here is random from frame to frame except

@@ -1,4 +1,4 @@
-//! What pictures must show, whatever they look like.
+//! Tests of what pictures must show, whatever they look like.
 
 use std::sync::{Arc, LazyLock};
 

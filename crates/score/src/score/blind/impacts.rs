@@ -1,4 +1,4 @@
-//! Collisions and being stuck, by speed and throttle alone.
+//! Finds collisions and being stuck from speed and throttle alone.
 
 use crate::score::smoothness::GAP_S;
 use lapwing_core::{

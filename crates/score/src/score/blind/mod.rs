@@ -1,4 +1,4 @@
-//! What a run was worth that tells neither position nor collisions: the stock build's.
+//! Scores runs that contain neither position nor collisions: those of the stock build.
 //!
 //! | figure | from |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! When the car was where, from what is known by the metres driven.
+//! The car's position over time, from what is known by distance.
 
 use crate::odometry::Milestone;
 

@@ -1,4 +1,4 @@
-//! What a run comes to, once it has ended.
+//! The judgement of a run, after its end.
 
 use super::{Scorer, within_run::Span};
 use crate::{

@@ -1,4 +1,4 @@
-//! What a drive along a recording cannot tell: there is a path to keep to, and nothing else.
+//! Figures that a drive along a recording cannot give: it has a path to follow, and nothing else.
 
 use crate::{score::Figure, score::card::Figures};
 
