@@ -1,4 +1,4 @@
-//! How far `lapwing score` is to be believed where a run tells neither position nor collisions.
+//! How far `lapwing score` is to be believed where a run reports neither position nor collisions.
 //!
 //! ```sh
 //! cargo run --release --example blind

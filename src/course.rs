@@ -63,7 +63,7 @@ pub struct Course {
     models: BTreeMap<String, Model>,
     /// The hash of each track's file.
     tracks: BTreeMap<String, Option<String>>,
-    /// Of each pilot, the hash of what lies beside its model.
+    /// Of each pilot, the hash of what is next to its model.
     beside: BTreeMap<String, Option<String>>,
 }
 
@@ -157,7 +157,7 @@ fn track_sha256(track: &str) -> Result<Option<String>, CourseError> {
     path.is_file().then(|| sha256_of(path)).transpose()
 }
 
-/// The hash of what lies beside a TorchScript model and says how its frames are prepared.
+/// The hash of what is next to a TorchScript model and says how its frames are prepared.
 fn beside(pilot: &Contestant) -> Result<Option<String>, CourseError> {
     let script = pilot.model.as_ref().filter(|path| path.extension().is_some_and(|extension| extension == "pt"));
     script.map(|path| sha256_of(&path.with_extension("toml"))).transpose()

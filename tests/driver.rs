@@ -21,7 +21,7 @@ use lapwing_sim::{
 
 use crate::support::jpeg;
 
-/// A clock that stands: what is measured with it is nought, whatever the machine does.
+/// A clock that stands: what is measured with it is zero, whatever the machine does.
 fn frozen() -> Instant {
     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
     *START

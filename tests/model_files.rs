@@ -106,7 +106,7 @@ fn checkpoint_of_infinities(path: &Path) {
     let change = |name: &str, data: &[u8]| match name {
         "conv1.weight" => {
             let mut weights = vec![0f32; data.len() / 4];
-            // Powers of two, so that equal neighbours come to nought however it is added up.
+            // Powers of two, so that equal neighbours come to zero however it is added up.
             (weights[0], weights[1]) = (2f32.powi(127), -2f32.powi(127));
             numbers(weights)
         }

@@ -1,4 +1,4 @@
-//! What lies in `models/`.
+//! What is in `models/`.
 
 use std::{fs, path::PathBuf};
 

@@ -12,7 +12,7 @@ pub fn lapwing(arguments: &[&str]) -> Output {
         .args(arguments)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .env("LAPWING_CONTROL__KI", "0.002")
-        .env("XDG_CONFIG_HOME", "/nonexistent") // the settings of whoever runs the tests
+        .env("XDG_CONFIG_HOME", "/nonexistent") // the settings of anyone who runs the tests
         .output()
         .unwrap()
 }

@@ -97,7 +97,10 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let mut text = format!("{name} along {source}, put back beyond {} m\n{card}", arguments.limit);
         text += &line(
             "frames",
-            format!("{frames} in {:.1} s, {frames_per_s:.0}/s; {stood} of {read} stood{unseen}", wall.as_secs_f64()),
+            format!(
+                "{frames} in {:.1} s, {frames_per_s:.0}/s{unseen}; the car is stationary in {stood} of {read}",
+                wall.as_secs_f64()
+            ),
         );
         text +=
             &line("recorded turning", format!("from pictures {}, from steering {steering}", count(pictures, "time")));

@@ -195,7 +195,7 @@ fn limit_pictures(config: Option<&Path>) -> anyhow::Result<()> {
 fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
     let own = own_settings();
     let mut layers = own.as_deref().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(path))?;
-    // The user's own file stays the user's where it is named, or lies in the folder.
+    // The user's own file stays the user's where it is named, or is in the folder.
     let named = config.unwrap_or(Path::new(config::FILE));
     if !own.is_some_and(|own| is_same_file(&own, named)) {
         layers = layers.file(config)?;

@@ -31,7 +31,7 @@ pub(super) struct Unprinted(io::Error);
 /// Prints a result, whole.
 ///
 /// # Errors
-/// [`Unprinted`], also where whoever reads it has closed the pipe.
+/// [`Unprinted`], also if the person who reads it has closed the pipe.
 pub(super) fn print(text: &str) -> Result<(), Unprinted> {
     let mut stdout = io::stdout().lock();
     writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Unprinted)

@@ -53,7 +53,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     bar.0.finish_and_clear();
     ended?;
     if interrupted.is_pressed() {
-        bail!("interrupted; the same command goes on where it was");
+        bail!("interrupted; run the same command again to continue");
     }
     report(&planned.outcome(&results)?, &arguments.out, arguments.html.as_deref(), arguments.json)?;
     Ok(Ended::Passed)
@@ -99,7 +99,7 @@ fn tell(merged: &Merged) {
         }
         None => {
             let present = count(*present, "cell");
-            say!("{present} present; no folder has a plan.json: how many the suite has is unknown");
+            say!("{present} present; no folder has a plan.json: the number of the suite's cells is unknown");
         }
     }
     for name in missing.iter().take(NAMED) {

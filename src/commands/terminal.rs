@@ -46,7 +46,7 @@ pub(super) fn outlive_full_files() {
 pub(super) struct Asked {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
-    /// Absent where whoever started the program has it ignored, as `nohup` does.
+    /// Absent if the person who started the program has it ignored, as `nohup` does.
     hang_up: Option<tokio::signal::unix::Signal>,
 }
 

@@ -30,7 +30,7 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
     let epochs = recipe.epochs;
     let mut trainer = Trainer::new(recipe, &arguments.out, arguments.resume)?;
     let (training, validation) = trainer.sizes();
-    tracing::info!("{} to learn from, {validation} held out", count(training, "sample"));
+    tracing::info!("{} for training, {validation} held out", count(training, "sample"));
     trainer.history().iter().for_each(|epoch| say(epoch, epochs));
     let bar = Bar::new();
     let mut speed = Speed::default();

@@ -149,7 +149,7 @@ fn units(stream: &[u8]) -> Vec<&[u8]> {
         let from = at + 3;
         next = code(from);
         let mut unit = &stream[from..next.unwrap_or(stream.len())];
-        // The code of four bytes, and padding: no unit ends in a nought.
+        // The code of four bytes, and padding: no unit ends in a zero.
         while let Some((0, shorter)) = unit.split_last() {
             unit = shorter;
         }

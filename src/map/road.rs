@@ -103,7 +103,7 @@ fn strips(track: &Track, edge: Edge, range: std::ops::Range<usize>, scale: &Scal
     }
 }
 
-/// A chequered line across the road, and an arrow where the car stands.
+/// A chequered line across the road, and an arrow where the car is stationary.
 pub(super) fn start(track: &Track, scale: &Scale, shapes: &mut Vec<Shape>) {
     let Start { x, y, z, yaw_deg } = track.file().start;
     let car = DVec3::new(x, y, z);

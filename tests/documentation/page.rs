@@ -27,7 +27,7 @@ pub struct Invocation {
     pub shown: Option<Vec<String>>,
 }
 
-/// The README, the book, and what stands beside the models.
+/// The README, the book, and what is next to the models.
 pub fn pages(root: &Path) -> Vec<Page> {
     let mut names = vec!["README.md".to_owned(), "models/README.md".to_owned()];
     let mut folders = vec![root.join("docs")];

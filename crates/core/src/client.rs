@@ -39,7 +39,7 @@ const PING: Duration = Duration::from_secs(25);
 pub struct ClientOptions {
     /// The player's culture, in which numbers are written and read.
     pub culture: Culture,
-    /// Whether to tell only what the stock build tells. Default no: ground truth that a world has is sent
+    /// Whether to tell only what the stock build reports. Default no: ground truth that a world has is sent
     /// as builds of the SelfOracle family send it, see [`encode_superset`].
     pub stock: bool,
     /// Silence after which a bridge counts as stalled. Default 10 s.
@@ -274,7 +274,7 @@ impl Client<'_> {
     fn receive(&mut self, deadline: Instant) -> Result<Option<Answer>, ClientError> {
         let stalls_at = self.last_progress + self.options.stall;
         let wait = deadline.min(stalls_at).saturating_duration_since(Instant::now());
-        // A timeout of nought would mean none, and one of a microsecond takes a tick of the kernel.
+        // A timeout of zero would mean none, and one of a microsecond takes a tick of the kernel.
         let stream = self.socket.get_ref();
         let set = if wait.is_zero() {
             stream.set_nonblocking(true)

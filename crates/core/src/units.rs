@@ -66,7 +66,7 @@ macro_rules! quantity {
                 Self(value)
             }
 
-            /// The nearest value of the quantity; NaN becomes nought.
+            /// The nearest value of the quantity; NaN becomes zero.
             pub fn saturating(value: f64) -> Self {
                 if value.is_nan() { Self::ZERO } else { Self(value.clamp(Self::MIN.0, Self::MAX.0) + 0.0) }
             }

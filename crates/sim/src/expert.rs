@@ -1,4 +1,4 @@
-//! The driver that knows the road: for recordings, as the scripted human, and what telemetry tells
+//! The driver that knows the road: for recordings, as the scripted human, and what telemetry reports
 //! [`PurePursuit`] where it is the pilot.
 
 use super::{

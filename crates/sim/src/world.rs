@@ -76,7 +76,7 @@ pub struct Setup {
     pub rules: Rules,
     /// A human who takes the wheel.
     pub human: Option<Human>,
-    /// Tell only what the stock build tells.
+    /// Tell only what the stock build reports.
     pub stock: bool,
 }
 
@@ -147,7 +147,7 @@ pub struct Simulation {
     /// Telemetries so far.
     shown: u64,
     driven_m: f64,
-    /// Until this step the car stands where it hit something.
+    /// Until this step the car is stationary where it hit something.
     wrecked: Option<(u64, Ending)>,
     ending: Option<Ending>,
     announced_end: bool,

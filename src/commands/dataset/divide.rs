@@ -1,4 +1,4 @@
-//! `lapwing dataset split`: a log to learn from and one to validate by.
+//! `lapwing dataset split`: a log to train on and one to validate on.
 
 use super::Ended;
 use crate::{cli, commands::print};
@@ -13,7 +13,7 @@ pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
     } else {
         let Divided { train, train_rows, validation, validation_rows } = divided;
         print(&format!(
-            "{} to learn from, in {}\n{} to validate by, in {}",
+            "{} for training, in {}\n{} for validation, in {}",
             count(train_rows, "row"),
             train.display(),
             count(validation_rows, "row"),

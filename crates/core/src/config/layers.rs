@@ -26,7 +26,7 @@ enum Author {
     User,
     /// The same, written down for all folders.
     UsersFile,
-    /// Whoever wrote the file. It is read because it lies in the folder, or was handed over as a whole.
+    /// Whoever wrote the file. It is read because it is in the folder, or was handed over as a whole.
     Anybody,
 }
 

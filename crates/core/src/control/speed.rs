@@ -75,7 +75,7 @@ impl Pi {
     }
 }
 
-/// Lu's law divides by the limit; a pilot's may be nought.
+/// Lu's law divides by the limit; a pilot's may be zero.
 const SLOWEST_LIMIT_MPH: f64 = 0.1;
 
 /// Lu's law: `throttle = 1 - steering² - (speed / limit)²` (End to End Learning for Self-Driving Cars).

@@ -26,7 +26,7 @@ pub enum Speed {
     Last(Option<Mph>),
 }
 
-/// Full brake down to 5 mph, kept on until the car stands or its speed rises
+/// Full brake down to 5 mph, kept on until the car is stationary or its speed rises
 /// again (below 5 mph the brake is the reverse gear, and reversing shows as a
 /// positive speed), then nothing. With no speed told, full brake for as long as
 /// it takes from the last one known to 5 mph, then nothing: the rest rolls out.

@@ -70,7 +70,7 @@ pub enum ImageError {
     /// More scans than any encoder writes.
     #[error("expected a JPEG of at most {MAX_SCANS} scans, got more")]
     Scans,
-    /// A side of nought, or beyond [`MAX_SIDE`].
+    /// A side of zero, or beyond [`MAX_SIDE`].
     #[error("expected a JPEG of 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
     Size {
         /// Pixels in a row, as the header claims.

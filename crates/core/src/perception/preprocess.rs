@@ -183,7 +183,7 @@ pub enum PreprocessError {
         /// First row no longer kept.
         bottom: usize,
     },
-    /// A size of nought, or one that no network has.
+    /// A size of zero, or one that no network has.
     #[error("expected a resize to 1 to {max} pixels a side, got {width}x{height}", max = Resize::MAX_SIDE)]
     Size {
         /// Pixels in a row.

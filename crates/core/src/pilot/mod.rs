@@ -7,7 +7,7 @@
 //! included, is `control`'s and `driver`'s.
 //!
 //! [`PurePursuit`] is the pilot that needs no network and no picture: it follows the line that a world
-//! of our own tells. The expert of recordings, and the first lap of whoever has no model yet.
+//! of our own tells. The expert of recordings, and the first lap of anyone who has no model yet.
 
 mod constant;
 mod error;
@@ -31,7 +31,7 @@ pub struct View<'a> {
     pub frame: &'a Frame,
     /// The speed now.
     pub speed: Mph,
-    /// The line to drive, from beside the car on; empty where the world tells none.
+    /// The line to drive, from beside the car on; empty where the world reports none.
     pub path: &'a [PathPoint],
 }
 

@@ -79,7 +79,7 @@ pub fn write_universal(out: &mut String, value: f64) {
 }
 
 /// C#'s `float.ToString()` where the decimal separator is a point, as the training recorder writes its log:
-/// seven significant digits, halves away from nought, no needless zeros, and an exponent where the first
+/// seven significant digits, halves away from zero, no needless zeros, and an exponent where the first
 /// digit stands below the fourth decimal or above the millions (`4.540283E-05`, `1.5E+07`).
 ///
 /// Source: .NET's format `G7`, the default of `float` in Unity's runtimes.

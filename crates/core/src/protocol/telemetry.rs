@@ -28,7 +28,7 @@ pub struct Telemetry {
     /// The centre camera's picture. Recorded beside the telemetry, not in it.
     #[serde(skip)]
     pub image: CameraImage,
-    /// What forks tell beyond the stock build.
+    /// What forks report beyond the stock build.
     #[serde(default, skip_serializing_if = "Truth::is_empty")]
     pub truth: Truth,
 }

@@ -116,7 +116,7 @@ impl<W: Write + Seek> RunWriter<W> {
     }
 }
 
-/// What the system said, where it is the cause: the container's own words for it do not tell.
+/// What the system said, where it is the cause: the container's own words for it do not say.
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(e) => e,

@@ -108,7 +108,7 @@ fn to_run(log: &DrivingLog, target: &Path, progress: Progress<'_>) -> Result<Con
         None => Ok(converted),
     });
     if finished.is_err() {
-        // Half a run would look like a whole one; whoever reads the error needs none that this fails as well.
+        // Half a run would look like a whole one; anyone who reads the error needs none that this fails as well.
         let _ = fs::remove_file(target);
     }
     finished

@@ -16,7 +16,7 @@ use lapwing_core::{
 /// What became of a split.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Divided {
-    /// The log of the rows to learn from.
+    /// The log of the rows to train on.
     pub train: PathBuf,
     /// How many they are.
     pub train_rows: usize,

@@ -24,7 +24,7 @@ use lapwing_core::{
 /// Names of the cameras, in the order in which a moment has its pictures.
 const CAMERAS: [&str; 3] = ["center", "left", "right"];
 
-/// Slower than this, in mph, the car stands.
+/// Slower than this, in mph, the car is stationary.
 const STANDS_MPH: f64 = 0.5;
 /// Pictures that wait for a thread to decode them.
 const WAITING: usize = 64;

@@ -1,4 +1,4 @@
-//! Data sets: driving logs and runs to learn from.
+//! Data sets: driving logs and runs to train on.
 //!
 //! A [`Source`] is a Udacity folder or a run, row by row. A [`Selection`] says which of its rows, cameras and labels
 //! count and how much; [`Samples`] holds the outcome for several sources at once. A [`Loader`] decodes, augments and
@@ -6,7 +6,7 @@
 //!
 //! For people, [`inspect()`] says what is in a data set, every picture decoded, and [`contact_sheet`] and
 //! [`steering_chart`] show it; [`convert()`] makes a run of a folder or the other way round; [`divide()`] writes a log
-//! of the rows to learn from and one of those to validate by, as [`Blocks`] has them; [`preview()`] shows what
+//! of the rows to train on and one of those to validate on, as [`Blocks`] has them; [`preview()`] shows what
 //! augmentation does.
 //!
 //! Pictures stay where they are, and no tensor is made here: `train` does that.

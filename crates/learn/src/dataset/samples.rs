@@ -21,7 +21,7 @@ pub struct Selection {
     /// Steering added for the left camera and taken off for the right, default 0.25: 6.25 degrees, as Lu has it.
     #[serde(default = "side_offset")]
     pub side_offset: f64,
-    /// Cameras to learn from; default all that there are.
+    /// Cameras to train on; default all that there are.
     #[serde(default = "all_cameras")]
     pub cameras: Vec<Camera>,
     /// First row and the one after the last, counted from 0; default all.
@@ -145,7 +145,7 @@ impl Samples {
     /// sequences begin anew behind them.
     ///
     /// # Errors
-    /// [`DatasetError`]; [`DatasetError::NoneLeft`] also where one of several data sets has nothing to learn from.
+    /// [`DatasetError`]; [`DatasetError::NoneLeft`] also where one of several data sets has nothing to train on.
     pub fn open(
         selections: &[Selection],
         set: Set,

@@ -38,7 +38,7 @@ pub struct TorchScriptPilot {
     module: Arc<CModule>,
 }
 
-/// What stands beside the module.
+/// What is next to the module.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SideFile {

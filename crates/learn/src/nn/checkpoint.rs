@@ -207,7 +207,7 @@ pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> R
         tensor.f_copy_data(&mut values, tensor.numel())?;
         let begin = data.len();
         match dtype {
-            // Rounded above, so that the lower half is nought.
+            // Rounded above, so that the lower half is zero.
             Dtype::BF16 => data.extend(values.into_iter().flat_map(|v| ((v.to_bits() >> 16) as u16).to_le_bytes())),
             _ => data.extend(values.into_iter().flat_map(f32::to_le_bytes)),
         }

@@ -6,7 +6,7 @@
 //!
 //! While driving, a frame's features are kept until it is the oldest of five:
 //! the backbone sees each frame once. The speed, where it is taken, is the one
-//! now, and stands beside the features of all five frames.
+//! now, and is next to the features of all five frames.
 //!
 //! The unit's tensors are `gru.weight_ih_l0`, `gru.weight_hh_l0`,
 //! `gru.bias_ih_l0` and `gru.bias_hh_l0`, gates in PyTorch's order, the linear

@@ -108,7 +108,7 @@ enum Norm {
     Folded(Tensor),
 }
 
-/// How far a batch moves the running statistics, and what keeps a variance from nought: PyTorch's defaults.
+/// How far a batch moves the running statistics, and what keeps a variance from zero: PyTorch's defaults.
 const MOMENTUM: f64 = 0.1;
 const EPSILON: f64 = 1e-5;
 

@@ -96,7 +96,7 @@ impl Stepper {
         }
         let _ = mean.f_lerp_(gradient, 1.0 - BETAS.0)?;
         let _ = square.f_mul_scalar_(BETAS.1)?.f_addcmul_(&gradient.f_mul_scalar(1.0 - BETAS.1)?, gradient)?;
-        // Both means begin at nought and are too small at first.
+        // Both means begin at zero and are too small at first.
         let unbias = |beta: f64| 1.0 - beta.powi(i32::try_from(self.steps).unwrap_or(i32::MAX));
         let spread = square.f_sqrt()?.f_mul_scalar_(1.0 / unbias(BETAS.1).sqrt())?.f_add_scalar_(EPSILON)?;
         let _ = self.flat.f_addcdiv_(&mean.f_mul_scalar(-learning_rate / unbias(BETAS.0))?, &spread)?;

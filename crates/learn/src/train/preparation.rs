@@ -8,7 +8,7 @@ use super::{
 };
 use crate::dataset::{DatasetError, Inputs, Samples, Selection, Set};
 
-/// What there is to go on with.
+/// What there is to resume.
 pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainError> {
     let (state, model) = (out.join(STATE), out.join(MODEL));
     match (state.exists(), resume) {

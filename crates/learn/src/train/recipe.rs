@@ -81,7 +81,7 @@ pub struct Recipe {
     pub balance: Balance,
     /// How pictures are changed.
     pub augment: Augmentation,
-    /// Data to learn from.
+    /// Data to train on.
     pub data: Vec<Selection>,
     /// Data to measure by, whole; default the blocks held out of `data`.
     pub validation: Vec<Selection>,
@@ -179,7 +179,7 @@ pub enum OptimiserKind {
 pub enum Schedule {
     /// Not at all.
     Constant,
-    /// Half a cosine to nought at the last step.
+    /// Half a cosine to zero at the last step.
     Cosine,
     /// A tenth after each three passes without a better validation error.
     Plateau,

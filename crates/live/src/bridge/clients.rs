@@ -106,7 +106,7 @@ async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
         queue.push(Incoming { received: Instant::now(), name, payload: payload.ok().map(|payload| payload.0) });
         async {}
     });
-    // The queue does not tell that the client has left: the socket's own handler holds its other end.
+    // The queue does not say that the client has left: the socket's own handler holds its other end.
     let gone = Arc::<Notify>::default();
     let tell = gone.clone();
     socket.on_disconnect(move || {

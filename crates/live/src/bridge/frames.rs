@@ -2,7 +2,7 @@
 //! how large a message grows, and whether it comes to anything.
 //!
 //! Fragments without content and pings without end cost as much as telemetry
-//! and are none, so whoever sends them is dropped. The simulator's own
+//! and are none, so anyone who sends them is dropped. The simulator's own
 //! fragments hold 1016 bytes, its pings come 25 s apart.
 
 use std::{

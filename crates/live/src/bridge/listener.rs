@@ -184,7 +184,7 @@ impl AsyncWrite for QuickAck {
     }
 }
 
-/// The process that listens on a port, by Linux's /proc; `None` where it does not tell
+/// The process that listens on a port, by Linux's /proc; `None` where it does not say
 /// (another system, or a process of another user).
 fn holder_of(port: u16) -> Option<String> {
     let listening = |table: &str| {

@@ -271,7 +271,7 @@ pub async fn serve(
     }
 }
 
-/// Takes in whoever dials.
+/// Takes in anyone who dials.
 async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallible {
     // Not axum's own loop: that waits for a request's head for ever, and for the next request, too.
     let mut http = http1::Builder::new();

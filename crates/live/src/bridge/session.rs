@@ -254,7 +254,7 @@ impl Session {
             let what = match () {
                 () if self.is_refused() => "it could not be driven",
                 () if self.dialect.is_some() => "the model was still loading",
-                () if self.told.heard => "no telemetry told which simulator it was",
+                () if self.told.heard => "no telemetry showed which simulator it was",
                 () => "it never sent a telemetry",
             };
             // Dialling without a word is what thousands of redials look like.
@@ -310,10 +310,7 @@ impl Session {
             }
             Sight::HumanDrives if !self.told.connected => {
                 self.introduce("a simulator");
-                tracing::info!(
-                    "{}: its telemetry is empty: a human drives, or it waits to be started over there",
-                    self.peer
-                );
+                tracing::info!("{}: its telemetry is empty: a human drives, or it has to be started there", self.peer);
             }
             Sight::HumanDrives | Sight::Telemetry(_) => {}
         }

@@ -18,7 +18,7 @@ use std::{
 /// After a kick, and once there was a token too many, an answer is held back so long: some game frames.
 const SETTLE: Duration = Duration::from_millis(250);
 
-/// The same telemetry again within this time is of the same game frame, or of a car that stands. Its answer is
+/// The same telemetry again within this time is of the same game frame, or of a stationary car. Its answer is
 /// held back as long, so that the frame comes to its end.
 const FRAME: Duration = Duration::from_millis(50);
 

@@ -1,4 +1,4 @@
-//! Where a car was, by its speed, its steering and its pictures: the stock build tells no position.
+//! Where a car was, by its speed, its steering and its pictures: the stock build reports no position.
 //!
 //! Speed and steering say how far the car went and how it turned; a known road says where it bends. A particle filter
 //! for each known road ([`Filter`]) holds the two against one another, and [`Matcher`] says which road explains the

@@ -41,7 +41,7 @@ pub struct Scorecard {
     pub latency: [Option<Latency>; STAGES.len()],
     /// The run's file is cut off, or part of it cannot be read: the figures are those of the rest.
     pub damaged: bool,
-    /// What whoever reads this should know besides: a file that is cut off, messages that cannot be read.
+    /// What anyone who reads this should know besides: a file that is cut off, messages that cannot be read.
     pub notes: Vec<String>,
     /// In the order of [`Figure::ALL`].
     pub(super) figures: [Measure; Figure::ALL.len()],
@@ -93,7 +93,7 @@ impl Figures {
         self.0[figure as usize]
     }
 
-    /// Takes what is found out of a figure that the run does not tell.
+    /// Takes what is found out of a figure that the run does not say.
     pub(super) fn suggest(&mut self, figure: Figure, measure: Measure) {
         if self.get(figure).value().is_none() && measure.value().is_some() {
             self.set(figure, measure);

@@ -26,7 +26,7 @@ pub(super) struct Clock {
     changed: Option<Told>,
     /// The last telemetry that told the time.
     last: Option<Told>,
-    /// Seconds of the run less those that the simulator tells.
+    /// Seconds of the run less those that the simulator reports.
     offset_s: f64,
     /// Whole seconds are told, several telemetries each; and whether one of them has ended.
     is_coarse: bool,
@@ -91,7 +91,7 @@ impl Clock {
         self.last.map_or(stamp_s, |last| last.run_s + (stamp_s - last.stamp_s).max(0.0) * self.pace())
     }
 
-    /// Whether the simulator tells the time.
+    /// Whether the simulator reports the time.
     pub fn is_told(&self) -> bool {
         self.last.is_some()
     }

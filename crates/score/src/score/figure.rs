@@ -32,13 +32,13 @@ pub enum Unit {
     Count,
     /// 0 to 100.
     Points,
-    /// So many a kilometre.
+    /// Per kilometre.
     PerKm,
-    /// So many a minute.
+    /// Per minute.
     PerMinute,
-    /// So many a second.
+    /// Per second.
     PerSecond,
-    /// So many an hour.
+    /// Per hour.
     PerHour,
     /// Metres.
     Metres,
@@ -151,7 +151,7 @@ impl Unit {
     }
 }
 
-/// A number to so many significant digits, without noughts at its end; whole digits all stay.
+/// A number to so many significant digits, without zeros at its end; whole digits all stay.
 fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.abs().to_string();

@@ -5,7 +5,7 @@
 pub enum Measure {
     /// The run tells it.
     Told(f64),
-    /// It follows from what the run tells, nearly.
+    /// It follows from what the run reports, nearly.
     Estimate {
         /// The value.
         value: f64,

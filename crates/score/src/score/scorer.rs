@@ -86,7 +86,7 @@ pub struct Scorer {
     ended: Option<String>,
     notes: Vec<String>,
     damaged: bool,
-    /// For what the run does not tell.
+    /// For what the run does not say.
     blind: Blind,
 }
 
@@ -129,7 +129,7 @@ impl Offsets {
 }
 
 impl Scorer {
-    /// A scorer that finds out, where the run does not tell, on which of these roads it was and how far it came of so
+    /// A scorer that finds out, where the run does not say, on which of these roads it was and how far it came of so
     /// many laps.
     pub fn on(roads: &[Arc<Road>], laps_asked: Option<u32>) -> Self {
         Self { blind: Blind::new(roads, laps_asked), ..Self::default() }
@@ -217,7 +217,7 @@ impl Scorer {
         }
     }
 
-    /// What a telemetry tells to have happened, where no judge says it.
+    /// What a telemetry reports to have happened, where no judge says it.
     fn judge(&mut self, at: f64, news: News) {
         if news.crashes > 0 {
             self.collided(at);
@@ -336,7 +336,7 @@ impl Scorer {
         }
     }
 
-    /// Something about the run that whoever reads its scorecard should know.
+    /// Something about the run that anyone who reads its scorecard should know.
     pub fn note(&mut self, note: String) {
         self.notes.push(note);
     }

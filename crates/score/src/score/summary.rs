@@ -53,7 +53,7 @@ impl Spread {
     }
 
     /// The mean's confidence interval at 95 %, within what a mean of this figure can be; none of a single run, and none
-    /// where all runs tell the same, for then nothing is known of how they scatter.
+    /// where all runs report the same, for then nothing is known of how they scatter.
     ///
     /// It is Student's t. For counts of what happens now and then (collisions, takeovers), which have a Poisson's scatter
     /// at least, it is the wider of that and Garwood's exact interval of their sum (1936), by Byar's formula.
@@ -141,7 +141,7 @@ mod tests {
             let got = got.unwrap();
             assert!(got.iter().zip(expected).all(|(got, expected)| (got - expected).abs() < 0.03), "{got:?}");
         };
-        // Student's t is wider above; 0.5 ± 6.35 would be below nought.
+        // Student's t is wider above; 0.5 ± 6.35 would be below zero.
         close(interval(&[0.0, 1.0], Figure::Collisions), [0.0, 6.853]);
         // No scatter at all is none that is known: Garwood's is 3.689 over the runs.
         close(interval(&[0.0; 10], Figure::Collisions), [0.0, 0.369]);

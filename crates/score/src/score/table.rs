@@ -20,7 +20,7 @@ impl Scorecard {
 
     /// How the lap times came about, likewise.
     pub(super) fn how_lap_times(&self) -> String {
-        // No lap is so short that its time could be nought.
+        // No lap is so short that its time could be zero.
         let off = |off| estimated(self.lap_times_from, Unit::Seconds.show_off(f64::MAX, off));
         self.lap_times_off_s.map_or_else(String::new, off)
     }

@@ -8,7 +8,7 @@ use lapwing_core::config::{Threshold, Thresholds};
 pub struct Check {
     /// The setting, such as `min_completion`.
     pub name: &'static str,
-    /// Whether the run reaches it. What the run does not tell does not.
+    /// Whether the run reaches it. What the run does not say does not.
     pub passed: bool,
     /// What was expected and what came, in words.
     pub words: String,

@@ -42,7 +42,7 @@ pub(super) struct Told {
     left_at_m: Option<f64>,
 }
 
-/// What a telemetry tells besides its truth.
+/// What a telemetry reports besides its truth.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Now {
     pub at_s: f64,

@@ -84,7 +84,7 @@ impl Planned {
         Ok((open, driven))
     }
 
-    /// What its results come to. Of what else lies in the folder nothing belongs to this suite.
+    /// What its results come to. Of what else is in the folder nothing belongs to this suite.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -155,7 +155,7 @@ pub enum DriveError<E: Error + 'static> {
         source: serde_json::Error,
     },
     /// A mistake of the program.
-    #[error("a thread panicked; what it said stands above")]
+    #[error("a thread panicked; its message is above")]
     Panicked,
 }
 

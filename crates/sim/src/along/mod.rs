@@ -11,7 +11,7 @@
 //! virtual car is. Further beside than the limit the car is put back: an intervention.
 //!
 //! Both cars are the simulator's own ([`Car`](crate::vehicle::Car): a bicycle on slipping tyres, calibrated
-//! on real recordings), so that whoever steers as recorded stays on the path wherever the pictures do not tell
+//! on real recordings), so that anyone who steers as recorded stays on the path wherever the pictures do not say
 //! otherwise.
 //!
 //! What can be judged of it: interventions, and autonomy after them; offsets from the recorded path, those included at
@@ -86,8 +86,8 @@ pub enum ClosedLoopError {
         /// How much else it has.
         telemetries: usize,
     },
-    /// A recording in which the car stands.
-    #[error("{}: expected a recorded drive, got {read} rows with a picture, in {stood} of them the car is stationary (under {STANDS_MPH} mph)", path.display())]
+    /// A recording in which the car is stationary.
+    #[error("{}: expected a recorded drive, got {read} rows with a picture, {stood} of them with the car stationary (under {STANDS_MPH} mph)", path.display())]
     NothingDriven {
         /// The recording.
         path: PathBuf,

@@ -48,7 +48,7 @@ impl Paver<'_> {
         })
     }
 
-    /// Rock faces and blocks: what stands beside it.
+    /// Rock faces and blocks: what is next to it.
     pub(super) fn walls(&self) -> Vec<Chunk> {
         let mut chunks = self.chunks(|chunk, from, to| {
             for side in [Side::Left, Side::Right] {

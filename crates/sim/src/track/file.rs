@@ -21,7 +21,7 @@ pub struct TrackFile {
     pub driving_line_m: f64,
     /// Which of all random sceneries stands along it.
     pub scenery_seed: u64,
-    /// Where the car stands when a run begins.
+    /// Where the car is stationary when a run begins.
     pub start: Start,
     /// Control points of a closed uniform cubic B-spline through the road's middle: x, y (up), z, in metres.
     pub control_points: Vec<[f64; 3]>,
@@ -42,7 +42,7 @@ pub enum Theme {
     Mountain,
 }
 
-/// Where the car stands when a run begins.
+/// Where the car is stationary when a run begins.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {

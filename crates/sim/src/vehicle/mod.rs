@@ -116,7 +116,7 @@ impl Car {
         Self { position, yaw, ..Self::default() }
     }
 
-    /// What the simulator tells as speed: how fast it moves, in any direction, hence never negative.
+    /// What the simulator reports as speed: how fast it moves, in any direction, hence never negative.
     pub fn telemetry_speed(&self) -> Mph {
         Mph::saturating(self.speed.hypot(self.lateral_speed) / MPS_PER_MPH)
     }

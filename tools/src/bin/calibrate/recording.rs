@@ -12,7 +12,7 @@ use lapwing_core::{
 /// A change of speed faster than this, in metres per second squared, is no tyre's doing: locked wheels give 8, a
 /// steep hill 4. Taken as a contact: a wall, or the body that strikes the foot of a ramp. It is inferred, not seen.
 const CONTACT: f64 = 12.0;
-/// Standing this long at full throttle, in seconds, the car stands against something.
+/// Standing this long at full throttle, in seconds, the car is stationary against something.
 const PRESSING_S: f64 = 0.7;
 
 /// One sample of the stock recorder.

@@ -42,7 +42,7 @@ struct Args {
     /// On which track it was made.
     #[arg(long, default_value = "lake")]
     track: String,
-    /// Where it begins, in metres along the road, where the bends alone do not tell.
+    /// Where it begins, in metres along the road, where the bends alone do not say.
     #[arg(long)]
     from: Option<f64>,
     /// Only that many of its first rows.

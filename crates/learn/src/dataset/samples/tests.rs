@@ -177,7 +177,7 @@ fn a_selection_or_blocks_that_cannot_be_are_named() {
     assert_eq!(error(Selection { side_offset: f64::NAN, ..of() }), "side_offset: expected 0 to 1, got NaN");
     for (rows, what) in [((100, 200), "behind the end"), ((10, 15), "held out")] {
         let error = error(Selection { rows: Some(rows), ..of() });
-        assert!(error.contains("expected rows with a picture to take, got none of its 20"), "{what}: {error}");
+        assert!(error.contains("expected usable rows with a picture, got none of 20"), "{what}: {error}");
     }
     for (blocks, expected) in [
         (Blocks { size: 0, every: 5 }, "blocks.size: expected at least 1 row, got 0"),

@@ -58,7 +58,7 @@ fn a_torchscript_module_without_a_side_file_names_the_file_it_wants() {
     assert_eq!(
         error(&path),
         format!(
-            "expected {at}/mean.toml beside {at}/mean.pt to name the preprocessing, and cannot read it: No such file or directory (os error 2)"
+            "expected {at}/mean.toml next to {at}/mean.pt to name the preprocessing, and cannot read it: No such file or directory (os error 2)"
         )
     );
 }

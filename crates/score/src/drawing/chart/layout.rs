@@ -43,7 +43,7 @@ impl Field {
 pub(super) fn draw(chart: &Chart, (width, height): Point, down: f64, shapes: &mut Vec<Shape>) {
     let points: Vec<Point> = chart.series.iter().flat_map(|series| series.marks.points()).collect();
     let x = chart.x.scale(points.iter().map(|p| p.0));
-    // Bars stand on nought.
+    // Bars stand on zero.
     let stands = chart.series.iter().any(|series| matches!(series.marks, Marks::Bars { .. }));
     let y = chart.y.scale(points.iter().map(|p| p.1).chain(stands.then_some(0.0)));
     let top = down + MARGIN + 2.0 * LINE_PX + APART;

@@ -60,7 +60,7 @@ const NOT_AROUND: &str = "the run does not tell whether the car left the road: i
 const UNKNOWN_ROAD: &str = "the run tells no position, and no known road explains it: --track names more of them";
 const NO_LAP: &str = "the run tells no position, no known road explains it, and no picture shows its beginning again";
 
-/// Watches a run as someone who knows the roads, and sees nothing but what the stock build tells.
+/// Watches a run as someone who knows the roads, and sees nothing but what the stock build reports.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Blind {
     /// Laps that were asked for.
@@ -145,7 +145,7 @@ impl Blind {
             self.way_m += way_m;
             let turn_rad = way_m * (curvature + was_curvature) / 2.0;
             match &mut self.matcher {
-                // While a human drives, the simulator tells nothing.
+                // While a human drives, the simulator reports nothing.
                 Some(matcher) if apart > GAP_S => matcher.skip(way_m, UNSEEN_MPS * apart),
                 Some(matcher) => matcher.step(Motion { way_m, turn_rad }),
                 None => {}
@@ -298,7 +298,7 @@ impl Blind {
         }
     }
 
-    /// Fills in what the run itself does not tell; where it `tells` something its reasons stay.
+    /// Fills in what the run itself does not say; where it `tells` something its reasons stay.
     pub fn fill(self, found: Found, figures: &mut Figures, drive: &Driven, tells: bool) -> Besides {
         use Figure as F;
         match (found.way, found.laps) {

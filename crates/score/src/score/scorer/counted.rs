@@ -1,4 +1,4 @@
-//! The figures of a run without a judge: what its telemetry tells, and what follows from that.
+//! The figures of a run without a judge: what its telemetry reports, and what follows from that.
 
 use super::{
     Scorer,
@@ -28,7 +28,7 @@ const PUT: &str = "waypoints reached while standing still";
 const UNNAMED: &str = "collisions told, but not with what";
 
 impl Scorer {
-    /// The figures that telemetry tells; those that the stock build's does not are left for others to find out.
+    /// The figures that telemetry reports; those that the stock build's does not are left for others to find out.
     pub(super) fn by_telemetry(
         &mut self,
         figures: &mut Figures,
@@ -137,7 +137,7 @@ impl Scorer {
             () => Measure::Told(laps),
         };
         figures.set(F::Laps, measure);
-        // A human before the first telemetry drove what it does not tell of the lap.
+        // A human before the first telemetry drove what it does not say of the lap.
         let by_human = self.began_s < self.first_s;
         let begun = within.filter(|_| !by_human).map_or(0.0, |within| within.begun);
         let share = within.map(|within| within.share).filter(|_| !is_done).or(is_done.then_some(1.0));
