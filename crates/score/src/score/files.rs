@@ -64,7 +64,9 @@ fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
             0 => "neither".to_owned(),
             n => {
                 let pictures = count(n, "picture");
-                format!("{pictures} alone, which contain neither speed nor steering: let lapwing serve record the drive")
+                format!(
+                    "{pictures} alone, which contain neither speed nor steering: let lapwing serve record the drive"
+                )
             }
         };
         return Err(FilesError::NoRuns { path: path.to_owned(), got });

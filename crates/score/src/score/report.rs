@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf, time::Duration};
 use serde::Serialize;
 
 use super::{
-    Check, Figure, Measure, Scorecard, Scorer, Spread, Unit,
+    Check, Figure, Measure, SOURCES, Scorecard, Scorer, Spread, Unit,
     against::{self, Comparison},
     aligned, checks, of_recording,
     summary::summary,
@@ -182,5 +182,6 @@ pub fn explained() -> String {
         unit => unit.symbol(),
     };
     let line = |figure: Figure| format!("{:<27} {:<8} {}", figure.key(), unit(figure), figure.meaning());
-    Figure::ALL.map(line).join("\n")
+    let sources = SOURCES.map(|(name, what)| format!("{name}: {what}")).join("\n");
+    format!("{}\n\nSources:\n{sources}", Figure::ALL.map(line).join("\n"))
 }
