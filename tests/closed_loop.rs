@@ -199,7 +199,7 @@ fn folder(picture: &[u8], mph: f64) -> TempDir {
 #[test]
 fn a_recording_that_cannot_be_driven_along_says_why() {
     let error = |dir: &TempDir| RecordedWorld::open(dir.path(), 1.0, Yaw::Pictures).err().unwrap().to_string();
-    assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded drive, got 3 rows with a picture, in 3 of"));
+    assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded drive, got 3 rows with a picture, 3 of them"));
     assert!(error(&folder(b"no picture", 9.0)).contains("center_2026_11_22_08_00_00_000.jpg: expected a JPEG"));
     let mut small = Vec::new();
     image::codecs::jpeg::JpegEncoder::new(&mut small).encode(&[90; 12], 2, 2, image::ExtendedColorType::Rgb8).unwrap();

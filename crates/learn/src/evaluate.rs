@@ -238,7 +238,7 @@ fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> impl Fn(usize) -> bool + 
     let same: Vec<&Selection> = recipe.data.iter().filter(|data| data.place() == measured).collect();
     move |row| {
         let taken = same.iter().any(|data| data.rows.is_none_or(|(first, end)| (first..end).contains(&row)));
-        // Where there were data to validate by, no blocks were held out.
+        // Where there were data to validate on, no blocks were held out.
         taken && !(recipe.validation.is_empty() && recipe.blocks.is_validation(row))
     }
 }
@@ -256,7 +256,7 @@ fn errors(title: &str, answers: &[(f64, f64)]) -> Chart {
         (middle, if count > 0.0 { sum / count } else { f64::NAN })
     };
     let means = (-10..=10).map(mean).collect();
-    let y = Axis::new("answered less recorded").from_to(-1.0, 1.0);
+    let y = Axis::new("predicted minus recorded").from_to(-1.0, 1.0);
     Chart {
         series: vec![Series::new("rows", Marks::Points(points)), Series::new("mean", Marks::Line(means))],
         ..Chart::new(title, Axis::new("recorded steering").from_to(-1.0, 1.0), y)

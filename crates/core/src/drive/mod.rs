@@ -146,7 +146,7 @@ pub enum TurnError<E> {
     Observer(ObserverError),
 }
 
-/// Drives one turn. Its answer is not out yet: whoever sends it says how long that took.
+/// Drives one turn. Its answer is not out yet: anyone who sends it says how long that took.
 pub fn turn(driver: &mut Driver, observation: Observation) -> Turn {
     let (answer, trace) = driver.drive(&observation);
     Turn { observation, answer, trace, latency: None }

@@ -18,7 +18,7 @@ pub struct Answered {
     pub frame: u64,
     /// Time since the recording began.
     pub at: Duration,
-    /// What was steered when it was recorded; absent where the recording does not tell.
+    /// What was steered when it was recorded; absent where the recording does not say.
     pub recorded: Option<Steering>,
     /// What is answered now.
     pub response: Response,

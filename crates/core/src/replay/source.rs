@@ -100,7 +100,7 @@ impl Replay {
         self.recording.left()
     }
 
-    /// What was steered at the moment observed last; absent where the recording does not tell.
+    /// What was steered at the moment observed last; absent where the recording does not say.
     pub fn recorded(&self) -> Option<Steering> {
         self.recorded
     }
