@@ -1,17 +1,17 @@
-//! What a run was worth: figures, estimates where a run does not tell, scorecards, thresholds, suites and their pages.
+//! Scores runs: figures, estimates of what a run does not contain, scorecards, thresholds, suites and their pages.
 //!
 //! ```text
 //! items of a run ─▶ Scorer ─▶ Scorecard ─▶ table, JSON, JUnit, page
-//!        └─▶ odometry: where the car was, where nobody tells
+//!        └─▶ odometry: where the car was, if no message says so
 //! ```
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`score`] | from the items of a run to its scorecard, and what is made of scorecards |
-//! | [`odometry`] | where a car was, by its speed, steering and pictures alone |
+//! | [`score`] | from the items of a run to its scorecard; reports and comparisons of scorecards |
+//! | [`odometry`] | where a car was, from its speed, steering and pictures alone |
 //! | [`judged`] | a drive with a scorer among its observers |
 //! | [`results`] | scored drives and replays as JSON |
-//! | [`suite`] | many drives as one: which, their results, what they come to |
+//! | [`suite`] | many drives as one: the plan, the results, the statistics |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts |
 //!
 //! It knows no simulator: it is handed runs, items and roads. No libtorch, no async runtime, no C++.

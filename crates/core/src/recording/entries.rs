@@ -20,7 +20,7 @@ pub struct Step {
     pub command: Option<CommandRecord>,
 }
 
-/// What a run tells, one after the other.
+/// What a run reports, one after the other.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "nearly every entry is a step")]
 pub enum Entry {

@@ -18,7 +18,7 @@
 //! Nothing here decodes a picture, judges a run or knows a model: frames are JPEG bytes as received.
 //!
 //! # To read more
-//! **What another simulator tells** is no matter of recordings: it becomes a
+//! **What another simulator reports** is no matter of recordings: it becomes a
 //! [`Telemetry`](crate::protocol::Telemetry) in [`protocol`](crate::protocol), where its
 //! [`Dialect`](crate::protocol::Dialect) stands, and a run holds that. A number that is new is an optional field of
 //! [`Truth`](crate::protocol::Truth) with `#[serde(default)]`, so that earlier runs read as before.

@@ -39,7 +39,7 @@ pub struct Moment {
 impl Moment {
     /// The steering in effect from here on, which is to be learnt and compared with: what a pilot or a human decided
     /// when this was seen. `None` where nobody steered: a safe answer, a pilot that is off, no answer at all. (The
-    /// telemetry tells what was decided one moment earlier.)
+    /// telemetry reports what was decided one moment earlier.)
     pub fn steering(&self) -> Option<Steering> {
         self.decided().map(|command| command.steering)
     }
@@ -101,7 +101,7 @@ pub enum Break {
     Joined,
     /// The car was put elsewhere.
     PutBack,
-    /// A human took over, and what they do before the simulator tells something again is not recorded.
+    /// A human took over, and what they do before the simulator reports something again is not recorded.
     TakenOver,
     /// So many moments just before have no picture. The drive goes on; a sequence of pictures does not.
     Unseen(usize),

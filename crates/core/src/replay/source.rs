@@ -153,7 +153,7 @@ impl Replay {
             picture.read().map_err(|source| ReplayError::Image { path: PathBuf::from(picture.to_string()), source })?;
         telemetry.image = CameraImage::Jpeg(jpeg);
         if self.recording.log().is_some() {
-            telemetry.truth = Truth::default(); // the recorder's brake is nothing that a simulator tells
+            telemetry.truth = Truth::default(); // the recorder's brake is nothing that a simulator reports
         }
         Ok((Observation { at, sight: Sight::Telemetry(telemetry) }, recorded))
     }

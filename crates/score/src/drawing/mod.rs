@@ -137,7 +137,7 @@ impl Sheet {
 /// Why a sheet cannot be painted.
 #[derive(Debug, thiserror::Error)]
 pub enum PaintError {
-    /// A side of nought, or more than memory is for.
+    /// A side of zero, or more than memory is for.
     #[error("expected 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
     Size {
         /// In pixels.

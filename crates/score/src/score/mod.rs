@@ -1,7 +1,7 @@
 //! Scores a run.
 //!
 //! A [`Scorer`] watches a run item by item, live or from a file ([`of_recording`]), and ends in a [`Scorecard`]: a [`Measure`]
-//! for each [`Figure`]. What the world tells of itself (its position, laps and collisions) is told on; what follows
+//! for each [`Figure`]. What the world reports of itself (its position, laps and collisions) is told on; what follows
 //! from other things is marked as an estimate, with its uncertainty; what a run cannot tell is not measurable, with
 //! the reason, never 0.
 //!
@@ -11,7 +11,7 @@
 //! | `scorer` | from items to figures |
 //! | `clock` | the time of the run, by the simulator's clock or the recording's |
 //! | `told` | what telemetry beyond the stock build's tells, as a judge would have called it |
-//! | `blind` | what the stock build does not tell, as well as it can be found out |
+//! | `blind` | what the stock build does not say, as well as it can be found out |
 //! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that take a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | [`files`], [`report`] | which runs are meant, and what is said of all of them |

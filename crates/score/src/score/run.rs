@@ -40,7 +40,7 @@ impl<W: FnMut(Duration, &Item)> Judge<W> {
 }
 
 /// Reads a recording to its end and judges it by this scorer; `watch` sees each item, too, with the time of the run, and
-/// as events what the scorer suspects where the run does not tell. What is wrong with the recording stands in the notes:
+/// as events what the scorer suspects where the run does not say. What is wrong with the recording stands in the notes:
 /// where it is damaged, what cannot be read, drives that are joined in it.
 ///
 /// # Errors

@@ -13,7 +13,7 @@ use lapwing_core::{
     units::{Mph, Steering, Throttle},
 };
 
-/// Slower than this the car stands: the simulator's forks call it stuck at 1 mph.
+/// Slower than this the car is stationary: the simulator's forks call it stuck at 1 mph.
 pub const STANDS_MPH: f64 = 1.0;
 /// A longer time between two rows is not driven, in seconds: half of what is a gap to others ([`LONGEST_GAP`]). The
 /// recorded car keeps one steering until the next row, and half a second of a wrong one leads half a metre astray.
@@ -62,7 +62,7 @@ struct Raw {
 /// A recording to drive along.
 pub(super) struct Recorded {
     pub rows: Vec<PathRow>,
-    /// Rows of the recording with a picture, and those of them in which the car stood.
+    /// Rows of the recording with a picture, and those of them in which the car was stationary.
     pub read: usize,
     pub stood: usize,
     /// The recording once more, read as far as the row that is shown.

@@ -134,7 +134,7 @@ impl DrivingLogWriter {
 
     /// Says that the next row does not go on from the last one: the car was put elsewhere. The recorder's form can say
     /// so by the times in the pictures' names only, so that all rows from here on are named [`LONGEST_GAP`] later, and
-    /// whoever reads the log finds a gap.
+    /// anyone who reads the log finds a gap.
     pub fn cut(&mut self) {
         if self.rows > 0 {
             self.cut += LONGEST_GAP;
