@@ -141,7 +141,7 @@ pub struct Drive {
     pub pilot: PilotKind,
     #[command(flatten)]
     pub driving: Driving,
-    /// Tell the pilot and the run only what the stock build tells
+    /// Tell the pilot and the run only what the stock build reports
     #[arg(long)]
     pub stock: bool,
     #[command(flatten)]
@@ -237,7 +237,7 @@ pub struct Score {
     /// Another road that a run which tells no position may be on: random:SEED, or a track file (.toml)
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
-    /// Laps asked for, where the run does not tell
+    /// Laps asked for, where the run does not say
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
     #[command(flatten)]
@@ -363,7 +363,7 @@ pub struct Record {
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("learnt from").args(["data", "recipe", "resume"]).required(true).multiple(true)))]
 pub struct Train {
-    /// Data to learn from: folders with driving_log.csv, or runs; DIR@2 is drawn twice as often
+    /// Data to train on: folders with driving_log.csv, or runs; DIR@2 is drawn twice as often
     #[arg(long, value_name = "DIR[@WEIGHT]", num_args = 1..)]
     pub data: Vec<String>,
     /// Recipe of a whole training (.toml); the other flags override its settings
@@ -507,7 +507,7 @@ pub struct Serve {
     /// Address to listen on; 0.0.0.0 for simulators on other machines [default: 127.0.0.1]
     #[arg(long, value_name = "ADDRESS")]
     pub bind: Option<String>,
-    /// Port to listen on; the simulator itself only dials 4567 [default: 4567]
+    /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
     /// Event for each simulator as it connects, in JSON: '["reset",{}]'; may be given several times
@@ -669,7 +669,7 @@ pub enum DatasetVerb {
     Inspect(DatasetInspect),
     /// Make a run (.mcap) of a Udacity folder, or a Udacity folder of a run
     Convert(DatasetConvert),
-    /// Write two logs, of the rows to learn from and of those to validate by; pictures stay where they are
+    /// Write two logs, of the rows to train on and of those to validate on; pictures stay where they are
     Split(DatasetSplit),
     /// Draw what each augmentation makes of pictures and labels
     Preview(DatasetPreview),
@@ -733,10 +733,10 @@ pub struct DatasetSplit {
     /// A folder with driving_log.csv and IMG/
     #[arg(value_name = "DIR")]
     pub source: PathBuf,
-    /// Folder to make, for the log of the rows to learn from
+    /// Folder to make, for the log of the rows to train on
     #[arg(long, value_name = "DIR")]
     pub out_train: PathBuf,
-    /// Folder to make, for the log of the rows to validate by
+    /// Folder to make, for the log of the rows to validate on
     #[arg(long, value_name = "DIR")]
     pub out_validation: PathBuf,
     /// Rows in a block: neighbours in time are not torn apart
