@@ -1,4 +1,4 @@
-//! A suite's drives in our simulator, by our models: the glue between [`suite`](lapwing_score::suite), the worlds and
+//! A suite's drives in our simulator, by our models: the glue between [`lapwing_score::suite`], the worlds and
 //! the networks.
 
 use std::{collections::BTreeMap, convert::Infallible, fs, io, path::Path, path::PathBuf, time::Instant};

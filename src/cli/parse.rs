@@ -1,0 +1,35 @@
+//! What flags mean by their text.
+
+use lapwing_core::protocol::number::Culture;
+
+#[cfg(feature = "networks")]
+pub(super) fn rows_and_columns(text: &str) -> Result<(usize, usize), String> {
+    let parsed = text.split_once('x').and_then(|(rows, columns)| Some((rows.parse().ok()?, columns.parse().ok()?)));
+    parsed.ok_or_else(|| "expected rows x columns, such as 80x160".into())
+}
+
+/// A word as settings files have it.
+#[cfg(feature = "networks")]
+pub(super) fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_value(text.into()).map_err(|why| why.to_string())
+}
+
+pub(super) fn culture(name: &str) -> Result<Culture, String> {
+    let known = || Culture::ALL.map(|c| c.name).join(", ");
+    Culture::named(name).ok_or_else(|| format!("expected one of {}", known()))
+}
+
+pub(super) fn above_zero(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
+    number.ok_or_else(|| "expected a number above 0".into())
+}
+
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
+    number.ok_or_else(|| "expected a number of at least 0".into())
+}
+
+#[cfg(feature = "networks")]
+pub(super) fn tolerance(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|t| *t >= 0.0).ok_or_else(|| "expected a number of at least 0".into())
+}

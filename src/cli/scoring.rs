@@ -1,0 +1,126 @@
+//! The verbs that score drives, and the thresholds that a drive may be held to.
+
+use std::path::PathBuf;
+
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, builder::ValueParser};
+use serde::Serialize;
+
+use super::Trust;
+use lapwing_core::config::{self, LimitUnit, Threshold};
+use lapwing_score::suite::Shard;
+
+/// What a run must reach, or the exit status is 3: a flag for each of [`config::Thresholds::ALL`]. They stand over
+/// `[thresholds]` of the settings.
+#[derive(Debug, Default)]
+pub struct Thresholds(pub Vec<(Threshold, Limit)>);
+
+/// A threshold's number, as its setting has it.
+#[derive(Debug, Clone, Copy, Serialize)]
+#[serde(untagged)]
+pub enum Limit {
+    Count(u32),
+    Number(f64),
+}
+
+impl Args for Thresholds {
+    fn augment_args(command: Command) -> Command {
+        let flag = |threshold: Threshold| {
+            let parser = match threshold.unit {
+                LimitUnit::Count => ValueParser::new(|text: &str| text.parse().map(Limit::Count)),
+                _ => ValueParser::new(|text: &str| text.parse().map(Limit::Number)),
+            };
+            let flag = Arg::new(threshold.key).long(threshold.flag()).value_name(threshold.unit.placeholder());
+            flag.help(threshold.help).value_parser(parser)
+        };
+        command.args(config::Thresholds::ALL.map(flag))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for Thresholds {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let given = |threshold: Threshold| Some((threshold, *matches.get_one(threshold.key)?));
+        Ok(Self(config::Thresholds::ALL.into_iter().filter_map(given).collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// `lapwing score`
+#[derive(Debug, Args)]
+pub struct Score {
+    /// Runs (.mcap), Udacity folders (driving_log.csv), or folders of runs
+    #[arg(value_name = "RUN", required_unless_present = "explain")]
+    pub runs: Vec<PathBuf>,
+    /// Another road that a run which tells no position may be on: random:SEED, or a track file (.toml)
+    #[arg(long = "track", value_name = "NAME")]
+    pub tracks: Vec<String>,
+    /// Laps asked for, where the run does not say
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub laps: u32,
+    #[command(flatten)]
+    pub thresholds: Thresholds,
+    /// An earlier result (--json): exit status 3 if a figure got worse beyond noise
+    #[arg(long, value_name = "FILE")]
+    pub against: Option<PathBuf>,
+    /// Write the thresholds as test cases of a JUnit report
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Write the runs side by side as one page for a browser
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Print the scorecards as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Print what each figure means, and after whom
+    #[arg(long, exclusive = true)]
+    pub explain: bool,
+}
+
+/// `lapwing suite`
+#[derive(Debug, Args)]
+pub struct Suite {
+    /// What is driven (.toml); TorchScript models (.pt) that it names, which are code, need --allow-torchscript
+    #[arg(value_name = "FILE")]
+    pub suite: PathBuf,
+    #[command(flatten)]
+    pub trust: Trust,
+    /// Folder for the results; what lies there is not driven again
+    #[arg(long, value_name = "DIR", default_value = "suite")]
+    pub out: PathBuf,
+    /// Drive one part of so many only, such as 2/8; merge puts them together
+    #[arg(long, value_name = "PART/OF")]
+    pub shard: Option<Shard>,
+    /// Drives at a time [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Heat map for a browser [default: suite.html in the folder]
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Print the groups as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing merge`
+#[derive(Debug, Args)]
+pub struct Merge {
+    /// Folders of a suite's parts
+    #[arg(value_name = "DIR", required = true)]
+    pub folders: Vec<PathBuf>,
+    /// Folder for all of them
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Heat map for a browser [default: suite.html in the folder]
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Print the groups as JSON
+    #[arg(long)]
+    pub json: bool,
+}
