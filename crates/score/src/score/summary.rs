@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
 use super::{Better, Figure, Scorecard, Unit};
 
@@ -56,7 +57,7 @@ impl Spread {
     /// where all runs report the same, for then nothing is known of how they scatter.
     ///
     /// It is Student's t. For counts of what happens now and then (collisions, takeovers), which have a Poisson's scatter
-    /// at least, it is the wider of that and Garwood's exact interval of their sum (1936), by Byar's formula.
+    /// at least, it is the wider of that and Garwood's exact interval of their sum (1936).
     pub fn interval(&self, figure: Figure) -> Option<[f64; 2]> {
         let half = self.confidence()?;
         let (least, most) = figure.unit().range();
@@ -70,32 +71,23 @@ impl Spread {
     }
 }
 
-/// Between which expected counts this one is likely at 95 %: Byar's approximation of Garwood's interval (Breslow and Day,
-/// Statistical Methods in Cancer Research II, 1987, page 69), wider than it by up to 0.02.
+/// The expected counts with which this one is compatible at 95 %: Garwood's exact interval (1936).
 fn poisson(count: f64) -> [f64; 2] {
-    let cube = |n: f64, z: f64| n * (1.0 - 1.0 / (9.0 * n) + z / (3.0 * n.sqrt())).max(0.0).powi(3);
-    [if count > 0.0 { cube(count, -NORMAL) } else { 0.0 }, cube(count + 1.0, NORMAL)]
+    let chi_squared = |freedom: f64, share: f64| {
+        let distribution = ChiSquared::new(freedom).expect("the degrees of freedom are above zero");
+        distribution.inverse_cdf(share) / 2.0
+    };
+    let [low, high] = [(1.0 - CERTAINTY) / 2.0, (1.0 + CERTAINTY) / 2.0];
+    [if count > 0.0 { chi_squared(2.0 * count, low) } else { 0.0 }, chi_squared(2.0 * count + 2.0, high)]
 }
 
-/// Quantiles of Student's t at 97.5 %, for 1, 2, 3 … degrees of freedom.
-const STUDENT: [f64; 30] = [
-    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
-    2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
-];
-/// And of the normal distribution, which it becomes.
-const NORMAL: f64 = 1.959964;
+/// How certain an interval is.
+const CERTAINTY: f64 = 0.95;
 
-/// The quantile for so many degrees of freedom, at least one; beyond the table by its expansion about the normal one
-/// (Abramowitz and Stegun 1964, 26.7.5), which is right to 0.0001 there.
+/// The quantile of Student's t at 97.5 %, for so many degrees of freedom, at least one.
 pub(super) fn student(freedom: usize) -> f64 {
-    let table = STUDENT.get(freedom.max(1) - 1).copied();
-    table.unwrap_or_else(|| {
-        let (z, of) = (NORMAL, freedom as f64);
-        let first = (z.powi(3) + z) / 4.0;
-        let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
-        let third = (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0;
-        z + first / of + second / of.powi(2) + third / of.powi(3)
-    })
+    let distribution = StudentsT::new(0.0, 1.0, freedom.max(1) as f64).expect("the degrees of freedom are above zero");
+    distribution.inverse_cdf((1.0 + CERTAINTY) / 2.0)
 }
 
 /// Each figure's spread over runs that `value` reads it from, by key.
@@ -128,7 +120,7 @@ mod tests {
         let spread = Spread::of(&[1.0, 2.0, 6.0]).unwrap();
         assert_eq!((spread.runs, spread.mean, spread.least, spread.most), (3, 3.0, 1.0, 6.0));
         assert!((spread.deviation.unwrap() - 7f64.sqrt()).abs() < 1e-12);
-        assert!((spread.confidence().unwrap() - 4.303 * (7f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((spread.confidence().unwrap() - 4.302_652_73 * (7f64 / 3.0).sqrt()).abs() < 1e-7);
         let one = Spread::of(&[4.0]).unwrap();
         assert_eq!((one.deviation, one.confidence()), (None, None));
         assert_eq!(Spread::of(&[]), None);
@@ -159,23 +151,23 @@ mod tests {
     #[test]
     fn a_counts_interval_is_garwoods() {
         for (count, exact) in
-            [(0.0, [0.0, 3.689]), (1.0, [0.0253, 5.572]), (10.0, [4.795, 18.39]), (100.0, [81.36, 121.6])]
+            [(0.0, [0.0, 3.689]), (1.0, [0.0253, 5.572]), (10.0, [4.795, 18.39]), (100.0, [81.364, 121.627])]
         {
             let [low, high] = poisson(count);
-            assert!(low <= exact[0] + 0.01 && exact[0] - low < 0.03, "{count}: {low}");
-            assert!((high - exact[1]).abs() < 0.03, "{count}: {high}");
+            assert!((low - exact[0]).abs() < 0.006, "{count}: {low}");
+            assert!((high - exact[1]).abs() < 0.006, "{count}: {high}");
         }
     }
 
     #[test]
-    fn students_quantiles_go_on_beyond_the_table_without_a_jump() {
-        for (freedom, expected) in [(31, 2.0395), (60, 2.0003), (120, 1.9799), (1_000_000, 1.95997)] {
-            assert!((student(freedom) - expected).abs() < 1e-4, "{freedom}: {}", student(freedom));
+    fn students_quantiles_are_those_of_the_tables() {
+        for (freedom, expected) in
+            [(0, 12.7062), (1, 12.7062), (2, 4.3027), (10, 2.2281), (31, 2.0395), (120, 1.9799), (1_000_000, 1.95997)]
+        {
+            assert!((student(freedom) - expected).abs() < 2e-4, "{freedom}: {}", student(freedom));
         }
         for freedom in 1..1000 {
-            let (this, next) = (student(freedom), student(freedom + 1));
-            assert!(next < this && next > NORMAL, "{freedom}: {this}, then {next}");
-            assert!(freedom < 20 || this - next < 0.007, "{freedom}: {this}, then {next}");
+            assert!(student(freedom + 1) < student(freedom), "{freedom}");
         }
     }
 
@@ -205,7 +197,7 @@ mod tests {
         // Each run's collisions less those that the mean expects of it, for a run of 10/3 episodes.
         let off: f64 = [1.0 - 0.2, 1.0 - 1.6, 0.0 - 0.2].map(|off: f64| (off / (10.0 / 3.0)).powi(2)).iter().sum();
         assert!((rate.deviation.unwrap() - (off / 2.0).sqrt()).abs() < 1e-12);
-        assert!((rate.confidence().unwrap() - 4.303 * (off / 2.0 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((rate.confidence().unwrap() - 4.302_652_73 * (off / 2.0 / 3.0).sqrt()).abs() < 1e-7);
     }
 
     #[test]
