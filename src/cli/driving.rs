@@ -19,10 +19,10 @@ use lapwing_sim::along::DEFAULT_LIMIT_M;
 pub struct Drive {
     #[command(flatten)]
     pub world: World,
-    /// Laps after which the run ends [default: 1, without a scenario]
+    /// Number of laps after which the run ends [default: 1, without a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
-    /// Who steers: the model, or the expert, who knows the road
+    /// Who steers: the model, or the expert, which knows the road
     #[arg(long, value_enum, default_value_t)]
     pub pilot: PilotKind,
     #[command(flatten)]
@@ -60,25 +60,25 @@ pub enum PilotKind {
 pub struct Simulate {
     #[command(flatten)]
     pub world: World,
-    /// Laps after which the run ends [default: 1, without a scenario]
+    /// Number of laps after which the run ends [default: 1, without a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
-    /// Dial this bridge, drive.py included; the port is 4567 by default. Without this flag the expert drives
+    /// Connect to this bridge, drive.py included; the default port is 4567. Without this flag the expert drives
     #[arg(long, value_name = "HOST[:PORT]")]
     pub connect: Option<String>,
-    /// Culture in which numbers are written and read
+    /// Culture (language) whose number format is written and read
     #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
     pub culture: Culture,
     /// Send only what the stock build sends, not SelfOracle's ground truth
     #[arg(long, requires = "connect")]
     pub stock: bool,
-    /// Keep step with the clock on the wall; otherwise as fast as the bridge answers
+    /// Run in real time; otherwise as fast as the bridge answers
     #[arg(long)]
     pub realtime: bool,
-    /// A human takes the wheel at this time of the run, in seconds
+    /// A human takes over at this time of the run, in seconds
     #[arg(long, value_name = "SECONDS", requires = "human_for", value_parser = not_negative)]
     pub human_from: Option<f64>,
-    /// And holds it for so long, in seconds
+    /// How long the human drives, in seconds
     #[arg(long, value_name = "SECONDS", requires = "human_from", value_parser = above_zero)]
     pub human_for: Option<f64>,
     /// Speed of the expert and of the human, in mph
@@ -98,16 +98,16 @@ pub struct Simulate {
 pub struct Record {
     #[command(flatten)]
     pub world: World,
-    /// Laps to drive
+    /// Number of laps to drive
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
-    /// Folder to make, for driving_log.csv and IMG/
+    /// New folder for driving_log.csv and IMG/
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Speed, in mph; bends are taken as slowly as they must be
+    /// Speed, in mph; slower in bends where needed
     #[arg(long, value_name = "MPH", default_value_t = 20.0, value_parser = above_zero)]
     pub speed: f64,
-    /// Mix in disturbed starts and steering noise; the expert's correction is the label
+    /// Add disturbed starts and steering noise; the expert's correction is the label
     #[arg(long)]
     pub recovery: bool,
 }
@@ -125,7 +125,7 @@ pub struct Serve {
     /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
-    /// Event for each simulator as it connects, in JSON: '["reset",{}]'; may be given several times
+    /// Event to send to each simulator when it connects, in JSON: '["reset",{}]'; may be given several times
     #[arg(long, value_name = "EVENT")]
     pub greet: Vec<String>,
     /// Folder for the runs [default: recordings]
@@ -134,7 +134,7 @@ pub struct Serve {
     /// Record nothing
     #[arg(long)]
     pub no_recording: bool,
-    /// Print the account of each drive as one line of JSON
+    /// Print the summary of each drive as one line of JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -149,22 +149,22 @@ pub struct Replay {
     pub driving: Driving,
     #[command(flatten)]
     pub thinking: Thinking,
-    /// Play the recording to a bridge as the Unity build would, instead of driving in process
+    /// Send the recording to a bridge as the Unity build would, instead of driving in this process
     #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["model", "speed", "speed_law", "takeover", "threads"])]
     pub connect: Option<String>,
-    /// Drive along the recording: a virtual car steers, and sees the recorded pictures from where it is
+    /// Drive along the recording: the pilot steers a virtual car and sees the recorded pictures from its position
     #[cfg(feature = "simulator")]
     #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
     pub closed_loop: bool,
-    /// How far beside the recorded path the virtual car may be before it is put back, in metres
+    /// Distance from the recorded path at which the virtual car is put back, in metres
     #[cfg(feature = "simulator")]
     #[arg(long, value_name = "METRES", default_value_t = DEFAULT_LIMIT_M, value_parser = above_zero, requires = "closed_loop")]
     pub limit: f64,
-    /// Take the recorded car's turning from recorded steering and speed alone, not from the pictures
+    /// Derive the recorded car's turning from recorded steering and speed alone, not from the pictures
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub by_steering: bool,
-    /// Film of what the pilot sees: FILE.mp4, FILE.gif, or a folder for single pictures
+    /// Write a film of what the pilot sees: FILE.mp4, FILE.gif, or a folder for single pictures
     #[cfg(feature = "simulator")]
     #[arg(long, value_name = "FILE", requires = "closed_loop")]
     pub film: Option<PathBuf>,
@@ -174,22 +174,22 @@ pub struct Replay {
     pub recordings: Option<PathBuf>,
     #[command(flatten)]
     pub thresholds: Thresholds,
-    /// Culture in which the simulator writes its numbers, with --connect
+    /// Culture (language) whose number format the simulator writes, with --connect
     #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
     pub culture: Culture,
-    /// How fast: as recorded (real), as fast as possible (max), or frames a second
+    /// Speed: as recorded (real), as fast as possible (max), or frames per second
     #[arg(long, value_name = "real|max|HZ", default_value = "max")]
     pub rate: Rate,
-    /// Compare each command with a stored replay; exit 1 where one differs
+    /// Compare each command with a stored replay; exit status 1 if any differs
     #[arg(long, value_name = "FILE")]
     pub golden: Option<PathBuf>,
     /// Store this replay for --golden
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     pub write_golden: Option<PathBuf>,
-    /// Largest difference in steering and throttle that --golden forgives
+    /// Largest difference in steering and throttle that --golden accepts
     #[arg(long, default_value_t = 1e-3, value_parser = tolerance, allow_negative_numbers = true, requires = "golden")]
     pub tolerance: f64,
-    /// Do not fail if more than 1 % of the frames are bad (seen by no network, counted in no figure)
+    /// Do not fail if more than 1 % of the frames are bad (not seen by the network, not counted in any figure)
     #[arg(long)]
     pub allow_bad_frames: bool,
     /// Print the result as JSON

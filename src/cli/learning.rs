@@ -21,43 +21,43 @@ pub struct Train {
     /// Recipe of a whole training (.toml); the other flags override its settings
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
-    /// Data to measure by [default: one block of 50 rows in five, held out]
+    /// Validation data [default: one held-out block of 50 rows in five]
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub validation: Vec<PathBuf>,
     /// Folder for the model, its log and its resume state
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Resume the training in that folder with its recipe; flags may override settings that do not affect training
+    /// Resume the training in that folder with its recipe; flags may override settings that do not affect the training
     #[arg(long)]
     pub resume: bool,
     /// Architecture [default: pilotnet]
     #[arg(long, value_name = "NAME")]
     pub network: Option<String>,
-    /// Rows and columns of the input, for networks that take any, such as 80x160
+    /// Rows and columns of the input, such as 80x160, for networks that accept any size
     #[arg(long, value_name = "ROWSxCOLUMNS", value_parser = rows_and_columns)]
     pub input: Option<(usize, usize)>,
-    /// Tell the network the speed, too
+    /// Give the network the speed, too
     #[arg(long)]
     pub speed_input: bool,
-    /// Weights to begin with: of a ResNet under torchvision's names, or of a checkpoint (.safetensors)
+    /// Initial weights: a ResNet's with torchvision's names, or a checkpoint (.safetensors)
     #[arg(long, value_name = "FILE")]
     pub pretrained: Option<PathBuf>,
-    /// Leave the backbone as --pretrained has it; only what is behind it learns
+    /// Keep the backbone's weights from --pretrained; train only the layers after it
     #[arg(long)]
     pub freeze_backbone: bool,
     /// Passes over the data [default: 20]
     #[arg(long)]
     pub epochs: Option<usize>,
-    /// Samples in a step [default: 64]
+    /// Samples per step [default: 64]
     #[arg(long)]
     pub batch: Option<usize>,
-    /// Samples in a pass [default: all]
+    /// Samples per pass [default: all]
     #[arg(long, value_name = "COUNT")]
     pub samples_per_epoch: Option<usize>,
-    /// Held-out samples measured after each pass [default: all]
+    /// Held-out samples to measure after each pass [default: all]
     #[arg(long, value_name = "COUNT")]
     pub validation_samples: Option<usize>,
-    /// Seed of everything random [default: 0]
+    /// Random seed [default: 0]
     #[arg(long)]
     pub seed: Option<u64>,
     /// adam or sgd [default: adam]
@@ -75,34 +75,34 @@ pub struct Train {
     /// Largest norm of the gradient
     #[arg(long, value_name = "NORM", value_parser = above_zero)]
     pub clip: Option<f64>,
-    /// End after so many passes without a better validation error
+    /// Stop after this many passes without a better validation error
     #[arg(long, value_name = "EPOCHS")]
     pub patience: Option<usize>,
-    /// Save an average over past weights, of which each step keeps this share, such as 0.999
+    /// Save an exponential moving average of the weights with this decay, such as 0.999
     #[arg(long, value_name = "SHARE", value_parser = not_negative)]
     pub ema: Option<f64>,
     /// f32 or bf16 [default: f32]
     #[arg(long, value_name = "NAME", value_parser = word::<Precision>)]
     pub precision: Option<Precision>,
-    /// Keep the best or the last epoch [default: best]
+    /// Which epoch to keep: best or last [default: best]
     #[arg(long, value_name = "NAME", value_parser = word::<Keep>)]
     pub keep: Option<Keep>,
-    /// Steering added for the left camera and taken off for the right [default: 0.25]
+    /// Steering added for the left camera and subtracted for the right one [default: 0.25]
     #[arg(long, value_name = "STEERING", value_parser = not_negative)]
     pub side_offset: Option<f64>,
-    /// Labels are means over so many rows [default: 1]
+    /// Average the labels over this many rows [default: 1]
     #[arg(long, value_name = "ROWS")]
     pub smooth: Option<usize>,
-    /// Share of the rows without steering that is kept [default: 1]
+    /// Share of the rows without steering to keep [default: 1]
     #[arg(long, value_name = "SHARE", value_parser = not_negative)]
     pub keep_zero: Option<f64>,
-    /// How far the histogram of steering is flattened, 0 to 1 [default: 0]
+    /// How much to flatten the histogram of steering, 0 to 1 [default: 0]
     #[arg(long, value_name = "SHARE", value_parser = not_negative)]
     pub flatten: Option<f64>,
-    /// A row at full lock is drawn so many times more often than one straight on [default: 0]
+    /// How many times more often a row at full lock is drawn than a straight one [default: 0]
     #[arg(long, value_name = "TIMES", value_parser = not_negative)]
     pub large_angles: Option<f64>,
-    /// Only these changes to pictures: flip, translate, brightness, shadow, erase, or none [default: all]
+    /// Augmentations to use: flip, translate, brightness, shadow, erase, or none [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub augment: Option<Vec<String>>,
     /// Memory for decoded pictures, in MiB [default: 1024]
@@ -116,19 +116,19 @@ pub struct Train {
 /// `lapwing evaluate`
 #[derive(Debug, Args)]
 pub struct Evaluate {
-    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), whose code runs: load only files that you
-    /// trust [default: the PilotNet built in]
+    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), which is code: load only files that you
+    /// trust [default: the built-in PilotNet]
     pub model: Option<PathBuf>,
     /// Data sets: folders with driving_log.csv, or runs
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
-    /// All rows, or those that the checkpoint's training held out; where it does not say, one block of 50 in five
+    /// All rows, or only those held out when the checkpoint was trained; if it does not say, one block of 50 in five
     #[arg(long, value_enum, default_value_t = Rows::All)]
     pub rows: Rows,
-    /// Draw the error over the steering angle: FILE.svg or FILE.png
+    /// Plot the error over the steering angle: FILE.svg or FILE.png
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
-    /// Only rows before this one, counted from 0
+    /// Use only the rows before this one, counted from 0
     #[arg(long, value_name = "ROW")]
     pub before: Option<usize>,
     /// Print the result as JSON
@@ -146,13 +146,13 @@ pub struct Dataset {
 /// What to do with data sets.
 #[derive(Debug, Subcommand)]
 pub enum DatasetVerb {
-    /// Decode every picture and say what is there: rows, cameras, steering, speed, gaps, missing and broken pictures
+    /// Decode every picture and report rows, cameras, steering, speed, gaps, missing and broken pictures
     Inspect(DatasetInspect),
-    /// Make a run (.mcap) of a Udacity folder, or a Udacity folder of a run
+    /// Convert a Udacity folder to a run (.mcap), or a run to a Udacity folder
     Convert(DatasetConvert),
     /// Write two logs, of the rows to train on and of those to validate on; pictures stay where they are
     Split(DatasetSplit),
-    /// Draw what each augmentation makes of pictures and labels
+    /// Draw what each augmentation does to pictures and labels
     Preview(DatasetPreview),
 }
 
@@ -162,13 +162,13 @@ pub struct DatasetInspect {
     /// Folders with driving_log.csv and IMG/, or runs (.mcap)
     #[arg(required = true, value_name = "DIR|FILE")]
     pub sources: Vec<PathBuf>,
-    /// Contact sheet: pictures over the drive, steering as an arrow: FILE.png or FILE.svg
+    /// Draw a contact sheet of the drive, with the steering as an arrow: FILE.png or FILE.svg
     #[arg(long, value_name = "FILE")]
     pub sheet: Option<PathBuf>,
-    /// Distribution of the steering, a chart for each: FILE.svg or FILE.png
+    /// Draw the distribution of the steering, one chart per source: FILE.svg or FILE.png
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
-    /// Print the findings as JSON, all gaps and problems among them
+    /// Print the findings as JSON, with all gaps and problems
     #[arg(long)]
     pub json: bool,
 }
@@ -179,7 +179,7 @@ pub struct DatasetConvert {
     /// A folder with driving_log.csv and IMG/, or a run (.mcap)
     #[arg(value_name = "SRC")]
     pub source: PathBuf,
-    /// The run (.mcap) or the folder to make; nothing is overwritten
+    /// The run (.mcap) or the folder to write; nothing is overwritten
     #[arg(value_name = "DST")]
     pub target: PathBuf,
     /// Print what was written as JSON
@@ -196,10 +196,10 @@ pub struct DatasetPreview {
     /// Where to draw: FILE.png or FILE.svg
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Take the ranges of a recipe (.toml) [default: Lu's]
+    /// Recipe (.toml) whose ranges to use [default: those of Lu, End to End Learning for Self-Driving Cars]
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
-    /// Seed of the dice
+    /// Random seed
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
 }
@@ -216,10 +216,10 @@ pub struct DatasetSplit {
     /// Folder to make, for the log of the rows to validate on
     #[arg(long, value_name = "DIR")]
     pub out_validation: PathBuf,
-    /// Rows in a block: neighbours in time are not torn apart
+    /// Rows per block; rows of one block stay together
     #[arg(long, value_name = "ROWS", default_value_t = 50)]
     pub block: usize,
-    /// One block in so many is held out, the first of them
+    /// Hold out the first of every N blocks
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub every: usize,
     /// Print what was written as JSON

@@ -1,4 +1,4 @@
-//! The command line, as clap types. What a verb does stands in `commands`.
+//! The command line, as clap types. `commands` does the work of each verb.
 
 mod driving;
 #[cfg(feature = "networks")]
@@ -18,12 +18,12 @@ pub use learning::*;
 use parse::above_zero;
 pub use scoring::*;
 
-/// Connects, drives, records and replays the Udacity self-driving-car simulator.
+/// Drives, simulates, records, scores and replays the Udacity self-driving-car simulator.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100)]
 pub struct Cli {
-    /// Settings file, which overrides your own ~/.config/lapwing/lapwing.toml [default: lapwing.toml of this folder, if
-    /// there is one]
+    /// Settings file; it overrides your own ~/.config/lapwing/lapwing.toml [default: lapwing.toml in this folder, if it
+    /// exists]
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// What to do.
@@ -37,37 +37,37 @@ pub enum Verb {
     /// Drive the headless simulator and print the scorecard
     #[cfg(feature = "simulator")]
     Drive(Drive),
-    /// Wait for simulators, drive them and record the runs
+    /// Wait for simulators, drive their cars and record the runs
     #[cfg(feature = "bridge")]
     Serve(Serve),
-    /// Be a simulator: dial a bridge as the Unity build does, or let the expert drive
+    /// Act as a simulator: connect to a bridge as the Unity build does, or let the expert drive
     #[cfg(feature = "simulator")]
     Simulate(Simulate),
-    /// Let the expert drive and write what the stock recorder would: driving_log.csv and IMG/
+    /// Let the expert drive and write what the stock recorder writes: driving_log.csv and IMG/
     #[cfg(feature = "simulator")]
     Record(Record),
     /// Train a network on driving logs and runs
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Train(Train),
-    /// Say how far a model's steering lies from that of data sets
+    /// Measure a model's steering error on data sets
     #[cfg(feature = "networks")]
     Evaluate(Evaluate),
-    /// Show a recording to a model, or to any bridge, and compare the steering; or drive along it
+    /// Replay a recording to a model or to any bridge and compare the steering; or drive along it
     #[cfg(feature = "networks")]
     Replay(Replay),
-    /// Say what recorded runs were worth, for people and for CI
+    /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
-    /// Drive pilots x tracks x conditions x seeds over all cores, and compare them
+    /// Drive pilots x tracks x conditions x speeds x seeds on all cores, and compare them
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),
-    /// Put the results of a suite's parts together
+    /// Merge the results of a suite's parts
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Merge(Merge),
-    /// Look over, convert and split recordings as data sets
+    /// Inspect, convert, split and preview data sets
     #[cfg(feature = "networks")]
     Dataset(Dataset),
-    /// Say which libtorch is in use, and what is wrong if anything
+    /// Report which libtorch is in use, and what is wrong, if anything
     #[cfg(feature = "bridge")]
     Doctor(Doctor),
 }
@@ -78,7 +78,7 @@ pub struct World {
     /// lake, jungle, mountain, random:SEED, or a track file (.toml) [default: lake]
     #[arg(long, value_name = "NAME")]
     pub track: Option<String>,
-    /// Seed of everything random
+    /// Random seed
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// Light, weather, camera: rain=0.5,night=1,noise=4 …; random; or a file (.toml)
@@ -87,13 +87,13 @@ pub struct World {
     /// Other traffic: ccrs, ccrm, ccrb, cpna, child, or a scenario file (.toml)
     #[arg(long, value_name = "NAME")]
     pub scenario: Option<String>,
-    /// Telemetries a second of the simulated time [default: 15]
+    /// Telemetries per second of simulated time [default: 15]
     #[arg(long, value_name = "HZ")]
     pub hz: Option<f64>,
-    /// After a crash: end the run, or go on from the next waypoint [default: stop]
+    /// After a crash: end the run, or continue from the next waypoint [default: stop]
     #[arg(long, value_enum)]
     pub on_crash: Option<OnCrash>,
-    /// End the run after so much simulated time, in seconds
+    /// Time limit of the run, in seconds of simulated time
     #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
     pub max_time: Option<f64>,
 }
@@ -101,13 +101,13 @@ pub struct World {
 /// Pictures for people.
 #[derive(Debug, Args)]
 pub struct Pictures {
-    /// Film of the drive: FILE.mp4, FILE.gif, or a folder for single pictures
+    /// Write a film of the drive: FILE.mp4, FILE.gif, or a folder for single pictures
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
-    /// Where the film is taken from
+    /// Where the film's camera is
     #[arg(long, value_enum, default_value_t = FilmView::Follow, requires = "video")]
     pub view: FilmView,
-    /// Map of the track with the driven line: FILE.svg or FILE.png
+    /// Draw a map of the track with the driven line: FILE.svg or FILE.png
     #[arg(long, value_name = "FILE")]
     pub map: Option<PathBuf>,
 }
@@ -119,7 +119,7 @@ pub enum FilmView {
     Follow,
     /// Above it
     Top,
-    /// The centre camera, what the pilot sees
+    /// The centre camera: what the pilot sees
     Car,
 }
 
@@ -142,21 +142,21 @@ impl Cli {
 /// What drives and how; shared by all verbs that drive.
 #[derive(Debug, Args)]
 pub struct Driving {
-    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), whose code runs: load only files that you
-    /// trust [default: the PilotNet built in]
+    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), which is code: load only files that you
+    /// trust [default: the built-in PilotNet]
     #[cfg(feature = "networks")]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     #[cfg(feature = "networks")]
     #[command(flatten)]
     pub trust: Trust,
-    /// Set speed of the PI law, limit of the quadratic one, in mph [default: 9]
+    /// Target speed of the PI law, or limit of the quadratic law, in mph [default: 9]
     #[arg(long, value_name = "MPH", allow_negative_numbers = true)]
     pub speed: Option<f64>,
-    /// How throttle is made: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]
+    /// Throttle law: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]
     #[arg(long, value_enum)]
     pub speed_law: Option<SpeedLaw>,
-    /// After a human lets go: drive on, or stay off until armed (Enter, or POST /arm) [default: resume]
+    /// When a human lets go: drive on, or stay off until armed (Enter, or POST /arm) [default: resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
 }
@@ -164,7 +164,7 @@ pub struct Driving {
 /// Whose models are trusted; shared by all verbs for which a file may name a model.
 #[derive(Debug, Args)]
 pub struct Trust {
-    /// Run the code of a TorchScript model (.pt) even if it is named by a file that others may have written:
+    /// Run the code of a TorchScript model (.pt) even if a file that others may have written names it:
     /// lapwing.toml, --config, a suite
     #[arg(long)]
     pub allow_torchscript: bool,
@@ -173,7 +173,7 @@ pub struct Trust {
 /// How fast the model thinks; shared by the verbs that need not give the same bytes everywhere.
 #[derive(Debug, Args)]
 pub struct Thinking {
-    /// Threads for one forward pass [default: what serves the network best]
+    /// Threads for one forward pass [default: chosen for the network]
     #[arg(long)]
     pub threads: Option<u16>,
 }

@@ -58,7 +58,7 @@ pub struct Score {
     /// Runs (.mcap), Udacity folders (driving_log.csv), or folders of runs
     #[arg(value_name = "RUN", required_unless_present = "explain")]
     pub runs: Vec<PathBuf>,
-    /// Another road that a run which tells no position may be on: random:SEED, or a track file (.toml)
+    /// Another road on which to look for runs without a position: random:SEED, or a track file (.toml)
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
     /// Laps asked for, where the run does not say
@@ -66,19 +66,19 @@ pub struct Score {
     pub laps: u32,
     #[command(flatten)]
     pub thresholds: Thresholds,
-    /// An earlier result (--json): exit status 3 if a figure got worse beyond noise
+    /// Compare with an earlier result (--json): exit status 3 if a figure got worse beyond noise
     #[arg(long, value_name = "FILE")]
     pub against: Option<PathBuf>,
     /// Write the thresholds as test cases of a JUnit report
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
-    /// Write the runs side by side as one page for a browser
+    /// Write a page for a browser that shows the runs side by side
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Print the scorecards as JSON
     #[arg(long)]
     pub json: bool,
-    /// Print what each figure means, and after whom
+    /// Print what each figure means, and its source
     #[arg(long, exclusive = true)]
     pub explain: bool,
 }
@@ -86,21 +86,21 @@ pub struct Score {
 /// `lapwing suite`
 #[derive(Debug, Args)]
 pub struct Suite {
-    /// What is driven (.toml); TorchScript models (.pt) that it names, which are code, need --allow-torchscript
+    /// Suite file (.toml); TorchScript models (.pt) that it names are code and need --allow-torchscript
     #[arg(value_name = "FILE")]
     pub suite: PathBuf,
     #[command(flatten)]
     pub trust: Trust,
-    /// Folder for the results; what lies there is not driven again
+    /// Folder for the results; drives whose results are already there are not repeated
     #[arg(long, value_name = "DIR", default_value = "suite")]
     pub out: PathBuf,
-    /// Drive one part of so many only, such as 2/8; merge puts them together
+    /// Drive only one part, such as 2/8 for the second of eight; merge combines the parts
     #[arg(long, value_name = "PART/OF")]
     pub shard: Option<Shard>,
-    /// Drives at a time [default: one a core]
+    /// Number of drives at a time [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Heat map for a browser [default: suite.html in the folder]
+    /// Write the heat map for a browser to this file [default: suite.html in the folder]
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Print the groups as JSON
@@ -114,10 +114,10 @@ pub struct Merge {
     /// Folders of a suite's parts
     #[arg(value_name = "DIR", required = true)]
     pub folders: Vec<PathBuf>,
-    /// Folder for all of them
+    /// Folder for the merged results
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Heat map for a browser [default: suite.html in the folder]
+    /// Write the heat map for a browser to this file [default: suite.html in the folder]
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Print the groups as JSON
