@@ -241,5 +241,6 @@ impl Film {
     }
 }
 
-#[cfg(all(test, feature = "films"))]
+#[cfg(test)]
+#[cfg(feature = "films")]
 mod tests;
