@@ -4,7 +4,7 @@
     scripts/notices.py            write it anew, after a change of Cargo.lock
     scripts/notices.py --check    exit 1 if it is not what this script would write; in the gate
 
-Crates come from `cargo metadata` for each platform that the program is built on, their texts from the sources that
+Crates come from `cargo tree` for each platform that the program is built on, their texts from the sources that
 Cargo has fetched. What is used to build only (procedural macros, build scripts, tests) is not linked and not listed.
 """
 import json
@@ -70,27 +70,21 @@ OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR
 
 def packages():
     """Everything linked on any of the platforms but Lapwing itself, by name and version."""
-    linked = {}
+    metadata = json.loads(told("metadata", "--format-version=1"))
+    known = {(package["name"], package["version"]): package for package in metadata["packages"]}
+    # The tree, for `cargo metadata` also lists what a dependency's dependency could be asked for and is not.
+    linked = set()
     for target in TARGETS:
-        command = ["cargo", "metadata", "--format-version=1", "--locked", "--filter-platform", target]
-        result = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True)
-        metadata = json.loads(result.stdout)
-        by_id = {package["id"]: package for package in metadata["packages"]}
-        nodes = {node["id"]: node for node in metadata["resolve"]["nodes"]}
-        root = metadata["resolve"]["root"]
-        waiting, seen = [root], set()
-        while waiting:
-            this = waiting.pop()
-            if this in seen:
-                continue
-            seen.add(this)
-            for dependency in nodes[this]["deps"]:
-                package = by_id[dependency["pkg"]]
-                is_macro = any("proc-macro" in kind for t in package["targets"] for kind in t["kind"])
-                if not is_macro and any(kind["kind"] is None for kind in dependency["dep_kinds"]):
-                    waiting.append(dependency["pkg"])
-        linked.update({(by_id[i]["name"], by_id[i]["version"]): by_id[i] for i in seen - {root}})
-    return [linked[key] for key in sorted(linked)]
+        lines = told("tree", "--package=lapwing", "--edges=normal,no-proc-macro", "--prefix=none", f"--target={target}")
+        linked |= {tuple(line.split()[:2]) for line in lines.splitlines() if line}
+    found = [known[name, version.removeprefix("v")] for name, version in sorted(linked)]
+    return [package for package in found if package["source"]]
+
+
+def told(verb, *arguments):
+    """What cargo prints, by Cargo.lock as it is."""
+    command = ["cargo", verb, "--locked", *arguments]
+    return subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True, text=True).stdout
 
 
 def chosen(package):

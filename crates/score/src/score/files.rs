@@ -65,7 +65,7 @@ fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
             n => {
                 let pictures = count(n, "picture");
                 format!(
-                    "{pictures} alone, which contain neither speed nor steering: let lapwing serve record the drive"
+                    "{pictures} alone, and pictures contain neither speed nor steering: let lapwing serve record the drive"
                 )
             }
         };
@@ -94,6 +94,6 @@ mod tests {
         let error = || runs_in(&[dir.path().to_owned()]).unwrap_err().to_string();
         assert!(error().ends_with("in the folder, got neither"), "{}", error());
         fs::write(dir.path().join("1.jpg"), "").unwrap();
-        assert!(error().contains("got 1 picture alone, which tell neither"), "{}", error());
+        assert!(error().contains("got 1 picture alone, and pictures contain neither"), "{}", error());
     }
 }
