@@ -159,7 +159,7 @@ fn track_sha256(track: &str) -> Result<Option<String>, CourseError> {
 
 /// The hash of what is next to a TorchScript model and says how its frames are prepared.
 fn beside(pilot: &Contestant) -> Result<Option<String>, CourseError> {
-    let script = pilot.model.as_ref().filter(|path| path.extension().is_some_and(|extension| extension == "pt"));
+    let script = pilot.model.as_ref().filter(|path| models::is_torchscript(path));
     script.map(|path| sha256_of(&path.with_extension("toml"))).transpose()
 }
 

@@ -26,7 +26,7 @@ const MAY_IMPORT: [(&str, &[&str]); 34] = [
     ("core/turn", &["control", "protocol", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "turn"]),
     ("core/recording", &["pilot", "units", "protocol", "turn", "words"]),
-    ("core/drive", &["driver", "hash", "protocol", "recording", "turn"]),
+    ("core/drive", &["config", "driver", "hash", "pilot", "protocol", "recording", "turn", "units"]),
     ("core/replay", &["drive", "files", "perception", "protocol", "recording", "stats", "turn", "units", "words"]),
     ("score/odometry", &[]),
     ("score/score", &["odometry"]),

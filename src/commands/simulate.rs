@@ -10,7 +10,7 @@ use crate::{cli, film::FilmError};
 use lapwing_core::{
     client::{self, ClientOptions},
     config::{Control, Settings},
-    control::{Change, Handover},
+    control::Handover,
     drive::{self, Eventful, Observer, ObserverError},
     driver::Driver,
     pilot::PurePursuit,
@@ -189,12 +189,8 @@ impl Judge {
             Sight::Telemetry(_) => self.handover.command_asked(at),
             Sight::Unreadable(_) => None,
         };
-        let event = change.map(|change| match change {
-            Change::TakeoverBegan => EventRecord::TakeoverBegan,
-            Change::TakeoverEnded(after) => EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() },
-        });
-        if let Some(event) = event {
-            self.scorer.event(at, &event);
+        if let Some(change) = change {
+            self.scorer.event(at, &change.into());
         }
         if let Sight::Telemetry(telemetry) = sight {
             self.scorer.telemetry(at, telemetry);
@@ -232,15 +228,10 @@ mod tests {
         let scenery = Arc::new(Scenery::new(&track));
         let setup = Setup { laps: None, longest_s: Some(30.0), hz: 5.0, human, ..Setup::new(Arc::new(track), scenery) };
         let mut world = Simulation::new(setup).unwrap();
+        let control = Control { speed_mph: Mph::constant(10.0), ..Control::default() };
+        let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
         let mut judge = Judge::default();
-        loop {
-            let seen = world.observe().unwrap();
-            world.take_events().iter().for_each(|(at, event)| judge.scorer.event(*at, event));
-            let Some(Observation { at, sight }) = seen else { break };
-            judge.sight(at, &sight);
-            let command = world.expert(Mph::constant(10.0));
-            world.apply(Answer::Steer(command));
-        }
+        drive::run(&mut world, &mut driver, &mut [&mut judge]).unwrap();
         judge.scorer.finish()
     }
 

@@ -199,3 +199,6 @@ fn turns<W: Eventful>(
         world.apply(turn.answer);
     }
 }
+
+#[cfg(test)]
+mod tests;

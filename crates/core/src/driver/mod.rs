@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use crate::{
     config::{self, SpeedLaw, Takeover},
-    control::{Change, Handover, Pi, PiGains, Quadratic, Speed, SpeedController, Standstill},
+    control::{Handover, Pi, PiGains, Quadratic, Speed, SpeedController, Standstill},
     perception::{self, Frame, ImageError},
     pilot::{Pilot, PilotError, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
@@ -79,9 +79,7 @@ impl Driver {
         let at = observation.at;
         let answer = match &observation.sight {
             Sight::HumanDrives => {
-                if self.handover.human_drives(at).is_some() {
-                    trace.events.push(EventRecord::TakeoverBegan);
-                }
+                trace.events.extend(self.handover.human_drives(at).map(EventRecord::from));
                 // Pilot and integral are held, not reset: they go on when the human lets go.
                 self.bad = BadFrames::default();
                 trace.by = By::Human;
@@ -137,8 +135,8 @@ impl Driver {
     }
 
     fn human_let_go(&mut self, at: Duration, trace: &mut Trace) {
-        if let Some(Change::TakeoverEnded(after)) = self.handover.command_asked(at) {
-            trace.events.push(EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() });
+        if let Some(change) = self.handover.command_asked(at) {
+            trace.events.push(change.into());
             if self.handover.is_off() {
                 trace.events.push(EventRecord::PilotOff { why: "a human drove; the pilot waits to be armed".into() });
             }

@@ -131,15 +131,11 @@ impl Break {
     /// What an event says about the moment that follows.
     pub(super) fn told(event: &EventRecord) -> Option<Self> {
         match event {
-            EventRecord::Break { seconds } => Some(match seconds.map(|s| (s, Duration::try_from_secs_f64(s.abs()))) {
-                Some((seconds, Ok(passed))) => {
-                    if seconds < 0.0 {
-                        Self::Back(passed)
-                    } else {
-                        Self::Gap(passed)
-                    }
-                }
-                Some((_, Err(_))) | None => Self::Joined,
+            EventRecord::Break { seconds: None } => Some(Self::Joined),
+            EventRecord::Break { seconds: Some(seconds) } => Some(match Duration::try_from_secs_f64(seconds.abs()) {
+                Ok(passed) if *seconds < 0.0 => Self::Back(passed),
+                Ok(passed) => Self::Gap(passed),
+                Err(_) => Self::Joined,
             }),
             EventRecord::Reset { .. } => Some(Self::PutBack),
             EventRecord::TakeoverBegan => Some(Self::TakenOver),

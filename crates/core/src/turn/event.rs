@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::control::Change;
+
 /// What happens in a run besides telemetry and commands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
@@ -165,6 +167,15 @@ impl EventRecord {
             | Self::WrongWay
             | Self::RightWay
             | Self::Reset { .. } => {}
+        }
+    }
+}
+
+impl From<Change> for EventRecord {
+    fn from(change: Change) -> Self {
+        match change {
+            Change::TakeoverBegan => Self::TakeoverBegan,
+            Change::TakeoverEnded(after) => Self::TakeoverEnded { duration_s: after.as_secs_f64() },
         }
     }
 }
