@@ -19,6 +19,7 @@
 //! | here: [`cli`], [`commands`] | clap types; one file a verb | all |
 //! | [`course`] | suites, driven in our simulator by our models | `core`, `sim`, `score`, `learn` |
 //! | [`film`], [`map`], [`known`] | films and maps for people; tracks as roads that drives are found on again | `core`, `sim`, `score` |
+//! | [`doctor`] | whether this machine can drive: what `lapwing doctor` finds | `core`, `learn`, `live` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
 //!
 //! # Parts
@@ -50,6 +51,8 @@ pub mod cli;
 pub mod commands;
 #[cfg(all(feature = "networks", feature = "simulator"))]
 pub mod course;
+#[cfg(feature = "bridge")]
+pub mod doctor;
 #[cfg(feature = "simulator")]
 pub mod film;
 #[cfg(feature = "simulator")]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, Subcommand};
 
-use super::parse::{above_zero, not_negative, rows_and_columns, word};
+use super::parse::{above_zero, not_negative, rows_and_columns};
 use lapwing_learn::{
     evaluate::Rows,
     nn::Precision,
@@ -60,14 +60,14 @@ pub struct Train {
     /// Random seed [default: 0]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// adam or sgd [default: adam]
-    #[arg(long, value_name = "NAME", value_parser = word::<OptimiserKind>)]
+    /// Optimiser [default: adam]
+    #[arg(long, value_enum)]
     pub optimiser: Option<OptimiserKind>,
     /// Learning rate [default: 0.001]
     #[arg(long, value_name = "RATE", value_parser = above_zero)]
     pub learning_rate: Option<f64>,
-    /// constant, cosine or plateau [default: constant]
-    #[arg(long, value_name = "NAME", value_parser = word::<Schedule>)]
+    /// How the learning rate changes [default: constant]
+    #[arg(long, value_enum)]
     pub schedule: Option<Schedule>,
     /// L2 penalty [default: 0]
     #[arg(long, value_name = "SHARE", value_parser = not_negative)]
@@ -81,11 +81,11 @@ pub struct Train {
     /// Save an exponential moving average of the weights with this decay, such as 0.999
     #[arg(long, value_name = "SHARE", value_parser = not_negative)]
     pub ema: Option<f64>,
-    /// f32 or bf16 [default: f32]
-    #[arg(long, value_name = "NAME", value_parser = word::<Precision>)]
+    /// Precision of the forward and backward pass [default: f32]
+    #[arg(long, value_enum)]
     pub precision: Option<Precision>,
-    /// Which epoch to keep: best or last [default: best]
-    #[arg(long, value_name = "NAME", value_parser = word::<Keep>)]
+    /// Which epoch to keep [default: best]
+    #[arg(long, value_enum)]
     pub keep: Option<Keep>,
     /// Steering added for the left camera and subtracted for the right one [default: 0.25]
     #[arg(long, value_name = "STEERING", value_parser = not_negative)]

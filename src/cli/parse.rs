@@ -8,12 +8,6 @@ pub(super) fn rows_and_columns(text: &str) -> Result<(usize, usize), String> {
     parsed.ok_or_else(|| "expected rows x columns, such as 80x160".into())
 }
 
-/// A word as settings files have it.
-#[cfg(feature = "networks")]
-pub(super) fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
-    serde_json::from_value(text.into()).map_err(|why| why.to_string())
-}
-
 pub(super) fn culture(name: &str) -> Result<Culture, String> {
     let known = || Culture::ALL.map(|c| c.name).join(", ");
     Culture::named(name).ok_or_else(|| format!("expected one of {}", known()))

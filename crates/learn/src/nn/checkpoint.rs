@@ -34,12 +34,15 @@ pub const FORMAT: &str = "lapwing/1";
 /// How many bits numbers have: those stored, or those a training passes through the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Precision {
     /// 32: as they are.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     #[default]
     F32,
     /// 16, of which 8 are the exponent's: three significant digits in half the bytes. Vectors (biases and batch norm)
     /// are stored in 32; they are a thousandth of the file.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Bf16,
 }
 

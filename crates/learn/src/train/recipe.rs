@@ -123,10 +123,13 @@ impl Default for Recipe {
 /// Which checkpoint stays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Keep {
     /// That of the least validation error.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Best,
     /// The last.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Last,
 }
 
@@ -166,22 +169,29 @@ impl Default for Optimiser {
 /// Kinds of optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum OptimiserKind {
     /// Kingma and Ba, 2014, with 0.9, 0.999 and 1e-8; its weight decay is Loshchilov and Hutter's, 2017.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Adam,
     /// Stochastic gradient descent with momentum, as PyTorch's.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Sgd,
 }
 
 /// How the learning rate changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Schedule {
     /// Not at all.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Constant,
     /// Half a cosine to zero at the last step.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Cosine,
     /// A tenth after each three passes without a better validation error.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Plateau,
 }
 
