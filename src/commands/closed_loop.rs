@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::{
     Ended, outputs,
-    replay::{Bar, too_many_bad_frames},
+    replay::{ReplayBar, too_many_bad_frames},
     thresholds,
 };
 use crate::{cli, film::Film};
@@ -57,12 +57,12 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         model: Some(ModelId::of(&model)),
         ..RunHeader::new(world.kind(), config, jiff::Timestamp::now())
     };
-    let mut film = arguments.film.as_deref().map(|path| Seen::new(path, &world)).transpose()?;
+    let mut film = arguments.film.as_deref().map(|path| PilotFilm::new(path, &world)).transpose()?;
     let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
     // Last, for whatever fails before leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = arguments.recordings.as_deref().map(|dir| Recorder::create(dir, header, options)).transpose()?;
-    let (mut bar, mut interrupted) = (Bar::new(Some(rows as u64)), super::interrupted());
+    let (mut bar, mut interrupted) = (ReplayBar::new(Some(rows as u64)), super::interrupted());
     let began = Instant::now();
     let observers: &mut [&mut dyn Observer<_>] = &mut [&mut recorder.as_ref(), &mut bar, &mut interrupted, &mut film];
     let judged = judged::run(&mut world, &mut driver, observers);
@@ -122,14 +122,14 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
 }
 
 /// A film of what the pilot sees, with where it is.
-struct Seen {
+struct PilotFilm {
     film: Film,
     frame: Frame,
     interventions: u32,
     marked_until: Duration,
 }
 
-impl Seen {
+impl PilotFilm {
     fn new(path: &Path, world: &RecordedWorld) -> anyhow::Result<Self> {
         let (width, height) = (world.picture().width() * ENLARGED, world.picture().height() * ENLARGED);
         let frame = Frame::new(width, height, vec![0; width * height * 3]).context("a film without pixels")?;
@@ -138,7 +138,7 @@ impl Seen {
     }
 }
 
-impl Observer<RecordedWorld> for Seen {
+impl Observer<RecordedWorld> for PilotFilm {
     fn turn(&mut self, world: &RecordedWorld, turn: &Turn) -> Result<(), ObserverError> {
         let at = turn.at();
         let (width, height) = (self.frame.width(), self.frame.height());

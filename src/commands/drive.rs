@@ -74,7 +74,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     // Last, for whatever fails before leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
-    let mut bar = world::Progress::new();
+    let mut bar = world::ProgressLine::new();
     let began = Instant::now();
     let observers: &mut [&mut dyn Observer<_>] =
         &mut [&mut recorder.as_ref(), &mut bar, &mut interrupted, &mut pictures];

@@ -30,7 +30,7 @@ pub(super) fn record(
     // Last, for whatever fails before leaves no log.
     let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
     let options = RecordOptions { recovery: arguments.recovery, ..RecordOptions::at(Mph::saturating(arguments.speed)) };
-    let bar = world::Progress::new();
+    let bar = world::ProgressLine::new();
     let report = record::record(&mut simulation, log, options, |simulation| {
         bar.show(simulation);
         if interrupted.is_pressed() {

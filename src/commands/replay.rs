@@ -37,7 +37,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     arguments.write_golden.as_deref().map_or(Ok(()), outputs::check)?;
     let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
     let replay = Replay::open(&arguments.source, arguments.rate)?;
-    let Asked { driver, answers, times, losses, wall, here } = match connect {
+    let ReplayAnswers { driver, answers, times, losses, wall, here } = match connect {
         Some(address) => of_bridge(replay, address, &arguments)?,
         None => of_model(replay, &settings).with_context(|| arguments.source.display().to_string())?,
     };
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
 }
 
 /// What was answered, and how.
-struct Asked {
+struct ReplayAnswers {
     driver: String,
     answers: Vec<Answered>,
     times: Vec<Duration>,
@@ -85,8 +85,8 @@ struct Asked {
     here: Option<Machine>,
 }
 
-fn of_bridge(replay: Replay, address: String, arguments: &cli::Replay) -> anyhow::Result<Asked> {
-    let bar = Bar::new(replay.frames());
+fn of_bridge(replay: Replay, address: String, arguments: &cli::Replay) -> anyhow::Result<ReplayAnswers> {
+    let bar = ReplayBar::new(replay.frames());
     let mut world = ForBridge::new(replay);
     let began = Instant::now();
     let options = ClientOptions { culture: arguments.culture, ..Default::default() };
@@ -96,11 +96,11 @@ fn of_bridge(replay: Replay, address: String, arguments: &cli::Replay) -> anyhow
     bar.0.finish_and_clear();
     let losses = world.replay().losses();
     let (driver, answers) = (format!("the bridge at {address}"), world.into_answers());
-    Ok(Asked { driver, answers, times: report.round_trips, losses, wall, here: None })
+    Ok(ReplayAnswers { driver, answers, times: report.round_trips, losses, wall, here: None })
 }
 
-fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<Asked> {
-    let mut bar = Bar::new(replay.frames());
+fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<ReplayAnswers> {
+    let mut bar = ReplayBar::new(replay.frames());
     let model = super::load_model(settings)?;
     let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
     let mut answers = Answers::default();
@@ -110,7 +110,7 @@ fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<Asked> {
     let libtorch = runtime::libtorch().version.unwrap_or_else(|| "of unknown version".into());
     let here = Some(Machine { cpu: runtime::processor(), libtorch });
     let (answers, times) = answers.into_parts();
-    Ok(Asked { driver: model.name().to_owned(), answers, times, losses: replay.losses(), wall, here })
+    Ok(ReplayAnswers { driver: model.name().to_owned(), answers, times, losses: replay.losses(), wall, here })
 }
 
 /// What is said of a replay that fails for its bad frames.
@@ -123,9 +123,9 @@ pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
 }
 
 /// A line of progress through a recording, where somebody watches.
-pub(super) struct Bar(ProgressBar);
+pub(super) struct ReplayBar(ProgressBar);
 
-impl Bar {
+impl ReplayBar {
     pub(super) fn new(frames: Option<u64>) -> Self {
         if !io::stderr().is_terminal() {
             return Self(ProgressBar::hidden());
@@ -139,7 +139,7 @@ impl Bar {
     }
 }
 
-impl<W: ?Sized> Observer<W> for Bar {
+impl<W: ?Sized> Observer<W> for ReplayBar {
     fn turn(&mut self, _: &W, _: &Turn) -> Result<(), ObserverError> {
         self.0.inc(1);
         Ok(())

@@ -21,7 +21,7 @@ use lapwing_score::score::{
 use lapwing_sim::track::Track;
 
 /// A run, and what a page shows of it, where one is asked for.
-struct Run {
+struct PagedRun {
     judged: JudgedRun,
     drawn: Option<(Drawn, Option<Outline>)>,
 }
@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         let scorer = || Ok::<_, anyhow::Error>(Scorer::on(roads.known()?, Some(arguments.laps)));
         match JudgedRun::open(path, &limits, scorer, watch) {
             Ok(judged) => {
-                runs.push(Run { drawn: collector.map(|collector| drawn(collector, &judged, &roads)), judged })
+                runs.push(PagedRun { drawn: collector.map(|collector| drawn(collector, &judged, &roads)), judged })
             }
             Err(error) => unscored.push((name, super::told(&error))),
         }
@@ -99,8 +99,8 @@ fn drawn(collector: Collector, run: &JudgedRun, roads: &Roads) -> (Drawn, Option
     (drawn, track.as_ref().map(outline))
 }
 
-fn page(runs: &[Run]) -> Result<String, serde_json::Error> {
-    let shown = runs.iter().filter_map(|Run { judged: run, drawn }| {
+fn page(runs: &[PagedRun]) -> Result<String, serde_json::Error> {
+    let shown = runs.iter().filter_map(|PagedRun { judged: run, drawn }| {
         let (drawn, outline) = drawn.as_ref()?;
         let missed = run.missed().collect();
         Some(Shown { title: run.title(), card: &run.card, drawn, outline: outline.as_ref(), missed })

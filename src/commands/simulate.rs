@@ -33,10 +33,10 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
         for_s,
         speed: Mph::saturating(arguments.speed),
     });
-    let mut seen = Seen {
-        judge: Judge::default(),
+    let mut seen = Onlookers {
+        judge: BridgeScorer::default(),
         pictures: world::Pictures::new(&arguments.pictures, &setup)?,
-        progress: world::Progress::new(),
+        progress: world::ProgressLine::new(),
         pace: Pace { began: arguments.realtime.then(Instant::now) },
         interrupted,
     };
@@ -44,16 +44,16 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
     let Some(address) = &connect else {
         let control = Control { speed_mph: Mph::saturating(arguments.speed), ..settings.control };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
-        let Seen { judge, pictures, progress, pace, interrupted } = &mut seen;
+        let Onlookers { judge, pictures, progress, pace, interrupted } = &mut seen;
         drive::run(&mut simulation, &mut driver, &mut [pace, progress, interrupted, judge, pictures])?;
         return finish(seen, &simulation, "the expert", &arguments, &settings);
     };
     let options = ClientOptions { culture: arguments.culture, stock: arguments.stock, ..Default::default() };
-    let mut world = ForBridge { simulation, seen, answered: false };
+    let mut world = BridgedSimulation { simulation, seen, answered: false };
     let played = client::play(&mut world, address, &options, |_| ());
     world.seen.progress.clear();
     world.listen();
-    let ForBridge { simulation, seen, answered } = world;
+    let BridgedSimulation { simulation, seen, answered } = world;
     let report = match played {
         Ok(report) => report,
         Err(error) => {
@@ -69,7 +69,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
 }
 
 fn finish(
-    seen: Seen,
+    seen: Onlookers,
     simulation: &Simulation,
     driver: &str,
     arguments: &cli::Simulate,
@@ -97,10 +97,10 @@ fn finish(
 }
 
 /// Those who look on, whoever drives.
-struct Seen {
-    judge: Judge,
+struct Onlookers {
+    judge: BridgeScorer,
     pictures: world::Pictures,
-    progress: world::Progress,
+    progress: world::ProgressLine,
     pace: Pace,
     interrupted: Interrupted,
 }
@@ -131,14 +131,14 @@ impl<W: ?Sized> Observer<W> for Pace {
 /// The world while a bridge drives it. Its turns are not made here but over there, where the driver is: a bridge tells
 /// neither who answered nor how, may have several telemetries in hand, and may leave one without an answer. So those who
 /// look on are shown what is seen, when it is seen.
-struct ForBridge {
+struct BridgedSimulation {
     simulation: Simulation,
-    seen: Seen,
+    seen: Onlookers,
     /// Whether anybody drove.
     answered: bool,
 }
 
-impl ForBridge {
+impl BridgedSimulation {
     fn listen(&mut self) {
         for (at, event) in self.simulation.take_events() {
             self.seen.judge.scorer.event(at, &event);
@@ -146,7 +146,7 @@ impl ForBridge {
     }
 }
 
-impl World for ForBridge {
+impl World for BridgedSimulation {
     type Error = FilmError;
 
     fn observe(&mut self) -> Result<Option<Observation>, FilmError> {
@@ -171,18 +171,18 @@ impl World for ForBridge {
 }
 
 /// The scorer, and what a bridge's driver would tell it: who has the wheel.
-struct Judge {
+struct BridgeScorer {
     scorer: Scorer,
     handover: Handover,
 }
 
-impl Default for Judge {
+impl Default for BridgeScorer {
     fn default() -> Self {
         Self { scorer: Scorer::default(), handover: Handover::new(false) }
     }
 }
 
-impl Judge {
+impl BridgeScorer {
     fn sight(&mut self, at: Duration, sight: &Sight) {
         let change = match sight {
             Sight::HumanDrives => self.handover.human_drives(at),
@@ -199,7 +199,7 @@ impl Judge {
 }
 
 /// Judges whoever drives as it judges a bridge, of whose answers it knows nothing.
-impl<W: ?Sized> Observer<W> for Judge {
+impl<W: ?Sized> Observer<W> for BridgeScorer {
     fn turn(&mut self, _: &W, turn: &Turn) -> Result<(), ObserverError> {
         self.sight(turn.at(), &turn.observation.sight);
         Ok(())
@@ -230,7 +230,7 @@ mod tests {
         let mut world = Simulation::new(setup).unwrap();
         let control = Control { speed_mph: Mph::constant(10.0), ..Control::default() };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
-        let mut judge = Judge::default();
+        let mut judge = BridgeScorer::default();
         drive::run(&mut world, &mut driver, &mut [&mut judge]).unwrap();
         judge.scorer.finish()
     }

@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     // Each drive has one thread, and the same bytes on every machine.
     runtime::set_threads(1);
     let interrupted = super::interrupted();
-    let bar = Bar::new(open.len());
+    let bar = SuiteBar::new(open.len());
     let ended = suite::drive_all(&course, open, &results, arguments.jobs, &|| interrupted.is_pressed(), &bar);
     bar.0.finish_and_clear();
     ended?;
@@ -116,9 +116,9 @@ fn tell(merged: &Merged) {
 }
 
 /// Cells that are driven, where somebody watches.
-struct Bar(ProgressBar);
+struct SuiteBar(ProgressBar);
 
-impl Bar {
+impl SuiteBar {
     fn new(cells: usize) -> Self {
         let bar = if io::stderr().is_terminal() { ProgressBar::new(cells as u64) } else { ProgressBar::hidden() };
         let template = "{wide_bar} {pos}/{len} {msg}, {eta} left";
@@ -127,7 +127,7 @@ impl Bar {
     }
 }
 
-impl suite::Watch for Bar {
+impl suite::Watch for SuiteBar {
     fn begins(&self, cell: &Cell) {
         self.0.set_message(cell.to_string());
     }

@@ -32,8 +32,8 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
     let (training, validation) = trainer.sizes();
     tracing::info!("{} for training, {validation} held out", count(training, "sample"));
     trainer.history().iter().for_each(|epoch| say(epoch, epochs));
-    let bar = Bar::new();
-    let mut speed = Speed::default();
+    let bar = TrainBar::new();
+    let mut speed = SampleRate::default();
     let outcome = trainer.run(&mut |progress| {
         match progress {
             Progress::Step { epoch, step, steps, samples, loss } => {
@@ -244,9 +244,9 @@ fn make(recording: &Recording, config: Option<&Path>, interrupted: &Interrupted)
 
 /// Samples a second over the last few steps.
 #[derive(Default)]
-struct Speed(VecDeque<(Instant, usize)>);
+struct SampleRate(VecDeque<(Instant, usize)>);
 
-impl Speed {
+impl SampleRate {
     fn of(&mut self, samples: usize) -> f64 {
         let now = Instant::now();
         self.0.push_back((now, samples));
@@ -259,9 +259,9 @@ impl Speed {
     }
 }
 
-struct Bar(ProgressBar);
+struct TrainBar(ProgressBar);
 
-impl Bar {
+impl TrainBar {
     fn new() -> Self {
         let bar = if io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
         let template = "{wide_bar} {pos}/{len} {msg}, {eta} left";

@@ -12,7 +12,7 @@ use super::outputs;
 use crate::{
     cli::{self, FilmView},
     film::{Film, FilmError},
-    map::{self, Driven, Mark, MarkKind},
+    map::{self, DrivenPoint, Mark, MarkKind},
 };
 use lapwing_core::{
     config::{ConfigError, Layers},
@@ -57,7 +57,7 @@ pub(super) struct Pictures {
     film: Option<(Film, Renderer, Camera, Frame)>,
     video: Option<PathBuf>,
     map: Option<PathBuf>,
-    line: Vec<Driven>,
+    line: Vec<DrivenPoint>,
     marks: Vec<Mark>,
     /// Crashes and times off the road that have their marks.
     marked: (u32, u32),
@@ -101,7 +101,7 @@ impl Pictures {
                 self.marks.extend(new.then_some(Mark { position: car.position, kind }));
             }
             self.marked = now;
-            self.line.push(Driven { position: car.position, speed_mph: car.speed.abs() / MPS_PER_MPH });
+            self.line.push(DrivenPoint { position: car.position, speed_mph: car.speed.abs() / MPS_PER_MPH });
         }
         Ok(())
     }
@@ -133,12 +133,12 @@ impl Observer<Simulation> for Pictures {
 }
 
 /// A live line of progress, where somebody watches.
-pub(super) struct Progress {
+pub(super) struct ProgressLine {
     bar: ProgressBar,
     began: Instant,
 }
 
-impl Progress {
+impl ProgressLine {
     pub(super) fn new() -> Self {
         let bar = if io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
         let template = "{wide_bar} {percent}% {msg}, {elapsed}";
@@ -160,7 +160,7 @@ impl Progress {
     }
 }
 
-impl Observer<Simulation> for Progress {
+impl Observer<Simulation> for ProgressLine {
     fn turn(&mut self, world: &Simulation, _: &Turn) -> Result<(), ObserverError> {
         self.show(world);
         Ok(())

@@ -1,6 +1,6 @@
 //! What the colours and marks of a map mean, and how long a metre is on it.
 
-use super::{INK, LETTER, LEVELS, LINE_PX, MARGIN, Mark, MarkKind, Scale, Shape, road, speed_colour, symbol};
+use super::{INK, LETTER, LEVELS, LINE_PX, MARGIN, MapScale, Mark, MarkKind, Shape, road, speed_colour, symbol};
 use lapwing_sim::track::{Side, Track};
 
 /// Between two rows, in pixels.
@@ -11,7 +11,7 @@ pub(super) fn draw(
     track: &Track,
     fastest: Option<f64>,
     marks: &[Mark],
-    scale: &Scale,
+    scale: &MapScale,
     width: f64,
     top: f64,
     shapes: &mut Vec<Shape>,
@@ -81,7 +81,7 @@ impl LegendRow<'_> {
 }
 
 /// A bar of a round length, at most a quarter of the sheet, that ends at a place.
-fn scale_bar(scale: &Scale, (right, y): super::Point, shapes: &mut Vec<Shape>) {
+fn scale_bar(scale: &MapScale, (right, y): super::Point, shapes: &mut Vec<Shape>) {
     let longest = right / 4.0 / scale.px_per_m;
     let lengths = [1000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
     let length = lengths.into_iter().find(|length| *length <= longest).unwrap_or(1.0);

@@ -17,7 +17,7 @@ use lapwing_sim::track::{Track, TrackFile};
 
 /// A moment of a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Driven {
+pub struct DrivenPoint {
     /// Where the car was.
     pub position: DVec3,
     /// How fast, in miles per hour.
@@ -66,7 +66,7 @@ pub enum MapError {
 /// [`MapError`]
 pub fn draw(
     track: &Track,
-    line: &[Driven],
+    line: &[DrivenPoint],
     marks: &[Mark],
     path: impl AsRef<Path>,
     width: u32,
@@ -76,7 +76,7 @@ pub fn draw(
     if !(400..=8000).contains(&width) {
         return Err(MapError::Size { path: path.to_owned(), got: width });
     }
-    let line: Vec<Driven> =
+    let line: Vec<DrivenPoint> =
         line.iter().filter(|d| d.position.is_finite() && d.speed_mph.is_finite()).copied().collect();
     let marks: Vec<Mark> = marks.iter().filter(|m| m.position.is_finite()).copied().collect();
     Ok(sheet(track, &line, &marks, f64::from(width)).write(path)?)
@@ -87,7 +87,7 @@ const OFF_ROAD: Colour = [0xf7, 0x7f, 0x00];
 
 /// From metres to pixels.
 #[derive(Debug, Clone, Copy)]
-struct Scale {
+struct MapScale {
     px_per_m: f64,
     /// What lies at the left and at the top of the map, x and z in metres.
     left: f64,
@@ -98,13 +98,13 @@ struct Scale {
     beside: f64,
 }
 
-impl Scale {
+impl MapScale {
     fn at(&self, p: DVec3) -> Point {
         (self.beside + (p.x - self.left) * self.px_per_m, self.above + (self.top - p.z) * self.px_per_m)
     }
 }
 
-fn sheet(track: &Track, line: &[Driven], marks: &[Mark], width: f64) -> Sheet {
+fn sheet(track: &Track, line: &[DrivenPoint], marks: &[Mark], width: f64) -> Sheet {
     let title_px = 2.0 * LINE_PX;
     let room_px = 2.0 * LINE_PX; // for distances beside the road
     let seen = track.stations().iter().map(|s| s.position);
@@ -114,7 +114,7 @@ fn sheet(track: &Track, line: &[Driven], marks: &[Mark], width: f64) -> Sheet {
     let (across, along) = (high.x - low.x + 2.0 * beside_m, high.z - low.z + 2.0 * beside_m);
     let inner = width - 2.0 * (MARGIN + room_px);
     let px_per_m = (inner / across).min(1.4 * inner / along);
-    let scale = Scale {
+    let scale = MapScale {
         px_per_m,
         left: low.x - beside_m,
         top: high.z + beside_m,
@@ -138,7 +138,7 @@ fn sheet(track: &Track, line: &[Driven], marks: &[Mark], width: f64) -> Sheet {
 }
 
 /// Where the speeds' colours end: 30 mph as the stock car does, or more in tens where it was faster.
-fn fastest(line: &[Driven]) -> f64 {
+fn fastest(line: &[DrivenPoint]) -> f64 {
     line.iter().map(|d| (d.speed_mph / 10.0).ceil() * 10.0).fold(30.0, f64::max)
 }
 
@@ -157,13 +157,13 @@ fn speed_colour(level: usize) -> Colour {
 }
 
 /// The driven line, in pieces of one colour.
-fn drive(line: &[Driven], fastest: f64, scale: &Scale, shapes: &mut Vec<Shape>) {
+fn drive(line: &[DrivenPoint], fastest: f64, scale: &MapScale, shapes: &mut Vec<Shape>) {
     /// Farther than a car comes in a moment: it was put there.
     const JUMP_M: f64 = 15.0;
     let width = (1.0 * scale.px_per_m).clamp(2.0, 6.0);
-    let level = |d: &Driven| ((d.speed_mph / fastest).clamp(0.0, 1.0) * (LEVELS - 1) as f64).round() as usize;
+    let level = |d: &DrivenPoint| ((d.speed_mph / fastest).clamp(0.0, 1.0) * (LEVELS - 1) as f64).round() as usize;
     let mut piece: (usize, Vec<Point>) = (0, Vec::new());
-    let mut last: Option<&Driven> = None;
+    let mut last: Option<&DrivenPoint> = None;
     for here in line {
         let jumped = last.is_none_or(|last| last.position.distance(here.position) > JUMP_M);
         if jumped || level(here) != piece.0 {

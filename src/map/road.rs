@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Colour, INK, LETTER, LINE_PX, PAPER, Scale, Shape};
+use super::{Colour, INK, LETTER, LINE_PX, MapScale, PAPER, Shape};
 use lapwing_sim::track::{Edge, Side, Start, Station, Theme, Track};
 
 /// Stations in a piece of road: pieces are painted from the lowest to the highest, so that bridges are above.
@@ -34,7 +34,7 @@ fn asphalt(theme: Theme) -> Colour {
 const PAVING: Colour = [0x6f, 0x69, 0x63];
 const EDGE_LINE: Colour = [0xff, 0xff, 0xff];
 
-pub(super) fn draw(track: &Track, scale: &Scale, shapes: &mut Vec<Shape>) {
+pub(super) fn draw(track: &Track, scale: &MapScale, shapes: &mut Vec<Shape>) {
     for edge in [Edge::Water, Edge::Rock, Edge::Dirt] {
         strips(track, edge, 0..track.stations().len(), scale, shapes);
     }
@@ -58,7 +58,7 @@ fn wrapped(track: &Track, i: usize) -> Station {
     track.stations()[i % track.stations().len()]
 }
 
-fn piece(track: &Track, from: usize, scale: &Scale, shapes: &mut Vec<Shape>) {
+fn piece(track: &Track, from: usize, scale: &MapScale, shapes: &mut Vec<Shape>) {
     let half = track.half_width();
     let stations: Vec<Station> =
         (from..=(from + PIECE).min(track.stations().len())).map(|i| wrapped(track, i)).collect();
@@ -82,7 +82,7 @@ fn piece(track: &Track, from: usize, scale: &Scale, shapes: &mut Vec<Shape>) {
 }
 
 /// Strips along a range of stations, wherever an edge is of that kind.
-fn strips(track: &Track, edge: Edge, range: std::ops::Range<usize>, scale: &Scale, shapes: &mut Vec<Shape>) {
+fn strips(track: &Track, edge: Edge, range: std::ops::Range<usize>, scale: &MapScale, shapes: &mut Vec<Shape>) {
     let (colour, width, _) = look(edge);
     for (side, sign) in [(Side::Left, -1.0), (Side::Right, 1.0)] {
         let offset = sign * (track.half_width() + edge.stands_off_m() + width / 2.0);
@@ -104,7 +104,7 @@ fn strips(track: &Track, edge: Edge, range: std::ops::Range<usize>, scale: &Scal
 }
 
 /// A chequered line across the road, and an arrow where the car is stationary.
-pub(super) fn start(track: &Track, scale: &Scale, shapes: &mut Vec<Shape>) {
+pub(super) fn start(track: &Track, scale: &MapScale, shapes: &mut Vec<Shape>) {
     let Start { x, y, z, yaw_deg } = track.file().start;
     let car = DVec3::new(x, y, z);
     let place = track.locate(car, None);
@@ -140,7 +140,7 @@ fn arrow((x, y): super::Point, (dx, dy): (f64, f64), size: f64, colour: Colour, 
 }
 
 /// An arrow in driving direction beside the road, and how far along the road this is.
-fn signpost(track: &Track, s: f64, scale: &Scale, shapes: &mut Vec<Shape>) {
+fn signpost(track: &Track, s: f64, scale: &MapScale, shapes: &mut Vec<Shape>) {
     let station = track.at(s);
     let across = [-1.0, 1.0].map(|side| scale.at(beside(&station, side * track.half_width())));
     shapes.push(Shape::Line { points: across.to_vec(), colour: EDGE_LINE, width: 1.5 });
@@ -152,7 +152,7 @@ fn signpost(track: &Track, s: f64, scale: &Scale, shapes: &mut Vec<Shape>) {
 
 /// Text beside the road, clear of it whichever way the road runs: left of it, or right where the left
 /// is taken by another part of the road.
-fn label(station: &Station, text: &str, track: &Track, scale: &Scale, shapes: &mut Vec<Shape>) {
+fn label(station: &Station, text: &str, track: &Track, scale: &MapScale, shapes: &mut Vec<Shape>) {
     let half_width = text.len() as f64 * LETTER / 2.0;
     let place = |side: f64| {
         let out = station.right() * side;

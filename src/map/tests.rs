@@ -4,10 +4,10 @@ use lapwing_sim::track::{Edge, Side, Stretch};
 
 use super::*;
 
-fn lap(track: &Track, speed_mph: impl Fn(f64) -> f64) -> Vec<Driven> {
+fn lap(track: &Track, speed_mph: impl Fn(f64) -> f64) -> Vec<DrivenPoint> {
     let steps = 1000;
     let s = |i: u32| track.length() * f64::from(i) / f64::from(steps);
-    (0..steps).map(|i| Driven { position: track.point(s(i), 0.5), speed_mph: speed_mph(s(i)) }).collect()
+    (0..steps).map(|i| DrivenPoint { position: track.point(s(i), 0.5), speed_mph: speed_mph(s(i)) }).collect()
 }
 
 fn with_stretches(stretches: Vec<Stretch>) -> Track {
@@ -52,7 +52,7 @@ fn everything_lies_on_the_sheet() {
     for name in Track::NAMES {
         let track = Track::named(name).unwrap();
         let mut line = lap(&track, |_| 20.0);
-        line.push(Driven { position: track.point(200.0, 60.0), speed_mph: 5.0 }); // far off
+        line.push(DrivenPoint { position: track.point(200.0, 60.0), speed_mph: 5.0 }); // far off
         let marks = [Mark { position: track.point(500.0, -40.0), kind: MarkKind::Crash }];
         for width in [400.0, 1200.0] {
             let sheet = sheet(&track, &line, &marks, width);
@@ -164,7 +164,7 @@ fn an_svg_is_well_formed_and_the_same_each_time() {
     let mut file = Track::named("jungle").unwrap().file().clone();
     file.name = "<jungle> & \"co\"".into();
     let track = Track::new(file).unwrap();
-    let line = [&lap(&track, |s| s % 30.0)[..], &[Driven { position: DVec3::NAN, speed_mph: 1.0 }]].concat();
+    let line = [&lap(&track, |s| s % 30.0)[..], &[DrivenPoint { position: DVec3::NAN, speed_mph: 1.0 }]].concat();
     let svg = ["a.svg", "b.SVG"].map(|name| {
         draw(&track, &line, &[], dir.path().join(name), 1000).unwrap();
         fs::read_to_string(dir.path().join(name)).unwrap()

@@ -20,7 +20,7 @@ mod view;
 
 pub use edges::{Detector, Edges};
 pub use localise::{FIT_ROWS, Fix, LocaliseError, Odometry, Sighting, localise};
-pub use view::{Lens, Pose};
+pub use view::{Pose, SurveyLens};
 
 #[cfg(test)]
 mod tests;

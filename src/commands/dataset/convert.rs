@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use super::{Ended, Rows};
+use super::{Ended, RowBar};
 use crate::{
     cli,
     commands::{interrupted, print},
@@ -12,7 +12,7 @@ use lapwing_learn::dataset::{self, Converted};
 
 pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
     let cli::DatasetConvert { source, target, json } = arguments;
-    let bar = Rows::new();
+    let bar = RowBar::new();
     let interrupted = interrupted();
     let converted = dataset::convert(source, target, &mut |done, total| {
         bar.show(done, total);

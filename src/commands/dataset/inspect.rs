@@ -1,6 +1,6 @@
 //! `lapwing dataset inspect`: what is in data sets, and what is wrong with them.
 
-use super::{Ended, Rows};
+use super::{Ended, RowBar};
 use crate::{
     cli,
     commands::{outputs, print},
@@ -20,7 +20,7 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
     }
     let mut inspections = Vec::new();
     for source in &arguments.sources {
-        let bar = Rows::new();
+        let bar = RowBar::new();
         inspections.push(dataset::inspect(source, &mut |done, total| bar.show(done, total))?);
     }
     // What cannot be drawn takes nothing else with it.

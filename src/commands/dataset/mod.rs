@@ -25,9 +25,9 @@ pub(super) fn run(arguments: Dataset) -> anyhow::Result<Ended> {
 }
 
 /// A bar that counts rows, for people.
-struct Rows(ProgressBar);
+struct RowBar(ProgressBar);
 
-impl Rows {
+impl RowBar {
     fn new() -> Self {
         if !io::stderr().is_terminal() {
             return Self(ProgressBar::hidden());
@@ -49,7 +49,7 @@ impl Rows {
     }
 }
 
-impl Drop for Rows {
+impl Drop for RowBar {
     fn drop(&mut self) {
         self.0.finish_and_clear();
     }

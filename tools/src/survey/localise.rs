@@ -1,6 +1,6 @@
 //! From a log and the edges in its pictures to places on the road.
 
-use super::{Edges, Lens, Pose};
+use super::{Edges, Pose, SurveyLens};
 use lapwing_core::{car::FULL_STEERING_DEG, motion};
 use lapwing_sim::track::{Edge, Side, Track};
 
@@ -71,7 +71,7 @@ pub enum LocaliseError {
 /// [`LocaliseError::Short`].
 pub fn localise(
     track: &Track,
-    lens: &Lens,
+    lens: &SurveyLens,
     moments: &[Sighting],
     start: Option<f64>,
 ) -> Result<(Odometry, Vec<Fix>), LocaliseError> {
@@ -187,13 +187,13 @@ fn edge_offsets(track: &Track, s: f64, paved: bool) -> [f64; 2] {
 }
 
 /// The columns of both edges of a pose, row by row of [`FIT_ROWS`].
-fn expected(track: &Track, lens: &Lens, pose: Pose, paved: bool) -> Vec<Edges> {
+fn expected(track: &Track, lens: &SurveyLens, pose: Pose, paved: bool) -> Vec<Edges> {
     let [left, right] = edge_offsets(track, pose.s, paved).map(|offset| lens.line(track, pose, offset, &FIT_ROWS));
     left.into_iter().zip(right).map(|(left, right)| [left, right]).collect()
 }
 
 /// Offset and yaw at `s` by Gauss and Newton, weighted against outliers more sharply from step to step.
-fn fit(track: &Track, lens: &Lens, s: f64, moment: &Sighting) -> Fix {
+fn fit(track: &Track, lens: &SurveyLens, s: f64, moment: &Sighting) -> Fix {
     let mut pose = Pose { s, offset: track.file().driving_line_m, yaw: 0.0 };
     let home = pose;
     let (step_offset, step_yaw) = (0.02, 0.002);
@@ -234,7 +234,7 @@ fn fit(track: &Track, lens: &Lens, s: f64, moment: &Sighting) -> Fix {
 }
 
 /// A pose with how well it explains the edges.
-fn judged(track: &Track, lens: &Lens, pose: Pose, moment: &Sighting) -> Fix {
+fn judged(track: &Track, lens: &SurveyLens, pose: Pose, moment: &Sighting) -> Fix {
     let at = expected(track, lens, pose, moment.paved);
     let mut errors: Vec<f64> = moment
         .edges
@@ -249,7 +249,7 @@ fn judged(track: &Track, lens: &Lens, pose: Pose, moment: &Sighting) -> Fix {
 }
 
 /// The pose at `i` from a line through its neighbours' within four moments: a car moves steadily.
-fn smooth(track: &Track, lens: &Lens, raw: &[Fix], moments: &[Sighting], i: usize) -> Fix {
+fn smooth(track: &Track, lens: &SurveyLens, raw: &[Fix], moments: &[Sighting], i: usize) -> Fix {
     let near = &raw[i.saturating_sub(4)..(i + 5).min(raw.len())];
     let first = i.saturating_sub(4);
     let middle = |value: &dyn Fn(&Fix) -> f64| {
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     /// A drive along the lake from a place on, weaving, whose edges are where geometry puts them.
-    fn weaving(track: &Track, lens: &Lens, from: f64, count: usize) -> (Vec<Sighting>, Vec<Pose>) {
+    fn weaving(track: &Track, lens: &SurveyLens, from: f64, count: usize) -> (Vec<Sighting>, Vec<Pose>) {
         let speed = 12.0;
         let poses: Vec<Pose> = (0..count)
             .map(|i| {
@@ -313,7 +313,7 @@ mod tests {
     #[test]
     fn a_drive_is_found_where_it_was() {
         let track = Track::named("lake").unwrap();
-        let lens = Lens::stock();
+        let lens = SurveyLens::stock();
         let (moments, poses) = weaving(&track, &lens, 500.0, 600);
         let (odometry, fixes) = localise(&track, &lens, &moments, None).unwrap();
         assert!((odometry.from_m - 500.0).abs() < 4.0 && odometry.correlation > 0.95, "{odometry:?}");
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn an_offset_and_a_yaw_are_fitted_from_edges() {
         let track = Track::named("lake").unwrap();
-        let lens = Lens::stock();
+        let lens = SurveyLens::stock();
         let (moments, poses) = weaving(&track, &lens, 200.0, 40);
         for (moment, pose) in moments.iter().zip(&poses) {
             let fix = fit(&track, &lens, pose.s, moment);
@@ -341,7 +341,7 @@ mod tests {
     fn a_recording_that_stands_is_refused() {
         let track = Track::named("lake").unwrap();
         let standing = Sighting { at: 1.0, speed: 0.0, steering: 0.0, paved: false, edges: vec![] };
-        let error = localise(&track, &Lens::stock(), &[standing], None).unwrap_err();
+        let error = localise(&track, &SurveyLens::stock(), &[standing], None).unwrap_err();
         assert_eq!(error.to_string(), "recording: expected a drive of at least 100 m, got 0 m");
     }
 }

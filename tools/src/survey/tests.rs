@@ -21,7 +21,7 @@ fn edges_are_found_where_the_simulators_camera_puts_them() {
     let mount = Camera::CENTER.mount;
     // The camera's own height over the ground: the car's origin rides 0.06 m above it.
     let position = mount.position + DVec3::Y * 0.06;
-    let lens = Lens::new(mount.pitch_deg, mount.yaw_deg, mount.roll_deg, position);
+    let lens = SurveyLens::new(mount.pitch_deg, mount.yaw_deg, mount.roll_deg, position);
     let mut renderer = Renderer::new(Arc::new(Scenery::new(&track)));
     let detector = Detector::new(track.file().theme);
     let rows = [80, 86, 92, 100, 106, 112, 120];

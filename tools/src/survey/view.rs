@@ -17,14 +17,14 @@ pub struct Pose {
 
 /// The stock simulator's centre camera as it stands above the road, in 320 x 160 pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lens {
+pub struct SurveyLens {
     /// From the camera's axes to the car's.
     turned: DMat3,
     /// Metres from the point of the ground below the car's origin.
     position: DVec3,
 }
 
-impl Lens {
+impl SurveyLens {
     /// Pixels: 60 degrees of vertical field over 160 rows.
     pub const FOCAL_PX: f64 = 138.564;
 
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn a_level_camera_sees_a_point_ahead_of_it_in_the_middle() {
-        let lens = Lens::new(0.0, 0.0, 0.0, DVec3::new(0.0, 1.0, 0.0));
+        let lens = SurveyLens::new(0.0, 0.0, 0.0, DVec3::new(0.0, 1.0, 0.0));
         assert_eq!(lens.project(DVec3::new(0.0, 1.0, 10.0)), Some([160.0, 80.0]));
         assert_eq!(lens.project(DVec3::new(0.0, 1.0, -1.0)), None);
         let [column, row] = lens.project(DVec3::new(1.0, 0.0, 2.0)).unwrap();
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn signs_are_unitys() {
         let far = DVec3::new(0.0, 0.0, 1e6);
-        let at = |pitch, yaw, roll, point| Lens::new(pitch, yaw, roll, DVec3::ZERO).project(point).unwrap();
+        let at = |pitch, yaw, roll, point| SurveyLens::new(pitch, yaw, roll, DVec3::ZERO).project(point).unwrap();
         assert!(at(5.0, 0.0, 0.0, far)[1] < 80.0, "looking down lifts the horizon");
         assert!(at(0.0, 5.0, 0.0, far)[0] < 160.0, "looking right moves things left");
         let right = DVec3::new(1e6, 0.0, 1e6);
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn the_middle_of_a_straight_road_runs_to_the_vanishing_point() {
         let track = Track::named("lake").unwrap();
-        let lens = Lens::new(7.2, 0.0, 0.0, DVec3::new(0.0, 1.25, 1.0));
+        let lens = SurveyLens::new(7.2, 0.0, 0.0, DVec3::new(0.0, 1.25, 1.0));
         let pose = Pose { s: 330.0, ..Pose::default() };
         let columns = lens.line(&track, pose, 0.0, &[70, 90, 110, 130]);
         for (column, limit) in columns.into_iter().zip([12.0, 4.0, 2.0, 2.0]) {

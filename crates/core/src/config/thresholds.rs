@@ -93,17 +93,17 @@ impl Threshold {
 }
 
 /// How a field's number stands in the list.
-trait Limit: Copy {
+trait ThresholdNumber: Copy {
     fn number(self) -> f64;
 }
 
-impl Limit for f64 {
+impl ThresholdNumber for f64 {
     fn number(self) -> f64 {
         self
     }
 }
 
-impl Limit for u32 {
+impl ThresholdNumber for u32 {
     fn number(self) -> f64 {
         self.into()
     }
@@ -130,7 +130,7 @@ macro_rules! thresholds {
                 bound: Bound::$bound,
                 unit: LimitUnit::$unit,
                 help: $help,
-                limit: |thresholds| thresholds.$key.map(Limit::number),
+                limit: |thresholds| thresholds.$key.map(ThresholdNumber::number),
             }),+];
         }
     };

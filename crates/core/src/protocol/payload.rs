@@ -14,7 +14,7 @@ use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, number, pack
 use crate::units::{MetresPerSecond, OutOfRange, SpeedUnit};
 
 /// A telemetry's payload, its fields still as they came. It borrows from the message.
-pub struct Payload<'a>(Fields<'a>);
+pub struct Payload<'a>(KnownFields<'a>);
 
 impl<'a> Payload<'a> {
     /// Reads the payload of a `telemetry` (or `car_telemetry`) event. `None` is a
@@ -145,11 +145,11 @@ const FIELDS: [&str; 31] = [
 ];
 
 /// The payload's known fields; unknown ones are skipped without being kept.
-struct Fields<'a> {
+struct KnownFields<'a> {
     values: [Option<Scalar<'a>>; FIELDS.len()],
 }
 
-impl<'a> Fields<'a> {
+impl<'a> KnownFields<'a> {
     fn get(&self, name: &str) -> Option<&Scalar<'a>> {
         let i = FIELDS.iter().position(|f| *f == name)?;
         self.values[i].as_ref().filter(|v| !matches!(v, Scalar::Null))
@@ -229,11 +229,11 @@ impl<'de> Deserialize<'de> for Scalar<'de> {
     }
 }
 
-impl<'de> Deserialize<'de> for Fields<'de> {
+impl<'de> Deserialize<'de> for KnownFields<'de> {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct V;
         impl<'de> Visitor<'de> for V {
-            type Value = Fields<'de>;
+            type Value = KnownFields<'de>;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("an object of telemetry")
             }
@@ -245,7 +245,7 @@ impl<'de> Deserialize<'de> for Fields<'de> {
                         None => drop(map.next_value::<IgnoredAny>()?),
                     }
                 }
-                Ok(Fields { values })
+                Ok(KnownFields { values })
             }
         }
         deserializer.deserialize_map(V)

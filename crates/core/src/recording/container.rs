@@ -147,7 +147,7 @@ pub(super) struct Chunk {
 impl Chunk {
     /// Takes the body of a chunk record, which may unpack to `most` bytes and to no more and no less than it says.
     pub(super) fn new(body: &[u8], most: u64) -> Result<Self, Broken> {
-        let mut fields = Fields(body);
+        let mut fields = BodyFields(body);
         let mut header = || {
             fields.take(8 + 8)?; // times of the first and last message
             let (unpacked, checksum) = (fields.u64()?, fields.u32()?);
@@ -194,7 +194,7 @@ impl Chunk {
                 CHECKSUM.checksum(&records)
             ));
         }
-        let mut rest = Fields(&records);
+        let mut rest = BodyFields(&records);
         while !rest.0.is_empty() {
             if rest.record().is_none_or(|(opcode, _)| opcode == 0) {
                 return damaged("expected whole records in a chunk, got an incomplete one");
@@ -210,7 +210,7 @@ impl Chunk {
 
     /// The opcode and body of the next record, `None` after the last.
     pub(super) fn next(&mut self) -> Option<(u8, &[u8])> {
-        let record = Fields(self.records.get(self.at..)?).record()?;
+        let record = BodyFields(self.records.get(self.at..)?).record()?;
         self.at += FRAME + record.1.len();
         Some(record)
     }
@@ -230,9 +230,9 @@ fn read_most(decoder: impl Read, unpacked: u64) -> io::Result<Vec<u8>> {
 }
 
 /// The fields of a record's body, front to back; `None` where they reach beyond it.
-pub(super) struct Fields<'a>(pub(super) &'a [u8]);
+pub(super) struct BodyFields<'a>(pub(super) &'a [u8]);
 
-impl<'a> Fields<'a> {
+impl<'a> BodyFields<'a> {
     fn take(&mut self, bytes: usize) -> Option<&'a [u8]> {
         let (head, tail) = self.0.split_at_checked(bytes)?;
         self.0 = tail;
@@ -288,7 +288,7 @@ impl<'a> Fields<'a> {
     pub(super) fn metadata(mut self) -> Option<(&'a str, BTreeMap<String, String>)> {
         let name = self.text()?;
         let length = self.u32()? as usize;
-        let mut map = Fields(self.take(length)?);
+        let mut map = BodyFields(self.take(length)?);
         let mut fields = BTreeMap::new();
         while !map.0.is_empty() {
             fields.insert(map.text()?.to_owned(), map.text()?.to_owned());

@@ -27,7 +27,7 @@ const MOST_EVENTS: usize = 1 << 16;
 pub struct Recording {
     path: PathBuf,
     header: RunHeader,
-    source: Source,
+    source: OpenedFile,
     /// The moments yielded so far.
     row: usize,
     /// Of a run: when the last one was, what has happened since, and how many had no picture.
@@ -41,7 +41,7 @@ pub struct Recording {
 }
 
 #[derive(Debug)]
-enum Source {
+enum OpenedFile {
     Run(Box<Entries>),
     Log(DrivingLog),
 }
@@ -80,10 +80,10 @@ impl Recording {
         let path = path.as_ref();
         let (header, source) = if is_run(path) {
             let run = RunReader::open(path)?;
-            (run.header().clone(), Source::Run(Box::new(run.entries())))
+            (run.header().clone(), OpenedFile::Run(Box::new(run.entries())))
         } else {
             let log = DrivingLog::open(path)?;
-            (log.header(), Source::Log(log))
+            (log.header(), OpenedFile::Log(log))
         };
         let began = header.started.to_zoned(TimeZone::system()).datetime();
         Ok(Self {
@@ -112,16 +112,16 @@ impl Recording {
     /// The driving log, where it is one and no run.
     pub fn log(&self) -> Option<&DrivingLog> {
         match &self.source {
-            Source::Run(_) => None,
-            Source::Log(log) => Some(log),
+            OpenedFile::Run(_) => None,
+            OpenedFile::Log(log) => Some(log),
         }
     }
 
     /// How many moments are still to come, where that is known: a run cut off does not say.
     pub fn left(&self) -> Option<u64> {
         let all = match &self.source {
-            Source::Run(entries) => entries.run().telemetries()?,
-            Source::Log(log) => log.rows.len() as u64,
+            OpenedFile::Run(entries) => entries.run().telemetries()?,
+            OpenedFile::Log(log) => log.rows.len() as u64,
         };
         Some(all.saturating_sub(self.row as u64))
     }
@@ -129,8 +129,8 @@ impl Recording {
     /// Where a run ends before its orderly end, once it has been read: `None` is in good order.
     pub fn truncated(&self) -> Option<&Truncation> {
         match &self.source {
-            Source::Run(entries) => entries.truncated(),
-            Source::Log(_) => None,
+            OpenedFile::Run(entries) => entries.truncated(),
+            OpenedFile::Log(_) => None,
         }
     }
 
@@ -144,8 +144,8 @@ impl Recording {
     /// [`RecordingError::Picture`], and what the row tells follows.
     pub fn next_item(&mut self) -> Option<Result<(Duration, Item), RecordingError>> {
         match &mut self.source {
-            Source::Run(entries) => entries.run_mut().next(),
-            Source::Log(log) => {
+            OpenedFile::Run(entries) => entries.run_mut().next(),
+            OpenedFile::Log(log) => {
                 if self.items.is_empty() {
                     let row = log.rows.get(self.row)?;
                     self.row += 1;
@@ -209,8 +209,8 @@ impl Iterator for Recording {
     fn next(&mut self) -> Option<Self::Item> {
         let moment = loop {
             match &mut self.source {
-                Source::Log(log) => break of_log(self.row, log.rows.get(self.row)?),
-                Source::Run(entries) => match entries.next()? {
+                OpenedFile::Log(log) => break of_log(self.row, log.rows.get(self.row)?),
+                OpenedFile::Run(entries) => match entries.next()? {
                     Ok(Entry::Step(step)) => break self.of_run(step),
                     Ok(Entry::Event { at, event }) => {
                         if self.events.len() < MOST_EVENTS {

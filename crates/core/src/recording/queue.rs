@@ -53,9 +53,9 @@ impl Counts {
 /// What the driving loop and the writer's thread share. The lock is held for
 /// a few moves in memory only, never while the disk is at work.
 #[derive(Debug)]
-pub(super) struct Queue {
+pub(super) struct RecordingQueue {
     path: PathBuf,
-    state: Mutex<State>,
+    state: Mutex<QueueState>,
     /// Something was queued, or the recorder closes.
     changed: Condvar,
     /// Something was taken out, or the writer is gone.
@@ -63,7 +63,7 @@ pub(super) struct Queue {
 }
 
 #[derive(Debug)]
-pub(super) struct State {
+pub(super) struct QueueState {
     waiting: VecDeque<(Duration, Item)>,
     /// Bytes of the frames that wait.
     waiting_bytes: usize,
@@ -91,7 +91,7 @@ pub(super) enum Next {
     Closed,
 }
 
-impl State {
+impl QueueState {
     /// Queues the item or counts it as lost; the losses so far if it is time to warn of them.
     fn take(&mut self, at: Duration, item: Item) -> Option<Counts> {
         self.last = at;
@@ -148,9 +148,9 @@ impl State {
     }
 }
 
-impl Queue {
+impl RecordingQueue {
     pub(super) fn new(capacity: usize, path: PathBuf) -> Self {
-        let state = State {
+        let state = QueueState {
             waiting: VecDeque::new(),
             waiting_bytes: 0,
             // Below four, a quarter of the queue is nothing.
@@ -168,7 +168,7 @@ impl Queue {
         Self { path, state: Mutex::new(state), changed: Condvar::new(), taken: Condvar::new() }
     }
 
-    pub(super) fn lock(&self) -> MutexGuard<'_, State> {
+    pub(super) fn lock(&self) -> MutexGuard<'_, QueueState> {
         // Nothing that holds the lock can leave the state half changed.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -193,7 +193,7 @@ impl Queue {
 
     /// Waits until half of the queue is free, or nobody empties it any more.
     pub(super) fn wait_for_half(&self) {
-        let full = |state: &mut State| {
+        let full = |state: &mut QueueState| {
             let bytes = state.waiting_bytes > MAX_WAITING_BYTES / 2;
             !state.dead && (state.waiting.len() > state.capacity / 2 || bytes)
         };
@@ -283,7 +283,7 @@ fn bytes_of(item: &Item) -> usize {
 /// A sink that waits for room on a full disk, so that a chunk goes on where it stopped.
 pub(super) struct Patient<W> {
     pub(super) sink: W,
-    pub(super) queue: Arc<Queue>,
+    pub(super) queue: Arc<RecordingQueue>,
 }
 
 impl<W: Write> Write for Patient<W> {

@@ -19,7 +19,7 @@ use serde::de::DeserializeOwned;
 
 use super::{
     Entries, Item, MOST_PICTURE, RecordingError, RunHeader,
-    container::{Broken, Chunk, Container, Fields},
+    container::{BodyFields, Broken, Chunk, Container},
     format::{Channel, CompressedImage, RUN},
 };
 
@@ -199,16 +199,16 @@ impl RunReader {
                     self.chunk = Some(chunk);
                 }
                 op::CHANNEL => {
-                    let (id, topic, encoding) = Fields(body)
+                    let (id, topic, encoding) = BodyFields(body)
                         .channel()
                         .ok_or_else(|| Broken::Damaged("expected a channel, got a piece of one".into()))?;
                     let ours = |c: &Channel| c.topic() == topic && c.message_encoding() == encoding;
                     channels.insert(id, Channel::ALL.into_iter().find(ours));
                 }
-                op::STATISTICS => self.counted = Fields(body).statistics(),
+                op::STATISTICS => self.counted = BodyFields(body).statistics(),
                 op::MESSAGE => {
                     self.messages += 1;
-                    let (id, log_time, data) = Fields(body)
+                    let (id, log_time, data) = BodyFields(body)
                         .message()
                         .ok_or_else(|| Broken::Damaged("expected a message, got a piece of one".into()))?;
                     let at = Duration::from_nanos(log_time.saturating_sub(self.header.started_ns()));
@@ -274,7 +274,7 @@ fn find_header(path: &Path, container: &mut Container<BufReader<File>>) -> Resul
     let none = |why: String| Err(RecordingError::NoHeader { path: path.to_owned(), why });
     loop {
         match container.next(|opcode| opcode == op::METADATA) {
-            Ok(Some((op::METADATA, body))) => match Fields(body).metadata() {
+            Ok(Some((op::METADATA, body))) => match BodyFields(body).metadata() {
                 Some((RUN, fields)) => return RunHeader::from_metadata(path, fields),
                 Some(_) => {}
                 None => return none("a metadata record is damaged".into()),

@@ -14,7 +14,7 @@ use jiff::tz::TimeZone;
 
 use super::{
     Item, RecordingError, RunHeader,
-    queue::{Next, Patient, Queue},
+    queue::{Next, Patient, RecordingQueue},
     writer::RunWriter,
 };
 
@@ -88,7 +88,7 @@ pub struct RecordingReport {
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
-    queue: Arc<Queue>,
+    queue: Arc<RecordingQueue>,
     thread: Option<JoinHandle<Result<(), io::Error>>>,
 }
 
@@ -120,7 +120,7 @@ impl Recorder {
         header: &RunHeader,
         options: RecorderOptions,
     ) -> Result<Self, RecordingError> {
-        let queue = Arc::new(Queue::new(options.queue, path.clone()));
+        let queue = Arc::new(RecordingQueue::new(options.queue, path.clone()));
         let writer = RunWriter::new(Patient { sink, queue: Arc::clone(&queue) }, header)
             .map_err(|source| RecordingError::Write { path: path.clone(), source })?;
         queue.open();
@@ -232,7 +232,7 @@ fn new_file(dir: &Path, header: &RunHeader) -> Result<(fs::File, PathBuf), Recor
 }
 
 /// The writer's thread: from the queue to the sink until the recorder closes.
-fn write_all<W: Write + Seek>(mut writer: RunWriter<W>, queue: &Queue) -> Result<(), io::Error> {
+fn write_all<W: Write + Seek>(mut writer: RunWriter<W>, queue: &RecordingQueue) -> Result<(), io::Error> {
     let mut due: Option<Instant> = None;
     loop {
         match queue.next(due) {

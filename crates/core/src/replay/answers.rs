@@ -95,14 +95,14 @@ impl Observer<Replay> for Answers {
 pub struct ForBridge {
     replay: Replay,
     /// Shown and not yet answered.
-    waiting: VecDeque<Shown>,
+    waiting: VecDeque<Unanswered>,
     answers: Vec<Answered>,
     shown: u64,
     /// Memory for pictures that are looked at here.
     scratch: Frame,
 }
 
-struct Shown {
+struct Unanswered {
     frame: u64,
     at: Duration,
     recorded: Option<Steering>,
@@ -132,7 +132,7 @@ impl ForBridge {
 
     /// Takes what became of the frame that has waited longest.
     fn settle(&mut self, response: Response) {
-        if let Some(Shown { frame, at, recorded, .. }) = self.waiting.pop_front() {
+        if let Some(Unanswered { frame, at, recorded, .. }) = self.waiting.pop_front() {
             self.answers.push(Answered { frame, at, recorded, response });
         }
     }
@@ -148,7 +148,7 @@ impl World for ForBridge {
             Sight::HumanDrives | Sight::Unreadable(_) => None,
         };
         let (frame, at, recorded) = (self.shown, observation.at, self.replay.recorded());
-        self.waiting.push_back(Shown { frame, at, recorded, image });
+        self.waiting.push_back(Unanswered { frame, at, recorded, image });
         self.shown += 1;
         Ok(Some(observation))
     }

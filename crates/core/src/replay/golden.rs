@@ -36,7 +36,7 @@ impl fmt::Display for Machine {
 /// The first line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Header {
+struct GoldenHeader {
     format: String,
     source: String,
     driver: String,
@@ -74,7 +74,7 @@ impl Line {
 /// A stored replay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Golden {
-    header: Header,
+    header: GoldenHeader,
     lines: Vec<Line>,
 }
 
@@ -118,7 +118,7 @@ impl Golden {
     /// From a replay's answers, given on this machine, if that is known.
     pub fn new(source: &str, driver: &str, answers: &[Answered], written_on: Option<Machine>) -> Self {
         Self {
-            header: Header {
+            header: GoldenHeader {
                 format: FORMAT.into(),
                 source: source.into(),
                 driver: driver.into(),
@@ -160,7 +160,7 @@ impl Golden {
             why,
         };
         let first = lines.next().map(|(_, line)| line.map_err(io)).transpose()?.unwrap_or_default();
-        let header: Header = serde_json::from_str(&first)
+        let header: GoldenHeader = serde_json::from_str(&first)
             .map_err(|e| parse_error(0, "a golden file's header", &first, e.to_string()))?;
         if ![FORMAT, OLDER_FORMAT].contains(&header.format.as_str()) {
             return Err(parse_error(0, FORMAT, &header.format, "written by another version".into()));

@@ -24,7 +24,7 @@ use lapwing_core::{
 };
 
 /// Hears how many rows are done, and of how many; says whether to go on.
-type Progress<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
+type OnRow<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
 
 /// What became of a conversion.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
@@ -49,7 +49,7 @@ pub struct Converted {
 /// # Errors
 /// [`DatasetError`]: broken off; a target that is there, or of the wrong kind; a picture that cannot be read or is no JPEG; what
 /// the source cannot be read or the target not be written for. What was written until then is removed.
-pub fn convert(source: &Path, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+pub fn convert(source: &Path, target: &Path, progress: OnRow<'_>) -> Result<Converted, DatasetError> {
     let recording = Recording::open(source)?;
     let (folder, run) = ("a folder", "a run");
     let wrong = |expected, got| Err(DatasetError::Target { path: target.to_owned(), expected, got });
@@ -82,7 +82,7 @@ fn io_error(doing: &'static str, path: &Path, why: io::Error) -> DatasetError {
     DatasetError::Io { doing, path: path.to_owned(), why }
 }
 
-fn to_run(log: &DrivingLog, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Converted, DatasetError> {
     if let Some(parent) = target.parent() {
         fs::create_dir_all(parent).map_err(|why| io_error("create the folder", parent, why))?;
     }
@@ -114,7 +114,7 @@ fn to_run(log: &DrivingLog, target: &Path, progress: Progress<'_>) -> Result<Con
     finished
 }
 
-fn to_folder(mut run: Recording, target: &Path, progress: Progress<'_>) -> Result<Converted, DatasetError> {
+fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<Converted, DatasetError> {
     let total = run.left();
     let began = run.header().started.to_zoned(TimeZone::system()).datetime();
     let was_there = target.exists();

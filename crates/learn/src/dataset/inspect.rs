@@ -209,7 +209,7 @@ impl Intervals {
 pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Result<Inspection, DatasetError> {
     let mut recording = Recording::open(path)?;
     let total = recording.left();
-    let mut rows = Rows { is_run: recording.log().is_none(), ..Rows::default() };
+    let mut rows = RowFindings { is_run: recording.log().is_none(), ..RowFindings::default() };
     let (jobs, queue) = sync_channel(WAITING);
     let queue = Mutex::new(queue);
     let pictures = thread::scope(|scope| {
@@ -237,7 +237,7 @@ pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Resul
         drop(jobs);
         // A worker has nothing to panic at; were it to, its pictures would be reported as not looked at.
         let done = workers.into_iter().filter_map(|worker| worker.join().ok());
-        Ok(done.fold(Pictures::default(), Pictures::and))
+        Ok(done.fold(PictureFindings::default(), PictureFindings::and))
     })?;
     if rows.count == 0 {
         return Err(DatasetError::Empty { path: path.to_owned() });
@@ -255,7 +255,7 @@ struct Job {
 
 /// What workers find out.
 #[derive(Default)]
-struct Pictures {
+struct PictureFindings {
     /// By camera: rows, missing, broken.
     counts: [[u64; 3]; CAMERAS.len()],
     sizes: BTreeMap<(usize, usize), u64>,
@@ -263,7 +263,7 @@ struct Pictures {
     problems: Vec<Problem>,
 }
 
-impl Pictures {
+impl PictureFindings {
     fn and(mut self, mut other: Self) -> Self {
         for (all, more) in self.counts.iter_mut().flatten().zip(other.counts.iter().flatten()) {
             *all += more;
@@ -278,8 +278,8 @@ impl Pictures {
 }
 
 /// A worker: decodes pictures until there are no more.
-fn decode(queue: &Mutex<Receiver<Job>>) -> Pictures {
-    let (mut found, mut frame) = (Pictures::default(), Frame::default());
+fn decode(queue: &Mutex<Receiver<Job>>) -> PictureFindings {
+    let (mut found, mut frame) = (PictureFindings::default(), Frame::default());
     loop {
         let next = queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
         let Ok(Job { row, line, camera, picture }) = next else { return found };
@@ -309,7 +309,7 @@ fn decode(queue: &Mutex<Receiver<Job>>) -> Pictures {
 
 /// What the rows themselves tell.
 #[derive(Default)]
-struct Rows {
+struct RowFindings {
     is_run: bool,
     count: u64,
     steering: Vec<f64>,
@@ -335,7 +335,7 @@ fn answered(moment: &Moment) -> &'static str {
     }
 }
 
-impl Rows {
+impl RowFindings {
     fn take(&mut self, moment: &Moment) {
         self.count += 1;
         self.steering.extend(moment.steering().map(Steering::get));
@@ -365,7 +365,7 @@ impl Rows {
         self.problems.push(Problem { row, line: None, camera: None, file: None, missing: false, why });
     }
 
-    fn with(mut self, pictures: Pictures, path: &Path, truncated: Option<String>) -> Inspection {
+    fn with(mut self, pictures: PictureFindings, path: &Path, truncated: Option<String>) -> Inspection {
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let cameras = CAMERAS.into_iter().zip(pictures.counts).filter(|(_, counts)| counts[0] > 0);
         let cameras = cameras.map(|(camera, [rows, missing, broken])| CameraCount { camera, rows, missing, broken });

@@ -20,7 +20,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     Augmentation, Camera, Change, DatasetError, Samples,
-    strip::{Cut, Strip},
+    strip::{Strip, StripCut},
 };
 use lapwing_core::perception::{Frame, Preprocess, Preprocessor, decode_jpeg};
 
@@ -190,11 +190,11 @@ impl Workers {
 }
 
 /// What the threads share.
-struct Plan {
+struct LoadPlan {
     samples: Arc<Samples>,
     cache: Arc<Cache>,
     inputs: Inputs,
-    cut: Cut,
+    cut: StripCut,
     augmentation: Augmentation,
     order: Vec<u32>,
     batch: usize,
@@ -223,8 +223,8 @@ impl Loader {
         let preprocessor = Preprocessor::new(inputs.preprocess.clone())
             .map_err(|why| DatasetError::Preprocess { picture: "the network's preprocessing".into(), why })?;
         let reach_px = if augmentation.translate > 0.0 { augmentation.translate_y_px } else { 0 };
-        let cut = Cut { preprocess: inputs.preprocess.clone(), reach_px };
-        let plan = Arc::new(Plan { samples, cache, inputs, cut, augmentation, order, batch, seed, epoch });
+        let cut = StripCut { preprocess: inputs.preprocess.clone(), reach_px };
+        let plan = Arc::new(LoadPlan { samples, cache, inputs, cut, augmentation, order, batch, seed, epoch });
         let (orders, ordered) = channel();
         let ordered = Arc::new(Mutex::new(ordered));
         let (sender, receiver) = channel();
@@ -317,7 +317,7 @@ impl Worker {
 
     fn run(
         mut self,
-        plan: &Plan,
+        plan: &LoadPlan,
         orders: &Mutex<Receiver<usize>>,
         sender: &Sender<(usize, Result<Batch, DatasetError>)>,
     ) {
@@ -335,7 +335,7 @@ impl Worker {
         }
     }
 
-    fn batch(&mut self, plan: &Plan, range: Range<usize>) -> Result<Batch, DatasetError> {
+    fn batch(&mut self, plan: &LoadPlan, range: Range<usize>) -> Result<Batch, DatasetError> {
         let size = range.len();
         let (mut steering, mut acceleration, mut speed_mph) =
             (Vec::with_capacity(size), Vec::with_capacity(size), Vec::with_capacity(size));
@@ -369,7 +369,7 @@ impl Worker {
     /// Makes the numbers of a picture, and says how many recorded pixels across one of the network's is.
     fn picture<T>(
         &mut self,
-        plan: &Plan,
+        plan: &LoadPlan,
         (source, row, camera): (u32, usize, Camera),
         change: &Change,
         out: &mut [T],

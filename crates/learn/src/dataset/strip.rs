@@ -5,7 +5,7 @@ use lapwing_core::perception::{Crop, Frame, Preprocess, PreprocessError, Preproc
 
 /// Which strip is cut out of pictures.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Cut {
+pub(super) struct StripCut {
     pub preprocess: Preprocess,
     /// Recorded pixels that a shift up or down may need beyond the crop.
     pub reach_px: u32,
@@ -27,7 +27,7 @@ pub(super) struct Strip {
 
 impl Strip {
     /// Cuts a strip out of a picture. `preprocessor` is that of the cut.
-    pub fn cut(cut: &Cut, preprocessor: &mut Preprocessor, frame: &Frame) -> Result<Self, PreprocessError> {
+    pub fn cut(cut: &StripCut, preprocessor: &mut Preprocessor, frame: &Frame) -> Result<Self, PreprocessError> {
         let Preprocess { crop, resize, .. } = &cut.preprocess;
         let crop = crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
         let inside = preprocessor.resize(frame)?.to_vec();
@@ -68,7 +68,7 @@ impl Strip {
     }
 
     /// Whether it would be cut the same way.
-    pub fn is_of(&self, cut: &Cut) -> bool {
+    pub fn is_of(&self, cut: &StripCut) -> bool {
         let size = (cut.preprocess.resize.width, cut.preprocess.resize.height);
         self.by == (cut.preprocess.crop, cut.reach_px) && (self.width, self.rows[1]) == size
     }

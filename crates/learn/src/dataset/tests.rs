@@ -6,7 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    strip::{Cut, Strip},
+    strip::{Strip, StripCut},
     *,
 };
 use lapwing_core::{
@@ -213,7 +213,7 @@ fn rows_beyond_the_crop_come_in_at_the_networks_scale() {
     // Rows 4 to 11 become four: half as high. Two more above them, two below.
     let preprocess = inputs(1).preprocess;
     let mut preprocessor = Preprocessor::new(preprocess.clone()).unwrap();
-    let strip = Strip::cut(&Cut { preprocess, reach_px: 20 }, &mut preprocessor, &frame).unwrap();
+    let strip = Strip::cut(&StripCut { preprocess, reach_px: 20 }, &mut preprocessor, &frame).unwrap();
     assert_eq!((strip.height(), strip.scale(), strip.bytes()), (4, (4.0, 2.0), 8 * 8 * 3));
     let green = |row| i32::from(strip.row(1, row)[4]);
     for row in -2..6 {
@@ -304,7 +304,7 @@ fn changed(change: &Change) -> Frame {
     let crop = Some(Crop { top: 5, bottom: 15 });
     let preprocess = Preprocess { crop, resize, colour: Colour::Rgb, scale: Scale::Unit, layout: Layout::Nchw };
     let mut preprocessor = Preprocessor::new(preprocess.clone()).unwrap();
-    let strip = Strip::cut(&Cut { preprocess, reach_px: 8 }, &mut preprocessor, &map()).unwrap();
+    let strip = Strip::cut(&StripCut { preprocess, reach_px: 8 }, &mut preprocessor, &map()).unwrap();
     let mut rgb = vec![0; 40 * 10 * 3];
     change.apply(&strip, &mut Default::default(), |y, channels| {
         for (x, pixel) in rgb[y * 120..(y + 1) * 120].chunks_exact_mut(3).enumerate() {

@@ -49,7 +49,7 @@ pub enum Precision {
 /// What goes into a network beside what the architecture's name says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Inputs {
+struct CheckpointInputs {
     frames: usize,
     speed: bool,
 }
@@ -114,7 +114,7 @@ impl Checkpoint {
         };
         let inputs = match get("inputs") {
             Ok(text) => json("inputs", text)?,
-            Err(_) => Inputs { frames: 1, speed: false },
+            Err(_) => CheckpointInputs { frames: 1, speed: false },
         };
         if inputs.frames != architecture.frames() {
             return Err(NnError::Frames { architecture, got: inputs.frames });
@@ -182,7 +182,7 @@ pub(super) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Res
 
 /// The header in a fixed order: the same network makes the same bytes, and so the same hash.
 #[derive(Serialize)]
-struct Header<'a> {
+struct CheckpointHeader<'a> {
     #[serde(rename = "__metadata__")]
     metadata: BTreeMap<&'a str, &'a str>,
     #[serde(flatten)]
@@ -218,9 +218,9 @@ pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> R
     }
     let preprocess = serde_json::to_string(&metadata.preprocess).expect("preprocessing is valid JSON");
     let outputs = serde_json::to_string(&metadata.outputs).expect("a list of text is valid JSON");
-    let inputs = Inputs { frames: architecture.frames(), speed: network.design().speed };
+    let inputs = CheckpointInputs { frames: architecture.frames(), speed: network.design().speed };
     let inputs = serde_json::to_string(&inputs).expect("a number and a truth are valid JSON");
-    let header = Header {
+    let header = CheckpointHeader {
         metadata: BTreeMap::from([
             ("format", FORMAT),
             ("architecture", architecture.name()),

@@ -26,11 +26,11 @@ pub struct Network {
     /// All tensors, in the order in which they were asked for. The layers hold the same ones, but where batch norm
     /// is folded away.
     tensors: Vec<(String, Tensor)>,
-    layers: Layers,
+    layers: NetworkLayers,
 }
 
 #[derive(Debug)]
-enum Layers {
+enum NetworkLayers {
     PilotNet(PilotNet),
     Cps(Cps),
     ResNet(ResNet),
@@ -80,16 +80,18 @@ impl Network {
         };
         let (speed, channels) = (design.speed, resnet::CHANNELS as i64);
         let layers = match design.architecture {
-            Architecture::PilotNet => Layers::PilotNet(PilotNet::build(speed, source)?),
-            Architecture::Cps => Layers::Cps(Cps::build(speed, source)?),
-            Architecture::ResNet18 => Layers::ResNet(ResNet::build(Depth::Eighteen, channels, speed, source)?),
-            Architecture::ResNet50 => Layers::ResNet(ResNet::build(Depth::Fifty, channels, speed, source)?),
-            Architecture::ResNet18Gru => Layers::Gru(ResNetGru::build(Depth::Eighteen, speed, source)?),
-            Architecture::ResNet50Gru => Layers::Gru(ResNetGru::build(Depth::Fifty, speed, source)?),
+            Architecture::PilotNet => NetworkLayers::PilotNet(PilotNet::build(speed, source)?),
+            Architecture::Cps => NetworkLayers::Cps(Cps::build(speed, source)?),
+            Architecture::ResNet18 => NetworkLayers::ResNet(ResNet::build(Depth::Eighteen, channels, speed, source)?),
+            Architecture::ResNet50 => NetworkLayers::ResNet(ResNet::build(Depth::Fifty, channels, speed, source)?),
+            Architecture::ResNet18Gru => NetworkLayers::Gru(ResNetGru::build(Depth::Eighteen, speed, source)?),
+            Architecture::ResNet50Gru => NetworkLayers::Gru(ResNetGru::build(Depth::Fifty, speed, source)?),
             Architecture::ResNet18Stack => {
-                Layers::Stack(ResNet::build(Depth::Eighteen, stack::CHANNELS, speed, source)?)
+                NetworkLayers::Stack(ResNet::build(Depth::Eighteen, stack::CHANNELS, speed, source)?)
             }
-            Architecture::ResNet50Stack => Layers::Stack(ResNet::build(Depth::Fifty, stack::CHANNELS, speed, source)?),
+            Architecture::ResNet50Stack => {
+                NetworkLayers::Stack(ResNet::build(Depth::Fifty, stack::CHANNELS, speed, source)?)
+            }
         };
         Ok(Self { design: design.clone(), tensors, layers })
     }
@@ -109,7 +111,7 @@ impl Network {
     /// [`NnError::Torch`] where libtorch finds no memory.
     pub fn for_inference(self) -> Result<Self, NnError> {
         let Self { design, tensors, layers } = self;
-        let relayout = matches!(layers, Layers::PilotNet(_));
+        let relayout = matches!(layers, NetworkLayers::PilotNet(_));
         drop(layers);
         // The same design asks for the same tensors in the same order.
         let mut tensors = tensors.into_iter();
@@ -119,9 +121,9 @@ impl Network {
             if relayout && shape.len() == 4 { channels_last(&tensor) } else { Ok(tensor) }
         })?;
         tch::no_grad(|| match &mut network.layers {
-            Layers::PilotNet(_) | Layers::Cps(_) => Ok(()),
-            Layers::ResNet(layers) | Layers::Stack(layers) => layers.fold(),
-            Layers::Gru(layers) => layers.fold(),
+            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => Ok(()),
+            NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => layers.fold(),
+            NetworkLayers::Gru(layers) => layers.fold(),
         })?;
         Ok(network)
     }
@@ -134,9 +136,9 @@ impl Network {
     pub fn freeze_backbone(&mut self) -> Result<(), NnError> {
         let architecture = self.architecture();
         match &mut self.layers {
-            Layers::PilotNet(_) | Layers::Cps(_) => return Err(NnError::NoBackbone { architecture }),
-            Layers::ResNet(layers) | Layers::Stack(layers) => layers.freeze(),
-            Layers::Gru(layers) => layers.freeze(),
+            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => return Err(NnError::NoBackbone { architecture }),
+            NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => layers.freeze(),
+            NetworkLayers::Gru(layers) => layers.freeze(),
         }
         for (_, tensor) in self.tensors.iter().filter(|(name, _)| pretrained::of_backbone(name)) {
             let _ = tensor.set_requires_grad(false);
@@ -147,9 +149,9 @@ impl Network {
     /// Whether training normalises by the batch: one of a single picture then says nothing.
     pub fn normalises_by_batch(&self) -> bool {
         match &self.layers {
-            Layers::PilotNet(_) | Layers::Cps(_) => false,
-            Layers::ResNet(layers) | Layers::Stack(layers) => !layers.is_frozen(),
-            Layers::Gru(layers) => !layers.is_frozen(),
+            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => false,
+            NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => !layers.is_frozen(),
+            NetworkLayers::Gru(layers) => !layers.is_frozen(),
         }
     }
 
@@ -182,11 +184,11 @@ impl Network {
         self.check_frame(frame_size, &size)?;
         self.check_speed(speed, size[0])?;
         match &self.layers {
-            Layers::PilotNet(layers) => layers.forward(frames, speed),
-            Layers::Cps(layers) => layers.forward(frames, speed, train),
-            Layers::ResNet(layers) => layers.forward(frames, speed, train),
-            Layers::Gru(layers) => layers.forward(frames, speed, train),
-            Layers::Stack(layers) => layers.forward(&stack::stacked(frames)?, speed, train),
+            NetworkLayers::PilotNet(layers) => layers.forward(frames, speed),
+            NetworkLayers::Cps(layers) => layers.forward(frames, speed, train),
+            NetworkLayers::ResNet(layers) => layers.forward(frames, speed, train),
+            NetworkLayers::Gru(layers) => layers.forward(frames, speed, train),
+            NetworkLayers::Stack(layers) => layers.forward(&stack::stacked(frames)?, speed, train),
         }
     }
 
@@ -200,12 +202,14 @@ impl Network {
     /// [`NnError::Input`], [`NnError::Speed`], [`NnError::Torch`].
     pub fn answer(&self, frame: &Tensor, speed: Option<&Tensor>, memory: &mut Memory) -> Result<Tensor, NnError> {
         tch::no_grad(|| match &self.layers {
-            Layers::PilotNet(_) | Layers::Cps(_) | Layers::ResNet(_) => self.forward(frame, speed, false),
-            Layers::Stack(_) => {
+            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) | NetworkLayers::ResNet(_) => {
+                self.forward(frame, speed, false)
+            }
+            NetworkLayers::Stack(_) => {
                 self.check_one(frame)?;
                 self.forward(&memory.remember(frame.shallow_clone())?, speed, false)
             }
-            Layers::Gru(layers) => {
+            NetworkLayers::Gru(layers) => {
                 self.check_one(frame)?;
                 self.check_speed(speed, 1)?;
                 layers.steer(&memory.remember(layers.see(frame, false)?)?, speed, false)
@@ -219,7 +223,7 @@ impl Network {
     /// # Errors
     /// [`NnError::Input`], [`NnError::Torch`].
     pub fn features(&self, frames: &Tensor) -> Result<Option<Tensor>, NnError> {
-        let Layers::ResNet(layers) = &self.layers else { return Ok(None) };
+        let NetworkLayers::ResNet(layers) = &self.layers else { return Ok(None) };
         let size = frames.size();
         self.check_frame(size.get(1..).unwrap_or(&[]), &size)?;
         layers.features(frames, false).map(Some)
@@ -228,11 +232,11 @@ impl Network {
     /// Another handle on the same weights, for another thread; nothing is copied.
     pub fn share(&self) -> Self {
         let layers = match &self.layers {
-            Layers::PilotNet(layers) => Layers::PilotNet(layers.share()),
-            Layers::Cps(layers) => Layers::Cps(layers.share()),
-            Layers::ResNet(layers) => Layers::ResNet(layers.share()),
-            Layers::Gru(layers) => Layers::Gru(layers.share()),
-            Layers::Stack(layers) => Layers::Stack(layers.share()),
+            NetworkLayers::PilotNet(layers) => NetworkLayers::PilotNet(layers.share()),
+            NetworkLayers::Cps(layers) => NetworkLayers::Cps(layers.share()),
+            NetworkLayers::ResNet(layers) => NetworkLayers::ResNet(layers.share()),
+            NetworkLayers::Gru(layers) => NetworkLayers::Gru(layers.share()),
+            NetworkLayers::Stack(layers) => NetworkLayers::Stack(layers.share()),
         };
         Self { design: self.design.clone(), tensors: self.tensors(), layers }
     }

@@ -22,7 +22,7 @@ const VERSION: &str = "brain.Event:2";
 
 /// A moment of training.
 #[derive(Clone, PartialEq, prost::Message)]
-struct Event {
+struct TfEvent {
     /// Seconds since 1970.
     #[prost(double, tag = "1")]
     wall_time: f64,
@@ -32,17 +32,17 @@ struct Event {
     #[prost(string, optional, tag = "3")]
     file_version: Option<String>,
     #[prost(message, optional, tag = "5")]
-    summary: Option<Summary>,
+    summary: Option<TfSummary>,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]
-struct Summary {
+struct TfSummary {
     #[prost(message, repeated, tag = "1")]
-    value: Vec<Value>,
+    value: Vec<TfValue>,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]
-struct Value {
+struct TfValue {
     #[prost(string, tag = "1")]
     tag: String,
     /// `optional`, so that a 0 is written: it is one of a `oneof`.
@@ -81,7 +81,7 @@ impl Events {
             }
         };
         let mut events = Self { path, file: BufWriter::new(file) };
-        events.write(&Event { wall_time: now, file_version: Some(VERSION.into()), ..Event::default() })?;
+        events.write(&TfEvent { wall_time: now, file_version: Some(VERSION.into()), ..TfEvent::default() })?;
         events.flush()?;
         Ok(events)
     }
@@ -97,9 +97,9 @@ impl Events {
     /// # Errors
     /// Those of the file system.
     pub fn scalar(&mut self, tag: &str, step: i64, wall: f64, value: f32) -> io::Result<()> {
-        let value = Value { tag: tag.into(), simple_value: Some(value) };
-        let summary = Some(Summary { value: vec![value] });
-        self.write(&Event { wall_time: wall, step, summary, file_version: None })
+        let value = TfValue { tag: tag.into(), simple_value: Some(value) };
+        let summary = Some(TfSummary { value: vec![value] });
+        self.write(&TfEvent { wall_time: wall, step, summary, file_version: None })
     }
 
     /// Hands over to the system what waits in memory, so that TensorBoard sees it.
@@ -110,7 +110,7 @@ impl Events {
         self.file.flush()
     }
 
-    fn write(&mut self, event: &Event) -> io::Result<()> {
+    fn write(&mut self, event: &TfEvent) -> io::Result<()> {
         self.file.write_all(&record(&event.encode_to_vec()))
     }
 }
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     /// The events of a file, each with its checksums checked.
-    fn read(mut bytes: &[u8]) -> Vec<Event> {
+    fn read(mut bytes: &[u8]) -> Vec<TfEvent> {
         let mut events = Vec::new();
         while !bytes.is_empty() {
             let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
@@ -139,7 +139,7 @@ mod tests {
             assert_eq!(crc(8), masked_crc(&bytes[..8]));
             let message = &bytes[12..12 + length];
             assert_eq!(crc(12 + length), masked_crc(message));
-            events.push(Event::decode(message).unwrap());
+            events.push(TfEvent::decode(message).unwrap());
             bytes = &bytes[16 + length..];
         }
         events

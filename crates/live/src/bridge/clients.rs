@@ -39,24 +39,24 @@ struct Incoming {
 }
 
 /// An event's first argument as it came: as values it could take up many times its text.
-struct Payload(Box<RawValue>);
+struct Argument(Box<RawValue>);
 
-impl<'de> Deserialize<'de> for Payload {
+impl<'de> Deserialize<'de> for Argument {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct First;
-        impl<'de> Visitor<'de> for First {
-            type Value = Payload;
+        struct FirstArgument;
+        impl<'de> Visitor<'de> for FirstArgument {
+            type Value = Argument;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("an argument")
             }
-            fn visit_seq<A: SeqAccess<'de>>(self, mut arguments: A) -> Result<Payload, A::Error> {
+            fn visit_seq<A: SeqAccess<'de>>(self, mut arguments: A) -> Result<Argument, A::Error> {
                 let first = arguments.next_element()?.ok_or_else(|| de::Error::invalid_length(0, &self))?;
                 while arguments.next_element::<IgnoredAny>()?.is_some() {}
-                Ok(Payload(first))
+                Ok(Argument(first))
             }
         }
         // The parser takes a tuple for the event's arguments, and anything else for one of them.
-        deserializer.deserialize_tuple(1, First)
+        deserializer.deserialize_tuple(1, FirstArgument)
     }
 }
 
@@ -100,9 +100,9 @@ async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
     }
     let (sender, incoming) = mpsc::channel(WAITING);
     let load = Arc::new(Mutex::new(bridge.in_flight.load(peer)));
-    let queue = Arc::new(Queue { sender, load: load.clone(), peer, crowded: Throttled::default() });
+    let queue = Arc::new(EventQueue { sender, load: load.clone(), peer, crowded: Throttled::default() });
     // socketioxide calls handlers in order but runs their futures at once; the queue keeps the order.
-    socket.on_fallback(move |Event(name): Event, TryData(payload): TryData<Payload>| {
+    socket.on_fallback(move |Event(name): Event, TryData(payload): TryData<Argument>| {
         queue.push(Incoming { received: Instant::now(), name, payload: payload.ok().map(|payload| payload.0) });
         async {}
     });
@@ -118,7 +118,7 @@ async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
 }
 
 /// Where a client's events wait for their turn.
-struct Queue {
+struct EventQueue {
     sender: mpsc::Sender<Incoming>,
     load: Arc<Mutex<Load>>,
     peer: SocketAddr,
@@ -126,7 +126,7 @@ struct Queue {
     crowded: Throttled,
 }
 
-impl Queue {
+impl EventQueue {
     fn push(&self, event: Incoming) {
         let bytes = event.bytes();
         let queued = hold(&self.load).grow(bytes).map_err(|why| why.to_string()).and_then(|()| {

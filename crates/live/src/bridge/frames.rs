@@ -40,7 +40,7 @@ const CONTROL: u64 = 125;
 
 /// Where in the stream of frames a connection is.
 #[derive(Debug)]
-struct Frames {
+struct FramePosition {
     /// The largest message, in bytes.
     most: usize,
     /// The header that is being read: 2 bytes, up to 8 of length, 4 of mask.
@@ -59,7 +59,7 @@ struct Frames {
     since: Option<Instant>,
 }
 
-impl Frames {
+impl FramePosition {
     fn new(most: usize) -> Self {
         Self {
             most,
@@ -157,7 +157,7 @@ pub(super) struct Watched<S> {
     socket: S,
     /// What was read of it before.
     ahead: Bytes,
-    frames: Frames,
+    frames: FramePosition,
     load: Load,
     /// Until when the large message must be there, and which it is.
     deadline: Option<(u64, Pin<Box<Sleep>>)>,
@@ -170,7 +170,7 @@ impl<S> Watched<S> {
     /// `ahead` is what was read from the socket since its handshake.
     pub fn new(socket: S, ahead: Bytes, bridge: Arc<Bridge>, peer: SocketAddr) -> Self {
         let limits = &bridge.settings.bridge.limits;
-        let (frames, patience) = (Frames::new(limits.message()), limits.patience());
+        let (frames, patience) = (FramePosition::new(limits.message()), limits.patience());
         Self { socket, ahead, frames, load: bridge.in_flight.load(peer), deadline: None, patience, peer, bridge }
     }
 
@@ -278,7 +278,7 @@ mod tests {
     fn telemetries_pass_in_whatever_pieces_they_are_read() {
         let (now, telemetry) = (Instant::now(), message(20_600, 1016));
         for piece in [1, 2, 3, 7, 1000, 4096, usize::MAX] {
-            let mut frames = Frames::new(MOST);
+            let mut frames = FramePosition::new(MOST);
             for _ in 0..3 {
                 for part in telemetry.chunks(piece) {
                     frames.read(part, now).unwrap();
@@ -293,13 +293,13 @@ mod tests {
     #[test]
     fn a_message_beyond_the_limit_is_refused_as_soon_as_it_is_announced() {
         let now = Instant::now();
-        Frames::new(MOST).read(&message(MOST, 1 << 20), now).unwrap();
-        let whole = Frames::new(MOST).read(&frame(0x81, MOST + 1)[..14], now);
+        FramePosition::new(MOST).read(&message(MOST, 1 << 20), now).unwrap();
+        let whole = FramePosition::new(MOST).read(&frame(0x81, MOST + 1)[..14], now);
         assert_eq!(whole, Err(Abuse::TooLarge { most: MOST, got: MOST as u64 + 1 }));
-        let in_parts = Frames::new(MOST).read(&message(MOST + 1, 1016), now);
+        let in_parts = FramePosition::new(MOST).read(&message(MOST + 1, 1016), now);
         assert!(matches!(in_parts, Err(Abuse::TooLarge { .. })), "{in_parts:?}");
         let absurd = [0x81, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 1, 2, 3, 4];
-        assert!(matches!(Frames::new(MOST).read(&absurd, now), Err(Abuse::TooLarge { got: u64::MAX, .. })));
+        assert!(matches!(FramePosition::new(MOST).read(&absurd, now), Err(Abuse::TooLarge { got: u64::MAX, .. })));
     }
 
     #[test]
@@ -309,18 +309,21 @@ mod tests {
         for _ in 0..FREE_FRAGMENTS - 1 {
             empty.extend(frame(0, 0));
         }
-        let mut frames = Frames::new(MOST);
+        let mut frames = FramePosition::new(MOST);
         frames.read(&empty, now).unwrap();
         assert_eq!(frames.read(&frame(0, 0), now), Err(Abuse::Crumbs { most: 64, bytes: 0 }));
-        assert!(Frames::new(MOST).read(&message(20_600, 1), now).is_err());
-        assert!(Frames::new(MOST).read(&message(20_600, 125), now).is_ok(), "small ones, yet worth their header");
+        assert!(FramePosition::new(MOST).read(&message(20_600, 1), now).is_err());
+        assert!(
+            FramePosition::new(MOST).read(&message(20_600, 125), now).is_ok(),
+            "small ones, yet worth their header"
+        );
     }
 
     #[test]
     fn more_pings_than_anybody_needs_are_refused_and_a_second_later_there_are_new_ones() {
         let now = Instant::now();
         for ping in [frame(0x89, 0), message(1, 10), message(0, 10)] {
-            let mut frames = Frames::new(MOST);
+            let mut frames = FramePosition::new(MOST);
             for _ in 0..CHATTER {
                 frames.read(&ping, now).unwrap();
             }
@@ -334,9 +337,9 @@ mod tests {
     fn a_control_frame_of_more_bytes_than_one_may_have_is_refused_as_soon_as_it_is_announced() {
         let now = Instant::now();
         for first in [0x88, 0x89, 0x8a] {
-            Frames::new(MOST).read(&frame(first, 125), now).unwrap();
-            assert_eq!(Frames::new(MOST).read(&frame(first, 126)[..8], now), Err(Abuse::Control(126)));
-            assert_eq!(Frames::new(MOST).read(&frame(first, MOST)[..14], now), Err(Abuse::Control(MOST as u64)));
+            FramePosition::new(MOST).read(&frame(first, 125), now).unwrap();
+            assert_eq!(FramePosition::new(MOST).read(&frame(first, 126)[..8], now), Err(Abuse::Control(126)));
+            assert_eq!(FramePosition::new(MOST).read(&frame(first, MOST)[..14], now), Err(Abuse::Control(MOST as u64)));
         }
     }
 
@@ -356,7 +359,7 @@ mod tests {
     #[test]
     fn a_ping_amid_a_message_leaves_the_message_as_it_is() {
         let now = Instant::now();
-        let mut frames = Frames::new(MOST);
+        let mut frames = FramePosition::new(MOST);
         frames.read(&frame(1, 1016), now).unwrap();
         frames.read(&frame(0x89, 4), now).unwrap();
         assert!(!frames.at_rest());

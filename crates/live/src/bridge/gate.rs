@@ -192,26 +192,26 @@ async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: Peer) {
     let first = tokio::time::timeout(LISTEN, async {
         loop {
             match socket.read_buf(&mut read).await {
-                Ok(0) | Err(_) => return First::Gone,
+                Ok(0) | Err(_) => return Opening::Gone,
                 Ok(_) => {}
             }
             match first_words(&read) {
-                Some([b'4', b'0']) => return First::Connect,
-                Some(_) => return First::Talks,
+                Some([b'4', b'0']) => return Opening::Connect,
+                Some(_) => return Opening::Talks,
                 None => {} // not yet a whole frame header
             }
         }
     });
     match first.await {
-        Ok(First::Gone) => {}
-        Ok(First::Talks) => {
+        Ok(Opening::Gone) => {}
+        Ok(Opening::Talks) => {
             if let Some(more) = gate.bridge.strangers.due(Instant::now()) {
                 let peer = peer.address;
                 tracing::info!("{peer} talks before it is greeted: served as a simulator{more}");
             }
             play(socket, read.freeze(), gate, peer).await;
         }
-        Ok(First::Connect) | Err(_) => pass_on(socket, head, read.freeze(), gate, peer).await,
+        Ok(Opening::Connect) | Err(_) => pass_on(socket, head, read.freeze(), gate, peer).await,
     }
 }
 
@@ -227,7 +227,7 @@ async fn pass_on(socket: Socket, head: Bytes, read: Bytes, gate: Gate, peer: Pee
     peer.is(Role::Client);
     let address = peer.address;
     let socket = Watched::new(socket, read, gate.bridge.clone(), address);
-    let socket = Replayed { incoming: head, head: Vec::new(), head_is_over: false, socket };
+    let socket = ReplayedHead { incoming: head, head: Vec::new(), head_is_over: false, socket };
     let clients = gate.clients.layer(Extension(peer)).into_service::<hyper::body::Incoming>();
     let server = hyper::server::conn::http1::Builder::new()
         .serve_connection(TokioIo::new(socket), TowerToHyperService::new(clients))
@@ -237,7 +237,7 @@ async fn pass_on(socket: Socket, head: Bytes, read: Bytes, gate: Gate, peer: Pee
     }
 }
 
-enum First {
+enum Opening {
     Gone,
     /// An impatient client of Engine.IO 4: `40` without waiting for OPEN.
     Connect,
@@ -275,14 +275,14 @@ fn head(request: &Request) -> Bytes {
 }
 
 /// A connection whose request head can be read once more and whose first response head stays here.
-struct Replayed {
+struct ReplayedHead {
     incoming: Bytes,
     head: Vec<u8>,
     head_is_over: bool,
     socket: Watched<Socket>,
 }
 
-impl AsyncRead for Replayed {
+impl AsyncRead for ReplayedHead {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         if self.incoming.is_empty() {
             return Pin::new(&mut self.socket).poll_read(cx, buf);
@@ -294,7 +294,7 @@ impl AsyncRead for Replayed {
     }
 }
 
-impl AsyncWrite for Replayed {
+impl AsyncWrite for ReplayedHead {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
         if self.head_is_over {
             return Pin::new(&mut self.socket).poll_write(cx, buf);

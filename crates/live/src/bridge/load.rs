@@ -72,11 +72,11 @@ pub(super) struct InFlight {
     own: usize,
     /// Bytes of the pool.
     pool: usize,
-    drawn: Mutex<Drawn>,
+    drawn: Mutex<LoadShares>,
 }
 
 #[derive(Debug, Default)]
-struct Drawn {
+struct LoadShares {
     bytes: usize,
     by: HashMap<u64, (SocketAddr, usize)>,
     next_id: u64,
@@ -111,12 +111,12 @@ impl InFlight {
         Load { of: self.clone(), id, peer, bytes: 0, drawn: 0 }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Drawn> {
+    fn lock(&self) -> MutexGuard<'_, LoadShares> {
         self.drawn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drawn {
+impl LoadShares {
     /// `127.0.0.1:5000 4.0 MiB, …`, the largest first.
     fn who(&self) -> String {
         let mut by: Vec<_> = self.by.values().collect();

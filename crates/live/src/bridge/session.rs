@@ -38,12 +38,12 @@ pub(super) struct Session {
     early_kicks: u32,
     bad: Throttled,
     kicks: Throttled,
-    told: Told,
+    told: SaidOnce,
 }
 
 /// What has happened once, and need not be said again.
 #[derive(Default)]
-struct Told {
+struct SaidOnce {
     /// Who has connected.
     connected: bool,
     /// A telemetry came, of whatever kind.
@@ -90,7 +90,7 @@ impl Reply {
 impl Session {
     pub fn new(place: Presence, peer: String) -> Self {
         // Other clients have been introduced when they connected.
-        let told = Told { connected: !place.simulator, ..Told::default() };
+        let told = SaidOnce { connected: !place.simulator, ..SaidOnce::default() };
         Self {
             place,
             peer,

@@ -48,7 +48,8 @@ where
     let session = Session::new(bridge.enter(peer, true), peer.to_string());
     let now = Instant::now();
     let (liveness, tokens) = (Liveness::new(now, silence), Tokens::new(now));
-    let mut simulator = Simulator { socket, session, liveness, tokens, peer: peer.ip(), heard: false, held: None };
+    let mut simulator =
+        SimulatorSocket { socket, session, liveness, tokens, peer: peer.ip(), heard: false, held: None };
     let why = match simulator.play().await {
         Ok(why) => why.to_owned(),
         Err(tungstenite::Error::Io(error)) => error.to_string(),
@@ -63,7 +64,7 @@ where
     block_in_place(|| simulator.session.finish(&why));
 }
 
-struct Simulator<S> {
+struct SimulatorSocket<S> {
     socket: WebSocketStream<S>,
     session: Session,
     liveness: Liveness,
@@ -75,7 +76,7 @@ struct Simulator<S> {
     held: Option<(Reply, Instant)>,
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> Simulator<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
     /// Plays until the connection ends; says why it did.
     async fn play(&mut self) -> Result<&'static str, tungstenite::Error> {
         let signals = self.session.signals().clone();

@@ -18,14 +18,14 @@ const STANDS_S: f64 = 2.5;
 
 /// From stamps to the time of the run.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Clock {
+pub(super) struct RunClock {
     /// The stamps are the world's own time.
     is_world: bool,
     /// From where to where the pace is counted: telemetries that told another time than the one before.
-    first: Option<Told>,
-    changed: Option<Told>,
+    first: Option<TimedTelemetry>,
+    changed: Option<TimedTelemetry>,
     /// The last telemetry that told the time.
-    last: Option<Told>,
+    last: Option<TimedTelemetry>,
     /// Seconds of the run less those that the simulator reports.
     offset_s: f64,
     /// Whole seconds are told, several telemetries each; and whether one of them has ended.
@@ -37,13 +37,13 @@ pub(super) struct Clock {
 
 /// A telemetry that told the time.
 #[derive(Debug, Clone, Copy)]
-struct Told {
+struct TimedTelemetry {
     stamp_s: f64,
     sim_s: f64,
     run_s: f64,
 }
 
-impl Clock {
+impl RunClock {
     /// The stamps are the world's own time: it was driven in the process that recorded it.
     pub fn is_the_worlds(&mut self) {
         self.is_world = true;
@@ -54,7 +54,7 @@ impl Clock {
         let usable = |sim_s: &f64| !self.is_world && Truth::is_time(sim_s);
         let Some(sim_s) = sim_s.filter(usable) else { return self.at(stamp_s) };
         let Some(last) = self.last else {
-            let told = Told { stamp_s, sim_s, run_s: stamp_s };
+            let told = TimedTelemetry { stamp_s, sim_s, run_s: stamp_s };
             (self.first, self.last, self.offset_s) = (Some(told), Some(told), stamp_s - sim_s);
             return stamp_s;
         };
@@ -75,7 +75,7 @@ impl Clock {
             None if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
             None => exact.max(last.run_s),
         };
-        let told = Told { stamp_s, sim_s, run_s };
+        let told = TimedTelemetry { stamp_s, sim_s, run_s };
         if anew {
             (self.offset_s, self.first, self.has_ticked) = (run_s - sim_s, Some(told), step_s > 0.0);
         }
@@ -115,8 +115,8 @@ mod tests {
     use super::*;
 
     /// The times of telemetries told at these stamps.
-    fn times(told: impl IntoIterator<Item = (f64, f64)>) -> (Clock, Vec<f64>) {
-        let mut clock = Clock::default();
+    fn times(told: impl IntoIterator<Item = (f64, f64)>) -> (RunClock, Vec<f64>) {
+        let mut clock = RunClock::default();
         let times = told.into_iter().map(|(stamp_s, sim_s)| clock.telemetry(stamp_s, Some(sim_s))).collect();
         (clock, times)
     }
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn stamps_count_where_nothing_is_told_or_what_is_told_is_no_time() {
-        let mut clock = Clock::default();
+        let mut clock = RunClock::default();
         for sim_s in [None, Some(f64::NAN), Some(1e300), Some(-1.0)] {
             assert_eq!(clock.telemetry(3.5, sim_s), 3.5);
         }

@@ -9,14 +9,14 @@ use lapwing_core::{
 };
 
 /// A scorer, whoever watches it, and what it could not be told.
-struct Judge<W> {
+struct WatchedScorer<W> {
     scorer: Scorer,
     watch: W,
     /// How many, and the first of them.
     unreadable: Option<(u64, RecordingError)>,
 }
 
-impl<W: FnMut(Duration, &Item)> Judge<W> {
+impl<W: FnMut(Duration, &Item)> WatchedScorer<W> {
     fn new(scorer: Scorer, watch: W) -> Self {
         Self { scorer, watch, unreadable: None }
     }
@@ -50,7 +50,7 @@ pub fn of_recording(
     scorer: Scorer,
     watch: impl FnMut(Duration, &Item),
 ) -> Result<Scorecard, RecordingError> {
-    let mut judge = Judge::new(scorer.of_kind(recording.header().kind), watch);
+    let mut judge = WatchedScorer::new(scorer.of_kind(recording.header().kind), watch);
     let (mut not_recorded, mut joined, mut second) = (0, 0, None);
     while let Some(item) = recording.next_item() {
         match item {

@@ -12,7 +12,7 @@ use bytes::Bytes;
 use super::{
     blind::Blind,
     braking::Braking,
-    clock::Clock,
+    clock::RunClock,
     infractions::Struck,
     latency::Stages,
     smoothness::{GAP_S, Tick, Wheel},
@@ -31,8 +31,8 @@ pub(super) use judgement::{NO_JUDGE, NO_PILOT, NO_TIME};
 #[derive(Debug, Clone, Default)]
 pub struct Scorer {
     kind: RunKind,
-    course: Option<Course>,
-    clock: Clock,
+    course: Option<DrivenTrack>,
+    clock: RunClock,
     /// Nothing is kept that grows with the run.
     is_live: bool,
     /// When the run began: with the first telemetry, or with a human before it.
@@ -78,7 +78,7 @@ pub struct Scorer {
     bad_frames: u32,
     kicks: u32,
     missed_frames: u64,
-    answers: Answers,
+    answers: AnswerCounts,
     unanswered: bool,
     stages: Stages,
     braking: Braking,
@@ -91,7 +91,7 @@ pub struct Scorer {
 }
 
 #[derive(Debug, Clone)]
-struct Course {
+struct DrivenTrack {
     track: String,
     waypoints: u32,
     laps: Option<u32>,
@@ -100,7 +100,7 @@ struct Course {
 
 /// How many answers there were, and whose.
 #[derive(Debug, Clone, Copy, Default)]
-struct Answers {
+struct AnswerCounts {
     all: u64,
     pilot: u64,
     human: u64,
@@ -274,7 +274,7 @@ impl Scorer {
         match event {
             EventRecord::Course { track, waypoints, laps, scenario, .. } => {
                 let (track, scenario) = (track.clone(), scenario.clone());
-                self.course = Some(Course { track, waypoints: *waypoints, laps: *laps, scenario });
+                self.course = Some(DrivenTrack { track, waypoints: *waypoints, laps: *laps, scenario });
                 self.clock.is_the_worlds();
                 self.blind.stand_down();
             }

@@ -37,7 +37,7 @@ impl Smoothness {
         let motions = |factor: f64| stretches.iter().flat_map(move |stretch| motions(stretch, factor));
         let n = motions(1.0).count();
         let mean = |sum: f64| (n > 0).then(|| sum / n as f64);
-        let comfort = |factor: f64| mean(motions(factor).filter(Motion::is_comfortable).count() as f64);
+        let comfort = |factor: f64| mean(motions(factor).filter(MotionAt::is_comfortable).count() as f64);
         Self {
             rms_jerk: mean(motions(1.0).map(|motion| motion.jerk.powi(2)).sum()).map(f64::sqrt),
             comfort: comfort(1.0)
@@ -98,7 +98,7 @@ impl Wheel {
 
 /// How the car moved at a telemetry, in metres, seconds and radians.
 #[derive(Debug, Clone, Copy)]
-struct Motion {
+struct MotionAt {
     along: f64,
     across: f64,
     jerk: f64,
@@ -108,7 +108,7 @@ struct Motion {
     yaw_acceleration: f64,
 }
 
-impl Motion {
+impl MotionAt {
     /// Within the bounds of nuPlan's `ego_is_comfortable`, which were found from the drives of people.
     fn is_comfortable(&self) -> bool {
         (-4.05..=2.40).contains(&self.along)
@@ -121,7 +121,7 @@ impl Motion {
 }
 
 /// The motions of a stretch, but at its ends; yaw rates times `factor`.
-fn motions(stretch: &[Tick], factor: f64) -> Vec<Motion> {
+fn motions(stretch: &[Tick], factor: f64) -> Vec<MotionAt> {
     let series = |of: fn(&Tick) -> f64| stretch.iter().map(|sample| (sample.at_s, of(sample))).collect::<Vec<_>>();
     let speeds = parabolas(&series(|sample| sample.speed_mps));
     let yaw_rates = parabolas(&series(|sample| motion::yaw_rate(sample.speed_mps, sample.steering_deg)));
@@ -131,7 +131,7 @@ fn motions(stretch: &[Tick], factor: f64) -> Vec<Motion> {
         let (Some([speed, along, bend]), Some([yaw_rate, yaw_acceleration, _])) = (speed, yaw_rate) else { continue };
         let across = speed * yaw_rate * factor;
         magnitudes.push((sample.at_s, along.hypot(across)));
-        motions.push(Motion {
+        motions.push(MotionAt {
             along,
             across,
             jerk: 2.0 * bend,

@@ -5,7 +5,7 @@ mod waypoints;
 
 pub(super) use waypoints::Waypoints;
 
-use self::waypoints::Seen;
+use self::waypoints::Arrival;
 use super::infractions::Struck;
 use lapwing_core::{
     protocol::Truth,
@@ -78,9 +78,9 @@ impl Told {
         let way_m = self.distance_m.total().unwrap_or(now.driven_m);
         let laps = self.laps.take(truth.lap.map(f64::from));
         let seen = match now.after_gap {
-            true => Seen::Unseen,
-            _ if now.mps < STANDS_MPS => Seen::Standing,
-            _ => Seen::Driving,
+            true => Arrival::Unseen,
+            _ if now.mps < STANDS_MPS => Arrival::Standing,
+            _ => Arrival::Driving,
         };
         let passed = self.waypoints.telemetry(truth.waypoint, laps > 0, way_m, seen);
         self.time_laps(laps, truth.waypoint, now);
@@ -89,7 +89,7 @@ impl Told {
         self.struck.extend(truth.hit.as_deref().filter(|_| crashes == 1).map(Struck::by_name));
         let left_road = self.out_of_bounds.take(truth.out_of_bounds.map(f64::from));
         let off_m = truth.cte.map(|cte| cte.get().abs());
-        let put_back = passed && seen == Seen::Standing;
+        let put_back = passed && seen == Arrival::Standing;
         if put_back {
             self.waypoints.put();
         }

@@ -8,22 +8,22 @@ use super::{Group, Outcome, Over};
 use crate::{score::Figure, score::figure::Described};
 
 #[derive(Serialize)]
-struct Page<'a> {
+struct SuitePage<'a> {
     planned: Option<usize>,
     missing: usize,
-    groups: Vec<Shown<'a>>,
+    groups: Vec<PageGroup<'a>>,
     figures: Vec<Described>,
 }
 
 /// A group with its numbers in words: the page shows what the table shows.
 #[derive(Serialize)]
-struct Shown<'a> {
+struct PageGroup<'a> {
     #[serde(flatten)]
     group: &'a Group,
     words: BTreeMap<&'static str, Words>,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> PageGroup<'a> {
     fn of(group: &'a Group) -> Self {
         let words = |figure: Figure| Some((figure.key(), Words::of(figure, group.figures.get(figure.key())?)));
         Self { group, words: Figure::ALL.into_iter().filter_map(words).collect() }
@@ -51,8 +51,8 @@ impl Words {
 /// # Errors
 /// Where a figure is a number that JSON does not have.
 pub fn render(outcome: &Outcome) -> Result<String, serde_json::Error> {
-    let groups = outcome.groups.iter().map(Shown::of).collect();
-    let page = Page { planned: outcome.planned, missing: outcome.missing, groups, figures: Figure::described() };
+    let groups = outcome.groups.iter().map(PageGroup::of).collect();
+    let page = SuitePage { planned: outcome.planned, missing: outcome.missing, groups, figures: Figure::described() };
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
     Ok(include_str!("page.html").replace("/*DATA*/", &data))

@@ -13,12 +13,12 @@ pub(super) const SCHEMA: &str = "lapwing.plan/1";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     pub(super) schema: String,
-    cells: Vec<Planned>,
+    cells: Vec<PlannedCell>,
 }
 
 /// One of them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Planned {
+struct PlannedCell {
     /// [`Cell::id`].
     id: String,
     /// What people call it.
@@ -28,7 +28,7 @@ struct Planned {
 impl Plan {
     /// Of these cells.
     pub fn new(cells: &[Cell]) -> Self {
-        let planned = |cell: &Cell| Planned { id: cell.id(), drive: cell.to_string() };
+        let planned = |cell: &Cell| PlannedCell { id: cell.id(), drive: cell.to_string() };
         Self { schema: SCHEMA.into(), cells: cells.iter().map(planned).collect() }
     }
 

@@ -17,7 +17,7 @@ pub(super) struct Abreast {
 
 /// What the recorded car did during a step.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Recorded {
+pub(super) struct RecordedStep {
     /// Metres a second.
     pub speed: f64,
     /// What was steered.
@@ -39,8 +39,8 @@ impl Abreast {
     }
 
     /// One step of [`STEP_S`].
-    pub(super) fn step(&mut self, recorded: Recorded, steering: Steering) {
-        let Recorded { speed, yaw_rate, .. } = recorded;
+    pub(super) fn step(&mut self, recorded: RecordedStep, steering: Steering) {
+        let RecordedStep { speed, yaw_rate, .. } = recorded;
         let Beside { offset_m, heading_rad } = self.beside;
         roll(&mut self.recorded, speed, recorded.steering);
         // What was seen wins over what the steering says; the tyres slip accordingly.
@@ -71,7 +71,7 @@ mod tests {
         let mut pair = Abreast::default();
         for i in 0..steps {
             let yaw_rate = seen(i as f64 * STEP_S);
-            let was = Recorded { speed: 9.0, steering: Steering::saturating(recorded), yaw_rate };
+            let was = RecordedStep { speed: 9.0, steering: Steering::saturating(recorded), yaw_rate };
             pair.step(was, Steering::saturating(driven));
         }
         pair.beside()
@@ -105,7 +105,7 @@ mod tests {
         let mut pair = Abreast::default();
         for i in 0..125 {
             let driven = if i < 75 { 0.33 } else { 0.3 };
-            let recorded = Recorded { speed: 9.0, steering: Steering::saturating(0.3), yaw_rate: None };
+            let recorded = RecordedStep { speed: 9.0, steering: Steering::saturating(0.3), yaw_rate: None };
             pair.step(recorded, Steering::saturating(driven));
         }
         // Each car keeps its own place in the world, too.

@@ -31,14 +31,14 @@ pub(super) struct PathRow {
     /// What was recorded.
     pub throttle: Throttle,
     /// Why the path does not go on from the row before: a new stretch begins.
-    pub cut: Option<Cut>,
+    pub cut: Option<PathBreak>,
     /// Which row of the recording this is, from 0, of those with a picture.
     index: usize,
 }
 
 /// Why the recorded path is broken off.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Cut {
+pub(super) enum PathBreak {
     /// The recording begins.
     Begins,
     /// The car stood for so many rows.
@@ -56,11 +56,11 @@ struct Raw {
     steering: Steering,
     throttle: Throttle,
     /// Whether what came before says that the path is broken.
-    broken: Option<Cut>,
+    broken: Option<PathBreak>,
 }
 
 /// A recording to drive along.
-pub(super) struct Recorded {
+pub(super) struct RecordedDrive {
     pub rows: Vec<PathRow>,
     /// Rows of the recording with a picture, and those of them in which the car was stationary.
     pub read: usize,
@@ -73,18 +73,18 @@ pub(super) struct Recorded {
 
 /// One moment's pictures: of the centre camera, the left and the right one.
 #[derive(Debug, Default)]
-pub(super) struct Shown {
+pub(super) struct MomentPictures {
     pub jpeg: Bytes,
     pub frames: [Option<Frame>; 3],
 }
 
-impl Shown {
+impl MomentPictures {
     pub(super) fn frames(&self) -> [Option<&Frame>; 3] {
         self.frames.each_ref().map(Option::as_ref)
     }
 }
 
-impl Recorded {
+impl RecordedDrive {
     pub(super) fn open(path: &Path) -> Result<Self, ClosedLoopError> {
         let raw = raw(path)?;
         let (read, rows) = (raw.len(), driven(&raw));
@@ -106,7 +106,7 @@ impl Recorded {
     }
 
     /// The pictures of a row; rows are asked for in their order.
-    pub(super) fn show(&mut self, row: usize) -> Result<Shown, ClosedLoopError> {
+    pub(super) fn show(&mut self, row: usize) -> Result<MomentPictures, ClosedLoopError> {
         let index = self.rows[row].index;
         let moment = loop {
             let Some(moment) = self.again.next().transpose()? else {
@@ -117,7 +117,7 @@ impl Recorded {
                 break moment;
             }
         };
-        let mut shown = Shown::default();
+        let mut shown = MomentPictures::default();
         for (i, (slot, picture)) in shown.frames.iter_mut().zip(&moment.pictures).enumerate() {
             let Some(picture) = picture else { continue };
             let place = match picture {
@@ -184,11 +184,11 @@ fn raw(path: &Path) -> Result<Vec<Raw>, ClosedLoopError> {
 }
 
 /// What a break is to whoever drives along: where pictures are missing, the times of those that are there decide.
-fn cut(broken: Break) -> Option<Cut> {
+fn cut(broken: Break) -> Option<PathBreak> {
     match broken {
-        Break::Gap(apart) => Some(Cut::Gap(Some(apart.as_secs_f64()))),
-        Break::Back(_) | Break::Joined => Some(Cut::Gap(None)),
-        Break::PutBack | Break::TakenOver => Some(Cut::Put),
+        Break::Gap(apart) => Some(PathBreak::Gap(Some(apart.as_secs_f64()))),
+        Break::Back(_) | Break::Joined => Some(PathBreak::Gap(None)),
+        Break::PutBack | Break::TakenOver => Some(PathBreak::Put),
         Break::Unseen(_) => None,
     }
 }
@@ -196,19 +196,20 @@ fn cut(broken: Break) -> Option<Cut> {
 /// The rows in which the car moves, on a clock that stands while it does not.
 fn driven(raw: &[Raw]) -> Vec<PathRow> {
     let mut rows: Vec<PathRow> = Vec::new();
-    let mut cut = Some(Cut::Begins);
+    let mut cut = Some(PathBreak::Begins);
     let mut at_s = 0.0;
     let mut last_s: Option<f64> = None;
     for (index, row) in raw.iter().enumerate() {
         let apart = last_s.map_or(0.0, |last| row.at_s - last);
         last_s = Some(row.at_s);
-        let gap = (apart > GAP_S || (apart <= 0.0 && index > 0)).then_some(Cut::Gap((apart > 0.0).then_some(apart)));
+        let gap =
+            (apart > GAP_S || (apart <= 0.0 && index > 0)).then_some(PathBreak::Gap((apart > 0.0).then_some(apart)));
         cut = cut.or(row.broken).or(gap);
         if row.speed.get() < STANDS_MPH {
             cut = match cut {
-                Some(Cut::Stood(rows)) => Some(Cut::Stood(rows + 1)),
-                Some(Cut::Begins) => Some(Cut::Begins),
-                _ => Some(Cut::Stood(1)),
+                Some(PathBreak::Stood(rows)) => Some(PathBreak::Stood(rows + 1)),
+                Some(PathBreak::Begins) => Some(PathBreak::Begins),
+                _ => Some(PathBreak::Stood(1)),
             };
             continue;
         }

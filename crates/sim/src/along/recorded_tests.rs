@@ -11,14 +11,14 @@ fn raw(rows: &[(f64, f64)]) -> Vec<Raw> {
     rows.iter().map(row).collect()
 }
 
-fn cuts(rows: &[PathRow]) -> Vec<Option<Cut>> {
+fn cuts(rows: &[PathRow]) -> Vec<Option<PathBreak>> {
     rows.iter().map(|row| row.cut).collect()
 }
 
 #[test]
 fn a_car_that_stands_takes_no_time_and_a_new_stretch_begins_behind() {
     let rows = driven(&raw(&[(0.0, 0.0), (0.1, 9.0), (0.2, 9.0), (0.3, 0.2), (0.4, 0.0), (0.5, 9.0), (0.6, 9.0)]));
-    assert_eq!(cuts(&rows), [Some(Cut::Begins), None, Some(Cut::Stood(2)), None]);
+    assert_eq!(cuts(&rows), [Some(PathBreak::Begins), None, Some(PathBreak::Stood(2)), None]);
     let times: Vec<f64> = rows.iter().map(|row| row.at_s).collect();
     let between = FALLBACK_INTERVAL.as_secs_f64();
     for (time, expected) in times.iter().zip([0.0, 0.1, 0.1 + between, 0.2 + between]) {
@@ -30,12 +30,15 @@ fn a_car_that_stands_takes_no_time_and_a_new_stretch_begins_behind() {
 #[test]
 fn missing_time_is_cut_out() {
     let rows = driven(&raw(&[(0.0, 9.0), (0.1, 9.0), (3.1, 9.0), (3.0, 9.0)]));
-    assert_eq!(cuts(&rows), [Some(Cut::Begins), None, Some(Cut::Gap(Some(3.0))), Some(Cut::Gap(None))]);
+    assert_eq!(
+        cuts(&rows),
+        [Some(PathBreak::Begins), None, Some(PathBreak::Gap(Some(3.0))), Some(PathBreak::Gap(None))]
+    );
 }
 
 #[test]
 fn a_recording_that_says_that_it_is_broken_is_cut_there() {
     let mut rows = raw(&[(0.0, 9.0), (0.1, 9.0), (0.2, 9.0)]);
-    rows[1].broken = Some(Cut::Put);
-    assert_eq!(cuts(&driven(&rows)), [Some(Cut::Begins), Some(Cut::Put), None]);
+    rows[1].broken = Some(PathBreak::Put);
+    assert_eq!(cuts(&driven(&rows)), [Some(PathBreak::Begins), Some(PathBreak::Put), None]);
 }

@@ -24,21 +24,21 @@ const CAMERAS: [Camera; 3] = [Camera::CENTER, Camera::LEFT, Camera::RIGHT];
 /// The stock cameras, ready to be looked through from beside.
 #[derive(Debug, Clone)]
 pub struct Warp {
-    cameras: [Eye; 3],
+    cameras: [WarpCamera; 3],
     /// For each pixel of the centre camera's picture, in the car's axes: from the camera to the ground in metres, or
     /// the direction of what is far away.
-    points: Vec<Point>,
+    points: Vec<PixelTarget>,
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Point {
+enum PixelTarget {
     Ground(Vec3),
     Far(Vec3),
     Bonnet,
 }
 
 #[derive(Debug, Clone)]
-struct Eye {
+struct WarpCamera {
     /// In the car's axes, metres over the ground.
     position: Vec3,
     /// From the car's axes to the camera's.
@@ -67,7 +67,7 @@ fn focal_px() -> f32 {
     (SIZE.1 as f64 / 2.0 / half.tan()) as f32
 }
 
-impl Eye {
+impl WarpCamera {
     fn of(camera: &Camera) -> Self {
         let Mount { position, pitch_deg, yaw_deg, roll_deg } = camera.mount;
         // Unity's order: about z, then x, then y.
@@ -85,7 +85,7 @@ impl Eye {
 impl Warp {
     /// For 320x160 pictures of the stock cameras.
     pub fn new() -> Self {
-        let cameras = CAMERAS.map(|camera| Eye::of(&camera));
+        let cameras = CAMERAS.map(|camera| WarpCamera::of(&camera));
         let [centre, ..] = &cameras;
         let back = centre.turned.transpose();
         let focal = focal_px();
@@ -93,10 +93,10 @@ impl Warp {
         let point = |i: usize| {
             let (x, y) = ((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5);
             if y > centre.bonnet[i % SIZE.0] {
-                return Point::Bonnet;
+                return PixelTarget::Bonnet;
             }
             let ray = back * Vec3::new((x - width / 2.0) / focal, (height / 2.0 - y) / focal, 1.0);
-            if ray.y < -1e-6 { Point::Ground(ray * (centre.position.y / -ray.y)) } else { Point::Far(ray) }
+            if ray.y < -1e-6 { PixelTarget::Ground(ray * (centre.position.y / -ray.y)) } else { PixelTarget::Far(ray) }
         };
         let points = (0..SIZE.0 * SIZE.1).map(point).collect();
         Self { cameras, points }
@@ -114,22 +114,22 @@ impl Warp {
         out.clone_from(centre);
         let heading = Mat3::from_rotation_y(beside.heading_rad as f32);
         let eye = heading * self.cameras[0].position + Vec3::X * beside.offset_m as f32;
-        let mut looks: Vec<Look<'_>> = pictures
+        let mut looks: Vec<OtherView<'_>> = pictures
             .iter()
             .zip(&self.cameras)
             .filter_map(|(picture, camera)| {
                 let turn = camera.turned * heading;
-                Some(Look { picture: (*picture)?, camera, turn, shift: camera.turned * (eye - camera.position) })
+                Some(OtherView { picture: (*picture)?, camera, turn, shift: camera.turned * (eye - camera.position) })
             })
             .collect();
-        let apart = |look: &Look<'_>| (look.camera.position.x - eye.x).abs();
+        let apart = |look: &OtherView<'_>| (look.camera.position.x - eye.x).abs();
         looks.sort_by(|a, b| apart(a).partial_cmp(&apart(b)).unwrap_or(Ordering::Equal));
         let [nearest, others @ ..] = looks.as_slice() else { return false };
         for (point, pixel) in self.points.iter().zip(out.rgb_mut().chunks_exact_mut(3)) {
             let (at, direct) = match *point {
-                Point::Bonnet => continue,
-                Point::Far(ray) => (ray, 0.0),
-                Point::Ground(to) => (to, 1.0),
+                PixelTarget::Bonnet => continue,
+                PixelTarget::Far(ray) => (ray, 0.0),
+                PixelTarget::Ground(to) => (to, 1.0),
             };
             let column_row = nearest.find(at, direct);
             let (look, column_row) = if nearest.shows(column_row) {
@@ -146,16 +146,16 @@ impl Warp {
 }
 
 /// One recorded camera, asked about another place.
-struct Look<'a> {
+struct OtherView<'a> {
     picture: &'a Frame,
-    camera: &'a Eye,
+    camera: &'a WarpCamera,
     /// From the axes of the car beside to this camera's.
     turn: Mat3,
     /// From this camera to the eye beside, in this camera's axes.
     shift: Vec3,
 }
 
-impl Look<'_> {
+impl OtherView<'_> {
     /// Column and row, counted from the picture's corner; `direct` is 0 for what is far away.
     fn find(&self, to: Vec3, direct: f32) -> [f32; 2] {
         let seen = self.turn * to + self.shift * direct;

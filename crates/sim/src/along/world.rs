@@ -4,9 +4,9 @@ use std::{path::Path, time::Duration};
 
 use super::{
     ClosedLoopError,
-    abreast::{Abreast, Recorded as Then},
+    abreast::{Abreast, RecordedStep as Then},
     flow::Pyramid,
-    recorded::{Cut, PathRow, Recorded, Shown},
+    recorded::{MomentPictures, PathBreak, PathRow, RecordedDrive},
     rotation,
     warp::{Beside, Warp},
 };
@@ -57,7 +57,7 @@ pub struct Sources {
 
 /// A recording as a world, closed loop.
 pub struct RecordedWorld {
-    recorded: Recorded,
+    recorded: RecordedDrive,
     name: String,
     limit_m: f64,
     yaw: Yaw,
@@ -66,7 +66,7 @@ pub struct RecordedWorld {
     /// The row that is shown next, or was shown last and is to be answered.
     row: usize,
     /// Its pictures, and the centre one prepared for the flow.
-    shown: Shown,
+    shown: MomentPictures,
     pyramid: Option<Pyramid>,
     seen: Frame,
     steering: Steering,
@@ -87,7 +87,7 @@ impl RecordedWorld {
     /// # Errors
     /// [`ClosedLoopError`]: what cannot be read, pictures of another size than 320x160, no motion.
     pub fn open(path: &Path, limit_m: f64, yaw: Yaw) -> Result<Self, ClosedLoopError> {
-        let mut recorded = Recorded::open(path)?;
+        let mut recorded = RecordedDrive::open(path)?;
         let name = path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let shown = recorded.show(0)?;
         let length_m = recorded.length_m();
@@ -185,7 +185,7 @@ impl RecordedWorld {
         if let Some(cut) = row.cut {
             self.abreast = Abreast::default();
             self.steps = (row.at_s / STEP_S) as u64;
-            if cut != Cut::Begins {
+            if cut != PathBreak::Begins {
                 self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
             }
         }
@@ -257,13 +257,13 @@ fn believable(rate: f64, speed: f64) -> bool {
     rate.abs() < 0.5 + motion::yaw_rate(2.0 * speed, FULL_STEERING_DEG)
 }
 
-fn told(cut: Cut) -> String {
+fn told(cut: PathBreak) -> String {
     match cut {
-        Cut::Begins => "the recording begins".into(),
-        Cut::Stood(rows) => format!("left out: {} in which the recorded car stands", count(rows, "row")),
-        Cut::Gap(Some(apart)) => format!("left out: {apart:.1} s that are not recorded"),
-        Cut::Gap(None) => "left out: a time of unknown length that is not recorded".into(),
-        Cut::Put => "the recorded car was put elsewhere".into(),
+        PathBreak::Begins => "the recording begins".into(),
+        PathBreak::Stood(rows) => format!("left out: {} in which the recorded car stands", count(rows, "row")),
+        PathBreak::Gap(Some(apart)) => format!("left out: {apart:.1} s that are not recorded"),
+        PathBreak::Gap(None) => "left out: a time of unknown length that is not recorded".into(),
+        PathBreak::Put => "the recorded car was put elsewhere".into(),
     }
 }
 

@@ -3,12 +3,12 @@
 //! Outlines were read off the medians over all frames of `recordings/lake`,
 //! for each of the three cameras, at 320x160.
 
-use super::{Camera, look::Look, noise::mix3};
+use super::{Camera, look::ThemeLook, noise::mix3};
 
 /// Corners of an outline: column and row at 320x160.
-type Outline = &'static [(f32, f32)];
+type BonnetOutline = &'static [(f32, f32)];
 
-const CENTER: Outline = &[
+const CENTER: BonnetOutline = &[
     (35.0, 160.0),
     (46.0, 155.5),
     (72.0, 150.0),
@@ -26,7 +26,7 @@ const CENTER: Outline = &[
     (265.0, 160.0),
 ];
 /// Where the bonnet ends towards the windscreen.
-const GLASS: Outline = &[
+const GLASS: BonnetOutline = &[
     (90.0, 160.0),
     (104.0, 156.6),
     (120.0, 153.4),
@@ -37,7 +37,7 @@ const GLASS: Outline = &[
     (206.0, 157.0),
     (217.0, 160.0),
 ];
-const LEFT: Outline = &[
+const LEFT: BonnetOutline = &[
     (185.0, 160.0),
     (187.0, 155.5),
     (192.0, 150.6),
@@ -51,7 +51,7 @@ const LEFT: Outline = &[
     (296.0, 137.2),
     (320.0, 139.4),
 ];
-const RIGHT: Outline = &[
+const RIGHT: BonnetOutline = &[
     (0.0, 135.2),
     (34.0, 135.4),
     (48.0, 137.2),
@@ -68,7 +68,7 @@ const RIGHT: Outline = &[
 const ASIDE_M: f64 = 0.4;
 
 /// The row of an outline at a column; below the picture beyond its ends.
-fn row(outline: Outline, column: f32) -> f32 {
+fn row(outline: BonnetOutline, column: f32) -> f32 {
     for pair in outline.windows(2) {
         let ((x0, y0), (x1, y1)) = (pair[0], pair[1]);
         if (x0..x1).contains(&column) {
@@ -98,7 +98,7 @@ pub(super) struct Bonnet {
 
 impl Bonnet {
     /// As a camera sees it.
-    pub(super) fn new(camera: &Camera, look: &Look) -> Self {
+    pub(super) fn new(camera: &Camera, look: &ThemeLook) -> Self {
         let (width, height) = (camera.lens.width, camera.lens.height);
         let side = camera.mount.position.x;
         let mut spans = Vec::new();
@@ -133,7 +133,7 @@ impl Bonnet {
     }
 }
 
-fn center((x, y): (f32, f32), look: &Look) -> Option<[f32; 3]> {
+fn center((x, y): (f32, f32), look: &ThemeLook) -> Option<[f32; 3]> {
     let (edge, glass) = (row(CENTER, x), row(GLASS, x));
     if y < edge {
         return None;
@@ -150,7 +150,7 @@ fn center((x, y): (f32, f32), look: &Look) -> Option<[f32; 3]> {
     Some(if wiper { dark.map(|c| c * 0.55) } else { pale.map(|c| c + (y - 155.0)) })
 }
 
-fn aside((x, y): (f32, f32), left: bool, look: &Look) -> Option<[f32; 3]> {
+fn aside((x, y): (f32, f32), left: bool, look: &ThemeLook) -> Option<[f32; 3]> {
     let edge = row(if left { LEFT } else { RIGHT }, x);
     if y < edge {
         return None;

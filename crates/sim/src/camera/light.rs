@@ -5,10 +5,10 @@
 use glam::Vec3;
 
 use super::{
-    look::Look,
+    look::ThemeLook,
     noise::{mix, mix3, nearest, step},
     plants::Sprite,
-    terrain::Ground,
+    terrain::Terrain,
     texture::Texture,
 };
 use crate::track::Track;
@@ -46,8 +46,8 @@ pub(super) struct Light {
 /// What light falls on.
 pub(super) struct Lit<'a> {
     pub(super) track: &'a Track,
-    pub(super) look: &'a Look,
-    pub(super) ground: &'a Ground,
+    pub(super) look: &'a ThemeLook,
+    pub(super) ground: &'a Terrain,
     pub(super) albedo: &'a [[u8; 3]],
     pub(super) sprites: &'a [Sprite],
     pub(super) pictures: &'a [Texture],
@@ -187,7 +187,7 @@ impl Light {
     }
 }
 
-fn sky(look: &Look, low: f32) -> Vec<[u8; 3]> {
+fn sky(look: &ThemeLook, low: f32) -> Vec<[u8; 3]> {
     (0..SKY_STEPS)
         .map(|i| {
             let up = i as f32 / SKY_STEPS as f32 * SKY_TOP;

@@ -10,33 +10,33 @@ use super::{
 use crate::track::Theme;
 
 /// Colour in grey levels, red first.
-pub(super) type Colour = [f32; 3];
+pub(super) type GreyLevels = [f32; 3];
 
 /// Light, sky and colours of one theme.
 #[derive(Debug, Clone)]
-pub(super) struct Look {
+pub(super) struct ThemeLook {
     pub(super) sun_height_deg: f64,
     pub(super) sun_azimuth_deg: f64,
     /// Light in the shade, as a share of full light on flat ground, by colour.
-    pub(super) shade: Colour,
+    pub(super) shade: GreyLevels,
     /// The sky at the horizon, 11 degrees above it, and 22.
-    pub(super) sky: [Colour; 3],
-    pub(super) fog: Colour,
+    pub(super) sky: [GreyLevels; 3],
+    pub(super) fog: GreyLevels,
     /// Share of fog after 100 m.
     pub(super) fog_100m: f32,
     /// From the bonnet's near edge to its far one, and the glass below.
-    pub(super) bonnet: [Colour; 3],
+    pub(super) bonnet: [GreyLevels; 3],
     /// What the road's colour nears with distance: it shines where one looks along it.
-    pub(super) sheen: Colour,
-    pub(super) rock: Colour,
-    pub(super) water: Option<Colour>,
+    pub(super) sheen: GreyLevels,
+    pub(super) rock: GreyLevels,
+    pub(super) water: Option<GreyLevels>,
     /// Whether trees and hills throw shadows on the road: in real frames of the lake none do.
     pub(super) shadows: bool,
     /// Steepest rise of the ground beside a road, metres a metre.
     pub(super) steepest: f32,
 }
 
-impl Look {
+impl ThemeLook {
     pub(super) fn of(theme: Theme) -> Self {
         match theme {
             Theme::Lake => Self {
@@ -94,8 +94,8 @@ pub(super) mod kind {
 }
 
 /// Colours of the lake's bank beside the road.
-const BANK: Colour = [214.0, 207.0, 180.0];
-const YELLOW: Colour = [184.0, 162.0, 72.0];
+const BANK: GreyLevels = [214.0, 207.0, 180.0];
+const YELLOW: GreyLevels = [184.0, 162.0, 72.0];
 
 /// The cross-sections of a theme's road, in the order of [`kind`].
 pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
@@ -188,7 +188,7 @@ pub(super) struct Spot {
 }
 
 /// The colour of open ground in full light.
-pub(super) fn ground(theme: Theme, rock: Colour, p: Spot, seed: u32) -> Colour {
+pub(super) fn ground(theme: Theme, rock: GreyLevels, p: Spot, seed: u32) -> GreyLevels {
     let wide = fractal(p.x / 31.0, p.z / 31.0, 3, 0, seed);
     let fine = fractal(p.x / 5.0, p.z / 5.0, 3, 0, seed + 40);
     match theme {

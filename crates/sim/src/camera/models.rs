@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::raster::{Chunk, Paint};
+use super::raster::{Cluster, Paint};
 use crate::{
     scene::{Actor, ActorKind},
     vehicle::BODY,
@@ -34,7 +34,7 @@ impl Part {
 }
 
 /// Somebody or something on the road, as triangles in the world.
-pub(super) fn actor(actor: &Actor, time_s: f64) -> Chunk {
+pub(super) fn actor(actor: &Actor, time_s: f64) -> Cluster {
     let size = actor.kind.size().as_vec3();
     let pick = |colours: &[[u8; 3]]| colours[actor.look as usize % colours.len()];
     let parts = match actor.kind {
@@ -51,15 +51,15 @@ pub(super) fn actor(actor: &Actor, time_s: f64) -> Chunk {
 }
 
 /// The car that is driven, as others see it.
-pub(super) fn own_car(position: Vec3, yaw: f32, nose_up: f32) -> Chunk {
+pub(super) fn own_car(position: Vec3, yaw: f32, nose_up: f32) -> Cluster {
     place(&car(BODY.as_vec3(), [150, 142, 116]), position, yaw, nose_up)
 }
 
-fn place(parts: &[Part], position: Vec3, yaw: f32, nose_up: f32) -> Chunk {
+fn place(parts: &[Part], position: Vec3, yaw: f32, nose_up: f32) -> Cluster {
     let ((s, c), (ps, pc)) = (yaw.sin_cos(), nose_up.sin_cos());
-    let mut chunk = Chunk::default();
+    let mut chunk = Cluster::default();
     for part in parts {
-        let at = |chunk: &mut Chunk, x: f32, y: f32, z: f32| {
+        let at = |chunk: &mut Cluster, x: f32, y: f32, z: f32| {
             let (y, z) = (y * pc + z * ps, z * pc - y * ps);
             chunk.point(position + Vec3::new(x * c + z * s, y, z * c - x * s), 0.0, 0.0)
         };

@@ -1,6 +1,6 @@
 //! From triangles to pixels: which triangle each pixel shows, and how deep.
 //!
-//! Nothing is coloured here. Every triangle leaves a [`Setup`], the planes of
+//! Nothing is coloured here. Every triangle leaves a [`FaceSetup`], the planes of
 //! its attributes over the picture; every pixel keeps the number of the
 //! nearest one. So a pixel is shaded once, however many triangles lie behind.
 
@@ -25,13 +25,13 @@ pub(super) enum Paint {
 
 /// A corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point {
+pub(super) struct Vertex {
     pub(super) at: Vec3,
     pub(super) u: f32,
     pub(super) v: f32,
 }
 
-/// A triangle of a [`Chunk`].
+/// A triangle of a [`Cluster`].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Face {
     pub(super) corners: [u16; 3],
@@ -41,8 +41,8 @@ pub(super) struct Face {
 
 /// Triangles that are seen or not seen together.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Chunk {
-    pub(super) points: Vec<Point>,
+pub(super) struct Cluster {
+    pub(super) points: Vec<Vertex>,
     pub(super) faces: Vec<Face>,
     /// Added to u, where it says how far along the road.
     pub(super) base: f32,
@@ -50,10 +50,10 @@ pub(super) struct Chunk {
     pub(super) radius: f32,
 }
 
-impl Chunk {
+impl Cluster {
     /// Adds a corner and says its number.
     pub(super) fn point(&mut self, at: Vec3, u: f32, v: f32) -> u16 {
-        self.points.push(Point { at, u, v });
+        self.points.push(Vertex { at, u, v });
         (self.points.len() - 1) as u16
     }
 
@@ -184,7 +184,7 @@ impl Plane {
 
 /// What shading needs to know of a triangle in the picture: 1/depth, u/depth and v/depth.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Setup {
+pub(super) struct FaceSetup {
     pub(super) w: Plane,
     pub(super) u: Plane,
     pub(super) v: Plane,
@@ -205,7 +205,7 @@ pub(super) struct Raster {
     pub(super) depth: Vec<f32>,
     /// 1 + the number of a setup, or [`SKY`], or a colour with [`COLOURED`].
     pub(super) ids: Vec<u32>,
-    pub(super) setups: Vec<Setup>,
+    pub(super) setups: Vec<FaceSetup>,
     turned: Vec<Vec3>,
     width: usize,
     height: usize,
@@ -223,7 +223,7 @@ impl Raster {
     }
 
     /// Draws a chunk. Faces that look away are left out where `one_sided`.
-    pub(super) fn draw(&mut self, view: &Viewpoint, chunk: &Chunk, one_sided: bool, light: impl Fn(Vec3) -> f32) {
+    pub(super) fn draw(&mut self, view: &Viewpoint, chunk: &Cluster, one_sided: bool, light: impl Fn(Vec3) -> f32) {
         let mut turned = std::mem::take(&mut self.turned);
         turned.clear();
         turned.extend(chunk.points.iter().map(|p| view.turn(p.at)));
@@ -254,7 +254,7 @@ impl Raster {
                 self.clipped(view, [a, b, c], &w, id)
             };
             if drawn {
-                self.setups.push(Setup {
+                self.setups.push(FaceSetup {
                     w,
                     u: view.plane(ga * points[0].u + gb * points[1].u + gc * points[2].u),
                     v: view.plane(ga * points[0].v + gb * points[1].v + gc * points[2].v),
@@ -316,9 +316,9 @@ impl Raster {
     pub(super) fn shadow(
         &self,
         view: &Viewpoint,
-        model: &Chunk,
+        model: &Cluster,
         sun: Vec3,
-        is_ground: impl Fn(&Setup) -> bool,
+        is_ground: impl Fn(&FaceSetup) -> bool,
         mut darken: impl FnMut(usize),
     ) {
         if sun.y < 0.05 {

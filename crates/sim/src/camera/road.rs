@@ -3,10 +3,10 @@
 use glam::Vec3;
 
 use super::{
-    look::{Look, kind},
+    look::{ThemeLook, kind},
     noise::{fractal, unit},
-    raster::{Chunk, Paint},
-    terrain::{Ground, SHOULDER_M},
+    raster::{Cluster, Paint},
+    terrain::{SHOULDER_M, Terrain},
 };
 use crate::track::{Edge, Side, Station, Theme, Track};
 
@@ -31,8 +31,8 @@ const DECK_BELOW: Paint = Paint::Flat([52, 52, 54]);
 /// Lays meshes along a road.
 pub(super) struct Paver<'a> {
     pub(super) track: &'a Track,
-    pub(super) ground: &'a Ground,
-    pub(super) look: &'a Look,
+    pub(super) ground: &'a Terrain,
+    pub(super) look: &'a ThemeLook,
 }
 
 /// A place across the road: metres from the middle, always positive, and above it.
@@ -40,7 +40,7 @@ type Corner = (f32, f32);
 
 impl Paver<'_> {
     /// Road, shoulders, walls: what is seen from above.
-    pub(super) fn strip(&self) -> Vec<Chunk> {
+    pub(super) fn strip(&self) -> Vec<Cluster> {
         self.chunks(|chunk, from, to| {
             for side in [Side::Left, Side::Right] {
                 self.strip_side(chunk, from, to, side);
@@ -49,7 +49,7 @@ impl Paver<'_> {
     }
 
     /// Rock faces and blocks: what is next to it.
-    pub(super) fn walls(&self) -> Vec<Chunk> {
+    pub(super) fn walls(&self) -> Vec<Cluster> {
         let mut chunks = self.chunks(|chunk, from, to| {
             for side in [Side::Left, Side::Right] {
                 if self.has(Edge::Rock, side, from) {
@@ -60,7 +60,7 @@ impl Paver<'_> {
         let pitch = 2.3;
         let count = (self.track.length() / pitch) as usize;
         for first in (0..count).step_by(10) {
-            let mut chunk = Chunk::default();
+            let mut chunk = Cluster::default();
             for i in first..(first + 10).min(count) {
                 for side in [Side::Left, Side::Right] {
                     let s = i as f64 * self.track.length() / count as f64;
@@ -111,11 +111,11 @@ impl Paver<'_> {
         })
     }
 
-    fn chunks(&self, lay: impl Fn(&mut Chunk, &Station, &Station)) -> Vec<Chunk> {
+    fn chunks(&self, lay: impl Fn(&mut Cluster, &Station, &Station)) -> Vec<Cluster> {
         let stations = self.track.stations();
         let n = stations.len();
         let mut chunks = Vec::new();
-        let mut chunk = Chunk::default();
+        let mut chunk = Cluster::default();
         let (mut i, mut base) = (0, 0.0);
         while i < n {
             let bend = stations[i].curvature.abs().max(stations[(i + 8) % n].curvature.abs());
@@ -167,7 +167,7 @@ impl Paver<'_> {
         station.position.as_vec3() + right * (sign * out.min(most)) + Vec3::Y * up
     }
 
-    fn strip_side(&self, chunk: &mut Chunk, from: &Station, to: &Station, side: Side) {
+    fn strip_side(&self, chunk: &mut Cluster, from: &Station, to: &Station, side: Side) {
         let half = self.half();
         let section = match side {
             _ if self.has(Edge::Bridge, side, from) => kind::PAVED,
@@ -225,7 +225,7 @@ impl Paver<'_> {
 
     fn quad(
         &self,
-        chunk: &mut Chunk,
+        chunk: &mut Cluster,
         (from, to): (&Station, &Station),
         side: Side,
         (a, b): (Corner, Corner),
@@ -245,7 +245,7 @@ impl Paver<'_> {
         chunk.quad(corners, paint, towards);
     }
 
-    fn rock(&self, chunk: &mut Chunk, from: &Station, to: &Station, side: Side) {
+    fn rock(&self, chunk: &mut Cluster, from: &Station, to: &Station, side: Side) {
         let half = self.half();
         let tint = self.look.rock.map(|c| c as u8);
         let paint = Paint::Tile { texture: tile::ROCK, tint };
@@ -274,7 +274,7 @@ impl Paver<'_> {
         }
     }
 
-    fn block(&self, chunk: &mut Chunk, station: &Station, side: Side, number: i32) {
+    fn block(&self, chunk: &mut Cluster, station: &Station, side: Side, number: i32) {
         let seed = self.track.file().scenery_seed as u32;
         let sign = if side == Side::Right { 1.0 } else { -1.0 };
         let askew = (unit(number, sign as i32, seed) - 0.5) * 0.14;

@@ -6,13 +6,13 @@ use glam::{Vec3, Vec4};
 
 use super::{
     light::{Light, Lit, MAP},
-    look::{self, Look},
+    look::{self, ThemeLook},
     plants::{self, Sprite},
-    raster::{Chunk, Paint},
+    raster::{Cluster, Paint},
     road::Paver,
     section::Section,
     sprites,
-    terrain::Ground,
+    terrain::Terrain,
     texture::{self, Texture},
 };
 use crate::{
@@ -29,10 +29,10 @@ type KnownLight = ((f64, f64), Arc<Light>);
 /// A country as the camera sees it: mesh, plants, textures, light. Shared by all renderers.
 #[derive(Debug)]
 pub struct Scenery {
-    pub(super) look: Look,
-    pub(super) strip: Vec<Chunk>,
-    pub(super) walls: Vec<Chunk>,
-    pub(super) land: Vec<Chunk>,
+    pub(super) look: ThemeLook,
+    pub(super) strip: Vec<Cluster>,
+    pub(super) walls: Vec<Cluster>,
+    pub(super) land: Vec<Cluster>,
     pub(super) sprites: Vec<Sprite>,
     pub(super) pictures: Vec<Texture>,
     pub(super) sections: Vec<Section>,
@@ -49,7 +49,7 @@ pub struct Scenery {
     /// Fog a metre, in 256ths.
     pub(super) fog_per_m: f32,
     track: Track,
-    ground: Ground,
+    ground: Terrain,
     albedo: Vec<[u8; 3]>,
     lights: Mutex<Vec<KnownLight>>,
 }
@@ -59,8 +59,8 @@ impl Scenery {
     pub fn new(track: &Track) -> Self {
         let theme = track.file().theme;
         let seed = track.file().scenery_seed as u32;
-        let look = Look::of(theme);
-        let ground = Ground::new(track, &look);
+        let look = ThemeLook::of(theme);
+        let ground = Terrain::new(track, &look);
         let paver = Paver { track, ground: &ground, look: &look };
         let (strip, walls) = (paver.strip(), paver.walls());
         let sprites = plants::plant(&paver);
@@ -125,8 +125,8 @@ impl Scenery {
 }
 
 /// Open water to the horizon.
-fn water(ground: &Ground, level: f32) -> Chunk {
-    let mut chunk = Chunk::default();
+fn water(ground: &Terrain, level: f32) -> Cluster {
+    let mut chunk = Cluster::default();
     const PIECES: u16 = 8;
     let reach = ground.side() * 2.0;
     let low = Vec3::new(ground.x0, level, ground.z0) - Vec3::new(reach, 0.0, reach) * 0.25;
@@ -145,7 +145,7 @@ fn water(ground: &Ground, level: f32) -> Chunk {
     chunk.bound()
 }
 
-fn albedo(track: &Track, ground: &Ground, look: &Look) -> Vec<[u8; 3]> {
+fn albedo(track: &Track, ground: &Terrain, look: &ThemeLook) -> Vec<[u8; 3]> {
     let metres = ground.side() / MAP as f32;
     let seed = track.file().scenery_seed as u32;
     let dirt: Vec<[bool; 2]> = track

@@ -7,7 +7,7 @@ use super::{
     light::{Light, MAP},
     noise::{nearest, step},
     plants::Sprite,
-    raster::{COLOURED, Paint, Plane, Raster, SKY, Setup, Viewpoint},
+    raster::{COLOURED, FaceSetup, Paint, Plane, Raster, SKY, Viewpoint},
     section::STRIPES_PER_M,
     texture::Texel,
 };
@@ -23,8 +23,8 @@ pub(super) struct Shader<'a> {
 }
 
 /// A piece of a row that shows one triangle.
-struct Run<'a> {
-    setup: &'a Setup,
+struct PixelRun<'a> {
+    setup: &'a FaceSetup,
     y: usize,
     from: usize,
     to: usize,
@@ -50,7 +50,7 @@ impl Shader<'_> {
                     fill(out, [(id >> 16) as u8, (id >> 8) as u8, id as u8]);
                 } else {
                     let setup = &raster.setups[id as usize - 1];
-                    let run = Run { setup, y, from, to };
+                    let run = PixelRun { setup, y, from, to };
                     match setup.paint {
                         Paint::Ground => self.ground(&run, out),
                         Paint::Road { section, station } => self.road(&run, section, station, out),
@@ -96,13 +96,13 @@ impl Shader<'_> {
         }
     }
 
-    fn flat(&self, run: &Run<'_>, colour: [u8; 3], out: &mut [u8]) {
+    fn flat(&self, run: &PixelRun<'_>, colour: [u8; 3], out: &mut [u8]) {
         let w = run.setup.w.row(run.y) + run.setup.w.x * ((run.from + run.to) / 2) as f32;
         let m = self.light.multiply(run.setup.light.min(1.15));
         fill(out, self.finish(colour, m, self.fog(1.0 / w)));
     }
 
-    fn water(&self, run: &Run<'_>, out: &mut [u8]) {
+    fn water(&self, run: &PixelRun<'_>, out: &mut [u8]) {
         let colour = self.scenery.look.water.unwrap_or([128.0; 3]).map(|c| c as u8);
         let mirrored = self.light.sky(0.03);
         let w = run.setup.w;
@@ -122,7 +122,7 @@ impl Shader<'_> {
         [at(0), at(1), at(2)]
     }
 
-    fn tile(&self, run: &Run<'_>, texture: u8, tint: [u8; 3], out: &mut [u8]) {
+    fn tile(&self, run: &PixelRun<'_>, texture: u8, tint: [u8; 3], out: &mut [u8]) {
         let texture = &self.scenery.tiles[texture as usize];
         // Grey 128 is the tint itself; a picture in its own colours has a white tint.
         let own = if tint == [255; 3] { 1 } else { 2 };
@@ -143,7 +143,7 @@ impl Shader<'_> {
         }
     }
 
-    fn ground(&self, run: &Run<'_>, out: &mut [u8]) {
+    fn ground(&self, run: &PixelRun<'_>, out: &mut [u8]) {
         let scale = self.scenery.map_texels_per_m;
         let detail = self.scenery.detail_per_m;
         for (piece, out) in run.pieces(out) {
@@ -167,7 +167,7 @@ impl Shader<'_> {
         }
     }
 
-    fn road(&self, run: &Run<'_>, section: u8, station: u16, out: &mut [u8]) {
+    fn road(&self, run: &PixelRun<'_>, section: u8, station: u16, out: &mut [u8]) {
         let section = &self.scenery.sections[section as usize];
         let (texture, per_m) = &self.scenery.surfaces[section.texture as usize];
         let texels = per_m * texture.width() as f32;
@@ -215,7 +215,7 @@ impl Shader<'_> {
 const PIECE: usize = 16;
 
 /// A piece of a run: its attributes at the first pixel, their steps, and what is the same all along.
-struct Piece {
+struct RunPiece {
     u: f32,
     v: f32,
     du: f32,
@@ -227,10 +227,10 @@ struct Piece {
     along: f32,
 }
 
-impl Run<'_> {
+impl PixelRun<'_> {
     /// Pieces of this run, each with its pixels. Perspective is exact at their ends.
     #[inline]
-    fn pieces<'p>(&self, out: &'p mut [u8]) -> impl Iterator<Item = (Piece, &'p mut [u8])> {
+    fn pieces<'p>(&self, out: &'p mut [u8]) -> impl Iterator<Item = (RunPiece, &'p mut [u8])> {
         let setup = self.setup;
         let (w0, u0, v0) = (setup.w.row(self.y), setup.u.row(self.y), setup.v.row(self.y));
         let at = move |x: usize| {
@@ -254,7 +254,7 @@ impl Run<'_> {
             let span =
                 |plane: &Plane, at: f32| ((plane.x - at * setup.w.x).abs() + (plane.y - at * setup.w.y).abs()) * z;
             let (along, across) = (span(&setup.u, u), span(&setup.v, v));
-            (Piece { u, v, du, dv, depth: z, across, along }, out)
+            (RunPiece { u, v, du, dv, depth: z, across, along }, out)
         })
     }
 }

@@ -7,9 +7,9 @@
 use glam::Vec3;
 
 use super::{
-    look::Look,
+    look::ThemeLook,
     noise::{fractal, mix, step},
-    raster::{Chunk, Paint},
+    raster::{Cluster, Paint},
 };
 use crate::track::{Edge, Side, Theme, Track};
 
@@ -26,7 +26,7 @@ pub(super) const SHOULDER_M: f32 = 3.2;
 
 /// The ground of a whole country.
 #[derive(Debug)]
-pub(super) struct Ground {
+pub(super) struct Terrain {
     pub(super) x0: f32,
     pub(super) z0: f32,
     /// Cells along a side.
@@ -45,9 +45,9 @@ struct RoadPoint {
     station: u32,
 }
 
-impl Ground {
+impl Terrain {
     /// Shapes the ground around a road.
-    pub(super) fn new(track: &Track, look: &Look) -> Self {
+    pub(super) fn new(track: &Track, look: &ThemeLook) -> Self {
         let stations = track.stations();
         let samples: Vec<RoadPoint> = (0..stations.len())
             .step_by(4)
@@ -190,7 +190,7 @@ impl Ground {
     }
 
     /// The mesh, in chunks.
-    pub(super) fn mesh(&self) -> Vec<Chunk> {
+    pub(super) fn mesh(&self) -> Vec<Cluster> {
         let mut leaves = Vec::new();
         for j in (0..self.n).step_by(LARGEST) {
             for i in (0..self.n).step_by(LARGEST) {
@@ -206,7 +206,7 @@ impl Ground {
             }
         }
         let mut chunks = Vec::new();
-        let mut chunk = Chunk::default();
+        let mut chunk = Cluster::default();
         let mut block = None;
         let mut known: Vec<(usize, u16)> = Vec::new();
         for &(i, j, size) in &leaves {
@@ -244,7 +244,7 @@ impl Ground {
 
     fn leaf(
         &self,
-        chunk: &mut Chunk,
+        chunk: &mut Cluster,
         known: &mut Vec<(usize, u16)>,
         corners: &[bool],
         (i, j, size): (usize, usize, usize),
@@ -299,7 +299,7 @@ mod tests {
     fn the_ground_lies_below_every_road() {
         for name in Track::NAMES {
             let track = Track::named(name).unwrap();
-            let ground = Ground::new(&track, &Look::of(track.file().theme));
+            let ground = Terrain::new(&track, &ThemeLook::of(track.file().theme));
             let reach = track.half_width() + f64::from(shoulder(track.file().theme)) - 0.1;
             for k in 0..track.length() as usize * 2 {
                 for side in -8..=8 {
@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn the_mesh_covers_its_square_once() {
         let track = Track::named("lake").unwrap();
-        let ground = Ground::new(&track, &Look::of(Theme::Lake));
+        let ground = Terrain::new(&track, &ThemeLook::of(Theme::Lake));
         let area: f64 = ground
             .mesh()
             .iter()

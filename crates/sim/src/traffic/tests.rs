@@ -32,10 +32,10 @@ fn ring() -> Track {
 }
 
 /// What our car does: metres a second squared from what it sees.
-type Driver = fn(speed: f64, ahead: &[Seen]) -> f64;
+type FollowLaw = fn(speed: f64, ahead: &[SeenAhead]) -> f64;
 
 /// An actor from the car's front: metres ahead of it, metres to the right, and their speeds.
-struct Seen {
+struct SeenAhead {
     ahead: f64,
     right: f64,
     closing: f64,
@@ -43,13 +43,13 @@ struct Seen {
     half: f64,
 }
 
-fn goes_on(_: f64, _: &[Seen]) -> f64 {
+fn goes_on(_: f64, _: &[SeenAhead]) -> f64 {
     0.0
 }
 
 /// Brakes hard when it would hit something within 1.3 s.
-fn brakes(_: f64, seen: &[Seen]) -> f64 {
-    let threat = |other: &Seen| {
+fn brakes(_: f64, seen: &[SeenAhead]) -> f64 {
+    let threat = |other: &SeenAhead| {
         let until = other.ahead / other.closing;
         let then = other.right + other.drifting * until;
         other.ahead > -1.0 && (0.0..1.3).contains(&until) && then.abs() < BODY.x / 2.0 + other.half + 0.2
@@ -73,7 +73,7 @@ fn on_rails(track: &Track, s: f64, offset: f64, speed: f64) -> (Car, Place) {
 }
 
 /// Our car on rails through a scenario until it hits something.
-fn drive(scenario: &Scenario, track: &Track, seed: u64, dt: f64, driver: Driver) -> Option<Impact> {
+fn drive(scenario: &Scenario, track: &Track, seed: u64, dt: f64, driver: FollowLaw) -> Option<Impact> {
     let (start, offset) = scenario.ego.start(track);
     let mut s = start;
     let mut speed = scenario.ego.speed_kmh.value() * MPS_PER_KMH;
@@ -92,7 +92,7 @@ fn drive(scenario: &Scenario, track: &Track, seed: u64, dt: f64, driver: Driver)
             let lateral = (flat(traffic.actors()[index].position) - flat(position)).dot(right);
             return Some(Impact { index, speed, share: 0.5 - lateral / BODY.x, t });
         }
-        let seen: Vec<Seen> = traffic
+        let seen: Vec<SeenAhead> = traffic
             .actors()
             .iter()
             .map(|actor| {
@@ -103,7 +103,7 @@ fn drive(scenario: &Scenario, track: &Track, seed: u64, dt: f64, driver: Driver)
                     let corners = Box2::of_actor(actor).corners();
                     corners.iter().map(|corner| (corner - flat(actor.position)).dot(axis)).fold(0.0, f64::max)
                 };
-                Seen {
+                SeenAhead {
                     ahead: away.dot(forward) - FRONT_M - reach(forward),
                     right: away.dot(right),
                     closing: speed - moves.dot(forward),

@@ -34,7 +34,7 @@ pub struct Speeds {
 
 /// Yaw rates between rows.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
-pub struct Yaw {
+pub struct YawRates {
     /// Pairs of rows compared.
     pub pairs: usize,
     /// Pairs left out because the car hardly moves, because it hits something, because there is too little to see.
@@ -97,7 +97,7 @@ fn along(rows: &[Logged], values: &[f64], time: f64) -> f64 {
 }
 
 /// Drives the car with the recorded steering at the recorded speed and compares how far it turns between rows.
-pub fn yaw(rows: &[Logged], turns: &[Option<Rotation>]) -> Yaw {
+pub fn yaw(rows: &[Logged], turns: &[Option<Rotation>]) -> YawRates {
     let mut car = Car::default();
     let mut headings = vec![0.0];
     while headings.len() as f64 * STEP_S <= rows[rows.len() - 1].time + STEP_S {
@@ -130,7 +130,7 @@ pub fn yaw(rows: &[Logged], turns: &[Option<Rotation>]) -> Yaw {
     };
     let (mm, ms, ss) = (sum(&|m, _| m * m), sum(&|m, s| m * s), sum(&|_, s| s * s));
     let square = model.iter().zip(&seen).map(|(m, s)| (m - s) * (m - s)).sum::<f64>() / n;
-    Yaw {
+    YawRates {
         pairs: model.len(),
         left_out,
         correlation: ms / (mm * ss).sqrt(),

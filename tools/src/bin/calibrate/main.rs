@@ -43,7 +43,7 @@ struct Arguments {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct CalibrationReport {
     recording: String,
     rows: usize,
     seconds: f64,
@@ -54,8 +54,8 @@ struct Report {
     /// And: the recording ends within 5 s.
     left_out_end: usize,
     track: Option<Placed>,
-    speeds: Vec<Compared>,
-    yaw: compare::Yaw,
+    speeds: Vec<SpeedsCompared>,
+    yaw: compare::YawRates,
 }
 
 #[derive(Serialize)]
@@ -67,7 +67,7 @@ struct Placed {
 }
 
 #[derive(Serialize)]
-struct Compared {
+struct SpeedsCompared {
     grades: &'static str,
     all_rows: bool,
     horizons: Vec<compare::Speeds>,
@@ -89,7 +89,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn examine(folder: &Path, track: Option<&str>) -> Result<Report> {
+fn examine(folder: &Path, track: Option<&str>) -> Result<CalibrationReport> {
     let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let rows = recording::read(folder)?;
     let turns = turns::between(&rows)?;
@@ -106,12 +106,12 @@ fn examine(folder: &Path, track: Option<&str>) -> Result<Report> {
     let mut speeds = Vec::new();
     for (grades, values) in grades {
         for all_rows in [false, true] {
-            speeds.push(Compared { grades, all_rows, horizons: compare::speeds(&rows, values, all_rows) });
+            speeds.push(SpeedsCompared { grades, all_rows, horizons: compare::speeds(&rows, values, all_rows) });
         }
     }
     let used = |all: bool| speeds.iter().find(|c| c.all_rows == all).map_or(0, |c| c.horizons[0].rows);
     let (kept, all) = (used(false), used(true));
-    Ok(Report {
+    Ok(CalibrationReport {
         recording: name,
         rows: rows.len(),
         seconds: rows[rows.len() - 1].time,
@@ -129,8 +129,8 @@ fn examine(folder: &Path, track: Option<&str>) -> Result<Report> {
     })
 }
 
-fn print(report: &Report) {
-    let Report { recording, rows, seconds, contact_rows, yaw, .. } = report;
+fn print(report: &CalibrationReport) {
+    let CalibrationReport { recording, rows, seconds, contact_rows, yaw, .. } = report;
     println!("{recording}: {rows} rows, {seconds:.1} s");
     match &report.track {
         Some(Placed { name, from_m, to_m, misfit_rad }) => {
@@ -146,7 +146,7 @@ fn print(report: &Report) {
         report.left_out_contact, report.left_out_end
     );
     println!("  speed, model less recording, mph     rows      after 1 s       after 2 s       after 5 s");
-    for Compared { grades, all_rows, horizons } in &report.speeds {
+    for SpeedsCompared { grades, all_rows, horizons } in &report.speeds {
         let which = if *all_rows { "with contacts" } else { "rows kept" };
         print!("    grades: {grades:<9} {which:<14} {:>8}", horizons[0].rows);
         for speeds in horizons {

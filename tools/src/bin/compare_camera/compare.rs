@@ -4,7 +4,7 @@ use std::fmt;
 
 use lapwing_core::perception::Frame;
 use lapwing_sim::track::Track;
-use lapwing_tools::survey::{Detector, Edges, Lens, Pose};
+use lapwing_tools::survey::{Detector, Edges, Pose, SurveyLens};
 
 /// Rows whose edges are compared.
 pub const ROWS: [usize; 3] = [80, 100, 120];
@@ -25,7 +25,7 @@ pub struct Pair {
 
 impl Pair {
     /// Looks at both pictures.
-    pub fn new(track: &Track, lens: &Lens, detector: Detector, pose: Pose, frames: [&Frame; 2]) -> Self {
+    pub fn new(track: &Track, lens: &SurveyLens, detector: Detector, pose: Pose, frames: [&Frame; 2]) -> Self {
         let straight = (0..=6).all(|i| track.at(pose.s + 5.0 * f64::from(i)).curvature.abs() < STRAIGHT);
         Self {
             edges: frames.map(|frame| detector.find(frame, &ROWS)),
@@ -93,7 +93,7 @@ fn mean(
 
 /// The differences of all pictures.
 #[derive(Default)]
-pub struct Comparison {
+pub struct CameraComparison {
     /// Rendered less real column, by row and side.
     shifts: [[Vec<f64>; 2]; ROWS.len()],
     /// Edges seen in only the real, only the rendered picture.
@@ -102,7 +102,7 @@ pub struct Comparison {
     colours: [[Vec<[f64; 3]>; PATCHES.len()]; 2],
 }
 
-impl Comparison {
+impl CameraComparison {
     /// Takes one place in.
     pub fn add(&mut self, pair: &Pair) {
         for row in 0..ROWS.len() {
@@ -130,7 +130,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-impl fmt::Display for Comparison {
+impl fmt::Display for CameraComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "road edges, columns between real and rendered (shift: rendered to the right)")?;
         writeln!(f, "row  side   both seen  only real  only rendered   mean  median  median shift")?;

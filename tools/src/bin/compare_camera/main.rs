@@ -30,9 +30,9 @@ use lapwing_sim::{
     track::Track,
     vehicle::Car,
 };
-use lapwing_tools::survey::{Detector, FIT_ROWS, Fix, Lens, Sighting, localise};
+use lapwing_tools::survey::{Detector, FIT_ROWS, Fix, Sighting, SurveyLens, localise};
 
-use crate::compare::{Comparison, Pair, ROWS};
+use crate::compare::{CameraComparison, Pair, ROWS};
 
 /// Compares real pictures with rendered ones of the same places.
 #[derive(Debug, Parser)]
@@ -78,7 +78,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for row in &log.rows {
         moments.push(moment(row, detector, &mut frame)?);
     }
-    let lens = Lens::stock();
+    let lens = SurveyLens::stock();
     let (odometry, fixes) = localise(&track, &lens, &moments, args.from)?;
     println!(
         "{} rows of {}: begin at {:.1} m, scale {:.4}, steering agrees with the road's bends by {:.3}",
@@ -96,7 +96,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut renderer = Renderer::new(scenery);
     let mut camera = Camera::CENTER;
     camera.mount.pitch_deg = args.pitch.unwrap_or(camera.mount.pitch_deg);
-    let mut comparison = Comparison::default();
+    let mut comparison = CameraComparison::default();
     let mut shown = Vec::new();
     let usable = |i: &usize| fixes[*i].residual < GOOD_FIT && fixes[*i].seen >= 10;
     let compared: Vec<usize> = (0..fixes.len()).step_by(args.every.max(1)).filter(usable).collect();

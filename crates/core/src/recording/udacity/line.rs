@@ -94,9 +94,9 @@ pub(super) fn file_name(path: &str) -> Option<&str> {
 
 /// The columns of a log, in its order.
 #[derive(Debug, Clone)]
-pub(super) struct Layout(Vec<Column>);
+pub(super) struct Columns(Vec<Column>);
 
-impl Default for Layout {
+impl Default for Columns {
     /// As the simulator writes it.
     fn default() -> Self {
         Self(Column::ALL.into())
@@ -104,20 +104,20 @@ impl Default for Layout {
 }
 
 /// The fields of a line by column.
-pub(super) struct Fields<'a> {
-    layout: &'a Layout,
+pub(super) struct LineFields<'a> {
+    layout: &'a Columns,
     values: Vec<Cow<'a, str>>,
 }
 
 /// A piece of a line between two commas, without its quotes and the spaces around it.
 #[derive(Debug, Clone, Copy)]
-struct Piece<'a> {
+struct LinePiece<'a> {
     text: &'a str,
     /// A space before it.
     spaced: bool,
 }
 
-impl Layout {
+impl Columns {
     /// The columns that a header names, `None` where the line is none.
     ///
     /// # Errors
@@ -148,7 +148,7 @@ impl Layout {
     ///
     /// # Errors
     /// Too few, too many, or more than one way to join them.
-    pub(super) fn fields<'a>(&'a self, line: &'a str) -> Result<Fields<'a>, Bad> {
+    pub(super) fn fields<'a>(&'a self, line: &'a str) -> Result<LineFields<'a>, Bad> {
         let pieces = split(line)?;
         let columns = &self.0;
         let values = if pieces.len() == columns.len() {
@@ -163,11 +163,11 @@ impl Layout {
         } else {
             self.join(&pieces)?
         };
-        Ok(Fields { layout: self, values })
+        Ok(LineFields { layout: self, values })
     }
 
     /// Joins what commas within paths and numbers took apart.
-    fn join<'a>(&self, pieces: &[Piece<'a>]) -> Result<Vec<Cow<'a, str>>, Bad> {
+    fn join<'a>(&self, pieces: &[LinePiece<'a>]) -> Result<Vec<Cow<'a, str>>, Bad> {
         let (columns, mut rest) = (&self.0, pieces);
         let mut values = Vec::with_capacity(columns.len());
         let mut from = 0;
@@ -197,7 +197,7 @@ impl Layout {
 }
 
 /// As many numbers as there are columns, of pieces that are numbers or halves of them.
-fn join_numbers<'a>(columns: &[Column], pieces: &[Piece<'a>]) -> Result<Vec<Cow<'a, str>>, Bad> {
+fn join_numbers<'a>(columns: &[Column], pieces: &[LinePiece<'a>]) -> Result<Vec<Cow<'a, str>>, Bad> {
     let mut readings = Vec::new();
     // Each further column doubles the ways to try, and a log has four numbers.
     if columns.len() <= 12 {
@@ -241,7 +241,7 @@ fn join_numbers<'a>(columns: &[Column], pieces: &[Piece<'a>]) -> Result<Vec<Cow<
 type Reading<'a> = Vec<(Cow<'a, str>, usize)>;
 
 /// All ways to read `pieces` as `columns`, behind what `so_far` has of both.
-fn extend<'a>(columns: &[Column], pieces: &[Piece<'a>], so_far: &mut Reading<'a>, found: &mut Vec<Reading<'a>>) {
+fn extend<'a>(columns: &[Column], pieces: &[LinePiece<'a>], so_far: &mut Reading<'a>, found: &mut Vec<Reading<'a>>) {
     let Some((column, columns)) = columns.split_first() else {
         if pieces.is_empty() {
             found.push(so_far.clone());
@@ -281,7 +281,7 @@ fn number(text: &str) -> Option<f64> {
     if text.contains('.') { text.parse().ok() } else { text.replacen(',', ".", 1).parse().ok() }
 }
 
-impl Fields<'_> {
+impl LineFields<'_> {
     /// The field of a column, `None` where the log has no such column.
     pub(super) fn get(&self, column: Column) -> Option<&str> {
         let i = self.layout.0.iter().position(|c| *c == column)?;
@@ -307,7 +307,7 @@ impl Fields<'_> {
 }
 
 /// A line taken apart at its commas, except those within quotes.
-fn split(line: &str) -> Result<Vec<Piece<'_>>, Bad> {
+fn split(line: &str) -> Result<Vec<LinePiece<'_>>, Bad> {
     let mut pieces = Vec::new();
     let mut rest = Some(line);
     while let Some(text) = rest {
@@ -332,7 +332,7 @@ fn split(line: &str) -> Result<Vec<Piece<'_>>, Bad> {
             rest = behind;
             piece.trim()
         };
-        pieces.push(Piece { text: piece, spaced });
+        pieces.push(LinePiece { text: piece, spaced });
     }
     Ok(pieces)
 }

@@ -37,7 +37,7 @@ use jiff::{
     tz::TimeZone,
 };
 
-use self::line::{Bad, Column, Layout};
+use self::line::{Bad, Column, Columns};
 pub use self::writer::{DrivingLogWriter, NewRow};
 use super::{Break, CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture};
 use crate::{
@@ -181,12 +181,12 @@ fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, l)| !l.trim().is_empty());
     let Some(first) = lines.clone().next() else { return Ok(Vec::new()) };
-    let layout = match Layout::from_header(first.1).map_err(|bad| (first.0, bad))? {
+    let layout = match Columns::from_header(first.1).map_err(|bad| (first.0, bad))? {
         Some(layout) => {
             lines.next();
             layout
         }
-        None => Layout::default(),
+        None => Columns::default(),
     };
     let mut rows: Vec<Row> = Vec::new();
     for (number, line) in lines {
@@ -202,7 +202,7 @@ fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
     Ok(rows)
 }
 
-fn row(layout: &Layout, line: &str, images: &Path) -> Result<Row, Bad> {
+fn row(layout: &Columns, line: &str, images: &Path) -> Result<Row, Bad> {
     let fields = layout.fields(line)?;
     let image = |column: Column| match fields.get(column) {
         None | Some("") => Ok(None),

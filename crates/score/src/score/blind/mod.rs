@@ -18,7 +18,7 @@ use bytes::Bytes;
 
 use self::{
     impacts::Impacts,
-    passage::{Clock, way_to},
+    passage::{DistanceLog, way_to},
 };
 use super::{
     Figure, Measure,
@@ -76,7 +76,7 @@ pub(super) struct Blind {
     /// What was told last was of another drive.
     is_cut: bool,
     way_m: f64,
-    clock: Clock,
+    clock: DistanceLog,
     /// When humans took over, in seconds.
     takeovers: Vec<f64>,
     /// JPEGs by the metres driven until then.
@@ -102,7 +102,7 @@ pub(super) struct Found {
 
 /// What is known of the drive besides.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Driven {
+pub(super) struct DriveFacts {
     pub distance: Measure,
     /// When it began, in seconds.
     pub began_s: f64,
@@ -299,7 +299,7 @@ impl Blind {
     }
 
     /// Fills in what the run itself does not say; where it `tells` something its reasons stay.
-    pub fn fill(self, found: Found, figures: &mut Figures, drive: &Driven, tells: bool) -> Besides {
+    pub fn fill(self, found: Found, figures: &mut Figures, drive: &DriveFacts, tells: bool) -> Besides {
         use Figure as F;
         match (found.way, found.laps) {
             (Some((.., from)), Some(laps)) => {
@@ -333,9 +333,9 @@ impl Blind {
     }
 
     /// What went wrong, and what follows from it.
-    fn infractions(&self, figures: &mut Figures, drive: &Driven, is_whole: bool) {
+    fn infractions(&self, figures: &mut Figures, drive: &DriveFacts, is_whole: bool) {
         use Figure as F;
-        let Driven { distance, began_s, time_s, human_s, by_pilot } = *drive;
+        let DriveFacts { distance, began_s, time_s, human_s, by_pilot } = *drive;
         let struck = self.impacts.collisions.len() as f64;
         // Where none was found, one may have been missed.
         let off = (IN_TEN * struck).ceil().max(1.0);

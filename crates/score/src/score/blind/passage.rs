@@ -7,9 +7,9 @@ const FURTHEST_M: f64 = 250.0;
 
 /// When the car had driven how far.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Clock(Vec<(f64, f64)>);
+pub(super) struct DistanceLog(Vec<(f64, f64)>);
 
-impl Clock {
+impl DistanceLog {
     /// At so many seconds it had driven so many metres. Neither goes back.
     pub fn note(&mut self, at: f64, way_m: f64) {
         self.0.push((at, way_m));
@@ -69,8 +69,8 @@ mod tests {
     use super::*;
 
     /// 10 m/s, a stop of 5 s at 200 m, and on.
-    fn clock() -> Clock {
-        let mut clock = Clock::default();
+    fn clock() -> DistanceLog {
+        let mut clock = DistanceLog::default();
         (0..=20).for_each(|s| clock.note(f64::from(s), f64::from(10 * s)));
         (1..=30).for_each(|s| clock.note(f64::from(s + 25), f64::from(200 + 10 * s)));
         clock
@@ -81,7 +81,7 @@ mod tests {
         let laps = clock().laps(&[105.0, 215.0, 500.0]);
         assert!(laps.iter().zip([10.5, 16.0, 28.5]).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{laps:?}");
         assert_eq!(clock().laps(&[105.0, 501.0]), [0.0; 0]);
-        assert_eq!(Clock::default().laps(&[1.0]), [0.0; 0]);
+        assert_eq!(DistanceLog::default().laps(&[1.0]), [0.0; 0]);
         assert_eq!((clock().way_m(10.4), clock().way_m(-1.0)), (100.0, 0.0));
     }
 

@@ -207,7 +207,7 @@ pub struct Shown<'a> {
 }
 
 #[derive(Serialize)]
-struct Page<'a> {
+struct ScorePage<'a> {
     runs: Vec<Estimated<'a>>,
     figures: Vec<Described>,
 }
@@ -233,7 +233,7 @@ impl<'a> Estimated<'a> {
 /// # Errors
 /// Where a scorecard holds a number that JSON does not have.
 pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
-    let page = Page { runs: runs.iter().map(Estimated::of).collect(), figures: Figure::described() };
+    let page = ScorePage { runs: runs.iter().map(Estimated::of).collect(), figures: Figure::described() };
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
     let page = include_str!("page.html").replace("/*STYLE*/", include_str!("page.css"));

@@ -2,7 +2,7 @@
 
 use super::{Scorer, within_run::Span};
 use crate::{
-    score::blind::Driven,
+    score::blind::DriveFacts,
     score::braking::Known,
     score::card::Figures,
     score::infractions::{autonomies, driving_scores},
@@ -133,7 +133,7 @@ impl Scorer {
         };
         let besides = found.map(|found| {
             let by_pilot = !no_pilot;
-            let drive = Driven { distance, began_s: span.began_s, time_s, human_s, by_pilot };
+            let drive = DriveFacts { distance, began_s: span.began_s, time_s, human_s, by_pilot };
             (
                 found.way.map(|(length_m, ..)| length_m),
                 std::mem::take(&mut self.blind).fill(found, &mut figures, &drive, tells),

@@ -26,7 +26,7 @@ pub(in crate::score) struct Waypoints {
 
 /// How the car came to a telemetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Seen {
+pub(super) enum Arrival {
     /// It stands.
     Standing,
     Driving,
@@ -52,12 +52,12 @@ pub(in crate::score) struct Within {
 impl Waypoints {
     /// Whether another waypoint was reached. Where the telemetry does not go on from the one before, nobody saw where;
     /// the first one is reached where the car `stands` at the start of a run.
-    pub(super) fn telemetry(&mut self, waypoint: Option<u32>, lap_ended: bool, way_m: f64, seen: Seen) -> bool {
+    pub(super) fn telemetry(&mut self, waypoint: Option<u32>, lap_ended: bool, way_m: f64, seen: Arrival) -> bool {
         (self.step_m, self.way_m) = (way_m - self.way_m, way_m);
         let Some(now) = waypoint else { return false };
         self.first.get_or_insert(now);
         let Some(before) = self.last.replace(now) else {
-            self.reached_m = (now == 0 && seen == Seen::Standing).then_some(way_m);
+            self.reached_m = (now == 0 && seen == Arrival::Standing).then_some(way_m);
             return false;
         };
         if now == before {
@@ -70,7 +70,7 @@ impl Waypoints {
         if now == 0 && lap_ended {
             self.count = self.count.max(Some(before.saturating_add(1)));
         }
-        let follows = seen != Seen::Unseen && (now == before.saturating_add(1) || now == 0 && lap_ended);
+        let follows = seen != Arrival::Unseen && (now == before.saturating_add(1) || now == 0 && lap_ended);
         let since_m = std::mem::replace(&mut self.reached_m, follows.then_some(way_m));
         self.newest_m = since_m.filter(|_| follows).map(|since_m| way_m - since_m);
         if let Some(stretch_m) = self.newest_m {
@@ -141,7 +141,7 @@ mod tests {
             let at = from_m + way_m;
             let ended = (at / 1000.0) as u32 > lap;
             lap = (at / 1000.0) as u32;
-            waypoints.telemetry(Some((at % 1000.0 / 20.0) as u32), ended, way_m, Seen::Driving);
+            waypoints.telemetry(Some((at % 1000.0 / 20.0) as u32), ended, way_m, Arrival::Driving);
         }
         waypoints
     }
@@ -176,8 +176,8 @@ mod tests {
     fn waypoints_passed_unseen_do_not_say_how_far_they_are_apart() {
         let mut waypoints = driven(0.0, 505.0);
         let before = waypoints.stretch_m();
-        waypoints.telemetry(Some(27), false, 555.0, Seen::Unseen);
-        waypoints.telemetry(Some(28), false, 560.0, Seen::Driving);
+        waypoints.telemetry(Some(27), false, 555.0, Arrival::Unseen);
+        waypoints.telemetry(Some(28), false, 560.0, Arrival::Driving);
         assert_eq!((waypoints.stretch_m(), waypoints.reached_m), (before, Some(560.0)));
     }
 
@@ -185,7 +185,7 @@ mod tests {
     fn where_the_car_was_put_says_nothing_of_how_far_waypoints_are_apart() {
         let mut waypoints = driven(0.0, 505.0);
         let before = waypoints.stretch_m().unwrap();
-        waypoints.telemetry(Some(26), false, 505.0, Seen::Standing);
+        waypoints.telemetry(Some(26), false, 505.0, Arrival::Standing);
         waypoints.put();
         assert!((waypoints.stretch_m().unwrap() - before).abs() < 1e-9);
         assert_eq!(waypoints.reached_m, Some(505.0));
