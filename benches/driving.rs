@@ -10,7 +10,7 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 use divan::{Bencher, counter::BytesCount};
 use image::{ColorType, codecs::jpeg::JpegEncoder};
 use lapwing_core::{
-    config::Control,
+    config::ControlSettings,
     driver::Driver,
     perception::{Frame, Preprocess, Preprocessor, decode_base64, decode_jpeg},
     pilot::View,
@@ -124,7 +124,7 @@ fn pilot_steers_on_threads(bencher: Bencher<'_, '_>, threads: i32) {
 fn driver(bencher: Bencher<'_, '_>) {
     tch::set_num_threads(1);
     let pilot = models::load(MODEL, Instant::now).unwrap().pilot();
-    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     let observation = Observation { at: Duration::ZERO, sight: Sight::Telemetry(lock_step::telemetry()) };
     bencher.bench_local(|| driver.drive(black_box(&observation)));
 }

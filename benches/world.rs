@@ -4,7 +4,7 @@ use std::{hint::black_box, sync::Arc, time::Instant};
 
 use divan::{Bencher, counter::ItemsCount};
 use lapwing_core::{
-    config::{Control, OnCrash},
+    config::{ControlSettings, OnCrash},
     driver::Driver,
     perception::Frame,
     protocol::Command,
@@ -92,7 +92,7 @@ fn drive_20_s_with_pilotnet(bencher: Bencher<'_, '_>) {
     let (model, setup) = (models::built_in(Instant::now).unwrap(), setup("lake"));
     bencher.counter(ItemsCount::new(FRAMES)).bench_local(|| {
         let mut world = Simulation::new(setup.clone()).unwrap();
-        let mut driver = Driver::new(model.pilot(), &Control::default(), Instant::now);
+        let mut driver = Driver::new(model.pilot(), &ControlSettings::default(), Instant::now);
         judged::run(&mut world, &mut driver, &mut []).unwrap().driven.frames
     });
 }

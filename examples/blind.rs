@@ -24,7 +24,7 @@ use std::{
 
 use lapwing::known::known_road;
 use lapwing_core::{
-    config::Control,
+    config::ControlSettings,
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::Dialect,
@@ -32,7 +32,7 @@ use lapwing_core::{
     units::{Mph, Steering},
 };
 use lapwing_learn::models;
-use lapwing_learn::{models::Model, nn::runtime};
+use lapwing_learn::{models::LoadedModel, nn::runtime};
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::{
     odometry::Road,
@@ -91,8 +91,8 @@ impl Who {
 struct Roads {
     worlds: Vec<(Arc<Track>, Arc<Scenery>)>,
     known: Vec<Arc<Road>>,
-    pilotnet: Model,
-    cps: Model,
+    pilotnet: LoadedModel,
+    cps: LoadedModel,
 }
 
 struct BlindDrive {
@@ -171,7 +171,7 @@ fn drive(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<BlindDr
         Who::Cps => roads.cps.pilot(),
         Who::Constant(steering) => Box::new(ConstantPilot::new(Steering::saturating(steering))),
     };
-    let control = Control { speed_mph: Mph::new(mph)?, ..Control::default() };
+    let control = ControlSettings { speed_mph: Mph::new(mph)?, ..ControlSettings::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);
     let header = RunHeader {
         kind: RunKind::Driven,

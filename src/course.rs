@@ -13,7 +13,7 @@ use lapwing_core::{
     pilot::{Pilot, PurePursuit},
     units::Mph,
 };
-use lapwing_learn::models::{self, Model, ModelError};
+use lapwing_learn::models::{self, LoadedModel, ModelError};
 use lapwing_score::{
     judged::{self, Judged},
     suite::{self, Cell, Contestant, Stop, Suite},
@@ -58,21 +58,21 @@ pub enum CourseError {
 }
 
 /// What all drives of a suite share.
-pub struct Course {
+pub struct SimulatedCourse {
     layers: Layers,
-    models: BTreeMap<String, Model>,
+    models: BTreeMap<String, LoadedModel>,
     /// The hash of each track's file.
     tracks: BTreeMap<String, Option<String>>,
     /// Of each pilot, the hash of what is next to its model.
     beside: BTreeMap<String, Option<String>>,
 }
 
-impl Course {
+impl SimulatedCourse {
     /// Of a suite, under these settings, with the models of its pilots by their names; see [`model_of`].
     ///
     /// # Errors
     /// [`CourseError`], where a track or a file beside a model cannot be read.
-    pub fn new(suite: &Suite, layers: Layers, models: BTreeMap<String, Model>) -> Result<Self, CourseError> {
+    pub fn new(suite: &Suite, layers: Layers, models: BTreeMap<String, LoadedModel>) -> Result<Self, CourseError> {
         // What is wrong with a track is said before the first drive, not hours later.
         let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
         let tracks = tracks.collect::<Result<_, CourseError>>()?;
@@ -96,7 +96,7 @@ impl Course {
     }
 }
 
-impl suite::Course for Course {
+impl suite::Course for SimulatedCourse {
     type Error = CourseError;
 
     fn model_sha256(&self, pilot: &Contestant) -> Option<String> {
@@ -142,7 +142,7 @@ pub fn left_to_chance(cell: &Cell) -> bool {
 ///
 /// # Errors
 /// [`ModelError`].
-pub fn model_of(pilot: &Contestant) -> Result<Option<Model>, ModelError> {
+pub fn model_of(pilot: &Contestant) -> Result<Option<LoadedModel>, ModelError> {
     Ok(match &pilot.model {
         _ if pilot.expert => None,
         Some(path) => Some(models::load(path, Instant::now)?),
@@ -172,7 +172,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use lapwing_core::config::Control;
+    use lapwing_core::config::ControlSettings;
     use lapwing_score::{score::Figure, suite::Planned};
     use lapwing_sim::{camera::Scenery, world::Setup};
 
@@ -197,7 +197,7 @@ mod tests {
         let suite = Suite::parse(suite).unwrap();
         let model = |pilot: &Contestant| Some((pilot.name.clone(), model_of(pilot).unwrap()?));
         let models = suite.pilots.iter().filter_map(model).collect();
-        Planned::new(&suite, &Course::new(&suite, Layers::default(), models).unwrap()).unwrap().cells
+        Planned::new(&suite, &SimulatedCourse::new(&suite, Layers::default(), models).unwrap()).unwrap().cells
     }
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
             let drive = |seed| {
                 let setup = Setup::new(track.clone(), scenery.clone());
                 let setup = Setup { conditions: conditions.clone(), seed, longest_s: Some(2.0), ..setup };
-                let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), now);
+                let mut driver = Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), now);
                 judged::run(&mut Simulation::new(setup).unwrap(), &mut driver, &mut []).unwrap()
             };
             let (one, other) = (drive(1), drive(2));

@@ -11,7 +11,7 @@ use lapwing_core::{
     protocol::{CameraImage, Observation, Sight, Telemetry, Truth},
     units::{Degrees, Mph, Throttle},
 };
-use lapwing_learn::{models::Model, nn::runtime};
+use lapwing_learn::{models::LoadedModel, nn::runtime};
 use lapwing_live::bridge::Listener;
 
 /// What was found; as JSON, what `lapwing doctor --json` prints. Its [`Display`](fmt::Display) is for people.
@@ -35,7 +35,7 @@ pub struct Findings {
 ///
 /// # Errors
 /// The system grants no runtime to try the port with.
-pub fn examine(settings: &Settings, model: Result<Model, String>) -> io::Result<Findings> {
+pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::Result<Findings> {
     let mut troubles = Vec::new();
     let model = model.map_err(|why| troubles.push(format!("the model cannot be used: {why}"))).ok();
     let libtorch = runtime::libtorch();
@@ -102,7 +102,7 @@ mod tests {
 
     use super::*;
 
-    fn examined(model: Result<Model, String>) -> Findings {
+    fn examined(model: Result<LoadedModel, String>) -> Findings {
         let settings = Layers::default().set("test", "bridge.port", 0).unwrap();
         let settings = settings.set("test", "recording.dir", env!("CARGO_MANIFEST_DIR")).unwrap().resolve().unwrap();
         examine(&settings, model).unwrap()

@@ -3,7 +3,7 @@
 use std::{fs, path::Path, sync::Arc, time::Instant};
 
 use lapwing_core::{
-    config::{Control, Thresholds},
+    config::{ControlSettings, Thresholds},
     drive::Eventful,
     driver::Driver,
     pilot::{ConstantPilot, Pilot},
@@ -51,7 +51,7 @@ fn open(dir: &TempDir, yaw: Yaw) -> RecordedWorld {
 }
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Judged {
-    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     judged::run(world, &mut driver, &mut []).unwrap()
 }
 
@@ -123,7 +123,7 @@ fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of
     };
     let recorder = Recorder::create(dir.path(), header, RecorderOptions { queue: 16 }).unwrap();
     let pilot = Box::new(ConstantPilot::new(Steering::constant(0.3)));
-    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     let mut world = open(&dir, Yaw::Pictures);
     let card = judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap().card;
     let run = recorder.finish().path;

@@ -6,7 +6,7 @@ use std::{
 };
 
 use lapwing_core::{
-    config::{Control, SpeedLaw, Takeover},
+    config::{ControlSettings, SpeedLaw, Takeover},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, TelemetryError, Truth},
@@ -27,7 +27,7 @@ fn frozen() -> Instant {
     *START
 }
 
-fn driver(control: Control) -> Driver {
+fn driver(control: ControlSettings) -> Driver {
     Driver::new(Box::new(ConstantPilot::new(Steering::new(0.25).unwrap())), &control, frozen)
 }
 
@@ -63,7 +63,7 @@ fn command(answer: Answer) -> (f64, f64) {
 
 #[test]
 fn a_good_frame_becomes_the_pilots_steering_and_the_controllers_throttle() {
-    let (answer, trace) = driver(Control::default()).drive(&good(0, 0.0));
+    let (answer, trace) = driver(ControlSettings::default()).drive(&good(0, 0.0));
     assert_eq!(command(answer), (0.25, 0.918));
     assert_eq!((trace.by, trace.prediction), (By::Pilot, Some(0.25)));
     let throttle = trace.throttle.unwrap();
@@ -73,14 +73,18 @@ fn a_good_frame_becomes_the_pilots_steering_and_the_controllers_throttle() {
 
 #[test]
 fn the_quadratic_law_sees_the_steering_about_to_be_commanded() {
-    let control = Control { speed_law: SpeedLaw::Quadratic, speed_mph: Mph::new(20.0).unwrap(), ..Control::default() };
+    let control = ControlSettings {
+        speed_law: SpeedLaw::Quadratic,
+        speed_mph: Mph::new(20.0).unwrap(),
+        ..ControlSettings::default()
+    };
     assert_eq!(command(driver(control).drive(&good(0, 10.0)).0), (0.25, 1.0 - 0.0625 - 0.25));
 }
 
 #[test]
 fn the_same_observations_give_the_same_answers() {
     let answers = || {
-        let mut driver = driver(Control::default());
+        let mut driver = driver(ControlSettings::default());
         (0..50).map(|i| driver.drive(&good(i * 66, i as f64 / 4.0)).0).collect::<Vec<_>>()
     };
     assert_eq!(answers(), answers());
@@ -88,7 +92,7 @@ fn the_same_observations_give_the_same_answers() {
 
 #[test]
 fn a_reset_driver_answers_like_a_new_one() {
-    let mut driver = driver(Control::default());
+    let mut driver = driver(ControlSettings::default());
     for i in 0..20 {
         driver.drive(&good(i * 66, 3.0));
     }
@@ -98,7 +102,7 @@ fn a_reset_driver_answers_like_a_new_one() {
 
 #[test]
 fn a_reset_driver_has_forgotten_the_human_too() {
-    let mut driver = driver(Control { takeover: Takeover::Latch, ..Control::default() });
+    let mut driver = driver(ControlSettings { takeover: Takeover::Latch, ..ControlSettings::default() });
     driver.drive(&human(0));
     driver.reset();
     assert!(!driver.human_drives());
@@ -108,7 +112,7 @@ fn a_reset_driver_has_forgotten_the_human_too() {
 
 #[test]
 fn a_takeover_has_a_beginning_an_end_and_a_duration() {
-    let mut driver = driver(Control::default());
+    let mut driver = driver(ControlSettings::default());
     driver.drive(&good(0, 4.0));
     let (answer, trace) = driver.drive(&human(1000));
     assert_eq!((answer, trace.events), (Answer::Manual, vec![EventRecord::TakeoverBegan]));
@@ -120,7 +124,7 @@ fn a_takeover_has_a_beginning_an_end_and_a_duration() {
 
 #[test]
 fn latched_the_driver_answers_nothing_but_coasting_until_armed() {
-    let mut driver = driver(Control { takeover: Takeover::Latch, ..Control::default() });
+    let mut driver = driver(ControlSettings { takeover: Takeover::Latch, ..ControlSettings::default() });
     driver.drive(&human(0));
     let (answer, trace) = driver.drive(&good(1000, 4.0));
     assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Off));
@@ -134,7 +138,7 @@ fn latched_the_driver_answers_nothing_but_coasting_until_armed() {
 
 #[test]
 fn four_bad_frames_coast_and_the_fifth_brakes() {
-    let mut driver = driver(Control::default());
+    let mut driver = driver(ControlSettings::default());
     driver.drive(&good(0, 12.0));
     let mut throttles = vec![];
     for i in 1..=6 {
@@ -157,7 +161,7 @@ fn telemetry_without_a_speed_is_braked_by_the_last_speed_known() {
         sight: Sight::Unreadable(TelemetryError::Missing("speed")),
     };
     let throttles = |mph: f64| -> Vec<f64> {
-        let mut driver = driver(Control::default());
+        let mut driver = driver(ControlSettings::default());
         driver.drive(&good(0, mph));
         (1..=20).map(|i| command(driver.drive(&unreadable(i * 100)).0).1).collect()
     };
@@ -179,7 +183,7 @@ impl Pilot for Failing {
 
 #[test]
 fn a_pilot_that_fails_is_a_bad_frame_and_not_the_end() {
-    let mut driver = Driver::new(Box::new(Failing), &Control::default(), frozen);
+    let mut driver = Driver::new(Box::new(Failing), &ControlSettings::default(), frozen);
     let (answer, trace) = driver.drive(&good(0, 5.0));
     assert_eq!((command(answer), trace.by), ((0.0, 0.0), By::Safe));
     assert!(matches!(&trace.events[0], EventRecord::BadFrame { why, .. } if why.starts_with("pilot: ")));
@@ -194,7 +198,7 @@ fn path() -> Vec<PathPoint> {
 
 #[test]
 fn a_pilot_that_knows_the_line_needs_no_picture_and_holds_the_speed_below_its_limit() {
-    let control = Control { speed_mph: Mph::new(60.0).unwrap(), ..Control::default() };
+    let control = ControlSettings { speed_mph: Mph::new(60.0).unwrap(), ..ControlSettings::default() };
     let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, frozen);
     let mut observation = seen(0, 35.0, CameraImage::Jpeg("no picture".into()));
     let Sight::Telemetry(telemetry) = &mut observation.sight else { unreachable!() };
@@ -221,7 +225,7 @@ fn the_path_is_neither_recorded_nor_something_told() {
 fn the_driver_laps_every_track_by_the_line_it_is_told() {
     for (name, mph) in [("lake", 30.0), ("jungle", 20.0), ("mountain", 30.0), ("random:1", 30.0)] {
         let track = Track::open(name).unwrap();
-        let control = Control { speed_mph: Mph::new(mph).unwrap(), ..Control::default() };
+        let control = ControlSettings { speed_mph: Mph::new(mph).unwrap(), ..ControlSettings::default() };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, frozen);
         let start = track.driving_line()[0];
         let mut car = Car { position: start.position, yaw: start.yaw, ..Car::default() };

@@ -10,13 +10,13 @@ use futures_util::{SinkExt, StreamExt};
 use lapwing_core::stats::Agreement;
 use lapwing_core::{
     client::{self, ClientOptions, PlayError},
-    config::Control,
+    config::ControlSettings,
     drive,
     driver::Driver,
     pilot::{ConstantPilot, Pilot},
     protocol::Command,
     protocol::number::Culture,
-    replay::{Answered, Answers, ForBridge, Golden, Rate, Replay, ReplayError, Report, Response},
+    replay::{Answered, Answers, ForBridge, Golden, Rate, Replay, ReplayError, ReplayReport, Response},
     units::Steering,
 };
 use lapwing_learn::models;
@@ -40,7 +40,7 @@ fn steered(answered: &Answered) -> Command {
 /// What a pilot in this process answers, and what the recording lost.
 fn answered_by(path: &Path, pilot: Box<dyn Pilot>) -> (Answers, (u64, Option<String>)) {
     let mut replay = Replay::open(path, Rate::Max).unwrap();
-    let mut driver = Driver::new(pilot, &Control::default(), Instant::now);
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     let mut answers = Answers::default();
     drive::run(&mut replay, &mut driver, &mut [&mut answers]).unwrap();
     (answers, replay.losses())
@@ -211,7 +211,7 @@ async fn pictures_that_no_network_can_see_are_bad_frames_in_process_and_over_the
         }
         let times = vec![std::time::Duration::ZERO; 20];
         let names = (String::new(), String::new());
-        let report = Report::new(names, answers, (0, None), (&times, times[0]));
+        let report = ReplayReport::new(names, answers, (0, None), (&times, times[0]));
         assert_eq!((report.moments, report.bad_frames, report.steering.unwrap().frames), (20, 5, 15));
         assert!(report.has_too_many_bad_frames());
     }
@@ -223,7 +223,8 @@ fn an_image_that_is_missing_is_named() {
     let missing = folder.path().join("IMG/center_2026_11_21_08_00_00_100.jpg");
     fs::remove_file(&missing).unwrap();
     let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
-    let mut driver = Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
+    let mut driver =
+        Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &ControlSettings::default(), Instant::now);
     let mut answers = Answers::default();
     let error = drive::run(&mut replay, &mut driver, &mut [&mut answers]).unwrap_err().to_string();
     assert!(error.contains("center_2026_11_21_08_00_00_100.jpg"), "{error}");

@@ -9,8 +9,8 @@ use std::{
 
 use lapwing::known::known_road;
 use lapwing_core::{
-    config::{Control, OnCrash, Takeover},
-    drive::{Driven, Eventful},
+    config::{ControlSettings, OnCrash, Takeover},
+    drive::{DriveDigest, Eventful},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, World},
@@ -44,7 +44,8 @@ fn setup((track, scenery): (Arc<Track>, Arc<Scenery>)) -> Setup {
 }
 
 fn driver(pilot: impl Pilot + 'static, mph: f64) -> Driver {
-    let control = Control { speed_mph: Mph::new(mph).unwrap(), takeover: Takeover::Resume, ..Control::default() };
+    let control =
+        ControlSettings { speed_mph: Mph::new(mph).unwrap(), takeover: Takeover::Resume, ..ControlSettings::default() };
     Driver::new(Box::new(pilot), &control, Instant::now)
 }
 
@@ -291,7 +292,7 @@ fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Judged, Recordi
     // A queue of few items: the world stands still for a slow disk, and nothing is dropped.
     let recorder = Recorder::create(dir, header, RecorderOptions { queue: 16 }).unwrap();
     let mut world = Simulation::new(setup).unwrap();
-    let control = Control { speed_mph: Mph::new(20.0).unwrap(), ..Control::default() };
+    let control = ControlSettings { speed_mph: Mph::new(20.0).unwrap(), ..ControlSettings::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);
     let driven = judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap();
     (driven, recorder.finish())
@@ -340,7 +341,7 @@ fn laps_of_a_road_that_nobody_knows_are_seen_and_it_is_taken_for_none_that_is_kn
 fn a_drive_is_recorded_whole_with_its_course_its_laps_and_its_end() {
     let dir = tempfile::tempdir().unwrap();
     let setup = Setup { longest_s: Some(20.0), ..setup(lake()) };
-    let (Judged { driven: Driven { frames, .. }, .. }, report) =
+    let (Judged { driven: DriveDigest { frames, .. }, .. }, report) =
         recorded(dir.path(), setup, Box::new(PurePursuit::default()));
     assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (frames, 0, 0));
     let mut events = vec![];

@@ -21,7 +21,7 @@ use std::{
 
 use anyhow::{Context, Result, anyhow};
 use clap::Parser;
-use lapwing_core::{config::Control, driver::Driver, units::Mph};
+use lapwing_core::{config::ControlSettings, driver::Driver, units::Mph};
 use lapwing_learn::nn::runtime;
 use lapwing_score::judged;
 use lapwing_score::{
@@ -117,7 +117,7 @@ fn main() -> Result<()> {
 }
 
 fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pilot: &Handicapped) -> Result<Matched> {
-    let control = Control { speed_mph: speed, ..Control::default() };
+    let control = ControlSettings { speed_mph: speed, ..ControlSettings::default() };
     let yaw = if a.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let mut along = RecordedWorld::open(recording, a.limit, yaw)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);

@@ -8,7 +8,7 @@ use std::{
 use anyhow::Result;
 use lapwing_core::pilot::{Pilot, PilotError, Prediction, View};
 use lapwing_learn::models;
-use lapwing_learn::models::Model;
+use lapwing_learn::models::LoadedModel;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -51,7 +51,7 @@ const HANDICAPS: [(&str, Handicap); 11] = [
 pub struct Handicapped {
     /// What it is called.
     pub name: String,
-    model: Model,
+    model: LoadedModel,
     handicap: Handicap,
 }
 
@@ -68,7 +68,7 @@ impl Handicapped {
 pub fn all(further: &[PathBuf], quick: bool) -> Result<Vec<Handicapped>> {
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
     let mut pilots = Vec::new();
-    let mut add = |name: String, model: Model, handicap| pilots.push(Handicapped { name, model, handicap });
+    let mut add = |name: String, model: LoadedModel, handicap| pilots.push(Handicapped { name, model, handicap });
     if !quick {
         add("resnet50".into(), models::load(shipped.join("resnet50.safetensors"), Instant::now)?, NONE);
     }

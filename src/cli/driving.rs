@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 #[cfg(feature = "networks")]
 use super::parse::tolerance;
 use super::{
-    Driving, Pictures, Thinking, Thresholds, World,
+    Driving, PictureFlags, Thinking, ThresholdFlags, WorldFlags,
     parse::{above_zero, culture, not_negative},
 };
 use lapwing_core::{protocol::number::Culture, replay::Rate};
@@ -18,7 +18,7 @@ use lapwing_sim::along::DEFAULT_LIMIT_M;
 #[derive(Debug, Args)]
 pub struct Drive {
     #[command(flatten)]
-    pub world: World,
+    pub world: WorldFlags,
     /// Number of laps after which the run ends [default: 1, without a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
@@ -31,9 +31,9 @@ pub struct Drive {
     #[arg(long)]
     pub stock: bool,
     #[command(flatten)]
-    pub pictures: Pictures,
+    pub pictures: PictureFlags,
     #[command(flatten)]
-    pub thresholds: Thresholds,
+    pub thresholds: ThresholdFlags,
     /// Folder for the run [default: recordings]
     #[arg(long, value_name = "DIR", conflicts_with = "no_recording")]
     pub recordings: Option<PathBuf>,
@@ -59,7 +59,7 @@ pub enum PilotKind {
 #[derive(Debug, Args)]
 pub struct Simulate {
     #[command(flatten)]
-    pub world: World,
+    pub world: WorldFlags,
     /// Number of laps after which the run ends [default: 1, without a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
@@ -85,9 +85,9 @@ pub struct Simulate {
     #[arg(long, value_name = "MPH", default_value_t = 20.0, value_parser = above_zero)]
     pub speed: f64,
     #[command(flatten)]
-    pub pictures: Pictures,
+    pub pictures: PictureFlags,
     #[command(flatten)]
-    pub thresholds: Thresholds,
+    pub thresholds: ThresholdFlags,
     /// Print the scorecard as JSON
     #[arg(long)]
     pub json: bool,
@@ -97,7 +97,7 @@ pub struct Simulate {
 #[derive(Debug, Args)]
 pub struct Record {
     #[command(flatten)]
-    pub world: World,
+    pub world: WorldFlags,
     /// Number of laps to drive
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
@@ -173,7 +173,7 @@ pub struct Replay {
     #[arg(long, value_name = "DIR", requires = "closed_loop")]
     pub recordings: Option<PathBuf>,
     #[command(flatten)]
-    pub thresholds: Thresholds,
+    pub thresholds: ThresholdFlags,
     /// Culture (language) whose number format the simulator writes, with --connect
     #[arg(long, value_name = "NAME", default_value = "en-US", value_parser = culture, requires = "connect")]
     pub culture: Culture,

@@ -74,7 +74,7 @@ pub enum Verb {
 
 /// Which world; shared by all verbs that simulate one.
 #[derive(Debug, Clone, Args)]
-pub struct World {
+pub struct WorldFlags {
     /// lake, jungle, mountain, random:SEED, or a track file (.toml) [default: lake]
     #[arg(long, value_name = "NAME")]
     pub track: Option<String>,
@@ -100,7 +100,7 @@ pub struct World {
 
 /// Pictures for people.
 #[derive(Debug, Args)]
-pub struct Pictures {
+pub struct PictureFlags {
     /// Write a film of the drive: FILE.mp4, FILE.gif, or a folder for single pictures
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,

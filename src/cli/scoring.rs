@@ -12,7 +12,7 @@ use lapwing_score::suite::Shard;
 /// What a run must reach, or the exit status is 3: a flag for each of [`config::Thresholds::ALL`]. They stand over
 /// `[thresholds]` of the settings.
 #[derive(Debug, Default)]
-pub struct Thresholds(pub Vec<(Threshold, Limit)>);
+pub struct ThresholdFlags(pub Vec<(Threshold, Limit)>);
 
 /// A threshold's number, as its setting has it.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -22,7 +22,7 @@ pub enum Limit {
     Number(f64),
 }
 
-impl Args for Thresholds {
+impl Args for ThresholdFlags {
     fn augment_args(command: Command) -> Command {
         let flag = |threshold: Threshold| {
             let parser = match threshold.unit {
@@ -40,7 +40,7 @@ impl Args for Thresholds {
     }
 }
 
-impl FromArgMatches for Thresholds {
+impl FromArgMatches for ThresholdFlags {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let given = |threshold: Threshold| Some((threshold, *matches.get_one(threshold.key)?));
         Ok(Self(config::Thresholds::ALL.into_iter().filter_map(given).collect()))
@@ -65,7 +65,7 @@ pub struct Score {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
     #[command(flatten)]
-    pub thresholds: Thresholds,
+    pub thresholds: ThresholdFlags,
     /// Compare with an earlier result (--json): exit status 3 if a figure got worse beyond noise
     #[arg(long, value_name = "FILE")]
     pub against: Option<PathBuf>,

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{cli, film::Film};
 use lapwing_core::{
-    drive::{Driven, Eventful, Observer, ObserverError},
+    drive::{DriveDigest, Eventful, Observer, ObserverError},
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
@@ -68,7 +68,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let judged = judged::run(&mut world, &mut driver, observers);
     let wall = began.elapsed();
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: Driven { fingerprint, frames, bad_frames } } = judged.with_context(|| source.clone())?;
+    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } =
+        judged.with_context(|| source.clone())?;
     let filmed = film.map_or(Ok(()), |film| film.film.finish());
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);

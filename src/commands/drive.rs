@@ -10,7 +10,7 @@ use serde_json::json;
 use super::{Ended, thresholds, world};
 use crate::cli::{self, PilotKind};
 use lapwing_core::{
-    drive::{Driven, Observer},
+    drive::{DriveDigest, Observer},
     driver::Driver,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
@@ -82,7 +82,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: Driven { fingerprint, frames, .. } } = judged?;
+    let Judged { card, driven: DriveDigest { fingerprint, frames, .. } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;

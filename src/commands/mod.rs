@@ -239,7 +239,7 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
 
 /// `HOST`, or `HOST:PORT`, as the latter; the port is the simulator's where none is given.
 fn bridge_address(text: &str) -> Result<String, ConfigError> {
-    let port = config::Bridge::default().port;
+    let port = config::BridgeSettings::default().port;
     let bare = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
     if let Ok(ip) = bare.parse::<IpAddr>() {
         return Ok(SocketAddr::new(ip, port).to_string());

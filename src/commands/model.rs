@@ -9,7 +9,7 @@ use super::{layers, own_settings};
 use crate::cli::{Driving, Thinking, Trust};
 use lapwing_core::config::{ConfigError, Layers, Settings};
 use lapwing_learn::{
-    models::{self, Model},
+    models::{self, LoadedModel},
     nn::runtime,
 };
 #[cfg(feature = "simulator")]
@@ -59,14 +59,14 @@ pub(super) fn thinking_layers(
 
 /// Refuses a model whose crop the cameras of our own worlds cannot fill, before anything is driven.
 #[cfg(feature = "simulator")]
-pub(super) fn suits_our_cameras(model: &Model) -> anyhow::Result<()> {
+pub(super) fn suits_our_cameras(model: &LoadedModel) -> anyhow::Result<()> {
     let Lens { width, height, .. } = Camera::CENTER.lens;
     model.preprocess().rows_of(width, height).with_context(|| model.name().to_owned())?;
     Ok(())
 }
 
 /// Loads the model that the settings name, or the one built in.
-pub(super) fn load_model(settings: &Settings) -> anyhow::Result<Model> {
+pub(super) fn load_model(settings: &Settings) -> anyhow::Result<LoadedModel> {
     let model = match &settings.model.path {
         Some(path) => models::load(path, Instant::now)?,
         None => models::built_in(Instant::now)?,

@@ -50,7 +50,7 @@ pub(super) fn check(path: &Path) -> anyhow::Result<()> {
 
 /// Whether a drawing could be.
 pub(super) fn check_drawing(path: &Path) -> anyhow::Result<()> {
-    drawing::Kind::of(path)?;
+    drawing::SheetFormat::of(path)?;
     check(path)
 }
 

@@ -16,7 +16,10 @@ use lapwing_core::{
     config::{ConfigError, Settings},
     drive::{self, Observer, ObserverError},
     driver::Driver,
-    replay::{Answered, Answers, Comparison, ForBridge, Golden, GoldenError, MOST_BAD_FRAMES, Machine, Replay, Report},
+    replay::{
+        Answered, Answers, ForBridge, Golden, GoldenComparison, GoldenError, MOST_BAD_FRAMES, Machine, Replay,
+        ReplayReport,
+    },
     turn::Turn,
 };
 use lapwing_learn::nn::runtime;
@@ -42,7 +45,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         None => of_model(replay, &settings).with_context(|| arguments.source.display().to_string())?,
     };
     let source = arguments.source.display().to_string();
-    let report = Report::new((source.clone(), driver.clone()), &answers, losses, (&times, wall));
+    let report = ReplayReport::new((source.clone(), driver.clone()), &answers, losses, (&times, wall));
     let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
     // What cannot be written takes nothing else with it.
     let written = arguments.write_golden.as_ref().filter(|_| !too_many_bad).map_or(Ok(()), |path| {
@@ -50,7 +53,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         say!("written: {}", path.display());
         Ok::<_, GoldenError>(())
     });
-    let comparison = golden.map(|golden| Comparison::new(&golden, &answers, arguments.tolerance, here));
+    let comparison = golden.map(|golden| GoldenComparison::new(&golden, &answers, arguments.tolerance, here));
     let ended = match &comparison {
         _ if too_many_bad => Ended::Failed,
         Some(comparison) if comparison.differing_frames > 0 => Ended::Failed,

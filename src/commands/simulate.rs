@@ -9,7 +9,7 @@ use super::{Ended, Interrupted, thresholds, world};
 use crate::{cli, film::FilmError};
 use lapwing_core::{
     client::{self, ClientOptions},
-    config::{Control, Settings},
+    config::{ControlSettings, Settings},
     control::Handover,
     drive::{self, Eventful, Observer, ObserverError},
     driver::Driver,
@@ -42,7 +42,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
     };
     let mut simulation = Simulation::new(setup)?;
     let Some(address) = &connect else {
-        let control = Control { speed_mph: Mph::saturating(arguments.speed), ..settings.control };
+        let control = ControlSettings { speed_mph: Mph::saturating(arguments.speed), ..settings.control };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
         let Onlookers { judge, pictures, progress, pace, interrupted } = &mut seen;
         drive::run(&mut simulation, &mut driver, &mut [pace, progress, interrupted, judge, pictures])?;
@@ -228,7 +228,7 @@ mod tests {
         let scenery = Arc::new(Scenery::new(&track));
         let setup = Setup { laps: None, longest_s: Some(30.0), hz: 5.0, human, ..Setup::new(Arc::new(track), scenery) };
         let mut world = Simulation::new(setup).unwrap();
-        let control = Control { speed_mph: Mph::constant(10.0), ..Control::default() };
+        let control = ControlSettings { speed_mph: Mph::constant(10.0), ..ControlSettings::default() };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &control, Instant::now);
         let mut judge = BridgeScorer::default();
         drive::run(&mut world, &mut driver, &mut [&mut judge]).unwrap();

@@ -12,11 +12,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::{Ended, outputs};
 use crate::{
     cli,
-    course::{self, Course},
+    course::{self, SimulatedCourse},
 };
 use lapwing_core::{config::text_of, words::count};
 use lapwing_learn::nn::runtime;
-use lapwing_score::suite::{self, Cell, Done, Merged, Outcome, Plan, Planned, Results, Suite, render, table};
+use lapwing_score::suite::{self, Cell, Done, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table};
 
 /// So many missing cells are named.
 const NAMED: usize = 5;
@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
             models.insert(pilot.name.clone(), model);
         }
     }
-    let course = Course::new(&suite, layers, models)?;
+    let course = SimulatedCourse::new(&suite, layers, models)?;
     let planned = Planned::new(&suite, &course)?;
     tell_left_out(planned.left_out, "cell");
     let results = Results::open(&arguments.out)?;
@@ -71,7 +71,7 @@ pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
 }
 
 /// Writes what the results come to, and prints it.
-fn report(outcome: &Outcome, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
+fn report(outcome: &SuiteOutcome, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(outcome)?;
     // One that fails takes no other with it.
     let json = outputs::write(&out.join("suite.json"), &text);

@@ -5,7 +5,7 @@ use crate::cli;
 use lapwing_core::config::{ConfigError, Layers};
 
 /// The flags as settings.
-pub(super) fn layers(mut layers: Layers, flags: &cli::Thresholds) -> Result<Layers, ConfigError> {
+pub(super) fn layers(mut layers: Layers, flags: &cli::ThresholdFlags) -> Result<Layers, ConfigError> {
     for (threshold, limit) in &flags.0 {
         let key = format!("thresholds.{}", threshold.key);
         layers = layers.set(&format!("--{}", threshold.flag()), &key, limit)?;

@@ -16,7 +16,7 @@ use crate::cli;
 use lapwing_core::words::count;
 use lapwing_learn::{
     dataset::{self, Augmentation, Selection},
-    train::{Go, Metrics, Progress, Recipe, Recording, TimedEpoch, Trainer},
+    train::{Go, Metrics, Progress, Recipe, SimulatedData, TimedEpoch, Trainer},
 };
 use lapwing_sim::{record::RecordReport, track::Track, world::Ending};
 
@@ -201,16 +201,16 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
 }
 
 /// A recording as `lapwing record` is asked for it, into that folder.
-fn arguments(recording: &Recording, out: &Path) -> cli::Record {
-    let Recording { track, laps, speed, seed, recovery, conditions, .. } = recording.clone();
+fn arguments(recording: &SimulatedData, out: &Path) -> cli::Record {
+    let SimulatedData { track, laps, speed, seed, recovery, conditions, .. } = recording.clone();
     let track = Some(track);
-    let world = cli::World { track, seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
+    let world = cli::WorldFlags { track, seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
     cli::Record { world, laps, out: out.to_owned(), speed, recovery }
 }
 
 /// Records simulated data, unless it is there: whole, or nothing of it stays.
-fn make(recording: &Recording, config: Option<&Path>, interrupted: &Interrupted) -> anyhow::Result<()> {
-    let Recording { out, track, laps, speed, .. } = recording;
+fn make(recording: &SimulatedData, config: Option<&Path>, interrupted: &Interrupted) -> anyhow::Result<()> {
+    let SimulatedData { out, track, laps, speed, .. } = recording;
     if out.exists() {
         return Ok(());
     }

@@ -33,7 +33,7 @@ const FILM: (usize, usize) = (640, 360);
 const MAP: u32 = 1200;
 
 /// The flags of a world as settings.
-pub(super) fn layers(mut layers: Layers, world: &cli::World) -> Result<Layers, ConfigError> {
+pub(super) fn layers(mut layers: Layers, world: &cli::WorldFlags) -> Result<Layers, ConfigError> {
     if let Some(track) = &world.track {
         layers = layers.set("--track", "simulator.track", track.as_str())?;
     }
@@ -47,8 +47,8 @@ pub(super) fn layers(mut layers: Layers, world: &cli::World) -> Result<Layers, C
 }
 
 /// The world that the flags name.
-pub(super) fn spec(world: &cli::World, laps: Option<u32>) -> WorldSpec {
-    let cli::World { track, seed, conditions, scenario, max_time, .. } = world.clone();
+pub(super) fn spec(world: &cli::WorldFlags, laps: Option<u32>) -> WorldSpec {
+    let cli::WorldFlags { track, seed, conditions, scenario, max_time, .. } = world.clone();
     WorldSpec { track, seed, conditions, scenario, laps, longest_s: max_time }
 }
 
@@ -64,7 +64,7 @@ pub(super) struct Pictures {
 }
 
 impl Pictures {
-    pub(super) fn new(arguments: &cli::Pictures, setup: &Setup) -> anyhow::Result<Self> {
+    pub(super) fn new(arguments: &cli::PictureFlags, setup: &Setup) -> anyhow::Result<Self> {
         arguments.map.as_deref().map_or(Ok(()), outputs::check_drawing)?;
         let film = match &arguments.video {
             None => None,

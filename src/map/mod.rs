@@ -12,7 +12,9 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use lapwing_score::drawing::{Colour, DrawingError, INK, Kind, LETTER, LINE_PX, MARGIN, PAPER, Point, Shape, Sheet};
+use lapwing_score::drawing::{
+    Colour, DrawingError, INK, LETTER, LINE_PX, MARGIN, PAPER, Point, Shape, Sheet, SheetFormat,
+};
 use lapwing_sim::track::{Track, TrackFile};
 
 /// A moment of a drive.
@@ -72,7 +74,7 @@ pub fn draw(
     width: u32,
 ) -> Result<(), MapError> {
     let path = path.as_ref();
-    Kind::of(path)?;
+    SheetFormat::of(path)?;
     if !(400..=8000).contains(&width) {
         return Err(MapError::Size { path: path.to_owned(), got: width });
     }

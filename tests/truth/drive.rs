@@ -11,7 +11,7 @@ use std::{
 use base64::{Engine, engine::general_purpose::STANDARD};
 use lapwing::known::known_road;
 use lapwing_core::{
-    control::{Change, Handover},
+    control::{Handover, HandoverChange},
     drive::Eventful,
     protocol::number::Culture,
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry, World, encode_superset, encode_telemetry},
@@ -127,8 +127,8 @@ pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scener
         };
         if let Some(change) = change {
             let event = match change {
-                Change::TakeoverBegan => EventRecord::TakeoverBegan,
-                Change::TakeoverEnded(after) => EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() },
+                HandoverChange::TakeoverBegan => EventRecord::TakeoverBegan,
+                HandoverChange::TakeoverEnded(after) => EventRecord::TakeoverEnded { duration_s: after.as_secs_f64() },
             };
             scorer.event(at, &event);
         }

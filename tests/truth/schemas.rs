@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use lapwing_core::{
-    config::{Control, OnCrash},
+    config::{ControlSettings, OnCrash},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PurePursuit},
     recording::{Recorder, RecorderOptions, RunHeader, RunKind},
@@ -66,7 +66,7 @@ fn every_message_of_a_driven_a_crashed_and_a_taken_over_run_is_as_its_schema_say
             started: jiff::Timestamp::UNIX_EPOCH,
         };
         let recorder = Recorder::create(dir.path(), header, RecorderOptions { queue: 16 }).unwrap();
-        let control = Control { speed_mph: Mph::constant(20.0), ..Control::default() };
+        let control = ControlSettings { speed_mph: Mph::constant(20.0), ..ControlSettings::default() };
         let mut driver = Driver::new(pilot, &control, std::time::Instant::now);
         let mut world = Simulation::new(setup).unwrap();
         judged::run(&mut world, &mut driver, &mut [&mut &recorder]).unwrap();

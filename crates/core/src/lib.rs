@@ -36,9 +36,9 @@
 //! # Example
 //! ```
 //! use std::time::{Duration, Instant};
-//! use lapwing_core::{config::Control, driver::Driver, pilot::ConstantPilot, protocol::{Observation, Sight}, units::Steering};
+//! use lapwing_core::{config::ControlSettings, driver::Driver, pilot::ConstantPilot, protocol::{Observation, Sight}, units::Steering};
 //!
-//! let mut driver = Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &Control::default(), Instant::now);
+//! let mut driver = Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &ControlSettings::default(), Instant::now);
 //! let observation = Observation { at: Duration::ZERO, sight: Sight::HumanDrives };
 //! let (answer, trace) = driver.drive(&observation);
 //! assert_eq!(answer.encode(None), r#"42["manual",{}]"#);

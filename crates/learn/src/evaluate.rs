@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::{
     dataset::{self, Balance, Blocks, Cache, DatasetError, Inputs, Sample, Samples, Selection, Set},
-    models::Model,
+    models::LoadedModel,
     nn::Network,
     train::{Measured, Metrics, Recipe, TrainError, measure},
 };
@@ -123,7 +123,7 @@ impl Evaluation {
     /// # Errors
     /// [`EvaluateError`].
     pub fn of(
-        model: &Model,
+        model: &LoadedModel,
         file: Option<&Path>,
         data: &[PathBuf],
         rows: Rows,
@@ -179,7 +179,12 @@ impl fmt::Display for Evaluation {
 }
 
 impl Compared {
-    fn of(model: &Model, path: &Path, samples: &Arc<Samples>, recipe: Option<&Recipe>) -> Result<Self, EvaluateError> {
+    fn of(
+        model: &LoadedModel,
+        path: &Path,
+        samples: &Arc<Samples>,
+        recipe: Option<&Recipe>,
+    ) -> Result<Self, EvaluateError> {
         let answers = match model.network() {
             Some(network) => of_network(&network, model, samples)?,
             None => of_pilot(model, samples)?,
@@ -211,14 +216,14 @@ impl Compared {
 }
 
 /// The steering that a network answers to each sample, many at once.
-fn of_network(network: &Network, model: &Model, samples: &Arc<Samples>) -> Result<Vec<f64>, TrainError> {
+fn of_network(network: &Network, model: &LoadedModel, samples: &Arc<Samples>) -> Result<Vec<f64>, TrainError> {
     let inputs = Inputs::plain(model.preprocess().clone(), network.architecture().frames());
     Ok(measure(network, samples, &Cache::new(samples, 0), &inputs)?.1)
 }
 
 /// The steering that a model answers to each sample as it would while driving: a network made elsewhere takes one
 /// picture at a time.
-fn of_pilot(model: &Model, samples: &Samples) -> Result<Vec<f64>, EvaluateError> {
+fn of_pilot(model: &LoadedModel, samples: &Samples) -> Result<Vec<f64>, EvaluateError> {
     let (mut pilot, mut frame) = (model.pilot(), Frame::default());
     let answer = |sample: &Sample| {
         let row = &samples.sources[sample.source as usize].rows[sample.row as usize];

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use lapwing_core::{
-    drive::{self, Driven, Eventful, Fingerprint, Observer, ObserverError, TurnError},
+    drive::{self, DriveDigest, Eventful, Fingerprint, Observer, ObserverError, TurnError},
     driver::Driver,
     turn::{EventRecord, Turn},
 };
@@ -41,7 +41,7 @@ pub struct Judged {
     /// The judgement.
     pub card: Scorecard,
     /// By what to tell it from others, and how many frames were seen.
-    pub driven: Driven,
+    pub driven: DriveDigest,
 }
 
 /// Drives a world to its end, before these observers and a scorer, and judges it.

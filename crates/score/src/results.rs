@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use crate::score::Scorecard;
-use lapwing_core::replay::{Comparison, Report};
+use lapwing_core::replay::{GoldenComparison, ReplayReport};
 
 /// A scored drive. Its keys are, in this order: those of who drove where, those of the [`Scorecard`], those of how it was
 /// driven, and `missed`.
@@ -96,12 +96,12 @@ pub struct AlongRows<'a> {
 pub struct Replayed<'a> {
     /// What was answered, and how fast.
     #[serde(flatten)]
-    pub report: &'a Report,
+    pub report: &'a ReplayReport,
     /// What it was worth.
     pub card: Scorecard,
     /// Held against a stored replay.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub golden: Option<Comparison>,
+    pub golden: Option<GoldenComparison>,
 }
 
 #[cfg(test)]

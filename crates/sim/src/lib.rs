@@ -29,13 +29,13 @@
 //! Two seconds of the expert on a random road, in lock step:
 //! ```
 //! use std::{sync::Arc, time::Instant};
-//! use lapwing_core::{config::Control, drive, driver::Driver, pilot::PurePursuit};
+//! use lapwing_core::{config::ControlSettings, drive, driver::Driver, pilot::PurePursuit};
 //! use lapwing_sim::{camera::Scenery, track::Track, world::{Setup, Simulation}};
 //!
 //! let track = Arc::new(Track::open("random:7")?);
 //! let scenery = Arc::new(Scenery::new(&track));
 //! let mut world = Simulation::new(Setup { longest_s: Some(2.0), ..Setup::new(track, scenery) })?;
-//! let mut driver = Driver::new(Box::new(PurePursuit::default()), &Control::default(), Instant::now);
+//! let mut driver = Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now);
 //! drive::run(&mut world, &mut driver, &mut [])?;
 //! assert!(world.time_s() >= 2.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -3,7 +3,7 @@
 
 use std::{path::Path, sync::Arc};
 
-use lapwing_core::config::{self, ConfigError, Simulator};
+use lapwing_core::config::{self, ConfigError, SimulatorSettings};
 
 use crate::{
     camera::Scenery,
@@ -73,7 +73,7 @@ impl WorldSpec {
     ///
     /// # Errors
     /// [`SpecError`].
-    pub fn setup(&self, settings: &Simulator) -> Result<Setup, SpecError> {
+    pub fn setup(&self, settings: &SimulatorSettings) -> Result<Setup, SpecError> {
         // Settled here, so that its speeds are known before it begins.
         let scenario = self.scenario.as_deref().map(scenario).transpose()?.map(|s| s.settle(self.seed));
         let of_scenario = || scenario.as_ref().and_then(|scenario| scenario.track.as_deref());
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_track_that_is_named_wins_over_the_scenarios_and_both_over_the_settings() {
-        let settings = Simulator { track: "jungle".into(), ..Simulator::default() };
+        let settings = SimulatorSettings { track: "jungle".into(), ..SimulatorSettings::default() };
         let track = |spec: WorldSpec| spec.setup(&settings).unwrap().track.file().name.clone();
         assert_eq!(track(WorldSpec::default()), "jungle");
         assert_eq!(track(WorldSpec { track: Some("lake".into()), ..WorldSpec::default() }), "lake");
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn one_lap_ends_a_drive_unless_something_else_does() {
-        let setup = |spec: WorldSpec| spec.setup(&Simulator::default()).unwrap();
+        let setup = |spec: WorldSpec| spec.setup(&SimulatorSettings::default()).unwrap();
         assert_eq!(setup(WorldSpec::default()).laps, Some(1));
         let scenario = setup(WorldSpec { scenario: Some("ccrs".into()), ..WorldSpec::default() });
         assert_eq!(scenario.laps, None);

@@ -12,7 +12,7 @@ use crate::units::SpeedUnit;
 /// `[bridge]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Bridge {
+pub struct BridgeSettings {
     /// Address to listen on. Default 127.0.0.1: this machine only.
     pub bind: IpAddr,
     /// Port to listen on. Default 4567, the only one that the simulator dials; 0 takes a free one.
@@ -77,7 +77,7 @@ fn mib(n: u32) -> usize {
     usize::try_from(n).unwrap_or(usize::MAX).saturating_mul(1 << 20)
 }
 
-impl Default for Bridge {
+impl Default for BridgeSettings {
     fn default() -> Self {
         Self {
             bind: Ipv4Addr::LOCALHOST.into(),
@@ -98,7 +98,7 @@ impl Default for Limits {
     }
 }
 
-impl Bridge {
+impl BridgeSettings {
     /// What cannot be used, with expected and got.
     pub(super) fn check(&self) -> Result<(), String> {
         if !(0.1..=3600.0).contains(&self.kick_after_s) {

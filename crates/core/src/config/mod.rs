@@ -9,9 +9,9 @@ mod layers;
 mod simulator;
 mod thresholds;
 
-pub use bridge::{Bridge, Limits};
+pub use bridge::{BridgeSettings, Limits};
 pub use layers::Layers;
-pub use simulator::{OnCrash, Rules, RulesError, Simulator};
+pub use simulator::{OnCrash, Rules, RulesError, SimulatorSettings};
 pub use thresholds::{Bound, LimitUnit, Threshold, Thresholds};
 
 use std::{
@@ -35,17 +35,17 @@ pub const PREFIX: &str = "LAPWING_";
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// The server.
-    pub bridge: Bridge,
+    pub bridge: BridgeSettings,
     /// The network that drives.
-    pub model: Model,
+    pub model: ModelSettings,
     /// The pictures that are taken.
-    pub perception: Perception,
+    pub perception: PerceptionSettings,
     /// Throttle and hand-over.
-    pub control: Control,
+    pub control: ControlSettings,
     /// What is kept of a drive.
-    pub recording: Recording,
+    pub recording: RecordingSettings,
     /// The headless simulator.
-    pub simulator: Simulator,
+    pub simulator: SimulatorSettings,
     /// What a run must reach.
     pub thresholds: Thresholds,
 }
@@ -53,7 +53,7 @@ pub struct Settings {
 /// `[model]`
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Model {
+pub struct ModelSettings {
     /// A checkpoint (`.safetensors`) or TorchScript (`.pt` with a side `.toml`). Default: the PilotNet built in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub path: Option<PathBuf>,
@@ -70,7 +70,7 @@ pub struct Model {
 /// `[perception]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Perception {
+pub struct PerceptionSettings {
     /// Most pixels, width times height, of a picture, live, recorded or in a data set. Default 2304000: 1920x1200.
     pub max_pixels: u32,
 }
@@ -78,7 +78,7 @@ pub struct Perception {
 /// `[control]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Control {
+pub struct ControlSettings {
     /// Which law makes throttle. Default `pi`.
     pub speed_law: SpeedLaw,
     /// The PI controller's set speed and the quadratic law's limit, mph. Default 9, as `drive.py`.
@@ -122,7 +122,7 @@ pub enum Takeover {
 /// `[recording]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Recording {
+pub struct RecordingSettings {
     /// Whether runs are recorded. Default yes.
     pub enabled: bool,
     /// Folder of the runs. Default `recordings`.
@@ -131,19 +131,19 @@ pub struct Recording {
     pub queue: usize,
 }
 
-impl Default for Perception {
+impl Default for PerceptionSettings {
     fn default() -> Self {
         Self { max_pixels: 1920 * 1200 }
     }
 }
 
-impl Default for Control {
+impl Default for ControlSettings {
     fn default() -> Self {
         Self { speed_law: SpeedLaw::Pi, speed_mph: Mph::constant(9.0), kp: 0.1, ki: 0.002, takeover: Takeover::Resume }
     }
 }
 
-impl Default for Recording {
+impl Default for RecordingSettings {
     fn default() -> Self {
         Self { enabled: true, dir: "recordings".into(), queue: 512 }
     }
@@ -190,7 +190,7 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     let error = |why: String| ConfigError::Value { layer: layer.into(), why };
     let settings: Settings =
         table.clone().try_into().map_err(|e: toml::de::Error| error(words::suggesting(e.to_string().trim())))?;
-    let Control { speed_mph, kp, ki, .. } = settings.control;
+    let ControlSettings { speed_mph, kp, ki, .. } = settings.control;
     if speed_mph <= Mph::ZERO {
         return Err(error(format!("control.speed_mph: expected a speed above 0 mph, got {speed_mph}")));
     }

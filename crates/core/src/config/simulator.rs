@@ -7,7 +7,7 @@ use crate::car;
 /// `[simulator]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Simulator {
+pub struct SimulatorSettings {
     /// `lake`, `jungle`, `mountain`, `random:SEED`, or the path of a track file. Default `lake`.
     pub track: String,
     /// Telemetries a second of simulated time. Default 15, as the stock recorder.
@@ -33,7 +33,7 @@ pub enum OnCrash {
     Reset,
 }
 
-impl Default for Simulator {
+impl Default for SimulatorSettings {
     fn default() -> Self {
         Self { track: "lake".into(), hz: 15.0, on_crash: OnCrash::Stop, rules: Rules::default() }
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 /// What changed hands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Change {
+pub enum HandoverChange {
     /// The human took over.
     TakeoverBegan,
     /// The human let go after this long.
@@ -33,19 +33,19 @@ impl Handover {
     }
 
     /// The simulator says that a human drives.
-    pub fn human_drives(&mut self, at: Duration) -> Option<Change> {
+    pub fn human_drives(&mut self, at: Duration) -> Option<HandoverChange> {
         if let Hands::Human { .. } = self.hands {
             return None;
         }
         self.hands = Hands::Human { since: at };
-        Some(Change::TakeoverBegan)
+        Some(HandoverChange::TakeoverBegan)
     }
 
     /// The simulator asks for a command, so no human drives.
-    pub fn command_asked(&mut self, at: Duration) -> Option<Change> {
+    pub fn command_asked(&mut self, at: Duration) -> Option<HandoverChange> {
         let Hands::Human { since } = self.hands else { return None };
         self.hands = if self.latch { Hands::Off } else { Hands::Pilot };
-        Some(Change::TakeoverEnded(at.saturating_sub(since)))
+        Some(HandoverChange::TakeoverEnded(at.saturating_sub(since)))
     }
 
     /// Lets the pilot drive again; says whether it was off.
@@ -85,10 +85,10 @@ mod tests {
     fn a_takeover_is_one_change_at_each_end_with_its_duration() {
         let mut handover = Handover::new(false);
         assert_eq!(handover.command_asked(s(1)), None);
-        assert_eq!(handover.human_drives(s(2)), Some(Change::TakeoverBegan));
+        assert_eq!(handover.human_drives(s(2)), Some(HandoverChange::TakeoverBegan));
         assert_eq!(handover.human_drives(s(3)), None);
         assert!(handover.is_human());
-        assert_eq!(handover.command_asked(s(7)), Some(Change::TakeoverEnded(s(5))));
+        assert_eq!(handover.command_asked(s(7)), Some(HandoverChange::TakeoverEnded(s(5))));
         assert!(!handover.is_off() && !handover.is_human());
     }
 

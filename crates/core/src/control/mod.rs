@@ -5,9 +5,9 @@ mod handover;
 mod speed;
 mod standstill;
 
-pub use handover::{Change, Handover};
+pub use handover::{Handover, HandoverChange};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
-pub use standstill::{Speed, Standstill};
+pub use standstill::{KnownSpeed, Standstill};
 
 use crate::{car, units::Mph};
 

@@ -19,7 +19,7 @@ const BRAKING_MPH_PER_S: f64 = GRAVITY / MPS_PER_MPH;
 
 /// What is known of the car's speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Speed {
+pub enum KnownSpeed {
     /// Told by this telemetry.
     Now(Mph),
     /// Not told now; this was the last one told, if any was.
@@ -40,9 +40,9 @@ pub struct Standstill {
 
 impl Standstill {
     /// The throttle for this moment, `at` since the start of the run.
-    pub fn update(&mut self, at: Duration, speed: Speed) -> Throttle {
+    pub fn update(&mut self, at: Duration, speed: KnownSpeed) -> Throttle {
         match speed {
-            Speed::Now(speed) => {
+            KnownSpeed::Now(speed) => {
                 self.blind_since = Some(at);
                 let slowest = self.slowest.map_or(speed, |s| if speed < s { speed } else { s });
                 self.slowest = Some(slowest);
@@ -53,7 +53,7 @@ impl Standstill {
                     self.released = true;
                 }
             }
-            Speed::Last(last) => {
+            KnownSpeed::Last(last) => {
                 let blind = at.saturating_sub(*self.blind_since.get_or_insert(at)).as_secs_f64();
                 let left = last.unwrap_or(Mph::ZERO).get() - blind * BRAKING_MPH_PER_S;
                 self.released |= left <= REVERSES_BELOW.get();
@@ -69,7 +69,7 @@ mod tests {
 
     fn throttles(speeds: &[f64]) -> Vec<f64> {
         let mut standstill = Standstill::default();
-        speeds.iter().map(|s| standstill.update(Duration::ZERO, Speed::Now(Mph::new(*s).unwrap())).get()).collect()
+        speeds.iter().map(|s| standstill.update(Duration::ZERO, KnownSpeed::Now(Mph::new(*s).unwrap())).get()).collect()
     }
 
     #[test]
@@ -91,7 +91,7 @@ mod tests {
     fn with_no_speed_told_the_brake_is_held_for_as_long_as_it_takes_from_the_last_one() {
         let blind = |last: Option<f64>, ms: &[u64]| -> Vec<f64> {
             let (mut standstill, last) = (Standstill::default(), last.map(|v| Mph::new(v).unwrap()));
-            ms.iter().map(|ms| standstill.update(Duration::from_millis(*ms), Speed::Last(last)).get()).collect()
+            ms.iter().map(|ms| standstill.update(Duration::from_millis(*ms), KnownSpeed::Last(last)).get()).collect()
         };
         // 25 mph at 21.9 mph a second.
         assert_eq!(blind(Some(30.0), &[5000, 6100, 6200, 60_000]), [-1.0, -1.0, 0.0, 0.0]);

@@ -19,7 +19,7 @@ pub struct Fingerprint {
 
 /// What became of a drive.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Driven {
+pub struct DriveDigest {
     /// SHA-256 over all frames and commands in order: equal where two drives were the same.
     pub fingerprint: String,
     /// Frames that were there to drive by.
@@ -30,9 +30,9 @@ pub struct Driven {
 
 impl Fingerprint {
     /// Of what was seen so far.
-    pub fn finish(self) -> Driven {
+    pub fn finish(self) -> DriveDigest {
         let fingerprint = hex(&self.hash.finalize());
-        Driven { fingerprint, frames: self.frames, bad_frames: self.bad_frames }
+        DriveDigest { fingerprint, frames: self.frames, bad_frames: self.bad_frames }
     }
 }
 

@@ -12,7 +12,7 @@ mod fingerprint;
 
 use std::time::Duration;
 
-pub use fingerprint::{Driven, Fingerprint};
+pub use fingerprint::{DriveDigest, Fingerprint};
 
 use crate::{
     driver::Driver,

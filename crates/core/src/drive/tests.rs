@@ -2,7 +2,7 @@ use std::{convert::Infallible, time::Instant};
 
 use super::*;
 use crate::{
-    config::{Control, Takeover},
+    config::{ControlSettings, Takeover},
     pilot::ConstantPilot,
     protocol::{Answer, Sight, TelemetryError},
     turn::By,
@@ -89,7 +89,7 @@ impl Observer<Scripted> for Notes {
 
 /// Off after a human drove, until it is armed; it sees no picture in these worlds.
 fn driver() -> Driver {
-    let control = Control { takeover: Takeover::Latch, ..Control::default() };
+    let control = ControlSettings { takeover: Takeover::Latch, ..ControlSettings::default() };
     Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &control, Instant::now)
 }
 

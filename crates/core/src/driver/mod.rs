@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use crate::{
     config::{self, SpeedLaw, Takeover},
-    control::{Handover, Pi, PiGains, Quadratic, Speed, SpeedController, Standstill},
+    control::{Handover, KnownSpeed, Pi, PiGains, Quadratic, SpeedController, Standstill},
     perception::{self, Frame, ImageError},
     pilot::{Pilot, PilotError, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
@@ -55,8 +55,8 @@ enum Unusable {
 
 impl Driver {
     /// A driver at rest.
-    pub fn new(pilot: Box<dyn Pilot>, settings: &config::Control, clock: Clock) -> Self {
-        let config::Control { speed_law, speed_mph, kp, ki, takeover } = *settings;
+    pub fn new(pilot: Box<dyn Pilot>, settings: &config::ControlSettings, clock: Clock) -> Self {
+        let config::ControlSettings { speed_law, speed_mph, kp, ki, takeover } = *settings;
         Self {
             pilot,
             speed: match speed_law {
@@ -93,7 +93,7 @@ impl Driver {
                         self.bad = BadFrames::default();
                         command
                     }
-                    Err(why) => self.safe(at, Speed::Now(telemetry.speed), &why.to_string(), &mut trace),
+                    Err(why) => self.safe(at, KnownSpeed::Now(telemetry.speed), &why.to_string(), &mut trace),
                 };
                 Answer::Steer(command)
             }
@@ -104,7 +104,7 @@ impl Driver {
                 Answer::Manual
             }
             Sight::Unreadable(why) => {
-                Answer::Steer(self.safe(at, Speed::Last(self.speed_told), &why.to_string(), &mut trace))
+                Answer::Steer(self.safe(at, KnownSpeed::Last(self.speed_told), &why.to_string(), &mut trace))
             }
         };
         if let Answer::Steer(command) = answer {
@@ -172,7 +172,7 @@ impl Driver {
     }
 
     /// The way of a bad one: roll on as steered last, and stop if it stays bad.
-    fn safe(&mut self, at: Duration, speed: Speed, why: &str, trace: &mut Trace) -> Command {
+    fn safe(&mut self, at: Duration, speed: KnownSpeed, why: &str, trace: &mut Trace) -> Command {
         trace.by = By::Safe;
         self.bad.in_a_row += 1;
         let count_in_row = self.bad.in_a_row;

@@ -16,5 +16,5 @@ mod preprocessor;
 
 pub use frame::Frame;
 pub use jpeg::{ImageError, MAX_BASE64_LEN, MAX_PIXELS, MAX_SIDE, decode_base64, decode_jpeg, limit_pixels};
-pub use preprocess::{Colour, Crop, Filter, Layout, Preprocess, PreprocessError, Resize, Scale};
+pub use preprocess::{ColourSpace, Crop, PixelScale, Preprocess, PreprocessError, Resize, ResizeFilter, TensorLayout};
 pub use preprocessor::Preprocessor;

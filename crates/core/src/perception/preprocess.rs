@@ -30,11 +30,11 @@ pub struct Preprocess {
     /// The size that the network takes.
     pub resize: Resize,
     /// The channels that the network takes, computed from the resized bytes.
-    pub colour: Colour,
+    pub colour: ColourSpace,
     /// From 0..=255 to the range that the network takes.
-    pub scale: Scale,
+    pub scale: PixelScale,
     /// Order of the numbers.
-    pub layout: Layout,
+    pub layout: TensorLayout,
 }
 
 /// Rows of the frame from `top` to before `bottom`, all columns.
@@ -62,7 +62,7 @@ pub struct Resize {
     /// Pixels in a row, 1 to [`Resize::MAX_SIDE`].
     pub width: usize,
     /// How pixels are weighed.
-    pub filter: Filter,
+    pub filter: ResizeFilter,
 }
 
 impl Resize {
@@ -73,7 +73,7 @@ impl Resize {
 /// How a resize weighs pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Filter {
+pub enum ResizeFilter {
     /// A triangle as wide as the pixel that it makes, rounded to bytes: Pillow's `BILINEAR`, and PyTorch's with
     /// `antialias=True`. OpenCV's `INTER_LINEAR` is another.
     BilinearAntialiased,
@@ -82,7 +82,7 @@ pub enum Filter {
 /// The channels that a network takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Colour {
+pub enum ColourSpace {
     /// Red, green, blue.
     Rgb,
     /// Blue, green, red, as OpenCV reads pictures.
@@ -93,7 +93,7 @@ pub enum Colour {
     Grey,
 }
 
-impl Colour {
+impl ColourSpace {
     /// How many channels these are.
     pub fn channels(self) -> usize {
         if self == Self::Grey { 1 } else { 3 }
@@ -124,7 +124,7 @@ impl Colour {
 /// From 0..=255 to the range that a network takes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub enum Scale {
+pub enum PixelScale {
     /// -1 to 1.
     #[serde(rename = "x/127.5-1")]
     Signed,
@@ -142,7 +142,7 @@ pub enum Scale {
     },
 }
 
-impl Scale {
+impl PixelScale {
     /// Factor and summand of a channel; `None` where the scale has none for it that makes sense.
     pub(super) fn affine(&self, channel: usize) -> Option<(f64, f64)> {
         match self {
@@ -159,7 +159,7 @@ impl Scale {
 /// Order of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Layout {
+pub enum TensorLayout {
     /// One plane a channel, rows from the top: PyTorch's.
     Nchw,
 }
@@ -255,7 +255,7 @@ impl Preprocess {
         if !side.contains(&width) || !side.contains(&height) {
             return Err(PreprocessError::Size { width, height });
         }
-        if let Scale::Standardised { mean, std } = &self.scale {
+        if let PixelScale::Standardised { mean, std } = &self.scale {
             let channels = self.colour.channels();
             if (mean.len(), std.len()) != (channels, channels) {
                 return Err(PreprocessError::ScaleLength { channels, means: mean.len(), stds: std.len() });

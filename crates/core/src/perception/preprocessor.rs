@@ -5,7 +5,7 @@ use fast_image_resize::{
     images::{Image, ImageRef},
 };
 
-use super::{Crop, Filter, Frame, Preprocess, PreprocessError, Resize};
+use super::{Crop, Frame, Preprocess, PreprocessError, Resize, ResizeFilter};
 
 /// Pixels that are taken from bytes to numbers at a time.
 const BLOCK: usize = 64;
@@ -85,7 +85,8 @@ impl Preprocessor {
         let Crop { top, bottom } = self.preprocess.rows_of(width, height)?;
         // Whole rows lie side by side: the crop is a slice, and what is beyond it cannot bleed in.
         let rows = &frame.rgb()[top * width * 3..bottom * width * 3];
-        let Resize { width: to_width, height: to_height, filter: Filter::BilinearAntialiased } = self.preprocess.resize;
+        let Resize { width: to_width, height: to_height, filter: ResizeFilter::BilinearAntialiased } =
+            self.preprocess.resize;
         let source = ImageRef::new(width as u32, (bottom - top) as u32, rows, PixelType::U8x3)
             .expect("a frame has three bytes for each pixel");
         let mut target = Image::from_slice_u8(to_width as u32, to_height as u32, &mut self.resized, PixelType::U8x3)
@@ -129,11 +130,17 @@ fn options() -> ResizeOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::{Colour, Layout, Scale};
+    use crate::perception::{ColourSpace, PixelScale, TensorLayout};
 
-    fn preprocess(crop: Option<Crop>, width: usize, height: usize, colour: Colour, scale: Scale) -> Preprocess {
-        let resize = Resize { height, width, filter: Filter::BilinearAntialiased };
-        Preprocess { crop, resize, colour, scale, layout: Layout::Nchw }
+    fn preprocess(
+        crop: Option<Crop>,
+        width: usize,
+        height: usize,
+        colour: ColourSpace,
+        scale: PixelScale,
+    ) -> Preprocess {
+        let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
+        Preprocess { crop, resize, colour, scale, layout: TensorLayout::Nchw }
     }
 
     fn apply(preprocess: Preprocess, frame: &Frame) -> Vec<f32> {
@@ -154,35 +161,35 @@ mod tests {
     #[test]
     fn two_by_one_pixels_become_planes_of_red_green_and_blue() {
         let frame = Frame::new(2, 1, vec![10, 20, 30, 40, 50, 60]).unwrap();
-        let planes = |colour| bytes(&apply(preprocess(None, 2, 1, colour, Scale::Unit), &frame));
-        assert_eq!(planes(Colour::Rgb), [10.0, 40.0, 20.0, 50.0, 30.0, 60.0]);
-        assert_eq!(planes(Colour::Bgr), [30.0, 60.0, 20.0, 50.0, 10.0, 40.0]);
-        assert_eq!(planes(Colour::Grey), [18.15, 48.15]);
+        let planes = |colour| bytes(&apply(preprocess(None, 2, 1, colour, PixelScale::Unit), &frame));
+        assert_eq!(planes(ColourSpace::Rgb), [10.0, 40.0, 20.0, 50.0, 30.0, 60.0]);
+        assert_eq!(planes(ColourSpace::Bgr), [30.0, 60.0, 20.0, 50.0, 10.0, 40.0]);
+        assert_eq!(planes(ColourSpace::Grey), [18.15, 48.15]);
     }
 
     #[test]
     fn pure_red_in_yuv_is_76_90_285_unrounded() {
         let frame = Frame::new(1, 1, vec![255, 0, 0]).unwrap();
-        let yuv = apply(preprocess(None, 1, 1, Colour::Yuv, Scale::Unit), &frame);
+        let yuv = apply(preprocess(None, 1, 1, ColourSpace::Yuv, PixelScale::Unit), &frame);
         assert_eq!(bytes(&yuv), [76.245, 90.487, 284.768]);
     }
 
     #[test]
     fn scales_reach_the_ends_of_their_ranges() {
         let frame = grey_row(&[0, 255]);
-        let scaled = |scale| apply(preprocess(None, 2, 1, Colour::Grey, scale), &frame);
+        let scaled = |scale| apply(preprocess(None, 2, 1, ColourSpace::Grey, scale), &frame);
         let close = |got: Vec<f32>, want: [f32; 2]| {
             assert!(got.iter().zip(want).all(|(g, w)| (g - w).abs() < 1e-6), "{got:?} {want:?}");
         };
-        close(scaled(Scale::Signed), [-1.0, 1.0]);
-        close(scaled(Scale::Unit), [0.0, 1.0]);
-        close(scaled(Scale::Standardised { mean: vec![0.5], std: vec![0.25] }), [-2.0, 2.0]);
+        close(scaled(PixelScale::Signed), [-1.0, 1.0]);
+        close(scaled(PixelScale::Unit), [0.0, 1.0]);
+        close(scaled(PixelScale::Standardised { mean: vec![0.5], std: vec![0.25] }), [-2.0, 2.0]);
     }
 
     #[test]
     fn halving_weighs_pixels_by_a_triangle_of_twice_the_width() {
         // Centre 3, half-width 2: distances 1.5, 0.5, 0.5 weigh 1 : 3 : 3, and 255 * 3 / 7 is 109.3.
-        let out = apply(preprocess(None, 2, 1, Colour::Grey, Scale::Unit), &grey_row(&[0, 0, 0, 255]));
+        let out = apply(preprocess(None, 2, 1, ColourSpace::Grey, PixelScale::Unit), &grey_row(&[0, 0, 0, 255]));
         assert_eq!(bytes(&out), [0.0, 109.0]);
     }
 
@@ -191,13 +198,13 @@ mod tests {
         let mut frame = Frame::new(4, 8, vec![255; 4 * 8 * 3]).unwrap();
         frame.rgb_mut()[2 * 4 * 3..6 * 4 * 3].fill(100);
         let crop = Some(Crop { top: 2, bottom: 6 });
-        let out = apply(preprocess(crop, 3, 3, Colour::Grey, Scale::Unit), &frame);
+        let out = apply(preprocess(crop, 3, 3, ColourSpace::Grey, PixelScale::Unit), &frame);
         assert_eq!(bytes(&out), [100.0; 9]);
     }
 
     #[test]
     fn memory_is_reused_from_frame_to_frame() {
-        let mut preprocessor = Preprocessor::new(preprocess(None, 2, 1, Colour::Rgb, Scale::Unit)).unwrap();
+        let mut preprocessor = Preprocessor::new(preprocess(None, 2, 1, ColourSpace::Rgb, PixelScale::Unit)).unwrap();
         let mut out = Vec::new();
         preprocessor.apply(&grey_row(&[1, 2, 3, 4]), &mut out).unwrap();
         let before = (out.as_ptr(), preprocessor.resized.as_ptr());
@@ -208,7 +215,8 @@ mod tests {
     #[test]
     fn a_frame_that_does_not_hold_the_crop_is_an_error() {
         let crop = Some(Crop { top: 60, bottom: 135 });
-        let mut preprocessor = Preprocessor::new(preprocess(crop, 200, 66, Colour::Yuv, Scale::Signed)).unwrap();
+        let mut preprocessor =
+            Preprocessor::new(preprocess(crop, 200, 66, ColourSpace::Yuv, PixelScale::Signed)).unwrap();
         let frame = Frame::new(160, 120, vec![0; 160 * 120 * 3]).unwrap();
         assert_eq!(
             preprocessor.apply(&frame, &mut Vec::new()).unwrap_err().to_string(),

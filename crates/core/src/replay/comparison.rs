@@ -11,7 +11,7 @@ const NAMED: usize = 10;
 
 /// What came of holding a replay against a stored one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct GoldenComparison {
     /// The largest difference in steering and throttle that is forgiven.
     pub tolerance: f64,
     /// Frames that differ by more.
@@ -24,7 +24,7 @@ pub struct Comparison {
     pub compared_on: Option<Machine>,
 }
 
-impl Comparison {
+impl GoldenComparison {
     /// Of answers that were given on this machine, if that is known.
     pub fn new(golden: &Golden, answers: &[Answered], tolerance: f64, here: Option<Machine>) -> Self {
         let differences = golden.compare(answers, tolerance);
@@ -38,7 +38,7 @@ impl Comparison {
     }
 }
 
-impl fmt::Display for Comparison {
+impl fmt::Display for GoldenComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { tolerance, differing_frames, first, written_on, compared_on } = self;
         if *differing_frames == 0 {

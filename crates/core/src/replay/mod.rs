@@ -4,7 +4,7 @@
 //! ```text
 //! Run (.mcap) or Udacity folder ─▶ Replay: World ─▶ drive::run, its observer Answers ─┐
 //!                                        └───────▶ ForBridge ─▶ client ─▶ bridge ─────┤
-//!        Report (MAE, MSE, r, latency) ◀── answers ◀─────────────────────────────────┘
+//!        ReplayReport (MAE, MSE, r, latency) ◀── answers ◀─────────────────────────────────┘
 //!        Golden (frame by frame)      ◀──┘
 //! ```
 //! A frame that no network saw is a bad one: it is counted as such and is in no figure.
@@ -16,7 +16,7 @@ mod report;
 mod source;
 
 pub use answers::{Answered, Answers, ForBridge, Response};
-pub use comparison::Comparison;
+pub use comparison::GoldenComparison;
 pub use golden::{Difference, Golden, GoldenError, Machine};
-pub use report::{BadFrame, Latency, MOST_BAD_FRAMES, Report, too_many_bad_frames};
+pub use report::{BadFrame, MOST_BAD_FRAMES, ReplayLatency, ReplayReport, too_many_bad_frames};
 pub use source::{Rate, Replay, ReplayError};

@@ -18,7 +18,7 @@ const NOTHING_SEEN: &str = "no network saw a frame";
 
 /// Quantiles of a time, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Latency {
+pub struct ReplayLatency {
     /// Median.
     pub p50_ms: f64,
     /// 95th percentile.
@@ -27,7 +27,7 @@ pub struct Latency {
     pub p99_ms: f64,
 }
 
-impl Latency {
+impl ReplayLatency {
     /// Of measured times; `None` of none.
     pub fn of(mut times: Vec<Duration>) -> Option<Self> {
         times.sort_unstable();
@@ -48,7 +48,7 @@ pub struct BadFrame {
 
 /// What an open-loop replay says of a driver.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct ReplayReport {
     /// What was replayed.
     pub source: String,
     /// What answered: a model, or a bridge.
@@ -66,10 +66,10 @@ pub struct Report {
     pub first_bad_frames: Vec<BadFrame>,
     /// Telemetries in the recording without a picture, skipped: it was broken, or the disk too slow for it.
     pub skipped: u64,
-    /// Steering against the recorded one; absent where there is nothing to compare, see [`Report::agreement`].
+    /// Steering against the recorded one; absent where there is nothing to compare, see [`ReplayReport::agreement`].
     pub steering: Option<Agreement>,
     /// Time of a pilot's answer: the driver's alone in process, the round trip over a connection.
-    pub latency: Option<Latency>,
+    pub latency: Option<ReplayLatency>,
     /// Moments a second, all told.
     pub frames_per_s: f64,
     /// Whether and where the recording ends before its end.
@@ -77,7 +77,7 @@ pub struct Report {
     pub cut_off: Option<String>,
 }
 
-impl Report {
+impl ReplayReport {
     /// From a replay's answers and the time of each.
     pub fn new(
         (source, driver): (String, String),
@@ -105,7 +105,7 @@ impl Report {
             first_bad_frames: bad.take(NAMED).collect(),
             skipped,
             steering: Agreement::of(pairs),
-            latency: Latency::of(steered.map(|(_, time)| *time).collect()),
+            latency: ReplayLatency::of(steered.map(|(_, time)| *time).collect()),
             frames_per_s: answers.len() as f64 / wall.as_secs_f64().max(1e-9),
             cut_off,
         }
@@ -136,7 +136,7 @@ pub fn too_many_bad_frames(bad: u64, all: u64) -> bool {
     bad as f64 > MOST_BAD_FRAMES * all as f64
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "replay of {} to {}", self.source, self.driver)?;
         write!(f, "  frames           {:9}", self.moments)?;
@@ -167,7 +167,7 @@ impl fmt::Display for Report {
             }
             Err(why) => write!(f, "\n  steering error   not measurable: {why}")?,
         }
-        if let Some(Latency { p50_ms, p95_ms, p99_ms }) = self.latency {
+        if let Some(ReplayLatency { p50_ms, p95_ms, p99_ms }) = self.latency {
             write!(f, "\n  latency          {p50_ms:9.2} ms p50, {p95_ms:.2} ms p95, {p99_ms:.2} ms p99")?;
         }
         write!(f, "\n  frame rate       {:9.1} /s", self.frames_per_s)?;
@@ -186,8 +186,8 @@ mod tests {
     #[test]
     fn latency_is_quantiles_in_milliseconds() {
         let times: Vec<Duration> = (0..=100).map(Duration::from_millis).collect();
-        assert_eq!(Latency::of(times), Some(Latency { p50_ms: 50.0, p95_ms: 95.0, p99_ms: 99.0 }));
-        assert_eq!(Latency::of(vec![]), None);
+        assert_eq!(ReplayLatency::of(times), Some(ReplayLatency { p50_ms: 50.0, p95_ms: 95.0, p99_ms: 99.0 }));
+        assert_eq!(ReplayLatency::of(vec![]), None);
     }
 
     fn steer(steering: f64) -> Response {
@@ -199,7 +199,7 @@ mod tests {
     }
 
     /// Each recorded straight on, answered in as many milliseconds as its number says.
-    fn report(responses: Vec<Response>) -> Report {
+    fn report(responses: Vec<Response>) -> ReplayReport {
         let times: Vec<Duration> = (0..responses.len() as u64).map(Duration::from_millis).collect();
         let answers: Vec<Answered> = responses
             .into_iter()
@@ -209,7 +209,7 @@ mod tests {
                 Answered { frame: i as u64, at: Duration::ZERO, recorded, response }
             })
             .collect();
-        Report::new(("run".into(), "model".into()), &answers, (0, None), (&times, Duration::from_secs(1)))
+        ReplayReport::new(("run".into(), "model".into()), &answers, (0, None), (&times, Duration::from_secs(1)))
     }
 
     #[test]

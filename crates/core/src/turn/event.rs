@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::control::Change;
+use crate::control::HandoverChange;
 
 /// What happens in a run besides telemetry and commands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -171,11 +171,11 @@ impl EventRecord {
     }
 }
 
-impl From<Change> for EventRecord {
-    fn from(change: Change) -> Self {
+impl From<HandoverChange> for EventRecord {
+    fn from(change: HandoverChange) -> Self {
         match change {
-            Change::TakeoverBegan => Self::TakeoverBegan,
-            Change::TakeoverEnded(after) => Self::TakeoverEnded { duration_s: after.as_secs_f64() },
+            HandoverChange::TakeoverBegan => Self::TakeoverBegan,
+            HandoverChange::TakeoverEnded(after) => Self::TakeoverEnded { duration_s: after.as_secs_f64() },
         }
     }
 }

@@ -121,7 +121,7 @@ impl Augmentation {
     }
 
     /// Rolls the dice for one sample.
-    pub fn draw(&self, random: &mut ChaCha8Rng) -> Change {
+    pub fn draw(&self, random: &mut ChaCha8Rng) -> AugmentationDraw {
         // Each die is rolled whether it counts or not, so that switching one change off leaves the others as they were.
         let mut chance = |p: f64| unit(random) < p;
         let (flip, shift, bright, shadow, erase) = (
@@ -147,7 +147,7 @@ impl Augmentation {
         // Uniform in the logarithm: as likely tall as wide.
         let ratio = within((self.erase_ratio.0.ln(), self.erase_ratio.1.ln())).exp();
         let gone = Rectangle { area, ratio, at: (within((0.0, 1.0)), within((0.0, 1.0))), value: self.erase_value };
-        Change {
+        AugmentationDraw {
             flip,
             shift: if shift { by } else { (0, 0) },
             steering_per_px: self.steering_per_px,
@@ -160,7 +160,7 @@ impl Augmentation {
 
 /// One draw.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Change {
+pub struct AugmentationDraw {
     /// Mirrored, before all else.
     pub flip: bool,
     /// Recorded pixels to the right and down that the picture moves.
@@ -199,7 +199,7 @@ pub struct Rectangle {
     pub value: u8,
 }
 
-impl Change {
+impl AugmentationDraw {
     /// None.
     pub fn none() -> Self {
         Self { flip: false, shift: (0, 0), steering_per_px: 0.0, brightness: 1.0, shadow: None, erase: None }

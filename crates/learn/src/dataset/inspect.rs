@@ -41,13 +41,13 @@ pub struct Inspection {
     /// The cameras that have pictures.
     pub cameras: Vec<CameraCount>,
     /// The steering that is learnt, -1 full left to 1 full right. Rows of a run that nobody steered have none.
-    pub steering: Spread,
+    pub steering: Distribution,
     /// Share of the rows that have one with a steering of exactly 0, 0 to 1.
     pub zero_steering: f64,
     /// How often which steering is.
     pub steering_histogram: Histogram,
     /// Speed, in mph.
-    pub speed_mph: Spread,
+    pub speed_mph: Distribution,
     /// Share of the rows at less than 0.5 mph, 0 to 1.
     pub standing: f64,
     /// From the first row to the last, without what is between drives, in seconds.
@@ -87,7 +87,7 @@ pub struct CameraCount {
 
 /// How numbers spread. All are 0 where there are none.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Spread {
+pub struct Distribution {
     /// Mean.
     pub mean: f64,
     /// Standard deviation, of these numbers and not of what they are a sample of.
@@ -163,7 +163,7 @@ pub struct Problem {
     pub why: String,
 }
 
-impl Spread {
+impl Distribution {
     /// Of these numbers.
     pub fn of(numbers: &[f64]) -> Self {
         if numbers.is_empty() {
@@ -377,10 +377,10 @@ impl RowFindings {
             kind: if self.is_run { "run" } else { "folder" },
             rows: self.count,
             cameras: cameras.collect(),
-            steering: Spread::of(&self.steering),
+            steering: Distribution::of(&self.steering),
             zero_steering: share(self.steering.iter().filter(|x| **x == 0.0).count(), self.steering.len()),
             steering_histogram: Histogram::of_steering(&self.steering),
-            speed_mph: Spread::of(&self.speed_mph),
+            speed_mph: Distribution::of(&self.speed_mph),
             standing: share(self.speed_mph.iter().filter(|mph| mph.abs() < STANDS_MPH).count(), self.speed_mph.len()),
             duration_s: self.last.saturating_sub(self.first.unwrap_or_default()).as_secs_f64(),
             intervals_ms: Intervals::of(self.intervals_ms),

@@ -19,7 +19,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    Augmentation, Camera, Change, DatasetError, Samples,
+    Augmentation, AugmentationDraw, CameraPosition, DatasetError, Samples,
     strip::{Strip, StripCut},
 };
 use lapwing_core::perception::{Frame, Preprocess, Preprocessor, decode_jpeg};
@@ -135,7 +135,7 @@ impl Cache {
         let mut count = 0;
         for source in &samples.sources {
             first.push(count);
-            count += source.rows.len() * Camera::ALL.len();
+            count += source.rows.len() * CameraPosition::ALL.len();
         }
         let slots = if bytes == 0 { 0 } else { count };
         Arc::new(Self {
@@ -146,8 +146,8 @@ impl Cache {
         })
     }
 
-    fn slot(&self, source: u32, row: usize, camera: Camera) -> Option<&OnceLock<Strip>> {
-        self.slots.get(self.first[source as usize] + row * Camera::ALL.len() + camera as usize)
+    fn slot(&self, source: u32, row: usize, camera: CameraPosition) -> Option<&OnceLock<Strip>> {
+        self.slots.get(self.first[source as usize] + row * CameraPosition::ALL.len() + camera as usize)
     }
 
     /// Whether there was room for so much more.
@@ -370,8 +370,8 @@ impl Worker {
     fn picture<T>(
         &mut self,
         plan: &LoadPlan,
-        (source, row, camera): (u32, usize, Camera),
-        change: &Change,
+        (source, row, camera): (u32, usize, CameraPosition),
+        change: &AugmentationDraw,
         out: &mut [T],
         number: impl Fn(f32) -> T,
     ) -> Result<f64, DatasetError> {

@@ -29,17 +29,17 @@ mod strip;
 
 use std::path::PathBuf;
 
-pub use augment::{Augmentation, Change, Rectangle, Shadow};
+pub use augment::{Augmentation, AugmentationDraw, Rectangle, Shadow};
 pub use balance::Balance;
 pub use chart::steering_chart;
 pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
-pub use inspect::{CameraCount, Gap, Histogram, Inspection, Intervals, Problem, Size, Spread, inspect};
+pub use inspect::{CameraCount, Distribution, Gap, Histogram, Inspection, Intervals, Problem, Size, inspect};
 pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
 pub use samples::{Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
-pub use source::{Camera, Labelled, Source, check, read};
+pub use source::{CameraPosition, Labelled, Source, check, read};
 pub use split::Blocks;
 
 use lapwing_core::{

@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    Augmentation, Change, DatasetError, Source,
+    Augmentation, AugmentationDraw, DatasetError, Source,
     sheet::{ACROSS, GAP, PICTURE, arrow, fitted},
     strip::Strip,
 };
@@ -48,7 +48,7 @@ pub fn preview(source: &Source, augmentation: &Augmentation, seed: u64) -> Resul
 }
 
 /// The whole picture, changed as it was recorded.
-pub(super) fn changed(frame: &Frame, change: &Change) -> Frame {
+pub(super) fn changed(frame: &Frame, change: &AugmentationDraw) -> Frame {
     let strip = Strip::whole(frame);
     let mut out = frame.clone();
     let width = frame.width() * 3;

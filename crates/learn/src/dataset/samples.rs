@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Balance, Blocks, Camera, DatasetError, Source};
+use super::{Balance, Blocks, CameraPosition, DatasetError, Source};
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What is taken of one data set.
@@ -23,7 +23,7 @@ pub struct Selection {
     pub side_offset: f64,
     /// Cameras to train on; default all that there are.
     #[serde(default = "all_cameras")]
-    pub cameras: Vec<Camera>,
+    pub cameras: Vec<CameraPosition>,
     /// First row and the one after the last, counted from 0; default all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<(usize, usize)>,
@@ -44,8 +44,8 @@ fn side_offset() -> f64 {
     0.25
 }
 
-fn all_cameras() -> Vec<Camera> {
-    Camera::ALL.to_vec()
+fn all_cameras() -> Vec<CameraPosition> {
+    CameraPosition::ALL.to_vec()
 }
 
 fn one_row() -> usize {
@@ -104,7 +104,7 @@ pub struct Sample {
     /// Which of its rows.
     pub row: u32,
     /// Which of its cameras.
-    pub camera: Camera,
+    pub camera: CameraPosition,
     /// What to steer, positive to the right; beyond -1 and 1 where a side camera's offset leads there.
     pub steering: f64,
     /// -1 (full brake) to 1 (full throttle).
@@ -210,7 +210,7 @@ impl Samples {
             source.end_stretches_where(|i, _| wanted(i));
         }
         let smooth = if learning { selection.smooth } else { 1 };
-        let cameras = if learning { &selection.cameras[..] } else { &[Camera::Center] };
+        let cameras = if learning { &selection.cameras[..] } else { &[CameraPosition::Center] };
         for row in (0..source.rows.len()).filter(|row| wanted(*row)) {
             let moment = &source.rows[row];
             let steering = source.mean_of_stretch(row, smooth);

@@ -17,7 +17,7 @@ use lapwing_core::{
 /// One of the three cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Camera {
+pub enum CameraPosition {
     /// In the middle.
     Center,
     /// 0.8 m to the left.
@@ -26,7 +26,7 @@ pub enum Camera {
     Right,
 }
 
-impl Camera {
+impl CameraPosition {
     /// All of them, as [`Labelled::pictures`] has them.
     pub const ALL: [Self; 3] = [Self::Center, Self::Left, Self::Right];
 
@@ -53,7 +53,7 @@ pub fn read(picture: &Picture) -> Result<Bytes, DatasetError> {
 pub struct Labelled {
     /// Time since the first row.
     pub at: Duration,
-    /// Pictures in the order of [`Camera::ALL`].
+    /// Pictures in the order of [`CameraPosition::ALL`].
     pub pictures: [Option<Picture>; 3],
     /// What was steered: [`Moment::steering`](lapwing_core::recording::Moment::steering).
     pub steering: Steering,

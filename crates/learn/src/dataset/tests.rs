@@ -10,7 +10,9 @@ use super::{
     *,
 };
 use lapwing_core::{
-    perception::{Colour, Crop, Filter, Frame, Layout, Preprocess, Preprocessor, Resize, Scale, decode_jpeg},
+    perception::{
+        ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, TensorLayout, decode_jpeg,
+    },
     recording::Picture,
 };
 
@@ -35,9 +37,10 @@ fn folder(dir: &Path, steering: impl Fn(usize) -> f64, rows: usize) {
 }
 
 fn inputs(frames: usize) -> Inputs {
-    let resize = Resize { height: 4, width: 8, filter: Filter::BilinearAntialiased };
+    let resize = Resize { height: 4, width: 8, filter: ResizeFilter::BilinearAntialiased };
     let crop = Some(Crop { top: 4, bottom: 12 });
-    let preprocess = Preprocess { crop, resize, colour: Colour::Grey, scale: Scale::Unit, layout: Layout::Nchw };
+    let preprocess =
+        Preprocess { crop, resize, colour: ColourSpace::Grey, scale: PixelScale::Unit, layout: TensorLayout::Nchw };
     Inputs::plain(preprocess, frames)
 }
 
@@ -74,10 +77,13 @@ fn training_has_the_side_cameras_with_their_offset_and_validation_the_held_out_c
     let training = open(dir.path(), Set::Training, Balance::default());
     assert_eq!(training.samples.len(), 16 * 3);
     let of_row_2: Vec<_> = training.samples.iter().filter(|s| s.row == 2).map(|s| (s.camera, s.steering)).collect();
-    assert_eq!(of_row_2, [(Camera::Center, 0.02), (Camera::Left, 0.27), (Camera::Right, -0.23)]);
+    assert_eq!(
+        of_row_2,
+        [(CameraPosition::Center, 0.02), (CameraPosition::Left, 0.27), (CameraPosition::Right, -0.23)]
+    );
     let validation = open(dir.path(), Set::Validation, Balance::default());
     assert_eq!(validation.samples.iter().map(|s| s.row).collect::<Vec<_>>(), [0, 1, 10, 11]);
-    assert!(validation.samples.iter().all(|s| s.camera == Camera::Center));
+    assert!(validation.samples.iter().all(|s| s.camera == CameraPosition::Center));
 }
 
 #[test]
@@ -162,7 +168,7 @@ fn unchanged_pictures_are_to_the_bit_what_a_pilot_sees_in_every_layout() {
     folder(dir.path(), |_| 0.0, 20);
     let frame = gradient(dir.path());
     let unmoved = Augmentation { translate: 1.0, translate_x_px: 0, translate_y_px: 0, ..Augmentation::none() };
-    for (colour, channels) in [(Colour::Yuv, 3), (Colour::Grey, 1)] {
+    for (colour, channels) in [(ColourSpace::Yuv, 3), (ColourSpace::Grey, 1)] {
         let mut plain = inputs(1);
         plain.preprocess.colour = colour;
         let mut seen = vec![];
@@ -299,10 +305,11 @@ fn map() -> Frame {
 }
 
 /// Rows 5 to 14 of it at their own size, with those that a shift of 8 pixels needs.
-fn changed(change: &Change) -> Frame {
-    let resize = Resize { height: 10, width: 40, filter: Filter::BilinearAntialiased };
+fn changed(change: &AugmentationDraw) -> Frame {
+    let resize = Resize { height: 10, width: 40, filter: ResizeFilter::BilinearAntialiased };
     let crop = Some(Crop { top: 5, bottom: 15 });
-    let preprocess = Preprocess { crop, resize, colour: Colour::Rgb, scale: Scale::Unit, layout: Layout::Nchw };
+    let preprocess =
+        Preprocess { crop, resize, colour: ColourSpace::Rgb, scale: PixelScale::Unit, layout: TensorLayout::Nchw };
     let mut preprocessor = Preprocessor::new(preprocess.clone()).unwrap();
     let strip = Strip::cut(&StripCut { preprocess, reach_px: 8 }, &mut preprocessor, &map()).unwrap();
     let mut rgb = vec![0; 40 * 10 * 3];
@@ -316,14 +323,14 @@ fn changed(change: &Change) -> Frame {
 
 #[test]
 fn a_mirrored_picture_is_steered_the_other_way() {
-    let change = Change { flip: true, ..Change::none() };
+    let change = AugmentationDraw { flip: true, ..AugmentationDraw::none() };
     assert_eq!(changed(&change).pixel(0, 0), Some([39, 5, 100]));
     assert_eq!(change.steering(0.25, 1.0), -0.25);
 }
 
 #[test]
 fn a_shifted_picture_repeats_its_border_and_never_wraps() {
-    let change = Change { shift: (10, -8), steering_per_px: 0.003, ..Change::none() };
+    let change = AugmentationDraw { shift: (10, -8), steering_per_px: 0.003, ..AugmentationDraw::none() };
     let out = changed(&change);
     assert_eq!(out.pixel(15, 0), Some([5, 13, 100]));
     assert_eq!(out.pixel(3, 1), Some([0, 14, 100]));
@@ -333,7 +340,7 @@ fn a_shifted_picture_repeats_its_border_and_never_wraps() {
     assert!((change.steering(0.1, 8.0) - 0.124).abs() < 1e-12);
     for (right, flip, expected) in [(-3, false, [3, 39]), (3, true, [39, 3]), (-3, true, [36, 0]), (90, false, [0, 0])]
     {
-        let out = changed(&Change { flip, shift: (right, 0), ..Change::none() });
+        let out = changed(&AugmentationDraw { flip, shift: (right, 0), ..AugmentationDraw::none() });
         assert_eq!([0, 39].map(|x| out.pixel(x, 0).unwrap()[0]), expected, "{right} {flip}");
     }
 }
@@ -341,17 +348,17 @@ fn a_shifted_picture_repeats_its_border_and_never_wraps() {
 #[test]
 fn brightness_and_shadow_are_factors_that_end_at_white() {
     let shadow = Shadow { top: [0.0, 0.5], bottom: [0.0, 0.5], factor: 0.6 };
-    let out = changed(&Change { brightness: 1.5, shadow: Some(shadow), ..Change::none() });
+    let out = changed(&AugmentationDraw { brightness: 1.5, shadow: Some(shadow), ..AugmentationDraw::none() });
     assert_eq!(out.pixel(30, 0), Some([45, 8, 150]));
     assert_eq!(out.pixel(10, 0), Some([9, 5, 90]));
-    let white = changed(&Change { brightness: 3.0, ..Change::none() });
+    let white = changed(&AugmentationDraw { brightness: 3.0, ..AugmentationDraw::none() });
     assert_eq!(white.pixel(39, 0), Some([117, 15, 255]));
 }
 
 #[test]
 fn an_erased_rectangle_has_its_share_of_what_the_network_sees() {
     let gone = Rectangle { area: 0.25, ratio: 0.5, at: (1.0, 0.0), value: 7 };
-    let out = changed(&Change { erase: Some(gone), ..Change::none() });
+    let out = changed(&AugmentationDraw { erase: Some(gone), ..AugmentationDraw::none() });
     let erased = out.rgb().chunks(3).filter(|pixel| **pixel == [7, 7, 7]).count();
     assert!((95..=105).contains(&erased), "{erased}");
     assert_eq!(out.pixel(39, 0), Some([7, 7, 7]));
@@ -361,8 +368,8 @@ fn an_erased_rectangle_has_its_share_of_what_the_network_sees() {
 fn draws_stay_in_their_ranges_and_come_as_often_as_asked() {
     let augmentation = Augmentation::default();
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let draws: Vec<Change> = (0..4000).map(|_| augmentation.draw(&mut random)).collect();
-    let share = |f: &dyn Fn(&Change) -> bool| draws.iter().filter(|c| f(c)).count() as f64 / 4000.0;
+    let draws: Vec<AugmentationDraw> = (0..4000).map(|_| augmentation.draw(&mut random)).collect();
+    let share = |f: &dyn Fn(&AugmentationDraw) -> bool| draws.iter().filter(|c| f(c)).count() as f64 / 4000.0;
     for (name, share) in [
         ("flip", share(&|c| c.flip)),
         ("shift", share(&|c| c.shift != (0, 0))),
@@ -381,7 +388,7 @@ fn draws_stay_in_their_ranges_and_come_as_often_as_asked() {
     let off = Augmentation { flip: 0.0, ..Augmentation::default() };
     let mut random = ChaCha8Rng::seed_from_u64(1);
     for draw in draws {
-        assert_eq!(off.draw(&mut random), Change { flip: false, ..draw }, "the others are as they were");
+        assert_eq!(off.draw(&mut random), AugmentationDraw { flip: false, ..draw }, "the others are as they were");
     }
 }
 

@@ -1,6 +1,6 @@
 //! Models from files, and the pilots that drive with them.
 //!
-//! [`load`] reads a file, [`built_in`] the shipped one, into a [`Model`], of which any number of independent
+//! [`load`] reads a file, [`built_in`] the shipped one, into a [`LoadedModel`], of which any number of independent
 //! pilots drive with the same weights, each on a thread of its own if need be.
 
 mod error;
@@ -9,4 +9,4 @@ pub mod network;
 pub mod torchscript;
 
 pub use error::ModelError;
-pub use model::{Model, built_in, is_torchscript, load};
+pub use model::{LoadedModel, built_in, is_torchscript, load};

@@ -17,7 +17,7 @@ use lapwing_core::{
 
 /// A network in memory, of which any number of pilots share the weights. May be used by several threads.
 #[derive(Debug)]
-pub struct Model {
+pub struct LoadedModel {
     name: String,
     sha256: String,
     preprocess: Preprocess,
@@ -41,8 +41,8 @@ const BUILT_IN: &[u8] = include_bytes!("../../../../models/pilotnet.safetensors"
 ///
 /// # Errors
 /// [`ModelError`], where libtorch itself fails.
-pub fn built_in(clock: Clock) -> Result<Model, ModelError> {
-    Model::of_checkpoint(Path::new("built in"), BUILT_IN, clock)
+pub fn built_in(clock: Clock) -> Result<LoadedModel, ModelError> {
+    LoadedModel::of_checkpoint(Path::new("built in"), BUILT_IN, clock)
 }
 
 /// Whether [`load`] takes this file for TorchScript, and runs the code in it.
@@ -62,15 +62,15 @@ pub fn is_torchscript(path: &Path) -> bool {
 ///
 /// # Errors
 /// [`ModelError`], naming the file.
-pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, ModelError> {
+pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelError> {
     let path = path.as_ref();
     let read = || fs::read(path).map_err(|source| ModelError::Read { path: path.to_owned(), source });
     match path.extension().and_then(|e| e.to_str()) {
-        Some("safetensors") => Model::of_checkpoint(path, &read()?, clock),
+        Some("safetensors") => LoadedModel::of_checkpoint(path, &read()?, clock),
         Some(_) if is_torchscript(path) => {
             let bytes = read()?;
             let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
-            Ok(Model {
+            Ok(LoadedModel {
                 name: format!("torchscript ({})", path.display()),
                 sha256: sha256(&bytes),
                 preprocess: pilot.preprocess().clone(),
@@ -83,7 +83,7 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<Model, ModelError> {
     }
 }
 
-impl Model {
+impl LoadedModel {
     fn of_checkpoint(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, ModelError> {
         let checkpoint =
             Checkpoint::from_bytes(bytes).map_err(|source| ModelError::Checkpoint { path: path.to_owned(), source })?;
@@ -140,7 +140,7 @@ impl Model {
     }
 }
 
-impl pilot::Model for Model {
+impl pilot::Model for LoadedModel {
     fn name(&self) -> &str {
         self.name()
     }

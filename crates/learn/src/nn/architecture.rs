@@ -1,7 +1,7 @@
 //! All architectures, and the design of a network.
 
 use super::{NnError, cps::Cps, pilotnet::PilotNet, resnet};
-use lapwing_core::perception::{Colour, Crop, Filter, Layout, Preprocess, Resize, Scale};
+use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter, TensorLayout};
 
 /// A kind of network, by the name that checkpoints call it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -84,18 +84,18 @@ impl Architecture {
     /// What is done to a picture of 320x160 where nothing else is asked for: what its authors did, as far as they say.
     pub fn default_preprocess(self) -> Preprocess {
         let (crop, [height, width], colour, scale) = match self {
-            Self::PilotNet => ((60, 135), [66, 200], Colour::Yuv, Scale::Signed),
+            Self::PilotNet => ((60, 135), [66, 200], ColourSpace::Yuv, PixelScale::Signed),
             // Without the upper 60%.
-            Self::Cps => ((96, 160), [12, 40], Colour::Grey, Scale::Unit),
+            Self::Cps => ((96, 160), [12, 40], ColourSpace::Grey, PixelScale::Unit),
             // Without most of the sky and the bonnet; colours as ImageNet's networks take them.
-            _ => ((40, 140), [80, 160], Colour::Rgb, resnet::imagenet()),
+            _ => ((40, 140), [80, 160], ColourSpace::Rgb, resnet::imagenet()),
         };
         Preprocess {
             crop: Some(Crop { top: crop.0, bottom: crop.1 }),
-            resize: Resize { height, width, filter: Filter::BilinearAntialiased },
+            resize: Resize { height, width, filter: ResizeFilter::BilinearAntialiased },
             colour,
             scale,
-            layout: Layout::Nchw,
+            layout: TensorLayout::Nchw,
         }
     }
 
@@ -205,8 +205,8 @@ mod tests {
         let mut design = Design::of(Architecture::ResNet18);
         design.preprocess.resize.height = 33;
         design.validate().unwrap();
-        design.preprocess.colour = Colour::Grey;
-        design.preprocess.scale = Scale::Unit;
+        design.preprocess.colour = ColourSpace::Grey;
+        design.preprocess.scale = PixelScale::Unit;
         let error = design.validate().unwrap_err().to_string();
         assert_eq!(error, "expected preprocessing to 3xHxW for resnet18, got 1x33x160");
     }

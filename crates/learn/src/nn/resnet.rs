@@ -16,14 +16,14 @@ use super::{
     NnError, TensorSource,
     layers::{Linear, NormedConvolution, beside},
 };
-use lapwing_core::perception::Scale;
+use lapwing_core::perception::PixelScale;
 
 /// Red, green and blue.
 pub(super) const CHANNELS: usize = 3;
 
 /// What torchvision's networks were trained on: mean and deviation of ImageNet's colours.
-pub fn imagenet() -> Scale {
-    Scale::Standardised { mean: vec![0.485, 0.456, 0.406], std: vec![0.229, 0.224, 0.225] }
+pub fn imagenet() -> PixelScale {
+    PixelScale::Standardised { mean: vec![0.485, 0.456, 0.406], std: vec![0.229, 0.224, 0.225] }
 }
 
 /// How many layers a ResNet has.

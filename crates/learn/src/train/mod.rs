@@ -28,8 +28,8 @@ mod trainer;
 pub use error::TrainError;
 pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;
-pub use progress::{Epoch, Go, Outcome, Progress, TimedEpoch};
-pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Recording, Schedule};
+pub use progress::{Epoch, Go, Progress, TimedEpoch, TrainOutcome};
+pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Schedule, SimulatedData};
 pub use trainer::Trainer;
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ pub enum Go {
 
 /// How a training ended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Outcome {
+pub struct TrainOutcome {
     /// The checkpoint.
     pub model: PathBuf,
     /// Its SHA-256.

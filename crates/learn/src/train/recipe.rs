@@ -86,7 +86,7 @@ pub struct Recipe {
     /// Data to measure by, whole; default the blocks held out of `data`.
     pub validation: Vec<Selection>,
     /// Simulated data that is made first where its folder is not there.
-    pub record: Vec<Recording>,
+    pub record: Vec<SimulatedData>,
 }
 
 impl Default for Recipe {
@@ -198,7 +198,7 @@ pub enum Schedule {
 /// Simulated data, as `lapwing record` makes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recording {
+pub struct SimulatedData {
     /// Folder; where it is there, nothing is recorded.
     pub out: PathBuf,
     /// Track, as for `--track`.
@@ -320,7 +320,7 @@ mod tests {
     #[test]
     fn a_recipe_reads_back_as_it_was_written() {
         let mut recipe = Recipe::parse("ema = 0.99\n[[data]]\npath = \"x\"\nrows = [0, 2000]").unwrap();
-        recipe.record.push(Recording {
+        recipe.record.push(SimulatedData {
             out: "y".into(),
             track: "lake".into(),
             laps: 2,

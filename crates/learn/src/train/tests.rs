@@ -182,7 +182,7 @@ fn data_that_is_not_there_is_named() {
 }
 
 /// Trains for so many steps and stops; 4 steps are an epoch of [`recipe`] on 40 rows.
-fn stopped(recipe: Recipe, out: &Path, resume: bool, after: u32) -> Outcome {
+fn stopped(recipe: Recipe, out: &Path, resume: bool, after: u32) -> TrainOutcome {
     let mut steps = 0;
     let mut watch = |progress: Progress<'_>| {
         steps += u32::from(matches!(progress, Progress::Step { .. }));

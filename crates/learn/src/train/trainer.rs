@@ -17,7 +17,7 @@ use super::{
     optimiser::Stepper,
     origin::Origin,
     preparation,
-    progress::{Epoch, Go, Outcome, Progress, TimedEpoch},
+    progress::{Epoch, Go, Progress, TimedEpoch, TrainOutcome},
     state::{self, MODEL, Position, STATE, Stored},
 };
 use crate::{
@@ -207,7 +207,7 @@ impl Trainer {
     ///
     /// # Errors
     /// [`TrainError`]; what was saved before stays.
-    pub fn run(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Outcome, TrainError> {
+    pub fn run(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<TrainOutcome, TrainError> {
         let mut events = None;
         let mut finished = true;
         while self.position.epoch < self.recipe.epochs {
@@ -231,7 +231,7 @@ impl Trainer {
             self.save_model(&model)?;
         }
         let bytes = fs::read(&model).map_err(TrainError::io("read the model", &model))?;
-        Ok(Outcome { model, sha256: sha256(&bytes), kept: state::epoch_of(&bytes), finished })
+        Ok(TrainOutcome { model, sha256: sha256(&bytes), kept: state::epoch_of(&bytes), finished })
     }
 
     /// One pass; `None` where it was stopped, and its state saved.

@@ -5,7 +5,7 @@ use std::{fmt, path::PathBuf, sync::Arc, time::Duration};
 use serde::Serialize;
 
 use lapwing_core::{
-    config::Recording,
+    config::RecordingSettings,
     drive::{Elsewhere, Observer, ObserverError},
     protocol::{Answer, Dialect},
     recording::{Recorder, RecorderOptions, RunHeader},
@@ -27,7 +27,7 @@ pub(super) struct Account {
 }
 
 impl Account {
-    pub fn new(peer: &str, header: RunHeader, settings: &Recording, roads: &[Arc<Road>]) -> Self {
+    pub fn new(peer: &str, header: RunHeader, settings: &RecordingSettings, roads: &[Arc<Road>]) -> Self {
         let dialect = header.dialect;
         let recorder = settings.enabled.then(|| {
             Recorder::create(&settings.dir, header, RecorderOptions { queue: settings.queue })

@@ -72,7 +72,7 @@ pub(super) async fn ask(
 }
 
 /// Whether the request may go on; the origin of a page that the settings allow.
-fn admit(request: &Request, bound: IpAddr, settings: &config::Bridge) -> Result<Option<HeaderValue>, Refused> {
+fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) -> Result<Option<HeaderValue>, Refused> {
     let headers = request.headers();
     let host = text(headers, header::HOST.as_str());
     if !is_this_machine(name_of(host), bound, &settings.allow_hosts) {
@@ -135,12 +135,22 @@ mod tests {
 
     use super::*;
 
-    fn settings(origins: &[&str], hosts: &[&str]) -> config::Bridge {
+    fn settings(origins: &[&str], hosts: &[&str]) -> config::BridgeSettings {
         let owned = |list: &[&str]| list.iter().map(|&s| s.to_owned()).collect();
-        config::Bridge { allow_origins: owned(origins), allow_hosts: owned(hosts), ..config::Bridge::default() }
+        config::BridgeSettings {
+            allow_origins: owned(origins),
+            allow_hosts: owned(hosts),
+            ..config::BridgeSettings::default()
+        }
     }
 
-    fn asked(method: &str, path: &str, headers: &[(&str, &str)], settings: &config::Bridge, bound: &str) -> bool {
+    fn asked(
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        settings: &config::BridgeSettings,
+        bound: &str,
+    ) -> bool {
         let mut request = Request::builder().method(method).uri(path);
         for (name, value) in headers {
             request = request.header(*name, *value);

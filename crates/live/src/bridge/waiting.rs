@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use lapwing_core::{
-    control::{Speed, Standstill},
+    control::{KnownSpeed, Standstill},
     protocol::{Answer, Command, Sight},
     units::{Mph, Steering},
 };
@@ -43,11 +43,11 @@ impl Waiting {
                 self.human_since = None;
                 self.speed_told = Some(telemetry.speed);
                 self.steering.get_or_insert(telemetry.steering.steering());
-                Speed::Now(telemetry.speed)
+                KnownSpeed::Now(telemetry.speed)
             }
             // It does not say that the human has let go.
             Sight::Unreadable(_) if self.human_since.is_some() => return Answer::Manual,
-            Sight::Unreadable(_) => Speed::Last(self.speed_told),
+            Sight::Unreadable(_) => KnownSpeed::Last(self.speed_told),
         };
         let at = now.saturating_duration_since(self.since);
         Answer::Steer(Command {

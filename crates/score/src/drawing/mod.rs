@@ -125,9 +125,9 @@ impl Sheet {
     /// [`DrawingError`]
     pub fn write(&self, path: impl AsRef<Path>) -> Result<(), DrawingError> {
         let path = path.as_ref();
-        let bytes = match Kind::of(path)? {
-            Kind::Svg => self.svg().map(String::into_bytes),
-            Kind::Png => self.png(),
+        let bytes = match SheetFormat::of(path)? {
+            SheetFormat::Svg => self.svg().map(String::into_bytes),
+            SheetFormat::Png => self.png(),
         };
         let bytes = bytes.map_err(|why| DrawingError::Encode { path: path.to_owned(), why })?;
         files::write(path, &bytes).map_err(|source| DrawingError::Io { path: path.to_owned(), source })
@@ -155,14 +155,14 @@ pub enum PaintError {
 
 /// What a sheet is painted as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum SheetFormat {
     /// Lines and words, at any size.
     Svg,
     /// Pixels.
     Png,
 }
 
-impl Kind {
+impl SheetFormat {
     /// By a file's ending. To be asked before the work that makes the sheet.
     ///
     /// # Errors

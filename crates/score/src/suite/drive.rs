@@ -10,7 +10,7 @@ use std::{
     time::Instant,
 };
 
-use super::{Cell, Contestant, Done, Outcome, Plan, Results, ResultsError, Shard, Suite, groups};
+use super::{Cell, Contestant, Done, Plan, Results, ResultsError, Shard, Suite, SuiteOutcome, groups};
 use crate::judged::Judged;
 
 /// What drives a suite's cells: pilots and worlds, of which nothing is known here.
@@ -88,11 +88,11 @@ impl Planned {
     ///
     /// # Errors
     /// [`ResultsError::Io`].
-    pub fn outcome(&self, results: &Results) -> Result<Outcome, ResultsError> {
+    pub fn outcome(&self, results: &Results) -> Result<SuiteOutcome, ResultsError> {
         let done: Vec<_> =
             self.cells.iter().filter_map(|cell| results.get(cell).transpose()).collect::<Result<_, _>>()?;
         let missing = self.plan().missing(&done).len();
-        Ok(Outcome::new(groups(&done), Some(self.cells.len()), missing))
+        Ok(SuiteOutcome::new(groups(&done), Some(self.cells.len()), missing))
     }
 }
 

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Cell, Done, Outcome, Plan, Results, ResultsError, drive::told_apart, groups};
+use super::{Cell, Done, Plan, Results, ResultsError, SuiteOutcome, drive::told_apart, groups};
 
 /// Parts that cannot be put together.
 #[derive(Debug, thiserror::Error)]
@@ -32,7 +32,7 @@ pub enum MergeError {
 #[derive(Debug)]
 pub struct Merged {
     /// What the results come to.
-    pub outcome: Outcome,
+    pub outcome: SuiteOutcome,
     /// Cells that have a result.
     pub present: usize,
     /// All cells of the plans; none where no folder has a plan.
@@ -106,7 +106,7 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
     done.sort_by_key(|done| done.cell.seed);
     let done = told_apart(done, |done| &done.cell, left_to_chance);
     Ok(Merged {
-        outcome: Outcome::new(groups(&done), plan.as_ref().map(Plan::count), missing.len()),
+        outcome: SuiteOutcome::new(groups(&done), plan.as_ref().map(Plan::count), missing.len()),
         present,
         plan,
         without,

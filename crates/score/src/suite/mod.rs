@@ -45,8 +45,8 @@
 //! | `cell.laps` | integer | laps asked for |
 //! | `cell.longest_s` | number, s | time of the world after which the drive ends |
 //! | `cell.settings.lapwing` | string | the version of Lapwing that drove |
-//! | `cell.settings.control` | object | settings in force, with the keys of `[control]`: [`Control`](lapwing_core::config::Control) |
-//! | `cell.settings.simulator` | object | and with those of `[simulator]`: [`Simulator`](lapwing_core::config::Simulator) |
+//! | `cell.settings.control` | object | settings in force, with the keys of `[control]`: [`ControlSettings`](lapwing_core::config::ControlSettings) |
+//! | `cell.settings.simulator` | object | and with those of `[simulator]`: [`SimulatorSettings`](lapwing_core::config::SimulatorSettings) |
 //! | `cell.settings.beside_model_sha256` | string or null | SHA-256 of the `.toml` beside a TorchScript model; null for others |
 //! | `cell.world.conditions` | object | what `cell.conditions` means with this seed: `lapwing_sim::conditions::Conditions` has its keys and units |
 //! | `cell.world.track_sha256` | string or null | SHA-256 of the track's file; null for a track that comes with Lapwing |
@@ -65,7 +65,7 @@
 //! | `cells[].drive` | string | what people call it, such as `mine on lake, fair, 20 mph, seed 0` |
 //!
 //! ## `suite.json`: `lapwing.suite/1`
-//! What the drives come to ([`Outcome`]); `--json` prints the same.
+//! What the drives come to ([`SuiteOutcome`]); `--json` prints the same.
 //!
 //! | key | type | is |
 //! |---|---|---|
@@ -97,7 +97,7 @@ mod spec;
 
 pub use drive::{Course, DriveError, Planned, Stop, Watch, drive_all};
 pub use merge::{MergeError, Merged, check_parts, merge};
-pub use outcome::{Group, Outcome, Over, groups, table};
+pub use outcome::{Group, Over, SuiteOutcome, groups, table};
 pub use page::render;
 pub use plan::Plan;
 pub use results::{Done, Results, ResultsError, Unreadable};

@@ -20,7 +20,7 @@ const SHOWN: [Figure; 6] =
 
 /// What `suite.json` holds; the documentation of [`suite`](super) has its keys.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Outcome {
+pub struct SuiteOutcome {
     schema: &'static str,
     /// Cells that the suite is made of; none where no plan says so.
     pub planned: Option<usize>,
@@ -30,7 +30,7 @@ pub struct Outcome {
     pub groups: Vec<Group>,
 }
 
-impl Outcome {
+impl SuiteOutcome {
     /// Of groups, and how complete they are.
     pub fn new(groups: Vec<Group>, planned: Option<usize>, missing: usize) -> Self {
         Self { schema: SCHEMA, planned, missing, groups }

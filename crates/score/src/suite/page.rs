@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Group, Outcome, Over};
+use super::{Group, Over, SuiteOutcome};
 use crate::{score::Figure, score::figure::Described};
 
 #[derive(Serialize)]
@@ -50,7 +50,7 @@ impl Words {
 ///
 /// # Errors
 /// Where a figure is a number that JSON does not have.
-pub fn render(outcome: &Outcome) -> Result<String, serde_json::Error> {
+pub fn render(outcome: &SuiteOutcome) -> Result<String, serde_json::Error> {
     let groups = outcome.groups.iter().map(PageGroup::of).collect();
     let page = SuitePage { planned: outcome.planned, missing: outcome.missing, groups, figures: Figure::described() };
     // Inside a script element nothing may look like its end.

@@ -181,7 +181,7 @@ fn a_small_mean_is_shown_the_same_in_table_and_page() {
     let groups = groups(&[done(0, 0.000_512, 0), done(1, 0.000_514, 1)]);
     let table = table(&groups);
     assert!(table.contains("  0.000513 m ± 0.0000127 m  ") && table.contains("  0.5 [0, 6.85]  "), "{table}");
-    let page = render(&Outcome::new(groups, None, 0)).unwrap();
+    let page = render(&SuiteOutcome::new(groups, None, 0)).unwrap();
     for words in [
         r#""mean_cte_m":{"mean":"0.000513 m","interval":"± 0.0000127 m","least":"0.000512 m","most":"0.000514 m"}"#,
         r#""collisions":{"mean":"0.5","interval":"[0, 6.85]","least":"0","most":"1"}"#,
@@ -242,7 +242,7 @@ fn every_key_of_the_files_is_documented() {
     cell.settings = json!({"lapwing": "0", "control": {}, "simulator": {}, "beside_model_sha256": null});
     cell.world = json!({"conditions": {}, "track_sha256": null});
     let done = done(&cell, 1.0);
-    let outcome = Outcome::new(groups(std::slice::from_ref(&done)), Some(1), 0);
+    let outcome = SuiteOutcome::new(groups(std::slice::from_ref(&done)), Some(1), 0);
     let mut found = std::collections::BTreeSet::new();
     keys(&json!(outcome), "", &mut found);
     keys(&json!(Plan::new(&[cell])), "", &mut found);
@@ -257,7 +257,7 @@ fn every_key_of_the_files_is_documented() {
 #[test]
 fn no_name_gets_out_of_its_place_in_the_page() {
     let cell = Cell { pilot: "</script>".into(), ..cells(SUITE).remove(0) };
-    let page = render(&Outcome::new(groups(&[done(&cell, 1.0)]), None, 0)).unwrap();
+    let page = render(&SuiteOutcome::new(groups(&[done(&cell, 1.0)]), None, 0)).unwrap();
     assert_eq!(page.matches("</script>").count(), 2);
     assert!(page.contains("n = ${over.runs}"), "how many drives stand behind a mean is shown");
 }

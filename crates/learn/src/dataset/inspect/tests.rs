@@ -107,11 +107,11 @@ fn the_steering_shown_of_a_run_is_the_one_that_is_learnt() {
     let answer = CommandRecord::of_human(Steering::new(0.5).unwrap(), Throttle::ZERO);
     record(&run, &[Some(jpeg(0)), Some(jpeg(1))], Some(&answer));
     let learnt: Vec<_> = Source::open(&run).unwrap().rows.iter().map(|row| row.steering.get()).collect();
-    assert_eq!((learnt, looked_over(&run).steering), (vec![0.5; 2], Spread::of(&[0.5; 2])));
+    assert_eq!((learnt, looked_over(&run).steering), (vec![0.5; 2], Distribution::of(&[0.5; 2])));
     let nobody = CommandRecord { by: By::Safe, ..answer };
     let run = dir.path().join("b.mcap");
     record(&run, &[Some(jpeg(0))], Some(&nobody));
-    assert_eq!(looked_over(&run).steering, Spread::default());
+    assert_eq!(looked_over(&run).steering, Distribution::default());
 }
 
 #[test]

@@ -45,7 +45,7 @@ fn neither_labels_nor_sequences_of_training_reach_into_what_is_held_out() {
     folder(dir.path(), 20, |row| if (5..10).contains(&row) { 0.5 } else { -1.0 });
     let smooth = |set| open(Selection { smooth: 9, ..Selection::of(dir.path()) }, set).unwrap();
     let training = smooth(Set::Training);
-    let center = training.samples.iter().filter(|sample| sample.camera == Camera::Center && sample.row < 10);
+    let center = training.samples.iter().filter(|sample| sample.camera == CameraPosition::Center && sample.row < 10);
     assert!(center.clone().all(|sample| sample.steering == 0.5), "{center:?}");
     assert_eq!(sequence(&training, 6), [5, 5, 5, 5, 6]);
     // What is measured is as a pilot would have seen it, and as the reference was computed.
@@ -62,7 +62,7 @@ fn labels_stay_within_the_rows_that_are_asked_for() {
     folder(dir.path(), 20, |row| if row < 8 { 0.5 } else { -1.0 });
     let selection = Selection { smooth: 9, rows: Some((5, 8)), ..Selection::of(dir.path()) };
     let samples = open(selection, Set::Training).unwrap();
-    assert!(samples.samples.iter().all(|s| s.camera != Camera::Center || s.steering == 0.5));
+    assert!(samples.samples.iter().all(|s| s.camera != CameraPosition::Center || s.steering == 0.5));
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn a_picture_that_is_not_there_is_no_sample_and_sequences_begin_anew_behind_it()
     fs::remove_file(gone).unwrap();
     let samples = open(Selection::of(dir.path()), Set::Training).unwrap();
     let of_row = |row| samples.samples.iter().filter(|s| s.row == row).map(|s| s.camera).collect::<Vec<_>>();
-    assert_eq!(of_row(7), [Camera::Left, Camera::Right]);
+    assert_eq!(of_row(7), [CameraPosition::Left, CameraPosition::Right]);
     assert_eq!(sequence(&samples, 9), [8, 8, 8, 8, 9]);
     assert_eq!(sequence(&samples, 6), [5, 5, 5, 5, 6]);
     for row in 5..10 {
