@@ -6,6 +6,8 @@
 
 Crates come from `cargo tree` for each platform that the program is built on, their texts from the sources that
 Cargo has fetched. What is used to build only (procedural macros, build scripts, tests) is not linked and not listed.
+Files of others that lie in the repository are those that .gitattributes calls vendored; a README.md beside them begins
+with name, version and licence, as in "uPlot 1.6.32 (MIT)".
 """
 import json
 import re
@@ -132,6 +134,17 @@ def clean(text):
     return "\n".join(line.rstrip() for line in text.replace("\f", "").replace("\r\n", "\n").split("\n")).strip()
 
 
+def vendored():
+    """Of each folder with files of others: name, version, licence, and its text."""
+    lines = (ROOT / ".gitattributes").read_text(encoding="utf-8").splitlines()
+    folders = sorted({Path(line.split()[0]).parent for line in lines if "linguist-vendored" in line.split()})
+    for folder in folders:
+        found = re.match(r"(\S+) (\S+) \((.+?)\)", (ROOT / folder / "README.md").read_text(encoding="utf-8"))
+        if not found:
+            raise SystemExit(f"notices: {folder}/README.md does not begin with name, version and (licence)")
+        yield *found.groups(), clean((ROOT / folder / "LICENSE").read_text(encoding="utf-8"))
+
+
 def heading(text):
     return f"\n{'=' * 100}\n{text}\n{'=' * 100}\n"
 
@@ -143,8 +156,11 @@ def notices():
     out.append(heading("Crates, and the licences under which they are used"))
     for package in crates:
         out.append(f"{package['name']} {package['version']}: {', '.join(chosen(package))}")
+    others = list(vendored())
+    out.append("\nFiles of others in the program, and in the pages that it writes:")
+    out += [f"{name} {version}: {licence}" for name, version, licence, _ in others]
     out.append("\n" + textwrap.fill("The Apache licence, version 2.0, stands in LICENSE-APACHE. The others follow, "
-                                    "each with the crates that it comes from.", 100))
+                                    "each with the crates or files that it comes from.", 100))
     by_text = {}
     for package in crates:
         licences = chosen(package)
@@ -155,6 +171,8 @@ def notices():
             by_text.setdefault(clean(path.read_text(encoding="utf-8")), []).append(f"{name} in {package['name']}")
         for text in found:
             by_text.setdefault(text, []).append(package["name"])
+    for name, _, _, text in others:
+        by_text.setdefault(text, []).append(name)
     for text, names in by_text.items():
         title = textwrap.fill(", ".join(dict.fromkeys(names)), 100)
         out += [heading(title), text + "\n"]
@@ -165,7 +183,7 @@ def main():
     wanted = notices()
     if sys.argv[1:] == ["--check"]:
         if not NOTICES.exists() or NOTICES.read_text(encoding="utf-8") != wanted:
-            sys.exit("notices: NOTICES is not what Cargo.lock asks for: run scripts/notices.py and commit it")
+            sys.exit("notices: NOTICES is not what Cargo.lock and .gitattributes ask for: run scripts/notices.py and commit it")
     elif sys.argv[1:]:
         sys.exit(__doc__)
     else:

@@ -2,7 +2,8 @@
 //!
 //! A [`Collector`] watches a run as the scorer does and keeps what is drawn: series thinned out to what a screen shows,
 //! and the pictures around each event. The page draws itself (`page.js`), so that a reader can choose what the line on
-//! the map is coloured by and read values off.
+//! the map is coloured by, read values off and zoom. Its charts (`charts.js`) are drawn by uPlot, which lies in `uplot/`
+//! as its authors ship it.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -19,8 +20,8 @@ use lapwing_core::{
     words::count as counted,
 };
 
-/// Points of a series that are drawn at most.
-const POINTS: usize = 6000;
+/// Points of a series that are drawn at most: half an hour at 10 Hz is whole, so that there is something to zoom into.
+const POINTS: usize = 20_000;
 /// Events that are shown with pictures at most; later ones are listed without.
 const PICTURED: usize = 60;
 /// Pictures of an event are so far from it, in seconds.
@@ -28,6 +29,15 @@ const AROUND_S: [f64; 4] = [-1.0, -0.3, 0.0, 0.7];
 
 /// A place counts for telemetries within so many seconds.
 const APART_S: f64 = 0.1;
+
+/// Decimals that are kept of a number: a page shows fewer, and all digits would make up half of its size.
+const DECIMALS: i32 = 3;
+
+/// uPlot as its authors ship it: which version, and how to take a newer one, is said in `uplot/README.md`.
+const UPLOT: &str = include_str!("uplot/uPlot.iife.min.js");
+const UPLOT_STYLE: &str = include_str!("uplot/uPlot.min.css");
+/// It asks to go with every copy, and each page is one.
+const UPLOT_LICENCE: &str = include_str!("uplot/LICENSE");
 
 /// Both edges of a road as seen from above: x and z in metres, in the telemetry's axes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -97,16 +107,15 @@ impl Collector {
         match item {
             Item::Telemetry(telemetry) => {
                 let truth = &telemetry.truth;
-                self.drawn.t.push(t as f32);
-                self.drawn.speed.push(telemetry.speed.get() as f32);
-                self.drawn.steering.push(telemetry.steering.get() as f32);
-                self.drawn.cte.push(truth.cte.map(|cte| cte.get() as f32));
-                self.drawn.at.push(truth.position.map(|[x, _, z]| [x.get() as f32, z.get() as f32]));
+                self.drawn.t.push(short(t));
+                self.drawn.speed.push(short(telemetry.speed.get()));
+                self.drawn.steering.push(short(telemetry.steering.get()));
+                self.drawn.cte.push(truth.cte.map(|cte| short(cte.get())));
+                self.drawn.at.push(truth.position.map(|[x, _, z]| [short(x.get()), short(z.get())]));
             }
             Item::Frame(jpeg) => self.picture(t, jpeg),
             Item::Command(command) => {
-                let ms = |ns: u64| ns as f32 / 1e6;
-                self.drawn.answers.extend(command.latency_ns.map(|ns| [t as f32, ms(ns)]));
+                self.drawn.answers.extend(command.latency_ns.map(|ns| [short(t), short(ns as f64 / 1e6)]));
             }
             Item::Event(event) => self.event(t, event),
         }
@@ -163,6 +172,12 @@ impl Collector {
         self.drawn.answers = self.drawn.answers.chunks(every).filter_map(slowest).collect();
         self.drawn
     }
+}
+
+/// A number of a series with the decimals that are kept.
+fn short(value: f64) -> f32 {
+    let power = 10f64.powi(DECIMALS);
+    ((value * power).round() / power) as f32
 }
 
 /// An event for people; none where a page has no use for it.
@@ -236,8 +251,17 @@ pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
     let page = ScorePage { runs: runs.iter().map(Estimated::of).collect(), figures: Figure::described() };
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
-    let page = include_str!("page.html").replace("/*STYLE*/", include_str!("page.css"));
-    Ok(page.replace("/*SCRIPT*/", include_str!("page.js")).replace("/*DATA*/", &data))
+    let uplot = format!("/*\n{UPLOT_LICENCE}*/\n{UPLOT}");
+    let style = format!("{UPLOT_STYLE}\n{}", include_str!("page.css"));
+    // The data last: a run may hold any text, such as the name of a place in the page.
+    let parts = [
+        ("/*STYLE*/", &*style),
+        ("/*UPLOT*/", &*uplot),
+        ("/*CHARTS*/", include_str!("charts.js")),
+        ("/*PAGE*/", include_str!("page.js")),
+        ("/*DATA*/", &*data),
+    ];
+    Ok(parts.iter().fold(include_str!("page.html").to_owned(), |page, (place, part)| page.replace(place, part)))
 }
 
 #[cfg(test)]

@@ -62,14 +62,42 @@ fn a_run_that_tells_no_position_is_drawn_where_it_seems_to_have_been() {
 
 #[test]
 fn no_text_of_a_run_gets_out_of_its_place_in_the_page() {
-    let drawn = drawn(&[(1.0, EventRecord::Note { text: "</script><b>/*SCRIPT*/".into() })]);
+    let drawn = drawn(&[(1.0, EventRecord::Note { text: "</script><b>/*PAGE*/".into() })]);
     let card = Scorer::default().finish();
     let shown = Shown { title: "a".into(), card: &card, drawn: &drawn, outline: None, missed: vec![] };
     let page = render(&[shown]).unwrap();
-    assert_eq!(page.matches("</script>").count(), 2);
-    assert!(page.contains("\\u003c/script>\\u003cb>/*SCRIPT*/"));
+    assert_eq!(page.matches("</script>").count(), 4);
+    assert!(page.contains("\\u003c/script>\\u003cb>/*PAGE*/"));
     let data = page.split(r#"id="data">"#).nth(1).unwrap().split("</script>").next().unwrap();
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
     assert_eq!(data["runs"][0]["card"]["schema"], SCHEMA);
-    assert_eq!(data["runs"][0]["drawn"]["events"][0]["words"], "</script><b>/*SCRIPT*/");
+    assert_eq!(data["runs"][0]["drawn"]["events"][0]["words"], "</script><b>/*PAGE*/");
+}
+
+#[test]
+fn a_page_is_one_file_with_everything_in_it() {
+    let (drawn, card) = (drawn(&[]), Scorer::default().finish());
+    let page =
+        render(&[Shown { title: "a".into(), card: &card, drawn: &drawn, outline: None, missed: vec![] }]).unwrap();
+    for part in [UPLOT, UPLOT_STYLE, UPLOT_LICENCE, include_str!("charts.js"), include_str!("page.js")] {
+        assert!(page.contains(part), "{:.60}", part);
+    }
+    for place in ["/*STYLE*/", "/*UPLOT*/", "/*CHARTS*/", "/*PAGE*/", "/*DATA*/"] {
+        assert!(!page.contains(place), "{place} is empty");
+    }
+    // Nothing is fetched.
+    let tags = ["<link", "<script src", "@import", "url(", "fetch(", "XMLHttpRequest", "import("];
+    assert_eq!(tags.map(|tag| page.contains(tag)), [false; 7]);
+}
+
+#[test]
+fn uplot_is_as_its_authors_ship_it() {
+    let readme = include_str!("uplot/README.md");
+    let version = readme.split_whitespace().nth(1).unwrap();
+    assert!(UPLOT.starts_with(&format!("/*! https://github.com/leeoniya/uPlot (v{version}) */")), "{version}");
+    let files = [("uPlot.iife.min.js", UPLOT), ("uPlot.min.css", UPLOT_STYLE), ("LICENSE", UPLOT_LICENCE)];
+    for (name, text) in files {
+        let line = format!("{}  {name}", lapwing_core::hash::sha256(text));
+        assert!(readme.lines().any(|told| told == line), "{line}");
+    }
 }
