@@ -13,10 +13,17 @@
 //! | [`evaluate`] | models held against data sets |
 //!
 //! # Example
-//! ```no_run
-//! let model = lapwing_learn::models::load("models/pilotnet.safetensors", std::time::Instant::now)?;
-//! println!("{}", model.name());
-//! let _pilot = model.pilot();
+//! The shipped PilotNet, asked for one picture's steering:
+//! ```
+//! use std::time::Instant;
+//! use lapwing_core::{perception::Frame, pilot::View};
+//! use lapwing_learn::models;
+//!
+//! let model = models::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/pilotnet.safetensors"), Instant::now)?;
+//! let mut pilot = model.pilot();
+//! let grey = Frame::new(320, 160, vec![128; 320 * 160 * 3]).ok_or("a picture of another size")?;
+//! let prediction = pilot.steer(&View::of(&grey))?;
+//! assert!(prediction.steering.abs() < 1.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

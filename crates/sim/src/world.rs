@@ -5,26 +5,29 @@
 //! time of day, so the same [`Setup`] under the same answers is the same to the
 //! last byte, however fast it runs.
 
-use std::{convert::Infallible, fmt, sync::Arc, time::Duration};
+mod consequences;
+mod sensor;
+mod setup;
+
+pub use setup::{Ending, Human, Setup};
+
+use std::{convert::Infallible, time::Duration};
 
 use bytes::Bytes;
 use glam::DVec3;
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 
+use self::sensor::Sensor;
 use super::{
-    camera::{Camera, JPEG_QUALITY, Renderer, Scenery, Shot, encode_jpeg},
+    camera::{Camera, JPEG_QUALITY, Renderer, Shot, encode_jpeg},
     collision_course::time_to_collision,
-    conditions::Conditions,
     expert::{Expert, path_ahead},
-    judge::{Hit, Judge, Verdict},
-    scenario::{Scenario, ScenarioError},
-    track::{Place, Track},
+    judge::{Judge, Verdict},
+    scenario::ScenarioError,
+    track::Place,
     traffic::Traffic,
     vehicle::{self, Car, Ground},
 };
 use lapwing_core::{
-    config::{OnCrash, Rules},
     drive::Eventful,
     motion::turn,
     perception::Frame,
@@ -35,100 +38,8 @@ use lapwing_core::{
 
 /// Grip beside the road, as a share of the grip on it.
 const GRIP_BESIDE: f64 = 0.6;
-/// How long a car that hit something stands there before the run ends or it is put back, in seconds.
-const WRECKED_S: f64 = 1.0;
 /// Beyond this far from the road's edge nobody comes back, in metres: 7.0 m from the middle in one of the forks.
 const LOST_M: f64 = 7.0;
-
-/// A human who takes the wheel once: the expert, behind the wheel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Human {
-    /// When, in seconds of the run.
-    pub from_s: f64,
-    /// For how long, in seconds.
-    pub for_s: f64,
-    /// How fast.
-    pub speed: Mph,
-}
-
-/// Everything that a run depends on but the answers.
-#[derive(Debug, Clone)]
-pub struct Setup {
-    /// The road.
-    pub track: Arc<Track>,
-    /// What stands along it. Built once for any number of runs: [`Scenery::new`].
-    pub scenery: Arc<Scenery>,
-    /// Other traffic.
-    pub scenario: Option<Scenario>,
-    /// Light, weather, and what ails the camera.
-    pub conditions: Conditions,
-    /// Of everything random.
-    pub seed: u64,
-    /// Telemetries a second of the run.
-    pub hz: f64,
-    /// Laps after which it ends.
-    pub laps: Option<u32>,
-    /// Time after which it ends, in seconds of the run.
-    pub longest_s: Option<f64>,
-    /// What happens after a crash.
-    pub on_crash: OnCrash,
-    /// What counts as one.
-    pub rules: Rules,
-    /// A human who takes the wheel.
-    pub human: Option<Human>,
-    /// Tell only what the stock build reports.
-    pub stock: bool,
-}
-
-impl Setup {
-    /// One lap in fair weather, without other traffic.
-    pub fn new(track: Arc<Track>, scenery: Arc<Scenery>) -> Self {
-        Self {
-            track,
-            scenery,
-            scenario: None,
-            conditions: Conditions::default(),
-            seed: 0,
-            hz: 15.0,
-            laps: Some(1),
-            longest_s: None,
-            on_crash: OnCrash::Stop,
-            rules: Rules::default(),
-            human: None,
-            stock: false,
-        }
-    }
-}
-
-/// Why a run ended.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Ending {
-    /// All laps are driven.
-    LapsDone,
-    /// The time limit is reached.
-    TimeOver,
-    /// The car hit something.
-    Collision(String),
-    /// The car went further off the road than anyone comes back from.
-    Lost,
-    /// The car does not get away.
-    Stuck,
-    /// Somebody pressed Ctrl-C.
-    Interrupted,
-}
-
-impl fmt::Display for Ending {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::LapsDone => write!(f, "all laps driven"),
-            Self::TimeOver => write!(f, "time limit reached"),
-            Self::Collision(with) => write!(f, "collision with {with}"),
-            Self::Lost => write!(f, "far off the road"),
-            Self::Stuck => write!(f, "stuck"),
-            Self::Interrupted => write!(f, "interrupted"),
-        }
-    }
-}
 
 /// The world.
 pub struct Simulation {
@@ -153,13 +64,6 @@ pub struct Simulation {
     announced_end: bool,
     verdicts: Vec<Verdict>,
     events: Vec<(Duration, EventRecord)>,
-}
-
-/// What ails the camera in time: latency and dropped frames.
-struct Sensor {
-    /// Pictures with the time that they were taken, oldest first.
-    pictures: std::collections::VecDeque<(f64, Bytes)>,
-    random: ChaCha8Rng,
 }
 
 impl Simulation {
@@ -192,10 +96,7 @@ impl Simulation {
             expert: Expert::default(),
             renderer: Renderer::new(setup.scenery.clone()),
             frame: Frame::default(),
-            sensor: Sensor {
-                pictures: Default::default(),
-                random: ChaCha8Rng::seed_from_u64(setup.seed ^ 0x5e15_0d0f_5e15_0d0f),
-            },
+            sensor: Sensor::new(setup.seed),
             car,
             place,
             traffic,
@@ -349,64 +250,6 @@ impl Simulation {
         }
     }
 
-    fn judged(&mut self, t: f64, verdict: Verdict) {
-        let at = Duration::from_secs_f64(t);
-        let event = match verdict {
-            Verdict::Waypoint(_) => return,
-            Verdict::Lap { number, time_s } => {
-                if self.setup.laps.is_some_and(|laps| number >= laps) {
-                    self.end(Ending::LapsDone);
-                }
-                EventRecord::Lap { number, time_s }
-            }
-            Verdict::Collision { with, speed } => {
-                let with = name_of(&with);
-                let own_mph = Some(std::mem::take(&mut self.car.speed).abs() / MPS_PER_MPH);
-                if self.wrecked.is_none() {
-                    let until = self.steps + (WRECKED_S / vehicle::STEP_S) as u64;
-                    self.wrecked = Some((until, Ending::Collision(with.clone())));
-                }
-                EventRecord::Collision { with, speed_mph: speed / MPS_PER_MPH, own_mph }
-            }
-            Verdict::OffRoad { offset_m } => {
-                if self.setup.on_crash == OnCrash::Reset && self.wrecked.is_none() {
-                    self.wrecked = Some((self.steps + 1, Ending::Lost));
-                }
-                EventRecord::OffRoad { offset_m }
-            }
-            Verdict::BackOnRoad { after_s } => EventRecord::BackOnRoad { after_s },
-            Verdict::Stuck => {
-                if self.wrecked.is_none() {
-                    self.wrecked = Some((self.steps + 1, Ending::Stuck));
-                }
-                EventRecord::Stuck
-            }
-            Verdict::Moving => EventRecord::Moving,
-            Verdict::WrongWay => EventRecord::WrongWay,
-            Verdict::RightWay => EventRecord::RightWay,
-        };
-        self.events.push((at, event));
-    }
-
-    /// After a crash: the end, or the next waypoint.
-    fn crashed(&mut self, why: Ending) {
-        self.wrecked = None;
-        match self.setup.on_crash {
-            OnCrash::Stop => self.end(why),
-            OnCrash::Reset => {
-                let s = self.judge.next_waypoint_s(&self.setup.track);
-                let waypoint = (self.judge.waypoint() + 1) % self.judge.waypoints();
-                let offset = self.setup.track.file().driving_line_m;
-                self.place = self.setup.track.locate(self.setup.track.point(s, offset), Some(s));
-                self.car = Car::default();
-                stand(&mut self.car, &self.place);
-                self.judge.put(self.time_s());
-                let at = Duration::from_secs_f64(self.time_s());
-                self.events.push((at, EventRecord::Reset { waypoint: waypoint as u32 }));
-            }
-        }
-    }
-
     fn telemetry(&mut self) -> Telemetry {
         let taken = self.picture(&Camera::CENTER);
         let image = self.sensor.see(self.time_s(), taken, &self.setup.conditions);
@@ -501,24 +344,6 @@ impl World for Simulation {
     }
 }
 
-impl Sensor {
-    /// What arrives now of a picture taken now.
-    fn see(&mut self, t: f64, taken: Bytes, conditions: &Conditions) -> Bytes {
-        if conditions.latency_ms <= 0.0 && conditions.dropped <= 0.0 {
-            return taken;
-        }
-        let chance = f64::from(self.random.next_u32()) / f64::from(u32::MAX);
-        if self.pictures.is_empty() || chance >= conditions.dropped {
-            self.pictures.push_back((t, taken));
-        }
-        let newest_allowed = t - conditions.latency_ms / 1000.0;
-        while self.pictures.len() > 1 && self.pictures[1].0 <= newest_allowed + 1e-9 {
-            self.pictures.pop_front();
-        }
-        self.pictures[0].1.clone()
-    }
-}
-
 fn shot<'a>(setup: &'a Setup, car: &'a Car, traffic: &'a Option<Traffic>, steps: u64) -> Shot<'a> {
     Shot {
         car,
@@ -535,11 +360,4 @@ fn stand(car: &mut Car, place: &Place) {
     car.position = station.position + station.right() * place.offset;
     car.yaw = station.yaw;
     car.pitch = station.grade.atan();
-}
-
-fn name_of(hit: &Hit) -> String {
-    match hit {
-        Hit::Actor { kind, .. } => kind.to_string(),
-        Hit::Wall(edge) => edge.to_string(),
-    }
 }

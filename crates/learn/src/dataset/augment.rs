@@ -300,3 +300,6 @@ impl Rectangle {
         (left, left + wide, top, top + tall, self.value)
     }
 }
+
+#[cfg(test)]
+mod tests;

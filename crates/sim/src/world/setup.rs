@@ -1,0 +1,99 @@
+//! What a run depends on, and why it ended.
+
+use std::{fmt, sync::Arc};
+
+use crate::{camera::Scenery, conditions::Conditions, scenario::Scenario, track::Track};
+use lapwing_core::{
+    config::{OnCrash, Rules},
+    units::Mph,
+};
+
+/// A human who takes the wheel once: the expert, behind the wheel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Human {
+    /// When, in seconds of the run.
+    pub from_s: f64,
+    /// For how long, in seconds.
+    pub for_s: f64,
+    /// How fast.
+    pub speed: Mph,
+}
+
+/// Everything that a run depends on but the answers.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// The road.
+    pub track: Arc<Track>,
+    /// What stands along it. Built once for any number of runs: [`Scenery::new`].
+    pub scenery: Arc<Scenery>,
+    /// Other traffic.
+    pub scenario: Option<Scenario>,
+    /// Light, weather, and what ails the camera.
+    pub conditions: Conditions,
+    /// Of everything random.
+    pub seed: u64,
+    /// Telemetries a second of the run.
+    pub hz: f64,
+    /// Laps after which it ends.
+    pub laps: Option<u32>,
+    /// Time after which it ends, in seconds of the run.
+    pub longest_s: Option<f64>,
+    /// What happens after a crash.
+    pub on_crash: OnCrash,
+    /// What counts as one.
+    pub rules: Rules,
+    /// A human who takes the wheel.
+    pub human: Option<Human>,
+    /// Tell only what the stock build reports.
+    pub stock: bool,
+}
+
+impl Setup {
+    /// One lap in fair weather, without other traffic.
+    pub fn new(track: Arc<Track>, scenery: Arc<Scenery>) -> Self {
+        Self {
+            track,
+            scenery,
+            scenario: None,
+            conditions: Conditions::default(),
+            seed: 0,
+            hz: 15.0,
+            laps: Some(1),
+            longest_s: None,
+            on_crash: OnCrash::Stop,
+            rules: Rules::default(),
+            human: None,
+            stock: false,
+        }
+    }
+}
+
+/// Why a run ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ending {
+    /// All laps are driven.
+    LapsDone,
+    /// The time limit is reached.
+    TimeOver,
+    /// The car hit something.
+    Collision(String),
+    /// The car went further off the road than anyone comes back from.
+    Lost,
+    /// The car does not get away.
+    Stuck,
+    /// Somebody pressed Ctrl-C.
+    Interrupted,
+}
+
+impl fmt::Display for Ending {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::LapsDone => write!(f, "all laps driven"),
+            Self::TimeOver => write!(f, "time limit reached"),
+            Self::Collision(with) => write!(f, "collision with {with}"),
+            Self::Lost => write!(f, "far off the road"),
+            Self::Stuck => write!(f, "stuck"),
+            Self::Interrupted => write!(f, "interrupted"),
+        }
+    }
+}
