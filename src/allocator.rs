@@ -1,35 +1,34 @@
-//! Rust's own large blocks of memory, straight from the system and straight back.
+//! Takes Rust's own large blocks of memory directly from the system, and returns them directly.
 //!
-//! libtorch's tensors and everything else share glibc's allocator, and libtorch
-//! wants it to keep what it has ([`keep_tensor_memory`](lapwing_learn::nn::runtime::keep_tensor_memory)):
-//! a large message would stay for good, once for each thread that ever had one.
-//! Rust's blocks from 1 MiB on are messages, pictures and files, which come and
-//! go; mapped one by one they are gone with whom they belonged to, and growing
-//! one copies nothing. libtorch does not allocate by Rust and is not concerned.
+//! libtorch's tensors and everything else share glibc's allocator, and libtorch needs it to keep its memory
+//! ([`keep_tensor_memory`](lapwing_learn::nn::runtime::keep_tensor_memory)): the memory of a large message would stay
+//! forever, once for each thread that ever had one. Rust's blocks of 1 MiB or more are messages, pictures and files,
+//! which come and go; mapped one by one they are released with their owner, and growing one copies nothing. libtorch
+//! does not allocate through Rust and is not affected.
 
 use std::alloc::{GlobalAlloc, System};
 
 #[cfg(target_os = "linux")]
 use std::{alloc::Layout, ptr};
 
-/// Blocks from so many bytes on are mapped. A telemetry's are 21 KB, a frame's 154 KB.
+/// Blocks of at least this many bytes are mapped. A telemetry has 21 KB, a frame 154 KB.
 #[cfg(target_os = "linux")]
 const LARGE: usize = 1 << 20;
 
-/// The allocator of a program: the system's, but for large blocks.
+/// The allocator of a program: the system's, except for large blocks.
 #[derive(Debug)]
 pub struct Allocator;
 
 #[cfg(target_os = "linux")]
 fn is_mapped(layout: Layout) -> bool {
-    // A mapping begins on a page; nothing here asks for more.
+    // A mapping begins on a page; nothing here needs a larger alignment.
     layout.size() >= LARGE && layout.align() <= 4096
 }
 
 #[cfg(target_os = "linux")]
 fn map(size: usize) -> *mut u8 {
     let (access, kind) = (libc::PROT_READ | libc::PROT_WRITE, libc::MAP_PRIVATE | libc::MAP_ANONYMOUS);
-    // SAFETY: a new mapping that overlays none.
+    // SAFETY: a new mapping that does not overlay another.
     let at = unsafe { libc::mmap(ptr::null_mut(), size, access, kind, -1, 0) };
     if at == libc::MAP_FAILED { ptr::null_mut() } else { at.cast() }
 }
@@ -39,30 +38,31 @@ fn map(size: usize) -> *mut u8 {
 #[cfg(target_os = "linux")]
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: as the caller has it.
+        // SAFETY: the caller upholds the contract.
         if is_mapped(layout) { map(layout.size()) } else { unsafe { System.alloc(layout) } }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: as the caller has it; a new mapping is all zeros.
+        // SAFETY: the caller upholds the contract; a new mapping is all zeros.
         if is_mapped(layout) { map(layout.size()) } else { unsafe { System.alloc_zeroed(layout) } }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
         if is_mapped(layout) {
-            // SAFETY: it was mapped with this size. It fails only where the system is out of mappings, and leaks then.
+            // SAFETY: it was mapped with this size. It fails only if the system is out of mappings; the block then
+            // leaks.
             unsafe { libc::munmap(block.cast(), layout.size()) };
         } else {
-            // SAFETY: as the caller has it.
+            // SAFETY: the caller upholds the contract.
             unsafe { System.dealloc(block, layout) }
         }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller sees to it that the size does not overflow when rounded up to the alignment.
+        // SAFETY: the caller ensures that the size does not overflow when rounded up to the alignment.
         let new = unsafe { Layout::from_size_align_unchecked(size, layout.align()) };
         match (is_mapped(layout), is_mapped(new)) {
-            // SAFETY: as the caller has it.
+            // SAFETY: the caller upholds the contract.
             (false, false) => unsafe { System.realloc(block, layout, size) },
             (true, true) => {
                 // SAFETY: it was mapped with this size.
@@ -70,7 +70,7 @@ unsafe impl GlobalAlloc for Allocator {
                 if at == libc::MAP_FAILED { ptr::null_mut() } else { at.cast() }
             }
             _ => {
-                // SAFETY: two blocks of at least the smaller size, and the old one is given up only once it is copied.
+                // SAFETY: two blocks of at least the smaller size, and the old one is freed only after it is copied.
                 unsafe {
                     let at = self.alloc(new);
                     if !at.is_null() {
@@ -84,16 +84,16 @@ unsafe impl GlobalAlloc for Allocator {
     }
 }
 
-// SAFETY: the system's allocator as it is.
+// SAFETY: the system's allocator, unchanged.
 #[cfg(not(target_os = "linux"))]
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: std::alloc::Layout) -> *mut u8 {
-        // SAFETY: as the caller has it.
+        // SAFETY: the caller upholds the contract.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: std::alloc::Layout) {
-        // SAFETY: as the caller has it.
+        // SAFETY: the caller upholds the contract.
         unsafe { System.dealloc(block, layout) }
     }
 }

@@ -32,10 +32,10 @@ pub enum CourseError {
     /// Settings that cannot be used.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// A world that there is not.
+    /// A world that cannot be set up.
     #[error("{0}")]
     Spec(#[from] SpecError),
-    /// A track that there is not.
+    /// A track that cannot be opened.
     #[error("{0}")]
     Track(#[from] TrackError),
     /// A scenario that does not fit its track.
@@ -52,28 +52,28 @@ pub enum CourseError {
         /// Why not.
         source: io::Error,
     },
-    /// The drive broke off.
+    /// The drive was interrupted.
     #[error("{0}")]
     Drive(#[from] TurnError<Infallible>),
 }
 
-/// What all drives of a suite share.
+/// The state that all drives of a suite share.
 pub struct SimulatedCourse {
     layers: Layers,
     models: BTreeMap<String, LoadedModel>,
     /// The hash of each track's file.
     tracks: BTreeMap<String, Option<String>>,
-    /// Of each pilot, the hash of what is next to its model.
+    /// For each pilot, the hash of the file next to its model.
     beside: BTreeMap<String, Option<String>>,
 }
 
 impl SimulatedCourse {
-    /// Of a suite, under these settings, with the models of its pilots by their names; see [`model_of`].
+    /// The course of a suite, under these settings, with the models of its pilots by name; see [`model_of`].
     ///
     /// # Errors
-    /// [`CourseError`], where a track or a file beside a model cannot be read.
+    /// [`CourseError`], if a track or a file beside a model cannot be read.
     pub fn new(suite: &Suite, layers: Layers, models: BTreeMap<String, LoadedModel>) -> Result<Self, CourseError> {
-        // What is wrong with a track is said before the first drive, not hours later.
+        // Errors in a track are reported before the first drive, not hours later.
         let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
         let tracks = tracks.collect::<Result<_, CourseError>>()?;
         let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
@@ -131,14 +131,14 @@ impl suite::Course for SimulatedCourse {
     }
 }
 
-/// Whether another seed makes other pictures of a cell: its conditions say so.
+/// Whether another seed would change a cell's pictures, judging by its conditions.
 pub fn left_to_chance(cell: &Cell) -> bool {
     let conditions = serde_json::from_value(cell.world["conditions"].clone());
-    // Of conditions of another version nobody knows.
+    // Conditions of another version may depend on chance.
     conditions.map_or(true, |conditions: Conditions| conditions.left_to_chance())
 }
 
-/// The model of one who drives; none of the expert.
+/// The model of a contestant; none for the expert.
 ///
 /// # Errors
 /// [`ModelError`].
@@ -150,14 +150,14 @@ pub fn model_of(pilot: &Contestant) -> Result<Option<LoadedModel>, ModelError> {
     })
 }
 
-/// The hash of a track's file; of one that comes with Lapwing none.
+/// The hash of a track's file; none for one that comes with Lapwing.
 fn track_sha256(track: &str) -> Result<Option<String>, CourseError> {
     Track::open(track)?;
     let path = Path::new(track);
     path.is_file().then(|| sha256_of(path)).transpose()
 }
 
-/// The hash of what is next to a TorchScript model and says how its frames are prepared.
+/// The hash of the file next to a TorchScript model that says how its frames are prepared.
 fn beside(pilot: &Contestant) -> Result<Option<String>, CourseError> {
     let script = pilot.model.as_ref().filter(|path| models::is_torchscript(path));
     script.map(|path| sha256_of(&path.with_extension("toml"))).transpose()
@@ -213,7 +213,7 @@ mod tests {
             assert_eq!(seeds("network", conditions), expected, "{conditions}");
             assert_eq!(seeds("expert", conditions), [3], "{conditions}: it looks at no picture");
         }
-        // What is driven goes by the name that it has without the others.
+        // The drive has the same name as without the others.
         let alone = cells_of(&SUITE.replace("[7, 3, 5]", "[3]"));
         assert_eq!(alone.len(), 8);
         assert!(alone.iter().all(|cell| cells.contains(cell)));

@@ -1,4 +1,4 @@
-//! Tracks as scores need them: roads that drives are found on again, and their outlines on a page.
+//! Tracks as scoring needs them: known roads on which drives are located, and their outlines on a page.
 
 use std::{cell::OnceCell, sync::Arc};
 
@@ -16,8 +16,8 @@ use lapwing_sim::{
 /// Metres between points of a road's edge on a page.
 const OUTLINE_M: f64 = 3.0;
 
-/// Roads that a run may be on which does not say: the tracks that come with Lapwing, and others. They are made once they
-/// are asked for.
+/// Roads that a run may be on if it does not say: the tracks that come with Lapwing, and others. They are made on first
+/// use.
 #[derive(Debug, Default)]
 pub struct Roads {
     more: Vec<String>,
@@ -25,7 +25,7 @@ pub struct Roads {
 }
 
 impl Roads {
-    /// Those that come with Lapwing, and more, named as for [`Track::open`].
+    /// The roads that come with Lapwing, and more, named as for [`Track::open`].
     pub fn with(more: &[String]) -> Self {
         Self { more: more.to_owned(), known: OnceCell::new() }
     }
@@ -42,7 +42,7 @@ impl Roads {
         Ok(self.known.get_or_init(|| known))
     }
 
-    /// The track that calls itself so, if it is known.
+    /// The track of this name, if it is known.
     pub fn track(&self, name: &str) -> Option<Track> {
         let known = |track: &Track| track.file().name == name;
         Track::open(name).ok().or_else(|| self.names().filter_map(|name| Track::open(name).ok()).find(known))
@@ -62,7 +62,7 @@ pub fn outline(track: &Track) -> Outline {
     Outline { left: edge(-track.half_width()), right: edge(track.half_width()) }
 }
 
-/// Where a run that tells no position seems to have been: seconds, and places on the line to drive.
+/// Where a run without positions seems to have been: seconds, and places on the line to drive.
 pub fn whereabouts(card: &Scorecard, track: &Track) -> Vec<(f64, [f32; 2])> {
     card.whereabouts.iter().map(|(at, s)| (*at, from_above(track.on_driving_line(*s).position))).collect()
 }
@@ -71,7 +71,7 @@ fn from_above(point: DVec3) -> [f32; 2] {
     [point.x as f32, point.z as f32]
 }
 
-/// The road of a track, named as for [`Track::open`], by the line that one drives on it, with what one sees at its start.
+/// The road of a track, named as for [`Track::open`], by its driving line, with the look of its start.
 ///
 /// # Errors
 /// Those of [`Track::open`].

@@ -12,18 +12,20 @@
 //! | crate | holds | knows, of the others |
 //! |---|---|---|
 //! | [`lapwing_core`] | the simulator's text, frames, pilots, controllers, the driver, runs on disk | |
-//! | [`lapwing_sim`] | the headless simulator: roads, car, traffic, camera, weather; a recording as a closed-loop world | `core` |
+//! | [`lapwing_sim`] | the headless simulator: roads, car, traffic, camera, weather; recordings as closed-loop worlds |
+//! `core` |
 //! | [`lapwing_score`] | figures, estimates, scorecards, suites, pages, drawings | `core` |
 //! | [`lapwing_learn`] | networks, models, data sets, training: the only one that knows libtorch | `core`, `score` for its charts |
 //! | [`lapwing_live`] | the server | `core`, `score` |
-//! | here: [`cli`], [`commands`] | clap types; one file a verb | all |
+//! | here: [`cli`], [`commands`] | clap types; one file per verb | all |
 //! | [`course`] | suites, driven in our simulator by our models | `core`, `sim`, `score`, `learn` |
-//! | [`film`], [`map`], [`known`] | films and maps for people; tracks as roads that drives are found on again | `core`, `sim`, `score` |
+//! | [`film`], [`map`], [`known`] | films and maps for people; tracks as known roads, on which drives are located |
+//! `core`, `sim`, `score` |
 //! | [`doctor`] | whether this machine can drive: what `lapwing doctor` finds | `core`, `learn`, `live` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
 //!
 //! # Parts
-//! What is not wanted is not compiled:
+//! Features that are switched off are not compiled:
 //!
 //! | feature | verbs | needs |
 //! |---|---|---|
@@ -32,17 +34,17 @@
 //! | `simulator` | `drive`, `simulate`, `record`, `score`; only the expert drives without `networks` | nothing |
 //! | `films` | `--video FILE.mp4` | a C++ compiler, for OpenH264 |
 //!
-//! Each crate's `Cargo.toml` is the statement of what it may know. `tests/architecture.rs` holds what Cargo cannot see.
+//! Each crate's `Cargo.toml` states what it may know. `tests/architecture.rs` checks what Cargo cannot see.
 
 #![warn(missing_docs)]
-// In a build of a part, what only the parts left out would use.
+// A build without some features has code that only those would use.
 #![cfg_attr(
     not(all(feature = "bridge", feature = "films", feature = "simulator")),
     allow(dead_code, unused_imports, unused_mut)
 )]
 // As the workspace's lints, but for the tests, benches and examples of this package, which may panic and print.
 #![warn(clippy::unwrap_used, clippy::panic, clippy::todo, clippy::unimplemented)]
-// These panic where nobody reads any more; `commands::terminal` does not.
+// These panic if nobody reads any more; `commands::terminal` does not.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod allocator;

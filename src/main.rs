@@ -1,4 +1,4 @@
-//! The `lapwing` program: parses, dispatches, and says how it ended.
+//! The `lapwing` program: parses, dispatches, and returns the exit status.
 
 use std::process::ExitCode;
 
@@ -12,7 +12,7 @@ fn main() -> ExitCode {
     lapwing_learn::nn::runtime::keep_tensor_memory();
     match Cli::read(std::env::args_os()) {
         Ok(cli) => commands::run(cli),
-        // Wrong usage, or the help that was asked for, which is a result.
+        // Wrong usage; or requested help, which is a result.
         Err(told) => match (told.print(), told.use_stderr()) {
             (_, true) => ExitCode::from(2),
             (Ok(()), false) => ExitCode::SUCCESS,

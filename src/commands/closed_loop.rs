@@ -29,9 +29,9 @@ use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;
 use lapwing_sim::along::{Beside, RecordedWorld, Sources, Yaw};
 
-/// A film's pixels for each of the picture's, along and across.
+/// How many times larger a film is than the picture, along and across.
 const ENLARGED: usize = 2;
-/// An intervention shows in a film for so long, in seconds.
+/// How long an intervention is shown in a film, in seconds.
 const SHOWN_S: f64 = 0.5;
 
 pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     };
     let mut film = arguments.film.as_deref().map(|path| PilotFilm::new(path, &world)).transpose()?;
     let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
-    // Last, for whatever fails before leaves no run.
+    // Last, so that an earlier failure leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = arguments.recordings.as_deref().map(|dir| Recorder::create(dir, header, options)).transpose()?;
     let (mut bar, mut interrupted) = (ReplayBar::new(Some(rows as u64)), super::interrupted());
@@ -122,7 +122,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     Ok(ended)
 }
 
-/// A film of what the pilot sees, with where it is.
+/// A film of what the pilot sees, with its offset and heading.
 struct PilotFilm {
     film: Film,
     frame: Frame,
@@ -161,7 +161,7 @@ impl Observer<RecordedWorld> for PilotFilm {
                     .for_each(|p| p.copy_from_slice(&colour));
             }
         };
-        // A scale as wide as what is allowed: the path in its middle, the car's offset below, its heading as a dash.
+        // A scale as wide as the limit: the path in its middle, the car's offset below, its heading as a dash.
         let Beside { offset_m, heading_rad } = world.beside();
         let (middle, reach) = (width as f64 / 2.0, width as f64 / 4.0);
         let at_offset = middle + reach * offset_m / world.limit_m();

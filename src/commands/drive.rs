@@ -23,7 +23,7 @@ use lapwing_score::results::{InProcess, ScoredDrive, Simulated};
 use lapwing_score::score::{self, Figure};
 use lapwing_sim::world::Simulation;
 
-/// What the expert is called in a run.
+/// The expert's name in a run.
 const EXPERT: &str = "expert (pure pursuit on the known line)";
 
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -37,7 +37,8 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         layers = layers.set("--no-recording", "recording.enabled", false)?;
     }
     let mut settings = layers.resolve()?;
-    // libtorch rounds otherwise with another number of threads, and the same seed must give the same bytes everywhere.
+    // libtorch rounds differently with another number of threads, and the same seed must give the same bytes
+    // everywhere.
     settings.model.threads = 1;
     let mut setup = world::spec(&arguments.world, arguments.laps).setup(&settings.simulator)?;
     setup.stock = arguments.stock;
@@ -71,7 +72,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
     let mut driver = Driver::new(pilot, &settings.control, Instant::now);
     let mut simulation = Simulation::new(setup)?;
-    // Last, for whatever fails before leaves no run.
+    // Last, so that an earlier failure leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
     let mut bar = world::ProgressLine::new();

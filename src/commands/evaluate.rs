@@ -16,7 +16,7 @@ pub(super) fn run(arguments: cli::Evaluate) -> anyhow::Result<Ended> {
         None => models::built_in(Instant::now)?,
     };
     let evaluation = Evaluation::of(&model, file, &arguments.data, arguments.rows, arguments.before)?;
-    // What cannot be drawn takes nothing else with it.
+    // A failed drawing does not affect the other results.
     let plotted = arguments.plot.as_ref().map_or(Ok(()), |path| stack(&evaluation.charts(), 900, 420).write(path));
     if arguments.json {
         super::print(&super::sorted_json(&evaluation)?)?;

@@ -1,4 +1,4 @@
-//! One file a verb. Results go to stdout, diagnostics to stderr.
+//! One file per verb. Results go to stdout, diagnostics to stderr.
 
 #[macro_use]
 mod terminal;
@@ -66,7 +66,7 @@ use lapwing_core::{
     words::count,
 };
 
-/// How a verb ended, as the exit status tells it.
+/// How a verb ended, as shown by the exit status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Ended {
     Passed,
@@ -125,19 +125,19 @@ pub fn run(cli: Cli) -> ExitCode {
     }
 }
 
-/// An error with its causes, but those that it has told itself.
+/// An error with its causes, except those that its own message contains.
 fn told(error: &anyhow::Error) -> String {
     error.chain().skip(1).map(ToString::to_string).fold(error.to_string(), |told, cause| {
         if told.contains(cause.trim_end()) { told } else { format!("{told}: {cause}") }
     })
 }
 
-/// Ctrl-C, SIGTERM or a terminal that was closed, for a loop that is to end in an orderly way.
+/// Ctrl-C, SIGTERM or a terminal that was closed, for a loop that must end in an orderly way.
 #[derive(Clone)]
 struct Interrupted(Arc<AtomicBool>);
 
 impl Interrupted {
-    /// Whether the loop is to end.
+    /// Whether the loop should end.
     fn is_pressed(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -153,8 +153,8 @@ impl<W: ?Sized> Observer<W> for Interrupted {
     }
 }
 
-/// Listens for them from now on; a second Ctrl-C ends the program where it is. Verbs call it before they make
-/// anything that is to be closed.
+/// Listens for them from now on; a second Ctrl-C ends the program at once. Verbs call it before they make anything that
+/// has to be closed.
 fn interrupted() -> Interrupted {
     let pressed = Interrupted(Arc::default());
     let listen = || {
@@ -179,23 +179,23 @@ fn interrupted() -> Interrupted {
     pressed
 }
 
-/// The user's own settings, for all folders: `lapwing/lapwing.toml` where the XDG base directories have such files.
+/// The user's own settings, for all folders: `lapwing/lapwing.toml` in the place that the XDG base directories define.
 fn own_settings() -> Option<PathBuf> {
     let named = std::env::var_os("XDG_CONFIG_HOME").map(PathBuf::from).filter(|path| path.is_absolute());
     let folder = named.or_else(|| Some(std::env::home_dir()?.join(".config")))?;
     Some(folder.join("lapwing").join(config::FILE))
 }
 
-/// Takes over how large pictures may be, for verbs that have no other settings.
+/// Applies the limit on the size of pictures, for verbs that have no other settings.
 fn limit_pictures(config: Option<&Path>) -> anyhow::Result<()> {
     undriven_layers(config).map(drop).map_err(Into::into)
 }
 
-/// Settings files and environment. How large pictures may be holds for the whole process from here on.
+/// Settings files and environment. The limit on the size of pictures applies to the whole process from here on.
 fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
     let own = own_settings();
     let mut layers = own.as_deref().map_or_else(|| Ok(Layers::default()), |path| Layers::default().own_file(path))?;
-    // The user's own file stays the user's where it is named, or is in the folder.
+    // The user's own file still counts as the user's if it is named explicitly or is in the folder.
     let named = config.unwrap_or(Path::new(config::FILE));
     if !own.is_some_and(|own| is_same_file(&own, named)) {
         layers = layers.file(config)?;
@@ -205,7 +205,7 @@ fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
     Ok(layers)
 }
 
-/// Whether both are there, and one file.
+/// Whether both exist and are the same file.
 fn is_same_file(one: &Path, other: &Path) -> bool {
     fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
@@ -237,7 +237,7 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
     Ok(layers)
 }
 
-/// `HOST`, or `HOST:PORT`, as the latter; the port is the simulator's where none is given.
+/// Turns `HOST` or `HOST:PORT` into the latter, by default with the simulator's port.
 fn bridge_address(text: &str) -> Result<String, ConfigError> {
     let port = config::BridgeSettings::default().port;
     let bare = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
@@ -260,14 +260,14 @@ fn bridge_address(text: &str) -> Result<String, ConfigError> {
     }
 }
 
-/// Tells of answers that a real simulator would not have taken.
+/// Reports answers that a real simulator would not have taken.
 fn tell_ignored(lost: u64) {
     if lost > 0 {
         say!("the simulator would have ignored {} from the bridge", count(lost, "answer"));
     }
 }
 
-/// Ends the recording of a drive, whatever became of it. A run that tells nothing is none: its file is removed.
+/// Ends the recording of a drive, however it ended. The file of an empty run is removed.
 fn close(recorder: Recorder) -> Option<RecordingReport> {
     let report = recorder.finish();
     if report.telemetries > 0 {
@@ -279,7 +279,7 @@ fn close(recorder: Recorder) -> Option<RecordingReport> {
     None
 }
 
-/// Fails where a run is not whole.
+/// Fails if a run is not whole.
 fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
     let Some(RecordingReport { path, frames_not_recorded, items_not_recorded, error, .. }) = report else {
         return Ok(());

@@ -15,8 +15,8 @@ use lapwing_learn::{
 #[cfg(feature = "simulator")]
 use lapwing_sim::camera::{Camera, Lens};
 
-/// Refuses a model whose code would run because a file says so that anybody may have written. `has_flag` says whether
-/// the verb has `--model`.
+/// Refuses a model whose code would run only because a file that anybody may have written names it. `has_flag` says
+/// whether the verb has `--model`.
 pub(super) fn refuse_strangers_code(
     file: &str,
     model: &Path,
@@ -44,7 +44,7 @@ pub(super) fn allowing(layers: Layers, trust: &Trust) -> Result<Layers, ConfigEr
     }
 }
 
-/// Those, then the flags of the verbs whose model may think in several threads.
+/// Those, then the flags of the verbs whose model may use several threads.
 pub(super) fn thinking_layers(
     config: Option<&Path>,
     driving: &Driving,
@@ -57,7 +57,7 @@ pub(super) fn thinking_layers(
     }
 }
 
-/// Refuses a model whose crop the cameras of our own worlds cannot fill, before anything is driven.
+/// Before the drive, refuses a model whose crop the cameras of our own worlds cannot fill.
 #[cfg(feature = "simulator")]
 pub(super) fn suits_our_cameras(model: &LoadedModel) -> anyhow::Result<()> {
     let Lens { width, height, .. } = Camera::CENTER.lens;
@@ -65,13 +65,13 @@ pub(super) fn suits_our_cameras(model: &LoadedModel) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Loads the model that the settings name, or the one built in.
+/// Loads the model that the settings name, or the built-in one.
 pub(super) fn load_model(settings: &Settings) -> anyhow::Result<LoadedModel> {
     let model = match &settings.model.path {
         Some(path) => models::load(path, Instant::now)?,
         None => models::built_in(Instant::now)?,
     };
-    // Before any thread drives: each takes the number over at its first operation.
+    // Before any thread drives, as each adopts the number at its first operation.
     let chosen = NonZeroU16::new(settings.model.threads).map(NonZeroU16::get);
     if let Some(threads) = chosen.or(model.threads()) {
         runtime::set_threads(threads);

@@ -1,7 +1,7 @@
-//! What a verb gives: printed, or in a file; and what it tells besides.
+//! A verb's results, printed or in a file, and its diagnostics.
 //!
-//! A result that could not be given is a failure (exit status 1), whatever else became of the verb. What is to be written
-//! at the end is looked at before the beginning: its format, and whether there is a place for it.
+//! A result that could not be delivered is a failure (exit status 1), whatever else the verb achieved. Files to write
+//! at the end are checked before the beginning: their format, and whether they can be written.
 
 use std::{
     error::Error,
@@ -31,7 +31,7 @@ pub(super) struct Unprinted(io::Error);
 /// Prints a result, whole.
 ///
 /// # Errors
-/// [`Unprinted`], also if the person who reads it has closed the pipe.
+/// [`Unprinted`], also if the reader has closed the pipe.
 pub(super) fn print(text: &str) -> Result<(), Unprinted> {
     let mut stdout = io::stdout().lock();
     writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Unprinted)

@@ -18,7 +18,7 @@ pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Res
     Ok(ended)
 }
 
-/// Drives and records until all laps are driven, or nothing goes on; also says on which track.
+/// Drives and records until all laps are driven, or the drive ends; also returns the track.
 pub(super) fn record(
     arguments: &cli::Record,
     config: Option<&Path>,
@@ -27,7 +27,7 @@ pub(super) fn record(
     let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
     let setup = world::spec(&arguments.world, Some(arguments.laps)).setup(&settings.simulator)?;
     let mut simulation = Simulation::new(setup)?;
-    // Last, for whatever fails before leaves no log.
+    // Last, so that an earlier failure leaves no log.
     let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
     let options = RecordOptions { recovery: arguments.recovery, ..RecordOptions::at(Mph::saturating(arguments.speed)) };
     let bar = world::ProgressLine::new();

@@ -27,7 +27,7 @@ use lapwing_score::{results::Replayed, score::Scorecard};
 
 pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Result<Ended> {
     if let Some((threshold, _)) = arguments.thresholds.0.first() {
-        // What is only answered, and not driven, has no such figures.
+        // Without driving, there are no such figures.
         return Err(ConfigError::Value {
             layer: format!("--{}", threshold.flag()),
             why: "requires --closed-loop: without it nothing is driven".into(),
@@ -35,7 +35,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         .into());
     }
     let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
-    // Read before the work is done, so that a wrong file does not cost a whole replay.
+    // Read first, so that a wrong file does not waste a whole replay.
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
     arguments.write_golden.as_deref().map_or(Ok(()), outputs::check)?;
     let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
@@ -47,7 +47,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let source = arguments.source.display().to_string();
     let report = ReplayReport::new((source.clone(), driver.clone()), &answers, losses, (&times, wall));
     let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
-    // What cannot be written takes nothing else with it.
+    // A failed write does not affect the other results.
     let written = arguments.write_golden.as_ref().filter(|_| !too_many_bad).map_or(Ok(()), |path| {
         Golden::new(&source, &driver, &answers, here.clone()).write(path)?;
         say!("written: {}", path.display());
@@ -76,15 +76,15 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     Ok(ended)
 }
 
-/// What was answered, and how.
+/// The answers, and how they came about.
 struct ReplayAnswers {
     driver: String,
     answers: Vec<Answered>,
     times: Vec<Duration>,
-    /// Of the recording: [`Replay::losses`].
+    /// Losses of the recording: [`Replay::losses`].
     losses: (u64, Option<String>),
     wall: Duration,
-    /// Absent where a bridge answered, which does not say what it runs on.
+    /// Absent if a bridge answered, which does not say what it runs on.
     here: Option<Machine>,
 }
 
@@ -116,7 +116,7 @@ fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<ReplayAns
     Ok(ReplayAnswers { driver: model.name().to_owned(), answers, times, losses: replay.losses(), wall, here })
 }
 
-/// What is said of a replay that fails for its bad frames.
+/// The message for a replay that fails because of its bad frames.
 pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
     let most = MOST_BAD_FRAMES * 100.0;
     format!(
@@ -125,7 +125,7 @@ pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
     )
 }
 
-/// A line of progress through a recording, where somebody watches.
+/// A line of progress through a recording, if stderr is a terminal.
 pub(super) struct ReplayBar(ProgressBar);
 
 impl ReplayBar {

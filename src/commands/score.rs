@@ -1,4 +1,4 @@
-//! `lapwing score`: what recorded runs were worth.
+//! `lapwing score`: scores recorded runs.
 
 use std::{path::Path, time::Duration};
 
@@ -20,7 +20,7 @@ use lapwing_score::score::{
 };
 use lapwing_sim::track::Track;
 
-/// A run, and what a page shows of it, where one is asked for.
+/// A run, and what a page shows of it, if one is asked for.
 struct PagedRun {
     judged: JudgedRun,
     drawn: Option<(Drawn, Option<Outline>)>,
@@ -52,7 +52,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let judged: Vec<_> = runs.iter().map(|run| &run.judged).collect();
     let settings: Vec<_> = judged.iter().map(|run| (run.setting(), &run.card)).collect();
     let against = baseline.map(|baseline| baseline.compare(&settings));
-    // What cannot be written takes nothing else with it.
+    // A failed write does not affect the other results.
     let written = [
         arguments.junit.as_deref().map(|path| {
             let cases: Vec<_> = judged.iter().map(|run| (run.name(), &run.card, run.checks.clone())).collect();

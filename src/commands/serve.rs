@@ -37,7 +37,7 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
     let settings = layers.resolve()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("no runtime")?;
     let result = runtime.block_on(serve(settings, arguments.json));
-    // A model that is still loading need not be waited for.
+    // Do not wait for a model that is still loading.
     runtime.shutdown_background();
     result
 }
@@ -50,7 +50,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     let bridge = Bridge::new(settings.clone(), {
         let unprinted = unprinted.clone();
         move |summary| {
-            // The simulators are driven on; that a result is lost is told at once, and by the exit status.
+            // The simulators are driven on; a lost result is reported at once, and by the exit status.
             if let Err(error) = print(summary, json) {
                 say!("error: {error}");
                 unprinted.store(true, Ordering::Relaxed);
@@ -90,7 +90,7 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
     Ok(if unprinted.load(Ordering::Relaxed) { Ended::Failed } else { Ended::Passed })
 }
 
-/// Waits until the program is asked to end. A second Ctrl-C ends it where it is.
+/// Waits until the program is asked to end. A second Ctrl-C ends it at once.
 async fn end_asked_for(mut asked: Asked) {
     asked.first().await;
     say!("stopping: closing runs (press Ctrl-C again to exit at once)");
@@ -105,7 +105,7 @@ fn print(summary: &Summary, json: bool) -> Result<(), Unprinted> {
     }
 }
 
-/// Enter in the terminal arms pilots that a takeover has put off.
+/// Enter in the terminal arms pilots that a takeover has switched off.
 fn arm_on_enter(bridge: Arc<Bridge>) {
     if io::stdin().is_terminal() {
         std::thread::spawn(move || {

@@ -57,7 +57,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
     let report = match played {
         Ok(report) => report,
         Err(error) => {
-            // What was driven until then is still worth its pictures and its score.
+            // The drive so far still gets its pictures and its score.
             if answered {
                 finish(seen, &simulation, address, &arguments, &settings)?;
             }
@@ -96,7 +96,7 @@ fn finish(
     Ok(ended)
 }
 
-/// Those who look on, whoever drives.
+/// The observers, whoever drives.
 struct Onlookers {
     judge: BridgeScorer,
     pictures: world::Pictures,
@@ -105,7 +105,7 @@ struct Onlookers {
     interrupted: Interrupted,
 }
 
-/// Keeps step with the clock on the wall, if that is wanted since then.
+/// Keeps step with real time, if asked for, counted from this moment.
 struct Pace {
     began: Option<Instant>,
 }
@@ -128,13 +128,13 @@ impl<W: ?Sized> Observer<W> for Pace {
     }
 }
 
-/// The world while a bridge drives it. Its turns are not made here but over there, where the driver is: a bridge tells
-/// neither who answered nor how, may have several telemetries in hand, and may leave one without an answer. So those who
-/// look on are shown what is seen, when it is seen.
+/// The world while a bridge drives it. Its turns are made by the bridge, which reports neither who answered nor how,
+/// may be working on several telemetries, and may leave one unanswered. So observers are shown each observation when it
+/// is made.
 struct BridgedSimulation {
     simulation: Simulation,
     seen: Onlookers,
-    /// Whether anybody drove.
+    /// Whether the bridge ever answered.
     answered: bool,
 }
 
@@ -170,7 +170,7 @@ impl World for BridgedSimulation {
     }
 }
 
-/// The scorer, and what a bridge's driver would tell it: who has the wheel.
+/// The scorer, and who has the wheel, as a bridge's driver would report it.
 struct BridgeScorer {
     scorer: Scorer,
     handover: Handover,
@@ -198,7 +198,7 @@ impl BridgeScorer {
     }
 }
 
-/// Judges whoever drives as it judges a bridge, of whose answers it knows nothing.
+/// Judges every driver as it judges a bridge, whose answers it does not know.
 impl<W: ?Sized> Observer<W> for BridgeScorer {
     fn turn(&mut self, _: &W, turn: &Turn) -> Result<(), ObserverError> {
         self.sight(turn.at(), &turn.observation.sight);
@@ -222,7 +222,7 @@ mod tests {
     use lapwing_score::score::{Figure, Scorecard};
     use lapwing_sim::{camera::Scenery, track::Track, world::Setup};
 
-    /// The judgement of half a minute on the lake, driven by the expert, with this human.
+    /// The scorecard of half a minute on the lake, driven by the expert, with this human.
     fn judged(human: Option<Human>) -> Scorecard {
         let track = Track::named("lake").unwrap();
         let scenery = Arc::new(Scenery::new(&track));
@@ -244,7 +244,7 @@ mod tests {
         assert!(!text.contains("± 0.0"), "{text}");
         let time_s = card.value(Figure::TimeS).unwrap();
         let autonomies = [Figure::Autonomy, Figure::AutonomyMeasured].map(|figure| card.value(figure).unwrap());
-        // Bojarski's 6 s, and as long as it was.
+        // Bojarski's 6 s, and the real length.
         for (autonomy, lost_s) in autonomies.into_iter().zip([6.0, 9.0]) {
             assert!((autonomy - (1.0 - lost_s / time_s)).abs() < 1e-9, "{card}");
         }

@@ -1,4 +1,4 @@
-//! `lapwing suite`: many drives, over all cores, and `lapwing merge`: what they came to.
+//! `lapwing suite`: many drives, over all cores, and `lapwing merge`: the results of its parts.
 
 use std::{
     collections::BTreeMap,
@@ -18,7 +18,7 @@ use lapwing_core::{config::text_of, words::count};
 use lapwing_learn::nn::runtime;
 use lapwing_score::suite::{self, Cell, Done, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table};
 
-/// So many missing cells are named.
+/// How many missing cells are named.
 const NAMED: usize = 5;
 
 pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -45,7 +45,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     results.keep_plan(&planned.plan())?;
     let (open, driven) = planned.open(arguments.shard, &results)?;
     tracing::info!("{}, {driven} of them already driven", count(driven + open.len(), "cell"));
-    // Each drive has one thread, and the same bytes on every machine.
+    // Each drive uses one thread, so that it gives the same bytes on every machine.
     runtime::set_threads(1);
     let interrupted = super::interrupted();
     let bar = SuiteBar::new(open.len());
@@ -70,10 +70,10 @@ pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
     Ok(if merged.is_whole() { Ended::Passed } else { Ended::Failed })
 }
 
-/// Writes what the results come to, and prints it.
+/// Writes the outcome of the results, and prints it.
 fn report(outcome: &SuiteOutcome, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(outcome)?;
-    // One that fails takes no other with it.
+    // One failure does not affect the others.
     let json = outputs::write(&out.join("suite.json"), &text);
     let html = outputs::write(html.unwrap_or(&out.join("suite.html")), &render(outcome)?);
     let printed = super::print(&if as_json { text } else { table(&outcome.groups) });
@@ -87,7 +87,7 @@ fn tell_left_out(left_out: usize, what: &str) {
     }
 }
 
-/// Says how much of the suite is there.
+/// Reports how much of the suite is present.
 fn tell(merged: &Merged) {
     let Merged { plan, present, without, missing, unplanned, .. } = merged;
     match plan.as_ref().map(Plan::count) {
@@ -115,7 +115,7 @@ fn tell(merged: &Merged) {
     }
 }
 
-/// Cells that are driven, where somebody watches.
+/// Progress of the cells, if stderr is a terminal.
 struct SuiteBar(ProgressBar);
 
 impl SuiteBar {

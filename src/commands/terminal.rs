@@ -1,13 +1,12 @@
-//! What a person at the terminal is told, and how they end a verb.
+//! Messages to the person at the terminal, and how they end a verb.
 //!
-//! Nobody need be there: `eprintln!` panics once the reader of stderr has gone (Ctrl-C in
-//! `lapwing serve 2>&1 | tee log` ends `tee` first) or the file behind it is full, and a panic would leave a
-//! car with its last throttle. So all diagnostics, the log's included, take this way, and what cannot be
-//! written is let go.
+//! Nobody may be there: `eprintln!` panics once the reader of stderr has gone (Ctrl-C in `lapwing serve 2>&1 | tee log`
+//! ends `tee` first) or the file behind it is full, and a panic would leave a car with its last throttle. So all
+//! diagnostics, including the log, go through here, and whatever cannot be written is dropped.
 
 use std::io::{self, Write};
 
-/// Says a line on stderr, as `eprintln!` would.
+/// Prints a line to stderr, as `eprintln!` would.
 macro_rules! say {
     ($($line:tt)*) => { $crate::commands::terminal::say_line(format_args!($($line)*)) };
 }
@@ -16,12 +15,12 @@ pub(super) fn say_line(line: std::fmt::Arguments<'_>) {
     let _ = Log.write(format!("{line}\n").as_bytes()); // never an error, see there
 }
 
-/// Where the log goes: stderr, as far as it takes it.
+/// The log's destination: stderr, as far as it accepts it.
 pub(super) struct Log;
 
 impl Write for Log {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // To whom should it be told? An error here makes tracing panic.
+        // There is nowhere to report it, and an error here makes tracing panic.
         let _ = io::stderr().lock().write_all(bytes);
         Ok(bytes.len())
     }
@@ -31,17 +30,17 @@ impl Write for Log {
     }
 }
 
-/// Makes a write beyond the limit on file sizes (`ulimit -f`) fail as one to a full disk does: by default the
-/// system ends a program that tries.
+/// Makes a write beyond the limit on file sizes (`ulimit -f`) fail as one to a full disk does: by default the system
+/// kills a program that tries.
 pub(super) fn outlive_full_files() {
     #[cfg(unix)]
-    // SAFETY: no handler is installed, so none can do what a handler must not; called before any thread starts.
+    // SAFETY: no handler is installed, so there is none to break a handler's rules; called before any thread starts.
     unsafe {
         libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
     }
 }
 
-/// What asks a program to end in an orderly way: Ctrl-C, SIGTERM, and SIGHUP when the terminal is closed.
+/// Requests to end the program in an orderly way: Ctrl-C, SIGTERM, and SIGHUP when the terminal is closed.
 #[cfg(unix)]
 pub(super) struct Asked {
     interrupt: tokio::signal::unix::Signal,
@@ -78,8 +77,8 @@ impl Asked {
         }
     }
 
-    /// Waits for Ctrl-C, and ends the program where it is: the second time somebody means at once. A terminal
-    /// that closes may send several SIGHUP.
+    /// Waits for Ctrl-C, and ends the program at once: pressed a second time, it means that. A terminal that closes may
+    /// send several SIGHUP.
     pub(super) async fn again(&mut self) {
         self.interrupt.recv().await;
         std::process::exit(130);
@@ -95,7 +94,7 @@ fn is_ignored(signal: libc::c_int) -> bool {
     }
 }
 
-/// What asks a program to end in an orderly way: Ctrl-C.
+/// Requests to end the program in an orderly way: Ctrl-C.
 #[cfg(not(unix))]
 pub(super) struct Asked;
 
@@ -113,7 +112,7 @@ impl Asked {
         }
     }
 
-    /// Waits for another one, and ends the program where it is.
+    /// Waits for another one, and ends the program at once.
     pub(super) async fn again(&mut self) {
         self.first().await;
         std::process::exit(130);

@@ -13,7 +13,7 @@ pub(super) fn layers(mut layers: Layers, flags: &cli::ThresholdFlags) -> Result<
     Ok(layers)
 }
 
-/// Says each threshold that was missed.
+/// Reports each threshold that was missed.
 pub(super) fn ended(missed: &[String]) -> Ended {
     for missed in missed {
         say!("missed: {missed}");

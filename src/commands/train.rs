@@ -86,7 +86,7 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     };
     let mut recipe = match &arguments.recipe {
         Some(path) => read(path)?,
-        // Flags that are not given again are as they were.
+        // Flags that are not given again keep their values.
         None if arguments.resume && left.exists() => read(&left)?,
         None if arguments.resume && arguments.data.is_empty() => anyhow::bail!(
             "{}: expected a training to resume, got none; start one with --data or --recipe",
@@ -150,7 +150,7 @@ fn set_some<T>(setting: &mut Option<T>, flag: Option<T>) {
 fn selection(text: &str) -> anyhow::Result<Selection> {
     match text.rsplit_once('@') {
         Some((path, weight)) if !Path::new(text).exists() => {
-            let weight = weight.parse().with_context(|| format!("--data {text}: expected a number behind the @"))?;
+            let weight = weight.parse().with_context(|| format!("--data {text}: expected a number after the @"))?;
             Ok(Selection { weight, ..Selection::of(path) })
         }
         _ => Ok(Selection::of(text)),
@@ -176,13 +176,14 @@ fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()>
     Ok(())
 }
 
-/// Looks at everything that a training needs but for what it records itself, so that no hour of recording is lost.
+/// Checks everything that a training needs except the data that it records itself, so that no hour of recording is
+/// wasted.
 fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
     recipe.check()?;
     outputs::check_folder(out)?;
     let made: Vec<_> = recipe.record.iter().filter(|recording| !recording.out.exists()).collect();
     if made.is_empty() {
-        return Ok(()); // the rest is looked at when the training begins, at once
+        return Ok(()); // the rest is checked when the training begins, which is at once
     }
     Trainer::check(recipe, out, resume)?;
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
@@ -200,7 +201,7 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A recording as `lapwing record` is asked for it, into that folder.
+/// The arguments of `lapwing record` for a recording into that folder.
 fn arguments(recording: &SimulatedData, out: &Path) -> cli::Record {
     let SimulatedData { track, laps, speed, seed, recovery, conditions, .. } = recording.clone();
     let track = Some(track);
@@ -208,7 +209,7 @@ fn arguments(recording: &SimulatedData, out: &Path) -> cli::Record {
     cli::Record { world, laps, out: out.to_owned(), speed, recovery }
 }
 
-/// Records simulated data, unless it is there: whole, or nothing of it stays.
+/// Records simulated data unless it exists: completely, or nothing of it is kept.
 fn make(recording: &SimulatedData, config: Option<&Path>, interrupted: &Interrupted) -> anyhow::Result<()> {
     let SimulatedData { out, track, laps, speed, .. } = recording;
     if out.exists() {

@@ -1,4 +1,4 @@
-//! What the verbs that simulate a world share: making it, filming it, drawing its map.
+//! Shared by the verbs that simulate a world: making it, filming it, drawing its map.
 
 use std::{
     io::{self, IsTerminal},
@@ -52,14 +52,14 @@ pub(super) fn spec(world: &cli::WorldFlags, laps: Option<u32>) -> WorldSpec {
     WorldSpec { track, seed, conditions, scenario, laps, longest_s: max_time }
 }
 
-/// What a person wants to look at afterwards.
+/// Pictures to look at afterwards.
 pub(super) struct Pictures {
     film: Option<(Film, Renderer, Camera, Frame)>,
     video: Option<PathBuf>,
     map: Option<PathBuf>,
     line: Vec<DrivenPoint>,
     marks: Vec<Mark>,
-    /// Crashes and times off the road that have their marks.
+    /// Numbers of crashes and times off the road that are marked.
     marked: (u32, u32),
 }
 
@@ -106,7 +106,7 @@ impl Pictures {
         Ok(())
     }
 
-    /// Ends the film and draws the map; says where they are, and what could not be made.
+    /// Ends the film and draws the map; returns where they are, and what could not be made.
     pub(super) fn finish(mut self, world: &Simulation) -> (Vec<(&'static str, PathBuf)>, anyhow::Result<()>) {
         let mut made = vec![];
         let mut result = Ok(());
@@ -132,7 +132,7 @@ impl Observer<Simulation> for Pictures {
     }
 }
 
-/// A live line of progress, where somebody watches.
+/// A live line of progress, if stderr is a terminal.
 pub(super) struct ProgressLine {
     bar: ProgressBar,
     began: Instant,

@@ -10,21 +10,21 @@ use gif::{Encoder, Repeat};
 use super::{FilmError, Reel};
 use lapwing_core::perception::Frame;
 
-/// Pixels that NeuQuant samples: each tenth, as its author recommends for photographs.
+/// NeuQuant samples every tenth pixel, as its author recommends for photographs.
 const SAMPLING: i32 = 10;
 
-/// The shortest time that viewers show a frame, in hundredths of a second; less they take for 10.
+/// The shortest time that viewers show a frame, in hundredths of a second; they treat less as 10.
 const SHORTEST: u64 = 2;
 
 #[derive(Default)]
 pub(super) struct Gif {
     /// `None` before the first frame.
     encoder: Option<Encoder<BufWriter<File>>>,
-    /// A frame waits for the next, which tells how long it is shown. With its beginning in hundredths.
+    /// The waiting frame and its beginning in hundredths; the next frame decides how long it is shown.
     waiting: Option<(u64, gif::Frame<'static>)>,
 }
 
-/// When the frames after so many begin, in hundredths of a second.
+/// When the frame after this many begins, in hundredths of a second.
 fn hundredths(frames: u64, fps: f64) -> u64 {
     (frames as f64 * 100.0 / fps).round() as u64
 }
@@ -49,7 +49,7 @@ impl Gif {
         Ok(())
     }
 
-    /// Writes the frame that waits, to be shown until then.
+    /// Writes the waiting frame, to be shown until `until`.
     fn write(&mut self, reel: &Reel, until: u64) -> Result<(), FilmError> {
         let Some(encoder) = &mut self.encoder else { return Ok(()) };
         let Some((began, mut frame)) = self.waiting.take() else { return Ok(()) };

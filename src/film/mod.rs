@@ -1,16 +1,16 @@
 //! Films for people: a drive as a video, an animated picture or a folder of pictures.
 //!
-//! The path says which:
+//! The path decides which:
 //!
-//! | path | what | where it breaks off, if it is interrupted |
+//! | path | what | if it is interrupted |
 //! |---|---|---|
 //! | `out.mp4` | H.264 in MP4 | plays up to the last whole second |
 //! | `out.gif` | GIF that repeats for ever | plays up to the frame before the last |
 //! | `frames/`, or any name without an extension | JPEG files in that folder | all pictures are there |
 //! | `out.png`, `out.jpg` | numbered files beside that name, `out_00001.png` | all pictures are there |
 //!
-//! The same frames make the same bytes. Files of the same name are replaced,
-//! pictures in a folder are not. Nothing is made before the first frame.
+//! The same frames give the same bytes. Files of the same name are replaced; pictures in a folder are not. Nothing is
+//! written before the first frame.
 
 mod gif;
 #[cfg(feature = "films")]
@@ -27,10 +27,10 @@ use self::mp4::Mp4;
 use self::{gif::Gif, stills::Stills};
 use lapwing_core::{files, perception::Frame};
 
-/// What keeps a film from being made.
+/// Why a film cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
-    /// A name that says no kind of film.
+    /// A name that does not lead to a kind of film.
     #[error("{}: expected a film that ends in .mp4, .gif, .png or .jpg, or a folder's name, got .{got}", path.display())]
     Kind {
         /// The path.
@@ -50,7 +50,7 @@ pub enum FilmError {
     Size {
         /// The film.
         path: PathBuf,
-        /// What would do.
+        /// Sizes that would work.
         expected: &'static str,
         /// Pixels in a row.
         width: usize,
@@ -81,7 +81,7 @@ pub enum FilmError {
         /// The film.
         path: PathBuf,
     },
-    /// The file system says no.
+    /// An error of the file system.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
         /// What was tried, a verb.
@@ -91,7 +91,7 @@ pub enum FilmError {
         /// What the system says.
         source: io::Error,
     },
-    /// The encoder says no.
+    /// The encoder failed.
     #[error("{}: cannot encode frame {frame}: {why}", path.display())]
     Encode {
         /// The film.
@@ -115,7 +115,7 @@ impl FilmError {
     }
 }
 
-/// What a film is told by, whatever its kind: where it goes, and what it has so far.
+/// The state of a film of any kind: its path, and what it has so far.
 #[derive(Debug)]
 struct Reel {
     path: PathBuf,
@@ -125,7 +125,7 @@ struct Reel {
     frames: u64,
 }
 
-/// A film in the making.
+/// A film being made.
 pub struct Film {
     reel: Reel,
     kind: Kind,
@@ -166,7 +166,7 @@ impl Named {
 }
 
 impl Film {
-    /// Whether a film could be made at this path, to be asked before the work that it shows; nothing is changed.
+    /// Checks that a film could be made at this path, before the work that it shows; nothing is changed.
     ///
     /// # Errors
     /// [`FilmError::Kind`] and [`FilmError::Io`].
@@ -224,7 +224,7 @@ impl Film {
         self.reel.frames
     }
 
-    /// Ends the film. What is dropped without it is as if interrupted.
+    /// Ends the film. A film that is dropped without this is left as if interrupted.
     ///
     /// # Errors
     /// [`FilmError::Empty`], [`FilmError::Encode`] and [`FilmError::Io`].

@@ -1,9 +1,8 @@
 //! A film as H.264 in MP4.
 //!
-//! While it is made, the file grows by a fragment a second (`moof` and `mdat`,
-//! each beginning with a key frame), so that what is there can be played. At
-//! its end it is replaced by a plain MP4 with one index in front, which every
-//! player seeks in; until then the encoded frames stay in memory, too.
+//! While it is made, the file grows by a fragment a second (`moof` and `mdat`, each beginning with a key frame), so
+//! that it can be played so far. At its end it is replaced by a plain MP4 with one index in front, in which every
+//! player can seek; until then the encoded frames also stay in memory.
 
 use std::{
     fs::{self, File},
@@ -26,7 +25,7 @@ use openh264::{
 use super::{FilmError, Reel};
 use lapwing_core::perception::Frame;
 
-/// Ticks of the fragments' clock a frame.
+/// Ticks of the fragments' clock per frame.
 const TICKS: u64 = 1000;
 
 /// The largest that OpenH264 encodes, either way up.
@@ -62,7 +61,7 @@ impl Mp4 {
             .profile(Profile::Main)
             .max_frame_rate(FrameRate::from_hz(fps as f32))
             .intra_frame_period(IntraFramePeriod::from_num_frames(fps.round().max(1.0) as u32))
-            .vui(VuiConfig::bt601()) // what the conversion below does
+            .vui(VuiConfig::bt601()) // matches the conversion below
             .num_threads(1);
         let encoder =
             Encoder::with_api_config(OpenH264API::from_source(), config).map_err(FilmError::encode(&reel.path, 0))?;
@@ -131,7 +130,7 @@ impl Mp4 {
         let finished =
             finished.and_then(|()| fs::rename(&part, &reel.path).map_err(FilmError::io("finish the film", &reel.path)));
         finished.inspect_err(|_| {
-            // The film so far stays, in fragments.
+            // The film so far remains, in fragments.
             let _ = fs::remove_file(&part);
         })
     }

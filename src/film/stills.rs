@@ -38,7 +38,7 @@ impl Stills {
         Self { folder, stem, extension }
     }
 
-    /// Whether the folder takes pictures, and has none of these names.
+    /// Checks that pictures can be written to the folder, and that it has none of these names.
     pub(super) fn check(&self) -> Result<(), FilmError> {
         files::check_folder(&self.folder).map_err(FilmError::io("create pictures in the folder", &self.folder))?;
         let first = self.path(1);

@@ -1,4 +1,4 @@
-//! What the colours and marks of a map mean, and how long a metre is on it.
+//! The legend of a map: its colours, marks and scale.
 
 use super::{INK, LETTER, LEVELS, LINE_PX, MARGIN, MapScale, Mark, MarkKind, Shape, road, speed_colour, symbol};
 use lapwing_sim::track::{Side, Track};
@@ -6,7 +6,7 @@ use lapwing_sim::track::{Side, Track};
 /// Between two rows, in pixels.
 const ROW: f64 = 1.75 * LINE_PX;
 
-/// Draws the legend from `top` down, and says where the sheet ends.
+/// Draws the legend from `top` down, and returns where the sheet ends.
 pub(super) fn draw(
     track: &Track,
     fastest: Option<f64>,
@@ -60,13 +60,13 @@ pub(super) fn draw(
 struct LegendRow<'a> {
     x: f64,
     y: f64,
-    /// Where the sheet's room ends.
+    /// The right end of the room.
     right: f64,
     shapes: &'a mut Vec<Shape>,
 }
 
 impl LegendRow<'_> {
-    /// On to the next row where a symbol with this text would not fit.
+    /// Moves to the next row if a symbol with this text would not fit.
     fn make_room(&mut self, text: &str) {
         if self.x > MARGIN && self.x + 18.0 + (text.len() as f64 + 1.0) * LETTER > self.right {
             self.x = MARGIN;

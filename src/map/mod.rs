@@ -1,9 +1,8 @@
-//! A track seen from above, as a picture: the road with what stands along it,
-//! where one starts and which way one drives, and a driven line by its speed.
+//! A track seen from above, as a picture: the road with what stands along it, the start and the driving direction, and
+//! a driven line coloured by speed.
 //!
-//! Up is Unity's +z, right its +x. By the path's ending the picture is an SVG
-//! or a PNG, painted by [`drawing`](lapwing_score::drawing). The same data makes the
-//! same bytes.
+//! Up is Unity's +z, right its +x. By the path's ending the picture is an SVG or a PNG, painted by
+//! [`drawing`](lapwing_score::drawing). The same data give the same bytes.
 
 mod legend;
 mod road;
@@ -35,7 +34,7 @@ pub struct Mark {
     pub kind: MarkKind,
 }
 
-/// What a mark says.
+/// The kind of a mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MarkKind {
     /// The car hit something: a red cross.
@@ -44,10 +43,10 @@ pub enum MarkKind {
     OffRoad,
 }
 
-/// What keeps a map from being drawn.
+/// Why a map cannot be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
-    /// A size that no map has.
+    /// A size that no map may have.
     #[error("{}: expected a map 400 to 8000 pixels wide, got {got}", path.display())]
     Size {
         /// The path.
@@ -55,14 +54,14 @@ pub enum MapError {
         /// The width asked for.
         got: u32,
     },
-    /// A name that says no kind of picture, or a file that cannot be written.
+    /// A name without a picture's extension, or a file that cannot be written.
     #[error(transparent)]
     Drawing(#[from] DrawingError),
 }
 
-/// Draws a map `width` pixels wide, and as high as the track asks for, into a file ending in `.svg` or
-/// `.png`. The line is in the order in which it was driven; where it jumps by more than 15 m the car was
-/// put there and no line is drawn. Positions that are not finite are passed over.
+/// Draws a map `width` pixels wide, and as high as the track requires, into a file ending in `.svg` or `.png`. The line
+/// is in the order in which it was driven; where it jumps by more than 15 m the car was put there and no line is drawn.
+/// Positions that are not finite are skipped.
 ///
 /// # Errors
 /// [`MapError`]
@@ -91,7 +90,7 @@ const OFF_ROAD: Colour = [0xf7, 0x7f, 0x00];
 #[derive(Debug, Clone, Copy)]
 struct MapScale {
     px_per_m: f64,
-    /// What lies at the left and at the top of the map, x and z in metres.
+    /// The left and the top of the map, as x and z in metres.
     left: f64,
     top: f64,
     /// Pixels above the map.
@@ -139,7 +138,7 @@ fn sheet(track: &Track, line: &[DrivenPoint], marks: &[Mark], width: f64) -> She
     Sheet { width, height: height.ceil(), title, shapes }
 }
 
-/// Where the speeds' colours end: 30 mph as the stock car does, or more in tens where it was faster.
+/// The speed at which the colours end: 30 mph, the stock car's, or more in tens if it was faster.
 fn fastest(line: &[DrivenPoint]) -> f64 {
     line.iter().map(|d| (d.speed_mph / 10.0).ceil() * 10.0).fold(30.0, f64::max)
 }
@@ -147,7 +146,7 @@ fn fastest(line: &[DrivenPoint]) -> f64 {
 /// Colours that a driven line is drawn in.
 const LEVELS: usize = 24;
 
-/// From blue, slow, over green to red: told apart on dark asphalt.
+/// From blue (slow) over green to red: easy to tell apart on dark asphalt.
 fn speed_colour(level: usize) -> Colour {
     const STOPS: [Colour; 5] = [[75, 110, 255], [34, 211, 238], [74, 222, 100], [250, 215, 40], [255, 60, 50]];
     let at = level.min(LEVELS - 1) as f64 / (LEVELS - 1) as f64 * (STOPS.len() - 1) as f64;
@@ -160,7 +159,7 @@ fn speed_colour(level: usize) -> Colour {
 
 /// The driven line, in pieces of one colour.
 fn drive(line: &[DrivenPoint], fastest: f64, scale: &MapScale, shapes: &mut Vec<Shape>) {
-    /// Farther than a car comes in a moment: it was put there.
+    /// Farther than a car moves in a moment: it was put there.
     const JUMP_M: f64 = 15.0;
     let width = (1.0 * scale.px_per_m).clamp(2.0, 6.0);
     let level = |d: &DrivenPoint| ((d.speed_mph / fastest).clamp(0.0, 1.0) * (LEVELS - 1) as f64).round() as usize;
@@ -184,7 +183,7 @@ fn drive(line: &[DrivenPoint], fastest: f64, scale: &MapScale, shapes: &mut Vec<
     }
 }
 
-/// A mark at a place, with a pale rim that keeps it apart from what is under it.
+/// A mark at a place, with a pale rim that sets it off from what is under it.
 fn symbol(kind: MarkKind, (x, y): Point, shapes: &mut Vec<Shape>) {
     const R: f64 = 7.0;
     match kind {

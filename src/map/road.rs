@@ -20,7 +20,7 @@ pub(super) fn look(edge: Edge) -> (Colour, f64, &'static str) {
     }
 }
 
-/// All edges, those that lie flat and far first.
+/// All edges, flat and distant ones first.
 pub(super) const EDGES: [Edge; 6] = [Edge::Water, Edge::Rock, Edge::Dirt, Edge::Kerb, Edge::Blocks, Edge::Bridge];
 
 fn asphalt(theme: Theme) -> Colour {

@@ -1,12 +1,9 @@
-//! Where a recorded drive was on a road, found out from its pictures.
+//! Finds where a recorded drive was on a road, from its pictures.
 //!
-//! A recording says speed, steering and time, but not where the car was.
-//! [`localise()`] finds that out: distance from the speed, the place along the
-//! road from where the steering bends and where the bridge's paving shows, and
-//! then for each picture the offset and the yaw at which the road's edges lie
-//! where [`Detector`] sees them. With that, pictures of a real drive and of the
-//! simulator's camera can be put side by side at the same places; the program
-//! `compare_camera` does so.
+//! A recording has speed, steering and time, but not the car's place. [`localise()`] finds it: the distance from the
+//! speed, the place along the road from the steering and from the bridge's paving, and then for each picture the offset
+//! and the yaw at which the road's edges are where [`Detector`] sees them. So pictures of a real drive and of the
+//! simulator's camera can be compared at the same places, as the program `compare_camera` does.
 //!
 //! | file | holds |
 //! |---|---|

@@ -9,7 +9,7 @@ pub const FULL_STEERING_DEG: f64 = 25.0;
 /// From the car's origin, which is its centre of mass, to the front axle, in metres: z +1.27 of Unity's car object.
 pub const FRONT_AXLE_M: f64 = 1.27;
 
-/// And to the rear axle: z -1.60.
+/// From the origin to the rear axle, in metres: z -1.60.
 pub const REAR_AXLE_M: f64 = 1.60;
 
 /// From axle to axle, in metres.
@@ -33,10 +33,10 @@ pub const REVERSES_BELOW_MPH: f64 = 5.0;
 /// Gravity, in metres per second squared. Full brake locks the wheels, and tyres on asphalt hold about this much.
 pub const GRAVITY: f64 = 9.81;
 
-/// Under this speed a car is stuck, in mph …
+/// A car below this speed, in mph, is stuck …
 pub const STUCK_MPH: f64 = 1.0;
 
-/// … if it stays there for so long, in seconds (SelfOracle: 120 game frames at 60 Hz).
+/// … if it stays below it for this long, in seconds (SelfOracle: 120 game frames at 60 Hz).
 pub const STUCK_S: f64 = 2.0;
 
 /// How long after a start or a reset a car may stand, in seconds.

@@ -1,6 +1,5 @@
-//! A world as the stock simulator's own client: same handshake, same fragments,
-//! same game of tokens, same numbers, and the same habit of dying or stalling
-//! where a bridge says something that its parser does not take.
+//! A world as the stock simulator's own client: same handshake, same fragments, same game of tokens, same numbers, and
+//! the same habit of crashing or stalling when a bridge sends something that its parser does not take.
 
 mod handshake;
 
@@ -29,20 +28,20 @@ use crate::{
 /// websocket-sharp's `FragmentLength`: payload bytes in one frame.
 const FRAGMENT: usize = 1016;
 
-/// The simulator pings at once and then about so often.
+/// The simulator pings at once and then about this often.
 const PING: Duration = Duration::from_secs(25);
 
-/// How the client plays.
+/// Options of the client.
 #[derive(Debug, Clone)]
 pub struct ClientOptions {
     /// The player's culture, in which numbers are written and read.
     pub culture: Culture,
-    /// Whether to tell only what the stock build reports. Default no: ground truth that a world has is sent
-    /// as builds of the SelfOracle family send it, see [`encode_superset`].
+    /// Whether to send only what the stock build reports. Default no: a world's ground truth is sent as builds of the
+    /// SelfOracle family send it, see [`encode_superset`].
     pub stock: bool,
     /// Silence after which a bridge counts as stalled. Default 10 s.
     pub stall: Duration,
-    /// How long a bridge may take to greet before the first telemetry. Default 100 ms.
+    /// How long to wait for a bridge's greeting before the first telemetry. Default 100 ms.
     pub greeting: Duration,
 }
 
@@ -64,27 +63,27 @@ pub struct ClientReport {
     pub telemetries: u64,
     /// Answers that the simulator would have taken.
     pub answers: u64,
-    /// Answers that it would have swallowed, each a token lost.
+    /// Answers that it would have swallowed, each losing a token.
     pub lost_tokens: u64,
-    /// Time from a telemetry's first byte to its answer's last, in order; a swallowed one's, too.
+    /// Time from a telemetry's first byte to its answer's last, in order, including swallowed answers.
     pub round_trips: Vec<Duration>,
 }
 
-/// Why a bridge could not be played to.
+/// Why a world could not be played to a bridge.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// No connection.
     #[error("cannot connect to {address}: {source}. Is a bridge running there (lapwing serve)?")]
     Connect {
-        /// What was dialled.
+        /// The address dialled.
         address: String,
         /// Why not.
         source: io::Error,
     },
-    /// The answer to the WebSocket handshake is not one that the simulator takes.
+    /// The simulator would not accept the answer to its WebSocket handshake.
     #[error("the simulator would not accept this handshake: expected {expected}, got {got:?}")]
     Handshake {
-        /// What the simulator wants.
+        /// What the simulator expects.
         expected: &'static str,
         /// What came.
         got: String,
@@ -97,7 +96,7 @@ pub enum ClientError {
         /// Why.
         source: tungstenite::Error,
     },
-    /// The bridge said something that the simulator's client dies of.
+    /// The bridge sent something that crashes the simulator's client.
     #[error("the simulator would stop here, after {}: expected {expected}, got {got:?}", count(*telemetries, "telemetry"))]
     Death {
         /// How far it came.
@@ -118,7 +117,7 @@ pub enum ClientError {
         telemetries: u64,
         /// Answers that the simulator swallowed.
         lost_tokens: u64,
-        /// How long nothing came.
+        /// How long nothing has come.
         stall: Duration,
     },
 }
@@ -129,7 +128,7 @@ pub enum PlayError<E> {
     /// There is no bridge, or none that the simulator would play with.
     #[error(transparent)]
     Bridge(#[from] ClientError),
-    /// The world could not go on.
+    /// The world could not continue.
     #[error(transparent)]
     World(E),
 }
@@ -138,7 +137,8 @@ pub enum PlayError<E> {
 /// `progress` is called after each answer.
 ///
 /// # Errors
-/// [`PlayError`]: no bridge there, one that the simulator would not play with, or a world that cannot go on.
+/// [`PlayError`]: if there is no bridge, or one that the simulator would not play with, or if the world cannot
+/// continue.
 pub fn play<W: World>(
     world: &mut W,
     address: &str,
@@ -157,7 +157,7 @@ pub fn play<W: World>(
         swallowed: false,
     };
     client.send("2")?;
-    // Some bridges (drive.py) greet with a `steer` of their own: it answers nothing.
+    // Some bridges (drive.py) greet with a `steer` of their own, which answers nothing.
     client.drain(options.greeting)?;
     let mut next_ping = Instant::now() + PING;
     let mut world_goes_on = true;
@@ -170,7 +170,7 @@ pub fn play<W: World>(
             match world.observe().map_err(PlayError::World)? {
                 Some(observation) => {
                     if client.in_flight.is_empty() {
-                        // Kicks of a bridge that has waited for long, as slow replays make it.
+                        // Kicks of a bridge that has waited for long, as in slow replays.
                         client.drain(Duration::ZERO)?;
                     }
                     client.observed(&observation.sight)?;
@@ -205,9 +205,9 @@ struct Client<'a> {
     last_progress: Instant,
     /// Messages received.
     heard: u64,
-    /// An OPEN packet came since the last look.
+    /// Whether an OPEN packet came since the last check.
     opened: bool,
-    /// A telemetry's answer cannot be read, since the last look.
+    /// Whether an answer since the last check could not be read.
     swallowed: bool,
 }
 
@@ -218,7 +218,7 @@ impl Client<'_> {
                 let encode = if self.options.stock { encode_telemetry } else { encode_superset };
                 encode(telemetry, &base64_of(telemetry), self.options.culture)
             }
-            // What could not be read when it was recorded is not in the recording.
+            // A message that could not be read when it was recorded is not in the recording.
             Sight::HumanDrives | Sight::Unreadable(_) => r#"42["telemetry",null]"#.to_owned(),
         };
         self.tokens -= 1;
@@ -251,9 +251,8 @@ impl Client<'_> {
         ClientError::Death { telemetries: self.report.telemetries, expected, got }
     }
 
-    /// Takes what the bridge says unasked, for so long. The simulator would answer
-    /// each with a telemetry more; here every telemetry is to have an answer of its
-    /// own, so they are passed over.
+    /// Takes unrequested messages from the bridge for this long. The simulator would answer each with another
+    /// telemetry; here every telemetry must have an answer of its own, so they are ignored.
     fn drain(&mut self, time: Duration) -> Result<(), ClientError> {
         let (tokens, until) = (self.tokens, Instant::now() + time);
         self.last_progress = Instant::now(); // nobody owes anything
@@ -272,7 +271,7 @@ impl Client<'_> {
     fn receive(&mut self, deadline: Instant) -> Result<Option<Answer>, ClientError> {
         let stalls_at = self.last_progress + self.options.stall;
         let wait = deadline.min(stalls_at).saturating_duration_since(Instant::now());
-        // A timeout of zero would mean none, and one of a microsecond takes a tick of the kernel.
+        // A timeout of zero would mean no timeout, and one of a microsecond takes a tick of the kernel.
         let stream = self.socket.get_ref();
         let set = if wait.is_zero() {
             stream.set_nonblocking(true)

@@ -6,16 +6,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Writes a file under another name and gives it its own once it is whole and on the disk: whatever happens, the old
-/// one or the new one is there. Into what is no regular file (a pipe, `/dev/stdout`) it is written as it is.
+/// Writes a file under a temporary name and renames it once it is whole and on the disk: whatever happens, either the
+/// old or the new file is there. Anything but a regular file (a pipe, `/dev/stdout`) is written directly.
 ///
 /// # Errors
-/// The system's; nothing half is left then.
+/// The system's; no partial file is left then.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     if is_special(path) {
         return OpenOptions::new().write(true).open(path)?.write_all(bytes);
     }
-    // A link stays one.
+    // A link stays a link.
     let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let partial = partial(path);
     let write = || {
@@ -25,7 +25,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         fs::rename(&partial, path)
     };
     write().inspect_err(|_| {
-        // Of a full disk it would keep what little there is.
+        // It would take up what little room a full disk has.
         let _ = fs::remove_file(&partial);
     })
 }
@@ -39,7 +39,7 @@ pub fn check(path: &Path) -> io::Result<()> {
         return Err(io::ErrorKind::IsADirectory.into());
     }
     if is_special(path) {
-        return Ok(()); // to open it would be heard at its other end
+        return Ok(()); // opening it would be noticed at its other end
     }
     if path.exists() {
         OpenOptions::new().write(true).open(path)?;
@@ -48,7 +48,7 @@ pub fn check(path: &Path) -> io::Result<()> {
     probe(&partial(&path))
 }
 
-/// Whether files could be made in this folder, or the folder itself in the one above; nothing is changed.
+/// Whether files could be created in this folder, or the folder itself in its parent; nothing is changed.
 ///
 /// # Errors
 /// The system's.
@@ -66,7 +66,7 @@ fn is_special(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
-/// The other name: no other process has it, and nobody takes it for a result.
+/// The temporary name: no other process uses it, and nobody takes it for a result.
 fn partial(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(format!(".{}.partial", std::process::id()));

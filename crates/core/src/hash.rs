@@ -12,7 +12,7 @@ pub fn sha256(bytes: impl AsRef<[u8]>) -> String {
 /// Bytes as hexadecimal digits, two each.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Nothing fails that is written to a string.
+        // Writing to a string cannot fail.
         let _ = write!(text, "{byte:02x}");
         text
     })

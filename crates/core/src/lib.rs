@@ -13,11 +13,11 @@
 //! | module | holds |
 //! |---|---|
 //! | [`units`] | mph, degrees, normalised steering and throttle: newtypes with checked construction |
-//! | [`car`] | the stock simulator's car: its measures and rules, once |
+//! | [`car`] | the stock simulator's car: its dimensions and rules |
 //! | [`motion`] | the bicycle model, angles, closed roads, straight lines between points |
-//! | [`hash`] | SHA-256 as names have it |
-//! | [`files`] | files written whole or not at all, and whether they could be |
-//! | [`words`] | plurals, and what a misspelt name was meant to be, for messages |
+//! | [`hash`] | SHA-256 in hexadecimal |
+//! | [`files`] | files written whole or not at all, and checks that they can be |
+//! | [`words`] | plurals and suggestions for misspelt names, for messages |
 //! | [`stats`] | how well two series agree |
 //! | [`config`] | settings: defaults < your own file < `lapwing.toml` < environment < flags |
 //! | [`protocol`] | the simulator's text, both ends of it, in every dialect and culture; no I/O |
@@ -27,7 +27,7 @@
 //! | [`control`] | speed controllers, standstill, hand-over |
 //! | [`turn`] | one turn of a drive, and what is recorded of it |
 //! | [`driver`] | the function above |
-//! | [`drive`] | the loop: a world driven before observers |
+//! | [`drive`] | the loop: drives a world and shows it to observers |
 //! | [`recording`] | runs in MCAP: writer, reader, recovery; Udacity folders |
 //! | [`replay`] | a recording as a world, open loop |
 //!

@@ -1,18 +1,18 @@
 //! The motion of a car on its wheels, and the arithmetic of angles and closed roads.
 //!
-//! The bicycle model has two wheels in one track that roll without slipping. Angles are positive to the right, and so is
-//! a curvature.
+//! The bicycle model has two wheels in one track that roll without slipping. Angles and curvatures are positive to the
+//! right.
 
 use std::f64::consts::{PI, TAU};
 
 use crate::car::WHEELBASE_M;
 
-/// The bend, in 1/m, that a steering angle of the front wheels drives.
+/// The curvature, in 1/m, that a steering angle of the front wheels gives.
 pub fn curvature(steering_deg: f64) -> f64 {
     steering_deg.to_radians().tan() / WHEELBASE_M
 }
 
-/// The steering angle of the front wheels, in degrees, that drives a bend of so many 1/m.
+/// The steering angle of the front wheels, in degrees, that gives a curvature in 1/m.
 pub fn steering_deg(curvature: f64) -> f64 {
     (WHEELBASE_M * curvature).atan().to_degrees()
 }
@@ -22,7 +22,7 @@ pub fn yaw_rate(mps: f64, steering_deg: f64) -> f64 {
     mps * steering_deg.to_radians().tan() / WHEELBASE_M
 }
 
-/// An angle brought to -PI up to PI, in radians: the shorter way around.
+/// An angle in radians, wrapped to -PI to PI: the shorter way around.
 pub fn turn(angle: f64) -> f64 {
     (angle + PI).rem_euclid(TAU) - PI
 }
@@ -33,8 +33,8 @@ pub fn around(metres: f64, length_m: f64) -> f64 {
     (metres + half).rem_euclid(length_m) - half
 }
 
-/// `y` at `x` on the straight lines between points whose `x` rise; before the first and behind the last it is theirs.
-/// There are at least two.
+/// `y` at `x` on the straight lines between points of rising `x`; before the first and after the last it is theirs.
+/// There must be at least two.
 pub fn between<P>(points: &[P], x: f64, x_of: impl Fn(&P) -> f64, y_of: impl Fn(usize) -> f64) -> f64 {
     let after = points.partition_point(|point| x_of(point) <= x).clamp(1, points.len() - 1);
     let (before, until) = (x_of(&points[after - 1]), x_of(&points[after]));

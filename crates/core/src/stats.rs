@@ -11,12 +11,12 @@ pub struct Agreement {
     pub mae: f64,
     /// Mean squared error.
     pub mse: f64,
-    /// Pearson's correlation coefficient; absent where one of the series does not vary.
+    /// Pearson's correlation coefficient; absent if one of the series does not vary.
     pub r: Option<f64>,
 }
 
 impl Agreement {
-    /// Of pairs (ours, recorded); `None` of no pairs.
+    /// The agreement of pairs (ours, recorded); `None` without any.
     pub fn of(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> Option<Self> {
         let n = pairs.clone().count() as f64;
         if n == 0.0 {
@@ -31,7 +31,7 @@ impl Agreement {
             frames: n as u64,
             mae: mean(|(a, b)| (a - b).abs()),
             mse: mean(|(a, b)| (a - b).powi(2)),
-            // Sums of squares below rounding are a series that stands still.
+            // A smaller product comes from rounding: a series does not vary.
             r: (variances > 1e-20).then(|| (covariance / variances.sqrt()).clamp(-1.0, 1.0)),
         })
     }

@@ -1,8 +1,7 @@
 //! Quantities with their unit in the type and a checked way in.
 //!
-//! Numbers enter from wires, files and flags; here they are checked once, for
-//! being finite and for lying in a range outside which no simulator, car or
-//! track means anything. Everything downstream takes them as they are.
+//! Numbers enter from wires, files and flags; here they are checked once: they must be finite, and in a range beyond
+//! which they make no sense for any simulator, car or track. Everything downstream trusts them.
 
 use std::{fmt, time::Instant};
 
@@ -13,14 +12,14 @@ use crate::car::FULL_STEERING_DEG;
 /// Metres per second in one mile per hour.
 pub const MPS_PER_MPH: f64 = 0.447_04;
 
-/// How pure code learns the time: handed in, `Instant::now` in the program, a frozen one in tests.
+/// How pure code gets the time: it is handed in, as `Instant::now` in the program and as a frozen clock in tests.
 pub type Clock = fn() -> Instant;
 
 /// A number that is not a value of its quantity.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("expected {quantity} from {min} to {max}{unit}, got {got:?}")]
 pub struct OutOfRange {
-    /// What the number was to be, with its article.
+    /// What the number should be, with its article.
     pub quantity: &'static str,
     /// Unit of the bounds and of `got`, after a space.
     pub unit: &'static str,
@@ -44,13 +43,13 @@ macro_rules! quantity {
             pub const MIN: Self = Self($min);
             /// Largest value.
             pub const MAX: Self = Self($max);
-            /// Nought.
+            /// Zero.
             pub const ZERO: Self = Self(0.0);
 
             /// Checks the number.
             ///
             /// # Errors
-            /// [`OutOfRange`] where it is not finite or outside the quantity's range.
+            /// [`OutOfRange`] if it is not finite or outside the quantity's range.
             pub fn new(value: f64) -> Result<Self, OutOfRange> {
                 // Written so that NaN fails.
                 if (Self::MIN.0..=Self::MAX.0).contains(&value) {
@@ -60,7 +59,7 @@ macro_rules! quantity {
                 }
             }
 
-            /// A value written in the source; out of range it does not compile.
+            /// A value written in the source; one out of range does not compile.
             pub const fn constant(value: f64) -> Self {
                 assert!(value >= $min && value <= $max);
                 Self(value)
@@ -110,7 +109,7 @@ macro_rules! quantity {
 }
 
 quantity! {
-    /// Speed in miles per hour, as the simulator tells it. The car reaches 30; 1000 is beyond any fork's.
+    /// Speed in miles per hour, as the simulator reports it. The car reaches 30; 1000 is beyond any fork's.
     Mph, "a speed", " mph", -1000.0, 1000.0
 }
 quantity! {

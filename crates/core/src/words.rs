@@ -1,6 +1,6 @@
 //! Wording that the messages of all modules share.
 
-/// So many of something, as one says it: `1 lap`, `2 laps`, `0 telemetries`.
+/// A number of things in words: `1 lap`, `2 laps`, `0 telemetries`.
 pub fn count(n: impl TryInto<u64>, what: &str) -> String {
     let n = n.try_into().unwrap_or(u64::MAX);
     match what.strip_suffix('y').filter(|stem| !stem.ends_with(['a', 'e', 'o', 'u'])) {
@@ -10,7 +10,7 @@ pub fn count(n: impl TryInto<u64>, what: &str) -> String {
     }
 }
 
-/// The first five of them, and how many more there are.
+/// The first five, and how many more there are.
 pub fn first_five(mut all: Vec<String>) -> Vec<String> {
     let more = all.len().saturating_sub(5);
     all.truncate(5);
@@ -18,7 +18,7 @@ pub fn first_five(mut all: Vec<String>) -> Vec<String> {
     all
 }
 
-/// `; did you mean "lake"?`, where one of the names that are known is so near to what came that it was likely meant.
+/// `; did you mean "lake"?` if one of the known names is so close to what came that it was likely meant.
 pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let lower = got.to_lowercase();
     let near = |name: &&str| strsim::jaro_winkler(&lower, &name.to_lowercase());
@@ -27,7 +27,7 @@ pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> 
         .map_or_else(String::new, |name| format!("; did you mean {name:?}?"))
 }
 
-/// A message of serde's about an unknown name, with the one of those it expects that was likely meant.
+/// A message of serde's about an unknown name, with the expected name that was likely meant.
 pub fn suggesting(message: &str) -> String {
     let message = message.trim_end();
     let named: Vec<&str> = message.split('`').skip(1).step_by(2).collect();

@@ -1,4 +1,4 @@
-//! How far a model's steering lies from that of data sets, row by row.
+//! How far a model's steering is from that of data sets, row by row.
 
 use std::{
     fmt,
@@ -31,10 +31,10 @@ pub enum Rows {
     HeldOut,
 }
 
-/// Why a model cannot be held against data.
+/// Why a model cannot be evaluated on data.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// Rows that were held out are asked for, and there are none.
+    /// Held-out rows were asked for, but there are none.
     #[error("{model} was validated on separate data and held out no rows: use --rows all on that data")]
     NoneHeldOut {
         /// The model.
@@ -65,7 +65,7 @@ pub enum EvaluateError {
         /// Why not.
         source: PilotError,
     },
-    /// Answers that are no numbers.
+    /// Answers that are not finite numbers.
     #[error(
         "{}: expected finite answers from {model}, got {got} in row {row}; {count} of {rows} are not finite",
         path.display()
@@ -86,11 +86,11 @@ pub enum EvaluateError {
     },
 }
 
-/// A model held against data sets. As JSON the keys stand in alphabetical order, also those of the [`Metrics`]: make a
-/// [`serde_json::Value`] of it first.
+/// A model evaluated on data sets. In JSON the keys are in alphabetical order, including those of the [`Metrics`]:
+/// convert it to a [`serde_json::Value`] first.
 #[derive(Debug, Clone, Serialize)]
 pub struct Evaluation {
-    /// How rows were held out, where only those were looked at.
+    /// How rows were held out, if only those were used.
     pub held_out: Option<Blocks>,
     /// The model's file, or `built in`.
     pub model: PathBuf,
@@ -100,16 +100,16 @@ pub struct Evaluation {
     pub sha256: String,
 }
 
-/// A model held against one data set.
+/// A model evaluated on one data set.
 #[derive(Debug, Clone, Serialize)]
 pub struct Compared {
     /// The data set.
     pub data: PathBuf,
-    /// Rows of these that the network learnt from, as far as its recipe tells; absent without a recipe.
+    /// How many of these rows the network learnt from, as far as its recipe says; absent without a recipe.
     pub learnt_from: Option<usize>,
-    /// Rows that were looked at.
+    /// Rows that were evaluated.
     pub rows: usize,
-    /// How far the answers lie from the labels.
+    /// How far the answers are from the labels.
     #[serde(flatten)]
     pub measured: Measured,
     /// Each label and its answer.
@@ -118,7 +118,7 @@ pub struct Compared {
 }
 
 impl Evaluation {
-    /// Holds a model, which was read from this file, against data sets; of each at most the rows before one of them.
+    /// Evaluates a model, read from this file, on data sets, using at most the rows of each before a given one.
     ///
     /// # Errors
     /// [`EvaluateError`].
@@ -130,7 +130,7 @@ impl Evaluation {
         before: Option<usize>,
     ) -> Result<Self, EvaluateError> {
         let name = model.name();
-        // Models made elsewhere say in their own words how they were trained, or not at all.
+        // Models made elsewhere describe their training in their own way, or not at all.
         let recipe: Option<Recipe> = model.training().and_then(|training| serde_json::from_str(training).ok());
         let (set, blocks) = match rows {
             Rows::All => (Set::All, None),
@@ -215,14 +215,13 @@ impl Compared {
     }
 }
 
-/// The steering that a network answers to each sample, many at once.
+/// A network's steering for each sample, computed in batches.
 fn of_network(network: &Network, model: &LoadedModel, samples: &Arc<Samples>) -> Result<Vec<f64>, TrainError> {
     let inputs = Inputs::plain(model.preprocess().clone(), network.architecture().frames());
     Ok(measure(network, samples, &Cache::new(samples, 0), &inputs)?.1)
 }
 
-/// The steering that a model answers to each sample as it would while driving: a network made elsewhere takes one
-/// picture at a time.
+/// A model's steering for each sample, computed as while driving: a network made elsewhere takes one picture at a time.
 fn of_pilot(model: &LoadedModel, samples: &Samples) -> Result<Vec<f64>, EvaluateError> {
     let (mut pilot, mut frame) = (model.pilot(), Frame::default());
     let answer = |sample: &Sample| {
@@ -237,13 +236,13 @@ fn of_pilot(model: &LoadedModel, samples: &Samples) -> Result<Vec<f64>, Evaluate
     samples.samples.iter().map(answer).collect()
 }
 
-/// Which rows of a data set a training learnt from, as far as paths tell: a copy elsewhere is another data set.
+/// Which rows of a data set a training learnt from, judging by paths: a copy elsewhere counts as another data set.
 fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> impl Fn(usize) -> bool + 'a {
     let measured = Selection::of(path).place();
     let same: Vec<&Selection> = recipe.data.iter().filter(|data| data.place() == measured).collect();
     move |row| {
         let taken = same.iter().any(|data| data.rows.is_none_or(|(first, end)| (first..end).contains(&row)));
-        // Where there were data to validate on, no blocks were held out.
+        // If there was separate validation data, no blocks were held out.
         taken && !(recipe.validation.is_empty() && recipe.blocks.is_validation(row))
     }
 }

@@ -10,7 +10,7 @@
 //! | [`models`] | models from files, and the pilots that drive with them |
 //! | [`dataset`] | driving logs and runs as data sets: inspect, convert, split; labels, balance, augmentation, loader |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes |
-//! | [`evaluate`] | models held against data sets |
+//! | [`evaluate`] | models evaluated on data sets |
 //!
 //! # Example
 //! The shipped PilotNet, asked for one picture's steering:

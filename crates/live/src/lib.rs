@@ -4,7 +4,7 @@
 //! simulator ─▶ bridge ─▶ Driver ─▶ answer
 //!                 └────▶ recorder, scorer
 //! ```
-//! It is handed pilots ([`Model`](lapwing_core::pilot::Model)) and roads, and knows neither networks nor a simulator.
+//! Callers hand it pilots ([`Model`](lapwing_core::pilot::Model)) and roads; it knows neither networks nor a simulator.
 //!
 //! # Example
 //! A bridge on a free port, and a car at 9 mph that plays to it for three telemetries. Without a model the bridge brakes

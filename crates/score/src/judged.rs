@@ -35,19 +35,19 @@ impl<W: ?Sized> Observer<W> for Scorer {
     }
 }
 
-/// What became of a drive, and what it was worth.
+/// The outcome of a drive and its score.
 #[derive(Debug)]
 pub struct Judged {
     /// The judgement.
     pub card: Scorecard,
-    /// By what to tell it from others, and how many frames were seen.
+    /// Its fingerprint and how many frames were seen.
     pub driven: DriveDigest,
 }
 
-/// Drives a world to its end, before these observers and a scorer, and judges it.
+/// Drives a world to its end, shows it to these observers and a scorer, and judges it.
 ///
 /// # Errors
-/// [`TurnError`]: what keeps the world or an observer from going on.
+/// [`TurnError`] if the world or an observer cannot continue.
 pub fn run<W: Eventful>(
     world: &mut W,
     driver: &mut Driver,

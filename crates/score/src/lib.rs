@@ -14,7 +14,7 @@
 //! | [`suite`] | many drives as one: the plan, the results, the statistics |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts |
 //!
-//! It knows no simulator: it is handed runs, items and roads. No libtorch, no async runtime, no C++.
+//! The crate knows no simulator: callers hand it runs, items and roads. No libtorch, no async runtime, no C++.
 //!
 //! # Example
 //! ```

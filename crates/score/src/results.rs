@@ -1,4 +1,4 @@
-//! Drives and replays as one JSON object, whoever drove and wherever: what `drive`, `simulate` and `replay` say with
+//! Drives and replays as one JSON object, whoever drove and wherever: what `drive`, `simulate` and `replay` print with
 //! `--json`.
 
 use serde::Serialize;
@@ -16,7 +16,7 @@ pub struct ScoredDrive<'a, Who, How> {
     /// The judgement.
     #[serde(flatten)]
     pub card: &'a Scorecard,
-    /// How it was driven: [`InProcess`], [`AlongRows`], or nothing of it is known here.
+    /// How it was driven: [`InProcess`], [`AlongRows`], or `()` if that is not known here.
     #[serde(flatten)]
     pub how: How,
     /// The thresholds that it missed, in words.
@@ -26,42 +26,42 @@ pub struct ScoredDrive<'a, Who, How> {
 /// A pilot in a simulated world.
 #[derive(Debug, Serialize)]
 pub struct Simulated<'a> {
-    /// What it is called.
+    /// Its name.
     pub pilot: &'a str,
-    /// Of everything random in the world.
+    /// The seed of everything random in the world.
     pub seed: u64,
 }
 
 /// Whoever answers a simulated world, a bridge for example.
 #[derive(Debug, Serialize)]
 pub struct Bridged<'a> {
-    /// What it is called.
+    /// Its name.
     pub driver: &'a str,
-    /// Of everything random in the world.
+    /// The seed of everything random in the world.
     pub seed: u64,
 }
 
 /// A pilot along a recording.
 #[derive(Debug, Serialize)]
 pub struct Along<'a> {
-    /// What it is called.
+    /// Its name.
     pub pilot: &'a str,
     /// The recording.
     pub source: &'a str,
-    /// How far beside the recorded path the car may be, in metres.
+    /// How far from the recorded path the car may be, in metres.
     pub limit_m: f64,
 }
 
 /// A drive in one process, as fast as it goes.
 #[derive(Debug, Serialize)]
 pub struct InProcess<'a> {
-    /// Frames that were there to drive by.
+    /// Frames shown to the driver.
     pub frames: u64,
     /// SHA-256 over all frames and commands: equal where two drives were the same.
     pub fingerprint: &'a str,
-    /// Seconds of the world for one on the wall.
+    /// Simulated seconds per second of real time.
     pub times_real_time: f64,
-    /// The run's file, where one was recorded.
+    /// The run's file, if one was recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
 }
@@ -69,37 +69,37 @@ pub struct InProcess<'a> {
 /// A drive along the rows of a recording.
 #[derive(Debug, Serialize)]
 pub struct AlongRows<'a> {
-    /// Frames that were there to drive by.
+    /// Frames shown to the driver.
     pub frames: u64,
-    /// Those of them that no network saw; the card counts bad frames of a pilot that drove at all.
+    /// Frames among them that no network saw; the card counts bad frames only if a pilot drove at all.
     pub unseen_frames: u64,
     /// Rows with a picture in the recording.
     pub rows_read: usize,
-    /// Those of them in which the recorded car stands.
+    /// Rows among them in which the recorded car stands.
     pub rows_standing: usize,
-    /// Intervals in which the pictures said how the recorded car turned.
+    /// Intervals in which the pictures showed how the recorded car turned.
     pub turned_by_pictures: usize,
-    /// And those in which its steering had to.
+    /// Intervals in which its steering was used instead.
     pub turned_by_steering: usize,
     /// SHA-256 over all frames and commands.
     pub fingerprint: &'a str,
-    /// Frames a second on the wall.
+    /// Frames per second of real time.
     pub frames_per_s: f64,
-    /// The run's file, where one was recorded.
+    /// The run's file, if one was recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
 }
 
-/// An open-loop replay: its report, the scorecard's figures of steering, and how it agrees with a stored one where that
-/// was asked.
+/// An open-loop replay: its report, the scorecard's figures of steering, and, if asked for, how it agrees with a stored
+/// one.
 #[derive(Debug, Serialize)]
 pub struct Replayed<'a> {
-    /// What was answered, and how fast.
+    /// The answers, and how fast they came.
     #[serde(flatten)]
     pub report: &'a ReplayReport,
-    /// What it was worth.
+    /// Its score.
     pub card: Scorecard,
-    /// Held against a stored replay.
+    /// The comparison with a stored replay.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub golden: Option<GoldenComparison>,
 }

@@ -1,9 +1,9 @@
 //! Time to collision with what is ahead, if nobody changes speed or path.
 //!
 //! The time to collision of Hayward, Near miss determination through use of a scale of danger (1972), from the true
-//! places and sizes. The road is laid out straight for it: our car goes on along the road, as far from its middle as it
-//! is, and everything else straight on; so a bend with a car parked beside it is no collision course. Boxes keep the
-//! way they face.
+//! places and sizes. The road is straightened for it: our car continues along the road at its present offset, and
+//! everything else moves straight on, so a car parked beside a bend is not on a collision course. Boxes keep their
+//! headings.
 
 use glam::{DVec2, DVec3};
 
@@ -15,10 +15,10 @@ use super::{
     vehicle::Car,
 };
 
-/// Places at which the bend of a way is looked up.
+/// Places at which the curvature of a path is looked up.
 const BENDS: usize = 8;
 
-/// Seconds until the car hits the first of the actors ahead of it, 0 where it does; infinite where it hits none.
+/// Seconds until the car hits the first of the actors ahead of it, 0 if it touches one now; infinite if it hits none.
 pub fn time_to_collision(track: &Track, car: &Car, place: &Place, actors: &[Actor]) -> f64 {
     let straight = |right: f64, along: f64| DVec3::new(right, 0.0, along);
     let yaw = car.yaw - place.station.yaw;
@@ -35,7 +35,7 @@ pub fn time_to_collision(track: &Track, car: &Car, place: &Place, actors: &[Acto
     actors.iter().filter_map(until).fold(f64::INFINITY, f64::min)
 }
 
-/// Metres from the car to `s` on its own line, which in a bend is longer or shorter than the road's middle.
+/// Metres from the car to `s` along its own line, which in a bend is longer or shorter than the road's middle.
 fn way(track: &Track, from: &Place, s: f64) -> f64 {
     let way = signed(track, from.station.s, s);
     let at = |i: usize| from.station.s + way * (i as f64 + 0.5) / BENDS as f64;
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
     use crate::{obstacles::FRONT_M, scene::ActorKind};
 
-    /// Our car on the lake's line at so many m/s, and where that is.
+    /// Our car on the lake's line at a speed in m/s, and its place.
     fn on(track: &Track, s: f64, speed: f64) -> (Car, Place) {
         let station = track.at(s);
         (

@@ -1,9 +1,8 @@
 //! Weather, light and camera faults.
 //!
-//! All of it is off by default and then costs nothing. Light and weather are
-//! drawn by [`crate::camera`]; latency and dropped frames are the
-//! world's business. What varies from frame to frame comes from the run's seed
-//! and the simulated time alone.
+//! All of it is off by default and then costs nothing. Light and weather are drawn by [`crate::camera`]; latency and
+//! dropped frames are left to the world. Whatever varies from frame to frame depends only on the run's seed and the
+//! simulated time.
 
 use rand_chacha::{
     ChaCha8Rng,
@@ -17,15 +16,15 @@ use lapwing_core::words::{did_you_mean, suggesting};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Conditions {
-    /// Degrees of the sun above the horizon, 3 to 90; the track's own where there is none.
+    /// Degrees of the sun above the horizon, 3 to 90; the track's own if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sun_height_deg: Option<f64>,
-    /// Where the sun stands, degrees clockwise from +z, -360 to 360; the track's own where there is none.
+    /// Where the sun stands, degrees clockwise from +z, -360 to 360; the track's own if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sun_azimuth_deg: Option<f64>,
     /// Factor on all colours, 0.05 to 4.
     pub brightness: f64,
-    /// Haze, 0 to 1: at 1 one sees some 60 m.
+    /// Haze, 0 to 1: at 1 the visibility is about 60 m.
     pub haze: f64,
     /// Rain, 0 to 1: streaks, a grey sky, a darker road.
     pub rain: f64,
@@ -35,7 +34,7 @@ pub struct Conditions {
     pub noise: f64,
     /// Blur of the lens: standard deviation in pixels, 0 to 10.
     pub blur: f64,
-    /// How late a command works, in milliseconds, 0 to 5000.
+    /// Delay before a command takes effect, in milliseconds, 0 to 5000.
     pub latency_ms: f64,
     /// Share of the frames that are never sent, 0 to less than 1.
     pub dropped: f64,
@@ -58,7 +57,7 @@ impl Default for Conditions {
     }
 }
 
-/// Why a text names no conditions.
+/// Why a text cannot be read as conditions.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConditionsError {
     /// A piece that is not `name=number`.
@@ -76,7 +75,7 @@ pub enum ConditionsError {
         /// The name.
         got: String,
     },
-    /// A number that is not one, or out of range.
+    /// A value that is not a number, or is out of range.
     #[error("conditions: {name}: expected {min} to {max}, got {got}")]
     Range {
         /// Which condition.
@@ -85,7 +84,7 @@ pub enum ConditionsError {
         min: f64,
         /// Largest value.
         max: f64,
-        /// What it was.
+        /// The value given.
         got: String,
     },
 }
@@ -140,7 +139,7 @@ impl Conditions {
     /// Reads the TOML of a file.
     ///
     /// # Errors
-    /// [`ConditionsError`], with line and column where it is no such TOML.
+    /// [`ConditionsError`], with line and column if the TOML is wrong.
     pub fn from_file(text: &str) -> Result<Self, ConditionsError> {
         let conditions: Self = toml::from_str(text)?;
         conditions.check()?;
@@ -161,8 +160,8 @@ impl Conditions {
         Ok(())
     }
 
-    /// Conditions to vary training data with: mild more often than harsh, each seed another.
-    /// Latency and dropped frames stay off, for they are no matter of the picture.
+    /// Conditions to vary training data with: mild more often than harsh, different for each seed. Latency and dropped
+    /// frames stay off, as they do not affect the picture.
     pub fn random(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
@@ -173,7 +172,7 @@ impl Conditions {
             noise: 4.0 * unit().powi(2),
             ..Self::default()
         };
-        // Each of the rest on one run in a few.
+        // Each of the others is on in only some of the runs.
         let mut sometimes = |share: f64, most: f64| {
             let (on, strength) = (unit() < share, unit());
             if on { most * strength } else { 0.0 }
@@ -185,7 +184,7 @@ impl Conditions {
         conditions
     }
 
-    /// Whether a run's seed changes anything under these: only rain, noise and dropped frames fall by chance.
+    /// Whether a run's seed changes anything under these conditions: only rain, noise and dropped frames are random.
     pub fn left_to_chance(&self) -> bool {
         self.rain > 0.0 || self.noise > 0.0 || self.dropped > 0.0
     }

@@ -1,5 +1,5 @@
-//! The driver that knows the road: for recordings, as the scripted human, and what telemetry reports
-//! [`PurePursuit`] where it is the pilot.
+//! The driver that knows the road. It drives recordings and acts as the scripted human, and its path is what telemetry
+//! reports to [`PurePursuit`] as a pilot.
 
 use super::{
     track::{Place, Track},
@@ -12,19 +12,19 @@ use lapwing_core::{
     units::{MetresPerSecond, Mph, PathPoint, Steering, Throttle},
 };
 
-/// Points of the path told, a metre apart: enough to brake from 30 mph to 5 at 3 m/s² (29 m).
+/// Points of the reported path, a metre apart: enough to brake from 30 mph to 5 at 3 m/s² (29 m).
 const POINTS: usize = 41;
 
-/// Throttle for each m/s too slow.
+/// Throttle per m/s below the set speed.
 const THROTTLE_GAIN: f64 = 0.6;
 /// What full throttle gives, in m/s²: 2000 Nm on wheels of 0.35 m and 1000 kg.
 const FULL_THROTTLE_MPS2: f64 = 5.7;
 /// What drag takes, in m/s² for each m/s.
 const DRAG_PER_S: f64 = 0.1;
-/// Throttle taken off for each m/s too fast: brakes of 20000 Nm a wheel lock at 0.04 of full command.
+/// Throttle taken off per m/s above the set speed: brakes of 20000 Nm a wheel lock at 0.04 of full command.
 const BRAKE_GAIN: f64 = 0.06;
 
-/// Fills `out` with the line to drive as the car sees it: a point each metre from beside the car on, 41 in all.
+/// Fills `out` with the line to drive as the car sees it: a point every metre beginning beside the car, 41 in all.
 /// `place` is where the car is.
 pub fn path_ahead(track: &Track, place: &Place, car: &Car, out: &mut Vec<PathPoint>) {
     out.clear();
@@ -48,7 +48,7 @@ pub fn path_ahead(track: &Track, place: &Place, car: &Car, out: &mut Vec<PathPoi
     }
     let mut laps = 0.0; // metres of whole laps before line[i]
     for _ in 0..POINTS {
-        // To the last point not beyond the wanted one, over the line's beginning if need be.
+        // To the last point not beyond the wanted one, past the line's beginning if need be.
         let (mut begin, mut end, mut on);
         loop {
             on = if i + 1 < n { i + 1 } else { 0 };
@@ -82,7 +82,7 @@ pub struct Expert {
 }
 
 impl Expert {
-    /// Steering and throttle for a car at `place`, which goes at `set_speed` where bends allow it.
+    /// Steering and throttle for a car at `place`, which drives at `set_speed` if bends allow it.
     pub fn drive(&mut self, track: &Track, place: &Place, car: &Car, set_speed: Mph) -> Command {
         path_ahead(track, place, car, &mut self.path);
         let Some(pursuit) = self.pursuit.pursue(&self.path, MetresPerSecond::saturating(car.speed)) else {
@@ -91,7 +91,7 @@ impl Expert {
         let slower = if pursuit.speed_limit < set_speed { pursuit.speed_limit } else { set_speed };
         let missing = slower.metres_per_second().get() - car.speed;
         let gain = if missing > 0.0 { THROTTLE_GAIN } else { BRAKE_GAIN };
-        // What drag and hill take, so that little is missing once the speed is reached.
+        // Compensates drag and slope, so that little error remains once the speed is reached.
         let uphill = GRAVITY * place.station.grade * (car.yaw - place.station.yaw).cos();
         let held = ((DRAG_PER_S * car.speed + uphill) / FULL_THROTTLE_MPS2).clamp(0.0, 1.0);
         let lowest = if car.speed > 2.5 { -1.0 } else { 0.0 }; // below 5 mph the brake is the reverse gear
@@ -101,7 +101,7 @@ impl Expert {
         }
     }
 
-    /// The line as it was told for the last command.
+    /// The line as it was reported for the last command.
     pub fn path(&self) -> &[PathPoint] {
         &self.path
     }
@@ -123,20 +123,20 @@ mod tests {
         /// Metres from the driving line: mean and worst.
         mean: f64,
         worst: f64,
-        /// The car's origin, farthest from the road's middle, in metres beyond its edge (negative: on it).
+        /// The farthest that the car's origin was beyond the road's edge, in metres (negative: on the road).
         origin_beyond: f64,
-        /// The same of the farthest corner of the body.
+        /// The same for the body's farthest corner.
         corner_beyond: f64,
     }
 
-    /// Drives laps with an answer each `every` steps, which takes effect `late` steps later.
+    /// Drives laps with an answer every `every` steps, which takes effect `late` steps later.
     fn drive(track: &Track, laps: u32, mph: f64, every: u32, late: u32) -> LineKept {
         let start = track.driving_line()[0];
         let car = Car { position: start.position, yaw: start.yaw, ..Car::default() };
         drive_from(track, car, f64::from(laps) * track.length(), mph, every, late).0
     }
 
-    /// Drives so many metres; also says how far from the line it was at last.
+    /// Drives this many metres; also returns how far from the line it ended.
     fn drive_from(track: &Track, mut car: Car, metres: f64, mph: f64, every: u32, late: u32) -> (LineKept, f64) {
         let mut expert = Expert::default();
         let mut drive = LineKept { origin_beyond: -9.9, corner_beyond: -9.9, ..LineKept::default() };

@@ -1,22 +1,21 @@
-//! What a drive is judged by while it lasts: laps, collisions, leaving the road, being stuck, wrong way.
+//! Judges a drive while it lasts: laps, collisions, leaving the road, being stuck, wrong way.
 //!
-//! Counts as the simulator's forks count (their rules are in brackets), with thresholds in [`Rules`]:
-//! - **Lap** (+1 on reaching waypoint 0 in sequence). Waypoints are lines across the road, evenly
-//!   spaced from where the car started, so waypoint 0 is its start. Only the next one in order
-//!   counts, and only when crossed forwards: turning round at the line gives nothing, nor does a
-//!   short cut, until one has come back for the waypoints left out.
+//! It counts as the simulator's forks do (their rules are in brackets), with thresholds in [`Rules`]:
+//! - **Lap** (+1 on reaching waypoint 0 in sequence). Waypoints are lines across the road, evenly spaced from where the
+//!   car started, so waypoint 0 is its start. Only the next one in order counts, and only when crossed forwards:
+//!   turning round at the line gains nothing, nor does a short cut until the missed waypoints have been passed.
 //! - **Off road** (the car touches a trigger beside the road, or |cte| over a limit): the car's
 //!   origin is further from the road's middle than the limit, until it is well inside again.
-//! - **Collision** (a physics contact): the car's body touches an actor, or a corner of it is beyond
-//!   a wall. Touching on is the same collision; it takes a second without contact for another one.
-//! - **Stuck** (under 1 mph for 120 game frames): under that speed for two seconds. Not right after the
-//!   start or a reset, and not while something within a few metres ahead bars the way and is not
-//!   touched: to stand there is what one should do. The forks have no traffic to wait for.
-//! - **Wrong way**: facing against the road for a second. Reversing the right way round is none.
+//! - **Collision** (a physics contact): the car's body touches an actor, or a corner of it is beyond a wall. Continued
+//!   contact is the same collision; the next one needs a second without contact first.
+//! - **Stuck** (under 1 mph for 120 game frames): under that speed for two seconds. Not right after the start or a
+//!   reset, and not while something within a few metres ahead blocks the way without being touched: standing there is
+//!   right. The forks have no traffic to wait for.
+//! - **Wrong way**: facing against the road for a second. Reversing while facing the right way does not count.
 //!
-//! A car that moves further in a step than it can drive was put there ([`Judge::put`] says so where it
-//! was put nearby): that ends its contacts and its being stuck, and gives it time to start. Put on its next
-//! waypoint, as SelfOracle's build does after a crash, it has reached that one.
+//! A car that moves further in a step than it can drive was put there (for a place nearby, [`Judge::put`] must be
+//! called): that ends its contacts and its being stuck, and gives it time to start. A car put on its next waypoint, as
+//! SelfOracle's build does after a crash, has reached that waypoint.
 
 use serde::{Deserialize, Serialize};
 
@@ -28,19 +27,19 @@ use super::{
 };
 use lapwing_core::{config::Rules, motion, units::MPS_PER_MPH};
 
-/// Sides of the road that are hit.
+/// Sides of the road that can be hit.
 const WALLS: [Edge; 3] = [Edge::Bridge, Edge::Blocks, Edge::Rock];
 /// A car that moves further between two steps was put there, in metres. 30 mph is 0.27 m in a step of
 /// 0.02 s, and 0.9 m in one of 15 Hz.
 const PUT_M: f64 = 3.0;
-/// How much inside the limit it is on the road again, in metres.
+/// How far inside the limit the car must be to count as back on the road, in metres.
 const BACK_M: f64 = 0.2;
-/// What is further above or below is on another level of the road, in metres.
+/// Anything further above or below is on another level of the road, in metres.
 const LEVEL_M: f64 = 2.5;
-/// No corner is further from the car's origin, in metres: half the body's diagonal and what its middle is off.
+/// No corner is further from the car's origin, in metres: half the body's diagonal plus the offset of its middle.
 const REACH_M: f64 = 2.75;
-/// How wrong a corner's offset can be that was not looked up in a bend: half the square of
-/// its distance from the car times the sharpest curvature (1/8 m), in metres.
+/// How wrong a corner's offset can be in a bend if it is not looked up: half the square of its distance from the car
+/// times the sharpest curvature (1/8 m), in metres.
 const BEND_M: f64 = 0.5;
 
 /// What was hit.
@@ -62,9 +61,9 @@ pub enum Hit {
 #[derive(Serialize, Deserialize, Debug, Clone, Copy, PartialEq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Once around.
+    /// A lap was completed.
     Lap {
-        /// How many laps that makes.
+        /// How many laps are completed now.
         number: u32,
         /// How long it took, in seconds, the crossing of the line interpolated between steps.
         time_s: f64,
@@ -73,7 +72,7 @@ pub enum Verdict {
     Collision {
         /// What.
         with: Hit,
-        /// How fast, relative to it, in m/s, whatever the angle.
+        /// Speed relative to it in m/s, whatever the angle.
         speed: f64,
     },
     /// Left the road.
@@ -86,13 +85,13 @@ pub enum Verdict {
         /// Seconds since it was left.
         after_s: f64,
     },
-    /// Stands and should not.
+    /// Is stuck.
     Stuck,
     /// Was stuck and moves again.
     Moving,
     /// Faces against the road.
     WrongWay,
-    /// Faced against the road and does no longer.
+    /// No longer faces against the road.
     RightWay,
     /// Reached the next waypoint: which, 0 being the start.
     Waypoint(usize),
@@ -120,7 +119,7 @@ pub struct Judge {
     slow_since: Option<f64>,
     stuck: bool,
     starts_until: f64,
-    /// Since when it faces the other way than `wrong_way` says.
+    /// Since when its direction contradicts `wrong_way`.
     turned_since: Option<f64>,
     wrong_way: bool,
 }
@@ -163,8 +162,8 @@ impl Judge {
         }
     }
 
-    /// The car was put elsewhere at time `t`: what it touched is behind it, it is no longer stuck and may
-    /// stand for a while. [`Judge::step`] notices that itself where the car leaps by more than 3 m.
+    /// The car was put elsewhere at time `t`: its contacts end, it is no longer stuck and may stand for a while.
+    /// [`Judge::step`] notices this itself if the car leaps by more than 3 m.
     pub fn put(&mut self, t: f64) {
         self.starts_until = t + self.rules.grace_s;
         self.slow_since = None;
@@ -297,7 +296,7 @@ impl Judge {
         }
     }
 
-    /// Whether something ahead bars the way and was not run into.
+    /// Whether something ahead blocks the way and was not run into.
     fn waits(&self, car: &Car, actors: &[Actor]) -> bool {
         let way = Box2::of_car(car).lengthened(self.rules.waiting_m);
         !self.crashed
@@ -326,7 +325,7 @@ impl Judge {
         self.waypoints
     }
 
-    /// Where the next waypoint is, in metres along the road: there a car is put after a crash.
+    /// Where the next waypoint is, in metres along the road: a car is put there after a crash.
     pub fn next_waypoint_s(&self, track: &Track) -> f64 {
         let next = (self.waypoint + 1) % self.waypoints;
         (self.start_s + track.length() * next as f64 / self.waypoints as f64).rem_euclid(track.length())
@@ -357,12 +356,12 @@ impl Judge {
         self.stuck
     }
 
-    /// Whether it goes the wrong way now.
+    /// Whether it faces the wrong way now.
     pub fn wrong_way(&self) -> bool {
         self.wrong_way
     }
 
-    /// Metres along the road from the start, laps adding up; driving back takes off.
+    /// Metres along the road from the start, over all laps; driving back subtracts.
     pub fn progress_m(&self) -> f64 {
         self.progress
     }

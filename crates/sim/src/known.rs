@@ -1,4 +1,4 @@
-//! A track as a road that drives are found on again: where one drives on it, and what one sees at its start.
+//! A track as a known road, on which drives are located: the line to drive, and the view at its start.
 
 use std::sync::Arc;
 
@@ -14,28 +14,28 @@ use crate::{
 /// Metres between headings.
 const STEP_M: f64 = 0.5;
 
-/// What one sees at the starts of [`Track::NAMES`], fair weather: to build one's scenery takes a second. They are drawn
-/// anew by `cargo test --release draws_the_starts -- --ignored`.
+/// Views at the starts of [`Track::NAMES`] in fair weather, stored because building a scenery takes a second. `cargo
+/// test --release draws_the_starts -- --ignored` draws them again.
 const STARTS: [&[u8]; 3] =
     [include_bytes!("starts/lake.jpg"), include_bytes!("starts/jungle.jpg"), include_bytes!("starts/mountain.jpg")];
 
-/// The line that one drives on a track.
+/// The line to drive on a track.
 #[derive(Debug, Clone)]
 pub struct KnownRoad {
     /// What the track calls itself.
     pub name: String,
     /// Where drives begin, in metres along the line.
     pub start_m: f64,
-    /// Once around, in metres.
+    /// Length of a lap, in metres.
     pub length_m: f64,
     /// Headings in radians, clockwise, evenly spaced from 0 to the whole length, both ends included.
     pub headings: Vec<f64>,
-    /// What one sees at the start.
+    /// The view at the start.
     pub start: Frame,
 }
 
 impl KnownRoad {
-    /// Of a track, named as for [`Track::open`].
+    /// The known road of a track, named as for [`Track::open`].
     ///
     /// # Errors
     /// Those of [`Track::open`].

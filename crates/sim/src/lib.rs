@@ -12,14 +12,14 @@
 //! | [`vehicle`] | the car's physics |
 //! | [`expert`] | drives a known road well: for recordings, and as the scripted human |
 //! | [`scene`] | what stands and moves on the road |
-//! | [`scenario`], [`traffic`] | scripts of other traffic, and who follows them |
+//! | [`scenario`], [`traffic`] | scripts of other traffic, and the traffic that follows them |
 //! | [`obstacles`] | oriented boxes, whether they touch, and when they will |
 //! | [`collision_course`] | how long until the car hits what is ahead |
 //! | [`judge`] | laps, collisions, off the road, stuck, wrong way |
 //! | [`camera`], [`conditions`] | what a camera on the car sees, in which light and weather |
 //! | [`world`] | all of it under one clock, as a [`World`](lapwing_core::protocol::World) |
 //! | [`spec`] | a world as people name it |
-//! | [`known`] | a track as a road that drives are found on again |
+//! | [`known`] | a track as a known road, on which drives are located |
 //! | [`along`] | a recording as a closed-loop world |
 //! | [`record`] | training data by the expert |
 //!

@@ -18,7 +18,7 @@ pub const BODY_CENTRE_M: f64 = (FRONT_AXLE_M - REAR_AXLE_M) / 2.0;
 /// How far ahead of the car's origin its front bumper is, in metres.
 pub const FRONT_M: f64 = BODY_CENTRE_M + BODY.z / 2.0;
 
-/// What moves slower along an axis stands still on it, in m/s.
+/// Anything slower than this along an axis stands still on it, in m/s.
 const STILL: f64 = 1e-9;
 
 /// A rectangle on the ground.
@@ -59,7 +59,7 @@ impl Box2 {
         }
     }
 
-    /// The same box, longer by so many metres at its front.
+    /// The same box, extended by `metres` at its front.
     pub fn lengthened(self, metres: f64) -> Self {
         Self {
             centre: self.centre + ahead(self.yaw) * (metres / 2.0),
@@ -86,8 +86,8 @@ impl Box2 {
         ]
     }
 
-    /// Whether they share a point. By the separating axis theorem two rectangles are apart
-    /// exactly where their shadows on one of the four directions of their sides are.
+    /// Whether they share a point. By the separating axis theorem two rectangles are apart exactly if their projections
+    /// on one of the four directions of their sides are.
     pub fn touches(&self, other: &Self) -> bool {
         let between = other.centre - self.centre;
         if between.length_squared() > (self.half.length() + other.half.length()).powi(2) {
@@ -96,12 +96,12 @@ impl Box2 {
         self.shadows(other).all(|(axis, reach)| between.dot(axis).abs() <= reach)
     }
 
-    /// In how many seconds they begin to touch, should `other` move past this one at `velocity`, in m/s, and neither
-    /// turn: 0 where they touch now, none where they never will.
+    /// In how many seconds they begin to touch if `other` moves relative to this one at `velocity`, in m/s, and neither
+    /// turns: 0 if they touch now, none if they never will.
     pub fn meets(&self, other: &Self, velocity: DVec2) -> Option<f64> {
         let between = other.centre - self.centre;
         let (mut from, mut until) = (0.0_f64, f64::INFINITY);
-        // They touch while their shadows overlap on every axis; on each that is one stretch of time.
+        // They touch while their projections overlap on every axis; on each axis that is one interval of time.
         for (axis, reach) in self.shadows(other) {
             let (apart, speed) = (between.dot(axis), velocity.dot(axis));
             if speed.abs() > STILL {
@@ -115,7 +115,8 @@ impl Box2 {
         (from <= until).then_some(from)
     }
 
-    /// The directions of both boxes' sides, and how near along each their middles are where their shadows touch.
+    /// The directions of both boxes' sides, and along each the distance of their middles at which their projections
+    /// touch.
     fn shadows(&self, other: &Self) -> impl Iterator<Item = (DVec2, f64)> {
         let (own, others) = (self.axes(), other.axes());
         let (half, others_half) = (self.half, other.half);
@@ -163,7 +164,7 @@ mod tests {
 
     #[test]
     fn boxes_touch_wherever_a_corner_of_one_lies_in_the_other() {
-        // Against the plain definition, over a grid of places and angles.
+        // Compared with the plain definition, over a grid of places and angles.
         let a = Box2 { centre: DVec2::new(3.0, -2.0), half: DVec2::new(1.2, 2.2), yaw: 0.7 };
         let holds = |b: &Box2, point: DVec2| {
             let [across, along] = b.axes();

@@ -5,9 +5,9 @@
 //!      └──────▶ Expert ─▶ label ────────────────────────┴─▶ DrivingLogWriter
 //!                           └─▶ + noise ─▶ Simulation
 //! ```
-//! This is a loop of its own, beside [`drive::run`](lapwing_core::drive::run): there is no pilot to be shown a picture and
-//! no answer to be recorded. What is recorded is what the expert would do, what is driven is not quite that, and the car
-//! is put elsewhere between two rows.
+//! This is a loop of its own, beside [`drive::run`](lapwing_core::drive::run): there is no pilot to show a picture to
+//! and no answer to record. The log holds what the expert would do, the car drives with noise added, and it is put
+//! elsewhere between some rows.
 
 use std::time::Duration;
 
@@ -31,22 +31,22 @@ use crate::{
 
 /// Seconds from one disturbed start to the next, at least and at most.
 const DISTURBED_EVERY_S: (f64, f64) = (4.0, 8.0);
-/// How far from the line a disturbed start is, at most, as a share of the way to where a wheel leaves the road.
+/// How far from the line a disturbed start is, at most, as a share of the distance at which a wheel leaves the road.
 const DISTURBED_REACH: f64 = 0.9;
 /// How far from the road's direction a disturbed start faces, at most, in radians (10 degrees).
 const DISTURBED_YAW: f64 = 0.175;
 /// Steering noise: an Ornstein-Uhlenbeck process of this standard deviation (normalised steering) …
 const NOISE: f64 = 0.12;
-/// … which forgets within this time, in seconds. Bojarski et al. (2016) and Codevilla et al. (2018) disturb alike.
+/// … and this correlation time, in seconds. Bojarski et al. (2016) and Codevilla et al. (2018) disturb similarly.
 const NOISE_S: f64 = 0.7;
 
-/// How the expert drives, and what is kept of it.
+/// How the expert drives, and what is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecordOptions {
-    /// How fast, where bends allow it.
+    /// How fast, if bends allow it.
     pub speed: Mph,
-    /// Whether the car is put beside the line and askew now and then, and its steering disturbed, so that a model learns
-    /// to come back. Default no.
+    /// Whether the car is sometimes put beside the line and askew, and its steering disturbed, so that a model learns
+    /// to recover. Default no.
     pub recovery: bool,
     /// Whether the left and right cameras are recorded, too. Default yes.
     pub side_cameras: bool,
@@ -64,14 +64,14 @@ impl RecordOptions {
 pub struct RecordReport {
     /// Rows of the log.
     pub rows: u64,
-    /// Laps driven to their end.
+    /// Laps completed.
     pub laps: u32,
     /// Why the drive ended.
     pub ending: Ending,
 }
 
-/// Lets the expert drive a world to its end and logs each moment that telemetry would show. `watch` sees the world after
-/// each row and may end it.
+/// Lets the expert drive a world to its end and logs each moment at which telemetry would be sent. `watch` sees the
+/// world after each row and may end it.
 ///
 /// # Errors
 /// [`RecordingError`] where the log or a picture cannot be written.
@@ -117,7 +117,7 @@ pub fn record(
     Ok(RecordReport { rows: log.finish()?, laps: simulation.laps(), ending })
 }
 
-/// What keeps the expert from driving perfectly, so that a model learns to come back.
+/// Keeps the expert from driving perfectly, so that a model learns to recover.
 struct Disturbance {
     random: ChaCha8Rng,
     next_s: f64,
@@ -147,7 +147,7 @@ impl Disturbance {
         now_s >= self.next_s
     }
 
-    /// The car finds itself beside the line, askew.
+    /// Puts the car beside the line, askew.
     fn strike(&mut self, simulation: &mut Simulation) {
         let (s, speed) = (simulation.place().station.s, simulation.car().speed);
         let track = &simulation.setup().track;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use glam::DVec3;
 
-/// Something beside the road itself: an oriented box to the car, a picture to the camera.
+/// Something on or beside the road: an oriented box to the car, a picture to the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Actor {
     /// What it is.
@@ -15,7 +15,7 @@ pub struct Actor {
     pub yaw: f64,
     /// Metres a second along `yaw`.
     pub speed: f64,
-    /// Which of all colours it has.
+    /// Selects its colour.
     pub look: u32,
 }
 

@@ -1,5 +1,5 @@
-//! A world as people name it, on the way to its [`Setup`]: what the flags of a drive, the cell of a suite and a recipe's
-//! recording say.
+//! A world by name, before it becomes a [`Setup`]: as the flags of a drive, the cell of a suite and a recipe's
+//! recording specify it.
 
 use std::{path::Path, sync::Arc};
 
@@ -16,21 +16,21 @@ use crate::{
 /// Which world, by names.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WorldSpec {
-    /// As [`Track::open`] takes it. Default: the scenario's, else that of the settings.
+    /// As [`Track::open`] takes it. Default: the scenario's, or that of the settings.
     pub track: Option<String>,
-    /// Of everything random.
+    /// The seed of everything random.
     pub seed: u64,
     /// `random`, a file (`.toml`), or a list as [`Conditions::parse`] takes it. Default: fair weather.
     pub conditions: Option<String>,
-    /// A scenario of ours by name, or a file (`.toml`). Default: no other traffic.
+    /// A built-in scenario by name, or a file (`.toml`). Default: no other traffic.
     pub scenario: Option<String>,
-    /// Laps after which a drive ends. Default: one, or none where there is a scenario.
+    /// Laps after which a drive ends. Default: one, or none if there is a scenario.
     pub laps: Option<u32>,
-    /// Time after which it ends, in seconds of the world. Default: as long as the scenario is.
+    /// Time after which it ends, in simulated seconds. Default: the scenario's duration.
     pub longest_s: Option<f64>,
 }
 
-/// A world that there is not.
+/// Why a world cannot be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum SpecError {
     /// No such track.
@@ -41,7 +41,7 @@ pub enum SpecError {
     Conditions {
         /// What was asked for.
         given: String,
-        /// Why it is none.
+        /// What is wrong with it.
         source: ConditionsError,
     },
     /// The file of the conditions cannot be read.
@@ -55,7 +55,7 @@ pub enum SpecError {
     /// No such scenario.
     #[error(transparent)]
     Scenario(ScenarioError),
-    /// The file of the scenario describes none.
+    /// The file of the scenario is not valid.
     #[error("--scenario {path}")]
     ScenarioFile {
         /// The file.
@@ -69,19 +69,19 @@ pub enum SpecError {
 }
 
 impl WorldSpec {
-    /// The world, ready to be driven.
+    /// The world, ready to drive.
     ///
     /// # Errors
     /// [`SpecError`].
     pub fn setup(&self, settings: &SimulatorSettings) -> Result<Setup, SpecError> {
-        // Settled here, so that its speeds are known before it begins.
+        // Settled here, so that its speeds are known before the drive.
         let scenario = self.scenario.as_deref().map(scenario).transpose()?.map(|s| s.settle(self.seed));
         let of_scenario = || scenario.as_ref().and_then(|scenario| scenario.track.as_deref());
         let track = Track::open(self.track.as_deref().or_else(of_scenario).unwrap_or(&settings.track))?;
         let longest_s = self.longest_s.or(scenario.as_ref().map(|s| s.duration_s));
         let scenery = Arc::new(Scenery::new(&track));
         Ok(Setup {
-            // One lap where nothing else ends the run.
+            // One lap if nothing else ends the run.
             laps: self.laps.or(scenario.is_none().then_some(1)),
             scenario,
             conditions: self.conditions()?,
@@ -94,7 +94,7 @@ impl WorldSpec {
         })
     }
 
-    /// Light, weather, and what ails the camera.
+    /// Light, weather and camera faults.
     ///
     /// # Errors
     /// [`SpecError::Conditions`] and [`SpecError::ConditionsFile`].

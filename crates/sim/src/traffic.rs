@@ -1,8 +1,7 @@
 //! Plays a scenario: moves what is on the road, step by step.
 //!
-//! Everything is kept in road coordinates, distance along and offset, and put
-//! on the ground from there. Nothing reacts to our car but what its script says
-//! does: a lead car that keeps its gap, and a crosser that sets off to meet it.
+//! Positions are kept in road coordinates, distance along and offset, and converted to the ground from there. Only
+//! actors whose script says so react to our car: a lead car that keeps its gap, and a crosser that sets off to meet it.
 
 use glam::DVec3;
 use rand_chacha::{
@@ -18,16 +17,16 @@ use super::{
     vehicle::{BODY, Car},
 };
 
-/// How strongly a lead car answers to a wrong gap: metres a second for each metre. It closes
-/// 90% of an error within 5 s, calmly enough for our own speed controller to follow.
+/// How strongly a lead car corrects a wrong gap: metres a second for each metre. It closes 90% of an error within 5 s,
+/// calmly enough for our own speed controller to follow.
 const GAP_GAIN: f64 = 0.5;
 /// The hardest a lead car accelerates or brakes to keep its gap, in m/s2; a brisk driver's.
 const GAP_ACCELERATION: f64 = 4.0;
 /// The top speed of anything here, in m/s.
 const TOP_SPEED: f64 = 130.0 * MPS_PER_KMH;
-/// Below this speed our car meets nobody, in m/s.
+/// Below this speed, in m/s, our car meets nobody.
 const STANDING: f64 = 0.1;
-/// Pieces in which the way of our car to a crossing is measured, in metres.
+/// Pieces in which our car's way to a crossing is measured, in metres.
 const PIECE_M: f64 = 2.0;
 
 /// Everything on the road but our car.
@@ -64,7 +63,7 @@ enum Way {
 enum SetOff {
     /// At this time, in seconds.
     At(f64),
-    /// When it takes as long as our car to this share of the car's width.
+    /// When it needs as long as our car to meet at this share of the car's width.
     ToMeet(f64),
 }
 
@@ -76,7 +75,7 @@ struct Walk {
 }
 
 impl Walk {
-    /// Metres after so many seconds.
+    /// Metres after this many seconds.
     fn distance(self, seconds: f64) -> f64 {
         let lasts = 2.0 * self.run_up / self.speed;
         if seconds < lasts {
@@ -86,7 +85,7 @@ impl Walk {
         }
     }
 
-    /// Seconds for so many metres.
+    /// Seconds for this many metres.
     fn seconds(self, distance: f64) -> f64 {
         if distance < self.run_up {
             2.0 * (distance.max(0.0) * self.run_up).sqrt() / self.speed
@@ -95,7 +94,7 @@ impl Walk {
         }
     }
 
-    /// m/s after so many seconds.
+    /// m/s after this many seconds.
     fn speed(self, seconds: f64) -> f64 {
         let lasts = 2.0 * self.run_up / self.speed;
         if seconds < lasts { self.speed * seconds.max(0.0) / lasts } else { self.speed }
@@ -107,8 +106,8 @@ impl Traffic {
     /// by [`Scenario::settle`], and so are the actors' looks.
     ///
     /// # Errors
-    /// [`ScenarioError::Value`] where the scenario does not pass [`Scenario::check`], our car would begin
-    /// beyond the end of this track, or rolls so fast that a crosser sets off too late to meet it.
+    /// [`ScenarioError::Value`] if the scenario does not pass [`Scenario::check`], if our car would begin beyond the
+    /// end of this track, or if it moves so fast that a crosser sets off too late to meet it.
     pub fn new(scenario: &Scenario, track: &Track, seed: u64) -> Result<Self, ScenarioError> {
         scenario.check()?;
         let scenario = scenario.settle(seed);
@@ -121,7 +120,7 @@ impl Traffic {
                 got: ego_s.to_string(),
             });
         }
-        // Apart from the stream of the draws, so that a scenario with another number keeps its colours.
+        // Separate from the stream of the draws, so that a scenario keeps its colours when a number changes.
         let mut looks = ChaCha8Rng::seed_from_u64(scenario.seed ^ u64::MAX);
         looks.set_stream(seed);
         let ego_speed = scenario.ego.speed_kmh.value() * MPS_PER_KMH;
@@ -176,7 +175,7 @@ impl Traffic {
         Ok(traffic)
     }
 
-    /// Whether each crosser that is to meet our car can, should it hold the speed with which it begins.
+    /// Checks that each crosser meant to meet our car can do so if our car holds its initial speed.
     fn check_meetings(&self, scenario: &Scenario, track: &Track, s: f64, offset: f64) -> Result<(), ScenarioError> {
         let place = Place { station: track.at(s), offset };
         let ego = Car { speed: scenario.ego.speed_kmh.value() * MPS_PER_KMH, ..Car::default() };
@@ -203,8 +202,8 @@ impl Traffic {
         &self.actors
     }
 
-    /// Moves everything on by `dt` to time `t`, in seconds from the run's start. `ego` and its place are
-    /// those at `t`: our car has moved already.
+    /// Advances everything by `dt` to time `t`, in seconds from the run's start. `ego` and its place are those at `t`:
+    /// our car has moved already.
     pub fn step(&mut self, t: f64, dt: f64, track: &Track, ego: &Car, ego_place: &Place) {
         for mover in &mut self.movers {
             let actor = &mut self.actors[mover.actor];
@@ -214,7 +213,7 @@ impl Traffic {
     }
 }
 
-/// Puts an actor where its mover is, turned so far from the road's direction.
+/// Puts an actor where its mover is, turned by `turned` from the road's direction.
 fn place(actor: &mut Actor, track: &Track, mover: &Mover, turned: f64) {
     let station = track.at(mover.s);
     actor.position = station.position + station.right() * mover.offset;
@@ -223,18 +222,18 @@ fn place(actor: &mut Actor, track: &Track, mover: &Mover, turned: f64) {
 }
 
 impl Mover {
-    /// Moves on; says how far it is turned from the road's direction, in radians.
+    /// Advances; returns how far it is turned from the road's direction, in radians.
     fn step(&mut self, t: f64, dt: f64, track: &Track, kind: ActorKind, ego: &Car, ego_place: &Place) -> f64 {
         match &mut self.way {
             Way::Lead { gap, onset, deceleration, build_up, end } => {
                 let before = self.speed;
                 if t <= *onset {
-                    let own = self.s + before * dt; // where it will be beside our car, that has moved
+                    let own = self.s + before * dt; // where it will be, as our car has already moved
                     let between = signed(track, ego_place.station.s, own) - FRONT_M - kind.size().z / 2.0;
                     let wanted = (ego.speed + GAP_GAIN * (*gap - between)).clamp(0.0, TOP_SPEED);
                     self.speed += (wanted - self.speed).clamp(-GAP_ACCELERATION * dt, GAP_ACCELERATION * dt);
                 } else {
-                    // What the speed loses by a time since the onset; exact for any step.
+                    // The speed lost at a time after the onset; exact for any step.
                     let lost = |since: f64| match since {
                         s if s <= 0.0 => 0.0,
                         s if s < *build_up => *deceleration * s * s / (2.0 * *build_up),
@@ -270,21 +269,21 @@ impl Mover {
     }
 }
 
-/// From `from` to `to` along the road, in metres, negative where `to` is behind: the shorter way round.
+/// Distance from `from` to `to` along the road, in metres, negative if `to` is behind: the shorter way round.
 pub(super) fn signed(track: &Track, from: f64, to: f64) -> f64 {
     let ahead = track.ahead(from, to);
     if ahead > track.length() / 2.0 { ahead - track.length() } else { ahead }
 }
 
-/// Where one is after so many metres at an offset, on whose line a bend is longer or shorter.
+/// The distance along the road after `metres` at an offset, where a bend is longer or shorter.
 fn forward(track: &Track, s: f64, offset: f64, metres: f64) -> f64 {
     let bend = (1.0 - track.at(s).curvature * offset).max(0.2);
     (s + metres / bend).rem_euclid(track.length())
 }
 
-/// When a crosser at `s` has to set off so that our car's front meets it with the given share of
-/// the car's width between the crosser's middle and the side where it comes from. As Euro NCAP
-/// synchronises its targets: should the car go on at its speed. None where it does not come.
+/// When a crosser at `s` has to set off so that our car's front meets it with the given share of the car's width
+/// between the crosser's middle and the side it comes from. Assumes that the car keeps its speed, as Euro NCAP does to
+/// synchronise its targets. None if the car does not come.
 #[expect(clippy::too_many_arguments, reason = "the geometry of a meeting has that many parts")]
 fn meeting(
     t: f64,

@@ -1,9 +1,8 @@
 //! Road, car, traffic, judge and camera under one clock.
 //!
-//! A [`Simulation`] is a [`World`]: it shows a telemetry each 1/hz of its own
-//! time and moves on by as much once it is answered. Nothing in it asks for the
-//! time of day, so the same [`Setup`] under the same answers is the same to the
-//! last byte, however fast it runs.
+//! A [`Simulation`] is a [`World`]: it shows a telemetry every 1/hz of its own time and advances by as much once it is
+//! answered. Nothing in it reads a real clock, so the same [`Setup`] with the same answers gives the same bytes,
+//! however fast it runs.
 
 mod consequences;
 mod sensor;
@@ -38,7 +37,8 @@ use lapwing_core::{
 
 /// Grip beside the road, as a share of the grip on it.
 const GRIP_BESIDE: f64 = 0.6;
-/// Beyond this far from the road's edge nobody comes back, in metres: 7.0 m from the middle in one of the forks.
+/// A car farther than this from the road's edge does not come back, in metres: 7.0 m from the middle in one of the
+/// forks.
 const LOST_M: f64 = 7.0;
 
 /// The world.
@@ -70,7 +70,7 @@ impl Simulation {
     /// A world with the car at rest at the track's start, or where the scenario puts it.
     ///
     /// # Errors
-    /// [`ScenarioError`] where the scenario does not fit the track.
+    /// [`ScenarioError`] if the scenario does not fit the track.
     pub fn new(mut setup: Setup) -> Result<Self, ScenarioError> {
         setup.scenario = setup.scenario.map(|scenario| scenario.settle(setup.seed));
         let track = &setup.track;
@@ -126,7 +126,7 @@ impl Simulation {
         Ok(world)
     }
 
-    /// The setup that it was made of.
+    /// The setup that it was made from.
     pub fn setup(&self) -> &Setup {
         &self.setup
     }
@@ -152,7 +152,7 @@ impl Simulation {
         self.judge.put(self.steps as f64 * vehicle::STEP_S);
     }
 
-    /// What the drive is judged to be so far.
+    /// The judgement of the drive so far.
     pub fn judge(&self) -> &Judge {
         &self.judge
     }
@@ -162,7 +162,7 @@ impl Simulation {
         self.steps as f64 * vehicle::STEP_S
     }
 
-    /// Share of the asked laps that are driven; of one lap where none is asked for.
+    /// Share of the laps asked for that is driven; of one lap if none is asked for.
     pub fn progress(&self) -> f64 {
         let laps = f64::from(self.setup.laps.unwrap_or(1));
         (self.judge.progress_m() / (laps * self.setup.track.length())).clamp(0.0, 1.0)
@@ -287,7 +287,7 @@ impl Simulation {
         }
     }
 
-    /// On to the next telemetry under the command in force.
+    /// Advances to the next telemetry under the command in force.
     fn advance(&mut self) {
         self.shown += 1;
         let until = (self.shown as f64 / self.setup.hz / vehicle::STEP_S + 1e-9) as u64;
@@ -338,7 +338,7 @@ impl World for Simulation {
         match (answer, self.human_now()) {
             (_, Some(human)) => self.command = self.expert(human.speed),
             (Answer::Steer(command), None) => self.command = command,
-            (Answer::Manual, None) => {} // the stock build drives on as it was told last
+            (Answer::Manual, None) => {} // the stock build keeps the last command
         }
         self.advance();
     }

@@ -1,4 +1,4 @@
-//! `lapwing dataset convert`: a run of a folder, or a folder of a run.
+//! `lapwing dataset convert`: a folder to a run, or a run to a folder.
 
 use std::ops::ControlFlow;
 

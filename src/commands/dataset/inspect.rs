@@ -7,14 +7,14 @@ use crate::{
 };
 use lapwing_learn::dataset::{self, CameraCount, Gap, Inspection, Problem, Size};
 
-/// Gaps and problems that are told one by one; `--json` has all.
+/// Gaps and problems that are listed one by one; `--json` has all.
 const NAMED: usize = 10;
 
 pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
     for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
         outputs::check_drawing(picture)?;
     }
-    // All of them before the first is looked over.
+    // Check all of them before the first is inspected.
     for source in &arguments.sources {
         dataset::check(source)?;
     }
@@ -23,7 +23,7 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
         let bar = RowBar::new();
         inspections.push(dataset::inspect(source, &mut |done, total| bar.show(done, total))?);
     }
-    // What cannot be drawn takes nothing else with it.
+    // A failed drawing does not affect the other results.
     let sheet = arguments.sheet.as_ref().map_or(Ok(()), |path| {
         dataset::contact_sheet(&inspections)?.write(path)?;
         anyhow::Ok(())
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
     Ok(if sound { Ended::Passed } else { Ended::Failed })
 }
 
-/// A column for each data set, then what is to be said of each alone.
+/// A column for each data set, then details of each.
 fn table(inspections: &[Inspection]) -> String {
     let columns: Vec<Vec<(&str, String)>> = inspections.iter().map(column).collect();
     let width = |column: &Vec<(&str, String)>| column.iter().map(|(_, text)| text.chars().count()).max();

@@ -1,4 +1,4 @@
-//! `lapwing dataset`: recordings as data sets, one file a verb.
+//! `lapwing dataset`: recordings as data sets, one file per verb.
 
 mod convert;
 mod divide;

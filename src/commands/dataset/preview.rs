@@ -1,4 +1,4 @@
-//! `lapwing dataset preview`: what augmentation makes of pictures and labels.
+//! `lapwing dataset preview`: what augmentation does to pictures and labels.
 
 use std::fs;
 

@@ -1,8 +1,8 @@
 //! Finds the road's edges in a row of a picture.
 //!
-//! The same finder looks at real and at rendered pictures, so that a habit of
-//! its own cancels out where the two are compared. JPEG keeps colour at half
-//! the resolution, so colour says that there is a line and brightness where.
+//! The same detector is used for real and for rendered pictures, so that its bias cancels out when the two are
+//! compared. JPEG stores colour at half the resolution, so colour shows that there is a line, and brightness shows
+//! where.
 
 use lapwing_core::perception::Frame;
 use lapwing_sim::track::Theme;
@@ -10,16 +10,16 @@ use lapwing_sim::track::Theme;
 /// Columns at which the left and the right edge were found in a row.
 pub type Edges = [Option<f64>; 2];
 
-/// What tells a road from its sides.
+/// Tells a road from its sides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Detector {
     theme: Theme,
 }
 
-/// Warmer than the road by this, of 255, is no road. Asphalt stays within 5 of its own mean.
+/// Anything warmer than the road by this, out of 255, is not road. Asphalt stays within 5 of its own mean.
 const WARMER: f64 = 11.0;
-/// So much brighter or darker than the road, of 255, over [`BANK_COLUMNS`] and not red, is the bank beside
-/// it: the line before it was missed. Lines and their strip are narrower, kerbs are red.
+/// Anything brighter or darker than the road by this much, out of 255, over [`BANK_COLUMNS`] and not red, is the bank
+/// beside it: the line before it was missed. Lines and their strip are narrower, kerbs are red.
 const BANK: std::ops::Range<f64> = -30.0..40.0;
 const BANK_COLUMNS: usize = 7;
 /// Bridge walls are darker than this part of the paving's brightness.
@@ -28,7 +28,7 @@ const WALL: f64 = 0.35;
 const PAVED: f64 = 26.0;
 
 impl Detector {
-    /// For pictures of that country.
+    /// A detector for pictures of that landscape.
     pub const fn new(theme: Theme) -> Self {
         Self { theme }
     }
@@ -111,7 +111,7 @@ impl Scanline {
         (self.warmth.len() / 2) as f64 + f64::from(side) * steps + 0.5
     }
 
-    /// Columns outward to the bank, which is no road.
+    /// Columns outward to the bank, which is not road.
     fn bank(&self, side: i32, light: &[f64]) -> usize {
         let middle = (self.red.len() / 2) as isize;
         let red = |i: usize| self.red.get((middle + side as isize * i as isize) as usize).copied().unwrap_or(0.0);
@@ -119,8 +119,8 @@ impl Scanline {
         bank.windows(BANK_COLUMNS).position(|w| w.iter().all(|&b| b)).unwrap_or(light.len())
     }
 
-    /// The middle of the first warm line before the bank; where none stands out, the place where the ground has
-    /// become half as warm as it does.
+    /// The middle of the first warm line before the bank; if none stands out, the place where the ground reaches half
+    /// its final warmth.
     fn line(&self, side: i32) -> Option<f64> {
         let (warmth, light, _) = self.outward(side);
         let bank = self.bank(side, &light);

@@ -8,8 +8,8 @@ use lapwing_sim::track::{Edge, Side, Track};
 /// neighbours are not among them: there, rendered and real edges are compared.
 pub const FIT_ROWS: [usize; 16] = [84, 86, 88, 90, 92, 94, 96, 104, 106, 108, 110, 112, 114, 116, 124, 126];
 
-/// Metres from the road's edge outward to what the detector takes for it: the inner yellow line's
-/// middle lies 3.45 m from the lake road's middle, whose half width is 3.35 m.
+/// Metres from the road's edge outward to what the detector takes as the edge: the inner yellow line's middle lies 3.45
+/// m from the lake road's middle, whose half width is 3.35 m.
 const LINE_M: f64 = 0.1;
 /// Metres ahead of the car's origin on which [`super::Detector::paved`] looks.
 const PAVED_AHEAD_M: f64 = 4.5;
@@ -37,7 +37,7 @@ pub struct Sighting {
 pub struct Odometry {
     /// Where the recording begins, in metres along the road.
     pub from_m: f64,
-    /// Metres along the road a metre driven.
+    /// Metres along the road per metre driven.
     pub scale: f64,
     /// How well curvature driven and curvature of the road agree, -1 to 1.
     pub correlation: f64,
@@ -103,7 +103,7 @@ fn driven(moments: &[Sighting]) -> Vec<f64> {
     out
 }
 
-/// Where the drive begins: curvature says roughly, the bridge's paving exactly where there is one.
+/// Where the drive begins: roughly from curvature, and exactly from the bridge's paving if there is one.
 fn place(track: &Track, moments: &[Sighting], driven: &[f64], start: Option<f64>) -> Odometry {
     let steered = hann(&steered(moments, driven));
     let curved = hann(
@@ -143,7 +143,7 @@ fn place(track: &Track, moments: &[Sighting], driven: &[f64], start: Option<f64>
     best(&mut around(coarse, if start.is_some() { 10 } else { 30 }, 0.5)).unwrap_or(coarse)
 }
 
-/// Curvature that the steering drives, each metre of the way.
+/// Curvature that the steering gives, for each metre driven.
 fn steered(moments: &[Sighting], driven: &[f64]) -> Vec<f64> {
     let mut i = 0;
     (0..(driven.last().copied().unwrap_or(0.0) / GRID_M) as usize)
@@ -178,7 +178,7 @@ fn correlation(a: &[f64], b: impl Fn(usize) -> f64) -> f64 {
     (ab - sa * sb / n) / ((aa - sa * sa / n) * (bb - sb * sb / n)).sqrt().max(1e-12)
 }
 
-/// Metres from the middle at which the edges are that the detector sees.
+/// Metres from the middle to the edges that the detector sees.
 fn edge_offsets(track: &Track, s: f64, paved: bool) -> [f64; 2] {
     let ahead = (s + PAVED_AHEAD_M).rem_euclid(track.length());
     let out =
@@ -192,7 +192,7 @@ fn expected(track: &Track, lens: &SurveyLens, pose: Pose, paved: bool) -> Vec<Ed
     left.into_iter().zip(right).map(|(left, right)| [left, right]).collect()
 }
 
-/// Offset and yaw at `s` by Gauss and Newton, weighted against outliers more sharply from step to step.
+/// Offset and yaw at `s` by Gauss-Newton, with outliers weighted down more in each step.
 fn fit(track: &Track, lens: &SurveyLens, s: f64, moment: &Sighting) -> Fix {
     let mut pose = Pose { s, offset: track.file().driving_line_m, yaw: 0.0 };
     let home = pose;
@@ -202,8 +202,8 @@ fn fit(track: &Track, lens: &SurveyLens, s: f64, moment: &Sighting) -> Fix {
         let at = expected(track, lens, pose, moment.paved);
         let aside = expected(track, lens, Pose { offset: pose.offset + step_offset, ..pose }, moment.paved);
         let turned = expected(track, lens, Pose { yaw: pose.yaw + step_yaw, ..pose }, moment.paved);
-        // Priors of 1.2 m and 4.5 degrees against edges that are good to 1.2 columns: a picture
-        // without edges stays on the driving line.
+        // Priors of 1.2 m and 4.5 degrees against edges that are accurate to 1.2 columns: a picture without edges stays
+        // on the driving line.
         let (mut a, mut b, mut c) = (1.0, 0.0, 400.0);
         let (mut p, mut q) = (home.offset - pose.offset, -400.0 * pose.yaw);
         for (((seen, at), aside), turned) in moment.edges.iter().zip(&at).zip(&aside).zip(&turned) {
@@ -233,7 +233,7 @@ fn fit(track: &Track, lens: &SurveyLens, s: f64, moment: &Sighting) -> Fix {
     judged(track, lens, pose, moment)
 }
 
-/// A pose with how well it explains the edges.
+/// A pose, and how well it explains the edges.
 fn judged(track: &Track, lens: &SurveyLens, pose: Pose, moment: &Sighting) -> Fix {
     let at = expected(track, lens, pose, moment.paved);
     let mut errors: Vec<f64> = moment
@@ -282,7 +282,7 @@ fn smooth(track: &Track, lens: &SurveyLens, raw: &[Fix], moments: &[Sighting], i
 mod tests {
     use super::*;
 
-    /// A drive along the lake from a place on, weaving, whose edges are where geometry puts them.
+    /// A weaving drive along the lake from a place on, with edges where geometry puts them.
     fn weaving(track: &Track, lens: &SurveyLens, from: f64, count: usize) -> (Vec<Sighting>, Vec<Pose>) {
         let speed = 12.0;
         let poses: Vec<Pose> = (0..count)

@@ -13,8 +13,8 @@ use lapwing_sim::{
     vehicle::Car,
 };
 
-/// Measured with the lines where the real ones are: median 0.65 columns, 7 of 536 missed, but one edge in ten is
-/// more than 11.6 columns off, so only the median is held. With the inner line at 3.37 m the median was 3.63.
+/// Measured with the lines where the real ones are: median 0.65 columns, 7 of 536 missed, but one edge in ten is more
+/// than 11.6 columns off, so only the median is checked. With the inner line at 3.37 m the median was 3.63.
 #[test]
 fn edges_are_found_where_the_simulators_camera_puts_them() {
     let track = Track::named("lake").unwrap();

@@ -30,10 +30,10 @@ impl SurveyLens {
 
     /// Pictures are seen from here at speed.
     ///
-    /// Measured over the straight half of a real lake recording from the yellow lines of 80
-    /// pictures, whose spacing and slope say height, pitch and roll: 7.2 degrees down instead
-    /// of the scene file's 9.5, for the body stands nose up on its springs. The height is the
-    /// one in `tracks/README.md`; yaw is the scene's, as only yaw plus the car's own shows.
+    /// Measured over the straight half of a real lake recording from the yellow lines of 80 pictures, whose spacing and
+    /// slope give height, pitch and roll: 7.2 degrees down instead of the scene file's 9.5, as the body stands nose up
+    /// on its springs. The height is the one in `tracks/README.md`; yaw is the scene's, as only its sum with the car's
+    /// own is visible.
     pub fn stock() -> Self {
         Self::new(7.2, 0.72, 1.4, DVec3::new(0.0, 1.25, 1.0))
     }
@@ -64,13 +64,12 @@ impl SurveyLens {
         self.project(DVec3::new(away.x * cos - away.z * sin, away.y - here.grade * ahead, ahead))
     }
 
-    /// The columns at which a line along the road, `offset` from its middle, crosses the middles
-    /// of `rows` for the first time, looking away from the car; `None` where it does not, also
-    /// beyond the picture's sides.
+    /// The columns at which a line along the road, `offset` from its middle, crosses the middles of `rows` for the
+    /// first time, looking away from the car; `None` if it does not, or beyond the picture's sides.
     pub fn line(&self, track: &Track, pose: Pose, offset: f64, rows: &[usize]) -> Vec<Option<f64>> {
         let mut columns = vec![None; rows.len()];
         let mut last: Option<[f64; 2]> = None;
-        let mut highest = f64::INFINITY; // the row last reached: what lies lower and further is hidden or behind
+        let mut highest = f64::INFINITY; // the row last reached: anything lower and further is hidden or behind
         for ahead in steps() {
             let Some(now) = self.project_road(track, pose, pose.s + ahead, offset) else { continue };
             if let Some(before) = last.filter(|_| now[1] < highest) {

@@ -55,7 +55,7 @@ pub(super) fn connect(address: &str) -> Result<WebSocket<TcpStream>, ClientError
     Ok(WebSocket::from_partially_read(stream, rest, Role::Client, None))
 }
 
-/// Reads up to the end of a response head; what came behind it is returned apart.
+/// Reads up to the end of a response head; anything after it is returned separately.
 fn read_head(stream: &mut TcpStream) -> io::Result<(String, Vec<u8>)> {
     const LONGEST: usize = 16 << 10;
     let mut bytes = Vec::new();

@@ -6,7 +6,7 @@ use crate::{
     units::{Metres, Mph, SpeedUnit},
 };
 
-/// Shows telemetry that has truth, so often, and remembers the answers.
+/// Shows telemetry with truth a number of times, and remembers the answers.
 struct Telling {
     left: u32,
     answers: Vec<Answer>,
@@ -33,7 +33,7 @@ impl World for Telling {
     }
 }
 
-/// A bridge that answers as the telemetry's dialect wants it; what it heard comes back.
+/// Plays to a bridge that answers as the telemetry's dialect requires; returns what it received.
 fn played(stock: bool) -> (Vec<(Dialect, Truth)>, ClientReport) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();

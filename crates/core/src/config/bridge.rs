@@ -19,35 +19,36 @@ pub struct BridgeSettings {
     pub port: u16,
     /// What the simulator means by `speed`. Default `mph`; some `pos_x` forks send `m/s`.
     pub speed_unit: SpeedUnit,
-    /// Silence after which a simulator is sent a command unasked, s. Default 1; more for one that draws slower.
+    /// Silence after which a simulator is sent an unrequested command, s. Default 1; use more for one that renders more
+    /// slowly.
     pub kick_after_s: f64,
-    /// Events for each simulator as it connects, each `["name"]` or `["name",{…}]` in JSON. Default none.
-    /// udacity-gym waits for `["start_episode",{"track_name":…,"weather_name":…,"daytime_name":…}]`;
-    /// the stock build passes over events that it does not know.
+    /// Events for each simulator as it connects, each `["name"]` or `["name",{…}]` in JSON. Default none. udacity-gym
+    /// waits for `["start_episode",{"track_name":…,"weather_name":…,"daytime_name":…}]`; the stock build ignores events
+    /// that it does not know.
     pub greet: Vec<String>,
     /// Origins of the web pages that may connect and arm, each `scheme://host[:port]`. Default none:
     /// a simulator sends no `Origin`, and a browser sends one for every page.
     pub allow_origins: Vec<String>,
-    /// Names and addresses that clients may use for this machine, besides `localhost` and the address that is
-    /// listened on. Default none: a name could be one that a page has pointed here (DNS rebinding).
+    /// Names and addresses that clients may use for this machine, besides `localhost` and the listening address.
+    /// Default none: a web page could have pointed any other name here (DNS rebinding).
     pub allow_hosts: Vec<String>,
-    /// What clients may take up.
+    /// Limits on what clients may use.
     pub limits: Limits,
 }
 
-/// `[bridge.limits]`: what clients may take up.
+/// `[bridge.limits]`: limits on what clients may use.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     /// Largest message, MiB. Default 4; a telemetry of the stock build is 0.02.
     pub message_mib: u32,
-    /// All messages together that are being received or wait to be answered, MiB. Default 64; at least a quarter of
+    /// All messages being received or waiting for an answer, together, MiB. Default 64; at least a quarter of
     /// [`connections`](Self::connections).
     pub in_flight_mib: u32,
     /// Connections at a time. Default 64.
     pub connections: u32,
-    /// How long a request's head, its body or a large message may take to arrive, s, and how long a connection that
-    /// is no WebSocket may stay idle. Default 10; clients that poll leave theirs idle for up to 5.
+    /// How long a request's head, its body or a large message may take to arrive, s, and how long a connection other
+    /// than a WebSocket may stay idle. Default 10; polling clients leave theirs idle for up to 5.
     pub patience_s: f64,
 }
 
@@ -62,7 +63,7 @@ impl Limits {
         mib(self.in_flight_mib)
     }
 
-    /// [`connections`](Self::connections) as a count of things in memory.
+    /// [`connections`](Self::connections) as a `usize`.
     pub fn connections(&self) -> usize {
         usize::try_from(self.connections).unwrap_or(usize::MAX)
     }
@@ -99,13 +100,13 @@ impl Default for Limits {
 }
 
 impl BridgeSettings {
-    /// What cannot be used, with expected and got.
+    /// Checks the values; the error says what was expected and what it got.
     pub(super) fn check(&self) -> Result<(), String> {
         if !(0.1..=3600.0).contains(&self.kick_after_s) {
             return Err(format!("bridge.kick_after_s: expected 0.1 to 3600 seconds, got {}", self.kick_after_s));
         }
         for event in &self.greet {
-            // Anything else and the simulator's client dies of it.
+            // Anything else crashes the simulator's client.
             use serde_json::Value::{Array, Object, String};
             let is_event = serde_json::from_str(event).is_ok_and(|value| match value {
                 Array(parts) => matches!(parts.as_slice(), [String(_)] | [String(_), Object(_)]),
@@ -145,7 +146,7 @@ impl BridgeSettings {
                 2 * message_mib
             ));
         }
-        // 64 KiB of each connection's own, in which an ordinary message finds room.
+        // Each connection has 64 KiB of its own, enough for an ordinary message.
         let least = connections.div_ceil(4);
         if in_flight_mib < least {
             return Err(format!(

@@ -19,19 +19,19 @@ pub struct Layers {
     model_named_by_others: Option<String>,
 }
 
-/// Whose word a layer is.
+/// Who wrote a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Author {
-    /// Who runs the program: flags, environment.
+    /// The user: flags, environment.
     User,
-    /// The same, written down for all folders.
+    /// The user, in the file that applies to all folders.
     UsersFile,
-    /// Whoever wrote the file. It is read because it is in the folder, or was handed over as a whole.
+    /// Anybody: the file is read because it is in the folder, or because it was named.
     Anybody,
 }
 
 impl Layers {
-    /// Adds the user's own settings file, and is content without.
+    /// Adds the user's own settings file, if there is one.
     ///
     /// # Errors
     /// As [`Layers::file`].
@@ -39,11 +39,11 @@ impl Layers {
         self.read(path, false, Author::UsersFile)
     }
 
-    /// Adds a settings file, which anybody may have written. `None` looks for [`FILE`] in the working directory and is
-    /// content without.
+    /// Adds a settings file, which anybody may have written. `None` looks for [`FILE`] in the working directory, where
+    /// it may be missing.
     ///
     /// # Errors
-    /// [`ConfigError`] where the file cannot be read or holds something unknown.
+    /// [`ConfigError`] if the file cannot be read or holds something unknown.
     pub fn file(self, path: Option<&Path>) -> Result<Self, ConfigError> {
         self.read(path.unwrap_or(Path::new(FILE)), path.is_some(), Author::Anybody)
     }
@@ -92,13 +92,14 @@ impl Layers {
         self.layer(layer, table, Author::User)
     }
 
-    /// The file that names the model, where that is no word of the user's own: one that anybody may have written, or
-    /// the user's with a path that depends on the folder.
+    /// The file that names the model, unless the user chose it: a file that anybody may have written, or the user's own
+    /// with a path that depends on the folder.
     pub fn model_named_by_others(&self) -> Option<&str> {
         self.model_named_by_others.as_deref()
     }
 
-    /// Sets one dotted key to a path. Settings are text, and stand in runs: a path that is none is refused, not changed.
+    /// Sets one dotted key to a path. Settings are text and are stored in runs, so a path that is not Unicode is
+    /// refused, not changed.
     ///
     /// # Errors
     /// [`ConfigError`] naming `layer`.
@@ -110,7 +111,7 @@ impl Layers {
     /// The settings.
     ///
     /// # Errors
-    /// [`ConfigError`] for values that do not go together.
+    /// [`ConfigError`] for values that cannot be combined.
     pub fn resolve(self) -> Result<Settings, ConfigError> {
         check("settings", &self.merged)
     }
@@ -128,7 +129,7 @@ impl Layers {
             self.model_named_by_others = (!own).then(|| name.to_owned());
         }
         merge(&mut self.merged, table);
-        check(name, &self.merged)?; // the layers below passed: what is wrong now is this one's
+        check(name, &self.merged)?; // the layers below passed, so the fault is in this one
         Ok(self)
     }
 }
@@ -147,7 +148,7 @@ fn merge(below: &mut Table, above: Table) {
     }
 }
 
-/// A variable's text as the TOML value that it looks like, else as a string.
+/// A variable's text as the TOML value that it looks like, or as a string.
 fn text(value: &str) -> Value {
     format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v")).unwrap_or_else(|| value.into())
 }
@@ -182,7 +183,7 @@ mod tests {
         let own = Layers::default().own_file(&path).unwrap();
         assert_eq!(named_by(&own), None);
         assert_eq!(own.resolve().unwrap().model.path.as_deref(), Some(Path::new("/somewhere/net.pt")));
-        // What lies there differs from folder to folder.
+        // What this path leads to depends on the folder.
         let (_dir, relative) = file("[model]\npath = \"net.pt\"\n");
         assert!(named_by(&Layers::default().own_file(&relative).unwrap()).is_some());
         // The folder's file has the last word, and it is not the user's.

@@ -1,8 +1,7 @@
 //! Settings: defaults < your own `lapwing.toml` < the folder's < environment < flags, resolved once.
 //!
-//! Every layer is a TOML table of the same shape; unknown keys and impossible
-//! values are refused with the layer that holds them. The resolved whole goes
-//! into every run, so that a run says how it was driven.
+//! Every layer is a TOML table of the same shape. An unknown key or an impossible value is an error that names its
+//! layer. The resolved settings are stored in every run, so that a run says how it was driven.
 
 mod bridge;
 mod layers;
@@ -38,11 +37,11 @@ pub struct Settings {
     pub bridge: BridgeSettings,
     /// The network that drives.
     pub model: ModelSettings,
-    /// The pictures that are taken.
+    /// Camera images.
     pub perception: PerceptionSettings,
     /// Throttle and hand-over.
     pub control: ControlSettings,
-    /// What is kept of a drive.
+    /// What is recorded of a drive.
     pub recording: RecordingSettings,
     /// The headless simulator.
     pub simulator: SimulatorSettings,
@@ -57,12 +56,12 @@ pub struct ModelSettings {
     /// A checkpoint (`.safetensors`) or TorchScript (`.pt` with a side `.toml`). Default: the PilotNet built in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub path: Option<PathBuf>,
-    /// Threads that libtorch may use for one forward pass; 0, the default, leaves the choice to the network.
-    /// `drive` always takes one: another number rounds otherwise, and the same seed must give the same run everywhere.
+    /// Threads that libtorch may use for one forward pass; 0, the default, leaves the choice to the network. `drive`
+    /// always uses one: other numbers round differently, and the same seed must give the same run everywhere.
     pub threads: u16,
     /// Whether files that others may have written (the folder's `lapwing.toml`, one of `--config`, a suite) may name a
-    /// TorchScript model, whose code then runs. Default no; those files themselves may not say yes. It says nothing
-    /// about a drive, and is not recorded.
+    /// TorchScript model, whose code then runs. Default no; those files cannot set it themselves. It does not affect a
+    /// drive and is not recorded.
     #[serde(skip_serializing)]
     pub allow_torchscript: bool,
 }
@@ -71,7 +70,7 @@ pub struct ModelSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PerceptionSettings {
-    /// Most pixels, width times height, of a picture, live, recorded or in a data set. Default 2304000: 1920x1200.
+    /// Largest picture, live, recorded or in a data set, in pixels (width times height). Default 2304000: 1920x1200.
     pub max_pixels: u32,
 }
 
@@ -79,7 +78,7 @@ pub struct PerceptionSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControlSettings {
-    /// Which law makes throttle. Default `pi`.
+    /// The law that computes throttle. Default `pi`.
     pub speed_law: SpeedLaw,
     /// The PI controller's set speed and the quadratic law's limit, mph. Default 9, as `drive.py`.
     pub speed_mph: Mph,
@@ -91,7 +90,7 @@ pub struct ControlSettings {
     pub takeover: Takeover,
 }
 
-/// Which law makes throttle.
+/// The law that computes throttle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -110,7 +109,7 @@ pub enum SpeedLaw {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Takeover {
-    /// The pilot goes on.
+    /// The pilot drives again.
     #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     #[default]
     Resume,
@@ -127,7 +126,7 @@ pub struct RecordingSettings {
     pub enabled: bool,
     /// Folder of the runs. Default `recordings`.
     pub dir: PathBuf,
-    /// Items that may wait for the disk before frames are left out. Default 512, some 6 s of one simulator at 20 Hz.
+    /// Items that may wait for the disk before frames are dropped. Default 512, about 6 s of one simulator at 20 Hz.
     pub queue: usize,
 }
 
@@ -152,7 +151,7 @@ impl Default for RecordingSettings {
 /// Settings that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The file is there and cannot be read, or was named and is not there.
+    /// The file cannot be read, or was named and does not exist.
     #[error("{path}: cannot be read: {source}")]
     Read {
         /// The file.
@@ -178,7 +177,7 @@ pub enum ConfigError {
     },
 }
 
-/// The text of a file that says what is wanted: settings, conditions, a scenario, a suite.
+/// Reads a file of settings, conditions, a scenario or a suite as text.
 ///
 /// # Errors
 /// [`ConfigError::Read`].

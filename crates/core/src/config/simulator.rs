@@ -27,8 +27,8 @@ pub enum OnCrash {
     #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     #[default]
     Stop,
-    /// The car stands at the next waypoint, and the run goes on, as in SelfOracle's build.
-    /// Leaving the road counts as a crash there.
+    /// The car is put at the next waypoint and the run continues, as in SelfOracle's build. In this mode leaving the
+    /// road counts as a crash, too.
     #[cfg_attr(feature = "clap", value(help = None::<&str>))]
     Reset,
 }
@@ -39,25 +39,25 @@ impl Default for SimulatorSettings {
     }
 }
 
-/// `[simulator.rules]`: what counts as what. The defaults are the forks', see each.
+/// `[simulator.rules]`: what counts as off the road, stuck and so on. The defaults are those of the forks.
 #[derive(Serialize, Deserialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Rules {
-    /// How far from the road's middle the car's origin may be, in metres. Half the road's width by
-    /// default; forks have 3.0 and 7.0.
+    /// How far from the road's middle the car's origin may be, in metres. Half the road's width by default; forks use
+    /// 3.0 and 7.0.
     pub off_road_m: Option<f64>,
-    /// Under this speed a car is stuck, mph.
+    /// A car below this speed is stuck, mph …
     pub stuck_mph: f64,
-    /// For so long, in seconds: 120 game frames at 60 Hz.
+    /// … if it stays below it for this long, in seconds: 120 game frames at 60 Hz.
     pub stuck_s: f64,
     /// How long after the start or a reset it may stand, in seconds.
     pub grace_s: f64,
-    /// How near something ahead of the front has to be for the car to wait for it, in metres: twice
-    /// the distance at which drivers stop in a queue.
+    /// How near something ahead of the front must be for the car to count as waiting for it, in metres: twice the
+    /// distance at which drivers stop in a queue.
     pub waiting_m: f64,
     /// How far it may face away from the road's direction, in degrees.
     pub wrong_way_deg: f64,
-    /// For how long, in seconds.
+    /// For how long it may do so, in seconds.
     pub wrong_way_s: f64,
     /// Metres between waypoints, rounded so that they divide the road.
     pub waypoint_spacing_m: f64,
@@ -81,17 +81,17 @@ impl Default for Rules {
     }
 }
 
-/// A threshold that makes no sense.
+/// A rule whose value is out of range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("rule {rule}: expected {min} to {max}, got {got}")]
 pub struct RulesError {
-    /// Which.
+    /// The rule's key.
     pub rule: &'static str,
     /// Smallest value allowed.
     pub min: f64,
     /// Largest value allowed.
     pub max: f64,
-    /// What it was.
+    /// The value given.
     pub got: f64,
 }
 

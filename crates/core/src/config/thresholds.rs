@@ -1,9 +1,9 @@
-//! Thresholds that a run must reach: each is a figure and a bound, defined once. The settings, the flags, the
-//! checks of a scorecard and the names of JUnit's test cases follow from this list.
+//! Thresholds that a run must reach: each is a figure and a bound, defined once. The settings, the flags, the checks of
+//! a scorecard and the names of JUnit's test cases are derived from this list.
 
 use serde::{Deserialize, Serialize};
 
-/// On which side of its limit a figure has to be.
+/// The side of its limit on which a figure must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bound {
     /// The limit, or more.
@@ -30,10 +30,10 @@ impl Bound {
     }
 }
 
-/// What the limit of a threshold is counted in.
+/// The unit of a threshold's limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LimitUnit {
-    /// 0 to 100, of a figure that is a share.
+    /// 0 to 100, for a figure that is a share from 0 to 1.
     Percent,
     /// 0 to 100.
     Points,
@@ -44,7 +44,7 @@ pub enum LimitUnit {
 }
 
 impl LimitUnit {
-    /// What stands for a number of it in a usage line.
+    /// Its placeholder in a usage line.
     pub fn placeholder(self) -> &'static str {
         match self {
             Self::Percent => "PERCENT",
@@ -63,36 +63,36 @@ impl LimitUnit {
     }
 }
 
-/// A threshold as it is defined, whether it is set or not.
+/// The definition of a threshold, whether it is set or not.
 #[derive(Debug, Clone, Copy)]
 pub struct Threshold {
-    /// The setting below `[thresholds]`, and with dashes the flag.
+    /// The key in `[thresholds]`; with dashes, the flag.
     pub key: &'static str,
     /// The key of the figure that it bounds.
     pub figure: &'static str,
-    /// From which side.
+    /// The side of the limit on which the figure must be.
     pub bound: Bound,
-    /// What the limit is counted in.
+    /// The limit's unit.
     pub unit: LimitUnit,
-    /// What people are told it is.
+    /// Its description, for people.
     pub help: &'static str,
     limit: fn(&Thresholds) -> Option<f64>,
 }
 
 impl Threshold {
-    /// The flag that sets it, without its dashes in front.
+    /// The flag that sets it, without the leading dashes.
     pub fn flag(&self) -> String {
         self.key.replace('_', "-")
     }
 
-    /// The limit that is set, as the figure counts: a share is 0 to 1.
+    /// The limit, if set, in the figure's own unit: a share is 0 to 1.
     pub fn limit(&self, thresholds: &Thresholds) -> Option<f64> {
         let limit = (self.limit)(thresholds)?;
         Some(if self.unit == LimitUnit::Percent { limit / 100.0 } else { limit })
     }
 }
 
-/// How a field's number stands in the list.
+/// The value of a field, whatever its type.
 trait ThresholdNumber: Copy {
     fn number(self) -> f64;
 }
@@ -123,7 +123,7 @@ macro_rules! thresholds {
         }
 
         impl Thresholds {
-            /// All that there are, in the order in which they are told.
+            /// All thresholds, in the order in which they are reported.
             pub const ALL: [Threshold; [$($help),+].len()] = [$(Threshold {
                 key: stringify!($key),
                 figure: $figure,
@@ -147,7 +147,7 @@ thresholds! {
 }
 
 impl Thresholds {
-    /// What cannot be a limit, with expected and got.
+    /// Checks the limits; the error says what was expected and what it got.
     pub(super) fn check(&self) -> Result<(), String> {
         for Threshold { key, unit, limit, .. } in Self::ALL {
             let most = unit.most();

@@ -48,7 +48,7 @@ impl Handover {
         Some(HandoverChange::TakeoverEnded(at.saturating_sub(since)))
     }
 
-    /// Lets the pilot drive again; says whether it was off.
+    /// Lets the pilot drive again; returns whether it was off.
     pub fn arm(&mut self) -> bool {
         let was_off = self.hands == Hands::Off;
         if was_off {
@@ -62,12 +62,12 @@ impl Handover {
         self.hands = Hands::Pilot;
     }
 
-    /// Whether a human's takeover has put the pilot off until it is armed.
+    /// Whether a human's takeover has switched the pilot off until it is armed.
     pub fn is_off(&self) -> bool {
         self.hands == Hands::Off
     }
 
-    /// Whether the last word was that a human drives.
+    /// Whether a human drives, as far as last reported.
     pub fn is_human(&self) -> bool {
         matches!(self.hands, Hands::Human { .. })
     }

@@ -3,7 +3,7 @@
 use super::REVERSES_BELOW;
 use crate::units::{Mph, Steering, Throttle};
 
-/// What a speed controller says, with its terms for the run's record.
+/// A speed controller's output, with its terms for the run's record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThrottleOutput {
     /// Proportional term, in throttle.
@@ -40,9 +40,8 @@ impl Default for PiGains {
     }
 }
 
-/// The PI controller of Udacity's `drive.py` (`SimplePIController`): one update a
-/// telemetry, `kp * error + ki * sum of errors`, clamped, and with the sum held
-/// while the clamp is at work and the error would push further into it.
+/// The PI controller of Udacity's `drive.py` (`SimplePIController`): one update per telemetry, `kp * error + ki * sum
+/// of errors`, clamped. The sum is held while the output is clamped and the error would push it further.
 #[derive(Debug, Clone)]
 pub struct Pi {
     gains: PiGains,
@@ -57,8 +56,8 @@ impl Pi {
         Self { gains, set_speed, integral: 0.0 }
     }
 
-    /// One telemetry on. Under a limit below the set speed the controller holds the limit instead, and the sum of
-    /// errors rests: it belongs to the set speed.
+    /// Advances by one telemetry. With a limit below the set speed, the controller holds the limit instead and leaves
+    /// the sum of errors alone, which belongs to the set speed.
     pub fn update(&mut self, speed: Mph, limit: Option<Mph>) -> ThrottleOutput {
         let PiGains { kp, ki } = self.gains;
         if let Some(limit) = limit.filter(|limit| *limit < self.set_speed) {
@@ -75,7 +74,7 @@ impl Pi {
     }
 }
 
-/// Lu's law divides by the limit; a pilot's may be zero.
+/// Lu's law divides by the limit, and a pilot's limit may be zero.
 const SLOWEST_LIMIT_MPH: f64 = 0.1;
 
 /// Lu's law: `throttle = 1 - steering² - (speed / limit)²` (End to End Learning for Self-Driving Cars).
@@ -90,7 +89,8 @@ impl Quadratic {
         Self { limit }
     }
 
-    /// Throttle for the steering about to be commanded and the speed now, under a limit that may be lower for now.
+    /// Throttle for the steering about to be commanded and the current speed. `limit` replaces the law's own if it is
+    /// lower.
     pub fn update(&self, steering: Steering, speed: Mph, limit: Option<Mph>) -> ThrottleOutput {
         let limit = limit.map_or(self.limit.get(), |limit| limit.get().clamp(SLOWEST_LIMIT_MPH, self.limit.get()));
         let share = speed.get() / limit;
@@ -108,8 +108,8 @@ pub enum SpeedController {
 }
 
 impl SpeedController {
-    /// Throttle for the steering about to be commanded and the speed now. `limit`, where there is one, is what the
-    /// pilot holds fast enough for the road ahead: the set speed is that for this step, if it is lower.
+    /// Throttle for the steering about to be commanded and the current speed. `limit` is the highest speed that the
+    /// pilot allows for the road ahead; it replaces the set speed for this step if it is lower.
     pub fn update(&mut self, steering: Steering, speed: Mph, limit: Option<Mph>) -> ThrottleOutput {
         match self {
             Self::Pi(pi) => pi.update(speed, limit),

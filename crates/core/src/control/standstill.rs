@@ -20,19 +20,18 @@ const BRAKING_MPH_PER_S: f64 = GRAVITY / MPS_PER_MPH;
 /// What is known of the car's speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum KnownSpeed {
-    /// Told by this telemetry.
+    /// Reported by this telemetry.
     Now(Mph),
-    /// Not told now; this was the last one told, if any was.
+    /// Not reported now; this is the last one reported, if any.
     Last(Option<Mph>),
 }
 
-/// Full brake down to 5 mph, kept on until the car is stationary or its speed rises
-/// again (below 5 mph the brake is the reverse gear, and reversing shows as a
-/// positive speed), then nothing. With no speed told, full brake for as long as
-/// it takes from the last one known to 5 mph, then nothing: the rest rolls out.
+/// Full brake down to 5 mph, kept on until the car is stationary or its speed rises again (below 5 mph the brake is the
+/// reverse gear, and reversing shows as a positive speed), then nothing. If no speed is reported, full brake for the
+/// time it takes to slow from the last known speed to 5 mph, then nothing: the car coasts to a stop.
 #[derive(Debug, Clone, Default)]
 pub struct Standstill {
-    /// When a speed was told last, or braking began without one.
+    /// When a speed was last reported, or when braking began without one.
     blind_since: Option<Duration>,
     slowest: Option<Mph>,
     released: bool,
@@ -47,7 +46,7 @@ impl Standstill {
                 let slowest = self.slowest.map_or(speed, |s| if speed < s { speed } else { s });
                 self.slowest = Some(slowest);
                 if speed > REVERSES_BELOW {
-                    self.released = false; // rolling again, downhill: the brake is a brake
+                    self.released = false; // rolling downhill again, too fast for the brake to reverse
                     self.slowest = Some(speed);
                 } else if speed < STANDING_BELOW || speed.get() > slowest.get() + RISE_MPH {
                     self.released = true;

@@ -1,4 +1,4 @@
-//! Whether two drives were the same.
+//! A fingerprint that says whether two drives were the same.
 
 use sha2::{Digest, Sha256};
 
@@ -17,19 +17,19 @@ pub struct Fingerprint {
     bad_frames: u64,
 }
 
-/// What became of a drive.
+/// The outcome of a drive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DriveDigest {
     /// SHA-256 over all frames and commands in order: equal where two drives were the same.
     pub fingerprint: String,
-    /// Frames that were there to drive by.
+    /// Frames shown to the driver.
     pub frames: u64,
-    /// Those of them that no pilot could drive by.
+    /// Frames among them that no pilot could use.
     pub bad_frames: u64,
 }
 
 impl Fingerprint {
-    /// Of what was seen so far.
+    /// The outcome of what was seen so far.
     pub fn finish(self) -> DriveDigest {
         let fingerprint = hex(&self.hash.finalize());
         DriveDigest { fingerprint, frames: self.frames, bad_frames: self.bad_frames }

@@ -1,12 +1,13 @@
-//! The loop that drives, and those who look on.
+//! The driving loop and its observers.
 //!
 //! ```text
 //! World ─▶ Observation ─▶ Driver ─▶ Answer ─▶ World
 //!               └──────────┬──────────┘
 //!                        Turn ─▶ observers: recorder, scorer, film, progress
 //! ```
-//! [`run`] pairs a world in this process with a driver, in lock step. The live bridge, whose worlds are at the other end
-//! of a wire, makes its turns by the same [`turn`] and shows them to the same [`Observer`]s; its world is [`Elsewhere`].
+//! [`run`] pairs a world in this process with a driver, in lock step. The live bridge, whose worlds are at the other
+//! end of a connection, makes its turns with the same [`turn`] and shows them to the same [`Observer`]s; its world is
+//! [`Elsewhere`].
 
 mod fingerprint;
 
@@ -21,9 +22,9 @@ use crate::{
     turn::{EventRecord, Turn},
 };
 
-/// A world that says what happens in it besides its telemetry, and can be asked to end.
+/// A world that reports events besides its telemetry, and can be asked to end.
 pub trait Eventful: World {
-    /// What has happened since the last call, in the order of time.
+    /// The events since the last call, in order of time.
     fn take_events(&mut self) -> Vec<(Duration, EventRecord)>;
 
     /// What a run of this world is a recording of.
@@ -31,52 +32,52 @@ pub trait Eventful: World {
         RunKind::Driven
     }
 
-    /// Whether a run of this world holds what it says: not where it plays one that says nothing.
+    /// Whether runs of this world contain its events: not if it plays the stock build, which sends none.
     fn is_recorded(&self) -> bool {
         true
     }
 
-    /// Somebody does not want to see more: there is no next observation.
+    /// Ends the world: there is no next observation.
     fn interrupt(&mut self);
 }
 
-/// A world in another process: there is nothing to be seen of it but its messages.
+/// A world in another process: only its messages can be seen.
 #[derive(Debug, Clone, Copy)]
 pub struct Elsewhere;
 
-/// Why an observer cannot look on any more. Observers are anybody's, and so are their errors.
+/// Why an observer cannot continue. Anyone may write an observer, so its error may be of any type.
 pub type ObserverError = Box<dyn std::error::Error + Send + Sync>;
 
-/// Is shown a drive, in the order in which things happened. Who only reads turns does so in any world `W`.
+/// Is shown a drive, in the order in which things happened. An observer that only reads turns works in any world `W`.
 pub trait Observer<W: ?Sized> {
-    /// A turn that is seen at this time is about to be driven: an observer that cannot keep pace waits here, for a world
-    /// in this process can stand still.
+    /// The turn at this time is about to be driven. An observer that cannot keep up waits here, as a world in this
+    /// process can stand still.
     fn ready(&mut self, _at: Duration) {}
 
     /// A turn, and the world as it was in it.
     ///
     /// # Errors
-    /// What makes the rest of the drive useless to whoever wanted this observer.
+    /// Any failure that makes the rest of the drive useless to this observer.
     fn turn(&mut self, world: &W, turn: &Turn) -> Result<(), ObserverError>;
 
-    /// What happened between turns.
+    /// An event between turns.
     fn event(&mut self, _at: Duration, _event: &EventRecord) {}
 
-    /// What happened in a world whose runs do not hold what it says
-    /// ([`Eventful::is_recorded`]): for who judges, not for who records.
+    /// An event of a world whose runs do not contain its events ([`Eventful::is_recorded`]): for scorers, not for
+    /// recorders.
     fn untold(&mut self, _at: Duration, _event: &EventRecord) {}
 
-    /// Whether the drive is to end after this turn.
+    /// Whether the drive should end after this turn.
     fn has_seen_enough(&self) -> bool {
         false
     }
 
-    /// The drive is over; nothing comes any more.
+    /// The drive is over; nothing follows.
     fn end(&mut self) {}
 }
 
-/// Records: waits for the disk where the world can wait, and hands over each part of a turn with the turn's time, in the
-/// order in which a reader joins them again.
+/// Records: waits for the disk if the world can wait, and hands over each part of a turn with the turn's time, in the
+/// order in which a reader joins them.
 impl<W: ?Sized> Observer<W> for &Recorder {
     fn ready(&mut self, _at: Duration) {
         self.wait_for_room();
@@ -95,7 +96,7 @@ impl<W: ?Sized> Observer<W> for &Recorder {
     }
 }
 
-/// Looks on if it is there.
+/// Observes if present.
 impl<W: ?Sized, O: Observer<W>> Observer<W> for Option<O> {
     fn ready(&mut self, at: Duration) {
         self.iter_mut().for_each(|observer| observer.ready(at));
@@ -122,7 +123,7 @@ impl<W: ?Sized, O: Observer<W>> Observer<W> for Option<O> {
     }
 }
 
-/// Looks at nothing, but ends the drive once this says so.
+/// Ends the drive once this function returns true.
 pub struct StopWhen<F>(pub F);
 
 impl<W: ?Sized, F: Fn() -> bool> Observer<W> for StopWhen<F> {
@@ -138,25 +139,25 @@ impl<W: ?Sized, F: Fn() -> bool> Observer<W> for StopWhen<F> {
 /// Why a drive was broken off.
 #[derive(Debug, thiserror::Error)]
 pub enum TurnError<E> {
-    /// The world cannot go on.
+    /// The world cannot continue.
     #[error(transparent)]
     World(E),
-    /// An observer cannot look on, such as a film that cannot be written.
+    /// An observer cannot continue: a film cannot be written, for example.
     #[error(transparent)]
     Observer(ObserverError),
 }
 
-/// Drives one turn. Its answer is not out yet: anyone who sends it says how long that took.
+/// Drives one turn. Its answer is not sent yet: whoever sends it fills in how long that took.
 pub fn turn(driver: &mut Driver, observation: Observation) -> Turn {
     let (answer, trace) = driver.drive(&observation);
     Turn { observation, answer, trace, latency: None }
 }
 
-/// Drives a world to its end before observers, in lock step: the world waits for each answer and each observer. A world
-/// that says so ([`EventRecord::PilotArmed`]) arms the pilot.
+/// Drives a world to its end and shows it to observers, in lock step: the world waits for each answer and each
+/// observer. A world arms the pilot with [`EventRecord::PilotArmed`].
 ///
 /// # Errors
-/// [`TurnError`]: what keeps the world or an observer from going on. Observers are told of the end in any case.
+/// [`TurnError`] if the world or an observer cannot continue. Observers are told of the end in any case.
 pub fn run<W: Eventful>(
     world: &mut W,
     driver: &mut Driver,
@@ -175,7 +176,7 @@ fn turns<W: Eventful>(
     loop {
         let seen = world.observe().map_err(TurnError::World)?;
         let is_recorded = world.is_recorded();
-        // The course stands before the first telemetry, and what led to a telemetry before it.
+        // The course comes before the first telemetry, and the events that led to a telemetry come before it.
         for (at, event) in world.take_events() {
             if event == EventRecord::PilotArmed {
                 driver.arm();
@@ -188,7 +189,7 @@ fn turns<W: Eventful>(
         let Some(observation) = seen else { return Ok(()) };
         observers.iter_mut().for_each(|observer| observer.ready(observation.at));
         let mut turn = turn(driver, observation);
-        // Nothing lies between this driver and this world.
+        // No connection lies between this driver and this world.
         turn.latency = Some(turn.trace.total);
         for observer in observers.iter_mut() {
             observer.turn(world, &turn).map_err(TurnError::Observer)?;

@@ -9,7 +9,7 @@ use crate::{
     units::Steering,
 };
 
-/// Shows so many moments a second apart, a human in the first, and says what is to be said before each.
+/// Shows some moments a second apart, a human in the first, and reports scripted events before each.
 struct Scripted {
     moments: u64,
     shown: u64,
@@ -55,7 +55,7 @@ impl Eventful for Scripted {
     }
 }
 
-/// Notes all that it is shown, and cannot look on from some turn on.
+/// Notes all that it is shown, and fails from a given turn on.
 #[derive(Default)]
 struct Notes {
     lines: Vec<String>,
@@ -87,7 +87,7 @@ impl Observer<Scripted> for Notes {
     }
 }
 
-/// Off after a human drove, until it is armed; it sees no picture in these worlds.
+/// Off after a human drove, until it is armed; these worlds have no pictures.
 fn driver() -> Driver {
     let control = ControlSettings { takeover: Takeover::Latch, ..ControlSettings::default() };
     Driver::new(Box::new(ConstantPilot::new(Steering::ZERO)), &control, Instant::now)
@@ -103,7 +103,7 @@ fn observers_are_shown_everything_in_the_order_in_which_it_happened() {
     expected.push("Stuck at 1".into());
     expected.extend(by(1, By::Off));
     expected.push("PilotArmed at 2".into());
-    // Armed by what the world says: the pilot is asked again, and the empty picture is a bad frame.
+    // The world armed the pilot, so it is asked again, and the empty picture is a bad frame.
     expected.extend(by(2, By::Safe));
     expected.extend(["Moving at 3".into(), "end".into()]);
     assert_eq!(notes.lines, expected);

@@ -4,10 +4,9 @@
 //! Observation ─▶ base64 ▶ JPEG ▶ Frame ▶ Pilot ▶ steering ─┐
 //!      └────────▶ speed ───────────────▶ SpeedController ──┴─▶ Answer + Trace
 //! ```
-//! No I/O, no thread, no clock but the one handed in. The live bridge, the
-//! offline replay, the tests and the benches call [`Driver::drive`], so what is
-//! measured is what drives. It always answers: what cannot be seen or computed
-//! gets a safe command.
+//! No I/O, no thread, no clock but the one handed in. The live bridge, the offline replay, the tests and the benches
+//! call [`Driver::drive`], so what is measured is what drives. It always answers: a frame that cannot be read or driven
+//! by gets a safe command.
 
 use std::time::Duration;
 
@@ -32,7 +31,7 @@ pub struct Driver {
     clock: Clock,
     frame: Frame,
     last: Command,
-    /// The last speed that was told.
+    /// The last speed reported.
     speed_told: Option<Mph>,
     bad: BadFrames,
 }
@@ -80,7 +79,7 @@ impl Driver {
         let answer = match &observation.sight {
             Sight::HumanDrives => {
                 trace.events.extend(self.handover.human_drives(at).map(EventRecord::from));
-                // Pilot and integral are held, not reset: they go on when the human lets go.
+                // Pilot and integral are held, not reset: they continue when the human lets go.
                 self.bad = BadFrames::default();
                 trace.by = By::Human;
                 Answer::Manual
@@ -97,7 +96,7 @@ impl Driver {
                 };
                 Answer::Steer(command)
             }
-            // It does not say that the human has let go.
+            // This does not mean that the human has let go.
             Sight::Unreadable(why) if self.handover.is_human() => {
                 trace.events.push(EventRecord::BadFrame { why: why.to_string(), count_in_row: 1 });
                 trace.by = By::Human;
@@ -114,12 +113,12 @@ impl Driver {
         (answer, trace)
     }
 
-    /// Arms a pilot that a human's takeover has put off; says whether it was off.
+    /// Arms a pilot that a human's takeover has switched off; returns whether it was off.
     pub fn arm(&mut self) -> bool {
         self.handover.arm()
     }
 
-    /// Whether the last word was that a human drives.
+    /// Whether a human drives, as far as last reported.
     pub fn human_drives(&self) -> bool {
         self.handover.is_human()
     }
@@ -143,7 +142,7 @@ impl Driver {
         }
     }
 
-    /// The way of a good frame.
+    /// Answers a good frame.
     fn steer(&mut self, telemetry: &Telemetry, trace: &mut Trace) -> Result<Command, Unusable> {
         let began = (self.clock)();
         let jpeg = match &telemetry.image {
@@ -171,7 +170,7 @@ impl Driver {
         Ok(Command { steering, throttle: output.throttle })
     }
 
-    /// The way of a bad one: roll on as steered last, and stop if it stays bad.
+    /// Answers a bad one: keep the last steering and coast, and stop if it stays bad.
     fn safe(&mut self, at: Duration, speed: KnownSpeed, why: &str, trace: &mut Trace) -> Command {
         trace.by = By::Safe;
         self.bad.in_a_row += 1;

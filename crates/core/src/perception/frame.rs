@@ -15,7 +15,7 @@ pub struct Frame {
 impl Frame {
     /// A picture of the given pixels: `rgb` holds `height` rows of `width` triples.
     ///
-    /// `None` where the length of `rgb` is not `width * height * 3`.
+    /// `None` if the length of `rgb` is not `width * height * 3`.
     pub fn new(width: usize, height: usize, rgb: Vec<u8>) -> Option<Self> {
         (width.checked_mul(height)?.checked_mul(3)? == rgb.len()).then_some(Self { width, height, rgb })
     }
@@ -35,7 +35,7 @@ impl Frame {
         &self.rgb
     }
 
-    /// All pixels, to be painted on.
+    /// All pixels, to paint on.
     pub fn rgb_mut(&mut self) -> &mut [u8] {
         &mut self.rgb
     }
@@ -46,8 +46,8 @@ impl Frame {
         self.rgb[at..].first_chunk().copied()
     }
 
-    /// Takes another size. What the picture then shows is unspecified: whoever
-    /// calls paints all of it. Memory is kept.
+    /// Changes the size and keeps the memory. What the picture then shows is unspecified: the caller must paint all of
+    /// it.
     pub fn resize(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.rgb.resize(width * height * 3, 0);

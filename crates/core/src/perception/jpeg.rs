@@ -1,5 +1,5 @@
-//! Base64 to JPEG bytes, JPEG bytes to a [`Frame`]. Both come over a wire: what
-//! is broken is an error that says how, and never a picture.
+//! Base64 to JPEG bytes, JPEG bytes to a [`Frame`]. Both come from outside: broken data give an error that says how,
+//! never a picture.
 
 use std::{
     io::Cursor,
@@ -19,14 +19,15 @@ use super::Frame;
 /// Longest base64 text that is decoded, in bytes. The stock simulator sends about 16 KiB.
 pub const MAX_BASE64_LEN: usize = 16 << 20;
 
-/// Most pixels that a JPEG may have a side, whatever the settings say. The stock simulator sends 320 x 160.
+/// Most pixels per side of a JPEG, whatever the settings say. The stock simulator sends 320 x 160.
 pub const MAX_SIDE: usize = 4096;
 
-/// Most pixels that a JPEG may have unless [`limit_pixels`] says otherwise: 1920 x 1200, beyond any camera of a
-/// simulator. More takes so long to decode that frames of others are late.
+/// Most pixels that a JPEG may have unless [`limit_pixels`] says otherwise: 1920 x 1200, more than any simulator's
+/// camera has. Larger ones take so long to decode that other frames are late.
 pub const MAX_PIXELS: usize = 1920 * 1200;
 
-/// Most scans of a JPEG: each costs a walk over the whole picture, and a few bytes. Progressive encoders write some ten.
+/// Most scans of a JPEG: each has only a few bytes but costs a pass over the whole picture. Progressive encoders write
+/// about ten.
 const MAX_SCANS: usize = 32;
 
 static PIXELS: AtomicUsize = AtomicUsize::new(MAX_PIXELS);
@@ -42,13 +43,13 @@ pub enum ImageError {
     /// Text beyond [`MAX_BASE64_LEN`].
     #[error("expected an image of at most {MAX_BASE64_LEN} bytes of base64, got {0}")]
     TooLong(usize),
-    /// Text that is not base64 in the standard alphabet, and where.
+    /// Text that is not base64 in the standard alphabet, with the place.
     #[error("expected base64, got {0}")]
     Base64(String),
     /// No bytes at all.
     #[error("expected a JPEG, got an empty image")]
     Empty,
-    /// Bytes of something else; its first few are told.
+    /// Bytes of something else, with the first few.
     #[error("expected a JPEG (ff d8 ff), got bytes that begin with {0}")]
     NotJpeg(String),
     /// The end-of-image marker never comes.
@@ -57,14 +58,15 @@ pub enum ImageError {
     /// More pixels than the settings allow.
     #[error("expected a JPEG of at most {most} pixels, got {width}x{height}: perception.max_pixels allows more")]
     Pixels {
-        /// How many it may have.
+        /// The limit.
         most: usize,
         /// Pixels in a row, as the header claims.
         width: usize,
         /// Rows, as the header claims.
         height: usize,
     },
-    /// Colours sampled more finely than the brightness, or not evenly to it: no encoder does so, and the decoder fails.
+    /// Colours sampled more finely than the brightness, or not in whole multiples: no encoder does this, and the
+    /// decoder fails.
     #[error("expected a JPEG whose chroma is sampled no more finely than its luma, got {0}")]
     Sampling(String),
     /// More scans than any encoder writes.
@@ -78,7 +80,7 @@ pub enum ImageError {
         /// Rows, as the header claims.
         height: usize,
     },
-    /// Whole, and yet the decoder does not read it; in its words.
+    /// Complete, but not readable by the decoder; its message.
     #[error("this JPEG cannot be decoded: {0}")]
     Broken(String),
 }
@@ -91,7 +93,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// The bytes that a base64 text stands for. Padding may be left out.
+/// Decodes a base64 text. Padding may be left out.
 ///
 /// # Errors
 /// [`ImageError::TooLong`] before anything is allocated, [`ImageError::Base64`].
@@ -111,16 +113,14 @@ pub fn decode_base64(text: &[u8]) -> Result<Bytes, ImageError> {
 /// Decodes a JPEG into `frame`, whose memory is reused. A grey picture becomes
 /// an RGB one of equal channels.
 ///
-/// Bytes after the end-of-image marker are taken for padding and ignored. A
-/// picture without that marker is refused: the decoder would fill what is
-/// missing with grey and say nothing, and a car would be driven by it.
+/// Bytes after the end-of-image marker are treated as padding and ignored. A picture without that marker is refused:
+/// the decoder would silently fill the missing part with grey, and a car would be driven by it.
 ///
 /// # Errors
-/// [`ImageError`]; sizes are checked before a pixel is allocated. `frame` then
-/// shows anything.
+/// [`ImageError`]; sizes are checked before a pixel is allocated. The content of `frame` is then unspecified.
 pub fn decode_jpeg(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
     check_markers(bytes, PIXELS.load(Ordering::Relaxed))?;
-    // The decoder is somebody else's, and its panics would be a car's end.
+    // The decoder is third-party code, and a panic in it must not stop the car's driver.
     panic::catch_unwind(AssertUnwindSafe(|| decode(bytes, frame)))
         .unwrap_or_else(|_| Err(ImageError::Broken("the decoder gave up".into())))
 }
@@ -136,7 +136,7 @@ fn decode(bytes: &[u8], frame: &mut Frame) -> Result<(), ImageError> {
         ColorType::L8 => {
             let rgb = frame.rgb_mut();
             decoder.read_image(&mut rgb[..width * height]).map_err(broken)?;
-            // From the end, where each triple lies beyond the greys that are still to be read.
+            // From the end, as each triple then lies beyond the grey bytes still to be read.
             for i in (0..width * height).rev() {
                 let grey = rgb[i];
                 rgb[3 * i..][..3].fill(grey);
@@ -162,7 +162,7 @@ fn check_size(width: usize, height: usize, most: usize) -> Result<(usize, usize)
 fn check_sampling(components: &[u8]) -> Result<(), ImageError> {
     let factors: Vec<(u8, u8)> = components.chunks_exact(3).map(|c| (c[1] >> 4, c[1] & 15)).collect();
     let Some(&(across, down)) = factors.first() else { return Ok(()) };
-    // 0 is for the decoder to refuse, with all else that is no header.
+    // The decoder refuses 0, as it does any other invalid header.
     let is_even = |&(a, d): &(u8, u8)| a == 0 || d == 0 || across % a == 0 && down % d == 0;
     if factors.iter().all(is_even) {
         return Ok(());
@@ -173,9 +173,8 @@ fn check_sampling(components: &[u8]) -> Result<(), ImageError> {
 
 /// Walks the markers from the first to the end-of-image, without decoding: sizes and scans are known before a pixel is.
 ///
-/// Inside segments lengths are followed, so that the end marker of a thumbnail
-/// or of chance does not count; inside a scan every FF that is not stuffed (00)
-/// and no restart (D0-D7) is a marker. ITU-T T.81, annex B.
+/// Segments are skipped by their lengths, so that an end marker in a thumbnail or by chance does not count; inside a
+/// scan every FF that is neither stuffed (00) nor a restart (D0-D7) is a marker. ITU-T T.81, annex B.
 fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
     const SOI: u8 = 0xd8;
     const EOI: u8 = 0xd9;
@@ -190,7 +189,7 @@ fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
     }
     let mut scans = 0;
     let mut rest = &bytes[2..];
-    // Where no marker stands the decoder skips to the next one, and so does this: one loop for scans and garbage.
+    // Where there is no marker the decoder skips to the next one, and so does this: one loop for scans and garbage.
     while let Some(at) = rest.windows(2).position(|w| w[0] == 0xff && !matches!(w[1], 0x00 | 0xff | TEM | 0xd0..=SOI)) {
         let marker = rest[at + 1];
         rest = &rest[at + 2..];

@@ -1,13 +1,11 @@
 //! From the bytes that a camera sent to the numbers that a network takes.
 //!
-//! [`decode_base64`] makes JPEG bytes of a telemetry's text, [`decode_jpeg`] a
-//! [`Frame`] of those, and a [`Preprocessor`] the numbers that go into a
-//! network: crop, resize, colour, scale, one plane a channel. What it does is
-//! written down in a [`Preprocess`], which travels inside every checkpoint, so
-//! that no network is ever shown the wrong crop or BGR for RGB.
+//! [`decode_base64`] turns a telemetry's text into JPEG bytes, [`decode_jpeg`] turns those into a [`Frame`], and a
+//! [`Preprocessor`] turns that into a network's input: crop, resize, colour, scale, one plane per channel. A
+//! [`Preprocess`] describes these steps and travels inside every checkpoint, so that no network is ever shown the wrong
+//! crop or BGR for RGB.
 //!
-//! Nothing here knows a network or names libtorch; buffers are the caller's and
-//! are used again for the next frame.
+//! Nothing here knows about networks or libtorch; the caller owns the buffers and reuses them for the next frame.
 
 mod frame;
 mod jpeg;

@@ -19,12 +19,11 @@ use serde::{Deserialize, Serialize};
 /// assert_eq!(preprocess.shape(), [3, 66, 200]);
 /// # Ok::<(), serde_json::Error>(())
 /// ```
-/// The steps are taken in the order of the fields. A key that is not known is
-/// an error: it would mean a step that is not taken.
+/// The steps are taken in the order of the fields. An unknown key is an error: it would mean a step that is not taken.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preprocess {
-    /// Rows that are kept; all of them where this is left out.
+    /// Rows to keep; all of them if this is absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
     /// The size that the network takes.
@@ -48,12 +47,12 @@ pub struct Crop {
 }
 
 impl Crop {
-    /// Most rows of a picture that a crop may ask for: VGA's. The stock simulator sends 160, and no build is known to
-    /// send more than VGA; what a network of larger pictures learnt from is no picture of this car's.
+    /// The lowest row that a crop may end at: that of VGA. The stock simulator sends 160 rows, and no build is known to
+    /// send more than VGA; a network for larger pictures was not trained on this car's.
     pub const MAX_BOTTOM: usize = 480;
 }
 
-/// A size in pixels and the way to it.
+/// A size in pixels, and how to resize to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Resize {
@@ -66,7 +65,7 @@ pub struct Resize {
 }
 
 impl Resize {
-    /// Most pixels a side; a checkpoint cannot ask for more memory than that.
+    /// Most pixels per side, which limits how much memory a checkpoint can ask for.
     pub const MAX_SIDE: usize = 4096;
 }
 
@@ -75,7 +74,7 @@ impl Resize {
 #[serde(rename_all = "kebab-case")]
 pub enum ResizeFilter {
     /// A triangle as wide as the pixel that it makes, rounded to bytes: Pillow's `BILINEAR`, and PyTorch's with
-    /// `antialias=True`. OpenCV's `INTER_LINEAR` is another.
+    /// `antialias=True`. OpenCV's `INTER_LINEAR` is a different filter.
     BilinearAntialiased,
 }
 
@@ -143,7 +142,7 @@ pub enum PixelScale {
 }
 
 impl PixelScale {
-    /// Factor and summand of a channel; `None` where the scale has none for it that makes sense.
+    /// Factor and summand of a channel; `None` if the scale has no valid ones for it.
     pub(super) fn affine(&self, channel: usize) -> Option<(f64, f64)> {
         match self {
             Self::Signed => Some((1.0 / 127.5, -1.0)),
@@ -164,7 +163,7 @@ pub enum TensorLayout {
     Nchw,
 }
 
-/// Preprocessing that cannot be, or not with this frame.
+/// Preprocessing that is invalid, or does not fit this frame.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PreprocessError {
     /// A crop that keeps nothing.
@@ -175,7 +174,7 @@ pub enum PreprocessError {
         /// First row no longer kept.
         bottom: usize,
     },
-    /// A crop that reaches beyond any picture that is sent.
+    /// A crop that reaches beyond any simulator's picture.
     #[error("expected a crop within a picture's rows, 0 to {max}, got rows {top} to {bottom}", max = Crop::MAX_BOTTOM)]
     CropBeyond {
         /// First row kept.
@@ -201,7 +200,7 @@ pub enum PreprocessError {
         /// Deviations given.
         stds: usize,
     },
-    /// A mean or deviation that makes no numbers.
+    /// A mean or deviation that would not give finite numbers.
     #[error("expected finite means and positive finite stds, got {mean} and {std} for channel {channel}")]
     ScaleValue {
         /// Of which channel, from 0.
@@ -211,7 +210,7 @@ pub enum PreprocessError {
         /// Its deviation.
         std: f64,
     },
-    /// The frame does not have the rows that are to be kept.
+    /// The frame does not have the rows to keep.
     #[error("expected a frame of at least {bottom} rows for the crop to row {bottom}, got {width}x{height}")]
     CropOutside {
         /// First row no longer kept.
@@ -237,10 +236,10 @@ impl Preprocess {
         [self.colour.channels(), self.resize.height, self.resize.width]
     }
 
-    /// Checks all that can be told without a frame.
+    /// Checks all that can be checked without a frame.
     ///
     /// # Errors
-    /// [`PreprocessError`] naming the first field that cannot be.
+    /// [`PreprocessError`] naming the first invalid field.
     pub fn validate(&self) -> Result<(), PreprocessError> {
         if let Some(Crop { top, bottom }) = self.crop {
             if top >= bottom {
@@ -268,7 +267,7 @@ impl Preprocess {
         Ok(())
     }
 
-    /// The rows that are kept of a picture of this size.
+    /// The rows to keep of a picture of this size.
     ///
     /// # Errors
     /// [`PreprocessError::EmptyFrame`], [`PreprocessError::CropOutside`].

@@ -7,7 +7,7 @@ use fast_image_resize::{
 
 use super::{Crop, Frame, Preprocess, PreprocessError, Resize, ResizeFilter};
 
-/// Pixels that are taken from bytes to numbers at a time.
+/// Pixels converted from bytes to numbers at a time.
 const BLOCK: usize = 64;
 
 /// A [`Preprocess`] ready to run, with its scratch memory.
@@ -22,7 +22,7 @@ pub struct Preprocessor {
 }
 
 impl Preprocessor {
-    /// Checks the preprocessing and takes memory for it.
+    /// Checks the preprocessing and allocates memory for it.
     ///
     /// # Errors
     /// As [`Preprocess::validate`].
@@ -42,16 +42,15 @@ impl Preprocessor {
         })
     }
 
-    /// What is done.
+    /// The preprocessing that it does.
     pub fn preprocess(&self) -> &Preprocess {
         &self.preprocess
     }
 
-    /// Makes a network's input of a frame: `out` becomes (C, H, W) numbers of
-    /// [`Preprocess::shape`], channel by channel.
+    /// Turns a frame into a network's input: `out` becomes (C, H, W) numbers of [`Preprocess::shape`], channel by
+    /// channel.
     ///
-    /// Once warm no picture is allocated; the resizer takes a few kilobytes of
-    /// weights anew for each.
+    /// Once warm, no picture is allocated; the resizer allocates a few kilobytes of weights for each.
     ///
     /// # Errors
     /// [`PreprocessError::CropOutside`] and [`PreprocessError::EmptyFrame`].
@@ -60,7 +59,8 @@ impl Preprocessor {
         let Resize { width, height, .. } = self.preprocess.resize;
         let plane = width * height;
         out.resize(self.weights.len() * plane, 0.0);
-        // In blocks that stay in the cache: channels apart first, so that the sums are over neighbours in memory.
+        // In blocks that stay in the cache. Channels are separated first, so that the sums run over neighbours in
+        // memory.
         let mut apart = [[0f32; BLOCK]; 3];
         for (block, rgb) in self.resized.chunks(BLOCK * 3).enumerate() {
             for (i, pixel) in rgb.chunks_exact(3).enumerate() {
@@ -83,7 +83,7 @@ impl Preprocessor {
     pub fn resize(&mut self, frame: &Frame) -> Result<&[u8], PreprocessError> {
         let (width, height) = (frame.width(), frame.height());
         let Crop { top, bottom } = self.preprocess.rows_of(width, height)?;
-        // Whole rows lie side by side: the crop is a slice, and what is beyond it cannot bleed in.
+        // Rows are contiguous, so the crop is a slice, and pixels beyond it cannot bleed in.
         let rows = &frame.rgb()[top * width * 3..bottom * width * 3];
         let Resize { width: to_width, height: to_height, filter: ResizeFilter::BilinearAntialiased } =
             self.preprocess.resize;
@@ -95,8 +95,8 @@ impl Preprocessor {
         Ok(&self.resized)
     }
 
-    /// `count` rows next to the crop on the same scale, the first of which begins at row `from` of the frame and all of
-    /// which lie within it: RGB bytes.
+    /// `count` rows beside the crop at the same scale, as RGB bytes. The first begins at row `from` of the frame; all
+    /// must lie within it.
     pub fn rows(&mut self, frame: &Frame, from: f64, count: usize) -> Vec<u8> {
         let crop = self.preprocess.crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
         let Resize { width, height, .. } = self.preprocess.resize;
@@ -114,7 +114,7 @@ impl Preprocessor {
         rows
     }
 
-    /// What one channel becomes of neighbouring pixels, 0 to 255 and not necessarily whole: colour and scale.
+    /// Computes one channel of neighbouring pixels, 0 to 255 and not necessarily whole: colour and scale.
     pub fn channel(&self, channel: usize, [red, green, blue]: [&[f32]; 3], out: &mut [f32]) {
         let [r, g, b, constant] = self.weights[channel];
         for (((out, red), green), blue) in out.iter_mut().zip(red).zip(green).zip(blue) {
@@ -149,7 +149,7 @@ mod tests {
         out
     }
 
-    /// Numbers in bytes again, for legible assertions.
+    /// Turns numbers back into bytes, for legible assertions.
     fn bytes(out: &[f32]) -> Vec<f32> {
         out.iter().map(|x| (x * 255.0 * 1000.0).round() / 1000.0).collect()
     }

@@ -3,7 +3,7 @@
 use super::{Pilot, PilotError, Prediction, View};
 use crate::units::Steering;
 
-/// Says the same steering for every frame: for tests, and the baseline that any network must beat.
+/// Gives the same steering for every frame: for tests, and the baseline that any network must beat.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConstantPilot {
     steering: Steering,

@@ -1,13 +1,12 @@
 //! Pilots: they give a steering angle for a frame.
 //!
-//! A [`Model`] is that of which any number of independent pilots drive, each on a thread of its own if need be;
-//! `lapwing-learn` reads such from files.
-//! A [`Pilot`] takes a [`View`], a decoded frame above all, and answers with a [`Prediction`]: what the
-//! network said, unclamped, and how long it took. What is made of it, throttle
-//! included, is `control`'s and `driver`'s.
+//! A [`Model`] makes any number of independent pilots, each on a thread of its own if need be; `lapwing-learn` reads
+//! models from files. A [`Pilot`] takes a [`View`], a decoded frame above all, and answers with a [`Prediction`]: the
+//! network's output, unclamped, and how long it took. `control` and `driver` turn that into a command, throttle
+//! included.
 //!
-//! [`PurePursuit`] is the pilot that needs no network and no picture: it follows the line that a world
-//! of our own tells. The expert of recordings, and the first lap of anyone who has no model yet.
+//! [`PurePursuit`] is the pilot that needs no network and no picture: it follows the line that this project's own
+//! worlds report. It is the expert that records training data, and drives the first lap of anyone who has no model yet.
 
 mod constant;
 mod error;
@@ -27,7 +26,7 @@ use crate::{
 /// What a pilot may know of this moment.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
-    /// The picture. One seen earlier, or none, for a pilot that says it needs no picture.
+    /// The picture; for a pilot that needs none, an earlier or an empty one.
     pub frame: &'a Frame,
     /// The speed now.
     pub speed: Mph,
@@ -36,18 +35,18 @@ pub struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// A picture seen from a standing car in a world that tells no path.
+    /// A picture seen from a standing car in a world that reports no path.
     pub fn of(frame: &'a Frame) -> Self {
         Self { frame, speed: Mph::ZERO, path: &[] }
     }
 }
 
-/// What a pilot says for one frame.
+/// A pilot's output for one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Prediction {
     /// Normalised steering, positive to the right: finite, but beyond -1 and 1 where the network goes there.
     pub steering: f64,
-    /// The fastest that the pilot would be, where it judges that at all.
+    /// The highest speed that the pilot allows, if it judges that at all.
     pub speed_limit: Option<Mph>,
     /// From the frame to a network's input.
     pub preprocess: Duration,
@@ -55,19 +54,18 @@ pub struct Prediction {
     pub forward: Duration,
 }
 
-/// Says a steering angle for what a car sees.
+/// Gives a steering angle for what a car sees.
 ///
-/// A pilot may remember earlier frames; one pilot drives one car. It learns the
-/// time from the [`Clock`](crate::units::Clock) it was made with, and only to
-/// measure itself.
+/// A pilot may remember earlier frames; one pilot drives one car. It reads the time from the
+/// [`Clock`](crate::units::Clock) it was made with, and only to measure itself.
 pub trait Pilot: Send {
     /// The steering for what the car sees now, at the speed it has now.
     ///
     /// # Errors
-    /// [`PilotError`] where the view does not suit the pilot or the network has no finite answer.
+    /// [`PilotError`] if the view does not suit the pilot or the network has no finite answer.
     fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError>;
 
-    /// Whether it looks at the picture at all; if not, none need be decoded for it.
+    /// Whether it looks at the picture at all; if not, none needs to be decoded.
     fn needs_picture(&self) -> bool {
         true
     }
@@ -76,7 +74,7 @@ pub trait Pilot: Send {
     fn reset(&mut self);
 }
 
-/// What pilots are made of: weights in memory, read once.
+/// Makes pilots: weights in memory, read once.
 pub trait Model: Send + Sync {
     /// What it is and where it comes from, for people.
     fn name(&self) -> &str;
@@ -84,6 +82,6 @@ pub trait Model: Send + Sync {
     /// SHA-256 of its file in lower-case hexadecimal; a run names its model by it.
     fn sha256(&self) -> &str;
 
-    /// A pilot of its own for one car.
+    /// A new pilot for one car.
     fn pilot(&self) -> Box<dyn Pilot>;
 }

@@ -1,14 +1,13 @@
 //! A pilot that knows the line: it follows points from the world instead of pictures.
 //!
-//! It turns as the line itself bends a little way ahead (feed-forward), and steers back what offset and heading
-//! have gone wrong as pure pursuit does: towards a point of the straightened line one reach ahead (Coulter 1992,
-//! "Implementation of the Pure Pursuit Path Tracking Algorithm"). Pure pursuit alone cuts bends by as much as the line
-//! bends within its reach; with the bend fed forward only the error is pursued, and the reach can be long enough
-//! to be calm.
+//! It steers for the line's bend a little way ahead (feed-forward), and corrects errors of offset and heading as pure
+//! pursuit does: towards a point of the straightened line one reach ahead (Coulter 1992, "Implementation of the Pure
+//! Pursuit Path Tracking Algorithm"). Pure pursuit alone cuts bends by as much as the line bends within its reach; with
+//! the bend fed forward, only the error is pursued, and the reach can be long enough for calm steering.
 //!
-//! The rear axle moves where the car faces; the origin, 1.6 m ahead of it, moves further inward. So in a bend the car
-//! that keeps its origin on the line faces outward of it by 1.6 m times the bend, and all of its turning lags those
-//! 1.6 m behind the line. That, and not the line's own direction, is what the heading is held against.
+//! The rear axle moves where the car faces; the origin, 1.6 m ahead of it, moves further inward. So in a bend a car
+//! that keeps its origin on the line faces outward of it by 1.6 m times the curvature, and all of its turning lags 1.6
+//! m behind the line. The heading is compared with that, not with the line's own direction.
 
 use super::{Pilot, PilotError, Prediction, View};
 use crate::{
@@ -27,9 +26,9 @@ pub struct PursuitGains {
     pub reach_m: f64,
     /// How much further it reaches with speed, in seconds.
     pub reach_s: f64,
-    /// How far ahead the line's bend is read, in seconds: what the answer takes to turn the car.
+    /// How far ahead the line's bend is read, in seconds: the time that an answer takes to turn the car.
     pub preview_s: f64,
-    /// The most that bends may push sideways, in m/s².
+    /// The highest lateral acceleration in bends, in m/s².
     pub lateral_mps2: f64,
     /// How hard to brake before bends, in m/s².
     pub braking_mps2: f64,
@@ -42,12 +41,12 @@ impl Default for PursuitGains {
     }
 }
 
-/// What [`PurePursuit`] says.
+/// The output of [`PurePursuit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pursuit {
     /// Normalised steering, positive to the right; beyond -1 and 1 where the line asks for more than the car can.
     pub steering: f64,
-    /// The fastest that is fit for the bends ahead, braking distance included.
+    /// The highest speed that suits the bends ahead, braking distance included.
     pub speed_limit: Mph,
 }
 
@@ -63,8 +62,8 @@ impl PurePursuit {
         Self { gains }
     }
 
-    /// The steering and the speed for a line whose points are about a metre apart, the first beside the car; `None`
-    /// for less than two points.
+    /// The steering and the speed for a line whose points are about a metre apart, the first beside the car; `None` for
+    /// fewer than two points.
     pub fn pursue(&self, path: &[PathPoint], speed: MetresPerSecond) -> Option<Pursuit> {
         let [first, second, ..] = path else { return None };
         let speed_mps = speed.get().abs();
@@ -78,7 +77,7 @@ impl PurePursuit {
         let offset = first.right_m * heading.cos() - first.ahead_m * heading.sin();
 
         let reach = gains.reach_m + gains.reach_s * speed_mps;
-        // From far off the line is approached at an angle, not crossed at a right one.
+        // From far off, the car approaches the line at an angle instead of crossing it at a right angle.
         let offset = offset.clamp(-STEEPEST * reach, STEEPEST * reach);
         let astray = heading - REAR_AXLE_M * self.bend_at(path, -REAR_AXLE_M);
         let towards = 2.0 * (offset + reach * astray) / (reach * reach);
@@ -87,7 +86,7 @@ impl PurePursuit {
         Some(Pursuit { steering: angle.get() / Steering::MAX.degrees().get(), speed_limit: self.speed_limit(path) })
     }
 
-    /// The line's bend so many metres ahead; behind its first point it goes on as it begins.
+    /// The line's bend this many metres ahead; before its first point, that of the first point.
     fn bend_at(&self, path: &[PathPoint], metres: f64) -> f64 {
         let last = path.len() - 1;
         let i = (metres.max(0.0) as usize).min(last);
@@ -95,7 +94,7 @@ impl PurePursuit {
         a + (b - a) * (metres - i as f64).clamp(-2.0, 1.0)
     }
 
-    /// Slow enough here to be slow enough at each bend ahead.
+    /// The speed that is slow enough here to be slow enough at each bend ahead.
     fn speed_limit(&self, path: &[PathPoint]) -> Mph {
         let mut square = f64::INFINITY; // (m/s)²
         let mut travelled = 0.0;

@@ -25,7 +25,7 @@ pub struct Command {
     pub throttle: Throttle,
 }
 
-/// What a telemetry is answered with. Either returns the simulator's token.
+/// The answer to a telemetry. Either variant returns the simulator's token.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Answer {
     /// The pilot drives.
@@ -87,7 +87,7 @@ impl Command {
     /// Reads the payload of a `steer` as the stock simulator does in `culture`.
     ///
     /// # Errors
-    /// [`SteerError`] where the simulator would swallow it.
+    /// [`SteerError`] if the simulator would swallow it.
     pub fn parse_as_simulator(payload: Option<&RawValue>, culture: Culture) -> Result<Self, SteerError> {
         let fields: serde_json::Map<String, serde_json::Value> =
             payload.and_then(|p| serde_json::from_str(p.get()).ok()).unwrap_or_default();

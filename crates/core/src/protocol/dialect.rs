@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Which simulator speaks. Told by the fields of its first telemetry.
+/// The simulator's dialect, recognised by the fields of its first telemetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Dialect {
@@ -41,20 +41,20 @@ pub enum Undrivable {
     Other {
         /// What it is called.
         name: &'static str,
-        /// The field of its telemetry that tells.
+        /// The field of its telemetry that identifies it.
         sign: &'static str,
     },
     /// Without a picture and not known.
     #[error(
-        "this telemetry has no image: no simulator that Lapwing knows sends it so. Is it the term 1 simulator in \
+        "this telemetry has no image: no simulator that Lapwing knows sends that. Is it the term 1 simulator in \
          autonomous mode?"
     )]
     NoImage,
 }
 
 impl Dialect {
-    /// Reads the dialect off an event's name and the fields of its payload; an
-    /// error says why it is none that Lapwing can drive.
+    /// Recognises the dialect by an event's name and the fields of its payload; an error says why Lapwing cannot drive
+    /// it.
     pub(super) fn detect(event: &str, has: impl Fn(&str) -> bool) -> Result<Self, Undrivable> {
         Ok(match () {
             () if event == "car_telemetry" => Self::UdacityGym,
@@ -69,7 +69,7 @@ impl Dialect {
         })
     }
 
-    /// Whether telemetry comes by a timer, whatever is answered, instead of one for each answer.
+    /// Whether a timer sends the telemetry, whatever the answers, instead of one for each answer.
     pub fn is_timer_driven(self) -> bool {
         matches!(self, Self::Positioned | Self::UdacityGym)
     }

@@ -1,15 +1,12 @@
-//! The messages on the wire, for both ends, as text only: no
-//! socket, no clock, no picture is opened here.
+//! The messages on the wire, for both ends, as text only: no sockets, no clock, no decoding of pictures.
 //!
-//! A simulator's text comes in as a [`Packet`]; its event's [`Payload`] becomes a
-//! [`Telemetry`] in a [`Dialect`] that the first one gives away; a [`Command`]
-//! goes out in the same dialect. The other end, for worlds of our own that
-//! speak to any bridge, writes telemetry with [`number::Culture`] as Unity's C#
-//! does and reads commands as its `float.Parse` does.
+//! A simulator's text comes in as a [`Packet`], and its event's [`Payload`] becomes a [`Telemetry`]. The first one
+//! reveals the [`Dialect`], in which each [`Command`] goes out. The other end, for this project's own worlds talking to
+//! any bridge, writes telemetry with [`number::Culture`] as Unity's C# does and reads commands as its `float.Parse`
+//! does.
 //!
-//! Source: the simulator's public C# sources, and its client code run against
-//! servers. The names on the wire (`steering_angle`, `tot_obes`) end in this
-//! module; the rest of the crate knows typed values with units.
+//! Source: the simulator's public C# sources, and its client code run against servers. The names on the wire
+//! (`steering_angle`, `tot_obes`) stay in this module; the rest of the crate knows typed values with units.
 
 mod command;
 mod dialect;

@@ -8,7 +8,7 @@
 
 use std::fmt::Write;
 
-/// Text that is no number, or not a finite one.
+/// Text that is not a finite number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected a number, got {0:?}")]
 pub struct NotANumber(pub String);
@@ -32,8 +32,8 @@ const MINUS_SIGNS: [char; 3] = ['-', '\u{2212}', '\u{2012}'];
 /// allowed.
 ///
 /// # Errors
-/// [`NotANumber`] where there are no digits, or the value is not finite (C#
-/// prints `NaN` and, by culture, `Infinity`, `∞` and `unendlich`).
+/// [`NotANumber`] if there are no digits, or if the value is not finite (C# prints `NaN` and, by culture, `Infinity`,
+/// `∞` and `unendlich`).
 pub fn parse(text: &str) -> Result<f64, NotANumber> {
     let error = || NotANumber::new(text);
     let body = text.trim();
@@ -71,9 +71,8 @@ fn n4(text: &str) -> Option<f64> {
     digits.parse().ok()
 }
 
-/// Appends `value` as an integer mantissa and an exponent, `1234e-4`, which
-/// `float.Parse` reads right in every culture. Four decimals, as much as the
-/// simulator itself tells.
+/// Appends `value` as an integer mantissa and an exponent, `1234e-4`, which `float.Parse` reads correctly in every
+/// culture. Four decimals, as many as the simulator itself sends.
 pub fn write_universal(out: &mut String, value: f64) {
     write!(out, "{}e-4", (value * 1e4).round() as i64).expect("writing to a String cannot fail");
 }
@@ -92,7 +91,7 @@ pub fn single(value: f64) -> String {
     if !value.is_finite() {
         return if value.is_nan() { "NaN".into() } else { if value > 0.0 { "Infinity" } else { "-Infinity" }.into() };
     }
-    // More digits than any half needs to be told from its neighbours; Rust itself would round halves to even.
+    // Enough digits to tell any half from its neighbours; Rust itself would round halves to even.
     let exact = format!("{:.40e}", value.abs());
     let (mantissa, exponent) = exact.split_once('e').expect("an exponent was asked for");
     let mut exponent: i32 = exponent.parse().expect("the exponent of a float");
@@ -145,7 +144,7 @@ pub struct Culture {
 }
 
 impl Culture {
-    /// The cultures that players of the simulator were seen with.
+    /// The cultures seen among players of the simulator.
     pub const ALL: [Self; 5] = [
         Self { name: "en-US", group: ',', decimal: '.', minus_behind: false },
         Self { name: "de-DE", group: '.', decimal: ',', minus_behind: false },

@@ -21,7 +21,7 @@ pub enum Packet<'a> {
     Disconnect,
     /// `42…`: an event.
     Event(Event<'a>),
-    /// Known to the protocol and without meaning here: upgrades, no-ops, acknowledgements.
+    /// Known to the protocol but without meaning here: upgrades, no-ops, acknowledgements.
     Other,
 }
 
@@ -30,14 +30,14 @@ pub enum Packet<'a> {
 pub struct Event<'a> {
     /// The event's name.
     pub name: Cow<'a, str>,
-    /// Its first argument, unread.
+    /// Its first argument, not parsed.
     pub payload: Option<&'a RawValue>,
-    /// How many arguments there are. Those beyond the first mean nothing to a
-    /// bridge; the simulator's own client dies of them.
+    /// How many arguments there are. Those beyond the first mean nothing to a bridge; the simulator's own client
+    /// crashes on them.
     pub arguments: usize,
 }
 
-/// Text that is no packet.
+/// Text that is not a packet.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PacketError {
     /// Nothing in the message.
@@ -60,7 +60,7 @@ fn quote(text: &str) -> String {
     text.chars().take(40).collect()
 }
 
-/// What the JSON reader says, at a length fit for a log: it repeats text that it did not expect, whole.
+/// The JSON reader's error, shortened for a log: it repeats unexpected text in full.
 pub(super) fn cut(why: &str) -> String {
     why.chars().take(200).collect()
 }
@@ -69,7 +69,7 @@ impl<'a> Packet<'a> {
     /// Reads one text message.
     ///
     /// # Errors
-    /// [`PacketError`] with the beginning of the text; the connection can go on.
+    /// [`PacketError`] with the beginning of the text; the connection can continue.
     pub fn parse(text: &'a str) -> Result<Self, PacketError> {
         let rest = text.get(1..).unwrap_or("");
         Ok(match text.as_bytes().first().ok_or(PacketError::Empty)? {

@@ -11,7 +11,7 @@ use self::fields::{KnownFields, Scalar};
 use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, packet::cut};
 use crate::units::{MetresPerSecond, SpeedUnit};
 
-/// A telemetry's payload, its fields still as they came. It borrows from the message.
+/// A telemetry's payload with its fields as received. It borrows from the message.
 pub struct Payload<'a>(KnownFields<'a>);
 
 impl<'a> Payload<'a> {

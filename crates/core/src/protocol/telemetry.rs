@@ -33,7 +33,7 @@ pub struct Telemetry {
     pub truth: Truth,
 }
 
-/// A camera picture as it came, still to be decoded by `perception`.
+/// A camera picture as received, still to be decoded by `perception`.
 #[derive(Clone, PartialEq, Eq)]
 pub enum CameraImage {
     /// Base64 text from the wire, not yet checked.
@@ -94,8 +94,8 @@ pub struct Truth {
     /// The simulator's own time, in seconds: 0 to [`Truth::LONGEST_S`].
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "a_time")]
     pub sim_time_s: Option<f64>,
-    /// Time to collision with whatever else is on the road ahead, in seconds: 0 to [`Truth::CLEAR_S`], which is so long,
-    /// or never. Worlds without a scenario do not tell it.
+    /// Time to collision with anything on the road ahead, in seconds: 0 to [`Truth::CLEAR_S`], which also means longer
+    /// or never. Worlds without a scenario do not report it.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "a_time")]
     pub time_to_collision_s: Option<f64>,
     /// Angle between the car's heading and the road's.
@@ -104,7 +104,7 @@ pub struct Truth {
     /// Position x (right), y (up), z (forward), Unity's axes.
     #[serde(rename = "position_m", skip_serializing_if = "Option::is_none")]
     pub position: Option<[Metres; 3]>,
-    /// The collider that is hit, if one is.
+    /// The collider that was hit, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hit: Option<String>,
     /// The track's name.
@@ -113,30 +113,30 @@ pub struct Truth {
     /// The simulator's timestamp, as it wrote it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timestamp: Option<String>,
-    /// The line to drive, a point each metre from beside the car on. Worlds in this process tell it, to a pilot that
-    /// follows it; it is neither sent nor recorded.
+    /// The line to drive, a point every metre, beginning beside the car. Worlds in this process report it to a pilot
+    /// that follows it; it is neither sent nor recorded.
     #[serde(skip)]
     pub path: Vec<PathPoint>,
 }
 
 impl Truth {
-    /// The longest time to collision that is told, in seconds.
+    /// The longest time to collision that is reported, in seconds.
     pub const CLEAR_S: f64 = 60.0;
 
     /// The longest time that means anything, in seconds: thirty years, and exact to a tenth of a microsecond.
     pub const LONGEST_S: f64 = 1e9;
 
-    /// Whether a number may be a time in seconds.
+    /// Whether a number is a valid time in seconds.
     pub fn is_time(s: &f64) -> bool {
         (0.0..=Self::LONGEST_S).contains(s)
     }
 
-    /// Whether a number may be a brake.
+    /// Whether a number is a valid brake.
     pub(super) fn is_brake(brake: &f64) -> bool {
         (0.0..=1.0).contains(brake)
     }
 
-    /// Whether nothing was told beyond the stock build that is worth a record; the path never is.
+    /// Whether there is nothing to record beyond what the stock build reports; the path is never recorded.
     pub fn is_empty(&self) -> bool {
         *self == Self { path: self.path.clone(), ..Self::default() }
     }
@@ -164,7 +164,7 @@ fn within<'de, D: Deserializer<'de>>(
 /// A telemetry that cannot be read. The bridge answers it with a safe command.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TelemetryError {
-    /// The payload is not what its kind should be.
+    /// The payload is not an object.
     #[error("expected an object of telemetry, got {got:?}: {why}")]
     Json {
         /// The beginning of the payload.
@@ -172,7 +172,7 @@ pub enum TelemetryError {
         /// What the JSON reader says.
         why: String,
     },
-    /// A field that every telemetry has is not there.
+    /// A field that every telemetry has is missing.
     #[error("expected the field {0}, got none")]
     Missing(&'static str),
     /// A field that should be text or a number is neither.
@@ -203,14 +203,13 @@ pub fn encode_telemetry(telemetry: &Telemetry, image: &str, culture: Culture) ->
 
 /// Writes telemetry as the builds of the SelfOracle family do, ground truth and all.
 ///
-/// `image` is base64. Truth that is `None` is left out. Without a lap number this is the stock build's
-/// text: by `lapNumber` a bridge knows this family, and other truth alone would look like a dialect
-/// that is answered in another form.
+/// `image` is base64. Truth that is `None` is left out. Without a lap number this is the stock build's text: bridges
+/// recognise this family by `lapNumber`, and other truth alone would look like a dialect that is answered differently.
 ///
-/// Keys stand as in that family's `CommandServer.cs`, the picture last. Its bridges read counts and
-/// `sim_time` with Python's `int()` and the rest with `float()`. So `sim_time` is in whole seconds and
-/// `distance`, which soon has thousands, without grouping; `sim_time_us`, which is Lapwing's own and
-/// passed over by others, has the time in full. So is `ttc`, the time to collision in seconds, where a scenario is played.
+/// Keys come in the order of that family's `CommandServer.cs`, the picture last. Its bridges read counts and `sim_time`
+/// with Python's `int()` and the rest with `float()`. So `sim_time` is in whole seconds, and `distance`, which soon
+/// exceeds a thousand, has no grouping. Lapwing adds two keys that others ignore: `sim_time_us`, the time in full, and,
+/// if a scenario is played, `ttc`, the time to collision in seconds.
 pub fn encode_superset(telemetry: &Telemetry, image: &str, culture: Culture) -> String {
     let truth = &telemetry.truth;
     if truth.lap.is_none() {

@@ -30,18 +30,18 @@ pub enum Sight {
 
 /// Something that yields telemetry and takes commands: a recording, the headless simulator.
 pub trait World {
-    /// What keeps it from going on; [`Infallible`](std::convert::Infallible) where nothing does.
+    /// Why it cannot continue; [`Infallible`](std::convert::Infallible) if it always can.
     type Error: std::error::Error + Send + Sync + 'static;
 
     /// The next moment, or `None` at the end.
     ///
     /// # Errors
-    /// What keeps the world from going on.
+    /// If the world cannot continue.
     fn observe(&mut self) -> Result<Option<Observation>, Self::Error>;
 
     /// Takes the answer to the last observation.
     fn apply(&mut self, answer: Answer);
 
-    /// The observation that has waited longest gets no answer: what came for it cannot be read.
+    /// The observation that has waited longest gets no answer: the one that came cannot be read.
     fn unanswered(&mut self) {}
 }

@@ -1,11 +1,9 @@
 //! The records of an MCAP file from its beginning, as far as the file is whole.
 //!
-//! The framing is read here and not by the crate `mcap`, because a run may be
-//! cut off or damaged anywhere: every length is checked against what is really
-//! there before memory is taken for it, and the place where the good part ends
-//! is known. Chunks are unpacked here for the same reason: one that holds more
-//! than it says is damaged, and a small file cannot unpack to a large one.
-//! Source: <https://mcap.dev/spec>.
+//! The framing is read here and not by the crate `mcap`, because a run may be cut off or damaged anywhere: every length
+//! is checked against the actual data before memory is allocated for it, and the place where the good part ends is
+//! known. Chunks are unpacked here for the same reason: one that holds more than it says is damaged, and a small file
+//! cannot unpack to a large one. Source: <https://mcap.dev/spec>.
 
 use std::{
     collections::BTreeMap,
@@ -15,10 +13,10 @@ use std::{
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use mcap::{MAGIC, records::op};
 
-/// No record or chunk of a run comes near this. What claims more is damaged.
+/// No record or chunk of a run comes near this. One that claims more is damaged.
 const LIMIT: usize = 64 << 20;
-/// What all chunks of a file may unpack to: so many bytes, and so many times the file's length. Telemetry of a car that
-/// stands packs some 20 to 1; pictures do not pack at all.
+/// How much all chunks of a file may unpack to: this many bytes plus [`RATIO`] times the file's length. Telemetry of a
+/// standing car packs about 20 to 1; pictures do not pack at all.
 const FREE: u64 = 64 << 20;
 const RATIO: u64 = 64;
 /// The checksum of chunks.
@@ -26,7 +24,7 @@ const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDL
 /// Opcode and length.
 const FRAME: usize = 1 + 8;
 
-/// Why a file cannot be read further: in words, or the system says no.
+/// Why a file cannot be read further: damage, in words, or an error of the system.
 #[derive(Debug)]
 pub(super) enum Broken {
     Damaged(String),
@@ -55,15 +53,15 @@ pub(super) struct Container<R> {
 }
 
 impl<R: BufRead + Seek> Container<R> {
-    /// Starts behind the magic, which the caller has checked.
+    /// Starts after the magic, which the caller has checked.
     pub(super) fn new(mut input: R, len: u64) -> io::Result<Self> {
         let at = MAGIC.len() as u64;
         input.seek(SeekFrom::Start(at))?;
         Ok(Self { input, len, at, ended: false, body: Vec::new() })
     }
 
-    /// The opcode and body of the next record; the body of an unwanted one is passed over.
-    /// `None` is the file's orderly end.
+    /// The opcode and body of the next record; the body of an unwanted one is skipped. `None` is the file's orderly
+    /// end.
     pub(super) fn next(&mut self, wanted: impl Fn(u8) -> bool) -> Result<Option<(u8, &[u8])>, Broken> {
         if self.ended {
             return Ok(None);
@@ -121,7 +119,7 @@ impl<R: BufRead + Seek> Container<R> {
         self.at
     }
 
-    /// Gives the input back, to start anew.
+    /// Gives the input back, to start again.
     pub(super) fn into_inner(self) -> R {
         self.input
     }
@@ -145,7 +143,8 @@ pub(super) struct Chunk {
 }
 
 impl Chunk {
-    /// Takes the body of a chunk record, which may unpack to `most` bytes and to no more and no less than it says.
+    /// Takes the body of a chunk record, which may unpack to at most `most` bytes, and must unpack to exactly as many
+    /// as it says.
     pub(super) fn new(body: &[u8], most: u64) -> Result<Self, Broken> {
         let mut fields = BodyFields(body);
         let mut header = || {
@@ -187,7 +186,7 @@ impl Chunk {
                 records.len()
             ));
         }
-        // Nought is none.
+        // Zero means no checksum.
         if checksum != 0 && checksum != CHECKSUM.checksum(&records) {
             return damaged(format!(
                 "expected a chunk with the checksum {checksum:08x}, got {:08x}",
@@ -222,7 +221,7 @@ fn unzstd(packed: &[u8], unpacked: u64) -> io::Result<Vec<u8>> {
     read_most(decoder, unpacked)
 }
 
-/// All that a decoder gives, but at most a byte more than there should be.
+/// All that a decoder yields, but at most a byte more than there should be.
 fn read_most(decoder: impl Read, unpacked: u64) -> io::Result<Vec<u8>> {
     let mut records = Vec::new();
     decoder.take(unpacked + 1).read_to_end(&mut records)?;

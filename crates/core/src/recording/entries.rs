@@ -12,7 +12,7 @@ use crate::protocol::{CameraImage, Telemetry};
 pub struct Step {
     /// Time since the run began.
     pub at: Duration,
-    /// What the simulator told. The picture is empty where [`frame_recorded`](Self::frame_recorded) is false.
+    /// The simulator's message. The picture is empty if [`frame_recorded`](Self::frame_recorded) is false.
     pub telemetry: Telemetry,
     /// Whether the picture is in the run.
     pub frame_recorded: bool,
@@ -24,9 +24,9 @@ pub struct Step {
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "nearly every entry is a step")]
 pub enum Entry {
-    /// The simulator spoke.
+    /// A telemetry and its answer.
     Step(Step),
-    /// Something happened besides.
+    /// Something else happened.
     Event {
         /// Time since the run began.
         at: Duration,
@@ -35,8 +35,8 @@ pub enum Entry {
     },
 }
 
-/// How many events wait for the answer to the telemetry before them. A person
-/// who drives is answered nothing for long, and memory is to stay flat.
+/// How many events wait for the answer to the telemetry before them. A person who drives gets no answers for a long
+/// time, and memory must stay bounded.
 const WAITING: usize = 64;
 
 /// Joins a run's items: a telemetry, the frame with the same time, and the
@@ -47,7 +47,7 @@ pub struct Entries {
     run: RunReader,
     /// The step that may yet get its frame or command, then events after it.
     open: Option<Step>,
-    /// A frame that came before its telemetry: of equal times, tools that sort keep no order.
+    /// A frame that came before its telemetry: tools that sort may swap items of equal times.
     early: Option<(Duration, Bytes)>,
     events: VecDeque<Entry>,
     ready: VecDeque<Entry>,
@@ -66,12 +66,12 @@ impl Entries {
         &self.run
     }
 
-    /// The same, for whoever takes its items as they stand.
+    /// The same, for a caller that takes its items unjoined.
     pub(super) fn run_mut(&mut self) -> &mut RunReader {
         &mut self.run
     }
 
-    /// How the file ended, once the iterator has: `None` is in good order.
+    /// How the file ended, once the iterator has ended: `None` if in good order.
     pub fn truncated(&self) -> Option<&Truncation> {
         self.run.truncated()
     }

@@ -15,7 +15,7 @@ use crate::{
 /// The version of the run file that is written, and the latest that is read.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Metadata record that tells how the run was made.
+/// Metadata record that says how the run was made.
 pub(super) const RUN: &str = "lapwing.run";
 /// Metadata record of a clean end.
 pub(super) const SUMMARY: &str = "lapwing.summary";
@@ -49,13 +49,15 @@ impl Channel {
     pub(super) fn schema(self) -> (&'static str, &'static str, Vec<u8>) {
         match self {
             Self::Camera => ("foxglove.CompressedImage", "protobuf", compressed_image_schema()),
-            Self::Telemetry => {
-                ("lapwing.Telemetry", "jsonschema", schema::of::<Telemetry>("What the simulator told in one message"))
-            }
+            Self::Telemetry => (
+                "lapwing.Telemetry",
+                "jsonschema",
+                schema::of::<Telemetry>("What the simulator reported in one message"),
+            ),
             Self::Command => (
                 "lapwing.Command",
                 "jsonschema",
-                schema::of::<CommandRecord>("What the simulator was answered, and how that came about"),
+                schema::of::<CommandRecord>("The answer to the simulator, and how it came about"),
             ),
             Self::Event => (
                 "lapwing.Event",

@@ -12,14 +12,14 @@ use crate::{
     turn::{CommandRecord, EventRecord},
 };
 
-/// How a run was made, all that is known when it begins.
+/// How a run was made, as far as is known when it begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
-    /// What was recorded. Where a run of an earlier version does not say, its settings tell.
+    /// What was recorded. If a run of an earlier version does not say, its settings do.
     pub kind: RunKind,
     /// What a person calls this run; part of the file's name.
     pub name_hint: Option<String>,
-    /// Which simulator speaks.
+    /// The simulator's dialect.
     pub dialect: Option<Dialect>,
     /// Which checkpoint drives.
     pub model: Option<ModelId>,
@@ -40,15 +40,14 @@ pub enum RunKind {
     /// A simulator, driven: the project's own, or one that was connected.
     #[default]
     Driven,
-    /// The path of a recording, driven along: there are no laps, nothing stands on it, and nobody knows how wide the
-    /// road is.
+    /// The path of a recording, driven along: there are no laps and no obstacles, and the road's width is unknown.
     RecordedPath,
-    /// A driving log of the stock simulator's recorder, made a run: a human drove, and nobody was answered.
+    /// A driving log of the stock simulator's recorder, turned into a run: a human drove, and there were no answers.
     DrivingLog,
 }
 
 impl RunKind {
-    /// What a run of an earlier version is, which says so by its settings only.
+    /// The kind of a run of an earlier version, which shows only in its settings.
     fn by_config(config: &serde_json::Value) -> Self {
         if config.pointer("/world/closed_loop_on").is_some() {
             Self::RecordedPath
@@ -70,7 +69,7 @@ pub struct ModelId {
 }
 
 impl RunHeader {
-    /// The header of a run that this version of Lapwing makes. Nothing else is known of it yet.
+    /// The header of a run that this version of Lapwing makes. All else is unknown yet.
     pub fn new(kind: RunKind, config: serde_json::Value, started: jiff::Timestamp) -> Self {
         let lapwing = env!("CARGO_PKG_VERSION").to_owned();
         Self { kind, name_hint: None, dialect: None, model: None, seed: None, config, lapwing, started }
@@ -78,7 +77,7 @@ impl RunHeader {
 }
 
 impl ModelId {
-    /// A model's.
+    /// The identity of a model.
     pub fn of(model: &dyn Model) -> Self {
         Self { name: model.name().to_owned(), sha256: model.sha256().to_owned() }
     }
@@ -91,13 +90,13 @@ impl ModelId {
     reason = "a third of all items are telemetries; a box would cost an allocation a frame"
 )]
 pub enum Item {
-    /// What the simulator told. Its picture is not recorded with it but as a [`Frame`](Self::Frame).
+    /// What the simulator reported. Its picture is recorded separately, as a [`Frame`](Self::Frame).
     Telemetry(Telemetry),
     /// The JPEG bytes of the telemetry with the same time.
     Frame(Bytes),
-    /// What the simulator was answered.
+    /// The answer to the simulator.
     Command(CommandRecord),
-    /// What happened besides.
+    /// What else happened.
     Event(EventRecord),
 }
 
@@ -105,7 +104,7 @@ impl Item {
     /// The item without what is not recorded: no picture inside telemetry, no endless text.
     pub(super) fn lean(mut self) -> Self {
         match &mut self {
-            // It would keep the whole message of the wire in memory until it is written.
+            // The picture would keep the whole wire message in memory until it is written.
             Self::Telemetry(telemetry) => telemetry.image = CameraImage::default(),
             Self::Event(event) => event.shorten(),
             Self::Frame(_) | Self::Command(_) => {}
@@ -160,12 +159,12 @@ impl RunHeader {
         let quoted = |text: String| serde_json::Value::String(text);
         let config = serde_json::from_str(&config).map_err(|_| bad("config", "JSON", Some(config)))?;
         let kind = parsed(fields.remove("kind"), |t| from_value(quoted(t.into())))
-            .map_err(|got| bad("kind", "a kind of run that this lapwing knows", Some(got)))?;
+            .map_err(|got| bad("kind", "a kind of run that this version of lapwing knows", Some(got)))?;
         Ok(Self {
             kind: kind.unwrap_or_else(|| RunKind::by_config(&config)),
             name_hint: fields.remove("name"),
             dialect: parsed(fields.remove("dialect"), |t| from_value(quoted(t.into())))
-                .map_err(|got| bad("dialect", "a dialect that this lapwing knows", Some(got)))?,
+                .map_err(|got| bad("dialect", "a dialect that this version of lapwing knows", Some(got)))?,
             model: fields
                 .remove("model_name")
                 .map(|name| ModelId { name, sha256: fields.remove("model_sha256").unwrap_or_default() }),
@@ -187,7 +186,7 @@ fn from_value<T: DeserializeOwned>(value: serde_json::Value) -> Option<T> {
     serde_json::from_value(value).ok()
 }
 
-/// Reads an optional field; what is there and cannot be read comes back as the error.
+/// Reads an optional field; text that cannot be read is returned as the error.
 fn parsed<T>(text: Option<String>, read: impl Fn(&str) -> Option<T>) -> Result<Option<T>, String> {
     text.map(|text| read(&text).ok_or(text)).transpose()
 }

@@ -1,50 +1,50 @@
 //! Recordings on disk: one drive is one run, an MCAP file, written while driving and read back for scoring and replay;
 //! and Udacity's own folders, read as they are and written.
 //!
-//! [`Recording::open`] takes either and yields [`Moment`]s: when, what was seen and told, what was steered and by whom,
-//! what happened before, and, where a moment does not go on from the one before, why ([`Break`]). Whoever scores, learns,
-//! inspects, replays or drives along reads that and need not know what the recording is.
+//! [`Recording::open`] takes either and yields [`Moment`]s: the time, what was seen and reported, what was steered and
+//! by whom, what happened before, and, if a moment does not continue from the one before, why ([`Break`]). Scoring,
+//! training, inspection, replay and driving along all read these, and need not know what kind of recording it is.
 //!
 //! ```text
 //! run (.mcap) ─▶ RunReader: items ─▶ Entries: steps and events ─┐
 //!                                                               ├▶ Recording: moments
 //! folder, CSV ─▶ DrivingLog: rows ──────────────────────────────┘
 //! ```
-//! A [`Recorder`] takes [`Item`]s from the driving loop and never holds it up; its own thread writes them. A
-//! [`RunReader`] yields the same items again, a file cut off by a crash up to its last whole chunk; [`Entries`] joins each
-//! telemetry with its picture and its answer. [`udacity`] reads `driving_log.csv` in all the shapes that simulators,
-//! locales and scripts leave it in, and writes it as the simulator's own recorder does.
+//! A [`Recorder`] takes [`Item`]s from the driving loop and never blocks it; its own thread writes them. A
+//! [`RunReader`] yields the same items again; of a file cut off by a crash, those up to the last whole chunk.
+//! [`Entries`] joins each telemetry with its picture and its answer. [`udacity`] reads `driving_log.csv` in all the
+//! shapes that simulators, locales and scripts leave it in, and writes it as the simulator's own recorder does.
 //!
 //! Nothing here decodes a picture, judges a run or knows a model: frames are JPEG bytes as received.
 //!
-//! # To read more
-//! **What another simulator reports** is no matter of recordings: it becomes a
-//! [`Telemetry`](crate::protocol::Telemetry) in [`protocol`](crate::protocol), where its
-//! [`Dialect`](crate::protocol::Dialect) stands, and a run holds that. A number that is new is an optional field of
-//! [`Truth`](crate::protocol::Truth) with `#[serde(default)]`, so that earlier runs read as before.
+//! # How to read more
+//! **Another simulator's messages** do not concern recordings: [`protocol`](crate::protocol), which defines the
+//! [`Dialect`](crate::protocol::Dialect)s, turns them into [`Telemetry`](crate::protocol::Telemetry), and a run holds
+//! that. A new number becomes an optional field of [`Truth`](crate::protocol::Truth) with `#[serde(default)]`, so that
+//! earlier runs read as before.
 //!
-//! **Another dialect of the driving log** is a matter of `udacity::line`: a column is a `Column` with the name that a
-//! header calls it by, its range, and a field of [`udacity::Row`]; how numbers are written is decided in `join_numbers`.
-//! Every log of `tests/driving_logs.rs` must read as before.
+//! **Another dialect of the driving log** belongs in `udacity::line`: a column is a `Column` with its name in headers,
+//! its range, and a field of [`udacity::Row`]; `join_numbers` decides how numbers are written. Every log of
+//! `tests/driving_logs.rs` must read as before.
 //!
-//! **Another kind of recording** (a bag, a folder of another recorder) is a third source in `open`: say in `is_run` and
-//! its like what a path leads to, make a [`RunHeader`] with a [`RunKind`] of its own, and yield moments. It fills in
+//! **Another kind of recording** (a bag, a folder of another recorder) is a third source in `open`: recognise its paths
+//! beside `is_run`, make a [`RunHeader`] with a [`RunKind`] of its own, and yield moments. It fills in
 //!
-//! - the time since the beginning, which counts no time that is left out, and the local time where it is known;
-//! - where each picture's bytes are, read only when they are asked for, or that it is not recorded;
+//! - the time since the beginning, without any time that is left out, and the local time if it is known;
+//! - where each picture's bytes are, which are read only on request, or that it is not recorded;
 //! - the telemetry, and the command with who decided it: [`Moment::steering`] follows from that;
-//! - each [`Break`], by [`LONGEST_GAP`] where only the clock tells.
+//! - each [`Break`], by [`LONGEST_GAP`] if only the clock shows it.
 //!
-//! For scoring it says the same as items ([`Recording::next_item`]), with [`EventRecord::Break`] where it is broken.
+//! For scoring it yields the same as items ([`Recording::next_item`]), with an [`EventRecord::Break`] at each break.
 //!
 //! # The run file
 //! | what | where | form |
 //! |---|---|---|
 //! | how the run was made | metadata `lapwing.run`, the file's first record after its header | [`RunHeader`] as text |
 //! | the picture | `/camera/center` | protobuf `foxglove.CompressedImage` |
-//! | what the simulator told | `/telemetry` | JSON, [`Telemetry`](crate::protocol::Telemetry) |
-//! | what it was answered | `/command` | JSON, [`CommandRecord`] |
-//! | what happened besides | `/event` | JSON, [`EventRecord`] |
+//! | what the simulator reported | `/telemetry` | JSON, [`Telemetry`](crate::protocol::Telemetry) |
+//! | the answer | `/command` | JSON, [`CommandRecord`] |
+//! | what else happened | `/event` | JSON, [`EventRecord`] |
 //! | what was counted | metadata `lapwing.summary`, after a clean end only | numbers as text |
 //!
 //! A message's log time is the wall clock at the run's start plus the time
@@ -82,13 +82,13 @@ pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
 
 pub use crate::turn::{By, CommandRecord, EventRecord};
 
-/// The longest picture that is read, in bytes, from a file or a run. The stock simulator's take some 12 kB.
+/// The longest picture that is read, in bytes, from a file or a run. The stock simulator's take about 12 kB.
 pub const MOST_PICTURE: usize = 16 << 20;
 
-/// What keeps a run or a data set from being written or read.
+/// Why a run or a data set cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file system says no.
+    /// An error of the file system.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
         /// What was tried, a verb.
@@ -99,7 +99,7 @@ pub enum RecordingError {
         source: io::Error,
     },
     /// The run's file could not be written to its end; what is in it up to then can be read.
-    #[error("{}: the run is recorded up to here only: {source}", path.display())]
+    #[error("{}: the rest of the run is not recorded: {source}", path.display())]
     Write {
         /// The run's file.
         path: PathBuf,
@@ -111,7 +111,7 @@ pub enum RecordingError {
     NotARun {
         /// The file.
         path: PathBuf,
-        /// What it is instead, and what to do with such a thing.
+        /// What it is instead, and what to do about it.
         got: &'static str,
     },
     /// An MCAP file that does not say how it was made.
@@ -170,13 +170,13 @@ pub enum RecordingError {
         /// What to do.
         help: &'static str,
     },
-    /// A folder that is to be recorded into has a driving log already.
+    /// The folder to record into already has a driving log.
     #[error("{}: expected no driving log yet, got one: nothing is overwritten, choose another folder", path.display())]
     LogExists {
         /// The CSV file.
         path: PathBuf,
     },
-    /// A folder whose path cannot stand in a driving log.
+    /// A folder whose path cannot be written in a driving log.
     #[error(
         "{:?}: expected a folder with a path in UTF-8 without quotes or line breaks, because a driving log cannot hold any other",
         path
@@ -209,18 +209,19 @@ pub enum RecordingError {
     },
 }
 
-/// The bytes of a picture's file, whatever the path leads to: to a picture, or to an error at once.
+/// Reads a picture's file, or fails at once if the path leads to anything else.
 ///
 /// # Errors
-/// The system's; and where it is no file (a device or a pipe would be read forever), or one longer than [`MOST_PICTURE`].
+/// The system's; also for anything but a file (a device or a pipe would be read forever), or a file longer than
+/// [`MOST_PICTURE`].
 pub fn read_picture(path: &Path) -> io::Result<Bytes> {
     read_file(path, "a picture", MOST_PICTURE as u64).map(Bytes::from)
 }
 
-/// The bytes of a file that is one, and of at most so many bytes.
+/// Reads a regular file of at most `most` bytes.
 fn read_file(path: &Path, what: &str, most: u64) -> io::Result<Vec<u8>> {
     let wrong = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
-    // Before it is opened: to open a pipe waits for its other end.
+    // Checked before it is opened: opening a pipe waits for its other end.
     let metadata = fs::metadata(path)?;
     if !metadata.is_file() {
         let got = if metadata.is_dir() { "a folder" } else { "a device or a pipe" };

@@ -8,38 +8,38 @@ use jiff::civil::DateTime;
 use super::{By, CommandRecord, EventRecord, read_picture};
 use crate::{protocol::Telemetry, units::Steering};
 
-/// A longer time between two moments is a gap: nothing is concluded from the one about the other. Recorders write eight
-/// moments a second or more, and the longest that one takes in real recordings is 0.3 s; a driver who is not seen for a
+/// A longer time between two moments is a gap: nothing is concluded from one about the other. Recorders write eight
+/// moments a second or more, and the longest interval in real recordings is 0.3 s; a driver who is not seen for a
 /// second may have done anything.
 pub const LONGEST_GAP: Duration = Duration::from_secs(1);
 
-/// What was there at one moment.
+/// One moment of a recording.
 #[derive(Debug, Clone)]
 pub struct Moment {
-    /// Which of the recording's moments it is, counted from 0.
+    /// Its number in the recording, counted from 0.
     pub row: usize,
     /// Line in the CSV file, counted from 1.
     pub line: Option<usize>,
-    /// Time since the recording began. Of what a driving log leaves out nothing counts.
+    /// Time since the recording began, without time that a driving log leaves out.
     pub at: Duration,
     /// Local time; absent in a row whose pictures' names hold none.
     pub taken_at: Option<DateTime>,
-    /// Of the cameras in the middle, to the left and to the right; `None` where the recording has no such camera.
+    /// Those of the centre, left and right cameras; `None` if the recording has no such camera.
     pub pictures: [Option<Picture>; 3],
-    /// What the simulator told, without the picture.
+    /// What the simulator reported, without the picture.
     pub telemetry: Telemetry,
-    /// What it was answered; of a driving log what the human did.
+    /// The answer; in a driving log, what the human did.
     pub command: Option<CommandRecord>,
-    /// What has happened since the moment before, in order.
+    /// What has happened since the previous moment, in order.
     pub before: Vec<(Duration, EventRecord)>,
-    /// Why it does not go on from the moment before.
+    /// Why it does not continue from the previous moment, if it does not.
     pub broken: Option<Break>,
 }
 
 impl Moment {
-    /// The steering in effect from here on, which is to be learnt and compared with: what a pilot or a human decided
-    /// when this was seen. `None` where nobody steered: a safe answer, a pilot that is off, no answer at all. (The
-    /// telemetry reports what was decided one moment earlier.)
+    /// The steering in effect from here on, to learn from and compare with: what a pilot or a human decided on seeing
+    /// this. `None` if nobody steered: a safe answer, a pilot that is off, no answer at all. (The telemetry reports
+    /// what was decided one moment earlier.)
     pub fn steering(&self) -> Option<Steering> {
         self.decided().map(|command| command.steering)
     }
@@ -70,7 +70,7 @@ impl Picture {
     /// Its bytes.
     ///
     /// # Errors
-    /// Those of [`read_picture`]; [`io::ErrorKind::NotFound`] where it is not recorded.
+    /// Those of [`read_picture`]; [`io::ErrorKind::NotFound`] if it is not recorded.
     pub fn read(&self) -> io::Result<Bytes> {
         match self {
             Self::File(path) => read_picture(path),
@@ -90,25 +90,26 @@ impl fmt::Display for Picture {
     }
 }
 
-/// Why a moment does not go on from the one before it.
+/// Why a moment does not continue from the one before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Break {
-    /// For so long nothing is recorded, longer than [`LONGEST_GAP`].
+    /// Nothing is recorded for this long, which is longer than [`LONGEST_GAP`].
     Gap(Duration),
-    /// The clock goes back by so much: another drive is joined.
+    /// The clock goes back by this much: another drive is joined.
     Back(Duration),
-    /// Another drive is joined, and nobody knows what passed.
+    /// Another drive is joined, after an unknown time.
     Joined,
     /// The car was put elsewhere.
     PutBack,
     /// A human took over, and what they do before the simulator reports something again is not recorded.
     TakenOver,
-    /// So many moments just before have no picture. The drive goes on; a sequence of pictures does not.
+    /// This many moments just before have no picture. The drive continues; a sequence of pictures does not.
     Unseen(usize),
 }
 
 impl Break {
-    /// Of two rows of a driving log, by when they were. One that tells and one that does not come from two drives.
+    /// The break between two rows of a driving log, by their times. A row with a time and one without come from two
+    /// drives.
     pub(super) fn between(from: Option<DateTime>, to: Option<DateTime>) -> Option<Self> {
         match (from, to) {
             (Some(from), Some(to)) => {
@@ -123,7 +124,7 @@ impl Break {
         }
     }
 
-    /// A gap, if so much time is one.
+    /// A gap, if this much time counts as one.
     pub(super) fn after(passed: Duration) -> Option<Self> {
         (passed > LONGEST_GAP).then_some(Self::Gap(passed))
     }
@@ -143,12 +144,12 @@ impl Break {
         }
     }
 
-    /// As a run says it outright.
+    /// As the event that states it in a run.
     pub(super) fn event(self) -> EventRecord {
         EventRecord::Break { seconds: self.seconds() }
     }
 
-    /// What passed by the recording's own clock, below 0 where that was set back.
+    /// The time that passed by the recording's own clock, below 0 if that was set back.
     pub fn seconds(self) -> Option<f64> {
         match self {
             Self::Gap(passed) => Some(passed.as_secs_f64()),
@@ -168,7 +169,7 @@ mod tests {
         for broken in [Break::Gap(s(1.5)), Break::Back(s(3600.25)), Break::Joined] {
             assert_eq!(Break::told(&broken.event()), Some(broken));
         }
-        // A file says anything.
+        // A file may say anything.
         assert_eq!(Break::told(&EventRecord::Break { seconds: Some(f64::NAN) }), Some(Break::Joined));
         assert_eq!(Break::told(&EventRecord::Break { seconds: Some(-1e300) }), Some(Break::Joined));
         assert_eq!(Break::told(&EventRecord::Kick), None);

@@ -1,4 +1,4 @@
-//! Anything recorded, opened: what it is, is decided here and nowhere else.
+//! Opens anything recorded. What kind of recording it is, is decided here and nowhere else.
 
 use std::{
     collections::VecDeque,
@@ -15,14 +15,14 @@ use super::{
 };
 use crate::protocol::CameraImage;
 
-/// How many events are kept between two moments: more are those of a damaged file, and memory is to stay flat.
+/// How many events are kept between two moments: only a damaged file has more, and memory must stay bounded.
 const MOST_EVENTS: usize = 1 << 16;
 
-/// A run, or a driving log of any dialect, opened. It yields its [`Moment`]s in order, a run's from its file in memory
-/// for one chunk; pictures of a log are read when they are asked for.
+/// An open run, or driving log of any dialect. It yields its [`Moment`]s in order, with one chunk of a run in memory at
+/// a time; pictures of a log are read on request.
 ///
-/// The iterator yields [`RecordingError::Message`] for a message of a run that does not parse and goes on behind it,
-/// [`RecordingError::Io`] where the file cannot be read any more and ends.
+/// The iterator yields [`RecordingError::Message`] for a message of a run that does not parse, and continues after it.
+/// It yields [`RecordingError::Io`] if the file cannot be read any further, and ends.
 #[derive(Debug)]
 pub struct Recording {
     path: PathBuf,
@@ -36,7 +36,7 @@ pub struct Recording {
     unseen: usize,
     /// Of a run: local time at its beginning.
     began: DateTime,
-    /// Of a log that is read by items: what is left of the row.
+    /// For a log that is read by items: the rest of the row.
     items: VecDeque<Result<(Duration, Item), RecordingError>>,
 }
 
@@ -46,12 +46,12 @@ enum OpenedFile {
     Log(DrivingLog),
 }
 
-/// Whether a path is that of a run, by its ending or by being a file that is no CSV; others are driving logs.
+/// Whether a path is that of a run, by its extension or because it is a file but not a CSV; others are driving logs.
 fn is_run(path: &Path) -> bool {
     is_run_name(path) || path.is_file() && !ends(path, "csv")
 }
 
-/// Whether a run is made under this name: it ends in `.mcap`.
+/// Whether this name means a run when one is made: it ends in `.mcap`.
 pub fn is_run_name(path: &Path) -> bool {
     ends(path, "mcap")
 }
@@ -104,12 +104,12 @@ impl Recording {
         &self.path
     }
 
-    /// How it was made; of a driving log what a run made of it says.
+    /// How it was made; for a driving log, what a run made from it says.
     pub fn header(&self) -> &RunHeader {
         &self.header
     }
 
-    /// The driving log, where it is one and no run.
+    /// The driving log, if it is one.
     pub fn log(&self) -> Option<&DrivingLog> {
         match &self.source {
             OpenedFile::Run(_) => None,
@@ -117,7 +117,7 @@ impl Recording {
         }
     }
 
-    /// How many moments are still to come, where that is known: a run cut off does not say.
+    /// How many moments are still to come, if that is known: a run that is cut off does not say.
     pub fn left(&self) -> Option<u64> {
         let all = match &self.source {
             OpenedFile::Run(entries) => entries.run().telemetries()?,
@@ -126,7 +126,7 @@ impl Recording {
         Some(all.saturating_sub(self.row as u64))
     }
 
-    /// Where a run ends before its orderly end, once it has been read: `None` is in good order.
+    /// Where a run is cut off, once it has been read: `None` if it ends in good order.
     pub fn truncated(&self) -> Option<&Truncation> {
         match &self.source {
             OpenedFile::Run(entries) => entries.truncated(),
@@ -139,9 +139,9 @@ impl Recording {
         std::mem::take(&mut self.events)
     }
 
-    /// The next item as it stands in the file, for whoever judges the run: instead of the iterator, not beside it. A
-    /// driving log's rows are items of a run made of it; a picture that cannot be read is
-    /// [`RecordingError::Picture`], and what the row tells follows.
+    /// The next item as it stands in the file, for scoring: use it instead of the iterator, not together with it. A
+    /// driving log's rows come as items of a run made from it; a picture that cannot be read is
+    /// [`RecordingError::Picture`], and the rest of the row follows.
     pub fn next_item(&mut self) -> Option<Result<(Duration, Item), RecordingError>> {
         match &mut self.source {
             OpenedFile::Run(entries) => entries.run_mut().next(),

@@ -1,5 +1,4 @@
-//! What waits for the disk: the bounded queue between the driving loop and the
-//! recorder's thread, and the patience with a full disk.
+//! The bounded queue between the driving loop and the recorder's thread, and how a full disk is waited for.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -11,11 +10,11 @@ use std::{
 
 use super::{EventRecord, Item};
 
-/// How often a full disk is asked again.
+/// How often a full disk is tried again.
 const RETRY_EVERY: Duration = Duration::from_secs(1);
-/// Frames may not wait with more bytes than this, whatever their number: a fork may send large ones.
+/// Most bytes of waiting frames, whatever their number: a fork may send large ones.
 const MAX_WAITING_BYTES: usize = 64 << 20;
-/// Driving time between two warnings of a slow disk.
+/// Driving time between two warnings about a slow disk.
 const WARN_EVERY: Duration = Duration::from_secs(10);
 
 /// Items by kind.
@@ -50,8 +49,8 @@ impl Counts {
     }
 }
 
-/// What the driving loop and the writer's thread share. The lock is held for
-/// a few moves in memory only, never while the disk is at work.
+/// What the driving loop and the writer's thread share. The lock is held only for a few moves in memory, never during
+/// disk access.
 #[derive(Debug)]
 pub(super) struct RecordingQueue {
     path: PathBuf,
@@ -68,7 +67,7 @@ pub(super) struct QueueState {
     /// Bytes of the frames that wait.
     waiting_bytes: usize,
     capacity: usize,
-    /// No patience with a full disk: the recorder is being made or being closed.
+    /// Do not wait for a full disk: the recorder is being made or closed.
     closing: bool,
     /// The writer is gone for good.
     dead: bool,
@@ -77,13 +76,13 @@ pub(super) struct QueueState {
     /// In the chunk in memory.
     unflushed: Counts,
     pub(super) lost: Counts,
-    /// Frames lost since the last one that was not.
+    /// Frames lost since the last one that was kept.
     gap: u64,
     warned: Option<Duration>,
     last: Duration,
 }
 
-/// What the writer's thread is to do.
+/// What the writer's thread does next.
 #[expect(clippy::large_enum_variant, reason = "nearly always an item, and never stored")]
 pub(super) enum Next {
     Item(Duration, Item),
@@ -92,7 +91,7 @@ pub(super) enum Next {
 }
 
 impl QueueState {
-    /// Queues the item or counts it as lost; the losses so far if it is time to warn of them.
+    /// Queues the item or counts it as lost; returns the losses so far if it is time to warn about them.
     fn take(&mut self, at: Duration, item: Item) -> Option<Counts> {
         self.last = at;
         let is_frame = matches!(item, Item::Frame(_));
@@ -113,7 +112,7 @@ impl QueueState {
         self.lost.add(&item);
         self.gap += u64::from(is_frame);
         let again = self.warned.is_none_or(|warned| at.saturating_sub(warned) >= WARN_EVERY);
-        // A full disk was said already, and says itself when it is over.
+        // A full disk has warnings of its own, at its beginning and end.
         (again && self.failed.is_none()).then(|| {
             self.warned = Some(at);
             self.lost
@@ -153,7 +152,7 @@ impl RecordingQueue {
         let state = QueueState {
             waiting: VecDeque::new(),
             waiting_bytes: 0,
-            // Below four, a quarter of the queue is nothing.
+            // Below four, a quarter of the queue would be zero.
             capacity: capacity.max(4),
             closing: true,
             dead: false,
@@ -173,7 +172,7 @@ impl RecordingQueue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// From here on a full disk is waited for.
+    /// From here on, waits if the disk is full.
     pub(super) fn open(&self) {
         self.lock().closing = false;
     }
@@ -184,14 +183,14 @@ impl RecordingQueue {
         self.changed.notify_one();
     }
 
-    /// Queues the item or counts it as lost; the losses so far if it is time to warn of them.
+    /// Queues the item or counts it as lost; returns the losses so far if it is time to warn about them.
     pub(super) fn push(&self, at: Duration, item: Item) -> Option<Counts> {
         let warn = self.lock().take(at, item);
         self.changed.notify_one();
         warn
     }
 
-    /// Waits until half of the queue is free, or nobody empties it any more.
+    /// Waits until half of the queue is free, or until nothing empties it any more.
     pub(super) fn wait_for_half(&self) {
         let full = |state: &mut QueueState| {
             let bytes = state.waiting_bytes > MAX_WAITING_BYTES / 2;
@@ -247,7 +246,7 @@ impl RecordingQueue {
             drop(state);
             tracing::error!(
                 run = %self.path.display(),
-                "cannot write the run: {error}. Driving goes on without recording; what was written so far can be read. Record to another disk with the next run"
+                "cannot write the run: {error}. Driving continues without recording; what was written so far can be read. Record the next run to another disk"
             );
         }
     }
@@ -260,7 +259,7 @@ impl RecordingQueue {
             drop(state);
             tracing::error!(
                 run = %self.path.display(),
-                "cannot write the run: {error}. Driving goes on; free some space and recording goes on, too"
+                "cannot write the run: {error}. Driving continues; free some space and recording continues, too"
             );
             state = self.lock();
         }
@@ -270,17 +269,17 @@ impl RecordingQueue {
 
     fn has_room_again(&self) {
         if self.lock().failed.take().is_some() {
-            tracing::info!(run = %self.path.display(), "the disk has room again, recording goes on");
+            tracing::info!(run = %self.path.display(), "the disk has room again, recording continues");
         }
     }
 }
 
-/// The picture's size; what else there is in an item is small.
+/// The picture's size; the rest of an item is small.
 fn bytes_of(item: &Item) -> usize {
     if let Item::Frame(jpeg) = item { jpeg.len() } else { 0 }
 }
 
-/// A sink that waits for room on a full disk, so that a chunk goes on where it stopped.
+/// A sink that waits for room on a full disk, so that a chunk continues where it stopped.
 pub(super) struct Patient<W> {
     pub(super) sink: W,
     pub(super) queue: Arc<RecordingQueue>,

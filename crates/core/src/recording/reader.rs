@@ -23,17 +23,17 @@ use super::{
     format::{Channel, CompressedImage, RUN},
 };
 
-/// Records of the summary longer than this are not ours: an index of a chunk takes some hundred bytes.
+/// Records of the summary longer than this are not ours: an index of a chunk takes about a hundred bytes.
 const SUMMARY_RECORD: usize = 1 << 20;
-/// Nor is a longer summary: a day's chunks take some 10 MB.
+/// Nor is a longer summary: a day's chunks take about 10 MB.
 const SUMMARY: usize = 64 << 20;
-/// The longest telemetry, command or event, as JSON: the recorder cuts what is longer than some thousand characters.
+/// The longest telemetry, command or event, as JSON: the recorder cuts texts longer than some thousand characters.
 const MOST_JSON: usize = 1 << 20;
 
 /// An item and the time since the run began.
 type Yield = Result<(Duration, Item), RecordingError>;
 
-/// Where and how a file ends before its orderly end.
+/// Where and why a file is cut off or damaged.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Truncation {
     /// Length of the part that was read.
@@ -52,25 +52,23 @@ impl fmt::Display for Truncation {
 
 /// Reads a run: its header at once, its items as an iterator.
 ///
-/// Files that other tools have rewritten (with compressed chunks, without
-/// chunks, with channels of their own) read as well; channels that are not a
-/// run's are passed over. A file cut off or damaged somewhere reads up to the
-/// last whole chunk before that place, and [`truncated`](Self::truncated) tells.
-/// It tells as well where the messages are not as many as the file's statistics say.
+/// Files that other tools have rewritten (with compressed chunks, without chunks, with channels of their own) read as
+/// well; channels that are not a run's are skipped. A file cut off or damaged somewhere reads up to the last whole
+/// chunk before that place, and [`truncated`](Self::truncated) says so, as it does if the number of messages differs
+/// from the file's statistics.
 ///
-/// The iterator yields [`RecordingError::Message`] for a message that does not
-/// parse and goes on behind it, [`RecordingError::Io`] where the file cannot be
-/// read any more and ends.
+/// The iterator yields [`RecordingError::Message`] for a message that does not parse, and continues after it. It yields
+/// [`RecordingError::Io`] if the file cannot be read any further, and ends.
 pub struct RunReader {
     path: PathBuf,
     header: RunHeader,
     container: Container<BufReader<File>>,
-    /// Those of a run, by id; `None` is somebody else's.
+    /// By id; `None` for channels that are not a run's.
     channels: HashMap<u16, Option<Channel>>,
     chunk: Option<Chunk>,
-    /// What the chunks so far were, unpacked.
+    /// Unpacked size of the chunks so far, in bytes.
     unpacked: u64,
-    /// Where the record begins that is being read.
+    /// Where the record being read begins.
     at: u64,
     /// Messages so far, and how many there are by the file's own statistics.
     messages: u64,
@@ -102,7 +100,7 @@ impl RunReader {
             return not_a_run("a folder; a run is one file in it, and a folder with driving_log.csv is a data set");
         }
         if !metadata.is_file() {
-            return not_a_run("a device or a pipe"); // to open a pipe may take forever
+            return not_a_run("a device or a pipe"); // opening a pipe may take forever
         }
         let (mut file, len) = (BufReader::new(File::open(path).map_err(io)?), metadata.len());
         let mut start = Vec::new();
@@ -138,7 +136,7 @@ impl RunReader {
         &self.path
     }
 
-    /// How many telemetries there are, where the file ends in good order and says so.
+    /// How many telemetries there are, if the file ends in good order and says so.
     pub fn telemetries(&self) -> Option<u64> {
         let mut file = File::open(&self.path).ok()?;
         let len = file.metadata().ok()?.len();
@@ -159,7 +157,7 @@ impl RunReader {
         summary.stats?.channel_message_counts.get(&channel.id).copied()
     }
 
-    /// How the file ends, once the iterator has: `None` is in good order.
+    /// How the file ends, once the iterator has ended: `None` if in good order.
     pub fn truncated(&self) -> Option<&Truncation> {
         self.truncation.as_ref()
     }
@@ -231,7 +229,7 @@ impl RunReader {
 }
 
 impl RunReader {
-    /// Behind the file's orderly end. Its statistics give away a damage that hides a whole chunk.
+    /// After the file's orderly end. Its statistics reveal damage that hides a whole chunk.
     fn end(&mut self) -> Result<Option<Yield>, Broken> {
         self.done = true;
         self.at = self.container.len();
@@ -289,7 +287,7 @@ fn find_header(path: &Path, container: &mut Container<BufReader<File>>) -> Resul
     }
 }
 
-/// What a file is that is not MCAP, by its first bytes.
+/// What kind of file this is, if not MCAP, by its first bytes.
 fn what_is(start: &[u8]) -> &'static str {
     let is_text = std::str::from_utf8(start).is_ok_and(|t| !t.contains('\0'));
     match start {

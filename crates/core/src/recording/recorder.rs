@@ -1,5 +1,4 @@
-//! The recorder: takes items from the driving loop without ever holding it up,
-//! and writes them on a thread of its own.
+//! The recorder: takes items from the driving loop without ever blocking it, and writes them on a thread of its own.
 
 use std::{
     fs,
@@ -18,17 +17,17 @@ use super::{
     writer::RunWriter,
 };
 
-/// How old an item in memory may get. Half of the second that a crash may cost
-/// at most, the other half being for a busy disk.
+/// How old an item in memory may get: half of the second that a crash may cost at most; the other half is for a busy
+/// disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(500);
-/// A chunk of this size is written before its time.
+/// A chunk of this size is written at once.
 const CHUNK_BYTES: usize = 1 << 20;
 
-/// How a recorder works.
+/// Options of a recorder.
 #[derive(Debug, Clone, Copy)]
 pub struct RecorderOptions {
-    /// How many items may wait for the disk, frames up to three quarters of it and
-    /// 64 MiB. Default 512: some six seconds of a simulator at 20 Hz.
+    /// How many items may wait for the disk, frames up to three quarters of it and 64 MiB. Default 512: about six
+    /// seconds of a simulator at 20 Hz.
     pub queue: usize,
 }
 
@@ -38,20 +37,20 @@ impl Default for RecorderOptions {
     }
 }
 
-/// How a recorder fares.
+/// The status of a recorder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecorderStatus {
-    /// Items that the file holds for good: they would outlive this process.
+    /// Items that are safely in the file: they would outlive this process.
     pub items_written: u64,
     /// Frames that the disk was too slow or too full for.
     pub frames_not_recorded: u64,
     /// Telemetries, commands and events likewise.
     pub items_not_recorded: u64,
-    /// What is wrong at the moment, in words. A full disk that has room again is forgotten.
+    /// What is wrong at the moment, in words; cleared once a full disk has room again.
     pub failed: Option<String>,
 }
 
-/// What became of a run.
+/// The result of recording a run.
 #[derive(Debug)]
 pub struct RecordingReport {
     /// The run's file.
@@ -62,29 +61,26 @@ pub struct RecordingReport {
     pub telemetries: u64,
     /// Frames in it.
     pub frames: u64,
-    /// Frames that are not.
+    /// Frames that were lost.
     pub frames_not_recorded: u64,
-    /// Telemetries, commands and events that are not.
+    /// Telemetries, commands and events that were lost.
     pub items_not_recorded: u64,
-    /// Why the file ends before the run did, if it does.
+    /// Why the file ends before the run, if it does.
     pub error: Option<RecordingError>,
 }
 
 /// Records one run.
 ///
-/// Items wait in a bounded queue. Where the disk does not keep up, frames are
-/// dropped as soon as three quarters of it are taken and everything else only
-/// when it is full; all of it is counted, and the file gets one
+/// Items wait in a bounded queue. If the disk does not keep up, frames are dropped as soon as three quarters of it are
+/// taken, and everything else only when it is full; all losses are counted, and the file gets one
 /// [`EventRecord::FramesNotRecorded`](super::EventRecord::FramesNotRecorded) once there is room again.
 ///
-/// A full disk is a slow disk that may be waited for: the writer holds the chunk
-/// it is at and asks again every second, so that once somebody frees space the
-/// recording goes on without a gap but for what the queue could not hold. Any
-/// other error ends the recording, not the drive. What is on disk then stays
-/// readable up to the last whole chunk.
+/// A full disk is treated as a slow one: the writer keeps its current chunk and tries again every second, so once
+/// somebody frees space the recording continues, with no gap except for what the queue could not hold. Any other error
+/// ends the recording, not the drive. The file then stays readable up to the last whole chunk.
 ///
-/// Chunks go to the operating system at least every second, which a crash of
-/// this program cannot undo; a crash of the machine may (nothing is synced).
+/// Chunks go to the operating system at least every second, where they survive a crash of this program, but perhaps not
+/// one of the machine (nothing is synced).
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
@@ -96,24 +92,24 @@ impl Recorder {
     /// Makes the folder and a new file in it, named by local time and the header's hint.
     ///
     /// # Errors
-    /// [`RecordingError::Io`] where the folder or the file cannot be made,
-    /// [`RecordingError::Write`] where the file does not take the header.
+    /// [`RecordingError::Io`] if the folder or the file cannot be made, [`RecordingError::Write`] if the header cannot
+    /// be written.
     pub fn create(dir: &Path, header: RunHeader, options: RecorderOptions) -> Result<Self, RecordingError> {
         fs::create_dir_all(dir).map_err(RecordingError::io("make the folder", dir))?;
         let (file, path) = new_file(dir, &header)?;
         Self::with_sink(file, path, &header, options)
     }
 
-    /// Makes a file of that very name; its folder must be there.
+    /// Makes a file of exactly this name; its folder must exist.
     ///
     /// # Errors
-    /// As [`create`](Self::create), also where there is such a file already.
+    /// As [`create`](Self::create), and if there is such a file already.
     pub fn create_file(path: &Path, header: RunHeader, options: RecorderOptions) -> Result<Self, RecordingError> {
         let file = fs::File::create_new(path).map_err(RecordingError::io("create", path))?;
         Self::with_sink(file, path.to_owned(), &header, options)
     }
 
-    /// Records into any sink; `path` is what messages call it.
+    /// Records into any sink, which messages call `path`.
     fn with_sink<W: Write + Seek + Send + 'static>(
         sink: W,
         path: PathBuf,
@@ -147,9 +143,8 @@ impl Recorder {
 
     /// Hands over an item that happened `at` this time since the run began.
     ///
-    /// Never waits for the disk and never fails; what cannot be recorded is
-    /// counted. The telemetry, the frame and the command of one step are handed
-    /// over in this order, the frame with the very time of its telemetry: that
+    /// Never waits for the disk and never fails; items that cannot be recorded are counted. The telemetry, the frame
+    /// and the command of one step must be handed over in this order, the frame with exactly its telemetry's time: that
     /// is how [`Entries`](super::Entries) joins them.
     pub fn record(&self, at: Duration, item: Item) {
         if let Some(lost) = self.queue.push(at, item.lean()) {
@@ -157,7 +152,7 @@ impl Recorder {
                 run = %self.path.display(),
                 frames_not_recorded = lost.frames,
                 items_not_recorded = lost.others(),
-                "the disk is too slow for this run: frames are dropped first, driving goes on"
+                "the disk is too slow for this run: frames are dropped first, driving continues"
             );
         }
     }
@@ -168,7 +163,7 @@ impl Recorder {
         self.queue.wait_for_half();
     }
 
-    /// How the recording fares. Cheap.
+    /// The status of the recording. Cheap.
     pub fn status(&self) -> RecorderStatus {
         let state = self.queue.lock();
         RecorderStatus {
@@ -179,8 +174,8 @@ impl Recorder {
         }
     }
 
-    /// Writes what still waits, ends the file and says what became of it. Waits
-    /// for a slow disk; a full one is asked one last time.
+    /// Writes what still waits, ends the file and returns the result. Waits for a slow disk; a full one is tried one
+    /// last time.
     pub fn finish(mut self) -> RecordingReport {
         let error = self.close().err().map(|source| RecordingError::Write { path: self.path.clone(), source });
         let state = self.queue.lock();
@@ -207,12 +202,12 @@ impl Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // Said already, by the thread that found it.
+        // Reported already, by the thread that found it.
         let _ = self.close();
     }
 }
 
-/// Opens a file that was not there before, so that no run is ever overwritten.
+/// Opens a new file, so that no run is ever overwritten.
 fn new_file(dir: &Path, header: &RunHeader) -> Result<(fs::File, PathBuf), RecordingError> {
     let mut name = header.started.to_zoned(TimeZone::system()).strftime("%Y-%m-%dT%H-%M-%S").to_string();
     if let Some(hint) = &header.name_hint {

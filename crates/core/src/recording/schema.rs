@@ -1,13 +1,13 @@
 //! The JSON schemas in a run's file, derived from the types that are written.
 //!
-//! Viewers read a part of JSON Schema only: Foxglove and Lichtblick (`parseJsonSchema.ts`) give a channel up at a property
-//! that is a reference, may be null, or is one of several. So each property has one type and stands where it is used;
-//! what they pass over, the `oneOf` of a tagged enum, stays at the root.
+//! Viewers support only part of JSON Schema: Foxglove and Lichtblick (`parseJsonSchema.ts`) give up on a channel if a
+//! property is a reference, may be null, or is one of several. So each property has one type and is inlined; the
+//! `oneOf` of a tagged enum, which they ignore, stays at the root.
 
 use schemars::{JsonSchema, generate::SchemaSettings, transform::transform_subschemas};
 use serde_json::{Map, Value, json};
 
-/// The schema of what is written of a `T`.
+/// The schema of a `T` as it is written.
 pub(super) fn of<T: JsonSchema>(description: &str) -> Vec<u8> {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| settings.inline_subschemas = true);
     let mut schema = settings.into_generator().into_root_schema_for::<T>();
@@ -20,7 +20,7 @@ pub(super) fn of<T: JsonSchema>(description: &str) -> Vec<u8> {
     schema.to_string().into_bytes()
 }
 
-/// One type for each property: what is absent is left out, not null, and a choice of words is an enum.
+/// Gives each property one type: an absent value is left out, not null, and a choice of words is an enum.
 fn simplify(schema: &mut schemars::Schema) {
     transform_subschemas(&mut simplify, schema);
     let Some(fields) = schema.as_object_mut() else { return };
@@ -39,7 +39,7 @@ fn simplify(schema: &mut schemars::Schema) {
     }
 }
 
-/// Of the variants of a tagged enum: their properties at the root, too, with `kind` a choice of words.
+/// Repeats the properties of a tagged enum's variants at the root, with `kind` as a choice of words.
 fn gather(fields: &mut Map<String, Value>) {
     let Some(Value::Array(variants)) = fields.get("oneOf") else { return };
     let (mut properties, mut kinds) = (Map::new(), vec![]);

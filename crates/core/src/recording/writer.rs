@@ -14,14 +14,13 @@ use super::{
     format::{Channel, CompressedImage, RUN, SUMMARY},
 };
 
-/// What the picture's coordinates belong to, for viewers that place it.
+/// The coordinate frame of the picture, for viewers that place it.
 const FRAME_ID: &str = "camera_center";
 
 /// Writes one run.
 ///
-/// Chunks are built in memory and reach the sink in one piece with
-/// [`flush`](Self::flush): what was flushed can be read whatever comes after.
-/// They are not compressed, as JPEG does not compress.
+/// Chunks are built in memory and reach the sink in one piece with [`flush`](Self::flush): what was flushed can be read
+/// whatever happens later. They are not compressed, as JPEG does not compress.
 pub(super) struct RunWriter<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     started_ns: u64,
@@ -32,7 +31,7 @@ pub(super) struct RunWriter<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> RunWriter<W> {
-    /// Writes what a run begins with. The channels wait in memory for the first chunk.
+    /// Writes the beginning of a run. The channels wait in memory for the first chunk.
     pub(super) fn new(sink: W, header: &RunHeader) -> io::Result<Self> {
         let mut mcap = WriteOptions::new()
             .compression(None)
@@ -116,7 +115,7 @@ impl<W: Write + Seek> RunWriter<W> {
     }
 }
 
-/// What the system said, where it is the cause: the container's own words for it do not say.
+/// The system's error, if that is the cause: the container's own message leaves it out.
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(e) => e,

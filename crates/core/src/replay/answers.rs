@@ -1,4 +1,4 @@
-//! What is answered to a recording: by a driver in this process, or by a bridge.
+//! The answers to a recording, from a driver in this process or from a bridge.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -11,30 +11,30 @@ use crate::{
     units::Steering,
 };
 
-/// What became of one frame.
+/// The answer to one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answered {
     /// Number of the frame, from 0.
     pub frame: u64,
     /// Time since the recording began.
     pub at: Duration,
-    /// What was steered when it was recorded; absent where the recording does not say.
+    /// What was steered when it was recorded; absent if the recording does not say.
     pub recorded: Option<Steering>,
-    /// What is answered now.
+    /// The answer now.
     pub response: Response,
 }
 
-/// What a driver makes of a frame. Only the first is the pilot's word.
+/// A driver's answer to a frame. Only the first is the pilot's.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Response {
     /// The pilot saw the frame, and this is its command.
     Steer(Command),
     /// A human drives.
     Human,
-    /// The pilot waits to be armed: this command is nobody's.
+    /// The pilot waits to be armed: nobody decided this command.
     Off(Command),
-    /// No pilot saw the frame: it cannot be read, or the pilot has no answer to it. What the driver sends instead is
-    /// there for safety and says nothing about a pilot.
+    /// No pilot saw the frame: it cannot be read, or the pilot has no answer to it. The command that the driver sends
+    /// instead is there for safety and says nothing about a pilot.
     Bad {
         /// What is wrong with it.
         why: String,
@@ -42,7 +42,7 @@ pub enum Response {
 }
 
 impl Response {
-    /// Of a driver in this process, which tells who answered.
+    /// That of a driver in this process, which reports who answered.
     fn of(turn: &Turn) -> Self {
         match (turn.answer, turn.trace.by) {
             (Answer::Manual, _) => Self::Human,
@@ -90,15 +90,15 @@ impl Observer<Replay> for Answers {
     }
 }
 
-/// A recording for a bridge, whose answers it keeps. There is no turn to look at: a bridge tells neither who answered
-/// nor how, and may have several frames in hand.
+/// A recording for a bridge, whose answers it keeps. There is no turn to look at: a bridge reports neither who answered
+/// nor how, and may be answering several frames.
 pub struct ForBridge {
     replay: Replay,
     /// Shown and not yet answered.
     waiting: VecDeque<Unanswered>,
     answers: Vec<Answered>,
     shown: u64,
-    /// Memory for pictures that are looked at here.
+    /// Memory for pictures that are decoded here.
     scratch: Frame,
 }
 
@@ -120,7 +120,7 @@ impl ForBridge {
         &self.answers
     }
 
-    /// The same, to keep.
+    /// Gives away what has been answered.
     pub fn into_answers(self) -> Vec<Answered> {
         self.answers
     }
@@ -130,7 +130,7 @@ impl ForBridge {
         &self.replay
     }
 
-    /// Takes what became of the frame that has waited longest.
+    /// Settles the frame that has waited longest.
     fn settle(&mut self, response: Response) {
         if let Some(Unanswered { frame, at, recorded, .. }) = self.waiting.pop_front() {
             self.answers.push(Answered { frame, at, recorded, response });

@@ -1,4 +1,4 @@
-//! A replay held against a stored one, for people and as JSON.
+//! A replay compared with a stored one, for people and as JSON.
 
 use std::fmt;
 
@@ -6,10 +6,10 @@ use serde::Serialize;
 
 use super::{Answered, Difference, Golden, Machine};
 
-/// Differing frames that are told one by one.
+/// Differing frames that are listed one by one.
 const NAMED: usize = 10;
 
-/// What came of holding a replay against a stored one.
+/// The result of comparing a replay with a stored one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GoldenComparison {
     /// The largest difference in steering and throttle that is forgiven.
@@ -18,14 +18,14 @@ pub struct GoldenComparison {
     pub differing_frames: usize,
     /// The first of them.
     pub first: Vec<Difference>,
-    /// Where the stored replay was written; absent where it is not told.
+    /// Where the stored replay was written, if that is known.
     pub written_on: Option<Machine>,
-    /// Where this one ran; absent where it is not told.
+    /// Where this one ran, if that is known.
     pub compared_on: Option<Machine>,
 }
 
 impl GoldenComparison {
-    /// Of answers that were given on this machine, if that is known.
+    /// Compares answers that were given on this machine, if that is known.
     pub fn new(golden: &Golden, answers: &[Answered], tolerance: f64, here: Option<Machine>) -> Self {
         let differences = golden.compare(answers, tolerance);
         Self {

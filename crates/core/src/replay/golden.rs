@@ -17,7 +17,8 @@ const FORMAT: &str = "lapwing-golden/2";
 /// Without `written_on`, and with bad frames as if a pilot had answered them.
 const OLDER_FORMAT: &str = "lapwing-golden/1";
 
-/// What the last bits of a network's answer hang on beside the network: libtorch chooses its kernels by the processor.
+/// What the last bits of a network's answer depend on besides the network: libtorch chooses its kernels by the
+/// processor.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
@@ -41,12 +42,12 @@ struct GoldenHeader {
     source: String,
     driver: String,
     frames: u64,
-    /// Absent where a bridge answered, which does not say what it runs on.
+    /// Absent if a bridge answered, which does not say what it runs on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     written_on: Option<Machine>,
 }
 
-/// The further lines. Steering and throttle are absent where a human drove, and of a frame that no network saw.
+/// The further lines. Steering and throttle are absent if a human drove, or if no network saw the frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
@@ -105,7 +106,7 @@ pub enum GoldenError {
     },
 }
 
-/// Where a replay departs from the stored one.
+/// Where a replay differs from the stored one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     /// Frame, from 0.
@@ -115,7 +116,7 @@ pub struct Difference {
 }
 
 impl Golden {
-    /// From a replay's answers, given on this machine, if that is known.
+    /// Made from a replay's answers, given on this machine, if that is known.
     pub fn new(source: &str, driver: &str, answers: &[Answered], written_on: Option<Machine>) -> Self {
         Self {
             header: GoldenHeader {
@@ -177,13 +178,13 @@ impl Golden {
         Ok(Self { header, lines })
     }
 
-    /// The machine that it was written on, where that was told.
+    /// The machine that it was written on, if that is known.
     pub fn written_on(&self) -> Option<&Machine> {
         self.header.written_on.as_ref()
     }
 
-    /// Where `answers` depart from this replay by more than `tolerance` in steering or throttle, or a frame is bad in
-    /// one of both alone.
+    /// Where `answers` differ from this replay by more than `tolerance` in steering or throttle, or where a frame is
+    /// bad in only one of the two.
     pub fn compare(&self, answers: &[Answered], tolerance: f64) -> Vec<Difference> {
         let mut differences: Vec<Difference> = self
             .lines

@@ -1,5 +1,5 @@
-//! A recording as a world, open loop: every recorded moment is shown to a driver and its answer set against what was
-//! steered then. (Closed loop is `along` in `lapwing-sim`.)
+//! A recording as a world, open loop: every recorded moment is shown to a driver and its answer is compared with what
+//! was steered then. (Closed loop is `along` in `lapwing-sim`.)
 //!
 //! ```text
 //! Run (.mcap) or Udacity folder ─▶ Replay: World ─▶ drive::run, its observer Answers ─┐
@@ -7,7 +7,7 @@
 //!        ReplayReport (MAE, MSE, r, latency) ◀── answers ◀─────────────────────────────────┘
 //!        Golden (frame by frame)      ◀──┘
 //! ```
-//! A frame that no network saw is a bad one: it is counted as such and is in no figure.
+//! A frame that no network saw is a bad frame: it is counted as such and enters no figure.
 
 mod answers;
 mod comparison;

@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::{Answered, Response};
 use crate::{stats::Agreement, words};
 
-/// Share of bad frames above which a replay says too little of a driver to pass.
+/// Share of bad frames above which a replay says too little about a driver to pass.
 pub const MOST_BAD_FRAMES: f64 = 0.01;
 
-/// Bad frames that are told one by one.
+/// Bad frames that are listed one by one.
 const NAMED: usize = 3;
 
 const NO_STEERING: &str = "the recording has no steering";
@@ -28,7 +28,7 @@ pub struct ReplayLatency {
 }
 
 impl ReplayLatency {
-    /// Of measured times; `None` of none.
+    /// Quantiles of measured times; `None` if there are none.
     pub fn of(mut times: Vec<Duration>) -> Option<Self> {
         times.sort_unstable();
         let last = times.len().checked_sub(1)?;
@@ -46,7 +46,7 @@ pub struct BadFrame {
     pub why: String,
 }
 
-/// What an open-loop replay says of a driver.
+/// What an open-loop replay says about a driver.
 #[derive(Debug, Clone, Serialize)]
 pub struct ReplayReport {
     /// What was replayed.
@@ -55,30 +55,30 @@ pub struct ReplayReport {
     pub driver: String,
     /// Moments replayed.
     pub moments: u64,
-    /// Those at which a human was said to drive.
+    /// Those at which a human drove.
     pub human: u64,
     /// Those at which the pilot waited to be armed.
     pub pilot_off: u64,
-    /// Those whose frame no network saw; steering and latency are of the others.
+    /// Those whose frame no network saw; steering and latency are those of the others.
     pub bad_frames: u64,
     /// The first of them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub first_bad_frames: Vec<BadFrame>,
-    /// Telemetries in the recording without a picture, skipped: it was broken, or the disk too slow for it.
+    /// Telemetries in the recording without a picture, skipped: it was broken, or the disk was too slow for it.
     pub skipped: u64,
-    /// Steering against the recorded one; absent where there is nothing to compare, see [`ReplayReport::agreement`].
+    /// Steering compared with the recorded one; absent if there is nothing to compare, see [`ReplayReport::agreement`].
     pub steering: Option<Agreement>,
     /// Time of a pilot's answer: the driver's alone in process, the round trip over a connection.
     pub latency: Option<ReplayLatency>,
-    /// Moments a second, all told.
+    /// Moments a second, of all kinds.
     pub frames_per_s: f64,
-    /// Whether and where the recording ends before its end.
+    /// Where and why the recording is cut off, if it is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cut_off: Option<String>,
 }
 
 impl ReplayReport {
-    /// From a replay's answers and the time of each.
+    /// Made from a replay's answers and the time of each.
     pub fn new(
         (source, driver): (String, String),
         answers: &[Answered],
@@ -111,17 +111,17 @@ impl ReplayReport {
         }
     }
 
-    /// Frames that a pilot was to answer.
+    /// Frames that were for the pilot to answer.
     pub fn for_the_pilot(&self) -> u64 {
         self.moments - self.human - self.pilot_off
     }
 
-    /// Whether so many frames are bad ([`MOST_BAD_FRAMES`]) that the figures are not the driver's.
+    /// Whether so many frames are bad ([`MOST_BAD_FRAMES`]) that the figures say too little about the driver.
     pub fn has_too_many_bad_frames(&self) -> bool {
         too_many_bad_frames(self.bad_frames, self.for_the_pilot())
     }
 
-    /// Steering against the recorded one, or why there is none.
+    /// Steering compared with the recorded one, or why that is not possible.
     ///
     /// # Errors
     /// The reason.

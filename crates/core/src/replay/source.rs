@@ -23,7 +23,7 @@ pub enum Rate {
     Real,
     /// As fast as the driver answers.
     Max,
-    /// So many frames a second.
+    /// This many frames a second.
     Hz(f64),
 }
 
@@ -95,12 +95,12 @@ impl Replay {
         })
     }
 
-    /// How many frames there are, where that is known beforehand.
+    /// How many frames there are, if that is known beforehand.
     pub fn frames(&self) -> Option<u64> {
         self.recording.left()
     }
 
-    /// What was steered at the moment observed last; absent where the recording does not say.
+    /// What was steered at the moment observed last; absent if the recording does not say.
     pub fn recorded(&self) -> Option<Steering> {
         self.recorded
     }
@@ -143,8 +143,7 @@ impl Replay {
         }
     }
 
-    /// A moment with its picture as an observation, and what was steered then: what nobody steered is nothing to
-    /// compare with.
+    /// A moment with its picture as an observation, and what was steered then, if anybody steered.
     fn shown(&self, moment: Moment) -> Result<(Observation, Option<Steering>), ReplayError> {
         let recorded = moment.steering();
         let Moment { at, mut telemetry, pictures: [picture, ..], .. } = moment;
@@ -153,14 +152,14 @@ impl Replay {
             picture.read().map_err(|source| ReplayError::Image { path: PathBuf::from(picture.to_string()), source })?;
         telemetry.image = CameraImage::Jpeg(jpeg);
         if self.recording.log().is_some() {
-            telemetry.truth = Truth::default(); // the recorder's brake is nothing that a simulator reports
+            telemetry.truth = Truth::default(); // no simulator reports the brake as the recorder does
         }
         Ok((Observation { at, sight: Sight::Telemetry(telemetry) }, recorded))
     }
 }
 
 impl Eventful for Replay {
-    /// Of all events only that a person armed the pilot: what else happened then says nothing of who is asked now.
+    /// Only that a person armed the pilot: no other event of the past affects who is asked now.
     fn take_events(&mut self) -> Vec<(Duration, EventRecord)> {
         self.armed.take().map(|at| (at, EventRecord::PilotArmed)).into_iter().collect()
     }
@@ -185,7 +184,7 @@ impl World for Replay {
         Ok(Some(observation))
     }
 
-    /// What was recorded stays as it was.
+    /// Ignored: what was recorded stays as it was.
     fn apply(&mut self, _: Answer) {}
 }
 

@@ -14,7 +14,7 @@ pub enum By {
     Pilot,
     /// A person at the simulator's keyboard.
     Human,
-    /// Nobody: the safe answer to a frame that cannot be driven by.
+    /// Nobody: the safe answer to a frame that cannot be used.
     Safe,
     /// Nobody: the pilot is switched off.
     Off,
@@ -31,7 +31,7 @@ pub struct CommandRecord {
     pub steering: Steering,
     /// The throttle sent.
     pub throttle: Throttle,
-    /// What the network said, before anything was made of it.
+    /// The network's raw output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prediction: Option<f64>,
     /// The proportional part of the speed controller's output.
@@ -48,7 +48,7 @@ pub struct CommandRecord {
     pub preprocess_ns: u64,
     /// Time in the network.
     pub forward_ns: u64,
-    /// Time in the driver altogether.
+    /// Total time in the driver.
     pub driver_ns: u64,
     /// From message in to answer out, as far as it is known when this is recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -56,7 +56,7 @@ pub struct CommandRecord {
 }
 
 impl CommandRecord {
-    /// What a person at the wheel did: nobody predicted, controlled or was waited for.
+    /// What a person at the wheel did, without prediction, controller or latency.
     pub fn of_human(steering: Steering, throttle: Throttle) -> Self {
         Self {
             by: By::Human,

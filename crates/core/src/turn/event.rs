@@ -16,11 +16,11 @@ pub enum EventRecord {
         /// How long they had it.
         duration_s: f64,
     },
-    /// A telemetry or picture that could not be driven by.
+    /// A telemetry or picture that could not be used.
     BadFrame {
         /// What was wrong.
         why: String,
-        /// The how-manieth in a row.
+        /// Its number among bad frames in a row, from 1.
         count_in_row: u32,
     },
     /// Too many bad frames in a row: the car is being stopped.
@@ -30,10 +30,10 @@ pub enum EventRecord {
         /// How many frames are missing before this.
         count: u64,
     },
-    /// What comes next does not go on from what came before, though the times of the two do not show it: a driving log
-    /// joined from several drives, made a run.
+    /// What comes next does not continue from what came before, though their times do not show it: the run was made
+    /// from a driving log that joins several drives.
     Break {
-        /// What passed between them by the log's own clock, below 0 where that was set back; absent where it does not tell.
+        /// The time between them by the log's own clock, below 0 if that was set back; absent if it does not say.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         seconds: Option<f64>,
     },
@@ -53,18 +53,18 @@ pub enum EventRecord {
         /// Its payload, as text; cut to 2000 characters.
         payload: String,
     },
-    /// What is to be driven; before the first telemetry, where the world knows.
+    /// The course to drive; comes before the first telemetry, if the world knows it.
     Course {
         /// The track's name.
         track: String,
-        /// Once around, in metres.
+        /// Length of a lap, in metres.
         length_m: f64,
         /// Waypoints around it, counted by the telemetry's `waypoint`.
         waypoints: u32,
-        /// Laps asked for; none where only time ends the run.
+        /// Laps asked for; none if only time ends the run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         laps: Option<u32>,
-        /// Metres from the road's middle at which its edge is.
+        /// From the road's middle to its edge, in metres.
         edge_m: f64,
         /// The script of the other traffic, by name.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -72,7 +72,7 @@ pub enum EventRecord {
     },
     /// A lap was completed.
     Lap {
-        /// The how manieth, from 1.
+        /// Its number, from 1.
         number: u32,
         /// How long it took.
         time_s: f64,
@@ -83,7 +83,7 @@ pub enum EventRecord {
         with: String,
         /// How fast the two met.
         speed_mph: f64,
-        /// How fast the car itself was; earlier versions did not tell.
+        /// How fast the car itself was; earlier versions did not record it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         own_mph: Option<f64>,
     },
@@ -92,25 +92,25 @@ pub enum EventRecord {
         /// How far from the road's middle it was, positive to the right.
         offset_m: f64,
     },
-    /// And came back.
+    /// The car came back to the road.
     BackOnRoad {
         /// How long it was off.
         after_s: f64,
     },
-    /// The car does not get away.
+    /// The car is stuck.
     Stuck,
-    /// And did after all.
+    /// The car moves again.
     Moving,
     /// The car drives against the direction of the track.
     WrongWay,
-    /// And turned round.
+    /// The car drives in the direction of the track again.
     RightWay,
     /// The car was put back on the road.
     Reset {
         /// The waypoint.
         waypoint: u32,
     },
-    /// Words of a person or a script.
+    /// A note by a person or a script.
     Note {
         /// The words.
         text: String,
@@ -122,12 +122,12 @@ pub enum EventRecord {
     },
 }
 
-/// How many characters of a text in an event are recorded: what comes over a wire may be a megabyte.
+/// How many characters of a text in an event are recorded: text from the wire may be a megabyte long.
 const MAX_TEXT: usize = 2000;
 
 impl EventRecord {
-    /// The course of whoever drives along the path of a recording of this name and may be `limit_m` beside it: a path
-    /// and nothing else, which ends somewhere. That it is one stands in the run's header.
+    /// The course of a drive along the path of a recording of this name, from which the car may be `limit_m` away. It
+    /// is only a path, which ends somewhere; the run's header says so.
     pub fn recorded_path(recording: &str, length_m: f64, waypoints: u32, limit_m: f64) -> Self {
         let track = format!("{recording} (recorded)");
         Self::Course { track, length_m, waypoints, laps: None, edge_m: limit_m, scenario: None }

@@ -1,13 +1,11 @@
-//! One turn of a drive, and what is told of it: the one vocabulary of the driver, the recorder, the scorer and whoever
-//! else looks on.
+//! One turn of a drive and the records of it: the vocabulary that driver, recorder, scorer and other observers share.
 //!
 //! ```text
 //! Observation ─▶ Driver ─▶ Answer + Trace ─▶ Turn ─▶ observers
 //! ```
-//! A turn is made once, by [`drive::turn`](crate::drive::turn), whether the world is in this process or at the other end
-//! of a wire. What is recorded of it are its own parts, by reference: the telemetry, the JPEG bytes,
-//! [`command`](Turn::command) and the events of its trace. [`CommandRecord`] and [`EventRecord`] are what runs hold, as
-//! JSON.
+//! A turn is made once, by [`drive::turn`](crate::drive::turn), whether the world is in this process or at the other
+//! end of a wire. Its own parts are recorded, by reference: the telemetry, the JPEG bytes, [`command`](Turn::command)
+//! and the events of its trace. [`CommandRecord`] and [`EventRecord`] are what runs hold, as JSON.
 
 mod command;
 mod event;
@@ -24,12 +22,12 @@ use crate::{
     protocol::{Answer, Observation, Sight, Telemetry},
 };
 
-/// What the driver tells of one answer.
+/// What the driver reports about one answer.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
     /// Who made the answer.
     pub by: By,
-    /// The JPEG bytes as received, where the base64 could be read.
+    /// The JPEG bytes as received, if the base64 could be read.
     pub jpeg: Option<Bytes>,
     /// The pilot's raw output, not clamped.
     pub prediction: Option<f64>,
@@ -43,7 +41,7 @@ pub struct Trace {
     pub forward: Duration,
     /// Time of the whole answer.
     pub total: Duration,
-    /// What happened with it, in order: each an event in the run and a line in the log.
+    /// What happened along with it, in order: each an event in the run and a line in the log.
     pub events: Vec<EventRecord>,
 }
 
@@ -54,9 +52,9 @@ pub struct Turn {
     pub observation: Observation,
     /// What was answered.
     pub answer: Answer,
-    /// What the driver tells of it.
+    /// What the driver reports about the answer.
     pub trace: Trace,
-    /// From message in to answer out, once the answer is out; none of an answer that never went out.
+    /// From message in to answer out, once the answer is out; none for an answer that never went out.
     pub latency: Option<Duration>,
 }
 
@@ -66,7 +64,7 @@ impl Turn {
         self.observation.at
     }
 
-    /// What the simulator told, where that could be read.
+    /// What the simulator reported, if that could be read.
     pub fn telemetry(&self) -> Option<&Telemetry> {
         match &self.observation.sight {
             Sight::Telemetry(telemetry) => Some(telemetry),
@@ -74,7 +72,7 @@ impl Turn {
         }
     }
 
-    /// The command that went out, as a run holds it; none where a human drove, or the answer was left out.
+    /// The command that went out, as a run holds it; none if a human drove or no answer was sent.
     pub fn command(&self) -> Option<CommandRecord> {
         let (Answer::Steer(command), Some(latency)) = (self.answer, self.latency) else { return None };
         let ns = |duration: Duration| duration.as_nanos().try_into().unwrap_or(u64::MAX);

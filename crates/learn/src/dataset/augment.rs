@@ -1,12 +1,12 @@
 //! Changes to a picture that change its label in a known way, or not at all.
 //!
 //! The five of Lu, "End to End Learning for Self-Driving Cars", with Lu's ranges as defaults. Each sample is changed
-//! anew each time it is drawn; Lu wrote 4.8 million changed pictures to disk beforehand, which are draws from the same
-//! distribution. All pictures of a sequence are changed alike.
+//! anew each time it is drawn; Lu wrote 4.8 million changed pictures to disk beforehand, drawn from the same
+//! distribution. All pictures of a sequence are changed in the same way.
 //!
-//! What is changed is the picture at the size that the network takes, a third of the work that the recorded one makes.
-//! Shifts are given in recorded pixels and rounded to whole ones of the network's (of 1.6 for PilotNet, 2 for a ResNet,
-//! 8 for `cps`); the label is corrected by what they are then.
+//! The picture is changed at the network's input size, a third of the work of changing the recorded one. Shifts are
+//! given in recorded pixels and rounded to whole pixels of the network's input (1.6 recorded pixels for PilotNet, 2 for
+//! a ResNet, 8 for `cps`); the label is corrected by the rounded shift.
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ use super::{DatasetError, samples::unit, strip::Strip};
 pub struct Augmentation {
     /// Probability of a mirrored picture with a negated label; default 0.5.
     pub flip: f64,
-    /// Probability of a shifted picture; default 0.5. What comes in at the border repeats the border.
+    /// Probability of a shifted picture; default 0.5. New pixels at the border repeat it.
     pub translate: f64,
     /// Farthest shift to either side, in pixels of the recorded picture; default 60.
     pub translate_x_px: u32,
@@ -27,7 +27,7 @@ pub struct Augmentation {
     pub translate_y_px: u32,
     /// Steering added for each pixel that the picture moves to the right; default 0.003.
     pub steering_per_px: f64,
-    /// Probability of another brightness; default 0.5.
+    /// Probability of a changed brightness; default 0.5.
     pub brightness: f64,
     /// Factors on every channel, least and largest; default 0.3 to 1.6.
     pub brightness_range: (f64, f64),
@@ -39,9 +39,9 @@ pub struct Augmentation {
     pub erase: f64,
     /// Largest share of the picture that is erased; default 0.4.
     pub erase_area: f64,
-    /// Height over width of what is erased; default 0.5 to 2.5.
+    /// Height over width of the erased rectangle; default 0.5 to 2.5.
     pub erase_ratio: (f64, f64),
-    /// What stands there then, 0 to 255; default 0.
+    /// The value that replaces it, 0 to 255; default 0.
     pub erase_value: u8,
 }
 
@@ -92,7 +92,7 @@ impl Augmentation {
     /// Checks every range.
     ///
     /// # Errors
-    /// [`DatasetError::Setting`] for the first that cannot be.
+    /// [`DatasetError::Setting`] for the first invalid one.
     pub fn check(&self) -> Result<(), DatasetError> {
         let wrong = |name, expected, got| Err(DatasetError::Setting { name, expected, got });
         for (name, p) in
@@ -122,7 +122,8 @@ impl Augmentation {
 
     /// Rolls the dice for one sample.
     pub fn draw(&self, random: &mut ChaCha8Rng) -> AugmentationDraw {
-        // Each die is rolled whether it counts or not, so that switching one change off leaves the others as they were.
+        // Each random number is drawn whether it is used or not, so that switching one change off leaves the others as
+        // they were.
         let mut chance = |p: f64| unit(random) < p;
         let (flip, shift, bright, shadow, erase) = (
             chance(self.flip),
@@ -169,20 +170,20 @@ pub struct AugmentationDraw {
     pub steering_per_px: f64,
     /// Factor on every channel.
     pub brightness: f64,
-    /// Across what the network sees, from its upper to its lower edge.
+    /// A shadow across the network's input, from its upper to its lower edge.
     pub shadow: Option<Shadow>,
-    /// Out of what the network sees.
+    /// A rectangle erased from the network's input.
     pub erase: Option<Rectangle>,
 }
 
-/// Darkened between two lines.
+/// A darkened area between two lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shadow {
     /// Where the lines meet the upper edge, 0 (left) to 1.
     pub top: [f64; 2],
-    /// And the lower one.
+    /// Where they meet the lower edge.
     pub bottom: [f64; 2],
-    /// On every channel.
+    /// Factor on every channel.
     pub factor: f64,
 }
 
@@ -193,9 +194,9 @@ pub struct Rectangle {
     pub area: f64,
     /// Height over width, as recorded.
     pub ratio: f64,
-    /// Where in the room that is left, 0 to 1, across and down.
+    /// Position within the remaining room, 0 to 1, across and down.
     pub at: (f64, f64),
-    /// What stands there then.
+    /// The value that replaces it.
     pub value: u8,
 }
 
@@ -205,19 +206,19 @@ impl AugmentationDraw {
         Self { flip: false, shift: (0, 0), steering_per_px: 0.0, brightness: 1.0, shadow: None, erase: None }
     }
 
-    /// What is to be steered in the changed picture, of which one pixel across is `scale` of the recorded one.
+    /// The label of the changed picture, one pixel of which is `scale` recorded pixels wide.
     pub(super) fn steering(&self, steering: f64, scale: f64) -> f64 {
         let steering = if self.flip { -steering } else { steering };
         steering + whole(self.shift.0, scale) as f64 * scale * self.steering_per_px
     }
 
-    /// Makes the changed picture, row by row from the top: `row` is given its number, and red, green and blue from 0 to
+    /// Makes the changed picture, row by row from the top: `row` receives its number, and red, green and blue from 0 to
     /// 255. A shift is rounded to whole pixels of the strip. `scratch` may be anything.
     pub(super) fn apply(&self, strip: &Strip, scratch: &mut [Vec<f32>; 3], mut row: impl FnMut(usize, [&[f32]; 3])) {
         let (width, height) = (strip.width(), strip.height());
         let (right, down) = (whole(self.shift.0, strip.scale().0), whole(self.shift.1, strip.scale().1));
         let (across, down_px) = strip.scale();
-        // Of recorded pixels: the network's need not be square.
+        // In recorded pixels: the network's need not be square.
         let erased =
             self.erase.map(|gone| Rectangle { ratio: gone.ratio * across / down_px, ..gone }.pixels(width, height));
         let light = self.brightness as f32;
@@ -256,7 +257,7 @@ fn moved(row: &[u8], right: i64, flip: bool, out: &mut [f32]) {
     let width = row.len();
     let by = (right.unsigned_abs() as usize).min(width);
     let [first, last] = if flip { [row[width - 1], row[0]] } else { [row[0], row[width - 1]] };
-    // What stays in the picture, and where it comes to lie.
+    // The part that stays in the picture, and its new place.
     let (stays, gone, border) = if right >= 0 {
         let (gone, stays) = out.split_at_mut(by);
         (stays, gone, first)
@@ -281,7 +282,7 @@ fn brighten(row: &mut [f32], factor: f32) {
 }
 
 impl Shadow {
-    /// First column in the shade and the one after the last, so far down (0 to 1).
+    /// First column in the shade and the one after the last, at a height from 0 (top) to 1.
     fn columns(&self, down: f64, width: usize) -> (usize, usize) {
         let at = |i: usize| ((self.top[i] + (self.bottom[i] - self.top[i]) * down) * width as f64) as usize;
         let (a, b) = (at(0), at(1));

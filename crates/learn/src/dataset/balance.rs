@@ -1,18 +1,19 @@
-//! Balances rows by their steering: which are drawn more often than others.
+//! Balances rows by their steering: decides which are drawn more often than others.
 
 use serde::{Deserialize, Serialize};
 
 use super::DatasetError;
 
-/// What is done against the many rows in which nobody steers.
+/// How to compensate for the many rows in which nobody steers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Balance {
-    /// Share of the rows with a steering of (nearly) zero that is kept; default 1.
+    /// Share of the rows with (nearly) zero steering that is kept; default 1.
     pub keep_zero: f64,
     /// How far the histogram of steering is flattened: 0, the default, not at all; 1, each of 25 bins counts alike.
     pub flatten: f64,
-    /// A row at full lock is drawn so many times more often than one straight on, those between in proportion; default 0.
+    /// How many times more often a row at full lock is drawn than one straight on, with those between in proportion;
+    /// default 0.
     pub large_angles: f64,
 }
 
@@ -42,11 +43,11 @@ impl Balance {
         Ok(())
     }
 
-    /// How often each sample is drawn, by the steering of its row and how often it would be drawn without balance.
+    /// How often each sample is drawn, from the steering of its row and how often it would be drawn without balancing.
     /// The histogram is that of all data sets together, each counted as often as it is drawn.
     ///
     /// # Errors
-    /// [`DatasetError::Setting`] where nothing would be drawn at all.
+    /// [`DatasetError::Setting`] if nothing would be drawn at all.
     pub(super) fn weights(&self, drawn: &[(f64, f64)]) -> Result<Vec<f64>, DatasetError> {
         let bin = |x: f64| (((x.clamp(-1.0, 1.0) + 1.0) / 2.0 * BINS as f64) as usize).min(BINS - 1);
         let mut counts = [0.0f64; BINS];

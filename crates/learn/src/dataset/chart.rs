@@ -9,13 +9,13 @@ use lapwing_score::{
 
 /// Each data set's own chart, in pixels.
 const SIZE: (u32, u32) = (1000, 320);
-/// A bar so many times higher than the next is cut, so that the others are seen.
+/// A bar this many times higher than the next is cut, so that the others remain visible.
 const TOWERS: f64 = 3.0;
 
-/// The distribution of the steering, a chart for each data set below the other.
+/// The distribution of the steering, one chart below the other, one for each data set.
 ///
-/// Straight on is steered so often, above all with a keyboard, that its bar would leave the others flat: it is cut then
-/// and says how high it is.
+/// Straight on is so frequent, above all with a keyboard, that its bar would flatten the others: it is then cut and
+/// labelled with its height.
 pub fn steering_chart(inspections: &[Inspection]) -> Sheet {
     let charts: Vec<Chart> = inspections.iter().map(of).collect();
     Sheet { title: "Distribution of the steering".into(), ..chart::stack(&charts, SIZE.0, SIZE.1) }

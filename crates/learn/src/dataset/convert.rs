@@ -6,9 +6,9 @@
 //! | pictures of the sides | nothing: a run has the centre camera only |
 //! | steering, throttle, speed | telemetry: what was in effect |
 //! | brake | the telemetry's ground truth |
-//! | all of them | a command by a human, who steered so; from run to folder it does not count |
+//! | all of them | a command by a human; from run to folder it is ignored |
 //! | time in the picture's name | time of the item, to the millisecond |
-//! | a jump in that time | the event `break`; from run to folder whatever breaks the run ([`Break`]) is a jump |
+//! | a jump in that time | the event `break`; from run to folder any break of the run ([`Break`]) becomes a jump |
 
 use std::{fs, io, ops::ControlFlow, path::Path, time::Duration};
 
@@ -23,10 +23,10 @@ use lapwing_core::{
     words::count,
 };
 
-/// Hears how many rows are done, and of how many; says whether to go on.
+/// Is told how many rows are done, and of how many; returns whether to continue.
 type OnRow<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
 
-/// What became of a conversion.
+/// The result of a conversion.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Converted {
     /// Rows, or telemetries, written.
@@ -35,20 +35,21 @@ pub struct Converted {
     pub without_picture: u64,
     /// Pictures of the side cameras left out.
     pub side_pictures: u64,
-    /// Where the run ended before its orderly end; what is behind that is not converted.
+    /// Where the run is cut off; nothing after that is converted.
     pub truncated: Option<String>,
 }
 
-/// Makes a run of a Udacity folder, or a Udacity folder of a run, as `source` is. `target` is a file that ends in
-/// `.mcap`, or a folder, and is not there yet (an empty folder may be). Pictures are carried over byte for byte.
+/// Converts a Udacity folder to a run, or a run to a Udacity folder, depending on `source`. `target` is a file that
+/// ends in `.mcap`, or a folder, and must not exist (except as an empty folder). Pictures are copied byte for byte.
 ///
-/// The labels of a folder made of a run are what was in effect, as the simulator told it, so they are those that its
-/// own recorder would have written, whoever steered. `progress` hears after each row how many are done, and of how many
-/// where that is known, and may break the conversion off.
+/// The labels of a folder made from a run are the values in effect, as the simulator reported them: those that its own
+/// recorder would have written, whoever steered. `progress` is told after each row how many are done, and of how many
+/// if that is known, and may stop the conversion.
 ///
 /// # Errors
-/// [`DatasetError`]: broken off; a target that is there, or of the wrong kind; a picture that cannot be read or is no JPEG; what
-/// the source cannot be read or the target not be written for. What was written until then is removed.
+/// [`DatasetError`] if the conversion was stopped, the target exists or is of the wrong kind, a picture cannot be read
+/// or is not a JPEG, the source cannot be read, or the target cannot be written. Anything written until then is
+/// removed.
 pub fn convert(source: &Path, target: &Path, progress: OnRow<'_>) -> Result<Converted, DatasetError> {
     let recording = Recording::open(source)?;
     let (folder, run) = ("a folder", "a run");
@@ -61,7 +62,7 @@ pub fn convert(source: &Path, target: &Path, progress: OnRow<'_>) -> Result<Conv
     }
 }
 
-/// Nothing is there but perhaps an empty folder, where a folder is to be.
+/// Checks that nothing is there, except perhaps an empty folder if a folder is to be made.
 fn check_free(target: &Path) -> Result<(), DatasetError> {
     let got = match fs::symlink_metadata(target) {
         Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -108,7 +109,7 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
         None => Ok(converted),
     });
     if finished.is_err() {
-        // Half a run would look like a whole one; anyone who reads the error needs none that this fails as well.
+        // Half a run would look like a whole one. The first error is enough, so this one's failure is ignored.
         let _ = fs::remove_file(target);
     }
     finished
@@ -123,7 +124,7 @@ fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<C
         let mut last = Duration::ZERO;
         for moment in run.by_ref() {
             let moment = moment?;
-            // A picture that is not there is no reason to cut, and a longer time shows by itself.
+            // A missing picture is no reason to cut, and a longer gap shows by itself.
             let shows = moment.at.saturating_sub(last) > LONGEST_GAP;
             if !shows && moment.broken.is_some_and(|broken| !matches!(broken, Break::Unseen(_))) {
                 log.cut();
@@ -160,7 +161,7 @@ fn go_on(progress: ControlFlow<()>, target: &Path) -> Result<(), DatasetError> {
     }
 }
 
-/// Writes a moment that has a picture, and says whether it has.
+/// Writes a moment if it has a picture, and returns whether it has.
 fn write(moment: &Moment, log: &mut DrivingLogWriter) -> Result<bool, RecordingError> {
     let Moment { at, telemetry, pictures: [Some(Picture::Jpeg(center)), ..], .. } = moment else { return Ok(false) };
     log.row(&NewRow {

@@ -13,28 +13,28 @@ use lapwing_core::{
     recording::{Recording, RecordingError},
 };
 
-/// What became of a split.
+/// The result of a split.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Divided {
     /// The log of the rows to train on.
     pub train: PathBuf,
-    /// How many they are.
+    /// How many rows it has.
     pub train_rows: usize,
     /// The log of the rows held out.
     pub validation: PathBuf,
-    /// How many they are.
+    /// How many rows it has.
     pub validation_rows: usize,
 }
 
-/// Splits the log of a Udacity folder by [`Blocks`] into `driving_log.csv` files in two folders, which are made where
-/// there are none. No picture is copied: the logs say by absolute path where each lies.
+/// Splits the log of a Udacity folder by [`Blocks`] into `driving_log.csv` files in two folders, which are created if
+/// they do not exist. No picture is copied: the logs give the absolute path of each.
 ///
-/// The rows are written without a header, steering, throttle, brake and speed as they were read, exactly; columns of
-/// anybody's own are left out. Where the pictures' names hold their time, the jumps from block to block show in it.
+/// The rows are written without a header, with steering, throttle, brake and speed exactly as they were read; other
+/// columns are left out. If the pictures' names contain times, these show the jumps from block to block.
 ///
 /// # Errors
-/// [`DatasetError`]: blocks that hold nothing, a run instead of a folder, a log that cannot be read, one that leaves a
-/// half empty, and folders that have a log already: nothing is overwritten.
+/// [`DatasetError`] for invalid blocks, a run instead of a folder, a log that cannot be read, one that leaves a half
+/// empty, and folders that already have a log: nothing is overwritten.
 pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) -> Result<Divided, DatasetError> {
     blocks.check(["block", "every"])?;
     let recording = Recording::open(source)?;
@@ -51,7 +51,7 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
             return Err(DatasetError::OneHalf { path: log.path.clone(), rows: log.rows.len(), half });
         }
     }
-    // Both are looked at before the first is written.
+    // Both are checked before the first is written.
     let paths = [train, validation].map(|dir| dir.join(LOG_NAME));
     if let Some(path) = paths.iter().find(|path| path.exists()) {
         return Err(exists(path));
@@ -91,7 +91,7 @@ fn write(path: &Path, text: &str) -> Result<(), DatasetError> {
     })
 }
 
-/// A row with its pictures where they lie.
+/// A row with the paths of its pictures.
 fn line(row: &Row) -> Result<String, DatasetError> {
     let mut line = String::new();
     for picture in [Some(&row.center), row.left.as_ref(), row.right.as_ref()] {
@@ -101,7 +101,7 @@ fn line(row: &Row) -> Result<String, DatasetError> {
         line.push(',');
     }
     let Row { steering, throttle, brake, speed, .. } = row;
-    // As short as they read back to the same number.
+    // The shortest text that reads back as the same number.
     Ok(format!("{line}{},{},{brake},{}\n", steering.get(), throttle.get(), speed.get()))
 }
 
@@ -112,7 +112,7 @@ fn field(picture: &Path) -> Result<String, DatasetError> {
         path: picture.to_owned(),
         why,
     })?;
-    // What is no Unicode would be another path when it is read back.
+    // A path that is not Unicode would be another one when it is read back.
     match path.to_str() {
         Some(text) if !text.contains(['"', '\n', '\r']) => {
             Ok(if text.contains(',') { format!("\"{text}\"") } else { text.to_owned() })

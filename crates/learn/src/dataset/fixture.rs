@@ -28,7 +28,7 @@ pub(super) fn steering(i: usize) -> f64 {
     [0.0, 0.0, -0.25, 0.5, 0.0][i % 5]
 }
 
-/// A folder with so many rows, 67 ms apart.
+/// A folder with this many rows, 67 ms apart.
 pub(super) fn folder(dir: &Path, rows: usize, sides: bool) -> PathBuf {
     let began = jiff::civil::date(2024, 5, 17).at(12, 0, 0, 123_000_000);
     let mut log = DrivingLogWriter::create(dir, began).unwrap();
@@ -67,7 +67,7 @@ pub(super) fn steps(run: &Path) -> Vec<Step> {
     RunReader::open(run).unwrap().entries().filter_map(step).collect()
 }
 
-/// Records a telemetry each, with its picture where there is one, and this answer.
+/// Records a telemetry for each entry, with its picture if there is one, and this answer.
 pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>], answer: Option<&CommandRecord>) {
     let header = RunHeader {
         kind: RunKind::Driven,

@@ -40,21 +40,21 @@ pub struct Inspection {
     pub rows: u64,
     /// The cameras that have pictures.
     pub cameras: Vec<CameraCount>,
-    /// The steering that is learnt, -1 full left to 1 full right. Rows of a run that nobody steered have none.
+    /// The steering to learn, -1 full left to 1 full right. Rows of a run in which nobody steered have none.
     pub steering: Distribution,
-    /// Share of the rows that have one with a steering of exactly 0, 0 to 1.
+    /// Among the rows that have one, the share with a steering of exactly 0, 0 to 1.
     pub zero_steering: f64,
-    /// How often which steering is.
+    /// The distribution of the steering.
     pub steering_histogram: Histogram,
     /// Speed, in mph.
     pub speed_mph: Distribution,
     /// Share of the rows at less than 0.5 mph, 0 to 1.
     pub standing: f64,
-    /// From the first row to the last, without what is between drives, in seconds.
+    /// From the first row to the last, without the time between drives, in seconds.
     pub duration_s: f64,
-    /// From row to row, gaps left out; absent where no two rows say when they were.
+    /// From row to row, without gaps; absent if no two rows have times.
     pub intervals_ms: Option<Intervals>,
-    /// Rows of which is not known when they were.
+    /// Rows without a known time.
     pub untimed: u64,
     /// Where time jumps: pauses, cuts, drives joined.
     pub gaps: Vec<Gap>,
@@ -62,12 +62,12 @@ pub struct Inspection {
     pub sizes: Vec<Size>,
     /// All pictures together, in bytes.
     pub picture_bytes: u64,
-    /// How many telemetries of a run were answered by whom: `pilot`, `human`, `safe`, `off` or `nobody`.
+    /// How many telemetries of a run were answered by each of: `pilot`, `human`, `safe`, `off` or `nobody`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub answered: BTreeMap<&'static str, u64>,
     /// Pictures that are missing or broken, and messages that cannot be read, by row.
     pub problems: Vec<Problem>,
-    /// Where a run ends before its orderly end.
+    /// Where a run is cut off, if it is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truncated: Option<String>,
 }
@@ -79,18 +79,18 @@ pub struct CameraCount {
     pub camera: &'static str,
     /// Rows that name a picture of it.
     pub rows: u64,
-    /// Those whose picture is not there.
+    /// Those whose picture is missing.
     pub missing: u64,
     /// Those whose picture cannot be decoded.
     pub broken: u64,
 }
 
-/// How numbers spread. All are 0 where there are none.
+/// The distribution of numbers. All fields are 0 if there are none.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Distribution {
     /// Mean.
     pub mean: f64,
-    /// Standard deviation, of these numbers and not of what they are a sample of.
+    /// Standard deviation of these numbers themselves, not of the population they are a sample of.
     pub std: f64,
     /// The least.
     pub min: f64,
@@ -98,7 +98,7 @@ pub struct Distribution {
     pub max: f64,
 }
 
-/// How many numbers lie where.
+/// A histogram.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Histogram {
     /// Where the first bin begins.
@@ -116,14 +116,14 @@ pub struct Intervals {
     pub median: f64,
     /// 95 of 100 are shorter.
     pub p95: f64,
-    /// The longest that is no gap.
+    /// The longest that does not count as a gap.
     pub max: f64,
 }
 
 /// A jump in time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Gap {
-    /// The row behind it, counted from 0.
+    /// The row after it, counted from 0.
     pub row: usize,
     /// Its line in the log, counted from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -143,7 +143,7 @@ pub struct Size {
     pub pictures: u64,
 }
 
-/// Something that cannot be learnt from.
+/// Something that a training cannot use.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Problem {
     /// The row, counted from 0. A message that cannot be read has that of the next row.
@@ -151,20 +151,20 @@ pub struct Problem {
     /// Its line in the log, counted from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub line: Option<usize>,
-    /// The camera, where it is about a picture.
+    /// The camera, if it is about a picture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<&'static str>,
-    /// The picture's file, where it is one.
+    /// The picture's file, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
-    /// Whether nothing is there at all.
+    /// Whether the file is missing.
     pub missing: bool,
     /// What was expected, and what is there.
     pub why: String,
 }
 
 impl Distribution {
-    /// Of these numbers.
+    /// The spread of these numbers.
     pub fn of(numbers: &[f64]) -> Self {
         if numbers.is_empty() {
             return Self::default();
@@ -178,13 +178,13 @@ impl Distribution {
 }
 
 impl Histogram {
-    /// Of steering, -1 to 1, in bins of 0.05; the one in the middle has 0 in its middle.
+    /// The histogram of steering, -1 to 1, in bins of 0.05; the middle bin is centred on 0.
     pub fn of_steering(steering: &[f64]) -> Self {
         const BINS: usize = 41;
         let (from, width) = (-1.025, 0.05);
         let mut counts = vec![0; BINS];
         for x in steering {
-            // Beyond the ends is nothing, and a cast saturates.
+            // No value is beyond the ends, and a cast saturates.
             counts[(((x - from) / width) as usize).min(BINS - 1)] += 1;
         }
         Self { from, width, counts }
@@ -200,12 +200,12 @@ impl Intervals {
     }
 }
 
-/// Looks a data set over: a folder with `driving_log.csv`, such a file, or a run. Every picture is decoded, on all
-/// processors. `progress` hears how many rows are done, and of how many where that is known.
+/// Inspects a data set: a folder with `driving_log.csv`, such a file, or a run. Every picture is decoded, on all
+/// processors. `progress` is told how many rows are done, and of how many if that is known.
 ///
 /// # Errors
-/// [`DatasetError::Recording`] where the log cannot be read, or the run not be opened; [`DatasetError::Empty`] for a run
-/// without telemetry. Pictures that cannot be read are no error but [`Inspection::problems`].
+/// [`DatasetError::Recording`] if the log cannot be read or the run cannot be opened; [`DatasetError::Empty`] for a run
+/// without telemetry. Pictures that cannot be read are not an error; they are in [`Inspection::problems`].
 pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Result<Inspection, DatasetError> {
     let mut recording = Recording::open(path)?;
     let total = recording.left();
@@ -215,7 +215,7 @@ pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Resul
     let pictures = thread::scope(|scope| {
         let threads = thread::available_parallelism().map_or(1, usize::from);
         let workers: Vec<_> = (0..threads).map(|_| scope.spawn(|| decode(&queue))).collect();
-        // What ends the rows early also ends the queue, and with it the workers.
+        // If the rows end early, so does the queue, and with it the workers.
         let jobs = jobs;
         for moment in recording.by_ref() {
             match moment {
@@ -235,7 +235,7 @@ pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Resul
             }
         }
         drop(jobs);
-        // A worker has nothing to panic at; were it to, its pictures would be reported as not looked at.
+        // Workers should not panic; if one did, its pictures would be missing from the counts.
         let done = workers.into_iter().filter_map(|worker| worker.join().ok());
         Ok(done.fold(PictureFindings::default(), PictureFindings::and))
     })?;
@@ -253,7 +253,7 @@ struct Job {
     picture: Picture,
 }
 
-/// What workers find out.
+/// What workers find.
 #[derive(Default)]
 struct PictureFindings {
     /// By camera: rows, missing, broken.
@@ -307,7 +307,7 @@ fn decode(queue: &Mutex<Receiver<Job>>) -> PictureFindings {
     }
 }
 
-/// What the rows themselves tell.
+/// What the rows themselves contain.
 #[derive(Default)]
 struct RowFindings {
     is_run: bool,
@@ -347,7 +347,7 @@ impl RowFindings {
         }
         self.untimed += u64::from(moment.taken_at.is_none());
         if let (Some(from), Some(to)) = (self.last_taken, moment.taken_at) {
-            // A run made of a log says outright what the times of its moments do not show.
+            // A run made from a log states outright what the times of its moments do not show.
             let told = moment.broken.and_then(Break::seconds);
             let seconds = told.unwrap_or_else(|| to.duration_since(from).as_secs_f64());
             if (0.0..=LONGEST_GAP.as_secs_f64()).contains(&seconds) {

@@ -23,21 +23,21 @@ use super::{
 };
 use lapwing_core::perception::{Preprocess, Preprocessor};
 
-/// What a network takes, and in what form.
+/// A network's inputs, and their form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inputs {
     /// From a picture to (C, H, W).
     pub preprocess: Preprocess,
     /// Pictures in a sequence, T; 1 for networks that look at one.
     pub frames: usize,
-    /// Numbers of 16 bits, rounded to the nearest, in the place of 32.
+    /// Whether numbers have 16 bits, rounded to the nearest, instead of 32.
     pub bf16: bool,
-    /// Pixel by pixel in memory, (H, W, C), in the place of channel by channel.
+    /// Whether memory holds pixel by pixel, (H, W, C), instead of channel by channel.
     pub channels_last: bool,
 }
 
 impl Inputs {
-    /// 32 bits, channel by channel: as a pilot has it.
+    /// 32 bits, channel by channel, as pilots use.
     pub fn plain(preprocess: Preprocess, frames: usize) -> Self {
         Self { preprocess, frames, bf16: false, channels_last: false }
     }
@@ -52,8 +52,8 @@ pub enum Numbers {
     Bf16(Vec<bf16>),
 }
 
-/// The memory of a batch's pictures: when it is dropped, another batch takes it over. Fresh memory of ten megabytes
-/// costs as much as what is written to it.
+/// The memory of a batch's pictures; when it is dropped, another batch reuses it. Allocating ten megabytes costs as
+/// much as writing to them.
 #[derive(Debug)]
 pub struct Frames {
     numbers: Numbers,
@@ -61,7 +61,7 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Memory for so many numbers, which may be anything.
+    /// Memory for `count` numbers of unspecified value.
     fn take(spare: &Arc<Mutex<Vec<Numbers>>>, bf16: bool, count: usize) -> Self {
         let numbers = match (spare.lock().ok().and_then(|mut spare| spare.pop()), bf16) {
             (Some(Numbers::F32(mut all)), false) => {
@@ -96,10 +96,10 @@ impl Drop for Frames {
     }
 }
 
-/// So many samples, ready for a network.
+/// Samples ready for a network.
 #[derive(Debug)]
 pub struct Batch {
-    /// (B, T, C, H, W), flat; (B, T, H, W, C) where pixels lie channels last.
+    /// (B, T, C, H, W), flat; (B, T, H, W, C) if channels are last.
     pub frames: Frames,
     /// B.
     pub size: usize,
@@ -113,17 +113,17 @@ pub struct Batch {
     pub samples: Vec<u32>,
 }
 
-/// Decoded pictures at the size that the network takes, with the rows that shifts bring in, kept as long as there is
-/// room. For PilotNet a picture takes 39 KiB, 60 KiB where it is shifted by Lu's 20 pixels.
+/// Decoded pictures at the network's input size, with the rows that shifts bring in, kept as long as there is room. For
+/// PilotNet a picture takes 39 KiB, or 60 KiB with Lu's shifts of 20 pixels.
 ///
-/// A cache belongs to one kind of inputs and one reach of shifts; what was kept for others is not used.
+/// A cache belongs to one kind of inputs and one reach of shifts; entries made for others are not used.
 #[derive(Debug)]
 pub struct Cache {
-    /// Number of the first slot of each source; a row has one for each camera.
+    /// Number of the first slot of each source; a row has a slot for each camera.
     first: Vec<usize>,
     slots: Vec<OnceLock<Strip>>,
     room: AtomicUsize,
-    /// Memory of batches that are used up.
+    /// Memory of finished batches.
     spare: Arc<Mutex<Vec<Numbers>>>,
 }
 
@@ -149,7 +149,7 @@ impl Cache {
         self.slots.get(self.first[source as usize] + row * CameraPosition::ALL.len() + camera as usize)
     }
 
-    /// Whether there was room for so much more.
+    /// Reserves this many bytes; returns whether there was room.
     fn take(&self, bytes: usize) -> bool {
         self.room.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |room| room.checked_sub(bytes)).is_ok()
     }
@@ -157,43 +157,43 @@ impl Cache {
 
 /// An iterator over the batches of an epoch, made on threads of its own.
 ///
-/// Order and augmentation follow from `order`, the seed and the epoch alone, whatever the number of threads.
+/// Order and augmentation depend only on `order`, the seed and the epoch, whatever the number of threads.
 pub struct Loader {
     /// Numbers of batches for the threads to make, `None` once there are no more.
     orders: Option<Sender<usize>>,
     receiver: Receiver<(usize, Result<Batch, DatasetError>)>,
     early: BTreeMap<usize, Result<Batch, DatasetError>>,
-    /// The batch that is given out next, the one that is ordered next, and the one after the last.
+    /// The batch to yield next, the one to order next, and the one after the last.
     next: usize,
     ordered: usize,
     batches: usize,
     workers: Workers,
 }
 
-/// Who makes batches, and when.
+/// The threads that make batches, and when they work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Workers {
     /// How many threads; at least one.
     pub threads: usize,
-    /// Whether they work on while the network does: right where it computes on another device. On the same processor
-    /// they are better at their best in turn, a batch for each thread at a time: libtorch's threads wait for each other
-    /// at every operation, and one that is held up holds up all.
+    /// Whether they work while the network does: right if it computes on another device. On the same processor it is
+    /// faster to alternate, a batch for each thread at a time: libtorch's threads wait for each other at every
+    /// operation, and a delayed one delays all.
     pub beside: bool,
 }
 
 impl Workers {
-    /// A thread for each processor; beside the network, or in turn with it.
+    /// A thread for each processor; alongside the network, or in turn with it.
     pub fn all(beside: bool) -> Self {
         Self { threads: thread::available_parallelism().map_or(1, usize::from), beside }
     }
 }
 
 impl Loader {
-    /// Starts at batch `from` of the epoch; the batches before it are passed over. The last one may be smaller.
+    /// Starts at batch `from` of the epoch; the batches before it are skipped. The last one may be smaller.
     ///
     /// # Errors
-    /// [`DatasetError::Preprocess`] for a preprocessing that cannot be, [`DatasetError::Thread`] where the system has no
-    /// threads to give.
+    /// [`DatasetError::Preprocess`] for invalid preprocessing, [`DatasetError::Thread`] if the system cannot start
+    /// threads.
     #[expect(clippy::too_many_arguments, reason = "one call, and each is another thing")]
     pub fn start(
         samples: Arc<Samples>,
@@ -232,7 +232,7 @@ impl Loader {
         self.batches
     }
 
-    /// Has batches made: so many for each thread that it is never without, or one for each once all are used up.
+    /// Orders batches: enough for each thread never to be idle, or one for each once all are used up.
     fn order(&mut self) {
         let threads = self.workers.threads.max(1);
         let until = match self.workers.beside {
@@ -263,12 +263,12 @@ impl Iterator for Loader {
             return None;
         }
         self.order();
-        // In turn means that nobody works on once the network does.
+        // In turn means that no thread works while the network does.
         let wanted = if self.workers.beside { 1 } else { self.ordered - self.next };
         while self.early.len() < wanted || !self.early.contains_key(&self.next) {
             let Ok((number, batch)) = self.receiver.recv() else {
                 self.next = self.batches;
-                return Some(Err(DatasetError::Thread { what: "all have ended before their time".into() }));
+                return Some(Err(DatasetError::Thread { what: "all have ended too early".into() }));
             };
             self.early.insert(number, batch);
         }

@@ -1,12 +1,12 @@
 //! Data sets: driving logs and runs to train on.
 //!
-//! A [`Source`] is a Udacity folder or a run, row by row. A [`Selection`] says which of its rows, cameras and labels
-//! count and how much; [`Samples`] holds the outcome for several sources at once. A [`Loader`] decodes, augments and
-//! preprocesses them on threads of its own, a [`Batch`] at a time, in an order that the seed alone decides.
+//! A [`Source`] is a Udacity folder or a run, row by row. A [`Selection`] says which of its rows, cameras and labels to
+//! use, and with what weight; [`Samples`] holds the result for several sources. A [`Loader`] decodes, augments and
+//! preprocesses them on threads of its own, a [`Batch`] at a time, in an order that depends only on the seed.
 //!
-//! For people, [`inspect()`] says what is in a data set, every picture decoded, and [`contact_sheet`] and
-//! [`steering_chart`] show it; [`convert()`] makes a run of a folder or the other way round; [`divide()`] writes a log
-//! of the rows to train on and one of those to validate on, as [`Blocks`] has them; [`preview()`] shows what
+//! For people, [`inspect()`] reports what is in a data set and decodes every picture, and [`contact_sheet`] and
+//! [`steering_chart`] show it; [`convert()`] turns a folder into a run or the other way round; [`divide()`] writes a
+//! log of the rows to train on and one of those to validate on, as divided by [`Blocks`]; [`preview()`] shows what
 //! augmentation does.
 //!
 //! Pictures stay where they are, and no tensor is made here: `train` does that.
@@ -47,7 +47,7 @@ use lapwing_core::{
     recording::RecordingError,
 };
 
-/// What keeps data from being learnt from.
+/// Why data cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// The driving log or the run.
@@ -72,15 +72,15 @@ pub enum DatasetError {
     /// A thread that makes batches has failed.
     #[error("a thread that loads pictures failed: {what}")]
     Thread {
-        /// What it said.
+        /// Its message.
         what: String,
     },
-    /// A picture that does not suit the network's preprocessing.
+    /// A picture that does not fit the network's preprocessing.
     #[error("{picture}: {why}")]
     Preprocess {
         /// The file.
         picture: String,
-        /// What does not suit.
+        /// What does not fit.
         why: PreprocessError,
     },
     /// Nothing to work with.
@@ -89,7 +89,7 @@ pub enum DatasetError {
         /// The data set.
         path: PathBuf,
     },
-    /// A data set of which nothing is left.
+    /// A data set without any usable row.
     #[error("{path}: expected usable rows with a picture, got none of {rows}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", path = path.display())]
     NoneLeft {
         /// The data set.
@@ -97,7 +97,7 @@ pub enum DatasetError {
         /// How many rows it has.
         rows: usize,
     },
-    /// A number that makes no sense.
+    /// A setting with an invalid value.
     #[error("{name}: expected {expected}, got {got}")]
     Setting {
         /// Which setting.
@@ -107,7 +107,7 @@ pub enum DatasetError {
         /// What it is.
         got: String,
     },
-    /// Something is where something new is to be written.
+    /// The target already exists.
     #[error("{path}: expected nothing there yet, got {got}: nothing is overwritten, choose another name", path = path.display())]
     Exists {
         /// The place.
@@ -118,17 +118,17 @@ pub enum DatasetError {
     /// A conversion from a thing to the same thing.
     #[error("{path}: expected the name of {expected}, got that of {got}: a folder becomes a run (.mcap), a run a folder", path = path.display())]
     Target {
-        /// Where it was to go.
+        /// The target.
         path: PathBuf,
         /// What the source can become.
         expected: &'static str,
         /// What the name says.
         got: &'static str,
     },
-    /// Somebody broke it off.
+    /// The work was interrupted.
     #[error("{path}: interrupted; nothing was kept", path = path.display())]
     BrokenOff {
-        /// What was to be made.
+        /// The target.
         path: PathBuf,
     },
     /// A run where only a folder will do.
@@ -147,7 +147,7 @@ pub enum DatasetError {
         /// The only half with rows.
         half: &'static str,
     },
-    /// The file system says no.
+    /// An error of the file system.
     #[error("cannot {doing} {path}: {why}", path = path.display())]
     Io {
         /// What was tried, a verb.

@@ -12,11 +12,11 @@ use lapwing_core::perception::{Frame, decode_jpeg};
 use lapwing_score::drawing::{LINE_PX, MARGIN, Shape, Sheet};
 
 /// A sheet with a line for the pictures as recorded, one for each of the five changes alone, and one for all together,
-/// each drawn anew with its probability. The arrow leans to the label as the change has corrected it. Here the whole
-/// picture is changed; in training what the network sees of it.
+/// each drawn anew with its probability. The arrow shows the label as corrected by the change. Here the whole picture
+/// is changed; in training, only the network's input.
 ///
 /// # Errors
-/// [`DatasetError::Picture`], [`DatasetError::Image`] where one of the pictures shown is missing or broken.
+/// [`DatasetError::Picture`], [`DatasetError::Image`] if one of the pictures shown is missing or broken.
 pub fn preview(source: &Source, augmentation: &Augmentation, seed: u64) -> Result<Sheet, DatasetError> {
     let pictures = pictures(source)?;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -61,7 +61,7 @@ pub(super) fn changed(frame: &Frame, change: &AugmentationDraw) -> Frame {
     out
 }
 
-/// One change, always.
+/// Only this change, always applied.
 fn alone(augmentation: &Augmentation, name: &str) -> Augmentation {
     let none = Augmentation::none();
     let mut only = Augmentation {

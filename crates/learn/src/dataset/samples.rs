@@ -9,31 +9,31 @@ use serde::{Deserialize, Serialize};
 use super::{Balance, Blocks, CameraPosition, DatasetError, Source};
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
-/// What is taken of one data set.
+/// What to use of one data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Selection {
     /// A folder with `driving_log.csv` and `IMG`, or a run (`.mcap`).
     pub path: PathBuf,
-    /// How often a row of it is drawn beside a row of weight 1; default 1.
+    /// How often a row of it is drawn relative to a row of weight 1; default 1.
     #[serde(default = "one")]
     pub weight: f64,
     /// Steering added for the left camera and taken off for the right, default 0.25: 6.25 degrees, as Lu has it.
     #[serde(default = "side_offset")]
     pub side_offset: f64,
-    /// Cameras to train on; default all that there are.
+    /// Cameras to train on; default all.
     #[serde(default = "all_cameras")]
     pub cameras: Vec<CameraPosition>,
     /// First row and the one after the last, counted from 0; default all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<(usize, usize)>,
-    /// The label is the mean steering of so many rows around its own, default 1: a keyboard steers in strokes. Rows
-    /// that are not learnt from do not count, so that nothing of what is held out leaks into a label.
+    /// The label is the mean steering of this many rows around its own, default 1: a keyboard steers in strokes. Rows
+    /// outside the training set do not count, so that nothing that is held out leaks into a label.
     #[serde(default = "one_row")]
     pub smooth: usize,
 }
 
-/// More than a minute of driving has nothing to do with a picture.
+/// More than a minute of driving is unrelated to a picture.
 const MOST_SMOOTH: usize = 999;
 
 fn one() -> f64 {
@@ -65,7 +65,7 @@ impl Selection {
         }
     }
 
-    /// Which data set it is, whatever way it is named; a copy elsewhere is another.
+    /// The identity of the data set, however its path is written; a copy elsewhere is a different one.
     pub fn place(&self) -> PathBuf {
         let folder = if self.path.ends_with(LOG_NAME) { self.path.parent() } else { None };
         let path = folder.unwrap_or(&self.path);
@@ -117,13 +117,13 @@ pub struct Sample {
 
 /// Which part of the data.
 ///
-/// Rows that are held out are kept from all that is learnt: neither labels ([`Selection::smooth`]) nor sequences of
-/// pictures of [`Set::Training`] reach over the end of a block or of [`Selection::rows`]. The other way round they do:
-/// the sequences of [`Set::Validation`] begin with the pictures that the drive had before the block, as a pilot would
-/// have seen them, and its means over nine rows take in the labels there.
+/// Rows that are held out never enter the training: neither labels ([`Selection::smooth`]) nor sequences of pictures of
+/// [`Set::Training`] reach beyond the end of a block or of [`Selection::rows`]. The reverse is allowed: sequences of
+/// [`Set::Validation`] begin with the drive's pictures before the block, as a pilot would have seen them, and its means
+/// over nine rows include the labels there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Set {
-    /// To learn from: all cameras asked for, blocks that are not held out.
+    /// To learn from: all selected cameras, blocks that are not held out.
     Training,
     /// To measure by: the centre camera in the blocks held out, labels as recorded.
     Validation,
@@ -131,18 +131,18 @@ pub enum Set {
     All,
 }
 
-/// What is learnt from, or measured by.
+/// Samples to learn from, or to measure by.
 #[derive(Debug)]
 pub struct Samples {
     /// The data sets.
     pub sources: Vec<Source>,
-    /// What is taken of them; at least one.
+    /// The samples taken from them; at least one.
     pub samples: Vec<Sample>,
 }
 
 impl Samples {
-    /// Opens the data sets and picks the set's rows of each. Pictures that are not there are left out with a warning;
-    /// sequences begin anew behind them.
+    /// Opens the data sets and picks the set's rows from each. Missing pictures are left out with a warning; sequences
+    /// start again after them.
     ///
     /// # Errors
     /// [`DatasetError`]; [`DatasetError::NoneLeft`] also where one of several data sets has nothing to train on.
@@ -156,7 +156,7 @@ impl Samples {
         blocks.map_or(Ok(()), |blocks| blocks.check(["blocks.size", "blocks.every"]))?;
         selections.iter().try_for_each(Selection::check)?;
         let mut all = Self { sources: vec![], samples: vec![] };
-        // Of each sample, what was steered in its row.
+        // For each sample, the steering of its row.
         let mut steered = vec![];
         for selection in selections {
             let source = Source::open(&selection.path)?;
@@ -230,7 +230,7 @@ impl Samples {
         self.sources.push(source);
     }
 
-    /// Keeps so many, at equal distances; all where there are no more.
+    /// Keeps this many at equal distances, or all if there are no more.
     pub fn thin_out(&mut self, count: usize) {
         let all = self.samples.len();
         if count < all {
@@ -243,14 +243,14 @@ impl Samples {
         self.sources[sample.source as usize].mean_steering(sample.row as usize, width)
     }
 
-    /// `count` samples in random order, each as often as its weight says, within one: where all weigh alike and
-    /// `count` is how many there are, each once. The seed and the epoch alone decide.
+    /// `count` samples in random order, each as often as its weight says, to within one: with equal weights and `count`
+    /// equal to their number, each once. The result depends only on the seed and the epoch.
     pub fn draw(&self, count: usize, seed: u64, epoch: u64) -> Vec<u32> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(epoch + 1);
         let mut order: Vec<u32> = (0..self.samples.len() as u32).collect();
         shuffle(&mut order, &mut random);
-        // Systematic sampling: a comb of equal steps over the cumulated weights, from a random start.
+        // Systematic sampling: equal steps over the cumulative weights, from a random start.
         let total: f64 = self.samples.iter().map(|sample| sample.weight).sum();
         let step = total / count as f64;
         let mut next = unit(&mut random) * step;
@@ -262,7 +262,7 @@ impl Samples {
                 next += step;
             }
         }
-        // The comb's last tooth may fall behind the end by a rounding.
+        // Rounding may put the last step beyond the end.
         if let Some(last) = drawn.last().copied() {
             drawn.resize(count, last);
         }

@@ -17,17 +17,17 @@ pub(super) const ACROSS: usize = 4;
 pub(super) const PICTURE: (usize, usize) = (320, 160);
 /// Between pictures, in pixels.
 pub(super) const GAP: f64 = 8.0;
-/// How far the arrow leans at full lock, in degrees: more than the wheels, whose 25 are hard to see.
+/// How far the arrow leans at full lock, in degrees: more than the wheels, whose 25 degrees are hard to see.
 const LEAN_DEG: f64 = 60.0;
 /// How long it is, in pixels.
 const ARROW: f64 = 60.0;
 const ARROW_COLOUR: Colour = [0xff, 0xb0, 0x00];
 
-/// Pictures of the centre camera, [`SHOWN`] of each data set at equal distances over its drive, each with its row, time,
-/// speed and steering; an arrow leans by 60 degrees at full lock. One that is missing or broken is an empty place.
+/// Pictures of the centre camera, [`SHOWN`] of each data set at equal distances over its drive, each with its row,
+/// time, speed and steering; an arrow leans by 60 degrees at full lock. A missing or broken one leaves an empty place.
 ///
 /// # Errors
-/// [`DatasetError::Recording`] where the log or the run can no longer be read.
+/// [`DatasetError::Recording`] if the log or the run can no longer be read.
 pub fn contact_sheet(inspections: &[Inspection]) -> Result<Sheet, DatasetError> {
     let mut shapes = Vec::new();
     let mut y = MARGIN;
@@ -42,7 +42,7 @@ pub fn contact_sheet(inspections: &[Inspection]) -> Result<Sheet, DatasetError> 
         let mut wanted = chosen.iter().copied().peekable();
         let mut shown = 0;
         for moment in Recording::open(&inspection.path)? {
-            // Messages that cannot be read are the inspection's to tell.
+            // The inspection reports messages that cannot be read.
             let Ok(moment) = moment else { continue };
             if wanted.next_if_eq(&moment.row).is_some() {
                 let left = MARGIN + wide * (shown % ACROSS) as f64;
@@ -91,7 +91,7 @@ fn place(moment: &Moment, (left, top): Point, shapes: &mut Vec<Shape>) {
     shapes.push(Shape::Text { at: (left, top + height + LINE_PX / 2.0), text });
 }
 
-/// From a place up, leaning to where was steered, with a rim that keeps it apart from the picture.
+/// Draws an arrow upwards from a place, leaning towards the steering, with a rim that sets it off from the picture.
 pub(super) fn arrow((x, y): Point, steering: f64, shapes: &mut Vec<Shape>) {
     let (sin, cos) = (steering * LEAN_DEG).to_radians().sin_cos();
     let turned = |along: f64, across: f64| (x + along * sin + across * cos, y - along * cos + across * sin);
@@ -110,7 +110,7 @@ pub(super) fn arrow((x, y): Point, steering: f64, shapes: &mut Vec<Shape>) {
     }
 }
 
-/// A picture no larger than its place: of a larger one, every so-many-th pixel.
+/// A picture no larger than its place: a larger one is reduced to every n-th pixel.
 pub(super) fn fitted(frame: Frame) -> Frame {
     let step = frame.width().div_ceil(PICTURE.0).max(frame.height().div_ceil(PICTURE.1));
     if step <= 1 {

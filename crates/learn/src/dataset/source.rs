@@ -27,10 +27,10 @@ pub enum CameraPosition {
 }
 
 impl CameraPosition {
-    /// All of them, as [`Labelled::pictures`] has them.
+    /// All cameras, in the order of [`Labelled::pictures`].
     pub const ALL: [Self; 3] = [Self::Center, Self::Left, Self::Right];
 
-    /// Which way a picture of it must be steered beside the centre's label: the left camera's to the right.
+    /// Direction of the correction to the centre's label for its pictures: the left camera's is to the right.
     pub fn sign(self) -> f64 {
         match self {
             Self::Center => 0.0,
@@ -43,7 +43,7 @@ impl CameraPosition {
 /// The bytes of a picture.
 ///
 /// # Errors
-/// [`DatasetError::Picture`] where it cannot be read.
+/// [`DatasetError::Picture`] if it cannot be read.
 pub fn read(picture: &Picture) -> Result<Bytes, DatasetError> {
     picture.read().map_err(|why| DatasetError::Picture { picture: picture.to_string(), why: why.to_string() })
 }
@@ -61,11 +61,12 @@ pub struct Labelled {
     pub acceleration: f64,
     /// How fast the car was.
     pub speed: Mph,
-    /// Number of the drive that it belongs to: from one to the next the recording is broken ([`Moment::broken`](lapwing_core::recording::Moment::broken)), or
-    /// moments are left out that have no picture or no label.
+    /// Number of the drive that it belongs to: between two drives the recording is broken
+    /// ([`Moment::broken`](lapwing_core::recording::Moment::broken)), or moments without a picture or a label are left
+    /// out.
     pub drive: u32,
-    /// Number of the stretch within the drive: no sequence of pictures goes over its end. It ends where a camera's
-    /// pictures begin or end, and, of rows that are learnt from, where others are that are not.
+    /// Number of the stretch within the drive: no sequence of pictures crosses its end. It ends where a camera's
+    /// pictures begin or end, and, for rows of the training set, where rows outside it begin.
     pub stretch: u32,
 }
 
@@ -74,11 +75,11 @@ pub struct Labelled {
 pub struct Source {
     /// What it was read from.
     pub path: PathBuf,
-    /// Its rows in time; at least one.
+    /// Its rows in order of time; at least one.
     pub rows: Vec<Labelled>,
 }
 
-/// Whether there is a data set, as far as can be told before all of it is read.
+/// Checks that there is a data set, as far as possible without reading all of it.
 ///
 /// # Errors
 /// [`DatasetError::Recording`].
@@ -104,7 +105,7 @@ impl Source {
         Ok(source)
     }
 
-    /// Takes out the pictures whose files are not there, and says how many they were.
+    /// Removes the pictures whose files are missing, and returns how many there were.
     pub(super) fn forget_missing(&mut self) -> usize {
         let mut missing = 0;
         for picture in self.rows.iter_mut().flat_map(|row| &mut row.pictures) {
@@ -117,7 +118,7 @@ impl Source {
         missing
     }
 
-    /// Ends each stretch also where neighbours differ in this.
+    /// Also ends each stretch where neighbours differ in this.
     pub(super) fn end_stretches_where<T: PartialEq>(&mut self, of: impl Fn(usize, &Labelled) -> T) {
         let mut stretch = 0;
         let mut before: Option<(T, u32, u32)> = None;
@@ -134,7 +135,8 @@ impl Source {
         (a.drive, a.stretch) == (b.drive, b.stretch)
     }
 
-    /// Indices of `count` rows up to and with row `i`, oldest first; the first of a stretch stands for those before it.
+    /// Indices of `count` rows up to and including row `i`, oldest first; the first row of a stretch stands for those
+    /// before it.
     pub fn sequence(&self, i: usize, count: usize) -> impl Iterator<Item = usize> + '_ {
         let first = (0..i).rev().take_while(|k| self.one_stretch(i, *k)).take(count.saturating_sub(1)).last();
         let first = first.unwrap_or(i);
@@ -146,14 +148,14 @@ impl Source {
         self.mean(i, width, |k| self.rows[k].drive == self.rows[i].drive)
     }
 
-    /// The same of the rows of its stretch alone, in which nothing is that may not be learnt from.
+    /// The same over the rows of its stretch only, which contains nothing that is held out.
     pub(super) fn mean_of_stretch(&self, i: usize, width: usize) -> f64 {
         self.mean(i, width, |k| self.one_stretch(i, k))
     }
 
     fn mean(&self, i: usize, width: usize, counts: impl Fn(usize) -> bool) -> f64 {
         let reach = width / 2;
-        // Not by way of another drive: what lies behind it is no neighbour.
+        // Stop at another drive: rows beyond it are not neighbours.
         let before = (i.saturating_sub(reach)..i).rev().take_while(|k| counts(*k));
         let after = (i..self.rows.len()).take(reach + 1).take_while(|k| counts(*k));
         let all = before.chain(after).map(|k| self.rows[k].steering.get());

@@ -11,7 +11,7 @@ use super::DatasetError;
 pub struct Blocks {
     /// Rows in a block, default 50.
     pub size: usize,
-    /// One block in so many is held out, the first of them; default 5.
+    /// One block in this many, the first, is held out; default 5.
     pub every: usize,
 }
 
@@ -22,7 +22,7 @@ impl Default for Blocks {
 }
 
 impl Blocks {
-    /// Checks that there are blocks of both kinds; `names` are what size and distance are called where they are set.
+    /// Checks that there are blocks of both kinds; `names` are the settings' names of size and distance.
     pub(super) fn check(self, names: [&'static str; 2]) -> Result<(), DatasetError> {
         let [size, every] = names;
         for (name, number, least, expected) in

@@ -1,9 +1,9 @@
-//! A picture as augmentation takes it: at the size of the network's input, with what shifts bring in from above and
-//! below.
+//! A picture prepared for augmentation: at the size of the network's input, with the rows above and below that shifts
+//! bring in.
 
 use lapwing_core::perception::{Crop, Frame, Preprocess, PreprocessError, Preprocessor};
 
-/// Which strip is cut out of pictures.
+/// Which strip to cut out of pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct StripCut {
     pub preprocess: Preprocess,
@@ -11,17 +11,17 @@ pub(super) struct StripCut {
     pub reach_px: u32,
 }
 
-/// Planes of red, green and blue: the crop as the network's preprocessing resizes it, to the byte, and on the same scale
-/// the rows next to it.
+/// Planes of red, green and blue: the crop exactly as the network's preprocessing resizes it, and the rows next to it
+/// at the same scale.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Strip {
     width: usize,
-    /// Rows over the crop, in it, and under it.
+    /// Rows above the crop, in it, and below it.
     rows: [usize; 3],
-    /// Recorded pixels to one of these, across and down.
+    /// Recorded pixels per pixel of the strip, across and down.
     scale: (f64, f64),
     planes: Vec<u8>,
-    /// What it was cut by: the picture's crop and reach.
+    /// The cut that made it: the picture's crop and reach.
     by: (Option<Crop>, u32),
 }
 
@@ -33,7 +33,7 @@ impl Strip {
         let inside = preprocessor.resize(frame)?.to_vec();
         let scale =
             (frame.width() as f64 / resize.width as f64, (crop.bottom - crop.top) as f64 / resize.height as f64);
-        // As many rows as the reach asks for and the picture has.
+        // As many rows as the reach asks for, limited to those that the picture has.
         let rows = |room: usize| {
             let reach = (f64::from(cut.reach_px) / scale.1).ceil();
             reach.min((room as f64 / scale.1).floor()) as usize
@@ -83,17 +83,17 @@ impl Strip {
         self.rows[1]
     }
 
-    /// Recorded pixels to one of these, across and down.
+    /// Recorded pixels per pixel of the strip, across and down.
     pub fn scale(&self) -> (f64, f64) {
         self.scale
     }
 
-    /// Memory that it takes.
+    /// Memory that it uses, in bytes.
     pub fn bytes(&self) -> usize {
         self.planes.len()
     }
 
-    /// One channel's row, counted from the first that the network sees; beyond the last the last again.
+    /// One channel's row, counted from the first that the network sees; beyond the last, the last is repeated.
     pub fn row(&self, channel: usize, row: i64) -> &[u8] {
         let all: usize = self.rows.iter().sum();
         let row = (row + self.rows[0] as i64).clamp(0, all as i64 - 1) as usize;

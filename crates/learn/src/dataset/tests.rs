@@ -134,7 +134,7 @@ fn batches_are_the_same_for_any_number_of_threads_and_with_or_without_a_cache() 
     assert!(one == all(2, 16 * 8 * 3 * 5), "room for some pictures");
 }
 
-/// A picture of 32x16 pixels with something to see in it.
+/// A picture of 32x16 pixels with some content.
 fn gradient(dir: &Path) -> Frame {
     let pixels: Vec<u8> =
         (0..16u8).flat_map(|y| (0..32u8).flat_map(move |x| [x * 8, y * 15, 128 + x * y / 8])).collect();
@@ -276,7 +276,7 @@ fn a_thread_that_panics_is_an_error_and_a_loader_that_is_dropped_lets_go_of_all(
         drop(start((0..20).collect()));
         let held = Arc::downgrade(&samples);
         drop(samples);
-        // The threads end once they have made what they were at.
+        // The threads end once they have finished their current batches.
         let ended = (0..500).any(|_| {
             std::thread::sleep(std::time::Duration::from_millis(10));
             held.upgrade().is_none()

@@ -6,10 +6,10 @@ use lapwing_core::pilot::PilotError;
 
 use crate::nn::NnError;
 
-/// Why a file is no model that drives.
+/// Why a file is not a model that can drive.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// A file of a kind that is no model.
+    /// A file of a kind that is not a model.
     #[error("expected a model, a file ending in .safetensors or .pt, got {path}", path = .0.display())]
     Extension(PathBuf),
     /// The model cannot be read.
@@ -20,7 +20,7 @@ pub enum ModelError {
         /// Why, in the system's words.
         source: std::io::Error,
     },
-    /// A checkpoint that is none, or is broken.
+    /// A file that is not a checkpoint, or is broken.
     #[error("{path}: {source}", path = path.display())]
     Checkpoint {
         /// The file.
@@ -36,7 +36,7 @@ pub enum ModelError {
     NoSideFile {
         /// The model.
         model: PathBuf,
-        /// The file that is wanted.
+        /// The file that is missing.
         side: PathBuf,
         /// Why, in the system's words.
         source: std::io::Error,
@@ -63,7 +63,7 @@ pub enum ModelError {
     /// A network for something else.
     #[error("expected a network whose first output is steering, got {0:?}")]
     NotSteering(Vec<String>),
-    /// A model that cannot drive: made for something else, or even a blank picture is not answered as it should be.
+    /// A model that cannot drive: it is made for something else, or fails even on a blank picture.
     #[error("{path}: {source}", path = path.display())]
     Unfit {
         /// The file.
@@ -71,7 +71,7 @@ pub enum ModelError {
         /// Why not.
         source: Box<ModelError>,
     },
-    /// It does not answer even a blank picture as it should.
+    /// It does not answer a blank picture correctly.
     #[error(transparent)]
     Pilot(#[from] PilotError),
     /// libtorch fails.

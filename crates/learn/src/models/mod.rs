@@ -1,7 +1,7 @@
 //! Models from files, and the pilots that drive with them.
 //!
-//! [`load`] reads a file, [`built_in`] the shipped one, into a [`LoadedModel`], of which any number of independent
-//! pilots drive with the same weights, each on a thread of its own if need be.
+//! [`load`] reads a file, [`built_in`] the shipped one, into a [`LoadedModel`], which makes any number of independent
+//! pilots that share its weights, each on a thread of its own if need be.
 
 mod error;
 mod model;

@@ -15,7 +15,7 @@ use lapwing_core::{
     units::Clock,
 };
 
-/// A network in memory, of which any number of pilots share the weights. May be used by several threads.
+/// A network in memory, whose weights any number of pilots share. Several threads may use it.
 #[derive(Debug)]
 pub struct LoadedModel {
     name: String,
@@ -23,8 +23,8 @@ pub struct LoadedModel {
     preprocess: Preprocess,
     training: Option<String>,
     threads: Option<u16>,
-    /// The pilot that all others are shared from. It drives nobody; behind a lock because a tensor's handle belongs
-    /// to one thread at a time.
+    /// The pilot from which all others are made. It does not drive; it is behind a lock because a tensor's handle
+    /// belongs to one thread at a time.
     prototype: Mutex<Prototype>,
 }
 
@@ -34,13 +34,13 @@ enum Prototype {
     TorchScript(Box<TorchScriptPilot>),
 }
 
-/// The model that drives where none is named.
+/// The model that drives if none is named.
 const BUILT_IN: &[u8] = include_bytes!("../../../../models/pilotnet.safetensors");
 
 /// The model built into the program: `models/pilotnet.safetensors`.
 ///
 /// # Errors
-/// [`ModelError`], where libtorch itself fails.
+/// [`ModelError`], if libtorch itself fails.
 pub fn built_in(clock: Clock) -> Result<LoadedModel, ModelError> {
     LoadedModel::of_checkpoint(Path::new("built in"), BUILT_IN, clock)
 }
@@ -53,9 +53,8 @@ pub fn is_torchscript(path: &Path) -> bool {
 /// Reads a model: a checkpoint of this project (`.safetensors`, see
 /// [`Checkpoint`]) or a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)).
 ///
-/// The network answers a few times before this returns: the first frame is as
-/// fast as any, and what does not answer as it should is refused. `clock` is
-/// what its pilots measure themselves by.
+/// The network answers a few times before this returns, so the first frame is as fast as any, and a network that does
+/// not answer correctly is refused. Its pilots measure themselves with `clock`.
 ///
 /// A TorchScript module is code, which runs here and now: load only what the
 /// user named or trusts.
@@ -98,7 +97,7 @@ impl LoadedModel {
         })
     }
 
-    /// Threads for one forward pass that serve it best, `None` for as many as there are processors.
+    /// The best number of threads for one forward pass; `None` for as many as there are processors.
     pub fn threads(&self) -> Option<u16> {
         self.threads
     }
@@ -108,12 +107,12 @@ impl LoadedModel {
         &self.preprocess
     }
 
-    /// How it was trained and on what, in the words of whoever did; a TorchScript module does not say.
+    /// How it was trained and on what, as its author describes it; a TorchScript module does not say.
     pub fn training(&self) -> Option<&str> {
         self.training.as_deref()
     }
 
-    /// Its network, of the same weights, where it is one of this project's architectures.
+    /// Its network, with the same weights, if it is one of this project's architectures.
     pub fn network(&self) -> Option<Network> {
         match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Some(pilot.network()),
@@ -131,7 +130,7 @@ impl LoadedModel {
         &self.sha256
     }
 
-    /// A pilot of its own for one car.
+    /// A new pilot for one car.
     pub fn pilot(&self) -> Box<dyn Pilot> {
         match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Box::new(pilot.share()),

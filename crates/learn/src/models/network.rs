@@ -12,7 +12,7 @@ use lapwing_core::{
     units::{Clock, Mph},
 };
 
-/// What the first output of a driving network is called.
+/// The name of a driving network's first output.
 const STEERING: &str = "steering";
 
 /// Steers by the first output of a [`Network`]. Others, the acceleration of `cps`, are not used: throttle is
@@ -21,12 +21,12 @@ const STEERING: &str = "steering";
 pub struct NetworkPilot {
     eye: Eye,
     network: Network,
-    /// Of the frames of this run; another pilot's are none of its business.
+    /// Memory of this run's frames; not shared with other pilots.
     memory: Memory,
 }
 
 impl NetworkPilot {
-    /// Makes a pilot of a checkpoint and warms it up.
+    /// Makes a pilot from a checkpoint and warms it up.
     ///
     /// # Errors
     /// [`ModelError::NotSteering`], and those of an answer to a blank picture.
@@ -39,7 +39,7 @@ impl NetworkPilot {
         Ok(Self { eye, network, memory })
     }
 
-    /// The network, of the same weights.
+    /// The network, with the same weights.
     pub fn network(&self) -> Network {
         self.network.share()
     }
@@ -61,7 +61,7 @@ impl Pilot for NetworkPilot {
     }
 }
 
-/// One frame's answer, with the speed for a network that takes it.
+/// Answers one frame, with the speed for a network that takes it.
 fn answer(network: &Network, input: &Tensor, speed: Mph, memory: &mut Memory) -> Result<Tensor, NnError> {
     let speed = if network.design().speed {
         Some(Tensor::f_from_slice(&[(speed.get() / SPEED_UNIT_MPH) as f32])?.f_view([1, 1])?) // (1, 1)
@@ -101,9 +101,9 @@ impl Eye {
         self.preprocessor.preprocess()
     }
 
-    /// Shows blank pictures, black, grey and white, of the stock simulator's size or as high as the crop asks for. By
-    /// then libtorch has chosen and compiled its kernels (TorchScript does so on the second pass), so that the first
-    /// frame is answered as fast as the others, and a network that does not answer as it should is told now.
+    /// Shows blank pictures, black, grey and white, of the stock simulator's size or as high as the crop asks for.
+    /// Afterwards libtorch has chosen and compiled its kernels (TorchScript does so on the second pass), so the first
+    /// frame is answered as fast as the others, and a network that does not answer correctly is reported now.
     pub(super) fn warm_up(
         &mut self,
         mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>,
@@ -133,7 +133,7 @@ impl Eye {
         })
     }
 
-    /// The first number that `forward` makes of the input, if it makes as many as there are outputs and all are finite.
+    /// The first number that `forward` computes from the input, if there are as many as outputs and all are finite.
     fn answer(&self, mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>) -> Result<f64, PilotError> {
         let [channels, height, width] = self.preprocess().shape().map(|n| n as i64);
         tch::no_grad(|| {

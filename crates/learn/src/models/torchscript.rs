@@ -1,5 +1,5 @@
-//! A network made elsewhere: a TorchScript module, and a TOML file beside it
-//! that says what the module itself cannot.
+//! A network made elsewhere: a TorchScript module, and a TOML file beside it with what the module itself does not
+//! contain.
 //!
 //! `model.pt` is what `torch.jit.trace` or `torch.jit.script` made and
 //! `torch.jit.save` wrote; it takes (1, C, H, W) f32 and answers a tensor of as
@@ -38,7 +38,7 @@ pub struct TorchScriptPilot {
     module: Arc<CModule>,
 }
 
-/// What is next to the module.
+/// The file next to the module.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SideFile {

@@ -3,7 +3,7 @@
 use super::{NnError, cps::Cps, pilotnet::PilotNet, resnet};
 use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter, TensorLayout};
 
-/// A kind of network, by the name that checkpoints call it.
+/// A kind of network, named as in checkpoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Architecture {
     /// `pilotnet`, see [`PilotNet`].
@@ -24,11 +24,11 @@ pub enum Architecture {
     ResNet50Stack,
 }
 
-/// How many frames a network takes that takes several.
+/// The number of frames of a network that takes several.
 pub(super) const FRAMES: usize = 5;
 
 impl Architecture {
-    /// All there are.
+    /// All architectures.
     pub const ALL: [Self; 8] = [
         Self::PilotNet,
         Self::Cps,
@@ -72,8 +72,8 @@ impl Architecture {
         }
     }
 
-    /// What each number is that it answers: normalised steering, and for `cps` the acceleration after it, both in
-    /// -1..=1 where they were so in training, and not clamped.
+    /// What each of its output numbers is: normalised steering, and for `cps` the acceleration after it, both in -1..=1
+    /// if they were so in training, and not clamped.
     pub fn outputs(self) -> &'static [&'static str] {
         match self {
             Self::Cps => &["steering", "acceleration"],
@@ -81,13 +81,13 @@ impl Architecture {
         }
     }
 
-    /// What is done to a picture of 320x160 where nothing else is asked for: what its authors did, as far as they say.
+    /// The default preprocessing of a 320x160 picture: that of its authors, as far as they describe it.
     pub fn default_preprocess(self) -> Preprocess {
         let (crop, [height, width], colour, scale) = match self {
             Self::PilotNet => ((60, 135), [66, 200], ColourSpace::Yuv, PixelScale::Signed),
-            // Without the upper 60%.
+            // Crops the upper 60%.
             Self::Cps => ((96, 160), [12, 40], ColourSpace::Grey, PixelScale::Unit),
-            // Without most of the sky and the bonnet; colours as ImageNet's networks take them.
+            // Crops most of the sky and the bonnet; colours as ImageNet's networks take them.
             _ => ((40, 140), [80, 160], ColourSpace::Rgb, resnet::imagenet()),
         };
         Preprocess {
@@ -108,12 +108,11 @@ impl Architecture {
         }
     }
 
-    /// Threads for one frame's forward pass that serve best, `None` for as many as there are processors.
+    /// The best number of threads for one frame's forward pass; `None` for as many as there are processors.
     ///
-    /// PilotNet on two idle cores takes 1.00 ms with one thread and 0.64 ms with
-    /// two, but beside other work 1.04 ms with one and 7.6 ms with two, 103 ms
-    /// at worst: its operations are so short that the threads wait for each other.
-    /// Those of `cps` are shorter still. A ResNet takes its time and all threads.
+    /// PilotNet on two idle cores takes 1.00 ms with one thread and 0.64 ms with two, but beside other work 1.04 ms
+    /// with one and 7.6 ms with two, 103 ms at worst: its operations are so short that the threads wait for each other.
+    /// Those of `cps` are shorter still. A ResNet is slow and uses all threads.
     pub fn threads(self) -> Option<u16> {
         match self {
             Self::PilotNet | Self::Cps => Some(1),
@@ -148,7 +147,7 @@ fn joined(shape: [usize; 3], between: &str) -> String {
     shape.map(|n| n.to_string()).join(between)
 }
 
-/// What a network is built as; all that a checkpoint must say to rebuild it.
+/// The design of a network: all that a checkpoint must say to rebuild it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Design {
     /// The kind of network.
@@ -161,12 +160,12 @@ pub struct Design {
 }
 
 impl Design {
-    /// An architecture as it comes: its own preprocessing, no speed.
+    /// An architecture with its own preprocessing and no speed.
     pub fn of(architecture: Architecture) -> Self {
         Self { architecture, preprocess: architecture.default_preprocess(), speed: false }
     }
 
-    /// Checks that the preprocessing can be, and makes what the architecture takes.
+    /// Checks that the preprocessing is valid and gives what the architecture takes.
     ///
     /// # Errors
     /// [`NnError::Preprocess`], [`NnError::InputShape`].

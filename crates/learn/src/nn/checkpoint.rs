@@ -1,20 +1,19 @@
 //! A checkpoint: one self-describing `.safetensors` file.
 //!
-//! The tensors are those of an architecture, under the names that its file in
-//! this module gives them, f32, f16 or bf16. The header's metadata, text all of
-//! it, has these keys and needs every one but `inputs`:
+//! The tensors are those of an architecture, in f32, f16 or bf16, under the names in its file in this module. The
+//! header's metadata, all text, has these keys; all but `inputs` are required:
 //!
 //! | key | holds |
 //! |---|---|
 //! | `format` | `lapwing/1` |
 //! | `architecture` | a name out of [`Architecture::ALL`] |
 //! | `preprocess` | JSON of [`Preprocess`] |
-//! | `inputs` | JSON of what goes in, `{"frames":5,"speed":true}`; one frame and no speed where it is left out |
+//! | `inputs` | JSON of what goes in, `{"frames":5,"speed":true}`; one frame and no speed if absent |
 //! | `outputs` | JSON list of what each output is, `["steering"]` |
 //! | `training` | how it was trained and on what: text or JSON, for people |
 //! | `result` | how good it is, by which measure: text or JSON, for people |
 //!
-//! Other keys are left alone.
+//! Other keys are ignored.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -28,7 +27,7 @@ use tch::{Device, Kind, Tensor};
 use super::{Architecture, Design, Network, NnError};
 use lapwing_core::{files, hash::sha256, perception::Preprocess};
 
-/// What the metadata key `format` says.
+/// The value of the metadata key `format`.
 pub const FORMAT: &str = "lapwing/1";
 
 /// How many bits numbers have: those stored, or those a training passes through the network.
@@ -46,7 +45,7 @@ pub enum Precision {
     Bf16,
 }
 
-/// What goes into a network beside what the architecture's name says.
+/// A network's inputs that the architecture's name does not determine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CheckpointInputs {
@@ -72,7 +71,7 @@ pub struct Metadata {
 pub struct Checkpoint {
     /// What the file says about it.
     pub metadata: Metadata,
-    /// It, on the CPU, laid out for inference; no gradients are tracked.
+    /// The network, on the CPU, laid out for inference; no gradients are tracked.
     pub network: Network,
     /// SHA-256 of the file in lower-case hexadecimal: a run names its model by it.
     pub sha256: String,
@@ -92,7 +91,7 @@ impl Checkpoint {
     /// Reads the bytes of a file.
     ///
     /// # Errors
-    /// [`NnError`], naming what is missing, surplus or other than expected.
+    /// [`NnError`], naming what is missing, surplus or unexpected.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, NnError> {
         let file = SafeTensors::deserialize(bytes).map_err(NnError::NotSafetensors)?;
         let (_, table) = SafeTensors::read_metadata(bytes).map_err(NnError::NotSafetensors)?;
@@ -180,7 +179,7 @@ pub(super) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Res
     }
 }
 
-/// The header in a fixed order: the same network makes the same bytes, and so the same hash.
+/// The header in a fixed order: the same network gives the same bytes, and so the same hash.
 #[derive(Serialize)]
 struct CheckpointHeader<'a> {
     #[serde(rename = "__metadata__")]
@@ -192,7 +191,7 @@ struct CheckpointHeader<'a> {
 /// The bytes of a checkpoint.
 ///
 /// # Errors
-/// [`NnError`] where the metadata is not of the network's design or libtorch does not give a tensor away.
+/// [`NnError`] if the metadata does not match the network's design or libtorch does not return a tensor.
 pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> Result<Vec<u8>, NnError> {
     let architecture = network.architecture();
     metadata.check(network.design())?;
@@ -233,12 +232,12 @@ pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> R
         tensors: TensorTable::new(None, infos).map_err(NnError::NotSafetensors)?,
     };
     let mut header = serde_json::to_vec(&header).expect("a header is valid JSON");
-    // The format wants the data to begin at a multiple of eight bytes.
+    // The format requires the data to begin at a multiple of eight bytes.
     header.resize(header.len().next_multiple_of(8), b' ');
     Ok([&(header.len() as u64).to_le_bytes()[..], &header, &data].concat())
 }
 
-/// Writes a checkpoint and says its SHA-256. A file of that name is replaced once the new one is whole.
+/// Writes a checkpoint and returns its SHA-256. A file of that name is replaced once the new one is whole.
 ///
 /// # Errors
 /// [`NnError::Write`], and those of [`encode`].

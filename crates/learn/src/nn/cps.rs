@@ -2,10 +2,9 @@
 //! small grey picture, two linear layers, 160,578 parameters; it answers
 //! acceleration as well as steering.
 //!
-//! The upper 60% of the picture is cropped away, the rest made 12 rows of 40
-//! grey pixels: preprocessing here. His count of parameters settles what the
-//! list of layers leaves open: one channel in, convolutions that keep the size,
-//! so that two poolings leave 32 channels of 3 x 10 for 128 neurons and 2.
+//! The upper 60% of the picture is cropped away and the rest scaled to 12 rows of 40 grey pixels; here that is
+//! preprocessing. His count of parameters settles what the list of layers leaves open: one input channel, convolutions
+//! that keep the size, so that two poolings leave 32 channels of 3 x 10 for 128 neurons and 2.
 
 use tch::Tensor;
 
@@ -23,7 +22,7 @@ const POOLED: [usize; 2] = [1, 4];
 const FLAT: i64 = 960;
 const HIDDEN: i64 = 128;
 
-/// The share of the 960 numbers that training leaves out of each pass.
+/// The share of the 960 numbers that training drops in each pass.
 const DROPOUT: f64 = 0.3;
 
 /// The network. Tensors are `conv1.weight` to `conv5.bias` and `fc1.weight` to `fc2.bias`, shaped as PyTorch's.
@@ -39,8 +38,8 @@ impl Cps {
     pub const INPUT_SHAPE: [usize; 3] = [1, 12, 40];
 
     pub(super) fn build(speed: bool, source: &mut TensorSource<'_>) -> Result<Self, NnError> {
-        // By PyTorch's default, which suits no ReLU, so little comes through five layers of them that SGD does not get
-        // away from its beginning: tried over four epochs of 20,000 pictures at rates of 0.02 and 0.1.
+        // With PyTorch's default initialisation, which does not suit ReLU, so little signal passes five layers that SGD
+        // does not leave its starting point: tried over four epochs of 20,000 pictures at rates of 0.02 and 0.1.
         let source: &mut TensorSource<'_> = &mut |name, shape, _| {
             let init = match shape {
                 [_, inputs @ ..] if !inputs.is_empty() => Init::KaimingNormal(inputs.iter().product()),

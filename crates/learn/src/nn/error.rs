@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::{Architecture, FORMAT};
 use lapwing_core::{perception::PreprocessError, words::did_you_mean};
 
-/// Why there is no network, no answer of one, or no file of one.
+/// Why a network, its answer or its file cannot be made or read.
 #[derive(Debug, thiserror::Error)]
 pub enum NnError {
     /// The file cannot be read.
@@ -24,10 +24,10 @@ pub enum NnError {
         /// Why, in the system's words.
         source: std::io::Error,
     },
-    /// The bytes are not the format, cut off, or their header lies.
+    /// The bytes are not of this format, are cut off, or have a wrong header.
     #[error("expected a safetensors file: {0}")]
     NotSafetensors(safetensors::SafeTensorError),
-    /// A metadata key is not there.
+    /// A metadata key is missing.
     #[error("expected the metadata key {0}, got none")]
     MissingKey(&'static str),
     /// Another format, or a later one.
@@ -51,7 +51,7 @@ pub enum NnError {
         /// What the JSON reader says.
         why: serde_json::Error,
     },
-    /// Preprocessing that cannot be.
+    /// Invalid preprocessing.
     #[error("metadata key preprocess: {0}")]
     Preprocess(#[from] PreprocessError),
     /// Preprocessing for another network.
@@ -62,10 +62,10 @@ pub enum NnError {
     InputShape {
         /// The network.
         architecture: Architecture,
-        /// Those that the preprocessing makes.
+        /// The shape that the preprocessing gives.
         got: [usize; 3],
     },
-    /// As many names as the network has outputs are wanted.
+    /// The number of names differs from the network's outputs.
     #[error("expected {expected} outputs for {architecture}, got {got:?}", architecture = architecture.name())]
     Outputs {
         /// The network.
@@ -131,7 +131,7 @@ pub enum NnError {
         /// The network.
         architecture: Architecture,
     },
-    /// A backbone is to stay as it is, of a network without one.
+    /// A backbone was to be frozen in a network without one.
     #[error("expected a network with a backbone (resnet…), got {name}", name = architecture.name())]
     NoBackbone {
         /// The network.
@@ -161,7 +161,7 @@ pub enum NnError {
         /// What it was given.
         got: Option<Vec<i64>>,
     },
-    /// libtorch refuses; the first line of what it says.
+    /// An error of libtorch: the first line of its message.
     #[error("libtorch: {0}")]
     Torch(String),
 }
@@ -172,7 +172,7 @@ impl From<tch::TchError> for NnError {
     }
 }
 
-/// What libtorch says without the stack of C++ calls behind it.
+/// libtorch's message without the stack of C++ calls after it.
 pub(crate) fn first_line(error: &tch::TchError) -> String {
     let text = match error {
         tch::TchError::Torch(text) => text.clone(),

@@ -1,12 +1,10 @@
-//! A [ResNet](super::resnet) that remembers: Lu, "End to End Learning for
-//! Self-Driving Cars", Figure 13b. Of each of five frames the backbone's
-//! features and the steering that the perceptron makes of them go, side by
-//! side, into a gated recurrent unit (Cho et al., 2014, arXiv:1406.1078) of 512;
-//! a linear layer makes the steering of its last state.
+//! A [ResNet](super::resnet) that remembers: Lu, "End to End Learning for Self-Driving Cars", Figure 13b. For each of
+//! five frames, the backbone's features and the steering that the perceptron computes from them go, side by side, into
+//! a gated recurrent unit (Cho et al., 2014, arXiv:1406.1078) of 512; a linear layer turns its last state into the
+//! steering.
 //!
-//! While driving, a frame's features are kept until it is the oldest of five:
-//! the backbone sees each frame once. The speed, where it is taken, is the one
-//! now, and is next to the features of all five frames.
+//! While driving, a frame's features are kept until it is the oldest of five: the backbone sees each frame once. The
+//! speed, if used, is the current one, beside the features of all five frames.
 //!
 //! The unit's tensors are `gru.weight_ih_l0`, `gru.weight_hh_l0`,
 //! `gru.bias_ih_l0` and `gru.bias_hh_l0`, gates in PyTorch's order, the linear
@@ -60,7 +58,7 @@ impl ResNetGru {
         self.steer(&seen.f_reshape([batch, steps, -1])?, speed, train)
     }
 
-    /// What is kept of a frame: (B, 3, H, W) to (B, features + 1), the features and the steering by this frame alone.
+    /// What is kept of a frame: (B, 3, H, W) to (B, features + 1), the features and the steering from this frame alone.
     pub(super) fn see(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let features = self.backbone.forward(frames, train)?;
         let steering = self.head.forward(&features)?; // (B, 1)
@@ -81,7 +79,7 @@ impl ResNetGru {
         let weight = |tensor: &Tensor| in_kind_of(&input, tensor);
         let weights = [weight(w_input)?, weight(w_state)?, weight(b_input)?, weight(b_state)?];
         let start = Tensor::f_zeros([1, batch, HIDDEN], (input.kind(), input.device()))?;
-        // cuDNN goes back only through what it has computed for training.
+        // cuDNN can only run backwards through what it has computed in training mode.
         let (_, last) = input.f_gru(&start, &weights, true, 1, 0.0, train, false, true)?; // (1, B, 512)
         self.out.forward(&last.f_select(0, 0)?)
     }

@@ -1,21 +1,20 @@
 //! The layers that several networks share.
 //!
-//! Each is built of a source's tensors under PyTorch's names and shapes. A
-//! weight is used in the kind of the input: f32 weights answer a bf16 input in
-//! bf16, and gradients come back to them in f32, which is all that mixed
+//! Each is built from a source's tensors under PyTorch's names and shapes. A weight is converted to the kind of the
+//! input: f32 weights answer a bf16 input in bf16, and their gradients come back in f32, which is all that mixed
 //! precision needs.
 
 use tch::Tensor;
 
 use super::{Init, NnError, TensorSource};
 
-/// The tensor in the kind of `x`: itself where it is of that kind.
+/// The tensor in the kind of `x`; itself if it has that kind.
 pub(super) fn in_kind_of(x: &Tensor, tensor: &Tensor) -> Result<Tensor, NnError> {
     let kind = x.kind();
     Ok(if tensor.kind() == kind { tensor.shallow_clone() } else { tensor.f_to_kind(kind)? })
 }
 
-/// Numbers of one batch side by side: (B, N) and (B, 1) to (B, N + 1); without the second the first.
+/// Joins numbers of one batch: (B, N) and (B, 1) to (B, N + 1); without the second, returns the first.
 pub(super) fn beside(x: Tensor, extra: Option<&Tensor>) -> Result<Tensor, NnError> {
     Ok(match extra {
         Some(extra) => Tensor::f_cat(&[&x, &in_kind_of(&x, extra)?], 1)?,
@@ -102,18 +101,18 @@ pub(super) struct NormedConvolution {
 
 #[derive(Debug)]
 enum Norm {
-    /// As trained, all (outputs,): weight, bias, and the mean and variance that running averages have come to.
+    /// As trained, all (outputs,): weight, bias, and the running mean and variance.
     Batch { weight: Tensor, bias: Tensor, mean: Tensor, variance: Tensor },
-    /// Already within the convolution's weight; what is left to add, (outputs,).
+    /// Already folded into the convolution's weight; the rest to add, (outputs,).
     Folded(Tensor),
 }
 
-/// How far a batch moves the running statistics, and what keeps a variance from zero: PyTorch's defaults.
+/// How far a batch moves the running statistics, and the constant that keeps a variance above zero: PyTorch's defaults.
 const MOMENTUM: f64 = 0.1;
 const EPSILON: f64 = 1e-5;
 
 impl NormedConvolution {
-    /// `shape`: outputs, inputs and side of the kernel, which is padded to keep the size but for the stride.
+    /// `shape`: outputs, inputs and side of the kernel, which is padded to keep the size, apart from the stride.
     pub(super) fn build(
         source: &mut TensorSource<'_>,
         convolution: &str,
@@ -133,7 +132,7 @@ impl NormedConvolution {
         Ok(Self { weight, norm, stride, padding: kernel / 2 })
     }
 
-    /// With `train` the batch's own statistics count, and move the running ones.
+    /// With `train` the batch's own statistics are used, and update the running ones.
     pub(super) fn forward(&self, x: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let weight = in_kind_of(x, &self.weight)?;
         let convolve =
@@ -154,7 +153,7 @@ impl NormedConvolution {
         })
     }
 
-    /// The batch norm as one with the convolution, by the running statistics: for inference only.
+    /// Folds the batch norm into the convolution, by the running statistics: for inference only.
     pub(super) fn fold(&mut self) -> Result<(), NnError> {
         if let Norm::Batch { weight, bias, mean, variance } = &self.norm {
             let factor = weight.f_divide(&variance.f_add_scalar(EPSILON)?.f_sqrt()?)?; // (outputs,)

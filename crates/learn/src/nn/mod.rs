@@ -1,14 +1,12 @@
 //! Networks and the file that holds one: the only door to weights.
 //!
-//! A [`Checkpoint`] is read from one `.safetensors` file and brings along what
-//! its weights mean: [`Metadata`] with the preprocessing, and the [`Network`] of
-//! the [`Design`] that it names. Everything in the file is checked against the
-//! architecture before it is used. Training makes a network whose weights are a
-//! variable store's ([`in_variable_store`]), perhaps begins with those of others
-//! ([`load_pretrained`]), and writes it with [`save`].
+//! A [`Checkpoint`] is read from one `.safetensors` file that also says what its weights mean: [`Metadata`] with the
+//! preprocessing, and the [`Network`] of the [`Design`] that it names. Everything in the file is checked against the
+//! architecture before it is used. Training makes a network whose weights belong to a variable store
+//! ([`in_variable_store`]), may start from pretrained ones ([`load_pretrained`]), and writes it with [`save`].
 //!
-//! One file an architecture, top to bottom, citing its source; the names of its
-//! tensors are those in the file.
+//! There is one file per architecture, read top to bottom, which cites its source; its tensors have the same names as
+//! in the file.
 //!
 //! | architecture | frames | answers | parameters |
 //! |---|---|---|---|
@@ -18,8 +16,7 @@
 //! | [`resnet18-gru`, `resnet50-gru`](gru) | 5, one after the other | steering | 13.1 and 28.6 million |
 //! | [`resnet18-stack`, `resnet50-stack`](stack) | 5 as one picture | steering | 11.5 and 24.7 million |
 //!
-//! Each may take the speed as one more number. Which network drives, and when,
-//! is `pilot`'s.
+//! Each may take the speed as one more number. `pilot` decides which network drives, and when.
 
 mod architecture;
 mod checkpoint;

@@ -16,15 +16,15 @@ use super::{
     stack,
 };
 
-/// What a network that takes the speed calls 1: it is given mph / 30.
+/// The speed that is 1 to a network: it is given mph / 30.
 pub const SPEED_UNIT_MPH: f64 = 30.0;
 
 /// A network of any architecture, with its weights.
 #[derive(Debug)]
 pub struct Network {
     design: Design,
-    /// All tensors, in the order in which they were asked for. The layers hold the same ones, but where batch norm
-    /// is folded away.
+    /// All tensors, in the order in which they were asked for. The layers hold the same ones, unless batch norm is
+    /// folded into them.
     tensors: Vec<(String, Tensor)>,
     layers: NetworkLayers,
 }
@@ -38,7 +38,7 @@ enum NetworkLayers {
     Stack(ResNet),
 }
 
-/// What earlier frames of a run left behind, for a network that answers by several: nothing at the run's beginning.
+/// What a network that uses several frames keeps of earlier frames of a run; empty at the run's beginning.
 #[derive(Debug, Default)]
 pub struct Memory {
     /// The oldest first, at most five: features (1, N) for `-gru`, frames (1, 3, H, W) for `-stack`.
@@ -51,7 +51,7 @@ impl Memory {
         self.kept.clear();
     }
 
-    /// Takes one more and gives all five along dimension 1; the first of a run fills all five places.
+    /// Adds one and returns all five along dimension 1; the first of a run fills all five places.
     fn remember(&mut self, new: Tensor) -> Result<Tensor, NnError> {
         if self.kept.len() >= FRAMES {
             self.kept.pop_front();
@@ -66,7 +66,7 @@ impl Memory {
 }
 
 impl Network {
-    /// Builds the design of the tensors that `source` gives.
+    /// Builds the design from the tensors that `source` gives.
     ///
     /// # Errors
     /// Those of [`Design::validate`] and of `source`.
@@ -96,19 +96,16 @@ impl Network {
         Ok(Self { design: design.clone(), tensors, layers })
     }
 
-    /// The same weights made ready to answer one frame at a time. They are
-    /// copies or detached: a variable store that they came from trains on
-    /// without them, and [`Network::forward`] with `train` is of no use any more.
+    /// The same weights made ready to answer one frame at a time. They are copied or detached: the variable store they
+    /// came from can go on training without them, and [`Network::forward`] with `train` is no longer useful.
     ///
-    /// PilotNet's convolutions become channels-last, which carries the
-    /// activations along: 17% faster at batch 1 on one thread of an EPYC with
-    /// AVX512, 19% on two; converting the input as well gains nothing. A
-    /// ResNet's batch norm goes into its convolutions: 5% (50 layers) to 8% (18)
-    /// faster on one thread, for twice the memory, since [`Network::tensors`]
-    /// still has both apart.
+    /// PilotNet's convolutions become channels-last, and so do the activations: 17% faster at batch 1 on one thread of
+    /// an EPYC with AVX512, 19% on two; converting the input as well gains nothing. A ResNet's batch norm is folded
+    /// into its convolutions: 5% (50 layers) to 8% (18) faster on one thread, for twice the memory, since
+    /// [`Network::tensors`] still keeps both separately.
     ///
     /// # Errors
-    /// [`NnError::Torch`] where libtorch finds no memory.
+    /// [`NnError::Torch`] if libtorch finds no memory.
     pub fn for_inference(self) -> Result<Self, NnError> {
         let Self { design, tensors, layers } = self;
         let relayout = matches!(layers, NetworkLayers::PilotNet(_));
@@ -128,8 +125,8 @@ impl Network {
         Ok(network)
     }
 
-    /// Leaves a ResNet's backbone out of training: its weights are no longer told a gradient, none is computed through
-    /// it, and its batch norm goes by the running statistics, which stay. What comes behind it learns on.
+    /// Excludes a ResNet's backbone from training: its weights get no gradient, none is computed through it, and its
+    /// batch norm uses the running statistics, which stay fixed. The layers after it keep learning.
     ///
     /// # Errors
     /// [`NnError::NoBackbone`] for a network of another kind.
@@ -146,7 +143,7 @@ impl Network {
         Ok(())
     }
 
-    /// Whether training normalises by the batch: one of a single picture then says nothing.
+    /// Whether training normalises by the batch: a batch of a single picture is then useless.
     pub fn normalises_by_batch(&self) -> bool {
         match &self.layers {
             NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => false,
@@ -155,7 +152,7 @@ impl Network {
         }
     }
 
-    /// What it was built as.
+    /// The design that it was built from.
     pub fn design(&self) -> &Design {
         &self.design
     }
@@ -167,10 +164,10 @@ impl Network {
 
     /// Answers a batch with (B, outputs), not clamped, in the kind of `frames`.
     ///
-    /// `frames`: (B, C, H, W) for a network of one frame, (B, 5, C, H, W) with the oldest first for one of five; f32
-    /// or bf16, any layout in memory. `speed`: (B, 1), mph / [`SPEED_UNIT_MPH`] at the newest frame, `Some` exactly
-    /// where the design wants it. `train`: dropout is on, batch norm goes by the batch and moves its running
-    /// statistics. Gradients are tracked unless the caller holds `tch::no_grad`.
+    /// `frames`: (B, C, H, W) for a network of one frame, (B, 5, C, H, W) with the oldest first for one of five; f32 or
+    /// bf16, any layout in memory. `speed`: (B, 1), mph / [`SPEED_UNIT_MPH`] at the newest frame, `Some` exactly if the
+    /// design uses it. `train`: dropout is on, and batch norm uses the batch and updates its running statistics.
+    /// Gradients are tracked unless the caller holds `tch::no_grad`.
     ///
     /// # Errors
     /// [`NnError::Input`], [`NnError::Speed`], [`NnError::Torch`].
@@ -192,10 +189,10 @@ impl Network {
         }
     }
 
-    /// Answers one frame as it comes while driving, (1, C, H, W), with (1, outputs); no gradients are tracked.
+    /// Answers one frame while driving, (1, C, H, W), with (1, outputs); no gradients are tracked.
     ///
     /// `speed`: (1, 1), as in [`Network::forward`]. `memory` belongs to one run of this network. The answer is that of
-    /// `forward` to the last five frames, the first of the run standing in for those before it; but a `-gru` passes
+    /// `forward` to the last five frames, with the first of the run in place of those before it; but a `-gru` passes
     /// only this frame through its backbone.
     ///
     /// # Errors
@@ -217,8 +214,8 @@ impl Network {
         })
     }
 
-    /// The features that a ResNet makes of one-frame batches (B, 3, H, W): (B, 512) or (B, 2048), by the running
-    /// statistics; `None` for other architectures.
+    /// The features that a ResNet computes from one-frame batches (B, 3, H, W): (B, 512) or (B, 2048), using the
+    /// running statistics; `None` for other architectures.
     ///
     /// # Errors
     /// [`NnError::Input`], [`NnError::Torch`].
@@ -241,7 +238,7 @@ impl Network {
         Self { design: self.design.clone(), tensors: self.tensors(), layers }
     }
 
-    /// All tensors under the names that a checkpoint has them by, running statistics included; handles, not copies.
+    /// All tensors under their names in a checkpoint, including running statistics; handles, not copies.
     pub fn tensors(&self) -> Vec<(String, Tensor)> {
         self.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.shallow_clone())).collect()
     }

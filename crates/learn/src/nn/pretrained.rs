@@ -10,22 +10,22 @@ use super::{Network, NnError, checkpoint::tensor_of, stack};
 /// The first convolution, whose weights are inflated for five frames.
 const FIRST: &str = "conv1.weight";
 
-/// Takes the backbone's tensors of a file with torchvision's names into the variables that `network` was built of,
-/// and those of what stands behind it where they fit; says how many they were.
+/// Copies the backbone's tensors from a file with torchvision's names into the variables that `network` was built from,
+/// and those of the layers after it if they fit; returns how many there were.
 ///
-/// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict` makes, or a checkpoint of this
-/// crate, whose backbones bear the same names; the network a ResNet of as many layers, with or without memory. For
-/// `-stack` the first convolution is inflated where the file's is that of one frame.
+/// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict`, or a checkpoint of this crate,
+/// whose backbones use the same names; the network is a ResNet of as many layers, with or without memory. For `-stack`
+/// the first convolution is inflated if the file's is for one frame.
 ///
-/// Of a checkpoint the perceptron (`head.*`) is taken as well, and the memory (`gru.*` with `out.*`), each where the
-/// network has one and all its tensors are in the file and have its shapes: so `resnet50-gru` begins with the
-/// perceptron of a `resnet50` that was not told the speed, and a network goes on learning on other data. Left out are
-/// `fc.*`, `num_batches_tracked`, and all else. Nothing is changed where there is an error.
+/// From a checkpoint the perceptron (`head.*`) is copied as well, and the memory (`gru.*` with `out.*`), each if the
+/// network has one and all its tensors are in the file with its shapes: so `resnet50-gru` can start with the perceptron
+/// of a `resnet50` without the speed, and a network can continue to learn on other data. `fc.*`, `num_batches_tracked`
+/// and everything else are left out. After an error nothing is changed.
 ///
 /// # Errors
-/// [`NnError::Read`], [`NnError::NotSafetensors`]; [`NnError::Shape`] and [`NnError::Dtype`] where a tensor does not
-/// fit; [`NnError::NoneFits`] where the file has none for this network; [`NnError::MissingTensor`] and
-/// [`NnError::SurplusTensor`] where it is a ResNet of another depth.
+/// [`NnError::Read`], [`NnError::NotSafetensors`]; [`NnError::Shape`] and [`NnError::Dtype`] if a tensor does not fit;
+/// [`NnError::NoneFits`] if the file has none for this network; [`NnError::MissingTensor`] and
+/// [`NnError::SurplusTensor`] if it is a ResNet of another depth.
 pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError> {
     let bytes = fs::read(path).map_err(|source| NnError::Read { path: path.to_owned(), source })?;
     let file = SafeTensors::deserialize(&bytes).map_err(NnError::NotSafetensors)?;
@@ -57,7 +57,7 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     if taken.is_empty() {
         return Err(NnError::NoneFits { path: path.to_owned(), architecture: network.architecture() });
     }
-    // A ResNet of other depth shares some names: its weights would make half a network.
+    // A ResNet of another depth shares some names: its weights would give half a network.
     if let Some((name, expected)) = missing {
         return Err(NnError::MissingTensor { name, expected });
     }
@@ -66,7 +66,7 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     }
     let (head, memory): (Vec<_>, Vec<_>) = behind.into_iter().partition(|(name, _)| name.starts_with("head."));
     for part in [head, memory] {
-        // Whole or not at all: half a perceptron answers nothing.
+        // Whole or not at all: half a perceptron is useless.
         let fits = |(name, variable): &(String, Tensor)| {
             file.tensor(name).is_ok_and(|of| of.shape().iter().map(|n| *n as i64).eq(variable.size()))
         };
@@ -85,7 +85,7 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     })
 }
 
-/// Whether a ResNet's tensor is of the part that torchvision has as well.
+/// Whether a ResNet's tensor belongs to the part that torchvision also has.
 pub(super) fn of_backbone(name: &str) -> bool {
     let layer = name.split('.').next().unwrap_or_default();
     matches!(layer, "conv1" | "bn1" | "layer1" | "layer2" | "layer3" | "layer4")
@@ -104,7 +104,7 @@ mod tests {
         (store, network)
     }
 
-    /// A file such as torchvision's ResNet18 makes, with `fc` and counts of batches; and the weights in it.
+    /// A file like torchvision's ResNet18, with `fc` and counts of batches, and the weights in it.
     fn file(folder: &tempfile::TempDir) -> (std::path::PathBuf, VarStore) {
         let (store, network) = fresh(Architecture::ResNet18);
         let mut tensors = network.tensors();

@@ -1,14 +1,11 @@
-//! ResNet: He et al., "Deep Residual Learning for Image Recognition", 2015,
-//! arXiv:1512.03385, with 18 or 50 layers, and Lu's perceptron in place of its
-//! last: 2048 (512 with 18 layers), 512, 128, 1 with ReLU between (Lu, "End to
+//! ResNet: He et al., "Deep Residual Learning for Image Recognition", 2015, arXiv:1512.03385, with 18 or 50 layers, and
+//! Lu's perceptron in place of its last layer: 2048 (512 with 18 layers), 512, 128, 1 with ReLU between (Lu, "End to
 //! End Learning for Self-Driving Cars").
 //!
-//! The backbone is torchvision's, stride in the 3 x 3 convolution of a
-//! bottleneck, and its tensors bear torchvision's names, `conv1.weight` to
-//! `layer4.2.bn3.running_var`: torchvision's weights load, see
-//! [`load_pretrained`](super::load_pretrained). The perceptron's are
-//! `head.1.weight` to `head.3.bias`. 11,504,961 parameters with 18 layers,
-//! 24,622,913 with 50; pictures of any size.
+//! The backbone is torchvision's, with the stride in the 3 x 3 convolution of a bottleneck, and its tensors have
+//! torchvision's names, `conv1.weight` to `layer4.2.bn3.running_var`, so torchvision's weights can be loaded, see
+//! [`load_pretrained`](super::load_pretrained). The perceptron's are `head.1.weight` to `head.3.bias`. 11,504,961
+//! parameters with 18 layers, 24,622,913 with 50; pictures of any size.
 
 use tch::Tensor;
 
@@ -21,7 +18,7 @@ use lapwing_core::perception::PixelScale;
 /// Red, green and blue.
 pub(super) const CHANNELS: usize = 3;
 
-/// What torchvision's networks were trained on: mean and deviation of ImageNet's colours.
+/// The scale that torchvision's networks were trained with: mean and deviation of ImageNet's colours.
 pub fn imagenet() -> PixelScale {
     PixelScale::Standardised { mean: vec![0.485, 0.456, 0.406], std: vec![0.229, 0.224, 0.225] }
 }
@@ -50,17 +47,17 @@ impl Depth {
         }
     }
 
-    /// How many numbers the backbone makes of a picture.
+    /// How many numbers the backbone computes from a picture.
     pub(super) fn features(self) -> i64 {
         512 * self.expansion()
     }
 }
 
-/// Two convolutions of 3 x 3, or three of 1 x 1, 3 x 3 and 1 x 1, around which the input goes by.
+/// Two convolutions of 3 x 3, or three of 1 x 1, 3 x 3 and 1 x 1, with a shortcut for the input around them.
 #[derive(Debug)]
 struct Block {
     convolutions: Vec<NormedConvolution>,
-    /// Where the input has another shape than the output.
+    /// For inputs whose shape differs from the output's.
     downsample: Option<NormedConvolution>,
 }
 
@@ -126,7 +123,7 @@ impl Block {
 pub(super) struct Backbone {
     first: NormedConvolution,
     blocks: Vec<Block>,
-    /// It answers by its running statistics even in training, and nothing of it moves.
+    /// Whether it uses its running statistics even in training, and none of it changes.
     pub(super) frozen: bool,
 }
 
@@ -147,7 +144,7 @@ impl Backbone {
         Ok(Self { first, blocks, frozen: false })
     }
 
-    /// (B, channels, H, W) to (B, features). Where it is frozen no gradient is tracked and `train` changes nothing.
+    /// (B, channels, H, W) to (B, features). If it is frozen, no gradient is tracked and `train` has no effect.
     pub(super) fn forward(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
         if self.frozen { tch::no_grad(|| self.pass(frames, false)) } else { self.pass(frames, train) }
     }

@@ -7,12 +7,12 @@ use serde::Serialize;
 /// The version that tch's bindings are generated for.
 pub const WANTED: &str = "2.13.0";
 
-/// What is known of the libtorch in use.
+/// What is known about the libtorch in use.
 #[derive(Debug, Clone, Serialize)]
 pub struct Libtorch {
-    /// Its version, where its folder tells.
+    /// Its version, if its folder says.
     pub version: Option<String>,
-    /// The file that is loaded, where the system tells.
+    /// The loaded file, if the system reports it.
     pub file: Option<String>,
     /// Whether CUDA can be used, and with how many devices.
     pub cuda_devices: u32,
@@ -35,10 +35,10 @@ pub fn libtorch() -> Libtorch {
     }
 }
 
-/// The processor, by its name where the system tells it, and how wide it computes: libtorch chooses its kernels by
-/// that, and they round differently.
+/// The processor, by name if the system reports it, and its vector width: libtorch chooses its kernels by that, and
+/// they round differently.
 pub fn processor() -> String {
-    // Virtual machines often tell no more than a maker's name, and ARM's Linux none at all.
+    // Virtual machines often report only a maker's name, and Linux on ARM none at all.
     let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = told.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(':'));
     let name = name.map_or("a processor without a name", |(_, name)| name.trim());
@@ -58,8 +58,8 @@ pub fn set_threads(threads: u16) {
     tch::set_num_threads(i32::from(threads.max(1)));
 }
 
-/// Whether this processor multiplies bf16 itself. Where it does not, libtorch does it in steps, many times slower than
-/// f32: 37 against 700 pictures a second in training PilotNet on a Xeon with AVX512 alone.
+/// Whether this processor multiplies bf16 itself. If not, libtorch emulates it, many times slower than f32: 37 instead
+/// of 700 pictures a second in training PilotNet on a Xeon with AVX512 alone.
 pub fn knows_bf16() -> bool {
     #[cfg(target_arch = "x86_64")]
     return std::arch::is_x86_feature_detected!("avx512bf16");
@@ -69,12 +69,10 @@ pub fn knows_bf16() -> bool {
     false
 }
 
-/// Keeps glibc from returning tensor memory to the system after every operation
-/// and faulting it in again at the next: a quarter less time for PilotNet, 5 ms
-/// of 60 for ResNet50. What is kept is kept in each arena, so there are only as
-/// many as threads that can run at once, not eight times as many: with those a
-/// bridge goes on growing for hours, until each has seen the most that it ever
-/// will. Called once, at the start of a program.
+/// Keeps glibc from returning tensor memory to the system after every operation and faulting it in again at the next: a
+/// quarter less time for PilotNet, 5 ms of 60 for ResNet50. Each arena keeps memory, so there are only as many as
+/// threads that can run at once, not eight times as many: with those, a bridge keeps growing for hours, until each
+/// arena has reached its maximum. Call this once, at the start of a program.
 pub fn keep_tensor_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
@@ -122,7 +120,7 @@ impl fmt::Display for Libtorch {
     }
 }
 
-/// The libtorch_cpu that the loader has mapped; Linux tells.
+/// The libtorch_cpu that the loader has mapped, on Linux.
 fn loaded_file() -> Option<String> {
     let maps = fs::read_to_string("/proc/self/maps").ok()?;
     let line = maps.lines().find(|l| l.contains("libtorch_cpu."))?;

@@ -7,20 +7,20 @@ use tch::{
 
 use super::NnError;
 
-/// Gives a network its tensors: called once for each, with name, shape and beginning, while the network is built.
+/// Gives a network its tensors: called once for each, with name, shape and initialisation, while the network is built.
 ///
-/// A checkpoint looks them up; [`in_variable_store`] makes new ones to be trained.
+/// A checkpoint looks them up; [`in_variable_store`] makes new ones to train.
 pub type TensorSource<'a> = dyn FnMut(&str, &[i64], Init) -> Result<Tensor, NnError> + 'a;
 
-/// How a tensor begins that has not been trained, and whether training moves it at all.
+/// How an untrained tensor is initialised, and whether training changes it at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Init {
-    /// Drawn uniformly up to 1 / sqrt(n): PyTorch's default, where n is the inputs of a neuron for the weights and
-    /// biases of convolutions and linear layers, and the hidden size for all of a GRU.
+    /// Drawn uniformly up to 1 / sqrt(n): PyTorch's default, where n is the number of inputs of a neuron for the
+    /// weights and biases of convolutions and linear layers, and the hidden size for all of a GRU.
     Uniform(i64),
     /// Drawn from a normal distribution of variance 2 / n: He et al., "Delving Deep into Rectifiers", 2015,
-    /// arXiv:1502.01852. n is the outputs of a convolution times its kernel in the ResNets, as torchvision has it, and
-    /// the inputs of a neuron in `cps`.
+    /// arXiv:1502.01852. n is the outputs of a convolution times its kernel in the ResNets, as in torchvision, and the
+    /// inputs of a neuron in `cps`.
     KaimingNormal(i64),
     /// This number everywhere.
     Constant(f64),

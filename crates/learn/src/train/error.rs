@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use crate::{dataset::DatasetError, nn::NnError};
 
-/// Why there is no network.
+/// Why a training failed.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// The recipe is no TOML, or has keys that are unknown.
+    /// The recipe is not TOML, or has unknown keys.
     #[error("the recipe: {0}")]
     Recipe(String),
-    /// A number that makes no sense.
+    /// A setting with an invalid value.
     #[error("{name}: expected {expected}, got {got}")]
     Setting {
         /// Which setting.
@@ -26,7 +26,7 @@ pub enum TrainError {
     /// The network or its file.
     #[error(transparent)]
     Network(#[from] NnError),
-    /// All labels say the same, or all steer to one side, and no picture is mirrored.
+    /// All labels are the same, or all steer to one side, and no picture is mirrored.
     #[error(
         "expected labels that steer to both sides, got steering from {least:.3} to {most:.3} in {rows} samples: a network would learn to steer only that way; add data, or mirror pictures (augment.flip)"
     )]
@@ -38,7 +38,7 @@ pub enum TrainError {
         /// Samples.
         rows: usize,
     },
-    /// The loss is no number any more.
+    /// The loss is no longer a number.
     #[error(
         "the loss became {loss} in epoch {epoch}, step {step}: lower the learning rate (now {rate}) or clip gradients (optimiser.clip); the last whole epoch, if there is one, is saved"
     )]
@@ -52,7 +52,7 @@ pub enum TrainError {
         /// Learning rate at that step.
         rate: f64,
     },
-    /// The validation error is no number any more.
+    /// The validation error is no longer a number.
     #[error(
         "the validation error became {mse} in epoch {epoch}: lower the learning rate or clip gradients (optimiser.clip); the last whole epoch, if there is one, is saved"
     )]
@@ -80,10 +80,10 @@ pub enum TrainError {
         /// Why, in the system's words.
         source: std::io::Error,
     },
-    /// There is a training in that folder already.
+    /// There is already a training in that folder.
     #[error("{path} already holds a training: resume it (--resume), or choose another folder", path = .0.display())]
     Exists(PathBuf),
-    /// The training in that folder is another one.
+    /// The training in that folder is a different one.
     #[error(
         "{folder} already holds a training with another recipe: {differences}: resume it (--resume alone), or choose another folder",
         folder = folder.display()
@@ -94,10 +94,10 @@ pub enum TrainError {
         /// All that differs, with expected and got.
         differences: String,
     },
-    /// A checkpoint that nobody goes on with, where one would be written.
+    /// A checkpoint without a resume state, where one would be written.
     #[error("{path} exists, but without a resume state: nothing is overwritten, choose another folder", path = .0.display())]
     ModelThere(PathBuf),
-    /// The state of another network, or none.
+    /// A resume state of another network, or an unreadable one.
     #[error("{path}: {why}; the training cannot be resumed from it", path = path.display())]
     State {
         /// The file.
@@ -112,7 +112,7 @@ impl TrainError {
         move |source| Self::Io { doing, path: path.to_owned(), source }
     }
 
-    /// Names a lack of memory for what it is.
+    /// Reports a lack of memory as such.
     pub(super) fn at_batch(self, batch: usize) -> Self {
         match self {
             Self::Network(NnError::Torch(why))

@@ -1,4 +1,4 @@
-//! Training curves as TensorBoard reads them: one event file a run of training, appended to and never rewritten.
+//! Training curves as TensorBoard reads them: one event file per run of training, appended to and never rewritten.
 //!
 //! An event is a protobuf message of `tensorflow/core/util/event.proto` (the fields here carry the numbers published
 //! there), framed as a TFRecord (`tensorflow/core/lib/io/record_writer.h`): length as u64, its checksum, the message,
@@ -17,7 +17,7 @@ use prost::Message;
 /// CRC-32C goes by the name of iSCSI, which made it common.
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
-/// What the first event of a file says.
+/// The content of a file's first event.
 const VERSION: &str = "brain.Event:2";
 
 /// A moment of training.
@@ -28,7 +28,7 @@ struct TfEvent {
     wall_time: f64,
     #[prost(int64, tag = "2")]
     step: i64,
-    // Of the next two there is one: `oneof what`.
+    // One of the next two is present: `oneof what`.
     #[prost(string, optional, tag = "3")]
     file_version: Option<String>,
     #[prost(message, optional, tag = "5")]
@@ -52,8 +52,8 @@ struct TfValue {
 
 /// Writes an event file.
 ///
-/// Events wait in memory until [`flush`](Self::flush), or until it is dropped. A file that a crash cuts off reads up
-/// to there.
+/// Events wait in memory until [`flush`](Self::flush), or until it is dropped. A file that a crash cuts off can be read
+/// up to there.
 #[derive(Debug)]
 pub struct Events {
     path: PathBuf,
@@ -61,9 +61,9 @@ pub struct Events {
 }
 
 impl Events {
-    /// Begins a file in a folder, which is made where there is none. `now` is the wall clock in seconds since 1970;
-    /// it names the file: `events.out.tfevents.<seconds>.lapwing`, with a number behind it where one of that second
-    /// is there already. TensorBoard shows all files of a folder as one run.
+    /// Begins a file in a folder, which is created if it does not exist. `now` is the wall clock in seconds since 1970;
+    /// it names the file: `events.out.tfevents.<seconds>.lapwing`, followed by a number if one of that second exists
+    /// already. TensorBoard shows all files of a folder as one run.
     ///
     /// # Errors
     /// Those of the file system.
@@ -91,8 +91,8 @@ impl Events {
         &self.path
     }
 
-    /// A number that changes while training goes on. `tag` names its curve (`loss/train`; what stands before a slash
-    /// groups curves), `step` is where it stands along it, `wall` is the wall clock in seconds since 1970.
+    /// Adds a point to a curve. `tag` names the curve (`loss/train`; the part before a slash groups curves), `step` is
+    /// the point's position along it, `wall` is the wall clock in seconds since 1970.
     ///
     /// # Errors
     /// Those of the file system.
@@ -102,7 +102,7 @@ impl Events {
         self.write(&TfEvent { wall_time: wall, step, summary, file_version: None })
     }
 
-    /// Hands over to the system what waits in memory, so that TensorBoard sees it.
+    /// Hands what waits in memory to the system, so that TensorBoard sees it.
     ///
     /// # Errors
     /// Those of the file system.
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_checksum_is_crc_32c_masked_as_tensorflow_does() {
-        // The check value of the catalogue, and its mask worked out by hand.
+        // The check value from the catalogue, and its mask calculated by hand.
         assert_eq!(CRC.checksum(b"123456789"), 0xe306_9283);
         assert_eq!(masked_crc(b"123456789"), 0xc78a_b0e5);
     }

@@ -8,7 +8,7 @@ use lapwing_core::files;
 const HEADER: &str = "epoch,seconds,images_per_s,learning_rate,train_mse,train_mae,train_r,\
     validation_mse,validation_mae,validation_r,smooth_mse,smooth_mae,smooth_r\n";
 
-/// Writes all epochs so far: a training that went on has one log.
+/// Writes all epochs so far: a resumed training has one log.
 pub(super) fn write(path: &Path, history: &[TimedEpoch]) -> Result<(), TrainError> {
     let mut text = HEADER.to_owned();
     for TimedEpoch { epoch, seconds, images_per_s } in history {

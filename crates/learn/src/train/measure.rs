@@ -11,17 +11,17 @@ use crate::{
     nn::{Network, SPEED_UNIT_MPH},
 };
 
-/// How far answers lie from labels.
+/// How far answers are from labels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// From the labels as recorded.
     pub raw: Metrics,
-    /// From labels averaged over nine rows: a keyboard steers in strokes, and no picture tells when the next one comes.
+    /// From labels averaged over nine rows: a keyboard steers in strokes, and no picture shows when the next one comes.
     pub smooth: Metrics,
 }
 
 impl Measured {
-    /// Of answers to these samples, one each in their order.
+    /// Measures answers to these samples, one for each, in order.
     pub fn of(answers: &[f64], samples: &Samples) -> Self {
         let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.steering).collect();
         let smooth: Vec<f64> = samples.samples.iter().map(|sample| samples.mean_steering(sample, SMOOTH)).collect();
@@ -38,22 +38,22 @@ pub(super) const BATCH: usize = 64;
 /// A batch as libtorch sees it.
 #[derive(Debug)]
 pub struct Tensors {
-    /// (B, C, H, W) or, of a network that looks at several, (B, T, C, H, W), in the kind and layout of the inputs. On the
-    /// CPU its numbers are those of `batch`.
+    /// (B, C, H, W) or, for a network that looks at several frames, (B, T, C, H, W), in the kind and layout of the
+    /// inputs. On the CPU its numbers are those of `batch`.
     pub(super) frames: Tensor,
     /// (B, outputs).
     pub(super) labels: Tensor,
     /// (B, 1).
     pub(super) speed: Tensor,
-    /// What the frames lie in; dropped after them, being the last field.
+    /// The memory of the frames; dropped after them, as the last field.
     batch: Batch,
 }
 
 impl Tensors {
-    /// Takes a batch of these inputs, for a network of so many outputs, to a device.
+    /// Moves a batch of these inputs, for a network with this many outputs, to a device.
     ///
     /// # Errors
-    /// [`TrainError::Network`] where libtorch finds no memory.
+    /// [`TrainError::Network`] if libtorch finds no memory.
     pub fn new(batch: Batch, inputs: &Inputs, outputs: usize, device: Device) -> Result<Self, TrainError> {
         let [c, h, w] = inputs.preprocess.shape();
         let (b, t) = (batch.size, inputs.frames);
@@ -68,9 +68,9 @@ impl Tensors {
         };
         assert_eq!(shape.iter().product::<usize>(), numbers, "a loader fills its batches");
         let [shape, strides] = [shape, strides].map(|n| n.into_iter().map(|n| n as i64).collect::<Vec<_>>());
-        // SAFETY: shape and strides span exactly the numbers that the pointer leads to, of that kind. They are neither
-        // moved nor freed before the tensor, since `Tensors` owns both and nothing else can reach the batch's memory; and
-        // what a backward pass keeps of the frames ends with the pass.
+        // SAFETY: shape and strides span exactly the numbers of that kind at the pointer. They are neither moved nor
+        // freed before the tensor, since `Tensors` owns both and nothing else can reach the batch's memory; and a
+        // backward pass keeps nothing of the frames after it ends.
         let frames = unsafe { Tensor::f_from_blob(pointer, &shape, &strides, kind, Device::Cpu)? };
         let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
         let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
@@ -85,8 +85,8 @@ impl Tensors {
     }
 }
 
-/// Passes all samples through the network, in their order and as a pilot would, whatever form the inputs have in
-/// training. Says the errors, and each answer's steering.
+/// Passes all samples through the network, in order and as a pilot would, whatever form the inputs have in training.
+/// Returns the errors, and each answer's steering.
 ///
 /// # Errors
 /// [`TrainError`].

@@ -1,4 +1,4 @@
-//! The error of answers against labels.
+//! The errors of answers relative to labels.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,12 +9,12 @@ pub struct Metrics {
     pub mse: f64,
     /// Mean absolute error.
     pub mae: f64,
-    /// Pearson's correlation, -1 to 1; absent where labels or answers do not vary.
+    /// Pearson's correlation, -1 to 1; absent if labels or answers do not vary.
     pub r: Option<f64>,
 }
 
 impl Metrics {
-    /// Of answers and their labels, as many of each.
+    /// The errors of answers, given as many labels.
     pub fn of(answers: &[f64], labels: &[f64]) -> Self {
         let n = answers.len().max(1) as f64;
         let pairs = || answers.iter().zip(labels);

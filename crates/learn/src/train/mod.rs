@@ -1,6 +1,6 @@
 //! Supervised training: from data sets to a checkpoint that says how it was made.
 //!
-//! A [`Recipe`] says all; a [`Trainer`] follows it and leaves in its folder
+//! A [`Recipe`] defines everything; a [`Trainer`] follows it and leaves these files in its folder:
 //!
 //! | file | is |
 //! |---|---|
@@ -10,7 +10,7 @@
 //! | `recipe.toml` | the recipe as it was followed |
 //! | `events.out.tfevents.…` | the same curves for TensorBoard |
 //!
-//! [`measure`] says how far a network's answers lie from a data set's labels.
+//! [`measure`] computes how far a network's answers are from a data set's labels.
 
 mod error;
 pub mod events;

@@ -10,8 +10,8 @@ const EPSILON: f64 = 1e-8;
 
 /// Moves weights against their gradients.
 ///
-/// All weights lie side by side in one tensor, of which those of the network are views; so do the moments. A step is then
-/// a dozen operations, where each layer's own would make hundreds.
+/// All weights are stored together in one tensor, of which the network's weights are views; so are the moments. A step
+/// then takes a dozen operations instead of hundreds, several for each layer.
 #[derive(Debug)]
 pub(super) struct Stepper {
     settings: Optimiser,
@@ -20,7 +20,7 @@ pub(super) struct Stepper {
     flat: Tensor,
     /// (N) each: the running means of gradient and squared gradient (Adam), or the velocity and nothing (SGD).
     moments: [Tensor; 2],
-    /// Views of the moments, for each weight.
+    /// Views of the moments, one pair for each weight.
     of_weights: Vec<[Tensor; 2]>,
     /// Steps taken.
     pub steps: i64,
@@ -30,7 +30,7 @@ impl Stepper {
     /// Takes over the memory of the weights, which are f32 and on one device.
     ///
     /// # Errors
-    /// [`TrainError::Network`] where libtorch finds no memory.
+    /// [`TrainError::Network`] if libtorch finds no memory.
     pub fn new(settings: Optimiser, weights: Vec<(String, Tensor)>) -> Result<Self, TrainError> {
         no_grad(|| {
             let rows: Vec<Tensor> =
@@ -50,7 +50,7 @@ impl Stepper {
         })
     }
 
-    /// The state, under names.
+    /// The state, by names.
     pub fn state(&self) -> impl Iterator<Item = (String, &Tensor)> {
         self.weights.iter().zip(&self.of_weights).flat_map(|((name, _), [first, second])| {
             [(format!("first.{name}"), first), (format!("second.{name}"), second)]
@@ -66,13 +66,13 @@ impl Stepper {
         }
     }
 
-    /// One step of this width. Says the norm of the gradient before it was clipped, if it is clipped at all.
+    /// Takes one step of this width. Returns the norm of the gradient before clipping, if it is clipped at all.
     pub fn step(&mut self, learning_rate: f64) -> Result<Option<f64>, TrainError> {
         self.steps += 1;
         no_grad(|| {
             let gradients = self.weights.iter().map(|(_, weight)| match weight.grad() {
                 gradient if gradient.defined() => gradient.f_reshape([-1]),
-                _ => weight.f_detach()?.f_zeros_like()?.f_reshape([-1]), // a layer that had no part in this step
+                _ => weight.f_detach()?.f_zeros_like()?.f_reshape([-1]), // a layer that took no part in this step
             });
             let mut gradient = Tensor::f_cat(&gradients.collect::<Result<Vec<_>, _>>()?, 0)?; // (N)
             let mut norm = None;

@@ -7,21 +7,22 @@ use serde_json::Value;
 
 use super::{Recipe, Schedule, TrainError};
 
-/// Kept beside the weights.
+/// The origin, stored beside the weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Origin {
-    /// As it was followed.
+    /// The recipe as it was followed.
     pub recipe: Recipe,
     /// Samples of training and validation.
     pub samples: (usize, usize),
 }
 
-/// What may change in between: it decides when a training ends or how it is stored, not the way that the weights go.
+/// Settings that may change in between: they decide when a training ends or how it is stored, and do not affect the
+/// weights.
 const FREE: [&str; 4] = ["patience", "cache_mib", "stored", "record"];
 
 impl Origin {
-    /// Checks that the weights would go on their way by this recipe. A cosine ends with the last epoch: there even the
-    /// number of epochs bends the way.
+    /// Checks that this recipe would train the weights in the same way. A cosine schedule ends with the last epoch, so
+    /// there even the number of epochs matters.
     pub fn check_recipe(&self, recipe: &Recipe, folder: &Path) -> Result<(), TrainError> {
         let comparable = |of: &Recipe| {
             let mut value = serde_json::to_value(of).map_err(|why| TrainError::Recipe(why.to_string()))?;
@@ -52,7 +53,7 @@ impl Origin {
     }
 }
 
-/// Names every value that differs, by its way down: `optimiser.learning_rate`, `data[0].path`.
+/// Names every value that differs, by its path: `optimiser.learning_rate`, `data[0].path`.
 fn compare(at: &str, expected: &Value, got: &Value, differences: &mut Vec<String>) {
     match (expected, got) {
         (Value::Object(a), Value::Object(b)) => {

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::dataset::{DatasetError, Inputs, Samples, Selection, Set};
 
-/// What there is to resume.
+/// The state to resume from, if any.
 pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainError> {
     let (state, model) = (out.join(STATE), out.join(MODEL));
     match (state.exists(), resume) {
@@ -19,11 +19,11 @@ pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainEr
     }
 }
 
-/// Opens what is learnt from and what is measured by.
+/// Opens the training and the validation data.
 pub(super) fn data(recipe: &Recipe) -> Result<(Samples, Samples), TrainError> {
     let blocks = recipe.validation.is_empty().then_some(recipe.blocks);
     if let Some(both) = recipe.validation.iter().find(|of| recipe.data.iter().any(|data| overlap(data, of))) {
-        let (name, expected) = ("validation", "rows that are not learnt from");
+        let (name, expected) = ("validation", "rows that are not in the training data");
         return Err(DatasetError::Setting { name, expected, got: format!("{} of data", both.path.display()) }.into());
     }
     let training = Samples::open(&recipe.data, Set::Training, blocks, &recipe.balance)?;
@@ -45,7 +45,7 @@ fn overlap(a: &Selection, b: &Selection) -> bool {
     a.place() == b.place() && from.0 < to.1 && to.0 < from.1
 }
 
-/// Asks whether there would be memory for the batches that wait and the one that is learnt from.
+/// Checks that there is memory for the waiting batches and the one being trained on.
 pub(super) fn check_room(recipe: &Recipe, inputs: &Inputs) -> Result<(), TrainError> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut numbers = inputs.preprocess.shape().into_iter().chain([inputs.frames, recipe.batch, 2 * threads + 1]);
@@ -55,7 +55,7 @@ pub(super) fn check_room(recipe: &Recipe, inputs: &Inputs) -> Result<(), TrainEr
         .map_err(|why| TrainError::Memory { batch: recipe.batch, why: why.to_string() })
 }
 
-/// Whether both sides are steered to, as recorded: a side camera's offset is no steering.
+/// Checks that the recorded steering goes to both sides: a side camera's offset does not count.
 fn check_sides(samples: &Samples, flip: f64) -> Result<(), TrainError> {
     let steering =
         || samples.samples.iter().map(|of| samples.sources[of.source as usize].rows[of.row as usize].steering);

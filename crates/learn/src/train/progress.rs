@@ -6,34 +6,35 @@ use serde::{Deserialize, Serialize};
 
 use super::{Measured, Metrics};
 
-/// What an epoch came to. A checkpoint holds it, so that no clock may be in it: the same training makes the same file.
+/// The result of an epoch. A checkpoint contains it, so it must not depend on a clock: the same training gives the same
+/// file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Epoch {
     /// From 1.
     pub number: usize,
     /// At its end.
     pub learning_rate: f64,
-    /// Against the labels of the changed pictures, while the weights moved.
+    /// On the training set, relative to the labels of the augmented pictures, while the weights changed.
     pub training: Metrics,
-    /// Against the held-out labels, at its end.
+    /// On the held-out labels, at its end.
     pub validation: Measured,
     /// Whether it is the best so far.
     pub best: bool,
 }
 
-/// An epoch and the time it took, as the log tells it.
+/// An epoch and the time it took, as in the log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TimedEpoch {
-    /// What it came to.
+    /// Its result.
     #[serde(flatten)]
     pub epoch: Epoch,
-    /// How long its training took, without the measuring.
+    /// How long its training took, without validation.
     pub seconds: f64,
     /// Samples a second.
     pub images_per_s: f64,
 }
 
-/// What is going on.
+/// An event during training.
 #[derive(Debug)]
 pub enum Progress<'a> {
     /// A step was taken.
@@ -53,7 +54,7 @@ pub enum Progress<'a> {
     Epoch(&'a TimedEpoch),
 }
 
-/// Whether to go on.
+/// Whether to continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Go {
     /// Yes.
@@ -69,8 +70,8 @@ pub struct TrainOutcome {
     pub model: PathBuf,
     /// Its SHA-256.
     pub sha256: String,
-    /// The epoch whose weights these are, as the checkpoint says; absent where none was finished.
+    /// The epoch whose weights these are, as the checkpoint says; absent if none was finished.
     pub kept: Option<Epoch>,
-    /// Whether all epochs asked for were done, or patience ended it; otherwise it can be resumed.
+    /// Whether all epochs were completed, or patience ended it; otherwise it can be resumed.
     pub finished: bool,
 }

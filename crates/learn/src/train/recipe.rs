@@ -11,7 +11,7 @@ use crate::{
 };
 use lapwing_core::perception::Resize;
 
-/// A training, whole. The defaults are Lu's: L2 loss, Adam 1e-3, batch 64, 20 epochs, all five augmentations.
+/// A complete training. The defaults are Lu's: L2 loss, Adam 1e-3, batch 64, 20 epochs, all five augmentations.
 ///
 /// ```
 /// let recipe = lapwing_learn::train::Recipe::parse(r#"
@@ -32,60 +32,60 @@ pub struct Recipe {
     /// Rows and columns of the input, for networks that take any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<(usize, usize)>,
-    /// Whether the network is told the speed.
+    /// Whether the network gets the speed as an input.
     pub speed_input: bool,
-    /// Weights to begin with: of the backbone, under torchvision's names, or a checkpoint of this crate
-    /// (`.safetensors`); what is taken of them says [`load_pretrained`](crate::nn::load_pretrained).
+    /// Initial weights: those of a backbone, under torchvision's names, or a checkpoint of this crate (`.safetensors`);
+    /// [`load_pretrained`](crate::nn::load_pretrained) says what is used of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
-    /// Whether the backbone stays as `pretrained` has it, running statistics included, and only what is behind it
-    /// learns; default false.
+    /// Whether the backbone stays as in `pretrained`, including running statistics, and only the layers after it learn;
+    /// default false.
     pub freeze_backbone: bool,
     /// Passes over the data; default 20.
     pub epochs: usize,
-    /// Samples in a step; default 64. The last step of an epoch has what is left, but where a ResNet's batch norm would
-    /// have to go by a single sample: then that one is left out of the epoch.
+    /// Samples in a step; default 64. The last step of an epoch has the rest; but if a ResNet's batch norm would have
+    /// only a single sample, that sample is left out of the epoch.
     pub batch: usize,
-    /// Samples in a pass; default as many as there are.
+    /// Samples in a pass; default all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub samples_per_epoch: Option<usize>,
-    /// Held-out samples that are measured after each pass, at equal distances over all; default all of them.
+    /// Held-out samples to measure after each pass, at equal distances; default all of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub validation_samples: Option<usize>,
-    /// What all dice follow; default 0.
+    /// Seed of everything random; default 0.
     pub seed: u64,
-    /// Numbers of the forward and backward pass. bf16 takes about half the time where the processor knows it (AVX512
-    /// BF16, AMX), and many times as long where it does not. Weights are moved in f32 in either case.
+    /// Numbers of the forward and backward pass. bf16 takes about half the time if the processor supports it (AVX512
+    /// BF16, AMX), and many times as long if it does not. Weights are updated in f32 in either case.
     pub precision: Precision,
     /// Pictures laid out channel by channel (false) or pixel by pixel (true, the default: faster in most networks).
     pub channels_last: bool,
-    /// Which checkpoint stays: that of the least validation error, or the last.
+    /// Which checkpoint to keep: the one with the least validation error, or the last.
     pub keep: Keep,
     /// Passes without a better validation error after which training ends; default never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patience: Option<usize>,
-    /// Share that an average over the weights of past steps keeps at each step, above 0 and below 1, such as 0.999; the
-    /// average is what is measured and saved. Default none.
+    /// Decay of a running average over the weights, above 0 and below 1, such as 0.999; the average is then what is
+    /// measured and saved. Default none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ema: Option<f64>,
     /// How weights are stored.
     pub stored: Precision,
-    /// Decoded pictures are kept in so much memory, in MiB; default 1024.
+    /// Memory for decoded pictures, in MiB; default 1024.
     pub cache_mib: usize,
-    /// Blocks of rows that are held out for validation. Default 50 rows of each 250. Where there is `validation`,
-    /// none are, and all of `data` is learnt from.
+    /// Blocks of rows that are held out for validation. Default 50 rows of each 250. If there is `validation`, none
+    /// are, and all of `data` is used for training.
     pub blocks: Blocks,
-    /// How weights are moved.
+    /// How weights are updated.
     pub optimiser: Optimiser,
-    /// Against the many rows in which nobody steers.
+    /// Compensation for the many rows in which nobody steers.
     pub balance: Balance,
     /// How pictures are changed.
     pub augment: Augmentation,
     /// Data to train on.
     pub data: Vec<Selection>,
-    /// Data to measure by, whole; default the blocks held out of `data`.
+    /// Data to validate on, all of it; default the blocks held out of `data`.
     pub validation: Vec<Selection>,
-    /// Simulated data that is made first where its folder is not there.
+    /// Simulated data that is recorded first if its folder does not exist.
     pub record: Vec<SimulatedData>,
 }
 
@@ -133,7 +133,7 @@ pub enum Keep {
     Last,
 }
 
-/// How weights are moved.
+/// How weights are updated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Optimiser {
@@ -199,7 +199,7 @@ pub enum Schedule {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedData {
-    /// Folder; where it is there, nothing is recorded.
+    /// Folder; if it exists, nothing is recorded.
     pub out: PathBuf,
     /// Track, as for `--track`.
     pub track: String,
@@ -241,7 +241,7 @@ impl Recipe {
         toml::from_str(text).map_err(|why| TrainError::Recipe(why.to_string()))
     }
 
-    /// Checks what can be told without data.
+    /// Checks what can be checked without data.
     ///
     /// # Errors
     /// [`TrainError::Setting`], [`TrainError::Dataset`].

@@ -13,7 +13,7 @@ use tch::{Device, Kind, Tensor, no_grad};
 use super::{Epoch, TimedEpoch, TrainError, origin::Origin};
 use lapwing_core::files;
 
-/// Where a training is.
+/// The position of a training.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Position {
     /// Epochs done.
@@ -26,20 +26,20 @@ pub(super) struct Position {
     pub best: Option<f64>,
     /// Epochs since then.
     pub waited: usize,
-    /// What the plateau schedule has made of the learning rate.
+    /// The plateau schedule's factor on the learning rate.
     pub factor: f64,
-    /// Of the steps done in this epoch: what was answered, what the labels said, and how long they took.
+    /// For the steps done in this epoch: the answers, the labels, and the time taken.
     #[serde(default)]
     pub answers: Vec<f64>,
     #[serde(default)]
     pub labels: Vec<f64>,
     #[serde(default)]
     pub seconds: f64,
-    /// What the epochs done were like.
+    /// The results of the epochs done.
     pub history: Vec<TimedEpoch>,
 }
 
-/// What the file is called in a training's folder, and the checkpoint beside it.
+/// The names of the file in a training's folder, and of the checkpoint beside it.
 pub(super) const STATE: &str = "state.safetensors";
 pub(super) const MODEL: &str = "model.safetensors";
 
@@ -76,14 +76,14 @@ pub(super) fn save(
     files::write(path, &whole).map_err(TrainError::io("write the training's state", path))
 }
 
-/// A state as it was read.
+/// A resume state as read.
 #[derive(Debug)]
 pub(super) struct Stored {
     path: PathBuf,
     bytes: Vec<u8>,
     /// Where the training was.
     pub position: Position,
-    /// What it began with; not in files of before there was one.
+    /// The origin; missing in files from before it was stored.
     pub origin: Option<Origin>,
 }
 
@@ -100,7 +100,7 @@ impl Stored {
         Ok(Self { path: path.to_owned(), bytes, position, origin })
     }
 
-    /// Puts the tensors into those of the same names.
+    /// Copies the tensors into those of the same names.
     pub fn copy_to(&self, tensors: &[(String, &Tensor)]) -> Result<(), TrainError> {
         let wrong = |why: String| TrainError::State { path: self.path.clone(), why };
         let file = SafeTensors::deserialize(&self.bytes).map_err(|why| wrong(why.to_string()))?;
@@ -117,8 +117,8 @@ impl Stored {
     }
 }
 
-/// The epoch whose weights a checkpoint holds, as [`Metadata::result`](crate::nn::Metadata) says; none where training
-/// was stopped before the first was whole.
+/// The epoch whose weights a checkpoint holds, as [`Metadata::result`](crate::nn::Metadata) says; none if training was
+/// stopped before the first was complete.
 pub(super) fn epoch_of(model: &[u8]) -> Option<Epoch> {
     let (_, header) = SafeTensors::read_metadata(model).ok()?;
     serde_json::from_str(header.metadata().as_ref()?.get("result")?).ok()?

@@ -8,7 +8,7 @@ use crate::{
     nn::Checkpoint,
 };
 
-/// A drive of `rows` rows: a bright bar stands as far to the side as is steered.
+/// A drive of `rows` rows: a bright bar is as far to the side as the steering.
 fn folder(dir: &Path, rows: usize, steering: impl Fn(usize) -> f64) {
     fs::create_dir(dir.join("IMG")).unwrap();
     let mut log = String::new();
@@ -93,7 +93,7 @@ fn a_training_that_was_stopped_goes_on_as_if_it_had_not_been() {
         recipe.optimiser.schedule = Schedule::Cosine;
         recipe
     };
-    // Both begin with the same weights; libtorch's dice are everybody's, and other tests roll them, too.
+    // Both begin with the same weights; libtorch's random generator is global, and other tests use it, too.
     Trainer::new(with_cosine(), &whole, false).unwrap().run(&mut |_| Go::Stop).unwrap();
     fs::create_dir(&parts).unwrap();
     fs::copy(whole.join("state.safetensors"), parts.join("state.safetensors")).unwrap();
@@ -166,7 +166,7 @@ fn labels_that_steer_to_one_side_are_refused_unless_pictures_are_mirrored() {
         assert!(matches!(error, TrainError::OneSided { .. }), "{error}");
     };
     refused("straight");
-    // What is added for side cameras is nobody's steering.
+    // The offset of side cameras is nobody's steering.
     let log: String = (0..40).map(|row| format!("{row}.jpg,{row}.jpg,{row}.jpg,0,0.5,0,15\n")).collect();
     fs::write(straight.path().join("driving_log.csv"), log).unwrap();
     refused("three cameras");
@@ -181,7 +181,7 @@ fn data_that_is_not_there_is_named() {
     assert!(!dir.path().join("out").exists(), "nothing is left of a training that did not begin");
 }
 
-/// Trains for so many steps and stops; 4 steps are an epoch of [`recipe`] on 40 rows.
+/// Trains for this many steps and stops; 4 steps are an epoch of [`recipe`] on 40 rows.
 fn stopped(recipe: Recipe, out: &Path, resume: bool, after: u32) -> TrainOutcome {
     let mut steps = 0;
     let mut watch = |progress: Progress<'_>| {
@@ -247,7 +247,7 @@ fn a_training_with_pauses_leaves_what_one_without_leaves() {
     let at_once = stopped(recipe(dir.path()), &whole, true, 0);
     for _ in 0..2 {
         let paused = stopped(recipe(dir.path()), &parts, true, 4);
-        // The checkpoint is that of an epoch, whatever was begun after it.
+        // The checkpoint is that of a complete epoch, whatever was begun after it.
         let model = fs::read(&paused.model).unwrap();
         assert_eq!(paused.kept, state::epoch_of(&model));
     }
@@ -260,7 +260,7 @@ fn a_training_with_pauses_leaves_what_one_without_leaves() {
     };
     assert_eq!(numbers(&parts), ["epoch", "1", "2", "3"]);
     assert_eq!(numbers(&whole), numbers(&parts));
-    // Asked once more, a training that is done says what it came to and leaves its folder as it is.
+    // Run once more, a finished training reports its result and leaves its folder as it is.
     let files = || fs::read_dir(&parts).unwrap().count();
     let before = files();
     assert_eq!(stopped(recipe(dir.path()), &parts, true, 0), last);
@@ -272,7 +272,7 @@ fn a_validation_error_that_is_no_number_ends_the_training_and_is_not_kept() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), 40, swaying);
     let out = dir.path().join("out");
-    // One step an epoch: the loss of the second is a number still, and the weights after it are none.
+    // One step per epoch: the loss of the second is still a number, but the weights after it are not.
     let mut wild = Recipe { batch: 64, ema: None, ..recipe(dir.path()) };
     wild.optimiser.kind = OptimiserKind::Sgd;
     wild.optimiser.learning_rate = 100.0;
@@ -292,7 +292,7 @@ fn what_cannot_be_written_is_an_error_that_leaves_what_was() {
     let out = dir.path().join("out");
     stopped(recipe(dir.path()), &out, false, 4);
     let state = fs::read(out.join("state.safetensors")).unwrap();
-    // A folder in the way of the file that becomes the new state.
+    // A folder blocks the file that would become the new state.
     fs::create_dir(out.join(format!("state.safetensors.{}.partial", std::process::id()))).unwrap();
     let mut trainer = Trainer::new(recipe(dir.path()), &out, true).unwrap();
     let error = trainer.run(&mut on).unwrap_err();
@@ -318,7 +318,7 @@ fn what_is_measured_by_is_not_learnt_from() {
     // No blocks are held out of the data beside it.
     assert_eq!(open(of((0, 30)), of((30, 40))).unwrap(), (30, 10));
     let error = open(of((0, 30)), Selection::of(dir.path().join("."))).unwrap_err().to_string();
-    assert!(error.starts_with("validation: expected rows that are not learnt from, got "), "{error}");
+    assert!(error.starts_with("validation: expected rows that are not in the training data, got "), "{error}");
 }
 
 fn resnet(data: &Path) -> Recipe {

@@ -26,7 +26,7 @@ use crate::{
 };
 use lapwing_core::{files, hash::sha256, perception::Resize};
 
-/// Plateau: epochs without a better error, and the factor then.
+/// Plateau: epochs without a better error, and the factor applied then.
 const PLATEAU: (usize, f64) = (3, 0.1);
 
 /// A training in its folder.
@@ -38,7 +38,7 @@ pub struct Trainer {
     device: Device,
     inputs: Inputs,
     network: Network,
-    /// The mean over past weights; what is measured and saved where there is one.
+    /// The mean over past weights; measured and saved if there is one.
     average: Option<Network>,
     stepper: Stepper,
     training: (Arc<Samples>, Arc<Cache>),
@@ -48,12 +48,12 @@ pub struct Trainer {
     _stores: Vec<VarStore>,
 }
 
-/// (B, outputs) of a batch; the speed only where the network takes it.
+/// (B, outputs) for a batch; the speed is used only if the network takes it.
 pub(super) fn forward(network: &Network, batch: &Tensors, train: bool) -> Result<Tensor, NnError> {
     network.forward(&batch.frames, network.design().speed.then_some(&batch.speed), train)
 }
 
-/// What stands in the folder, and the network: all that can be said without data.
+/// What is in the folder, and the network: all that is known without data.
 fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, Architecture, Design), TrainError> {
     recipe.check()?;
     let stored = preparation::stored(out, resume)?;
@@ -73,7 +73,7 @@ fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, A
 }
 
 impl Trainer {
-    /// Whether a training could begin, as far as can be told without its data, which may be still to be recorded.
+    /// Checks whether a training could begin, as far as possible without its data, which may still have to be recorded.
     ///
     /// # Errors
     /// [`TrainError`].
@@ -81,9 +81,9 @@ impl Trainer {
         begun(recipe, out, resume).map(drop)
     }
 
-    /// Opens the data and draws the first weights. If `resume`, goes on with what is in `out`, or begins where nothing
-    /// is; the recipe must be the one that the training there began with, but for settings that do not affect training:
-    /// more epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
+    /// Opens the data and draws the first weights. If `resume`, continues the training in `out`, or begins one if there
+    /// is none; the recipe must be the one that the training there began with, except for settings that do not affect
+    /// training: more epochs (unless the schedule is a cosine over them), patience, cache, how weights are stored.
     ///
     /// # Errors
     /// [`TrainError`].
@@ -108,7 +108,7 @@ impl Trainer {
 
         let device = Device::cuda_if_available();
         if inputs.bf16 && device == Device::Cpu && !nn::runtime::knows_bf16() {
-            tracing::warn!("this processor knows no bf16: training is many times faster with precision f32");
+            tracing::warn!("this processor does not support bf16: training is many times faster with precision f32");
         }
         tch::manual_seed(recipe.seed as i64);
         let fresh = || {
@@ -127,7 +127,7 @@ impl Trainer {
         if network.normalises_by_batch() {
             let got = recipe.batch.min(recipe.samples_per_epoch.unwrap_or(samples.0));
             if got < 2 {
-                let (name, expected) = ("batch", "at least 2 samples: batch norm goes by how they differ");
+                let (name, expected) = ("batch", "at least 2 samples: batch norm depends on how they differ");
                 return Err(TrainError::Setting { name, expected, got: got.to_string() });
             }
         }
@@ -183,7 +183,7 @@ impl Trainer {
         let count = self.recipe.samples_per_epoch.unwrap_or(self.training.0.samples.len());
         let mut order = self.training.0.draw(count, self.recipe.seed, epoch as u64);
         if self.network.normalises_by_batch() && order.len() % self.recipe.batch == 1 {
-            // The statistics of a last batch of one would be noise.
+            // The statistics of a last batch with a single sample would be noise.
             order.pop();
         }
         Ok(Loader::start(
@@ -227,14 +227,14 @@ impl Trainer {
         }
         let model = self.out.join(MODEL);
         if !model.exists() {
-            // Stopped in the first epoch, or somebody took it away: better these weights than none.
+            // Stopped in the first epoch, or the file was removed: these weights are better than none.
             self.save_model(&model)?;
         }
         let bytes = fs::read(&model).map_err(TrainError::io("read the model", &model))?;
         Ok(TrainOutcome { model, sha256: sha256(&bytes), kept: state::epoch_of(&bytes), finished })
     }
 
-    /// One pass; `None` where it was stopped, and its state saved.
+    /// One pass; `None` if it was stopped, with its state saved.
     fn epoch(&mut self, watch: &mut dyn FnMut(Progress<'_>) -> Go) -> Result<Option<TimedEpoch>, TrainError> {
         let number = self.position.epoch;
         let loader = self.batches(number, self.position.step)?;
@@ -290,13 +290,13 @@ impl Trainer {
         Tensors::new(batch, &self.inputs, outputs, self.device)
     }
 
-    /// Moves the weights by one step of the width `rate`, unless the loss is no number. Says the loss and the steering
-    /// answered before.
+    /// Updates the weights by one step of the width `rate`, unless the loss is not a number. Returns the loss and the
+    /// steering answered before.
     ///
     /// # Errors
     /// [`TrainError::Network`].
     pub fn learn(&mut self, tensors: &Tensors, rate: f64) -> Result<(f64, Vec<f64>), TrainError> {
-        // What dropout rolls follows from the step alone, so that going on rolls the same.
+        // Dropout depends only on the step, so that a resumed training draws the same.
         tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
         let answer = forward(&self.network, tensors, true)?.f_to_kind(Kind::Float)?;
         let loss = answer.f_mse_loss(&tensors.labels, Reduction::Mean)?;
@@ -306,7 +306,7 @@ impl Trainer {
             loss.f_backward()?;
             self.stepper.step(rate)?;
             if let (Some(average), Some(share)) = (&self.average, self.recipe.ema) {
-                // At first the mean follows quickly: its beginning is noise.
+                // At first the mean follows quickly, as the initial weights are noise.
                 let steps = self.position.steps as f64;
                 copy(&self.network, average, share.min((1.0 + steps) / (10.0 + steps)))?;
             }
@@ -326,11 +326,11 @@ impl Trainer {
             }
     }
 
-    /// Keeps what an epoch has come to. The state comes last: where that is not written any more, the epoch is done
-    /// again, and all else written once more.
+    /// Saves the results of an epoch. The state comes last: if it is not written, the epoch is repeated, and everything
+    /// else is written again.
     fn close_epoch(&mut self, timed: TimedEpoch, events: &mut Option<Events>) -> Result<(), TrainError> {
         if !self.out.join(STATE).exists() {
-            self.save_state()?; // so that a model never stands in the folder without what goes on from it
+            self.save_state()?; // so that the folder never holds a model without its resume state
         }
         self.position.epoch += 1;
         self.position.step = 0;
@@ -374,7 +374,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// All tensors that going on takes.
+    /// All tensors needed to resume.
     fn state(&self) -> Vec<(String, Tensor)> {
         let weights = self.network.tensors().into_iter().map(|(name, tensor)| (format!("weights.{name}"), tensor));
         let average = self.average.iter().flat_map(Network::tensors);
@@ -392,7 +392,7 @@ fn borrow(tensors: &[(String, Tensor)]) -> Vec<(String, &Tensor)> {
     tensors.iter().map(|(name, tensor)| (name.clone(), tensor)).collect()
 }
 
-/// Moves the weights of `to` towards those of `from`; `share` of what they were is kept. Buffers are copied.
+/// Moves the weights of `to` towards those of `from`, keeping `share` of their old values. Buffers are copied.
 fn copy(from: &Network, to: &Network, share: f64) -> Result<(), TrainError> {
     no_grad(|| {
         for ((_, from), (_, mut to)) in from.tensors().into_iter().zip(to.tensors()) {

@@ -19,7 +19,7 @@ use lapwing_score::{
 /// A drive, counted, scored and recorded.
 pub(super) struct Account {
     dialect: Option<Dialect>,
-    /// None where nobody wants a file, or none could be made.
+    /// None if no file is wanted, or if it could not be made.
     recorder: Option<Recorder>,
     scorer: Scorer,
     steers: u64,
@@ -37,7 +37,7 @@ impl Account {
         Self { dialect, recorder: recorder.flatten(), scorer: Scorer::live(roads), steers: 0, manuals: 0 }
     }
 
-    /// Closes the file and says what there is to say.
+    /// Closes the file and returns the summary.
     pub fn finish(self, simulator: String) -> Summary {
         let run = self.recorder.map(|recorder| {
             let report = recorder.finish();
@@ -53,7 +53,7 @@ impl Account {
     }
 }
 
-/// Counts, and shows what it is shown to those who score and record.
+/// Counts what it is shown, and passes it on to the scorer and the recorder.
 impl Observer<Elsewhere> for Account {
     fn turn(&mut self, world: &Elsewhere, turn: &Turn) -> Result<(), ObserverError> {
         match turn.answer {
@@ -70,7 +70,7 @@ impl Observer<Elsewhere> for Account {
     }
 }
 
-/// Where the run lies and what of it.
+/// The file of a run, and how complete it is.
 #[derive(Debug, Clone, Serialize)]
 pub struct Recorded {
     /// The file.
@@ -84,7 +84,8 @@ pub struct Recorded {
     pub error: Option<String>,
 }
 
-/// What is said of a drive at its end. Its figures are those of the scorecard that `lapwing score` makes of the run's file.
+/// What is reported about a drive at its end. Its figures are those of the scorecard that `lapwing score` makes from
+/// the run's file.
 ///
 /// As JSON it is one object: `simulator`, `dialect`, `telemetries`, `human_messages`, all keys of a [`Scorecard`], `run`.
 #[derive(Debug, Clone, Serialize)]
@@ -93,19 +94,19 @@ pub struct Summary {
     pub simulator: String,
     /// Which simulator it was.
     pub dialect: Option<Dialect>,
-    /// Messages answered with a command, those that could not be read included.
+    /// Messages answered with a command, including those that could not be read.
     pub telemetries: u64,
     /// Messages that were left to the human who drove.
     pub human_messages: u64,
-    /// The judgement, as far as it can be told without the whole run.
+    /// The judgement, as far as it is possible without the whole run.
     #[serde(flatten)]
     pub card: Scorecard,
-    /// Where the run lies.
+    /// The recorded run.
     pub run: Option<Recorded>,
 }
 
 impl Summary {
-    /// A count of the scorecard; 0 where it has none.
+    /// A count from the scorecard; 0 if it has none.
     pub fn count(&self, figure: Figure) -> u64 {
         self.card.value(figure).map_or(0, |count| count as u64)
     }

@@ -24,21 +24,21 @@ use tokio::sync::{Notify, mpsc};
 use super::{Bridge, guests::Peer, load::Load, session::Session, throttled::Throttled};
 use lapwing_core::protocol::{Answer, Dialect};
 
-/// Messages of one client that may wait; one that sends more without waiting for answers loses the rest.
+/// Messages of one client that may wait; if it sends more without waiting for answers, the rest are lost.
 const WAITING: usize = 64;
 
-/// Bytes of binary attachments that one client's event may have. No event that is understood has any.
+/// Bytes of binary attachments that one client's event may have. No known event has any.
 const ATTACHMENTS: usize = 64 << 10;
 
 /// An event on its way to the client's session.
 struct Incoming {
     received: Instant,
     name: String,
-    /// Its text; absent where the event has no argument, or none that JSON can say.
+    /// Its text; absent if the event has no argument, or one that is not JSON.
     payload: Option<Box<RawValue>>,
 }
 
-/// An event's first argument as it came: as values it could take up many times its text.
+/// An event's first argument as text: parsed into values it could take many times the memory.
 struct Argument(Box<RawValue>);
 
 impl<'de> Deserialize<'de> for Argument {
@@ -61,7 +61,7 @@ impl<'de> Deserialize<'de> for Argument {
 }
 
 impl Incoming {
-    /// What it takes up while it waits, in bytes.
+    /// The memory it uses while it waits, in bytes.
     fn bytes(&self) -> usize {
         size_of::<Self>() + self.name.len() + self.payload.as_ref().map_or(0, |payload| payload.get().len())
     }
@@ -71,8 +71,8 @@ impl Incoming {
 pub(super) fn service(bridge: Arc<Bridge>) -> Router {
     let most = bridge.settings.bridge.limits.message();
     let (layer, io) = SocketIo::builder()
-        // A client that leaves without a word is missed after 20 s instead of 45, and the connections of one that
-        // polls are never idle for long.
+        // A client that leaves silently is noticed after 20 s instead of 45, and the connections of a polling client
+        // are never idle for long.
         .ping_interval(Duration::from_secs(5))
         .ping_timeout(Duration::from_secs(15))
         .max_payload(most as u64)
@@ -86,12 +86,12 @@ pub(super) fn service(bridge: Arc<Bridge>) -> Router {
 
 async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
     let peer = socket.req_parts().extensions.get::<Peer>().map(|peer| peer.address);
-    // Without it the gate has been left out, as no code of this crate does.
+    // It is absent only if the gate was bypassed, which no code of this crate does.
     let peer = peer.unwrap_or_else(|| ([0, 0, 0, 0], 0).into());
     let most = bridge.settings.bridge.limits.connections();
     if bridge.connections().len() >= most {
         bridge.turned_away(peer, format_args!("{most} drives are open (bridge.limits.connections)"));
-        let _ = socket.disconnect(); // an error is a client that is gone already
+        let _ = socket.disconnect(); // an error means that the client has left already
         return;
     }
     if let Some(more) = bridge.clients.due(Instant::now()) {
@@ -106,7 +106,7 @@ async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
         queue.push(Incoming { received: Instant::now(), name, payload: payload.ok().map(|payload| payload.0) });
         async {}
     });
-    // The queue does not say that the client has left: the socket's own handler holds its other end.
+    // The queue does not show that the client has left: the socket's own handler holds its other end.
     let gone = Arc::<Notify>::default();
     let tell = gone.clone();
     socket.on_disconnect(move || {
@@ -122,7 +122,7 @@ struct EventQueue {
     sender: mpsc::Sender<Incoming>,
     load: Arc<Mutex<Load>>,
     peer: SocketAddr,
-    /// Lines on events that are lost.
+    /// Log lines about lost events.
     crowded: Throttled,
 }
 
@@ -169,7 +169,7 @@ async fn serve(
             () = gone.notified() => break "the client has left",
             () = &mut stopped => {
                 if let Some((answer, dialect)) = session.farewell() {
-                    let _ = emit(&socket, answer, dialect); // an error is a client that is gone already
+                    let _ = emit(&socket, answer, dialect); // an error means that the client has left already
                 }
                 let _ = socket.disconnect(); // likewise
                 break "the bridge was stopped";
@@ -181,7 +181,7 @@ async fn serve(
 
 fn answer(socket: &SocketRef, session: &mut Session, Incoming { received, name, payload }: Incoming) {
     let reply = session.aside(|session| {
-        // The session slices the image out of the text that it lies in.
+        // The session takes the image as a slice of the text.
         let text = payload.map_or(Bytes::from_static(b"null"), |payload| {
             let text: Box<str> = payload.into();
             Bytes::from(text.into_string())

@@ -1,12 +1,10 @@
 //! Who may connect: programs that use this machine's names, not pages in a browser.
 //!
-//! A browser lets any page of the web talk to this port, and says so in
-//! `Origin`. No simulator sends one, so a request that has one is turned away,
-//! but for origins that the settings allow. A page may also give its own name
-//! this machine's address (DNS rebinding) and so be of this very origin; its
-//! `Host` is then that name, so `Host` must be a name of this machine. The port
-//! in it is not looked at: a tunnel has another one, and a page cannot choose
-//! the address that a name like `localhost` has.
+//! A browser lets any page of the web talk to this port, and says so in `Origin`. No simulator sends one, so a request
+//! with an origin is refused unless the settings allow it. A page may also point its own name at this machine's address
+//! (DNS rebinding) and so share this very origin; its `Host` is then that name, so `Host` must be a name of this
+//! machine. The port in it is ignored: a tunnel has another one, and a page cannot choose the address of a name like
+//! `localhost`.
 
 use std::{net::IpAddr, sync::Arc, time::Instant};
 
@@ -21,30 +19,30 @@ use axum::{
 use super::{Bridge, guests::Peer};
 use lapwing_core::config;
 
-/// Why a request is turned away.
+/// Why a request is refused.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 enum Refused {
-    /// `Host` is no name of this machine.
+    /// `Host` is not a name of this machine.
     #[error(
         "the Host header: expected localhost, {expected} or a name in bridge.allow_hosts, got {got:?}; if that is this machine, put it into bridge.allow_hosts"
     )]
     Host {
-        /// What it may be besides.
+        /// What else it may be.
         expected: String,
         /// What it is.
         got: String,
     },
-    /// A page of the web asks.
+    /// The request comes from a web page.
     #[error(
         "the Origin header: expected none or one in bridge.allow_origins, got {0:?}; if you trust that page, put its origin into bridge.allow_origins"
     )]
     Page(String),
-    /// A page of the web asks without saying which.
+    /// The request comes from a web page that does not say which.
     #[error("request from another site: expected a program, or a page whose origin is in bridge.allow_origins")]
     Site,
 }
 
-/// Looks at each request before anything else does.
+/// Checks each request before anything else sees it.
 pub(super) async fn ask(
     State((bridge, bound)): State<(Arc<Bridge>, IpAddr)>,
     Extension(peer): Extension<Peer>,
@@ -71,7 +69,7 @@ pub(super) async fn ask(
     }
 }
 
-/// Whether the request may go on; the origin of a page that the settings allow.
+/// Checks whether the request is allowed; returns the page's origin, if the settings allow it.
 fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) -> Result<Option<HeaderValue>, Refused> {
     let headers = request.headers();
     let host = text(headers, header::HOST.as_str());
@@ -84,7 +82,7 @@ fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) ->
         return Err(Refused::Host { expected, got: host.chars().take(100).collect() });
     }
     let Some(origin) = headers.get(header::ORIGIN) else {
-        // A browser leaves the origin out where a page shows a picture or a frame from here; it says so in another way.
+        // A browser sends no origin when a page shows a picture or a frame from here; it sends another header instead.
         return match text(headers, "sec-fetch-site") {
             "cross-site" | "same-site" if changes_something(request) => Err(Refused::Site),
             _ => Ok(None),
@@ -92,7 +90,8 @@ fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) ->
     };
     let listed =
         settings.allow_origins.iter().any(|allowed| origin.as_bytes().eq_ignore_ascii_case(allowed.as_bytes()));
-    // python-socketio's WebSocket names the server itself as its origin. No page is served here, so no page has it.
+    // python-socketio's WebSocket names the server itself as its origin. No page is served from here, so no page can
+    // have this origin.
     let own = origin.to_str().is_ok_and(|o| o.split_once("://").is_some_and(|(_, o)| o.eq_ignore_ascii_case(host)));
     let simulator = text(headers, header::USER_AGENT.as_str()).starts_with("websocket-sharp/");
     let ordinary = request.uri().path().starts_with("/socket.io") && !simulator;
@@ -103,7 +102,7 @@ fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) ->
     }
 }
 
-/// All but the greeting at `/`.
+/// True for all requests but the greeting at `/`.
 fn changes_something(request: &Request) -> bool {
     !(request.method().is_safe() && request.uri().path() == "/")
 }
@@ -124,8 +123,9 @@ fn is_this_machine(name: &str, bound: IpAddr, allowed: &[String]) -> bool {
     if name.eq_ignore_ascii_case("localhost") || allowed.iter().any(|allowed| allowed.eq_ignore_ascii_case(name)) {
         return true;
     }
-    // A tunnel to another address of this machine begins at a loopback address; an address, unlike a name, cannot be
-    // made to point elsewhere, so where all are listened on each will do (NAT has others than the machine).
+    // A tunnel to another address of this machine begins at a loopback address. An address, unlike a name, cannot be
+    // made to point elsewhere, so when listening on all addresses any will do (behind NAT, clients use addresses that
+    // the machine does not have).
     name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback() || bound.is_unspecified() || address == bound)
 }
 

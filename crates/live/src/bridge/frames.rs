@@ -1,9 +1,8 @@
-//! A WebSocket's bytes, looked at frame by frame before anybody unpacks them:
-//! how large a message grows, and whether it comes to anything.
+//! Checks a WebSocket's bytes frame by frame before they are unpacked: how large a message grows, and whether it has
+//! any content.
 //!
-//! Fragments without content and pings without end cost as much as telemetry
-//! and are none, so anyone who sends them is dropped. The simulator's own
-//! fragments hold 1016 bytes, its pings come 25 s apart.
+//! Empty fragments and endless pings cost as much as telemetry without being any, so a client that sends them is
+//! dropped. The simulator's own fragments hold 1016 bytes, its pings come 25 s apart.
 
 use std::{
     io,
@@ -25,14 +24,14 @@ use super::{
     load::{Abuse, Load},
 };
 
-/// Fragments that a message may have whatever they hold.
+/// Fragments that a message may have whatever their size.
 const FREE_FRAGMENTS: usize = 64;
-/// And one more for so many bytes.
+/// One more fragment is allowed for each of this many bytes.
 const FRAGMENT: usize = 128;
 
-/// A message of fewer bytes says nothing: `2` is a ping, `41` a goodbye.
+/// A message of fewer bytes has no content: `2` is a ping, `41` a goodbye.
 const SAYS_NOTHING: usize = 8;
-/// So many of them a second, control frames included.
+/// How many of those are allowed per second, control frames included.
 const CHATTER: u32 = 256;
 
 /// Bytes that a control frame may have (RFC 6455, 5.5).
@@ -48,13 +47,13 @@ struct FramePosition {
     have: usize,
     /// Bytes of the frame's payload still to come.
     left: u64,
-    /// A message has begun and its last fragment has not.
+    /// Whether a message has begun whose last fragment has not.
     open: bool,
-    /// Which message it is, how many bytes and fragments of it were announced.
+    /// Number of the message, and how many of its bytes and fragments were announced.
     number: u64,
     bytes: usize,
     fragments: usize,
-    /// Messages that say nothing, since when.
+    /// Messages without content, and since when they are counted.
     chatter: u32,
     since: Option<Instant>,
 }
@@ -75,7 +74,7 @@ impl FramePosition {
         }
     }
 
-    /// Whether nothing is under way: neither a message nor a frame.
+    /// Whether neither a message nor a frame is incomplete.
     fn at_rest(&self) -> bool {
         !self.open && self.left == 0 && self.have == 0
     }
@@ -123,7 +122,7 @@ impl FramePosition {
         };
         let (last, kind) = (first & 0x80 != 0, first & 0x0f);
         if kind >= 8 {
-            // Ping, pong, close. Their bytes are counted nowhere, so there must be few.
+            // Ping, pong, close. Their bytes are not counted elsewhere, so there must be few.
             return if self.left > CONTROL { Err(Abuse::Control(self.left)) } else { self.says_nothing(now) };
         }
         if !self.open {
@@ -152,14 +151,14 @@ impl FramePosition {
     }
 }
 
-/// A WebSocket's stream that ends with an error where its frames come to nothing.
+/// A WebSocket's stream that ends with an error if its frames are abusive.
 pub(super) struct Watched<S> {
     socket: S,
     /// What was read of it before.
     ahead: Bytes,
     frames: FramePosition,
     load: Load,
-    /// Until when the large message must be there, and which it is.
+    /// The number of a large message, and when it must be complete.
     deadline: Option<(u64, Pin<Box<Sleep>>)>,
     patience: Duration,
     peer: SocketAddr,
@@ -195,7 +194,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Watched<S> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let this = &mut *self;
         if this.frames.at_rest() {
-            // Who reads on has dealt with what came before; a ping that comes next is no larger for it.
+            // The reader has finished with the previous bytes, which must not count towards a ping that comes next.
             this.frames.bytes = 0;
             this.load.shrink(usize::MAX);
             this.deadline = None;
@@ -260,11 +259,11 @@ mod tests {
             }
         }
         bytes.extend([7; 4]);
-        bytes.resize(bytes.len() + payload, 0x82); // looks like a header, is none
+        bytes.resize(bytes.len() + payload, 0x82); // looks like a header but is not one
         bytes
     }
 
-    /// A message in fragments of so many bytes.
+    /// A message in fragments of a given size.
     fn message(bytes: usize, fragment: usize) -> Vec<u8> {
         let count = bytes.div_ceil(fragment).max(1);
         let part = |i: usize| {

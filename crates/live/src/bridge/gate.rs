@@ -1,13 +1,11 @@
 //! Tells simulators from ordinary Socket.IO clients.
 //!
-//! The stock simulator is known by its user agent. Other builds are known by
-//! talking first: an ordinary client of Engine.IO 4 waits for the server's OPEN
-//! packet before it says anything, a simulator that only claims `EIO=4` does
-//! not. So a WebSocket of an unknown user agent is opened here and listened to
-//! for a moment. If it keeps still, socketioxide gets it after all: its server
-//! reads the same request head again from the same connection, and the second
-//! `101` is kept from the client, who has had one. All WebSockets of ordinary
-//! clients go that way, so that what they send is watched before it is unpacked.
+//! The stock simulator is recognised by its user agent. Other builds are recognised because they talk first: an
+//! ordinary client of Engine.IO 4 waits for the server's OPEN packet before it sends anything; a simulator that only
+//! claims `EIO=4` does not. So a WebSocket with an unknown user agent is opened here and listened to for a moment. If
+//! it stays silent, it is passed to socketioxide: its server reads the same request head again from the same
+//! connection, and the second `101` is withheld from the client, which has had one. All WebSockets of ordinary clients
+//! take this route, so that their bytes are checked before they are unpacked.
 
 use std::{
     future::poll_fn,
@@ -48,12 +46,11 @@ use super::{
     simulator,
 };
 
-/// How long an unknown WebSocket is listened to. A simulator speaks within a
-/// game frame or two; an ordinary client that dials without polling first
-/// starts this much later.
+/// How long an unknown WebSocket is listened to. A simulator talks within a game frame or two; an ordinary client that
+/// connects without polling first is delayed by this much.
 const LISTEN: Duration = Duration::from_millis(250);
 
-/// Bytes of a simulator's WebSocket that are unpacked before others have their turn.
+/// Bytes of a simulator's WebSocket that are unpacked before other connections get their turn.
 const READ: usize = 16 << 10;
 
 #[derive(Clone)]
@@ -62,7 +59,7 @@ struct Gate {
     clients: Router,
 }
 
-/// The service behind every path that is no page of ours.
+/// The service for every path that is not one of our pages.
 pub(super) fn service(bridge: Arc<Bridge>) -> Router {
     let clients = clients::service(bridge.clone());
     Router::new().fallback(enter).with_state(Gate { bridge, clients })
@@ -83,10 +80,10 @@ async fn enter(State(gate): State<Gate>, Extension(peer): Extension<Peer>, reque
     }
 }
 
-/// A request that wants no WebSocket: a client that polls, or somebody who has lost his way.
+/// A request without a WebSocket: a polling client, or a stray request.
 async fn http(request: Request, gate: Gate, peer: &Peer) -> Response {
     peer.is(Role::Http);
-    // socketioxide would open one whatever is asked for in `Upgrade`, and nobody would watch it.
+    // socketioxide would open a WebSocket whatever `Upgrade` asks for, and its frames would not be checked.
     if query(&request).any(|part| part.starts_with("transport=websocket")) {
         let why = "expected Upgrade: websocket and a Sec-WebSocket-Key";
         return refuse(&gate.bridge, peer, StatusCode::BAD_REQUEST, why);
@@ -107,7 +104,7 @@ async fn http(request: Request, gate: Gate, peer: &Peer) -> Response {
     let posts = request.method() == Method::POST;
     let request = request.map(|body| Body::new(Counted::new(body, gate.bridge.clone(), peer.address)));
     let mut answer = pin!(gate.clients.oneshot(request));
-    // A body may hold thousands of messages, which are all dealt with in one go.
+    // A body may hold thousands of messages, which are all handled at once.
     let answer =
         poll_fn(|cx| if posts { block_in_place(|| answer.as_mut().poll(cx)) } else { answer.as_mut().poll(cx) });
     match answer.await {
@@ -123,11 +120,11 @@ fn refuse(bridge: &Bridge, peer: &Peer, status: StatusCode, why: &str) -> Respon
 
 enum Caller {
     Simulator,
-    /// A WebSocket of whom it is not known yet.
+    /// A WebSocket that is not identified yet.
     Unknown,
     /// An ordinary client's WebSocket.
     Client,
-    /// No WebSocket.
+    /// Not a WebSocket.
     Http,
 }
 
@@ -140,10 +137,10 @@ impl Caller {
             && request.headers().contains_key(header::SEC_WEBSOCKET_KEY);
         match () {
             () if !dials => Self::Http,
-            // Polling has begun this client's session: its WebSocket goes on with it.
+            // Polling began this client's session, which its WebSocket continues.
             () if query(request).any(|part| part.starts_with("sid=")) => Self::Client,
             () if header(header::USER_AGENT).starts_with("websocket-sharp/") => Self::Simulator,
-            // No build of the simulator says where it is from.
+            // No build of the simulator sends an origin.
             () if request.headers().contains_key(header::ORIGIN) => Self::Client,
             () if query(request).any(|part| part == "EIO=4") => Self::Unknown,
             () => Self::Client,
@@ -186,7 +183,7 @@ where
     WebSocketStream::from_raw_socket(socket, End::Server, Some(config)).await
 }
 
-/// Waits for the first words of an unknown WebSocket and passes it on accordingly.
+/// Waits for the first bytes of an unknown WebSocket and passes it on accordingly.
 async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: Peer) {
     let mut read = BytesMut::with_capacity(4096);
     let first = tokio::time::timeout(LISTEN, async {
@@ -215,14 +212,14 @@ async fn listen(mut socket: Socket, head: Bytes, gate: Gate, peer: Peer) {
     }
 }
 
-/// Serves a simulator; `read` is what it has said so far.
+/// Serves a simulator; `read` is what it has sent so far.
 async fn play(socket: Socket, read: Bytes, gate: Gate, peer: Peer) {
     peer.is(Role::Simulator);
     let socket = Watched::new(socket, read, gate.bridge.clone(), peer.address);
     simulator::run(websocket(socket, &gate.bridge).await, gate.bridge, peer.address).await;
 }
 
-/// Hands a WebSocket that is open already to socketioxide; `read` is what it has said so far.
+/// Passes a WebSocket that is already open to socketioxide; `read` is what it has sent so far.
 async fn pass_on(socket: Socket, head: Bytes, read: Bytes, gate: Gate, peer: Peer) {
     peer.is(Role::Client);
     let address = peer.address;
@@ -258,7 +255,7 @@ fn first_words(bytes: &[u8]) -> Option<[u8; 2]> {
     Some([payload[0] ^ mask[0], payload[1] ^ mask[1]])
 }
 
-/// The request as it came, for a server that has not seen it.
+/// The request's text as received, for a server that has not seen it.
 fn head(request: &Request) -> Bytes {
     let mut text = Vec::with_capacity(512);
     let version = if request.version() == Version::HTTP_10 { "1.0" } else { "1.1" };
@@ -274,7 +271,7 @@ fn head(request: &Request) -> Bytes {
     text.into()
 }
 
-/// A connection whose request head can be read once more and whose first response head stays here.
+/// A connection whose request head can be read again and whose first response head is withheld.
 struct ReplayedHead {
     incoming: Bytes,
     head: Vec<u8>,
@@ -308,7 +305,7 @@ impl AsyncWrite for ReplayedHead {
             return Poll::Ready(Err(io::Error::other("the client was refused after its WebSocket was opened")));
         }
         self.head_is_over = true;
-        Poll::Ready(Ok(end - before)) // what follows the head is written by the next call
+        Poll::Ready(Ok(end - before)) // the next call writes what follows the head
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {

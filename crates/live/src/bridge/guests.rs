@@ -13,19 +13,19 @@ use tokio::sync::Notify;
 use super::throttled::Throttled;
 use lapwing_core::words::first_five;
 
-/// How long a newcomer waits for a place before it is turned away. One waits at a time: a simulator that dials again
-/// as soon as it is turned away costs a try a second, not thousands.
+/// How long a newcomer waits for a place before it is turned away. Only one waits at a time: a simulator that redials
+/// as soon as it is turned away costs one try a second, not thousands.
 const WAIT: Duration = Duration::from_secs(1);
 
-/// How long a polling client's session lives that is opened and never heard of again.
+/// How long a polling client's session lives if it is opened and never used again.
 const FORGOTTEN: Duration = Duration::from_secs(20);
 
 /// What a connection has turned out to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
-    /// It has asked for nothing yet.
+    /// It has not asked for anything yet.
     Silent,
-    /// It asks by HTTP, as clients do that poll.
+    /// It uses HTTP, as polling clients do.
     Http,
     Simulator,
     /// The WebSocket of an ordinary Socket.IO client.
@@ -50,7 +50,7 @@ pub(super) struct Guests {
     present: Mutex<Present>,
     /// A place has become free.
     left: Notify,
-    /// Lines on newcomers that found no place.
+    /// Log lines about newcomers that found no place.
     full: Throttled,
 }
 
@@ -58,7 +58,7 @@ pub(super) struct Guests {
 struct Present {
     guests: HashMap<u64, (IpAddr, Role)>,
     next_id: u64,
-    /// When polling clients opened their sessions, of late.
+    /// When polling clients recently opened their sessions.
     sessions: VecDeque<Instant>,
 }
 
@@ -69,7 +69,7 @@ pub(super) struct Seat {
     guests: Arc<Guests>,
 }
 
-/// Who dialled: goes with each request of a connection.
+/// The peer of a connection; accompanies each of its requests.
 #[derive(Debug, Clone)]
 pub(super) struct Peer {
     pub address: SocketAddr,
@@ -148,7 +148,7 @@ impl Guests {
 }
 
 impl Peer {
-    /// Tells what the connection has turned out to be.
+    /// Records what the connection has turned out to be.
     pub fn is(&self, role: Role) {
         if let Some((_, known)) = self.guests.lock().guests.get_mut(&self.id) {
             *known = role;

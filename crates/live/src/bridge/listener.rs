@@ -1,10 +1,8 @@
-//! The TCP side: binding with a helpful word, `TCP_NODELAY`, and `TCP_QUICKACK`
-//! after every read.
+//! The TCP side: binding with helpful errors, `TCP_NODELAY`, and `TCP_QUICKACK` after every read.
 //!
-//! The simulator writes a telemetry in 21 pieces with Nagle on: its last piece
-//! waits until the piece before is acknowledged, and Linux delays that by 40 ms.
-//! `TCP_QUICKACK` turns the delay off, but only for a while, so it is set again
-//! after each read; once at accept does not help (44 ms a frame against 0.2 ms).
+//! The simulator writes a telemetry in 21 pieces with Nagle on: its last piece waits until the piece before is
+//! acknowledged, and Linux delays that by 40 ms. `TCP_QUICKACK` turns the delay off, but only for a while, so it is set
+//! again after each read; setting it once at accept does not help (44 ms per frame instead of 0.2 ms).
 
 use std::{
     io,
@@ -23,24 +21,24 @@ use tokio::{
 
 use super::{guests::Seat, throttled::Throttled};
 
-/// Bytes that one connection is read of before others have their turn. A telemetry is 21 KB, which arrive in pieces.
+/// Bytes read from one connection before others get their turn. A telemetry is 21 KB, which arrive in pieces.
 const TURN: usize = 16 << 10;
 
-/// A port that cannot be had.
+/// A port that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum BindError {
-    /// Somebody else listens there.
+    /// Another program listens there.
     #[error("port {port} is taken{}: end that program, or choose another port with --port (the simulator connects only to port 4567)", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
     Taken {
         /// The port.
         port: u16,
-        /// The process, where the system tells.
+        /// The process, if the system reports it.
         holder: Option<String>,
     },
     /// Anything else.
     #[error("cannot listen on {address}: {source}")]
     Io {
-        /// What was to be listened on.
+        /// The address to listen on.
         address: SocketAddr,
         /// Why not.
         source: io::Error,
@@ -58,7 +56,7 @@ impl Listener {
     /// Listens. Port 0 takes a free one, see [`Listener::address`].
     ///
     /// # Errors
-    /// [`BindError`], with the process that holds the port where Linux tells it.
+    /// [`BindError`], with the process that holds the port, if Linux reports it.
     pub async fn bind(address: SocketAddr) -> Result<Self, BindError> {
         let inner = TcpListener::bind(address).await.map_err(|source| match source.kind() {
             io::ErrorKind::AddrInUse => BindError::Taken { port: address.port(), holder: holder_of(address.port()) },
@@ -68,14 +66,14 @@ impl Listener {
         Ok(Self { inner, address, troubles: Throttled::default() })
     }
 
-    /// The address that is listened on.
+    /// The listening address.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 }
 
 impl Listener {
-    /// The next who dials.
+    /// The next connection.
     pub(super) async fn accept(&self) -> (QuickAck, SocketAddr) {
         loop {
             match self.inner.accept().await {
@@ -90,7 +88,7 @@ impl Listener {
                     if let Some(more) = self.troubles.due(Instant::now()) {
                         tracing::warn!("a connection could not be accepted: {error}{more}");
                     }
-                    // Out of file handles, most likely: some come free by and by.
+                    // Out of file handles, most likely: some will become free.
                     sleep(Duration::from_millis(50)).await;
                 }
             }
@@ -98,14 +96,14 @@ impl Listener {
     }
 }
 
-/// A TCP stream that acknowledges at once whatever it reads, and lets others have their turn.
+/// A TCP stream that acknowledges at once whatever it reads, and gives others their turn.
 pub(super) struct QuickAck {
     stream: TcpStream,
-    /// Its place among the connections, kept for as long as it lasts, and how long it may read no answer.
+    /// Its place among the connections, kept for as long as it lasts, and how long it may leave answers unread.
     seat: Option<(Seat, Duration)>,
-    /// Bytes read since there were none.
+    /// Bytes read since a read found none.
     unbroken: usize,
-    /// Until when what waits to be written must be taken.
+    /// The deadline for the peer to take what waits to be written.
     stalled: Option<Pin<Box<Sleep>>>,
 }
 
@@ -114,8 +112,8 @@ impl QuickAck {
         Self { seat: Some((seat, patience)), ..self }
     }
 
-    /// Who asks and never reads the answers would keep his place for good. WebSockets have rules of their own: a paused
-    /// simulator may be slow to read.
+    /// A client that sends requests and never reads the answers would keep its place for good. WebSockets have their
+    /// own rules: a paused simulator may be slow to read.
     fn patiently<T>(&mut self, cx: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         match &self.seat {
             Some((seat, patience)) if written.is_pending() && !seat.is_websocket() => {
@@ -138,7 +136,7 @@ impl QuickAck {
 
 impl AsyncRead for QuickAck {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        // Who reads what never ends would never let go of this thread.
+        // Reading an endless stream would never yield this thread.
         if self.unbroken >= TURN {
             self.unbroken = 0;
             cx.waker().wake_by_ref();
@@ -184,8 +182,8 @@ impl AsyncWrite for QuickAck {
     }
 }
 
-/// The process that listens on a port, by Linux's /proc; `None` where it does not say
-/// (another system, or a process of another user).
+/// The process that listens on a port, by Linux's /proc; `None` if that does not show it (another system, or a process
+/// of another user).
 fn holder_of(port: u16) -> Option<String> {
     let listening = |table: &str| {
         let text = std::fs::read_to_string(table).ok()?;
@@ -226,7 +224,7 @@ mod tests {
         assert!(error.contains(&first.address().port().to_string()) && error.contains(&me), "{error}");
     }
 
-    /// The option is no switch that stays: the kernel leaves it as soon as data flows both ways.
+    /// The option does not stay set: the kernel clears it as soon as data flows both ways.
     #[tokio::test]
     async fn acknowledgements_are_quick_again_after_every_read() {
         use tokio::io::{AsyncReadExt, AsyncWriteExt};

@@ -1,23 +1,23 @@
 //! Liveness of a simulator: when to kick it, and when its connection counts as dead.
 //!
-//! A game of tokens (see `tokens`): each answer lets one telemetry through, so silence after an answer means
-//! that the simulator missed its start, is paused, or has left the scene with the socket open. A kick is an
-//! answer that nobody asked for: it starts a loop that has not started or has lost its token.
+//! A game of tokens (see `tokens`): each answer lets one telemetry through, so silence after an answer means that the
+//! simulator missed the start, is paused, or has left the scene with the socket open. A kick is an answer that nobody
+//! asked for: it starts a loop that has not begun or has lost its token.
 //!
-//! Pings tell a pause from a scene that was left: the client's thread pings on while the game is paused, and is
-//! ended with the scene. So a connection that pings is kept, whoever else dials from its address: one that is
-//! kept too long costs an open file, one that is dropped in error a drive.
+//! Pings tell a pause from a scene that was left: the client's thread keeps pinging while the game is paused, and ends
+//! with the scene. So a connection that pings is kept, whoever else connects from its address: one that is kept too
+//! long costs an open file; one that is dropped in error costs a drive.
 
 use std::time::{Duration, Instant};
 
-/// The longest wait between two kicks, in waits for the first.
+/// The longest wait between two kicks, as a multiple of the wait for the first.
 const LONGEST_WAIT: u32 = 8;
 
-/// With neither a ping nor a telemetry for so long nobody is there.
+/// With neither a ping nor a telemetry for this long, nobody is there.
 const GHOST: Duration = Duration::from_secs(60);
 
-/// The same where a newer connection from the same address plays the same simulator: a ping, due about 25 s after
-/// each pong, has not come.
+/// The same if a newer connection from the same address plays the same simulator: a ping, due about 25 s after each
+/// pong, has not come.
 const PING_MISSED: Duration = Duration::from_secs(30);
 
 /// What is due.
@@ -31,7 +31,7 @@ pub(super) enum Due {
     Superseded,
 }
 
-/// The times that decide.
+/// The times that decide what is due.
 #[derive(Debug)]
 pub(super) struct Liveness {
     /// Silence after which a simulator is kicked.
@@ -40,7 +40,7 @@ pub(super) struct Liveness {
     active: Instant,
     /// Last ping or telemetry, or the connect.
     alive: Instant,
-    /// The last telemetry said that a human drives.
+    /// Whether the last telemetry said that a human drives.
     human: bool,
     timer_driven: bool,
     /// Kicks since the last telemetry.
@@ -75,7 +75,7 @@ impl Liveness {
         self.newer = Some(now);
     }
 
-    /// Whether kicks were sent that no telemetry has come after: the simulator may not have read them.
+    /// Whether no telemetry has come since the last kicks: the simulator may not have read them.
     pub fn has_kicks_open(&self) -> bool {
         self.kicks > 0
     }
@@ -83,7 +83,7 @@ impl Liveness {
     /// What is due next, and when.
     pub fn next(&self) -> (Instant, Due) {
         let ghost = (self.alive + GHOST, Due::Ghost);
-        // A newer connection says nothing of one that has played since.
+        // A newer connection says nothing about one that has played since.
         let newer = self.newer.filter(|newer| *newer > self.active);
         let superseded = newer.map(|newer| (newer.max(self.alive + PING_MISSED), Due::Superseded));
         let wait = self.silence * 2u32.saturating_pow(self.kicks).min(LONGEST_WAIT);
@@ -136,8 +136,8 @@ mod tests {
         assert_eq!(liveness.next(), (start + s(110), Due::Ghost));
     }
 
-    /// What is due of a connection whose last telemetry came at 10 s (a human's, so that nobody kicks), after these
-    /// pings, where a newer one began to play at `newer`.
+    /// What is due for a connection whose last telemetry came at 10 s (a human's, so that there are no kicks), after
+    /// these pings, where a newer one began to play at `newer`.
     fn end(pings: &[u64], newer: u64) -> (u64, Due) {
         let start = Instant::now();
         let mut liveness = Liveness::new(start, s(1));

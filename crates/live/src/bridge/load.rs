@@ -1,9 +1,8 @@
-//! The memory that messages take up, from their first byte until they are answered.
+//! The memory that messages use, from their first byte until they are answered.
 //!
-//! Half of what is allowed is shared out, so that an ordinary message always
-//! finds room; the other half is a pool for large ones. A connection that finds
-//! the pool empty is dropped, and so is one whose large message does not arrive
-//! in time: none can keep the others from theirs.
+//! Half of the limit is divided among connections, so that an ordinary message always finds room; the other half is a
+//! pool for large ones. A connection that finds the pool empty is dropped, and so is one whose large message does not
+//! arrive in time: no connection can starve the others.
 
 use std::{
     collections::HashMap,
@@ -36,23 +35,23 @@ pub(super) enum Abuse {
         /// What is announced or was received, in bytes.
         got: u64,
     },
-    /// All together beyond the limit.
+    /// All messages together beyond the limit.
     #[error("no room for a message of {} KiB: large messages may take up {} MiB together (half of bridge.limits.in_flight_mib), held now by {holders}", wanted >> 10, pool >> 20)]
     NoRoom {
         /// Bytes of the message so far, or announced.
         wanted: usize,
         /// Bytes that the pool has.
         pool: usize,
-        /// Who has them.
+        /// Which connections hold them.
         holders: String,
     },
-    /// It holds room that others may want.
+    /// A large message that arrives too slowly, holding room that others may need.
     #[error("message too slow: expected all of it within {0:?} (bridge.limits.patience_s)")]
     Slow(Duration),
-    /// A message in crumbs.
+    /// A message in tiny fragments.
     #[error("too many fragments: expected at most {most} for {bytes} bytes")]
     Crumbs {
-        /// How many fragments are borne for so many bytes.
+        /// How many fragments are allowed for this many bytes.
         most: usize,
         /// Bytes so far.
         bytes: usize,
@@ -60,7 +59,7 @@ pub(super) enum Abuse {
     /// Work without content.
     #[error("too many pings and empty messages: expected at most {0} a second")]
     Chatter(u32),
-    /// A ping, pong or close that claims to be more than one can be.
+    /// A ping, pong or close longer than allowed.
     #[error("control frame: expected at most 125 bytes, got {0}")]
     Control(u64),
 }
@@ -68,7 +67,7 @@ pub(super) enum Abuse {
 /// The room for all messages.
 #[derive(Debug)]
 pub(super) struct InFlight {
-    /// Bytes of each connection's own.
+    /// Bytes reserved for each connection.
     own: usize,
     /// Bytes of the pool.
     pool: usize,
@@ -82,7 +81,7 @@ struct LoadShares {
     next_id: u64,
 }
 
-/// What one connection's messages take up; nothing any more when dropped.
+/// The memory of one connection's messages; released when dropped.
 #[derive(Debug)]
 pub(super) struct Load {
     of: Arc<InFlight>,
@@ -90,7 +89,7 @@ pub(super) struct Load {
     peer: SocketAddr,
     /// Bytes in all.
     bytes: usize,
-    /// Those of them from the pool.
+    /// Bytes among them from the pool.
     drawn: usize,
 }
 
@@ -127,7 +126,7 @@ impl LoadShares {
 }
 
 impl Load {
-    /// Takes up so many bytes in all, more or fewer than before.
+    /// Sets the bytes in use, more or fewer than before.
     ///
     /// # Errors
     /// [`Abuse::NoRoom`]; the load is then as it was.
@@ -150,7 +149,7 @@ impl Load {
         Ok(())
     }
 
-    /// Takes up more.
+    /// Uses more bytes.
     ///
     /// # Errors
     /// As [`hold`](Self::hold).
@@ -158,9 +157,9 @@ impl Load {
         self.hold(self.bytes.saturating_add(bytes))
     }
 
-    /// Takes up less.
+    /// Uses fewer bytes.
     pub fn shrink(&mut self, bytes: usize) {
-        // Less always finds room.
+        // Shrinking always succeeds.
         let _ = self.hold(self.bytes.saturating_sub(bytes));
     }
 
@@ -321,7 +320,7 @@ mod tests {
         assert!(last(vec![MIB / 4; 5], false).await.unwrap_err().contains("at most 1024 KiB"));
         assert!(
             last(vec![1; 20_000], false).await.unwrap_err().contains("no room for a message"),
-            "crumbs cost more than bytes"
+            "tiny fragments cost more than their bytes"
         );
         assert!(last(vec![1; 10], true).await.unwrap_err().contains("within 200ms"));
     }

@@ -5,10 +5,9 @@
 //! Listener (TCP_QUICKACK) ─▶ door ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
 //!                                          └─▶ clients: socketioxide ────────────────┘       └────▶ Account: Recorder, Scorer
 //! ```
-//! `guests` counts who is connected, `door` turns away pages of the web, `frames`
-//! and `load` watch what comes. `gate` tells simulators from other clients by what they say first. Each
-//! connection has a `Session` of its own: dialect, driver state, run.
-//! The weights are shared.
+//! `guests` counts connections, `door` refuses web pages, `frames` and `load` watch what arrives. `gate` tells
+//! simulators from other clients by what they send first. Each connection has a `Session` of its own: dialect, driver
+//! state, run. The weights are shared.
 
 mod account;
 mod clients;
@@ -60,7 +59,7 @@ use tower::ServiceExt;
 use lapwing_core::{config::Settings, pilot::Model, protocol::Dialect, words::count};
 use lapwing_score::odometry::Road;
 
-/// Simulators that may be introduced in the log within ten seconds.
+/// How many simulators may be introduced in the log within ten seconds.
 const NEWCOMERS: u64 = 64;
 
 /// How long connections may take to close their runs once the bridge stops.
@@ -69,7 +68,7 @@ const CLOSING: Duration = Duration::from_secs(10);
 /// The largest head of a request, in bytes; a browser's is under 2 KiB.
 const HEAD: usize = 32 << 10;
 
-/// What is shared by all connections.
+/// The state shared by all connections.
 pub struct Bridge {
     settings: Settings,
     model: OnceLock<Box<dyn Model>>,
@@ -81,34 +80,34 @@ pub struct Bridge {
     next_id: AtomicU64,
     stop: watch::Sender<bool>,
     all_closed: Notify,
-    /// Addresses of simulators whose last connection ended with kicks that may not have been read: they then become
-    /// tokens of the next one.
+    /// Addresses of simulators whose last connection ended with kicks that may not have been read; these become tokens
+    /// of the next one.
     kicked: Mutex<HashSet<IpAddr>>,
-    /// Lines on simulators that connected and were heard of.
+    /// Log lines about simulators that connected and sent something.
     newcomers: throttled::Throttled,
-    /// Lines on those known by their talking first.
+    /// Log lines about those recognised because they talk first.
     strangers: throttled::Throttled,
-    /// Lines on other clients that connected.
+    /// Log lines about other clients that connected.
     clients: throttled::Throttled,
-    /// Lines on connections that ended without a telemetry.
+    /// Log lines about connections that ended without a telemetry.
     wordless: throttled::Throttled,
-    /// Lines on requests that were turned away.
+    /// Log lines about requests that were refused.
     refused: throttled::Throttled,
-    /// Lines on those who asked for too much.
+    /// Log lines about clients that asked for too much.
     dropped: throttled::Throttled,
 }
 
-/// What the bridge knows of a connection from outside of its task.
+/// What the bridge knows about a connection outside its task.
 #[derive(Clone)]
 struct Connection {
     peer: IpAddr,
     simulator: bool,
-    /// Told by its first telemetry.
+    /// Known from its first telemetry.
     dialect: Option<Dialect>,
     signals: Arc<Signals>,
 }
 
-/// What others may say to a connection.
+/// Signals from others to a connection.
 #[derive(Default)]
 struct Signals {
     /// Let the pilot drive again.
@@ -156,7 +155,8 @@ impl Bridge {
         let _ = self.model.set(Box::new(model));
     }
 
-    /// Tells of roads by whose length the end of a lap is known, for drives that begin from now on. A second time is ignored.
+    /// Sets the known roads, whose lengths show where laps end, for drives that begin from now on. A second call is
+    /// ignored.
     pub fn roads_are_known(&self, roads: Vec<Arc<Road>>) {
         let _ = self.roads.set(roads);
     }
@@ -165,16 +165,16 @@ impl Bridge {
         self.roads.get().map_or(&[], Vec::as_slice)
     }
 
-    /// Arms the pilots that a human's takeover has put off (`--takeover latch`), from their next telemetry on.
+    /// Arms the pilots that a human's takeover has switched off (`--takeover latch`), from their next telemetry on.
     pub fn arm(&self) {
         for connection in self.connections().values() {
             connection.signals.arm.store(true, Ordering::Relaxed);
         }
     }
 
-    /// Ready once the bridge stops.
+    /// Resolves once the bridge stops.
     async fn stopped(self: Arc<Self>) {
-        // An error is the sender being gone, and that is this bridge itself.
+        // An error means that the sender is gone, which is this bridge itself.
         let _ = self.stop.subscribe().wait_for(|stop| *stop).await;
     }
 
@@ -186,14 +186,14 @@ impl Bridge {
         self.kicked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Says that somebody asks for more than there is for him, or sends what he may not.
+    /// Logs that a client exceeds its limits or sends something that is not allowed.
     fn turned_away(&self, peer: SocketAddr, why: impl fmt::Display) {
         if let Some(more) = self.dropped.due(Instant::now()) {
             tracing::warn!("{peer} is turned away: {why}{more}");
         }
     }
 
-    /// Takes a place for a new connection.
+    /// Registers a new connection.
     fn enter(self: &Arc<Self>, peer: SocketAddr, simulator: bool) -> Presence {
         let id = self.next_id.fetch_add(1, Ordering::Relaxed);
         let signals = Arc::<Signals>::default();
@@ -204,8 +204,8 @@ impl Bridge {
 }
 
 impl Presence {
-    /// This connection plays, and older ones from its address that play the same simulator are told: where one of
-    /// them is silent, it may be the same simulator's, which has left the scene and come back.
+    /// This connection plays. Older ones from its address that play the same simulator are notified: a silent one may
+    /// belong to the same simulator, which has left the scene and come back.
     fn plays(&self, dialect: Dialect) {
         let mut connections = self.bridge.connections();
         let Some(this) = connections.get_mut(&self.id).filter(|this| this.simulator) else { return };
@@ -231,8 +231,7 @@ impl Drop for Presence {
 /// Serves until `shutdown` is ready, then ends all runs and returns.
 ///
 /// # Errors
-/// Runs that could not be closed in time, on a disk that stands still. Single
-/// connections' troubles are theirs.
+/// If runs could not be closed in time because a disk does not respond. Errors of single connections are handled there.
 pub async fn serve(
     listener: Listener,
     bridge: Arc<Bridge>,
@@ -271,9 +270,9 @@ pub async fn serve(
     }
 }
 
-/// Takes in anyone who dials.
+/// Accepts every connection.
 async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallible {
-    // Not axum's own loop: that waits for a request's head for ever, and for the next request, too.
+    // Not axum's own loop, which waits forever for a request's head, and for the next request.
     let mut http = http1::Builder::new();
     let limits = &bridge.settings.bridge.limits;
     http.timer(TokioTimer::new()).header_read_timeout(limits.patience()).max_buf_size(HEAD);

@@ -1,6 +1,5 @@
-//! One connection's drive: dialect, driver, run and account. No socket here:
-//! the simulator's handler and socketioxide's both bring messages and take away
-//! answers.
+//! One connection's drive: dialect, driver, run and account. No socket here: the simulator's handler and socketioxide's
+//! both bring messages and take answers.
 
 use std::{
     sync::Arc,
@@ -22,7 +21,7 @@ use lapwing_core::{
     words::count,
 };
 
-/// An answer in less than this holds nobody up.
+/// An answer that takes less than this delays nobody.
 const QUICK: Duration = Duration::from_millis(5);
 
 /// A connection's drive.
@@ -30,7 +29,7 @@ pub(super) struct Session {
     place: Presence,
     peer: String,
     dialect: Option<Dialect>,
-    /// Until there is a drive.
+    /// The state before there is a drive.
     waiting: Waiting,
     drive: Option<Underway>,
     last: Command,
@@ -41,19 +40,19 @@ pub(super) struct Session {
     told: SaidOnce,
 }
 
-/// What has happened once, and need not be said again.
+/// What was logged once and need not be logged again.
 #[derive(Default)]
 struct SaidOnce {
-    /// Who has connected.
+    /// That it has connected.
     connected: bool,
-    /// A telemetry came, of whatever kind.
+    /// That a telemetry came, of any kind.
     heard: bool,
     loading: bool,
-    /// Of a kind that cannot be driven.
+    /// That the simulator cannot be driven.
     undrivable: bool,
 }
 
-/// From the first telemetry on that tells which simulator this is, once the model is there.
+/// A drive: from the first telemetry that identifies the simulator, once the model is loaded.
 struct Underway {
     driver: Driver,
     began: Instant,
@@ -63,7 +62,7 @@ struct Underway {
 }
 
 impl Underway {
-    /// Nobody who looks on here can break a drive off: what goes wrong with a run is told at its end.
+    /// No observer here can stop a drive: problems with a run are reported at its end.
     fn show(&mut self, turn: &Turn) {
         if let Err(error) = self.account.turn(&Elsewhere, turn) {
             tracing::error!("a turn could not be shown: {error}");
@@ -71,12 +70,12 @@ impl Underway {
     }
 }
 
-/// An answer on its way out, with what is to be recorded once it is.
+/// An answer on its way out, with what to record once it is sent.
 pub(super) struct Reply {
     pub answer: Answer,
     pub dialect: Option<Dialect>,
     received: Instant,
-    /// Absent where nothing drives: the car waits, or the simulator is none that can be driven.
+    /// Absent if nothing drives: the car waits, or the simulator cannot be driven.
     turn: Option<Turn>,
 }
 
@@ -89,7 +88,7 @@ impl Reply {
 
 impl Session {
     pub fn new(place: Presence, peer: String) -> Self {
-        // Other clients have been introduced when they connected.
+        // Other clients were introduced when they connected.
         let told = SaidOnce { connected: !place.simulator, ..SaidOnce::default() };
         Self {
             place,
@@ -117,9 +116,8 @@ impl Session {
         self.dialect.is_some_and(Dialect::is_timer_driven)
     }
 
-    /// Does work of a moment on the spot, and what may take longer (a large
-    /// network, a new run's file) while other connections' tasks move on: making
-    /// way for them costs 0.07 ms a frame.
+    /// Does quick work on the spot, and lets other connections' tasks move on during work that may take longer (a large
+    /// network, a new run's file): making way for them costs 0.07 ms per frame.
     pub fn aside<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
         if self.drive.as_ref().is_some_and(|drive| drive.took < QUICK) {
             work(self)
@@ -128,8 +126,8 @@ impl Session {
         }
     }
 
-    /// An event of a simulator. `message` is the text that `payload` lies in.
-    /// `None` where the event asks for no answer.
+    /// Handles an event of a simulator. `message` is the text that contains `payload`. `None` if the event needs no
+    /// answer.
     pub fn event(
         &mut self,
         received: Instant,
@@ -138,7 +136,7 @@ impl Session {
         payload: Option<&RawValue>,
     ) -> Option<Reply> {
         if !matches!(name, "telemetry" | "car_telemetry") {
-            // The recorder keeps the beginning of long ones.
+            // The recorder keeps only the beginning of long ones.
             let (name, payload) = (name.to_owned(), payload.map_or("", RawValue::get).to_owned());
             self.note(received, EventRecord::Simulator { name, payload });
             return None;
@@ -155,7 +153,7 @@ impl Session {
         Some(self.reply(received, sight))
     }
 
-    /// Reads a telemetry; the first one that is an object tells the dialect, be its fields good or bad.
+    /// Reads a telemetry; the first one that is an object reveals the dialect, whether its fields are valid or not.
     fn sight(&mut self, message: &Bytes, name: &str, payload: Option<&RawValue>) -> Result<Sight, TelemetryError> {
         let Some(payload) = Payload::read(payload)? else { return Ok(Sight::HumanDrives) };
         if self.dialect.is_none() {
@@ -167,24 +165,24 @@ impl Session {
         payload.telemetry(message, self.bridge().settings.bridge.speed_unit).map(Sight::Telemetry)
     }
 
-    /// A message that is no event of a simulator: it may have been a telemetry, so it gets an answer.
+    /// Handles a message that is not a simulator's event: it may have been a telemetry, so it gets an answer.
     pub fn unreadable(&mut self, received: Instant, got: String, why: String) -> Reply {
         self.reply(received, Sight::Unreadable(TelemetryError::Json { got, why }))
     }
 
-    /// The last command on the way out: steering as it was, no throttle, or the car would go on with the last one,
-    /// also when a human lets go later who drives now. `None` where nobody was heard of whom we know.
+    /// The last command before leaving: same steering, no throttle; otherwise the car would keep the last throttle,
+    /// even when a human who drives now lets go later. `None` if no known simulator was heard.
     pub fn farewell(&self) -> Option<(Answer, Option<Dialect>)> {
         (self.told.heard && !self.is_refused()).then(|| (self.coast(), self.dialect))
     }
 
-    /// Whether the simulator was refused, and has not shown since that it can be driven after all.
+    /// Whether the simulator was refused and has not shown since then that it can be driven after all.
     fn is_refused(&self) -> bool {
         self.told.undrivable && self.dialect.is_none()
     }
 
-    /// Says who this is. Not when it connects: simulators whose bridge is away dial thousands of times a second,
-    /// and what is said of those must not swallow what is said of one that plays.
+    /// Logs who this is. Not on connecting: simulators without a bridge redial thousands of times a second, and lines
+    /// about those must not crowd out lines about one that plays.
     fn introduce(&mut self, who: &str) {
         if std::mem::replace(&mut self.told.connected, true) {
             tracing::info!("{}: this is {who}", self.peer);
@@ -197,17 +195,20 @@ impl Session {
         Answer::Steer(Command { throttle: Throttle::ZERO, ..self.last })
     }
 
-    /// A command that nobody asked for, to get the simulator's loop going.
+    /// An unrequested command, to get the simulator's loop going.
     pub fn kick(&mut self, now: Instant) -> (Answer, Option<Dialect>) {
         if let Some(more) = self.kicks.due(now) {
             if !self.told.connected {
                 self.introduce("a simulator");
             }
-            tracing::info!("{}: no telemetry; a command is sent unasked to get the simulator going{more}", self.peer);
+            tracing::info!(
+                "{}: no telemetry; sending an unrequested command to get the simulator going{more}",
+                self.peer
+            );
         }
         self.note(now, EventRecord::Kick);
         self.early_kicks += u32::from(self.drive.is_none());
-        // Before its first telemetry nobody knows which `steer` a simulator takes; every one takes `manual`.
+        // Before its first telemetry it is unknown which `steer` a simulator takes; all take `manual`.
         let answer =
             if self.dialect.is_none() && self.early_kicks.is_multiple_of(2) { Answer::Manual } else { self.coast() };
         (answer, self.dialect)
@@ -224,7 +225,7 @@ impl Session {
         self.show(reply, now, None);
     }
 
-    /// Tokens too many are out of the game.
+    /// Logs that surplus tokens were removed.
     pub fn took_out(&self, tokens: u32) {
         tracing::info!(
             "{}: {} {} left unanswered; the simulator now sends one per answer again",
@@ -234,12 +235,12 @@ impl Session {
         );
     }
 
-    /// Its telemetries are no tokens.
+    /// Logs that its telemetries are not tokens.
     pub fn sends_unasked(&self) {
         tracing::warn!("{}: telemetry comes faster than it is answered, and without waiting for answers", self.peer);
     }
 
-    /// Completes a turn and shows it to those who look on.
+    /// Completes a turn and shows it to the observers.
     fn show(&mut self, reply: Reply, now: Instant, latency: Option<Duration>) {
         let Some((turn, drive)) = reply.turn.zip(self.drive.as_mut()) else { return };
         let turn = Turn { latency, ..turn };
@@ -247,7 +248,7 @@ impl Session {
         drive.show(&turn);
     }
 
-    /// Ends the run: the file is closed, the account given.
+    /// Ends the run: closes the file and reports the summary.
     pub fn finish(mut self, why: &str) {
         self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
         let Some(Underway { account, .. }) = self.drive.take() else {
@@ -257,7 +258,7 @@ impl Session {
                 () if self.told.heard => "no telemetry showed which simulator it was",
                 () => "it never sent a telemetry",
             };
-            // Dialling without a word is what thousands of redials look like.
+            // Thousands of redials look like this: connections without a message.
             if let Some(more) = self.bridge().wordless.due(Instant::now()) {
                 tracing::info!("{}: {why}; {what}{more}", self.peer);
             }
@@ -271,8 +272,8 @@ impl Session {
     fn reply(&mut self, received: Instant, sight: Sight) -> Reply {
         let dialect = self.dialect;
         if self.is_refused() {
-            // Its `null` is no human, and nothing is recorded. This answer leaves the car to the player in every
-            // build, and keeps the simulator's loop going.
+            // Its `null` does not mean a human, and nothing is recorded. This answer leaves the car to the player in
+            // every build and keeps the simulator's loop going.
             return Reply { answer: Answer::Manual, dialect, received, turn: None };
         }
         self.begin(received);
@@ -280,7 +281,7 @@ impl Session {
             return Reply { answer: self.wait(received, &sight), dialect, received, turn: None };
         };
         let at = received.saturating_duration_since(drive.began);
-        // While the human still drives the wish is kept until they let go.
+        // While the human still drives, the request is kept until they let go.
         let arm = &self.place.signals.arm;
         if arm.load(Ordering::Relaxed) && !drive.driver.human_drives() {
             arm.store(false, Ordering::Relaxed);
@@ -310,7 +311,10 @@ impl Session {
             }
             Sight::HumanDrives if !self.told.connected => {
                 self.introduce("a simulator");
-                tracing::info!("{}: its telemetry is empty: a human drives, or it has to be started there", self.peer);
+                tracing::info!(
+                    "{}: its telemetry is empty: a human drives, or the simulator has to be started first",
+                    self.peer
+                );
             }
             Sight::HumanDrives | Sight::Telemetry(_) => {}
         }
@@ -321,7 +325,7 @@ impl Session {
         answer
     }
 
-    /// Begins the run once it is known which simulator this is and the model is there.
+    /// Begins the run once the simulator is known and the model is loaded.
     fn begin(&mut self, now: Instant) {
         if self.drive.is_some() || self.dialect.is_none() {
             return;
@@ -391,7 +395,7 @@ fn tell(peer: &str, events: &[EventRecord], bad: &Throttled, now: Instant) {
             EventRecord::BrakingToStandstill => {
                 tracing::error!("{peer}: too many bad frames in a row: stopping the car");
             }
-            // Said with the takeover's end.
+            // Logged with the takeover's end.
             EventRecord::PilotOff { .. } => {}
             other => tracing::debug!("{peer}: {other:?}"),
         }

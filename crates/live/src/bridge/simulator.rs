@@ -1,8 +1,7 @@
-//! A simulator's WebSocket, from its first word to its last.
+//! A simulator's WebSocket, from its first message to its last.
 //!
-//! No OPEN packet is sent, so one token is in flight and not two. Nothing is
-//! ever sent that the simulator's client dies of: no binary frame, no text that
-//! is no packet.
+//! No OPEN packet is sent, so one token is in flight and not two. Nothing is ever sent that crashes the simulator's
+//! client: no binary frame, no text that is not a packet.
 
 use std::{
     io,
@@ -30,12 +29,12 @@ use super::{
 };
 use lapwing_core::protocol::{Answer, Dialect, Packet};
 
-/// A simulator that takes no answer for so long is gone. Less than the bridge waits for at its end.
+/// A simulator that takes no answer for this long is gone. Less than the bridge's own wait at its end.
 const SEND: Duration = Duration::from_secs(5);
 
 /// How long the last words may take …
 const LAST_WORDS: Duration = Duration::from_secs(1);
-/// … and how long what still comes is read: a socket closed with something unread is reset, and a reset may
+/// … and how long incoming bytes are still read: a socket that is closed with unread bytes is reset, and the reset may
 /// overtake them.
 const HEARD_OUT: Duration = Duration::from_millis(250);
 
@@ -70,14 +69,14 @@ struct SimulatorSocket<S> {
     liveness: Liveness,
     tokens: Tokens,
     peer: IpAddr,
-    /// A telemetry came.
+    /// Whether a telemetry came.
     heard: bool,
     /// The answer that goes out next, and when, unless another telemetry comes before.
     held: Option<(Reply, Instant)>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
-    /// Plays until the connection ends; says why it did.
+    /// Plays until the connection ends; returns why it did.
     async fn play(&mut self) -> Result<&'static str, tungstenite::Error> {
         let signals = self.session.signals().clone();
         let bridge = self.session.bridge().clone();
@@ -87,7 +86,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
             self.send_text(format!("42{event}").into()).await?;
         }
         loop {
-            // A simulator that never pauses lets the others have their turn.
+            // Others get their turn, even if this simulator never pauses.
             tokio::task::coop::consume_budget().await;
             let (when, due) = match &self.held {
                 Some((_, until)) => (*until, None),
@@ -97,14 +96,14 @@ impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
                 }
             };
             let wait = async move {
-                // A timer takes a millisecond even where there is nothing to wait for.
+                // A timer takes a millisecond even if there is nothing to wait for.
                 if when > Instant::now() {
                     tokio::time::sleep_until(when.into()).await;
                 }
             };
             tokio::select! {
-                // What has arrived comes before what is due because nothing has: a telemetry that is here before the
-                // last one is answered is one too many.
+                // Messages that have arrived come before actions that are due because none has: a telemetry that
+                // arrives before the last one is answered is one too many.
                 biased;
                 () = &mut stopped => {
                     let last_words = async {
@@ -113,7 +112,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
                         }
                         self.socket.close(None).await
                     };
-                    // An error is a simulator that has left by now.
+                    // An error means that the simulator has left by now.
                     let _ = tokio::time::timeout(LAST_WORDS, last_words).await;
                     let heard_out = async { while let Some(Ok(_)) = self.socket.next().await {} };
                     let _ = tokio::time::timeout(HEARD_OUT, heard_out).await;
@@ -146,7 +145,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
         }
     }
 
-    /// Takes one message; says why the simulator leaves if it does.
+    /// Takes one message; returns why the simulator leaves, if it does.
     async fn message(&mut self, message: Message) -> Result<Option<&'static str>, tungstenite::Error> {
         let received = Instant::now();
         let session = &mut self.session;
@@ -182,7 +181,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> SimulatorSocket<S> {
         Ok(None)
     }
 
-    /// Answers a telemetry, or holds its answer back until it is known whether another one comes.
+    /// Answers a telemetry, or holds its answer back until it is clear whether another one comes.
     async fn telemetry(&mut self, reply: Reply, message: &[u8]) -> Result<(), tungstenite::Error> {
         let now = Instant::now();
         if !std::mem::replace(&mut self.heard, true) && self.bridge().kicked().remove(&self.peer) {

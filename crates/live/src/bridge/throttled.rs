@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How long lines are counted together.
+/// The interval over which lines are counted.
 const WINDOW: Duration = Duration::from_secs(10);
 
 /// Lets the first lines through and counts the others, until ten seconds after the first.
@@ -29,12 +29,12 @@ impl Default for Throttled {
 }
 
 impl Throttled {
-    /// Lets so many lines through in ten seconds.
+    /// Lets this many lines through in ten seconds.
     pub fn of(most: u64) -> Self {
         Self { most, state: Mutex::default() }
     }
 
-    /// Where a line is due, what it ends with: how many like it were held back.
+    /// If a line is due, the text that ends it: how many like it were held back.
     pub fn due(&self, now: Instant) -> Option<String> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.since.is_none_or(|since| now.saturating_duration_since(since) >= WINDOW) {

@@ -1,48 +1,46 @@
 //! Surplus tokens, and how they are removed.
 //!
-//! A simulator whose every answer lets one telemetry through owes one telemetry at a time. A second one while
-//! the first has no answer yet proves a token too many, whatever made it: kicks of a paused game, those that a
-//! simulator reads only after it has lost that connection and dialled anew, or another bridge before this one.
-//! Then the earlier goes unanswered, and its token is out of the game; the last one in hand is always answered,
-//! so that the last token stays.
+//! If each answer lets one telemetry through, a simulator owes one telemetry at a time. A second one before the first
+//! is answered proves that there is a surplus token, whatever caused it: kicks of a paused game, kicks that a simulator
+//! reads only after it has lost that connection and redialled, or another bridge before this one. Then the earlier
+//! telemetry goes unanswered, which removes its token; the latest one is always answered, so that the last token stays.
 //!
-//! An answer that goes out at once leaves no time for a second telemetry. So it is held back for a moment where
-//! there is doubt: after kicks, and where a telemetry is the very one before it, as all tokens of one game frame
-//! show the same picture.
+//! An answer that goes out at once leaves no time for a second telemetry. So it is held back for a moment if in doubt:
+//! after kicks, and if a telemetry equals the one before it, as all tokens of one game frame show the same picture.
 
 use std::{
     hash::{DefaultHasher, Hasher},
     time::{Duration, Instant},
 };
 
-/// After a kick, and once there was a token too many, an answer is held back so long: some game frames.
+/// How long an answer is held back after a kick, and after a surplus token: some game frames.
 const SETTLE: Duration = Duration::from_millis(250);
 
-/// The same telemetry again within this time is of the same game frame, or of a stationary car. Its answer is
-/// held back as long, so that the frame comes to its end.
+/// The same telemetry again within this time is of the same game frame, or of a stationary car. Its answer is held back
+/// for as long, so that the frame can end.
 const FRAME: Duration = Duration::from_millis(50);
 
-/// How soon another such telemetry is doubted after one that was none too many; twice as long after each …
+/// How soon another such telemetry is doubted after one that was not surplus; twice as long after each …
 const DOUBT_AGAIN: Duration = Duration::from_secs(10);
 /// … up to this.
 const DOUBT_SELDOM: Duration = Duration::from_secs(600);
 
-/// So many telemetries too many in a row, kicks apart, are no tokens: they are sent without waiting for answers.
+/// This many surplus telemetries in a row, kicks aside, are not tokens: they are sent without waiting for answers.
 const MOST: u32 = 64;
 
-/// What of a telemetry is compared, in bytes from its beginning (the numbers) and its end (the picture's).
+/// The parts of a telemetry that are compared, in bytes from its beginning (the numbers) and its end (the picture's).
 const COMPARED: (usize, usize) = (256, 1024);
 
 /// The tokens of one connection.
 pub(super) struct Tokens {
-    /// There may be one too many.
+    /// Whether there may be a surplus one.
     doubt: bool,
     /// The last telemetry, as a hash, and when it came.
     last: Option<(u64, Instant)>,
-    /// From when on a telemetry that is the last one again is doubted.
+    /// From when on a telemetry equal to the last one is doubted.
     look_at: Instant,
     look_after: Duration,
-    /// Telemetries without an answer since the last one that had one.
+    /// Telemetries left unanswered since the last one that was answered.
     taken_out: u32,
     kicks: u32,
     unasked: bool,
@@ -59,13 +57,13 @@ impl Tokens {
         self.doubt = true;
     }
 
-    /// Whether telemetry comes without waiting for answers, so that it tells nothing of tokens.
+    /// Whether telemetry comes without waiting for answers, so that it says nothing about tokens.
     pub fn are_unasked(&self) -> bool {
         self.unasked
     }
 
-    /// A telemetry came: how long its answer waits whether another one comes. `picture` says whether it has one:
-    /// a human's have none, and are all the same.
+    /// A telemetry came: returns how long its answer waits in case another one comes. `picture` says whether it has a
+    /// picture: a human's have none, and are all the same.
     pub fn telemetry(&mut self, now: Instant, message: &[u8], picture: bool) -> Duration {
         let mut hasher = DefaultHasher::new();
         hasher.write_usize(message.len());
@@ -94,7 +92,7 @@ impl Tokens {
         self.unasked = self.taken_out > MOST.saturating_add(self.kicks);
     }
 
-    /// An answer goes out, for nothing came before it. How many tokens were taken out before.
+    /// An answer goes out, as nothing came before it. Returns how many tokens were removed before.
     pub fn settled(&mut self) -> u32 {
         self.doubt = false;
         std::mem::take(&mut self.taken_out)

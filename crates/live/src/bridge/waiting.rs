@@ -1,5 +1,5 @@
-//! Before a drive: the model is still loading, or nobody knows yet which simulator this is. The car may come at
-//! any speed, so it is braked to a standstill.
+//! Before a drive: the model is still loading, or the simulator is not identified yet. The car may arrive at any speed,
+//! so it is braked to a standstill.
 
 use std::time::Instant;
 
@@ -9,14 +9,14 @@ use lapwing_core::{
     units::{Mph, Steering},
 };
 
-/// What is known of a car that waits.
+/// What is known about a waiting car.
 pub(super) struct Waiting {
     since: Instant,
     human_since: Option<Instant>,
     standstill: Standstill,
-    /// The last speed that was told.
+    /// The last speed reported.
     speed_told: Option<Mph>,
-    /// As it was steered when it came. Not as it is told now: term 2 adds a bias to what it is sent.
+    /// The steering with which it arrived. Not what it reports now: term 2 adds a bias to the steering that it is sent.
     steering: Option<Steering>,
 }
 
@@ -25,13 +25,13 @@ impl Waiting {
         Self { since: now, human_since: None, standstill: Standstill::default(), speed_told: None, steering: None }
     }
 
-    /// Since when a human has been driving, as far as is known: until it is known which simulator this is, it may
-    /// as well be one that waits to be started.
+    /// Since when a human has been driving, as far as is known: until the simulator is identified, it may just as well
+    /// be waiting to be started.
     pub fn human_since(&self) -> Option<Instant> {
         self.human_since
     }
 
-    /// What the simulator is answered meanwhile.
+    /// The answer to the simulator meanwhile.
     pub fn answer(&mut self, now: Instant, sight: &Sight) -> Answer {
         let speed = match sight {
             Sight::HumanDrives => {
@@ -45,7 +45,7 @@ impl Waiting {
                 self.steering.get_or_insert(telemetry.steering.steering());
                 KnownSpeed::Now(telemetry.speed)
             }
-            // It does not say that the human has let go.
+            // This does not mean that the human has let go.
             Sight::Unreadable(_) if self.human_since.is_some() => return Answer::Manual,
             Sight::Unreadable(_) => KnownSpeed::Last(self.speed_told),
         };

@@ -1,8 +1,8 @@
 //! Drawn sheets: maps, charts and contact sheets, as SVG or PNG.
 //!
-//! Whoever has something to show makes a [`Sheet`] of [`Shape`]s, in pixels; here it is painted, both kinds from the
-//! same shapes. The same sheet makes the same bytes. [`chart`] makes sheets of numbers. What a map or a data set is
-//! is not known here.
+//! Callers make a [`Sheet`] of [`Shape`]s, in pixels; this module paints it, as either kind from the same shapes. The
+//! same sheet always gives the same bytes. [`chart`] makes sheets from numbers. Nothing here knows about maps or data
+//! sets.
 
 pub mod chart;
 mod png;
@@ -21,9 +21,9 @@ pub type Colour = [u8; 3];
 /// A place on the sheet in pixels: right and down from the upper left corner.
 pub type Point = (f64, f64);
 
-/// What sheets are made of.
+/// Colour of sheets.
 pub const PAPER: Colour = [0xf5, 0xf2, 0xeb];
-/// What is written on them with.
+/// Colour of the text on them.
 pub const INK: Colour = [0x22, 0x26, 0x2b];
 
 /// Height of letters, in pixels.
@@ -36,7 +36,7 @@ pub const MARGIN: f64 = 24.0;
 /// Longest side of a PNG, in pixels: four such sides are 256 MiB in memory.
 const MAX_SIDE: f64 = 16_384.0;
 
-/// What painters paint, in order.
+/// What a sheet consists of; painted in order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A filled polygon.
@@ -77,7 +77,7 @@ impl Shape {
         Self::Area { points: vec![(left, top), (right, top), (right, bottom), (left, bottom)], colour }
     }
 
-    /// Words with a part of their width left of a place: 0 none, 0.5 half (centred), 1 all (they end there).
+    /// Words with a share of their width left of a place: 0 to begin there, 0.5 to be centred, 1 to end there.
     pub fn text((x, y): Point, left: f64, text: impl Into<String>) -> Self {
         let text = text.into();
         Self::Text { at: (x - left * width_of(&text), y), text }
@@ -96,7 +96,7 @@ pub struct Sheet {
     pub width: f64,
     /// In pixels.
     pub height: f64,
-    /// What an SVG is called.
+    /// The title of an SVG.
     pub title: String,
     /// What is on it, from the bottom up.
     pub shapes: Vec<Shape>,
@@ -119,7 +119,7 @@ impl Sheet {
         png::paint(self)
     }
 
-    /// Paints into a file that ends in `.svg` or `.png`. A file that is there is replaced.
+    /// Paints into a file that ends in `.svg` or `.png`, replacing an existing one.
     ///
     /// # Errors
     /// [`DrawingError`]
@@ -137,7 +137,7 @@ impl Sheet {
 /// Why a sheet cannot be painted.
 #[derive(Debug, thiserror::Error)]
 pub enum PaintError {
-    /// A side of zero, or more than memory is for.
+    /// A side of zero, or more than [`MAX_SIDE`].
     #[error("expected 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
     Size {
         /// In pixels.
@@ -145,7 +145,7 @@ pub enum PaintError {
         /// In pixels.
         height: u32,
     },
-    /// The encoder of pictures says no.
+    /// The encoder of pictures failed.
     #[error(transparent)]
     Encode(#[from] image::ImageError),
     /// The text cannot be written.
@@ -163,10 +163,10 @@ pub enum SheetFormat {
 }
 
 impl SheetFormat {
-    /// By a file's ending. To be asked before the work that makes the sheet.
+    /// The kind, by a file's extension. Check this before the work that makes the sheet.
     ///
     /// # Errors
-    /// [`DrawingError::Kind`] for any other ending.
+    /// [`DrawingError::Kind`] for any other extension.
     pub fn of(path: &Path) -> Result<Self, DrawingError> {
         match path.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
             "svg" => Ok(Self::Svg),
@@ -176,10 +176,10 @@ impl SheetFormat {
     }
 }
 
-/// What keeps a sheet from being painted.
+/// Why a sheet cannot be painted into a file.
 #[derive(Debug, thiserror::Error)]
 pub enum DrawingError {
-    /// A name that says no kind of picture.
+    /// A name without the extension of a picture.
     #[error("{}: expected the name of a picture that ends in .svg or .png", path.display())]
     Kind {
         /// The path.
@@ -190,10 +190,10 @@ pub enum DrawingError {
     Encode {
         /// The path.
         path: PathBuf,
-        /// What the painter says.
+        /// The painter's error.
         why: PaintError,
     },
-    /// The file system says no.
+    /// An error of the file system.
     #[error("cannot write the picture {}: {source}", path.display())]
     Io {
         /// The file.

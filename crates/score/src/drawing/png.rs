@@ -7,7 +7,7 @@ use tiny_skia::{Color, FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Str
 use super::{Colour, INK, LETTER, LINE_PX, MAX_SIDE, PAPER, PaintError, Point, Shape, Sheet};
 use lapwing_core::perception::Frame;
 
-/// The whole file, or why there is none.
+/// The whole file, or why it cannot be painted.
 pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, PaintError> {
     let (width, height) = (sheet.width as u32, sheet.height as u32);
     let fits = sheet.width <= MAX_SIDE && sheet.height <= MAX_SIDE;
@@ -30,7 +30,7 @@ pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, PaintError> {
             Shape::Picture { at, frame } => picture(&mut pixels, *at, frame),
         }
     }
-    // The paper is opaque, so nothing is see-through.
+    // The paper is opaque, so no pixel is transparent.
     let rgb: Vec<u8> = pixels.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect();
     encode(&rgb, width, height)
 }
@@ -52,7 +52,7 @@ fn ink(of: Colour) -> Paint<'static> {
     paint
 }
 
-/// `None` where the points make no path.
+/// `None` if the points make no path.
 fn path(points: &[Point], closed: bool) -> Option<Path> {
     let mut path = PathBuilder::new();
     for (i, (x, y)) in points.iter().enumerate() {
@@ -68,7 +68,7 @@ fn path(points: &[Point], closed: bool) -> Option<Path> {
     path.finish()
 }
 
-/// Letters are pictures already: their grey is how much ink there is.
+/// Letters are rasterised already: their grey level is the amount of ink.
 fn letters(pixels: &mut Pixmap, (x, y): Point, text: &str) {
     let (width, height) = (pixels.width() as usize, pixels.height() as usize);
     for (i, letter) in text.chars().enumerate() {
@@ -91,7 +91,7 @@ fn letters(pixels: &mut Pixmap, (x, y): Point, text: &str) {
     }
 }
 
-/// What of a picture lies on the sheet.
+/// The part of a picture that lies on the sheet.
 fn picture(pixels: &mut Pixmap, (x, y): Point, frame: &Frame) {
     let (width, height) = (pixels.width() as usize, pixels.height() as usize);
     let (left, top) = (x.round() as i64, y.round() as i64);

@@ -6,9 +6,9 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 
 use super::{Colour, INK, LINE_PX, PAPER, PaintError, Point, Shape, Sheet, png, width_of};
 
-/// The whole file, or why there is none.
+/// The whole file, or why it cannot be painted.
 pub(super) fn paint(sheet: &Sheet) -> Result<String, PaintError> {
-    // Pictures are encoded first: of the rest nothing can fail.
+    // Pictures are encoded first, as nothing else can fail.
     let mut pictures = Vec::new();
     for shape in &sheet.shapes {
         if let Shape::Picture { frame, .. } = shape {
@@ -45,7 +45,7 @@ fn write(sheet: &Sheet, mut pictures: impl Iterator<Item = String>, svg: &mut St
                 list(points),
                 hex(*colour)
             )?,
-            // Whatever the reader's font is, the text takes the room that was left for it.
+            // Whatever the reader's font is, the text fits the room that was left for it.
             Shape::Text { at: (x, y), text } => writeln!(
                 svg,
                 r#"<text x="{x:.1}" y="{:.1}" textLength="{:.0}">{}</text>"#,

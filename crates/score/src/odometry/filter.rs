@@ -7,43 +7,43 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Match, Motion, Road};
 
-/// Particles at the road's start, where most drives begin, and all along it.
+/// Numbers of particles at the road's start, where most drives begin, and all along it.
 const FROM_START: usize = 300;
 const FROM_ANYWHERE: usize = 6000;
-/// All particles where the start is known for certain: drivers who weave at full lock are not lost by so many.
+/// Number of particles if the start is known for certain: enough not to lose drivers who weave at full lock.
 const FROM_KNOWN_START: usize = 3000;
-/// Fewest particles otherwise, once it is known where the car is, and how many for each 2 m of road where it may be.
+/// Fewest particles otherwise, once the car is located, and how many for each 2 m of road where it may be.
 const FEWEST: usize = 800;
 const FOR_A_BIN: usize = 30;
 const BIN_M: f64 = 2.0;
-/// What being sought anew speaks against a road.
+/// How much a new search for the car counts against a road, as a log likelihood.
 const SOUGHT: f64 = 10.0;
-/// Drivers keep their heading within so many radians of the road's, and their place within so many metres of its middle,
-/// for most of the time.
+/// Most of the time, drivers keep their heading within this many radians of the road's, and their place within this
+/// many metres of its middle.
 const HEADING_RAD: f64 = 0.14;
 const OFFSET_M: f64 = 2.0;
-/// The same of one who weaves; what share of the guesses holds the driver for one; and of how many drawn anew it is drawn
-/// anew. On a road that is still sought nobody does, for weaving explains any bend.
+/// The same for a driver who weaves; the share of particles that assume such a driver; and the share of redrawn
+/// particles that redraw this assumption. While the road is still unknown none do, as weaving would explain any bend.
 const WEAVING_RAD: f64 = 0.4;
 const WEAVING: f64 = 0.2;
 const CHANGES: f64 = 0.02;
-/// One such look says nothing new within so many metres.
+/// Another observation within this many metres adds nothing new.
 const NEW_AFTER_M: f64 = 10.0;
-/// No look speaks against a place by more than this, in squared standard deviations: cars do leave roads.
+/// No observation counts against a place by more than this, in squared standard deviations: cars do leave roads.
 const AGAINST: f64 = 12.0;
-/// Over so many metres a road is to explain a drive by more than half of that, or the car is sought anew.
+/// Over this many metres a road must explain a drive by more than half of that, or the search for the car starts again.
 const LOST_AFTER_M: f64 = 40.0;
-/// Who began at a known start and is lost is that far from where it seems, as a standard deviation.
+/// How far a car that began at a known start and got lost is from where it seems to be, as a standard deviation.
 const LOST_WITHIN_M: f64 = 20.0;
-/// The least log likelihood of a look, on average, on the road that it is: real drives come to -0.6 on the lake and -1.9 in
-/// the jungle; drives around roads that are none of those known to -2.6 at best.
+/// The least average log likelihood of an observation on the right road: real drives reach -0.6 on the lake and -1.9 in
+/// the jungle; drives around unknown roads -2.6 at best.
 const EXPLAINED: f64 = -2.3;
-/// Metres from one time to the next that it is asked where the car is, and how far it has gone for certain.
+/// Metres between two checks of where the car is and how far it has certainly come.
 const SURE_EVERY_M: f64 = 20.0;
-/// Standard deviation, in metres, from which on nobody would say that it is known where the car is.
+/// Standard deviation, in metres, above which the car's place counts as unknown.
 const VAGUE_M: f64 = 15.0;
-/// What is not known of the car, as standard deviations: how far a told metre is, how much a told radian turns (tyres
-/// slip), and what drifts over a metre besides.
+/// What is unknown about the car, as standard deviations: the scale of a reported metre, the gain of a reported radian
+/// (tyres slip), and the drift over a metre.
 const SCALE: f64 = 0.01;
 const GAIN: f64 = 0.08;
 const DRIFT_RAD: f64 = 0.006;
@@ -54,11 +54,11 @@ const SLIP_M: f64 = 0.03;
 struct Particle {
     /// Metres along the road, 0 to its length.
     s: f64,
-    /// Metres along it since the drive began, laps adding up.
+    /// Metres along it since the drive began, over all laps.
     progress_m: f64,
     /// Metres to the right of its middle.
     offset: f64,
-    /// Radians clockwise of its heading, and how far that goes, as a standard deviation.
+    /// Heading relative to the road's, in radians clockwise, and its usual size, as a standard deviation.
     error: f64,
     keeps_rad: f64,
     scale: f64,
@@ -67,7 +67,7 @@ struct Particle {
 }
 
 impl Particle {
-    /// A guess at a place; `spread` is 1 for a car that is somewhere on the road, less for one that stands straight.
+    /// A guess at a place; `spread` is 1 for a car anywhere across the road, less for one that stands straight.
     fn new(s: f64, spread: f64, random: &mut ChaCha8Rng) -> Self {
         Self {
             s,
@@ -98,20 +98,20 @@ fn from_start(count: usize, road: &Road, random: &mut ChaCha8Rng) -> Vec<Particl
 pub struct Whereabouts {
     /// Metres along the road, 0 to its length.
     pub s_m: f64,
-    /// Standard deviation of that, in metres; that of any place on the road where the guesses are all over it.
+    /// Standard deviation of that, in metres; if the guesses are spread all over the road, that of any place on it.
     pub deviation_m: f64,
-    /// Metres along the road since the drive began, laps adding up.
+    /// Metres along the road since the drive began, over all laps.
     pub progress_m: f64,
 }
 
-/// Where the car was when it had driven so far.
+/// Where the car was after a distance driven.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Milestone {
     /// Metres driven.
     pub way_m: f64,
     /// Metres along the road, 0 to its length.
     pub s_m: f64,
-    /// Metres along the road since the drive began, laps adding up.
+    /// Metres along the road since the drive began, over all laps.
     pub progress_m: f64,
     /// Standard deviation of both, in metres.
     pub deviation_m: f64,
@@ -123,20 +123,20 @@ pub struct Filter {
     road: Arc<Road>,
     particles: Vec<Particle>,
     random: ChaCha8Rng,
-    /// Log of how well the road explains the drive, against a drive that is always in its middle.
+    /// Log of how well the road explains the drive, relative to a drive that is always in its middle.
     evidence: f64,
-    /// The same of late, for each look, as an average over [`LOST_AFTER_M`].
+    /// The same per recent observation, as an average over [`LOST_AFTER_M`].
     of_late: f64,
     /// Metres driven.
     way_m: f64,
-    /// Metres along the road that the car has gone for certain, and the metres driven when that was last asked.
+    /// Metres along the road that the car has certainly come, and the metres driven when that was last checked.
     sure_m: f64,
     asked_m: f64,
-    /// Where it seemed to be when it was last sought anew, and the metres driven until then.
+    /// Where it seemed to be when the last new search started, and the metres driven until then.
     sought: Option<(Whereabouts, f64)>,
-    /// Where it was, as often as that was asked and known.
+    /// Where it was, at each check at which that was known.
     trail: Vec<Milestone>,
-    /// Where it began is known for certain.
+    /// Whether its start is known for certain.
     is_anchored: bool,
 }
 
@@ -171,7 +171,7 @@ impl Filter {
     /// The car moved.
     pub fn step(&mut self, motion: Motion) {
         if motion.way_m <= 0.0 {
-            return; // who stands learns nothing
+            return; // a car that stands learns nothing
         }
         self.way_m += motion.way_m;
         let Self { road, particles, random, .. } = self;
@@ -180,10 +180,10 @@ impl Filter {
         for particle in particles.iter_mut() {
             let way = motion.way_m * particle.scale;
             let heading = road.heading(particle.s);
-            // The road under the car is longer or shorter than its middle in a bend, which the gain and scale take up.
+            // In a bend, the car's path is longer or shorter than the road's middle; gain and scale absorb that.
             let (slips, drifts) = two_gauss(random);
             let turn = motion.turn_rad * particle.gain;
-            // The heading in the middle of the way.
+            // The heading halfway through the step.
             let (sin, cos) = (particle.error + turn / 2.0).sin_cos();
             let along = way * cos + slip * slips;
             particle.offset += way * sin;
@@ -208,7 +208,7 @@ impl Filter {
         }
     }
 
-    /// The car moved unseen: so far along the road, up to a standard deviation.
+    /// The car moved unseen: this far along the road, up to a standard deviation.
     pub fn skip(&mut self, way_m: f64, deviation_m: f64) {
         self.way_m += way_m;
         let Self { road, particles, random, .. } = self;
@@ -217,13 +217,13 @@ impl Filter {
             let along = (way_m + deviation_m * along).max(0.0);
             particle.s = (particle.s + along).rem_euclid(road.length_m);
             particle.progress_m += along;
-            // Whoever drove, drove on the road.
+            // Assume that it stayed on the road.
             particle.offset = OFFSET_M * across;
             particle.error = HEADING_RAD * gauss(random);
         }
     }
 
-    /// Half of the guesses stay, the others are spread over the road, or around where they were if the start is known.
+    /// Keeps half of the guesses and spreads the others over the road, or around where they were if the start is known.
     fn seek(&mut self) {
         let place = self.place();
         self.sought = Some((place, self.way_m));
@@ -231,7 +231,7 @@ impl Filter {
         let (step, from) = (self.particles.len() as f64 / keep as f64, uniform(&mut self.random));
         let kept = (0..keep).map(|i| self.particles[((i as f64 + from) * step) as usize % self.particles.len()]);
         let kept: Vec<_> = kept.collect();
-        // Wherever it is, it has driven as far as it has.
+        // Wherever it is, the distance along the road stays the same.
         let progress_m = place.progress_m;
         let random = &mut self.random;
         let spread: Vec<_> = if self.is_anchored {
@@ -255,8 +255,8 @@ impl Filter {
         self.settle();
     }
 
-    /// Brings the weights to a mean of one, and draws the particles anew where few of them carry all. Says the log of
-    /// what the mean was.
+    /// Scales the weights to a mean of one, and resamples if few particles carry most of the weight. Returns the log of
+    /// the former mean.
     fn settle(&mut self) -> f64 {
         let n = self.particles.len() as f64;
         let most = self.particles.iter().fold(f64::NEG_INFINITY, |most, p| most.max(p.log_weight));
@@ -276,7 +276,7 @@ impl Filter {
 
     /// Systematic resampling.
     fn redraw(&mut self, weights: &[f64], sum: f64) {
-        // As many as it takes to hold all places where the car may be (Fox, KLD-sampling, 2001, in short).
+        // As many as it takes to cover all places where the car may be (a simplification of Fox, KLD-sampling, 2001).
         let mut bins: Vec<i64> =
             self.particles.iter().zip(weights).filter(|(_, w)| **w > 1e-3).map(|(p, _)| (p.s / BIN_M) as i64).collect();
         bins.sort_unstable();
@@ -292,7 +292,7 @@ impl Filter {
         for (particle, weight) in self.particles.iter().zip(weights) {
             reached += weight;
             while until < reached && drawn.len() < n {
-                // What is not known of the car is drawn a little anew, or all would soon share one guess.
+                // The unknowns of the car are varied a little, or all particles would soon share one guess.
                 let scale = particle.scale + 0.3 * SCALE * gauss(&mut self.random);
                 let gain = particle.gain + 0.3 * GAIN * gauss(&mut self.random);
                 let mut keeps_rad = particle.keeps_rad;
@@ -310,8 +310,8 @@ impl Filter {
         self.particles = drawn;
     }
 
-    /// Where the car is, as far as that is proven: where it was just sought anew, it may as well have left the road there as
-    /// have gone on.
+    /// Where the car is, as far as that is proven: if a new search has just started, it may have left the road there
+    /// just as well as have driven on.
     fn settled(&self) -> Whereabouts {
         let Some((before, on)) = self.sought.map(|(place, way_m)| (place, self.way_m - way_m)) else {
             return self.place();
@@ -330,7 +330,7 @@ impl Filter {
             self.particles.iter().map(|p| p.log_weight.exp() * of(p)).sum::<f64>()
         };
         let sum = weighted(&|_| 1.0);
-        // Places on a circle: the mean is that of the points on it.
+        // Places lie on a circle, so this is a circular mean.
         let angle = |p: &Particle| std::f64::consts::TAU * p.s / self.road.length_m;
         let (x, y) = (weighted(&|p| angle(p).cos()) / sum, weighted(&|p| angle(p).sin()) / sum);
         let metres = self.road.length_m / std::f64::consts::TAU;
@@ -359,7 +359,7 @@ impl Filter {
     }
 }
 
-/// How far a driver's heading goes.
+/// How far a driver's heading deviates.
 fn keeps(random: &mut ChaCha8Rng) -> f64 {
     if uniform(random) < WEAVING { WEAVING_RAD } else { HEADING_RAD }
 }
@@ -374,8 +374,8 @@ fn gauss(random: &mut ChaCha8Rng) -> f64 {
     two_gauss(random).0
 }
 
-/// Two that are nearly normal: sums of four even ones each, which reach 3.5 standard deviations. A step asks for thousands
-/// of them, and has no use for the tails.
+/// Two nearly normal numbers: sums of four uniform ones each, which reach 3.5 standard deviations. A step needs
+/// thousands of them, and does not need the tails.
 fn two_gauss(random: &mut ChaCha8Rng) -> (f64, f64) {
     const DEVIATION: f64 = 147.8; // of the sum of four bytes
     let normal = |bytes: [u8; 4]| (f64::from(bytes.map(u16::from).iter().sum::<u16>()) - 510.0) / DEVIATION;

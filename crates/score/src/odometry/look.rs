@@ -4,28 +4,28 @@ use lapwing_core::perception::Frame;
 
 /// Cells of a look, across and down; the picture below them shows the bonnet.
 const GRID: (usize, usize) = (40, 16);
-/// What share of a picture's height the cells take.
+/// The share of a picture's height that the cells cover.
 const SHOWN: (usize, usize) = (4, 5);
-/// A cell is compared with those so many to each side of it.
+/// A cell is compared with this many cells to each side of it.
 const AROUND: usize = 3;
 /// Contrast below this, in levels of 256, is noise.
 const NOISE: f64 = 2.0;
 
-/// A picture made ready to be compared with others of the same place.
+/// A picture prepared for comparison with others of the same place.
 ///
-/// Of the brightness in cells of a grid, each less the mean and over the deviation of the cells around it: what is left
-/// is where things stand and end, while light, weather and season go away. After the patch normalisation of SeqSLAM
-/// (Milford and Wyeth, 2012).
+/// It holds the brightness in cells of a grid, each minus the mean and divided by the deviation of the cells around it:
+/// outlines remain, while light, weather and season are removed. After the patch normalisation of SeqSLAM (Milford and
+/// Wyeth, 2012).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look(Vec<f32>);
 
 impl Look {
-    /// Looks of one of a few known places agree by at least this. Rendered starts of tracks under random weather agree
-    /// with themselves by 0.39 to 0.93, with those of other tracks by 0.18 at most. Of places that could be any, one look
-    /// proves nothing: pictures 60 m apart or more on one road agree by up to 0.5.
+    /// Looks at the same one of a few known places agree by at least this. Rendered starts of tracks under random
+    /// weather agree with themselves by 0.39 to 0.93, and with those of other tracks by 0.18 at most. Among arbitrary
+    /// places one look proves nothing: pictures 60 m or more apart on one road agree by up to 0.5.
     pub const SAME: f64 = 0.28;
 
-    /// The look of a picture; `None` where it is smaller than the grid.
+    /// The look of a picture; `None` if it is smaller than the grid.
     pub fn of(frame: &Frame) -> Option<Self> {
         let (across, down) = GRID;
         let (width, height) = (frame.width(), frame.height() * SHOWN.0 / SHOWN.1);
@@ -33,7 +33,7 @@ impl Look {
         if cell_w == 0 || cell_h == 0 {
             return None;
         }
-        // Sums of red, green and blue: a picture has so many pixels that each is to cost little.
+        // Sums of red, green and blue: a picture has so many pixels that each must cost little.
         let mut sums = vec![[0_u32; 3]; across * down];
         for (y, row) in frame.rgb().chunks_exact(3 * width).take(cell_h * down).enumerate() {
             let of_row = &mut sums[y / cell_h * across..][..across];
@@ -61,7 +61,7 @@ impl Look {
             (cells[i] - mean) / (deviation + NOISE)
         });
         let normalised: Vec<f64> = normalised.collect();
-        // So that the product of two looks is their correlation.
+        // Scaled so that the product of two looks is their correlation.
         let n = normalised.len() as f64;
         let mean = normalised.iter().sum::<f64>() / n;
         let length = normalised.iter().map(|x| (x - mean).powi(2)).sum::<f64>().sqrt();

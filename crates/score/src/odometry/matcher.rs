@@ -7,9 +7,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Filter, Milestone, Motion, Road, Whereabouts};
 
-/// Motions are gathered over so many metres.
+/// Motions are collected over this many metres.
 pub const STEP_M: f64 = 2.0;
-/// A road that explains a drive worse than another by so much, as a log likelihood, is followed no longer.
+/// A road that explains a drive worse than another by this much, as a log likelihood, is dropped.
 const HOPELESS: f64 = 60.0;
 
 /// A road that a drive may have been on.
@@ -23,9 +23,9 @@ pub struct Match {
     pub explains: bool,
     /// Where on it the car is.
     pub place: Whereabouts,
-    /// Metres along the road that it has gone at least, by two standard deviations when it was known best.
+    /// Metres along the road that it has come at least, by two standard deviations when its place was known best.
     pub sure_m: f64,
-    /// Where it was on the way there, every 20 m or so as far as that was known.
+    /// Where it was on the way there, about every 20 m if that was known.
     pub trail: Vec<Milestone>,
 }
 
@@ -62,7 +62,7 @@ impl Matcher {
         }
     }
 
-    /// The car moved unseen: so far along the road, up to a standard deviation.
+    /// The car moved unseen: this far along the road, up to a standard deviation.
     pub fn skip(&mut self, way_m: f64, deviation_m: f64) {
         self.flush();
         self.filters.iter_mut().for_each(|filter| filter.skip(way_m, deviation_m));

@@ -1,14 +1,14 @@
 //! Where a car was, by its speed, its steering and its pictures: the stock build reports no position.
 //!
 //! Speed and steering say how far the car went and how it turned; a known road says where it bends. A particle filter
-//! for each known road ([`Filter`]) holds the two against one another, and [`Matcher`] says which road explains the
-//! drive best and where on it the car is. The method is that of Monte Carlo localisation (Thrun, Burgard and Fox,
-//! Probabilistic Robotics, 2005, chapter 8), with what drivers do, to stay on the road, in place of a sensor.
+//! for each known road ([`Filter`]) compares the two, and [`Matcher`] says which road explains the drive best and where
+//! on it the car is. The method is that of Monte Carlo localisation (Thrun, Burgard and Fox, Probabilistic Robotics,
+//! 2005, chapter 8), with the fact that drivers stay on the road in place of a sensor.
 //!
-//! Pictures tell a place that was seen before ([`Look`]): the start of a known road, or the drive's own beginning, which
-//! says how long a lap is on a road that nobody knows ([`laps`]).
+//! Pictures identify a place that was seen before ([`Look`]): the start of a known road, or the drive's own beginning,
+//! which gives the length of a lap on an unknown road ([`laps`]).
 //!
-//! A filter's step costs as much as it has particles, so that telemetries are gathered until the car has gone
+//! The cost of a filter's step grows with its particles, so telemetries are collected until the car has moved
 //! [`STEP_M`].
 
 mod filter;
@@ -28,33 +28,33 @@ pub use revisits::{BEGINNING_M, EVERY_M, laps};
 pub struct Motion {
     /// Metres driven.
     pub way_m: f64,
-    /// Radians turned, clockwise as seen from above: by a bicycle with the steering told.
+    /// Radians turned, clockwise as seen from above: by a bicycle with the reported steering.
     pub turn_rad: f64,
 }
 
-/// A road as it is matched: its heading by the distance along it.
+/// A road for matching: its heading by the distance along it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Road {
     /// Its name.
     pub name: String,
     /// Where drives begin, in metres along it.
     pub start_m: f64,
-    /// Once around, in metres.
+    /// Length of a lap, in metres.
     pub length_m: f64,
-    /// What one sees at the start.
+    /// The look of its start.
     pub start: Option<Look>,
-    /// Headings in radians, clockwise, without leaps, evenly spaced from 0 to the whole length, both ends included.
+    /// Headings in radians, clockwise, without jumps, evenly spaced from 0 to the whole length, both ends included.
     headings: Vec<f64>,
-    /// Headings a metre.
+    /// Headings per metre.
     per_m: f64,
 }
 
 impl Road {
-    /// A road by the line that is driven on it, of headings in radians, clockwise, evenly spaced once around; the first and
-    /// the last are those of the same place. At least two.
+    /// A road by its driving line: headings in radians, clockwise, evenly spaced over a lap; the first and the last are
+    /// at the same place. There must be at least two.
     pub fn new(name: String, start_m: f64, length_m: f64, start: Option<Look>, mut headings: Vec<f64>) -> Self {
         assert!(headings.len() > 1, "a road has headings, got {}", headings.len());
-        // From one to the next nothing turns by half a circle.
+        // No step between two headings turns by half a circle.
         let mut before = headings.first().copied().unwrap_or(0.0);
         for heading in &mut headings {
             *heading = before + turn(*heading - before);
@@ -64,7 +64,7 @@ impl Road {
         Self { name, start_m, length_m, start, headings, per_m }
     }
 
-    /// The heading at any distance along it; laps add up.
+    /// The heading at any distance along it, over any number of laps.
     fn heading(&self, s: f64) -> f64 {
         let (first, last) = (self.headings[0], self.headings[self.headings.len() - 1]);
         // Nearly all are asked for on the first lap, and this is what a filter does most.

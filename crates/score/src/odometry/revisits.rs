@@ -2,23 +2,23 @@
 
 use super::Look;
 
-/// Metres between looks that are worth taking; of the first [`BEGINNING_M`], one each metre.
+/// Metres between looks worth taking; within the first [`BEGINNING_M`], one every metre.
 pub const EVERY_M: f64 = 3.0;
-/// So much of the drive's beginning is looked for again.
+/// How much of the drive's beginning is searched for later, in metres.
 pub const BEGINNING_M: f64 = 45.0;
-/// A look compares with one of the beginning that is so near to its place, in metres.
+/// A look is compared with one of the beginning that is this near to its place, in metres.
 const NEAR_M: f64 = 0.6;
 /// No road is shorter, in metres.
 const SHORTEST_M: f64 = 100.0;
-/// Fewest looks that make a row, and how well those of a row agree on average; fewer, at the end of a drive, must agree
+/// Fewest looks in a row, and how well they must agree on average; a shorter row, at the end of a drive, must agree
 /// better. Rows of looks at other places agree by 0.3 at most.
 const ROW: (usize, f64) = (6, 0.45);
 const FEW: f64 = 0.62;
-/// What agrees by less than this share of the best row only looks like the beginning.
+/// A row that agrees by less than this share of the best one only resembles the beginning.
 const BESIDE_BEST: f64 = 0.6;
 
-/// How far the car had driven each time that it came back to where the drive began, in metres. `looks` stand in the order
-/// of the metres driven until then.
+/// How far the car had driven each time it came back to where the drive began, in metres. `looks` are in order of the
+/// metres driven until then.
 pub fn laps(looks: &[(f64, Look)]) -> Vec<f64> {
     let Some(from) = looks.first().map(|(way, _)| *way) else { return vec![] };
     let until = looks.partition_point(|(way, _)| *way <= from + BEGINNING_M);
@@ -42,7 +42,7 @@ pub fn laps(looks: &[(f64, Look)]) -> Vec<f64> {
         if count == 0 || mean < least {
             continue;
         }
-        // The best of those near one another is the place.
+        // Of matches near one another, the best is the place.
         match found.last_mut() {
             Some((at, best)) if lap - *at < SHORTEST_M => {
                 if mean > *best {
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
     use lapwing_core::perception::Frame;
 
-    /// What one sees at a place: blocks that change from 4 m to 4 m.
+    /// The look of a place: blocks that change every 4 m.
     fn look(place: f64) -> Look {
         let level = |step: f64, cell: usize| {
             let mixed = (step as u32).wrapping_mul(40_503) ^ (cell as u32).wrapping_mul(2_654_435_761);
@@ -72,7 +72,7 @@ mod tests {
         Look::of(&Frame::new(40, 20, (0..800).flat_map(cell).collect()).unwrap()).unwrap()
     }
 
-    /// Looks of a drive around a road of this length, which tells its way a hundredth too long.
+    /// Looks of a drive around a road of this length, which reports its distance a hundredth too long.
     fn drive(length: f64, metres: f64) -> Vec<(f64, Look)> {
         let mut looks = vec![];
         let mut way = 0.0;

@@ -15,7 +15,7 @@ fn bends(name: &str, length_m: f64, phase: f64) -> Arc<Road> {
     })
 }
 
-/// A drive along a road at 0.6 m a telemetry that weaves, in a car that turns less and goes further than it tells.
+/// A drive along a road at 0.6 m a telemetry that weaves, in a car that turns less and drives further than it reports.
 fn drive(road: &Road, from: f64, metres: f64, mut seen: impl FnMut(Motion)) {
     let steps = (metres / 0.6) as usize;
     for i in 0..steps {
@@ -48,7 +48,7 @@ fn a_car_that_begins_at_the_start_is_followed_over_laps_though_it_tells_its_way_
         let place = filter.place();
         assert!(way < 150.0 || (place.progress_m - way).abs() < 15.0, "{way}: {place:?}");
     });
-    // One per cent of 2300 m is 23 m; the bends say better.
+    // One per cent of 2300 m is 23 m; the bends give a better estimate.
     assert!(
         (filter.place().progress_m - 2300.0).abs() < 8.0 && (filter.place().s_m - 300.0).abs() < 8.0,
         "{:?}",

@@ -1,7 +1,7 @@
 //! Compares runs with a baseline: did they get worse?
 //!
-//! Runs are compared with those of the same [`setting`]: over all tracks together a lap lost on one would look like
-//! the scatter between them.
+//! Runs are compared with those of the same [`setting`]: taken over all tracks together, a lap lost on one would look
+//! like the scatter between tracks.
 
 use std::{
     collections::BTreeMap,
@@ -15,7 +15,7 @@ use serde_json::Value;
 use super::{Better, Figure, Scorecard, Spread, Unit, report::SCHEMA, summary::student};
 use lapwing_core::recording::RunHeader;
 
-/// A file that is no baseline.
+/// A file that cannot be used as a baseline.
 #[derive(Debug, thiserror::Error)]
 pub enum BaselineError {
     /// It cannot be read.
@@ -44,10 +44,10 @@ pub enum BaselineError {
     },
 }
 
-/// A difference is none by chance where it is so many times the half width of its confidence interval at 95 %: some
+/// A difference is not due to chance if it is this many times the half width of its confidence interval at 95 %: some
 /// forty figures are compared, and one of them would often lie outside the interval itself.
 const CERTAIN: f64 = 2.0;
-/// Where one run alone tells a figure nobody knows its noise; a change of so large a share is taken for one.
+/// If only one run reports a figure, its noise is unknown; a relative change of this size is taken as real.
 const ALONE: f64 = 0.05;
 
 /// Which way a figure went.
@@ -65,13 +65,13 @@ pub enum Trend {
 /// A figure before and now.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Change {
-    /// Of which runs.
+    /// The setting of its runs.
     pub setting: String,
     /// Its key.
     pub figure: &'static str,
     /// Over the baseline's runs.
     pub before: Spread,
-    /// Over these; `None` where they do not tell it.
+    /// Over these; `None` if they do not report it.
     pub now: Option<Spread>,
     /// How far apart the means may lie by chance.
     pub noise: f64,
@@ -81,7 +81,7 @@ pub struct Change {
     unit: Unit,
 }
 
-/// The part of a baseline (the JSON of `lapwing score`) that is held against.
+/// The part of a baseline (the JSON of `lapwing score`) that runs are compared with.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Baseline {
     /// Which JSON it is.
@@ -97,11 +97,11 @@ struct Before {
     figures: BTreeMap<String, Value>,
 }
 
-/// What a baseline says of runs.
+/// The result of comparing runs with a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Each figure of the baseline that has a better and a worse, before and now. Figures that the baseline does not know
-    /// are new, and left out.
+    /// Each figure of the baseline that has a better and a worse, before and now. Figures that the baseline does not
+    /// have are new and left out.
     pub changes: Vec<Change>,
     /// Settings of the baseline that no run has.
     pub missing: Vec<String>,
@@ -109,10 +109,10 @@ pub struct Comparison {
     pub new: Vec<String>,
 }
 
-/// What runs must have in common to be compared: the track, the scenario, and the speed that was asked for, as far as the
-/// run tells them. Weather and seeds may differ.
+/// What runs must have in common to be compared: the track, the scenario, and the speed that was asked for, as far as
+/// the run reports them. Weather and seeds may differ.
 pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
-    // `drive` keeps the settings beside the world, `serve` has nothing else.
+    // `drive` stores the settings beside the world; `serve` stores nothing else.
     let settings = header.config.get("settings").unwrap_or(&header.config);
     let mph = settings.pointer("/control/speed_mph").and_then(Value::as_f64).map(|mph| format!("{mph} mph"));
     let track = card.track.clone().unwrap_or_else(|| UNKNOWN.to_owned());
@@ -136,7 +136,7 @@ impl Baseline {
         }
     }
 
-    /// Holds runs, each with its [`setting`], against it.
+    /// Compares runs, each with its [`setting`], with it.
     pub fn compare(&self, runs: &[(String, &Scorecard)]) -> Comparison {
         // Lapwing 0.1 wrote no settings at first.
         let by_track = self.runs.iter().any(|run| run.setting.is_none());
@@ -197,10 +197,10 @@ fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
     let of = |spread: &Spread| Some((spread.deviation?.powi(2), (spread.runs - 1) as f64));
     let each = 1.0 / before.runs as f64 + 1.0 / now.runs as f64;
     let chance = match (of(before), of(now)) {
-        // A collision more is one however few runs there were.
+        // One more collision counts, however few runs there were.
         (None, None) if unit == Unit::Count => 0.0,
         (None, None) => ALONE * before.mean.abs(),
-        // The scatter of both together; of one alone where the other is a single run.
+        // The scatter of both together, or of one alone if the other is a single run.
         (a, b) => {
             let ((a, of_a), (b, of_b)) = (a.unwrap_or((0.0, 0.0)), b.unwrap_or((0.0, 0.0)));
             let freedom = of_a + of_b;
@@ -211,7 +211,7 @@ fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
     chance.max(trifle(unit))
 }
 
-/// Differences that nobody cares for.
+/// Differences too small to matter.
 fn trifle(unit: Unit) -> f64 {
     match unit {
         Unit::Count => 0.0,

@@ -1,7 +1,8 @@
 //! Braking for obstacles: avoided or not, impact speed, closest approach, and false alarms.
 //!
-//! A *braking situation* is a stretch of a run in which the world tells a time to collision below [`COURSE_S`]. It ends
-//! with what is hit, or once no such time was told for [`APART_S`]. One that the run's end cuts short is not judged.
+//! A *braking situation* is a stretch of a run in which the world reports a time to collision below [`COURSE_S`]. It
+//! ends with an impact, or once no such time was reported for [`APART_S`]. One that the run's end cuts short is not
+//! judged.
 
 use super::{
     Figure, Measure,
@@ -14,14 +15,14 @@ use lapwing_core::{
     units::Mph,
 };
 
-/// A time to collision below this is a collision course, in seconds. Euro NCAP's tests begin at 4 s; who brakes early
-/// and gently is to be in a situation, too.
+/// A time to collision below this is a collision course, in seconds. Euro NCAP's tests begin at 4 s; braking early and
+/// gently should count as a situation, too.
 const COURSE_S: f64 = 10.0;
-/// Without a collision course for so long a situation is over; and emergency braking again after so long is another
-/// one; in seconds.
+/// A situation is over after this long without a collision course; emergency braking again after this long is another
+/// event; in seconds.
 const APART_S: f64 = 1.0;
-/// A throttle of so little or less is emergency braking. An emergency brake is full, -1; the default PI controller asks
-/// for this much only at 8 mph over its speed.
+/// A throttle of this or less is emergency braking. An emergency brake is full, -1; the default PI controller asks for
+/// this much only at 8 mph over its speed.
 const EMERGENCY: f64 = -0.8;
 
 const NO_SCENARIO: &str = "no scenario asked for braking";
@@ -36,7 +37,7 @@ const CLEAR: &str = "nothing was within a minute of a collision";
 pub(super) struct Braking {
     at_s: f64,
     mph: f64,
-    /// The shortest time to collision, where one is told.
+    /// The shortest time to collision, if one is reported.
     least_s: Option<f64>,
     situation: Option<Situation>,
     avoided: u32,
@@ -58,12 +59,12 @@ struct Situation {
     hit: bool,
 }
 
-/// What else of a run decides what can be told.
+/// What else about a run decides which figures can be measured.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Known {
     /// How long the run was, humans at its ends included.
     pub time_s: f64,
-    /// Whether a judge tells collisions, or the world counts them at least.
+    /// Whether a judge reports collisions, or the world at least counts them.
     pub judged: bool,
     pub counted: bool,
     /// Whether there was other traffic by a script.
@@ -106,12 +107,12 @@ impl Braking {
         }
     }
 
-    /// Something was hit, and nobody says how fast.
+    /// Something was hit, at an unknown speed.
     pub(super) fn hit(&mut self) {
         self.unmeasured += u32::from(self.strike(self.mph));
     }
 
-    /// What the situation was about is hit by the car at `own_mph`; whether that is so for the first time.
+    /// The car hits the situation's obstacle at `own_mph`; returns whether that is its first hit.
     fn strike(&mut self, own_mph: f64) -> bool {
         let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return false };
         situation.hit = true;

@@ -9,10 +9,10 @@ use serde::{
 
 use super::{Figure, Latency, Measure, STAGES, Unit};
 
-/// What the JSON of a scorecard is called. A key's meaning never changes under one number; new keys may come.
+/// The schema of a scorecard's JSON. A key's meaning never changes under one number; new keys may be added.
 pub const SCHEMA: &str = "lapwing.scorecard/1";
 
-/// What a run was worth.
+/// The score of a run.
 ///
 /// As JSON it is one object: `schema`; `track`, `scenario`, `ended`, `laps_asked`, each a value or null; a number or null
 /// under the key of each [`Figure`]; `lap_times_s`; `latency_ms` with p50, p95 and p99 of each of the [`STAGES`] that were
@@ -20,7 +20,7 @@ pub const SCHEMA: &str = "lapwing.scorecard/1";
 /// which gives the reason of each null; `damaged`, where parts of the file cannot be read; and `notes` in words.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scorecard {
-    /// The track, where the run tells it.
+    /// The track, if the run reports it.
     pub track: Option<String>,
     /// The script of the other traffic.
     pub scenario: Option<String>,
@@ -30,36 +30,36 @@ pub struct Scorecard {
     pub laps_asked: Option<u32>,
     /// How long each lap took, in seconds.
     pub lap_times_s: Vec<f64>,
-    /// How far off each of them may be, in seconds, where they are estimates.
+    /// How far off each of them may be, in seconds, if they are estimates.
     pub lap_times_off_s: Option<f64>,
-    /// What such estimates follow from.
+    /// The source of such estimates.
     pub(super) lap_times_from: &'static str,
-    /// Where it was on a known track, for a map, in a run that tells no position: seconds of the run, and metres along the
-    /// track's driving line. Estimates, and no part of the JSON.
+    /// Where the car was on a known track, for a map, in a run without positions: seconds of the run, and metres along
+    /// the track's driving line. These are estimates, and not part of the JSON.
     pub whereabouts: Vec<(f64, f64)>,
     /// Of each of the [`STAGES`].
     pub latency: [Option<Latency>; STAGES.len()],
     /// The run's file is cut off, or part of it cannot be read: the figures are those of the rest.
     pub damaged: bool,
-    /// What anyone who reads this should know besides: a file that is cut off, messages that cannot be read.
+    /// What else a reader should know: a file that is cut off, messages that cannot be read.
     pub notes: Vec<String>,
     /// In the order of [`Figure::ALL`].
     pub(super) figures: [Measure; Figure::ALL.len()],
 }
 
 impl Scorecard {
-    /// What the run says of a figure.
+    /// What the run says about a figure.
     pub fn get(&self, figure: Figure) -> Measure {
         self.figures[figure as usize]
     }
 
-    /// The value of a figure, told or estimated.
+    /// The value of a figure, reported or estimated.
     pub fn value(&self, figure: Figure) -> Option<f64> {
         self.get(figure).value()
     }
 }
 
-/// A scorecard's figures while they are found.
+/// A scorecard's figures while they are collected.
 pub(super) struct Figures([Measure; Figure::ALL.len()]);
 
 impl Figures {
@@ -93,7 +93,7 @@ impl Figures {
         self.0[figure as usize]
     }
 
-    /// Takes what is found out of a figure that the run does not say.
+    /// Takes a finding about a figure that the run does not report.
     pub(super) fn suggest(&mut self, figure: Figure, measure: Measure) {
         if self.get(figure).value().is_none() && measure.value().is_some() {
             self.set(figure, measure);

@@ -1,41 +1,43 @@
 //! The time of a run: the simulator's own if it sends it, otherwise the time at which its messages came.
 //!
-//! In lock-step a world runs as fast as it is answered, so that the stamps of a recording say how long a drive took to
-//! compute; how long the car drove is what `sim_time` says. Builds of the SelfOracle family tell it in whole seconds: there
-//! the stamps tell, at the pace known so far, and within the second that is told. A clock that stands still from the beginning
-//! on tells nothing.
+//! In lock-step a world runs as fast as it is answered, so the stamps of a recording say how long a drive took to
+//! compute; `sim_time` says how long the car drove. Builds of the SelfOracle family report it in whole seconds: there
+//! the stamps fill in, at the pace known so far and within the second that is reported. A clock that stands still from
+//! the beginning is ignored.
 
 use lapwing_core::protocol::Truth;
 
-/// Within such a pace, in seconds of the run for each second of the stamps, both clocks are taken for the same.
+/// At a pace in this range, in seconds of the run per second of the stamps, both clocks are taken to be the same.
 const REAL_TIME: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 
-/// A second that has just begun is told up to so much later, in seconds: with the next telemetry, and that may come late.
+/// A second that has just begun is reported up to this much later, in seconds: with the next telemetry, which may come
+/// late.
 const BEHIND_S: f64 = 0.25;
 
-/// A clock that has not moved for so long, in seconds of the stamps, stands: one in whole seconds moves within one.
+/// A clock that has not moved for this long, in seconds of the stamps, stands still: one in whole seconds moves within
+/// a second.
 const STANDS_S: f64 = 2.5;
 
 /// From stamps to the time of the run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RunClock {
-    /// The stamps are the world's own time.
+    /// Whether the stamps are the world's own time.
     is_world: bool,
-    /// From where to where the pace is counted: telemetries that told another time than the one before.
+    /// Where the count of the pace begins: a telemetry that reported another time than the one before.
     first: Option<TimedTelemetry>,
     changed: Option<TimedTelemetry>,
-    /// The last telemetry that told the time.
+    /// The last telemetry that reported the time.
     last: Option<TimedTelemetry>,
-    /// Seconds of the run less those that the simulator reports.
+    /// Seconds of the run minus those that the simulator reports.
     offset_s: f64,
-    /// Whole seconds are told, several telemetries each; and whether one of them has ended.
+    /// Whether whole seconds are reported, for several telemetries each; and whether one of them has ended.
     is_coarse: bool,
     has_ticked: bool,
-    /// It has not moved yet, for longer than any clock that goes.
+    /// Whether it has not moved yet, for longer than any running clock.
     stands: bool,
 }
 
-/// A telemetry that told the time.
+/// A telemetry that reported the time.
 #[derive(Debug, Clone, Copy)]
 struct TimedTelemetry {
     stamp_s: f64,
@@ -49,7 +51,7 @@ impl RunClock {
         self.is_world = true;
     }
 
-    /// The time of a telemetry with this stamp, which tells this time of the simulator's.
+    /// The time of a telemetry with this stamp, which reports this time of the simulator's.
     pub fn telemetry(&mut self, stamp_s: f64, sim_s: Option<f64>) -> f64 {
         let usable = |sim_s: &f64| !self.is_world && Truth::is_time(sim_s);
         let Some(sim_s) = sim_s.filter(usable) else { return self.at(stamp_s) };
@@ -68,9 +70,9 @@ impl RunClock {
         self.stands = still_s.is_some() && (self.stands || stood_s.is_some());
         let anew = step_s < 0.0 || self.stands || (self.is_coarse && step_s > 0.0 && !self.has_ticked);
         let run_s = match stood_s.zip(self.first) {
-            // What it did not tell so far.
+            // The time that it has not reported so far.
             Some((stood_s, first)) => by_stamps.max(first.run_s + stood_s),
-            // Loaded anew, not begun, or the first second that ends: nobody knows when it began.
+            // Loaded anew, not begun, or the end of the first second, whose beginning is unknown.
             None if anew => by_stamps,
             None if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
             None => exact.max(last.run_s),
@@ -86,7 +88,7 @@ impl RunClock {
         run_s
     }
 
-    /// The time of whatever else has this stamp.
+    /// The time of anything else with this stamp.
     pub fn at(&self, stamp_s: f64) -> f64 {
         self.last.map_or(stamp_s, |last| last.run_s + (stamp_s - last.stamp_s).max(0.0) * self.pace())
     }
@@ -96,12 +98,12 @@ impl RunClock {
         self.last.is_some()
     }
 
-    /// Whether stamps tell the time, too, where the simulator says nothing.
+    /// Whether stamps can be used as the time when the simulator reports none.
     pub fn is_real_time(&self) -> bool {
         self.pace() == 1.0
     }
 
-    /// Seconds of the run for each second of the stamps; just 1 where both clocks are the same.
+    /// Seconds of the run for each second of the stamps; exactly 1 if both clocks are the same.
     fn pace(&self) -> f64 {
         let Some((first, last)) = self.first.zip(self.changed) else { return 1.0 };
         let (sim_s, stamps_s) = (last.sim_s - first.sim_s, last.stamp_s - first.stamp_s);
@@ -114,7 +116,7 @@ impl RunClock {
 mod tests {
     use super::*;
 
-    /// The times of telemetries told at these stamps.
+    /// The times of telemetries reported at these stamps.
     fn times(told: impl IntoIterator<Item = (f64, f64)>) -> (RunClock, Vec<f64>) {
         let mut clock = RunClock::default();
         let times = told.into_iter().map(|(stamp_s, sim_s)| clock.telemetry(stamp_s, Some(sim_s))).collect();
@@ -126,13 +128,13 @@ mod tests {
         let (clock, times) = times((0..=600).map(|i| (2.0 + f64::from(i) / 165.0, f64::from(i) / 15.0)));
         assert!((times[600] - 42.0).abs() < 1e-9 && times[0] == 2.0, "{times:?}");
         assert!(!clock.is_real_time());
-        // What follows at once is about as far off as telemetries are.
+        // An item right after a telemetry is off by about as much.
         assert!((clock.at(2.0 + 601.0 / 165.0) - 42.0 - 1.0 / 15.0).abs() < 1e-9);
     }
 
     #[test]
     fn whole_seconds_say_how_fast_stamps_tell_the_time() {
-        // A build that has played for 7.4 s, at its own pace and three times as fast.
+        // A build that has been running for 7.4 s, at its own pace and three times as fast.
         for pace in [1.0, 3.0] {
             let told = (0..900).map(|i| (f64::from(i) / 15.0 / pace, (7.4 + f64::from(i) / 15.0).floor()));
             let (clock, times) = times(told);
@@ -158,7 +160,7 @@ mod tests {
 
     #[test]
     fn a_fine_clock_that_stands_for_a_telemetry_does_not_drift() {
-        // 60 telemetries a second of a world that steps 50 times, whole seconds told twice among them.
+        // 60 telemetries a second of a world that steps 50 times, some of whose times are reported twice.
         let (_, times) = times((0..6000).map(|i| (f64::from(i) / 60.0, (f64::from(i) / 60.0 * 50.0).floor() / 50.0)));
         assert!((times[5999] - 99.96).abs() < 0.03, "{}", times[5999]);
     }

@@ -1,6 +1,6 @@
 //! The figures of a scorecard, each with its unit, formula and source.
 //!
-//! The text behind each is its documentation here and in `lapwing score --explain`; [`SOURCES`] are cited in it.
+//! The text after each is its documentation here and in `lapwing score --explain`; [`SOURCES`] are cited in it.
 
 use serde::Serialize;
 
@@ -23,7 +23,7 @@ pub const SOURCES: [(&str, &str); 9] = [
     ("SelfOracle", "the simulator of Stocco et al., Misbehaviour Prediction for Autonomous Driving Systems (2020)."),
 ];
 
-/// What a figure is counted in.
+/// The unit of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
     /// 0 to 1; people are shown percent.
@@ -59,7 +59,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Its symbol behind a number; nothing for counts, points and correlations. Shares are shown as percent.
+    /// Its symbol after a number; nothing for counts, points and correlations. Shares are shown as percent.
     pub const fn symbol(self) -> &'static str {
         match self {
             Self::Share => "%",
@@ -113,7 +113,7 @@ impl Unit {
         if symbol.is_empty() { number.to_owned() } else { format!("{number} {symbol}") }
     }
 
-    /// What a value of it can be.
+    /// The range of possible values.
     pub const fn range(self) -> (f64, f64) {
         match self {
             Self::Share => (0.0, 1.0),
@@ -123,7 +123,8 @@ impl Unit {
         }
     }
 
-    /// Where a mean lies, behind it: `± 1.5 %`, or `[0, 6.85]` where one side is cut off by what can be, or wider.
+    /// The interval of a mean, to be written after it: `± 1.5 %`, or `[0, 6.85]` if one side is cut off by the possible
+    /// range, or wider.
     pub fn show_interval(self, mean: f64, [low, high]: [f64; 2]) -> String {
         let (below, above) = (mean - low, high - mean);
         if (below - above).abs() <= 1e-9 * high.abs() {
@@ -132,8 +133,8 @@ impl Unit {
         format!("[{}, {}]", significant(self.shown(low), 3), significant(self.shown(high), 3))
     }
 
-    /// How far off an estimate may be: `± 0.04 %`, or `0 to 5` where that is a count or would reach beyond what can be.
-    /// Nothing where it is not known to be off at all.
+    /// How far off an estimate may be: `± 0.04 %`, or `0 to 5` if it is a count or would reach beyond the possible
+    /// range. None if it is not known to be off at all.
     pub fn show_off(self, value: f64, uncertainty: f64) -> Option<String> {
         let (least, most) = self.range();
         let (low, high) = (value - uncertainty, value + uncertainty);
@@ -151,12 +152,12 @@ impl Unit {
     }
 }
 
-/// A number to so many significant digits, without zeros at its end; whole digits all stay.
+/// A number to this many significant digits, without trailing zeros; all digits before the point stay.
 fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.abs().to_string();
     }
-    // What is rounded up to the next power of ten has a digit more.
+    // A number that is rounded up to the next power of ten has one more digit.
     let magnitude = format!("{value:.*e}", digits as usize - 1);
     let exponent = magnitude.rsplit_once('e').and_then(|(_, exponent)| exponent.parse::<i32>().ok()).unwrap_or(0);
     let decimals = (digits - 1 - exponent).clamp(0, 15) as usize;
@@ -172,11 +173,11 @@ pub enum Better {
     Higher,
     /// Less is better.
     Lower,
-    /// It tells what was driven, not how well.
+    /// It describes what was driven, not how well.
     Neither,
 }
 
-/// A figure as pages are told of it.
+/// A figure's description for pages.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Described {
     key: &'static str,
@@ -195,7 +196,7 @@ macro_rules! figures {
         }
 
         impl Figure {
-            /// All, in the order of the scorecard.
+            /// All figures, in the order of the scorecard.
             pub const ALL: [Self; [$(Self::$name),+].len()] = [$(Self::$name),+];
 
             /// Its name in JSON, unit included.
@@ -203,17 +204,17 @@ macro_rules! figures {
                 match self { $(Self::$name => $key,)+ }
             }
 
-            /// The one of this name in JSON.
+            /// The figure of this name in JSON.
             pub fn of_key(key: &str) -> Option<Self> {
                 Self::ALL.into_iter().find(|figure| figure.key() == key)
             }
 
-            /// What people call it.
+            /// Its name for people.
             pub const fn label(self) -> &'static str {
                 match self { $(Self::$name => $label,)+ }
             }
 
-            /// What it is counted in.
+            /// Its unit.
             pub const fn unit(self) -> Unit {
                 match self { $(Self::$name => Unit::$unit,)+ }
             }
@@ -223,7 +224,7 @@ macro_rules! figures {
                 match self { $(Self::$name => Better::$better,)+ }
             }
 
-            /// How it is computed, and after whom.
+            /// How it is computed, and its source.
             pub const fn meaning(self) -> &'static str {
                 match self { $(Self::$name => $meaning,)+ }
             }

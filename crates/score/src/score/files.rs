@@ -1,4 +1,4 @@
-//! Which runs are meant by paths: files, and what lies in folders.
+//! The runs that paths stand for: files, and the contents of folders.
 
 use std::{
     collections::HashSet,
@@ -8,7 +8,7 @@ use std::{
 
 use lapwing_core::{recording::recordings_in, words::count};
 
-/// Paths that name no runs.
+/// Paths that do not lead to runs.
 #[derive(Debug, thiserror::Error)]
 pub enum FilesError {
     /// A folder cannot be read.
@@ -19,7 +19,7 @@ pub enum FilesError {
         /// Why not.
         source: io::Error,
     },
-    /// The name of a file is no text.
+    /// The name of a file is not Unicode.
     #[error("{0:?}: expected a name in UTF-8")]
     Name(PathBuf),
     /// A folder without runs.
@@ -32,7 +32,7 @@ pub enum FilesError {
     },
 }
 
-/// The runs and driving logs that are meant, each once; of a folder all in it, by name.
+/// The runs and driving logs that the paths stand for, each once; for a folder, all in it, by name.
 ///
 /// # Errors
 /// [`FilesError`].
@@ -45,7 +45,7 @@ pub fn runs_in(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FilesError> {
             files.push(path.clone());
         }
     }
-    // A run that is named twice is one.
+    // A run that is named twice counts once.
     let mut seen = HashSet::new();
     files.retain(|file| seen.insert(fs::canonicalize(file).unwrap_or_else(|_| file.clone())));
     Ok(files)

@@ -1,6 +1,6 @@
 //! Infractions of a run, and what each costs.
 
-/// What was hit, as CARLA's leaderboard tells it apart.
+/// What was hit, in the categories of CARLA's leaderboard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Struck {
     Person,
@@ -21,7 +21,7 @@ impl Struck {
         }
     }
 
-    /// What the driving score is divided by more (CARLA leaderboard 2.1).
+    /// What it adds to the divisor of the driving score (CARLA leaderboard 2.1).
     fn coefficient(self) -> f64 {
         match self {
             Self::Person => 1.0,
@@ -40,8 +40,8 @@ impl Struck {
     }
 }
 
-/// Driving scores of CARLA's leaderboard 2.1 and 1.0, 0 to 100, with the way driven as a share of what was asked and
-/// how much of it was off the road.
+/// Driving scores of CARLA's leaderboard 2.1 and 1.0, 0 to 100, from the distance driven as a share of what was asked
+/// for, and the share of it off the road.
 pub(super) fn driving_scores(completion: f64, off_road_share: f64, struck: &[Struck]) -> (f64, f64) {
     let way = 100.0 * completion * (1.0 - off_road_share);
     let sum: f64 = struck.iter().map(|hit| hit.coefficient()).sum();
@@ -51,7 +51,7 @@ pub(super) fn driving_scores(completion: f64, off_road_share: f64, struck: &[Str
 /// What an intervention costs, in seconds (Bojarski et al. 2016).
 pub(super) const INTERVENTION_S: f64 = 6.0;
 
-/// Autonomy after Bojarski et al. 2016, and with takeovers as long as they were; 0 to 1.
+/// Autonomy after Bojarski et al. 2016, and the same with the real length of takeovers; 0 to 1.
 pub(super) fn autonomies(time_s: f64, takeovers: u32, human_s: f64, interventions: u32) -> (f64, f64) {
     let without = |lost_s: f64| (1.0 - lost_s / time_s).max(0.0);
     let virtual_s = INTERVENTION_S * f64::from(interventions);

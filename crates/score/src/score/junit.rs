@@ -7,9 +7,9 @@ use super::{
     against::{Comparison, Trend},
 };
 
-/// A report with a suite for each run and a case for each threshold; a run without thresholds has one case, that it was
-/// scored. The scorecard is the suite's output. Runs that could not be scored are errors; what a baseline says is a suite
-/// of its own, with a case for each figure.
+/// A report with a suite for each run and a case for each threshold; a run without thresholds has a single case, that
+/// it was scored. The scorecard is the suite's output. Runs that could not be scored are errors; the comparison with a
+/// baseline is a suite of its own, with a case for each figure.
 ///
 /// # Errors
 /// Where the XML cannot be written.

@@ -16,7 +16,7 @@ pub struct Latency {
     pub p99: f64,
 }
 
-/// Longest time told apart from longer ones: an hour, in nanoseconds.
+/// Longest time that is told apart from longer ones: an hour, in nanoseconds.
 const LONGEST_NS: u64 = 3_600_000_000_000;
 
 /// The stages of an answer, in their order.
@@ -45,7 +45,7 @@ impl Stages {
         }
     }
 
-    /// Of each stage, `None` where no time of it is known.
+    /// Latency of each stage; `None` if no time of it is known.
     pub(super) fn latencies(&self) -> [Option<Latency>; 5] {
         self.0.each_ref().map(|histogram| {
             let ms = |quantile| histogram.value_at_quantile(quantile) as f64 / 1e6;

@@ -1,17 +1,17 @@
 //! A measure: a value and how certain it is.
 
-/// What a run says of a figure.
+/// What a run says about a figure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Measure {
-    /// The run tells it.
+    /// The run reports it.
     Told(f64),
-    /// It follows from what the run reports, nearly.
+    /// It follows from what the run reports, approximately.
     Estimate {
         /// The value.
         value: f64,
         /// How far off it may be, in the figure's unit.
         uncertainty: f64,
-        /// What it follows from.
+        /// Its source.
         from: &'static str,
     },
     /// Not measurable.
@@ -32,7 +32,7 @@ impl Measure {
         }
     }
 
-    /// Another value that follows from this one and is as sure; `scale` is how many of its units one of these is.
+    /// Another value computed from this one, equally certain; `scale` converts the uncertainty to the new unit.
     pub fn map(self, of: impl Fn(f64) -> f64, scale: f64) -> Self {
         match self {
             Self::Told(value) => Self::Told(of(value)),

@@ -1,21 +1,21 @@
 //! Scores a run.
 //!
-//! A [`Scorer`] watches a run item by item, live or from a file ([`of_recording`]), and ends in a [`Scorecard`]: a [`Measure`]
-//! for each [`Figure`]. What the world reports of itself (its position, laps and collisions) is told on; what follows
-//! from other things is marked as an estimate, with its uncertainty; what a run cannot tell is not measurable, with
-//! the reason, never 0.
+//! A [`Scorer`] watches a run item by item, live or from a file ([`of_recording`]), and ends in a [`Scorecard`]: a
+//! [`Measure`] for each [`Figure`]. What the world itself reports (position, laps, collisions) is passed on; what
+//! follows from other data is marked as an estimate, with its uncertainty; what a run does not report is not
+//! measurable, with the reason, never 0.
 //!
 //! | file | holds |
 //! |---|---|
 //! | [`figure`] | each figure's unit, formula and source |
 //! | `scorer` | from items to figures |
 //! | `clock` | the time of the run, by the simulator's clock or the recording's |
-//! | `told` | what telemetry beyond the stock build's tells, as a judge would have called it |
-//! | `blind` | what the stock build does not say, as well as it can be found out |
-//! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that take a formula |
+//! | `told` | events from telemetry beyond the stock build's, as a judge would have reported them |
+//! | `blind` | estimates of what the stock build does not report |
+//! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that need a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
-//! | [`files`], [`report`] | which runs are meant, and what is said of all of them |
-//! | `thresholds`, [`junit`] | what a run must reach, and how CI is told |
+//! | [`files`], [`report`] | the runs that paths stand for, and the report on all of them |
+//! | `thresholds`, [`junit`] | what a run must reach, and the report for CI |
 //! | [`page`] | runs as a page for a browser |
 //! | [`summary`], [`against`] | several runs in one, and whether they got worse |
 

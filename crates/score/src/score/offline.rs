@@ -1,4 +1,4 @@
-//! Open-loop replays: a driver's steering against the recorded one.
+//! Open-loop replays: a driver's steering compared with the recorded one.
 
 use lapwing_core::stats::Agreement;
 
@@ -8,14 +8,14 @@ const NO_REPLAY: &str = "the run tells one driver's steering only: lapwing repla
 const OPEN_LOOP: &str = "nothing was driven: an open-loop replay shows what was recorded";
 const NO_VARIATION: &str = "the steering does not vary";
 
-/// The figures of a run's steering where nothing was replayed.
+/// The figures of a run's steering if nothing was replayed.
 pub(super) fn not_replayed() -> [(Figure, Measure); 3] {
     [Figure::SteeringMae, Figure::SteeringMse, Figure::SteeringR].map(|figure| (figure, Measure::Unknown(NO_REPLAY)))
 }
 
 impl Scorecard {
-    /// Of an open-loop replay: how well the driver's steering agrees with the recorded one, and nothing else, for
-    /// what became of the car is the recorded drive's. Or the reason why there is nothing to compare.
+    /// The scorecard of an open-loop replay: how well the driver's steering agrees with the recorded one, and nothing
+    /// else, as the car's motion is the recorded drive's. Or the reason why there is nothing to compare.
     pub fn of_replay(steering: Result<&Agreement, &'static str>) -> Self {
         let mut figures = Figures::unknown(OPEN_LOOP);
         let why = steering.err().unwrap_or(NO_VARIATION);

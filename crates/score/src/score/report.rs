@@ -1,4 +1,4 @@
-//! What `lapwing score` says of runs: each judged and held against thresholds, all in one table or one JSON.
+//! What `lapwing score` reports on runs: each is judged and checked against thresholds, all in one table or one JSON.
 
 use std::{collections::BTreeMap, path::PathBuf, time::Duration};
 
@@ -15,10 +15,10 @@ use lapwing_core::{
     recording::{Item, Recording, RecordingError, RunHeader},
 };
 
-/// What the JSON of a [`Report`] is called.
+/// The schema of a [`Report`]'s JSON.
 pub const SCHEMA: &str = "lapwing.score/1";
 
-/// Figures that stand in the table of several runs.
+/// Figures shown in the table of several runs.
 const COMPARED: [Figure; 8] = [
     Figure::Completion,
     Figure::Collisions,
@@ -39,7 +39,7 @@ pub struct JudgedRun {
     pub header: RunHeader,
     /// The judgement.
     pub card: Scorecard,
-    /// The thresholds that are set, held against it.
+    /// The thresholds that are set, checked against it.
     pub checks: Vec<Check>,
 }
 
@@ -48,7 +48,7 @@ impl JudgedRun {
     /// item as [`of_recording`] shows it.
     ///
     /// # Errors
-    /// What keeps the file from being read, or the scorer from being made.
+    /// If the file cannot be read, or the scorer cannot be made.
     pub fn open<E: From<RecordingError>>(
         path: PathBuf,
         limits: &Thresholds,
@@ -77,7 +77,7 @@ impl JudgedRun {
         self.checks.iter().filter(|check| !check.passed).map(|check| check.words.as_str())
     }
 
-    /// Which run by which model on which track.
+    /// The run, its model and its track.
     pub fn title(&self) -> String {
         let driver = self.model().map_or_else(String::new, |model| format!(", {model}"));
         let track = self.card.track.as_ref().map_or_else(String::new, |track| format!(" on {track}"));
@@ -90,15 +90,16 @@ impl JudgedRun {
     }
 }
 
-/// Runs that were scored, as one JSON: [`SCHEMA`]. A key's meaning never changes under one number, new keys may come.
+/// Runs that were scored, as one JSON: [`SCHEMA`]. A key's meaning never changes under one number; new keys may be
+/// added.
 #[derive(Debug, Serialize)]
 pub struct Report<'a> {
     schema: &'static str,
-    /// What each was worth.
+    /// The score of each.
     pub runs: Vec<ScoredRun<'a>>,
-    /// Under each figure's key, over the runs that tell it.
+    /// Under each figure's key, over the runs that report it.
     pub summary: BTreeMap<&'static str, Spread>,
-    /// How they compare with earlier ones, where that was asked.
+    /// How they compare with earlier ones, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub against: Option<&'a Comparison>,
     /// Runs that could not be scored, and why.
@@ -117,7 +118,7 @@ pub struct ScoredRun<'a> {
     pub model: Option<&'a str>,
     /// SHA-256 of its file.
     pub model_sha256: Option<&'a str>,
-    /// Of everything random.
+    /// The seed of everything random.
     pub seed: Option<u64>,
     /// What it may be compared with: see [`against::setting`].
     pub setting: String,
@@ -129,7 +130,7 @@ pub struct ScoredRun<'a> {
 }
 
 impl<'a> Report<'a> {
-    /// Of judged runs, and of those that could not be, each with the reason.
+    /// A report on judged runs, and on those that could not be judged, each with the reason.
     pub fn new(runs: &[&'a JudgedRun], unscored: &'a [(String, String)], against: Option<&'a Comparison>) -> Self {
         let scored = |run: &&'a JudgedRun| ScoredRun {
             run: run.name(),

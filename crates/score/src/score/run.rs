@@ -8,11 +8,11 @@ use lapwing_core::{
     words::count,
 };
 
-/// A scorer, whoever watches it, and what it could not be told.
+/// A scorer, its watcher, and what could not be read.
 struct WatchedScorer<W> {
     scorer: Scorer,
     watch: W,
-    /// How many, and the first of them.
+    /// The number of unreadable messages, and the first of them.
     unreadable: Option<(u64, RecordingError)>,
 }
 
@@ -33,18 +33,18 @@ impl<W: FnMut(Duration, &Item)> WatchedScorer<W> {
         self.unreadable = Some(self.unreadable.take().map_or_else(|| (1, error), |(n, first)| (n + 1, first)));
     }
 
-    /// Says that so many of these cannot be read, if any.
+    /// Says how many of these cannot be read, if any.
     fn unread(&mut self, what: &str) -> Option<String> {
         self.unreadable.take().map(|(n, first)| format!("{n} {what} cannot be read, the first: {first}"))
     }
 }
 
-/// Reads a recording to its end and judges it by this scorer; `watch` sees each item, too, with the time of the run, and
-/// as events what the scorer suspects where the run does not say. What is wrong with the recording stands in the notes:
-/// where it is damaged, what cannot be read, drives that are joined in it.
+/// Reads a recording to its end and judges it by this scorer; `watch` sees each item, too, with the time of the run,
+/// and also events that the scorer suspects if the run does not report them. The notes say what is wrong with the
+/// recording: where it is damaged, what cannot be read, drives that are joined in it.
 ///
 /// # Errors
-/// [`RecordingError::Io`] where the file cannot be read any more.
+/// [`RecordingError::Io`] if the file cannot be read any further.
 pub fn of_recording(
     recording: &mut Recording,
     scorer: Scorer,
@@ -113,7 +113,7 @@ mod tests {
         let card = of_recording(&mut log, Scorer::on(&[], None), |_, _| watched += 1).unwrap();
         assert_eq!(card.value(Figure::Collisions), Some(0.0), "{card}");
         assert_eq!(watched, 201, "a telemetry and a command each, and that the second drive begins");
-        // Neither way nor time is made up for what is between them.
+        // Neither distance nor time is invented for the gap between them.
         let (driven_m, passed_s) = (4.9 * (30.0 + 24.5) * MPS_PER_MPH, 9.8 + FALLBACK_INTERVAL.as_secs_f64());
         assert!((card.value(Figure::DistanceM).unwrap() - driven_m).abs() < 0.01, "{card}");
         assert!((card.value(Figure::TimeS).unwrap() - passed_s).abs() < 1e-6, "{card}");

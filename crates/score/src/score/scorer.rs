@@ -33,29 +33,29 @@ pub struct Scorer {
     kind: RunKind,
     course: Option<DrivenTrack>,
     clock: RunClock,
-    /// Nothing is kept that grows with the run.
+    /// Whether to keep nothing that grows with the run.
     is_live: bool,
     /// When the run began: with the first telemetry, or with a human before it.
     began_s: Option<f64>,
     first_s: Option<f64>,
-    /// Time and speed of the telemetry before, in s and m/s.
+    /// Time and speed of the previous telemetry, in s and m/s.
     last: Option<(f64, f64)>,
     /// When the last item came, whatever it was.
     latest_s: f64,
     telemetries: u64,
     driven_m: f64,
-    /// Metres of distance that fall into gaps.
+    /// Metres driven during gaps.
     in_gaps_m: f64,
     off_road_m: f64,
     max_mph: f64,
     offsets: Offsets,
     wheel: Wheel,
     samples: Vec<Tick>,
-    /// The car was put elsewhere since the last sample.
+    /// Whether the car was put elsewhere since the last sample.
     was_put: bool,
-    /// The run is broken off since the last telemetry, whatever time it says has passed.
+    /// Whether there was a break since the last telemetry, whatever time has passed by the clock.
     is_cut: bool,
-    /// Furthest that the car came, in laps.
+    /// Furthest point that the car reached, in laps.
     progress: f64,
     laps: Vec<f64>,
     struck: Vec<Struck>,
@@ -86,7 +86,7 @@ pub struct Scorer {
     ended: Option<String>,
     notes: Vec<String>,
     damaged: bool,
-    /// For what the run does not say.
+    /// Estimates what the run does not report.
     blind: Blind,
 }
 
@@ -98,7 +98,7 @@ struct DrivenTrack {
     scenario: Option<String>,
 }
 
-/// How many answers there were, and whose.
+/// How many answers there were, and who gave them.
 #[derive(Debug, Clone, Copy, Default)]
 struct AnswerCounts {
     all: u64,
@@ -106,14 +106,14 @@ struct AnswerCounts {
     human: u64,
 }
 
-/// |cte| of each telemetry that tells it, in metres.
+/// |cte| of each telemetry that reports it, in metres.
 #[derive(Debug, Clone, Default)]
 struct Offsets {
     n: u64,
     sum: f64,
     squares: f64,
     most: f64,
-    /// None of them, live.
+    /// Empty when live.
     all: Vec<f64>,
 }
 
@@ -129,24 +129,24 @@ impl Offsets {
 }
 
 impl Scorer {
-    /// A scorer that finds out, where the run does not say, on which of these roads it was and how far it came of so
-    /// many laps.
+    /// A scorer that, if the run does not report it, estimates which of these roads was driven, and how much of the
+    /// laps asked for.
     pub fn on(roads: &[Arc<Road>], laps_asked: Option<u32>) -> Self {
         Self { blind: Blind::new(roads, laps_asked), ..Self::default() }
     }
 
-    /// A scorer beside a drive that may go on for days: it keeps nothing of a telemetry and looks at no picture. Figures
-    /// that take either are not measurable; all others are those of the run's file. Of these roads it knows the length.
+    /// A scorer for a drive that may last for days: it stores no telemetry and looks at no picture. Figures that need
+    /// either are not measurable; all others equal those of the run's file. It knows the length of these roads.
     pub fn live(roads: &[Arc<Road>]) -> Self {
         Self { is_live: true, blind: Blind::of_known(roads), ..Self::default() }
     }
 
-    /// The same scorer for a run of this kind: what can be told of it depends on that.
+    /// The same scorer for a run of this kind, which decides what can be measured.
     pub fn of_kind(self, kind: RunKind) -> Self {
         Self { kind, ..self }
     }
 
-    /// Takes an item of a run, in the order of the file; says when it happened, in the time of the run.
+    /// Takes an item of a run, in the order of the file; returns when it happened, in the time of the run.
     pub fn item(&mut self, at: Duration, item: &Item) -> Duration {
         match item {
             Item::Telemetry(telemetry) => self.telemetry(at, telemetry),
@@ -169,7 +169,7 @@ impl Scorer {
     pub fn telemetry(&mut self, at: Duration, telemetry: &Telemetry) {
         let truth = &telemetry.truth;
         let at = self.clock.telemetry(at.as_secs_f64(), truth.sim_time_s);
-        // A clock that was set back stands still until it has caught up.
+        // After the clock is set back, time stands still until it has caught up.
         let at = self.last.map_or(at, |(before, _)| at.max(before));
         let mph = telemetry.speed.get();
         let speed_mps = mph * MPS_PER_MPH;
@@ -182,7 +182,7 @@ impl Scorer {
         let apart = self.last.map_or(0.0, |(before, _)| at - before);
         let is_cut = std::mem::take(&mut self.is_cut);
         let after_gap = is_cut || apart > GAP_S;
-        // Between two drives none was driven.
+        // Nothing was driven between two drives.
         if let Some((_, was_mps)) = self.last.filter(|_| !is_cut) {
             // Trapezium: the speed changes evenly between two telemetries.
             let way = apart * (speed_mps + was_mps) / 2.0;
@@ -196,7 +196,7 @@ impl Scorer {
         if self.course.is_none() {
             self.judge(at, news);
         }
-        // Of two at one time the first is what counts: in no time nothing turns.
+        // Of two at the same time only the first counts, as nothing turns in no time.
         if self.last.is_none() || apart > 0.0 {
             let goes_on = self.last.is_some() && !after_gap && !self.was_put;
             let sample = Tick { at_s: at, speed_mps, steering_deg: telemetry.steering.get(), goes_on };
@@ -217,7 +217,7 @@ impl Scorer {
         }
     }
 
-    /// What a telemetry reports to have happened, where no judge says it.
+    /// Takes events that telemetry reports, if no judge reports them.
     fn judge(&mut self, at: f64, news: News) {
         if news.crashes > 0 {
             self.collided(at);
@@ -235,17 +235,17 @@ impl Scorer {
         }
     }
 
-    /// Whether the run itself says what happened.
+    /// Whether the run itself reports what happened.
     fn tells(&self) -> bool {
         self.course.is_some() || self.told.crashes.total().is_some() || self.told.laps.total().is_some()
     }
 
-    /// Whether it is a recording that is driven along.
+    /// Whether the drive follows a recording.
     fn is_recorded(&self) -> bool {
         self.kind == RunKind::RecordedPath
     }
 
-    /// What the last telemetry gives to suspect, where the run itself does not say what happened.
+    /// What the last telemetry suggests, if the run itself does not report what happened.
     pub(super) fn suspicion(&mut self) -> Option<EventRecord> {
         let text = self.blind.suspicion()?.to_owned();
         (!self.tells()).then_some(EventRecord::Note { text })
@@ -267,7 +267,7 @@ impl Scorer {
         self.braking.command(command);
     }
 
-    /// Takes what happened besides.
+    /// Takes an event.
     pub fn event(&mut self, at: Duration, event: &EventRecord) {
         let at = self.clock.at(at.as_secs_f64());
         self.latest_s = self.latest_s.max(at);
@@ -289,14 +289,14 @@ impl Scorer {
             }
             EventRecord::OffRoad { offset_m } => {
                 if self.is_recorded() {
-                    // It is put back before a telemetry shows it there.
+                    // The car is put back before a telemetry shows it there.
                     self.offsets.take(Metres::saturating(*offset_m).get(), !self.is_live);
                 }
                 self.off_roads += 1;
                 self.off_since = Some(at);
                 self.infraction(at);
             }
-            // After a reset it was counted already.
+            // After a reset the time off the road was counted already.
             EventRecord::BackOnRoad { after_s } if self.off_since.take().is_some() => {
                 self.off_road_s += within(*after_s, at);
             }
@@ -321,7 +321,7 @@ impl Scorer {
             }
             EventRecord::TakeoverEnded { duration_s } => {
                 let since = self.human_since.take();
-                // The event tells its time by the clock that stamps messages.
+                // The event gives its duration by the clock that stamps messages.
                 let by_clock = since.filter(|_| self.clock.is_told()).map(|since| (at - since).max(0.0));
                 self.human_s += by_clock.unwrap_or(within(*duration_s, at));
             }
@@ -356,7 +356,7 @@ impl Scorer {
     /// The car was put back on the road.
     fn put(&mut self, at: f64) {
         self.resets += 1;
-        self.was_put = true; // the wheel is put straight with the car
+        self.was_put = true; // the reset also straightens the wheel
         self.braking.put();
         self.struck_now = false;
         self.last_collision_s = None;
@@ -377,7 +377,7 @@ impl Scorer {
     }
 }
 
-/// A duration of a file, which may say anything, in seconds: not below 0, and not longer than the run was then.
+/// A duration from a file, which may say anything, in seconds: clamped to 0 and the run's length so far.
 fn within(seconds: f64, at: f64) -> f64 {
     if seconds.is_finite() { seconds.clamp(0.0, at.max(0.0)) } else { 0.0 }
 }

@@ -3,31 +3,31 @@
 use lapwing_core::motion;
 use lapwing_core::recording::LONGEST_GAP;
 
-/// Telemetries farther apart than this say nothing of what was between them, in seconds.
+/// Telemetries farther apart than this say nothing about the time between them, in seconds.
 pub(super) const GAP_S: f64 = LONGEST_GAP.as_secs_f64();
-/// Least turning back that is a reversal, in degrees of the front wheels.
+/// Least turning back that counts as a reversal, in degrees of the front wheels.
 const REVERSAL_DEG: f64 = 1.0;
-/// Parabolas are fitted to what is told within so many seconds. nuPlan smooths over 0.8 to 1.5 s with a
-/// Savitzky-Golay filter, which is the same for even steps.
+/// Parabolas are fitted to telemetries within this many seconds. nuPlan smooths over 0.8 to 1.5 s with a Savitzky-Golay
+/// filter, which is the same for even steps.
 const WINDOW_S: f64 = 0.5;
-/// How wrong the yaw rate of a bicycle is taken to be, for the uncertainty of comfort: tyres slip.
+/// Assumed relative error of a bicycle's yaw rate, for the uncertainty of comfort: tyres slip.
 const YAW_RATE_OFF: f64 = 0.1;
 
-/// What a telemetry told.
+/// The values of a telemetry.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tick {
     pub at_s: f64,
     pub speed_mps: f64,
     pub steering_deg: f64,
-    /// Whether it goes on from the one before: no gap, no reset between them.
+    /// Whether it continues from the one before: no gap, no reset between them.
     pub goes_on: bool,
 }
 
-/// What comes of them.
+/// The resulting figures.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Smoothness {
     pub rms_jerk: Option<f64>,
-    /// Share within nuPlan's bounds, and how wrong it may be.
+    /// Share within nuPlan's bounds, and its uncertainty.
     pub comfort: Option<(f64, f64)>,
 }
 
@@ -80,7 +80,7 @@ impl Wheel {
         }
     }
 
-    /// Seconds that were told without a gap.
+    /// Seconds reported without a gap.
     fn seconds(&self) -> f64 {
         self.seconds + self.stretch.map_or(0.0, |(began_s, last)| last.at_s - began_s)
     }
@@ -109,7 +109,7 @@ struct MotionAt {
 }
 
 impl MotionAt {
-    /// Within the bounds of nuPlan's `ego_is_comfortable`, which were found from the drives of people.
+    /// Within the bounds of nuPlan's `ego_is_comfortable`, which were derived from human drives.
     fn is_comfortable(&self) -> bool {
         (-4.05..=2.40).contains(&self.along)
             && self.across.abs() <= 4.89
@@ -120,7 +120,7 @@ impl MotionAt {
     }
 }
 
-/// The motions of a stretch, but at its ends; yaw rates times `factor`.
+/// The motions of a stretch, except at its ends; yaw rates times `factor`.
 fn motions(stretch: &[Tick], factor: f64) -> Vec<MotionAt> {
     let series = |of: fn(&Tick) -> f64| stretch.iter().map(|sample| (sample.at_s, of(sample))).collect::<Vec<_>>();
     let speeds = parabolas(&series(|sample| sample.speed_mps));
@@ -146,8 +146,8 @@ fn motions(stretch: &[Tick], factor: f64) -> Vec<MotionAt> {
     motions
 }
 
-/// For each time of a series, c0, c1 and c2 of the parabola c0 + c1 t + c2 t² through what is told about it, t from
-/// there; none where too little is.
+/// For each time of a series, c0, c1 and c2 of the parabola c0 + c1 t + c2 t² fitted to the values around it, t counted
+/// from there; none if there are too few.
 fn parabolas(series: &[(f64, f64)]) -> Vec<Option<[f64; 3]>> {
     let mut from = 0;
     let mut to = 0;
@@ -163,7 +163,7 @@ fn parabolas(series: &[(f64, f64)]) -> Vec<Option<[f64; 3]>> {
     series.iter().map(one).collect()
 }
 
-/// By least squares; none where the times do not hold a parabola, or lie on one side of 0.
+/// By least squares; none if the times do not determine a parabola, or lie on one side of 0.
 fn parabola(points: impl Iterator<Item = (f64, f64)>) -> Option<[f64; 3]> {
     let (mut s, mut m) = ([0.0; 5], [0.0; 3]);
     let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -204,7 +204,7 @@ fn parabola(points: impl Iterator<Item = (f64, f64)>) -> Option<[f64; 3]> {
 mod tests {
     use super::*;
 
-    /// Told 20 times a second.
+    /// A drive reported 20 times a second.
     fn drive(seconds: f64, of: impl Fn(f64) -> (f64, f64)) -> Vec<Tick> {
         (0..=(seconds * 20.0) as u32)
             .map(|i| {
@@ -230,7 +230,7 @@ mod tests {
         let smooth = Smoothness::of(&drive(5.0, |_| (15.0, 8.0)));
         assert_eq!(smooth.comfort, Some((0.0, 0.0)));
         assert!(smooth.rms_jerk.unwrap() < 1e-9);
-        // 4.90 m/s2 is just too much: whether it was hangs on how well the bicycle holds.
+        // 4.90 m/s2 is just too much, so the result depends on the accuracy of the bicycle model.
         let (share, off) = Smoothness::of(&drive(5.0, |_| (10.0, 8.0))).comfort.unwrap();
         assert_eq!((share, off), (0.0, 0.5));
     }
@@ -245,7 +245,7 @@ mod tests {
     fn a_wheel_that_swings_by_a_degree_turns_back_twice_a_swing() {
         let swing =
             |degrees: f64| wheel(&drive(60.0, |t| (5.0, degrees / 2.0 * (t * std::f64::consts::TAU / 2.0).cos())));
-        // 30 swings in the minute; the first turn sets off.
+        // 30 swings in the minute; the first turn is not a reversal.
         assert_eq!(swing(1.5).reversals_per_min(), Some(59.0));
         assert_eq!(swing(0.9).reversals_per_min(), Some(0.0));
     }

@@ -10,11 +10,11 @@ use super::{Better, Figure, Scorecard, Unit};
 /// A figure over several runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Runs that tell it.
+    /// Runs that report it.
     pub runs: usize,
     /// Mean over them.
     pub mean: f64,
-    /// Standard deviation of one run (n - 1 below); none of a single one.
+    /// Standard deviation of one run (divisor n - 1); none for a single run.
     pub deviation: Option<f64>,
     /// Smallest.
     pub least: f64,
@@ -23,12 +23,12 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of values that count alike; `None` of none.
+    /// The spread of equally weighted values; `None` without any.
     pub fn of(values: &[f64]) -> Option<Self> {
         Self::weighted(&values.iter().map(|value| (*value, 1.0)).collect::<Vec<_>>())
     }
 
-    /// Of values, each with its weight above 0; `None` of none.
+    /// The spread of values, each with its weight above 0; `None` without any.
     ///
     /// The mean is sum(w x) / sum(w), and the deviation goes with it: the root of
     /// sum((w / mean w)^2 (x - mean)^2) / (n - 1), so that deviation / sqrt(n) is the mean's standard error (Cochran,
@@ -48,16 +48,16 @@ impl Spread {
         })
     }
 
-    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single run.
+    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none for a single run.
     pub fn confidence(&self) -> Option<f64> {
         Some(student(self.runs - 1) * self.deviation? / (self.runs as f64).sqrt())
     }
 
-    /// The mean's confidence interval at 95 %, within what a mean of this figure can be; none of a single run, and none
-    /// where all runs report the same, for then nothing is known of how they scatter.
+    /// The mean's confidence interval at 95 %, within the possible range of this figure's mean; none for a single run,
+    /// and none if all runs report the same, as nothing is then known about their scatter.
     ///
-    /// It is Student's t. For counts of what happens now and then (collisions, takeovers), which have a Poisson's scatter
-    /// at least, it is the wider of that and Garwood's exact interval of their sum (1936).
+    /// It is Student's t. For counts of occasional events (collisions, takeovers), which scatter at least like a
+    /// Poisson distribution, it is the wider of that and Garwood's exact interval of their sum (1936).
     pub fn interval(&self, figure: Figure) -> Option<[f64; 2]> {
         let half = self.confidence()?;
         let (least, most) = figure.unit().range();
@@ -84,7 +84,7 @@ fn poisson(count: f64) -> [f64; 2] {
 /// How certain an interval is.
 const CERTAINTY: f64 = 0.95;
 
-/// The quantile of Student's t at 97.5 %, for so many degrees of freedom, at least one.
+/// The quantile of Student's t at 97.5 %, for at least one degree of freedom.
 pub(super) fn student(freedom: usize) -> f64 {
     let distribution = StudentsT::new(0.0, 1.0, freedom.max(1) as f64).expect("the degrees of freedom are above zero");
     distribution.inverse_cdf((1.0 + CERTAINTY) / 2.0)
@@ -92,8 +92,8 @@ pub(super) fn student(freedom: usize) -> f64 {
 
 /// Each figure's spread over runs that `value` reads it from, by key.
 ///
-/// A run counts once, but in the collision rate once for each of its episodes: the mean is the rate of all episodes
-/// together (Lu), and deviation and confidence are that mean's own.
+/// A run counts once, except in the collision rate, where it counts once for each of its episodes: the mean is the rate
+/// of all episodes together (Lu), and deviation and confidence are those of that mean.
 pub fn spreads<R>(runs: &[R], value: impl Fn(&R, Figure) -> Option<f64>) -> BTreeMap<&'static str, Spread> {
     let weight = |run: &R, figure: Figure| match figure {
         Figure::CollisionRate => value(run, Figure::Episodes).filter(|episodes| *episodes > 0.0),
@@ -135,10 +135,10 @@ mod tests {
         };
         // Student's t is wider above; 0.5 ± 6.35 would be below zero.
         close(interval(&[0.0, 1.0], Figure::Collisions), [0.0, 6.853]);
-        // No scatter at all is none that is known: Garwood's is 3.689 over the runs.
+        // Without any scatter, none is known: Garwood's is 3.689 over the runs.
         close(interval(&[0.0; 10], Figure::Collisions), [0.0, 0.369]);
         close(interval(&[1.0; 10], Figure::Takeovers), [0.4795, 1.839]);
-        // Laps are no chance events, and nobody drives more of them than all.
+        // Laps are not chance events, and nobody drives more of them than there are.
         assert_eq!(interval(&[1.0; 10], Figure::Laps), None);
         assert_eq!(interval(&[1.0, 1.0], Figure::Completion), None);
         close(interval(&[0.9, 1.0], Figure::Completion), [0.3147, 1.0]);

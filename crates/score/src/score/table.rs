@@ -5,12 +5,12 @@ use std::fmt;
 use super::{Figure as F, Measure, STAGES, Scorecard, Unit};
 use lapwing_core::words::count as counted;
 
-/// Width of the names in front of what is told.
+/// Width of the names before the values.
 const NAMES: usize = 17;
 const UNKNOWN: &str = "not measurable: ";
 
 impl Scorecard {
-    /// A figure in words: its value, with how far off it may be, or why there is none.
+    /// A figure in words: its value with its uncertainty, or why there is none.
     pub fn words(&self, figure: F) -> String {
         match self.get(figure) {
             Measure::Unknown(why) => format!("{UNKNOWN}{why}"),
@@ -18,14 +18,14 @@ impl Scorecard {
         }
     }
 
-    /// How the lap times came about, likewise.
+    /// The source of the lap times, likewise.
     pub(super) fn how_lap_times(&self) -> String {
         // No lap is so short that its time could be zero.
         let off = |off| estimated(self.lap_times_from, Unit::Seconds.show_off(f64::MAX, off));
         self.lap_times_off_s.map_or_else(String::new, off)
     }
 
-    /// How an estimate came about, and how far off it may be; empty of what is told.
+    /// The source of an estimate, and how far off it may be; empty for a reported figure.
     pub(super) fn how(&self, figure: F) -> String {
         match self.get(figure) {
             Measure::Estimate { value, uncertainty, from } => {
@@ -45,7 +45,7 @@ impl Scorecard {
         if known.is_empty() { self.words(parts[0].0) } else { known.join(", ") }
     }
 
-    /// What is known, as names and words.
+    /// Everything that is known, as names and words.
     pub fn known_rows(&self) -> Vec<(&'static str, String)> {
         self.rows().into_iter().filter(|(_, told)| !told.starts_with(UNKNOWN)).collect()
     }
@@ -63,7 +63,7 @@ impl Scorecard {
             (None, _) => String::new(),
         };
         match self.value(F::Completion) {
-            // Where nobody says of how many.
+            // If the number of laps asked for is unknown.
             None if self.value(F::Laps).is_some() => {
                 rows.push(("completion", self.words(F::Completion)));
                 rows.push((F::Laps.label(), self.words(F::Laps)));

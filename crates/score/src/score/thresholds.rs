@@ -3,18 +3,18 @@
 use super::{Figure, Scorecard};
 use lapwing_core::config::{Threshold, Thresholds};
 
-/// A threshold held against a run.
+/// A threshold checked against a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Check {
     /// The setting, such as `min_completion`.
     pub name: &'static str,
-    /// Whether the run reaches it. What the run does not say does not.
+    /// Whether the run reaches it. A figure that is not measurable does not.
     pub passed: bool,
     /// What was expected and what came, in words.
     pub words: String,
 }
 
-/// Every threshold that is set, held against a run; of what is damaged nobody knows whether it reaches them.
+/// Every threshold that is set, checked against a run; a damaged run is never known to reach them.
 pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
     let check = |threshold: Threshold| {
         let limit = threshold.limit(thresholds)?;

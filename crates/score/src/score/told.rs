@@ -1,5 +1,5 @@
-//! What worlds tell of themselves in their telemetry, and what follows from it: laps, waypoints, collisions, leaving the
-//! road, being put back, as a judge would have called them.
+//! What worlds report in their telemetry, and what follows from it: laps, waypoints, collisions, leaving the road,
+//! being put back, as a judge would have reported them.
 
 mod waypoints;
 
@@ -12,12 +12,12 @@ use lapwing_core::{
     units::{MPS_PER_MPH, Metres},
 };
 
-/// Who is so much nearer to the line than when the road was left is back on it, in metres.
+/// A car this much nearer to the line than when it left the road is back on it, in metres.
 const BACK_M: f64 = 0.2;
-/// A car that reaches a waypoint so slowly was put there, in m/s.
+/// A car that reaches a waypoint this slowly was put there, in m/s.
 const STANDS_MPS: f64 = 1.0 * MPS_PER_MPH;
 
-/// Watches what is told.
+/// Watches what telemetry reports.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Told {
     pub laps: Counter,
@@ -27,11 +27,11 @@ pub(super) struct Told {
     pub waypoints: Waypoints,
     pub tells_cte: bool,
     pub track: Option<String>,
-    /// Anything at all beyond the stock build.
+    /// Whether anything beyond the stock build is reported.
     pub tells: bool,
-    /// Contacts where nobody counts them: so far, and whether there is one now.
+    /// Contacts, for worlds that do not count them: so far, and whether there is one now.
     contacts: (u32, bool),
-    /// What was hit, each time that its name came with one collision more.
+    /// What was hit, each time a name came with exactly one more collision.
     pub struck: Vec<Struck>,
     /// When the lap began, if that was seen.
     lap_began_s: Option<f64>,
@@ -42,22 +42,22 @@ pub(super) struct Told {
     left_at_m: Option<f64>,
 }
 
-/// What a telemetry reports besides its truth.
+/// A telemetry's properties besides its truth.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Now {
     pub at_s: f64,
     /// Seconds since the telemetry before; `None` for the first.
     pub apart_s: Option<f64>,
-    /// Nobody knows what was between the two.
+    /// Whether it is unknown what happened in between.
     pub after_gap: bool,
     pub mps: f64,
     /// Metres driven until then, by its speed.
     pub driven_m: f64,
-    /// Nothing of the run went before this telemetry.
+    /// Whether nothing of the run came before this telemetry.
     pub is_beginning: bool,
 }
 
-/// What has happened since the telemetry before.
+/// What has happened since the previous telemetry.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct News {
     pub crashes: u32,
@@ -111,10 +111,10 @@ impl Told {
         *count += u32::from(touches && !*touched);
         *touched = touches;
         if truth.crashes.is_none() && truth.crashed.is_none() && touches {
-            // Builds that name what is hit say nothing until then: none before is no count that began earlier.
+            // Builds that name what is hit report nothing before the first hit, so the count begins at zero.
             self.crashes.last.get_or_insert(0.0);
         }
-        // Where none is named, nobody knows whether they would be.
+        // If none is named, it is unknown whether they would be.
         let named = (*count > 0 || truth.crashed.is_some()).then_some(f64::from(*count));
         truth.crashes.map(f64::from).or(named)
     }
@@ -135,7 +135,7 @@ impl Told {
         }
     }
 
-    /// The lap that was not told any more ended then.
+    /// The last lap, whose end was not reported, ended then.
     pub(super) fn last_lap_ended(&mut self, at_s: f64, off_s: f64) {
         if let Some(began_s) = self.lap_began_s {
             self.lap_times_s.push(at_s - began_s);
@@ -144,7 +144,7 @@ impl Told {
     }
 }
 
-/// A count that was begun before the run, perhaps, and may begin anew.
+/// A count that may have begun before the run and may restart.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Counter {
     last: Option<f64>,

@@ -1,4 +1,4 @@
-//! A suite driven: which of its cells are drives of their own, over all cores, and what they come to.
+//! Drives a suite: which of its cells are separate drives, driving them on all cores, and the outcome.
 
 use std::{
     collections::{BTreeSet, VecDeque},
@@ -13,31 +13,31 @@ use std::{
 use super::{Cell, Contestant, Done, Plan, Results, ResultsError, Shard, Suite, SuiteOutcome, groups};
 use crate::judged::Judged;
 
-/// What drives a suite's cells: pilots and worlds, of which nothing is known here.
+/// Drives a suite's cells with pilots and worlds that this module does not know.
 pub trait Course: Sync {
     /// Why a cell cannot be driven.
     type Error: Error + Send + Sync + 'static;
 
-    /// SHA-256 of a pilot's model; none of the expert.
+    /// SHA-256 of a pilot's model; none for the expert.
     fn model_sha256(&self, pilot: &Contestant) -> Option<String>;
 
-    /// Fills in a cell's settings and world: all that its drive depends on besides.
+    /// Fills in a cell's settings and world: everything else that its drive depends on.
     ///
     /// # Errors
-    /// What is wrong with them, said before the first drive and not hours later.
+    /// What is wrong with them, reported before the first drive and not hours later.
     fn resolve(&self, cell: &mut Cell) -> Result<(), Self::Error>;
 
-    /// Whether another seed makes other pictures of a cell that was resolved.
+    /// Whether another seed would change the pictures of a resolved cell.
     fn left_to_chance(&self, cell: &Cell) -> bool;
 
-    /// Drives a cell and judges it; `None` where `stop` said so in between.
+    /// Drives a cell and judges it; `None` if `stop` ended the drive.
     ///
     /// # Errors
-    /// What keeps it from being driven to its end.
+    /// If it cannot be driven to its end.
     fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Judged>, Self::Error>;
 }
 
-/// Whether to stop, asked again and again.
+/// Whether to stop; called again and again.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// A suite's cells, each a drive of its own.
@@ -45,12 +45,12 @@ pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 pub struct Planned {
     /// In the order of driving.
     pub cells: Vec<Cell>,
-    /// So many more were left out: another seed would not change their drives.
+    /// How many more were left out because another seed would not change their drives.
     pub left_out: usize,
 }
 
 impl Planned {
-    /// The cells of a suite, with all that they depend on; none that would only be another one over again.
+    /// The cells of a suite, with all that they depend on, without any that would only repeat another.
     ///
     /// # Errors
     /// Those of [`Course::resolve`].
@@ -64,12 +64,12 @@ impl Planned {
         Ok(Self { left_out: all - cells.len(), cells })
     }
 
-    /// What is kept beside the results.
+    /// The plan to store beside the results.
     pub fn plan(&self) -> Plan {
         Plan::new(&self.cells)
     }
 
-    /// Those of a part, or of all, that have no result yet, in their order, and how many have one.
+    /// The cells of a part, or of all, that have no result yet, in order, and how many have one.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -84,7 +84,7 @@ impl Planned {
         Ok((open, driven))
     }
 
-    /// What its results come to. Of what else is in the folder nothing belongs to this suite.
+    /// The outcome of its results. Anything else in the folder does not belong to this suite.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -96,7 +96,7 @@ impl Planned {
     }
 }
 
-/// Those, in their order, of which no earlier one was the same drive under another seed.
+/// Those, in order, that do not repeat an earlier drive under another seed.
 pub(super) fn told_apart<T>(
     mut all: Vec<T>,
     cell: impl Fn(&T) -> &Cell,
@@ -107,7 +107,7 @@ pub(super) fn told_apart<T>(
     all
 }
 
-/// An id of the drive that a cell is under every seed; none where the seed makes another one of it.
+/// An id for the drive of a cell if it is the same under every seed; none if the seed changes it.
 fn whatever_the_seed(cell: &Cell, left_to_chance: impl Fn(&Cell) -> bool) -> Option<String> {
     let mut unseeded = Cell { seed: 0, ..cell.clone() };
     if cell.model_sha256.is_none() {
@@ -119,11 +119,11 @@ fn whatever_the_seed(cell: &Cell, left_to_chance: impl Fn(&Cell) -> bool) -> Opt
     Some(unseeded.id())
 }
 
-/// Who looks on while cells are driven, from several threads.
+/// Watches cells being driven, from several threads.
 pub trait Watch: Sync {
     /// A cell begins.
     fn begins(&self, cell: &Cell);
-    /// A result is kept.
+    /// A result is stored.
     fn done(&self, done: &Done);
 }
 
@@ -133,15 +133,15 @@ pub enum DriveError<E: Error + 'static> {
     /// A cell cannot be driven.
     #[error("{cell}")]
     Cell {
-        /// Which, as people call it.
+        /// The cell, by its name for people.
         cell: String,
         /// Why not.
         source: E,
     },
-    /// A result cannot be kept.
+    /// A result cannot be stored.
     #[error("{cell}")]
     Results {
-        /// Whose, as people call it.
+        /// The cell, by its name for people.
         cell: String,
         /// Why not.
         source: ResultsError,
@@ -149,7 +149,7 @@ pub enum DriveError<E: Error + 'static> {
     /// A scorecard cannot be written as JSON.
     #[error("{cell}")]
     Card {
-        /// Whose, as people call it.
+        /// The cell, by its name for people.
         cell: String,
         /// Why not.
         source: serde_json::Error,
@@ -159,8 +159,8 @@ pub enum DriveError<E: Error + 'static> {
     Panicked,
 }
 
-/// Drives cells in their order, so many at a time, by default one a core, and keeps each result as soon as it is there.
-/// The first error ends all, and so does `stop`: what was being driven then is not kept.
+/// Drives cells in order, several at a time (by default one per core), and stores each result as soon as it is there.
+/// The first error ends everything, and so does `stop`: unfinished drives are not stored.
 ///
 /// # Errors
 /// [`DriveError`], the first.

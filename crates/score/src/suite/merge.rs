@@ -1,4 +1,4 @@
-//! The results of a suite's parts in one folder, and what is missing of them.
+//! Merges the results of a suite's parts into one folder, and reports what is missing.
 
 use std::{
     collections::BTreeSet,
@@ -19,7 +19,7 @@ pub enum MergeError {
     /// Two parts have different results of one cell.
     #[error("{cell}: driven twice, with different frames: {one} and {other}")]
     Differ {
-        /// Which, as people call it.
+        /// The cell, by its name for people.
         cell: String,
         /// A fingerprint.
         one: String,
@@ -28,18 +28,18 @@ pub enum MergeError {
     },
 }
 
-/// What was put together.
+/// The result of a merge.
 #[derive(Debug)]
 pub struct Merged {
-    /// What the results come to.
+    /// The outcome of the results.
     pub outcome: SuiteOutcome,
     /// Cells that have a result.
     pub present: usize,
     /// All cells of the plans; none where no folder has a plan.
     pub plan: Option<Plan>,
-    /// Of these, how many have no result.
+    /// How many of these have no result.
     pub without: usize,
-    /// The cells without a result, as people call them; of one that no plan knows its id.
+    /// The cells without a result, by their names for people; a cell that no plan contains, by its id.
     pub missing: Vec<String>,
     /// Folders that have no plan.
     pub unplanned: Vec<PathBuf>,
@@ -47,7 +47,7 @@ pub struct Merged {
     pub plans_differ: bool,
     /// Whether any file could not be read; each was warned of.
     pub corrupt: bool,
-    /// Results that count as one with another: a different seed would not change their drives.
+    /// Results that repeat another, because a different seed would not change their drives.
     pub left_out: usize,
 }
 
@@ -69,8 +69,8 @@ pub fn check_parts(folders: &[PathBuf]) -> Result<(), MergeError> {
     }
 }
 
-/// Copies the results of parts into a folder, which may have some already, and says what all of them come to.
-/// `left_to_chance` says whether another seed makes other pictures of a cell: [`Course`](super::Course) has it.
+/// Copies the results of parts into a folder, which may have some already, and returns the outcome of all of them.
+/// `left_to_chance` says whether another seed changes a cell's pictures, as [`Course`](super::Course) does.
 ///
 /// # Errors
 /// [`MergeError`].
@@ -118,7 +118,7 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
     })
 }
 
-/// What the folders say.
+/// The contents of the folders.
 #[derive(Default)]
 struct Gathered {
     /// Each once.
@@ -132,7 +132,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    /// Takes in a folder's plan; says whether there is a file for it.
+    /// Takes in a folder's plan; returns whether there is a file for it.
     fn plan_of(&mut self, results: &Results) -> bool {
         match results.plan() {
             Ok(None) => return false,
@@ -143,7 +143,7 @@ impl Gathered {
         true
     }
 
-    /// A folder's results, but those that cannot be read: these are named, and count as missing.
+    /// A folder's results, except those that cannot be read: these are logged and count as missing.
     fn readable(&mut self, results: &Results) -> Result<Vec<Done>, ResultsError> {
         let mut readable = vec![];
         for one in results.all()? {
@@ -171,7 +171,7 @@ impl Gathered {
         })
     }
 
-    /// The cells without a result, as people call them; of one that no plan knows its id.
+    /// The cells without a result, by their names for people; a cell that no plan contains, by its id.
     fn missing(&self, plan: Option<&Plan>, done: &[Done]) -> Vec<String> {
         let mut missing: Vec<_> = plan.map(|plan| plan.missing(done)).unwrap_or_default();
         let there: BTreeSet<_> = done.iter().map(|done| done.cell.id()).collect();

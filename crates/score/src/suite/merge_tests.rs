@@ -28,7 +28,7 @@ fn cells() -> Vec<Cell> {
     told_apart(cells, |cell| cell, left_to_chance)
 }
 
-/// Folders of parts, and of what is put together from them.
+/// Folders of parts, and of what is merged from them.
 struct Folders(tempfile::TempDir);
 
 impl Folders {
@@ -47,7 +47,7 @@ impl Folders {
         results
     }
 
-    /// Whether what is put together is whole, and what it comes to.
+    /// Whether the merge is whole, and its outcome.
     fn merge(&self, parts: &[&str], out: &str) -> (bool, Value) {
         let folders: Vec<_> = parts.iter().map(|part| self.path(part)).collect();
         let merged = merge(&folders, &self.path(out), left_to_chance).unwrap();
@@ -69,7 +69,7 @@ fn merge_says_what_is_missing_and_writes_what_is_there() {
     assert!(!suite["groups"].as_array().unwrap().is_empty());
     let (whole, suite) = folders.merge(&["one", "two"], "whole");
     assert_eq!((whole, &suite["planned"], &suite["missing"]), (true, &json!(12), &json!(0)));
-    // What is put together knows its plan too.
+    // The merged folder has its plan, too.
     assert!(folders.merge(&["whole"], "copy").0);
     assert!(folders.merge(&["two"], "half").0, "the half is whole now");
 }
@@ -86,14 +86,14 @@ fn merge_counts_a_file_that_cannot_be_read_as_missing_and_goes_on() {
     spoil("one", &cells[2]);
     let (whole, suite) = folders.merge(&["one"], "whole");
     assert_eq!((whole, &suite["planned"], &suite["missing"]), (false, &json!(12), &json!(1)));
-    // Without a plan such a file is all that is known to be missing.
+    // Without a plan only such a file is known to be missing.
     folders.part("old", &cells, None);
     let (whole, suite) = folders.merge(&["old"], "of old");
     assert_eq!((whole, &suite["planned"], &suite["missing"]), (true, &Value::Null, &json!(0)));
     spoil("old", &cells[2]);
     let (whole, suite) = folders.merge(&["old"], "of spoilt");
     assert_eq!((whole, &suite["planned"], &suite["missing"]), (false, &Value::Null, &json!(1)));
-    // Another part that has it helps; that the file is corrupt is said all the same.
+    // Another part that has the result fills in; the corrupt file is reported all the same.
     folders.part("other", &cells[2..3], Some(&plan));
     let (whole, suite) = folders.merge(&["one", "other"], "mwhole");
     assert_eq!((whole, &suite["missing"]), (false, &json!(0)));

@@ -1,4 +1,4 @@
-//! What results come to: groups over seeds, the table, and `suite.json`.
+//! The outcome of results: groups over seeds, the table, and `suite.json`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use crate::{
 };
 use lapwing_core::hash::sha256;
 
-/// What the JSON is called.
+/// The schema of the JSON.
 const SCHEMA: &str = "lapwing.suite/1";
 /// Figures of the table.
 const SHOWN: [Figure; 6] =
@@ -22,16 +22,16 @@ const SHOWN: [Figure; 6] =
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SuiteOutcome {
     schema: &'static str,
-    /// Cells that the suite is made of; none where no plan says so.
+    /// Cells in the suite; none if there is no plan.
     pub planned: Option<usize>,
-    /// Cells of which it is known that they have no result.
+    /// Cells known to have no result.
     pub missing: usize,
     /// What was driven.
     pub groups: Vec<Group>,
 }
 
 impl SuiteOutcome {
-    /// Of groups, and how complete they are.
+    /// The outcome of groups, and how complete they are.
     pub fn new(groups: Vec<Group>, planned: Option<usize>, missing: usize) -> Self {
         Self { schema: SCHEMA, planned, missing, groups }
     }
@@ -60,25 +60,25 @@ pub struct Over {
     /// Its spread.
     #[serde(flatten)]
     pub spread: Spread,
-    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none of a single drive.
+    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none for a single drive.
     pub confidence: Option<f64>,
-    /// The mean's interval at 95 % as people are shown it: [`Spread::interval`].
+    /// The mean's interval at 95 % as shown to people: [`Spread::interval`].
     pub interval: Option<[f64; 2]>,
 }
 
-/// Groups in the order of pilot, track, conditions and speed. Where cells of one name were driven with other models, laps
-/// or settings, the pilot's name says which.
+/// Groups in the order of pilot, track, conditions and speed. If cells of the same name were driven with different
+/// models, laps or settings, the pilot's name tells them apart.
 pub fn groups(done: &[Done]) -> Vec<Group> {
     let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
     for one in done {
         let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, .. } = &one.cell;
         let mut settings = settings.clone();
-        // What the group's name says already.
+        // What the group's name already contains.
         for (section, said) in [("simulator", "track"), ("control", "speed_mph")] {
             settings.get_mut(section).and_then(Value::as_object_mut).and_then(|section| section.remove(said));
         }
         let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
-        // The bits of positive numbers are ordered as they are.
+        // The bits of positive floats sort like the numbers.
         by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others)).or_default().push(one);
     }
     let several = |pilot: &str| {

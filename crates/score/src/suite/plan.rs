@@ -1,4 +1,4 @@
-//! What a suite is made of, kept beside its results, so that whoever puts parts together knows what is missing.
+//! The plan of a suite, stored beside its results, so that a merge of parts knows what is missing.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Cell, Done};
 
-/// What the file of a plan is called.
+/// The schema of a plan's file.
 pub(super) const SCHEMA: &str = "lapwing.plan/1";
 
 /// All cells of a suite, those of other parts included, in the order in which they are driven.
@@ -21,18 +21,18 @@ pub struct Plan {
 struct PlannedCell {
     /// [`Cell::id`].
     id: String,
-    /// What people call it.
+    /// Its name for people.
     drive: String,
 }
 
 impl Plan {
-    /// Of these cells.
+    /// The plan of these cells.
     pub fn new(cells: &[Cell]) -> Self {
         let planned = |cell: &Cell| PlannedCell { id: cell.id(), drive: cell.to_string() };
         Self { schema: SCHEMA.into(), cells: cells.iter().map(planned).collect() }
     }
 
-    /// Takes in what another plans besides.
+    /// Adds what another plan has in addition.
     pub fn add(&mut self, other: Self) {
         let known: BTreeSet<_> = self.cells.iter().map(|cell| cell.id.clone()).collect();
         self.cells.extend(other.cells.into_iter().filter(|cell| !known.contains(&cell.id)));
@@ -48,7 +48,7 @@ impl Plan {
         self.cells.iter().any(|cell| cell.id == id)
     }
 
-    /// The cells without a result, as people call them.
+    /// The cells without a result, by their names for people.
     pub fn missing(&self, done: &[Done]) -> Vec<&str> {
         let there: BTreeSet<_> = done.iter().map(|done| done.cell.id()).collect();
         self.cells.iter().filter(|cell| !there.contains(&cell.id)).map(|cell| cell.drive.as_str()).collect()

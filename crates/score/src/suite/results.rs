@@ -11,7 +11,7 @@ use super::{Cell, Plan, plan};
 use crate::score::Figure;
 use lapwing_core::files;
 
-/// What the file of a cell is called.
+/// The schema of a cell's file.
 const SCHEMA: &str = "lapwing.cell/1";
 
 /// A cell that was driven.
@@ -24,7 +24,7 @@ pub struct Done {
     pub card: serde_json::Value,
     /// The hash of its frames and commands.
     pub fingerprint: String,
-    /// How long it took, in seconds on the wall.
+    /// How long it took, in seconds of real time.
     pub took_s: f64,
 }
 
@@ -39,10 +39,10 @@ impl Done {
     }
 }
 
-/// Why results are not to be had.
+/// Why results cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ResultsError {
-    /// The system's word.
+    /// An error of the system.
     #[error("{path}: cannot {what}: {source}")]
     Io {
         /// What was tried.
@@ -52,7 +52,7 @@ pub enum ResultsError {
         /// Why not.
         source: io::Error,
     },
-    /// Not what a file of its name holds.
+    /// A file with the wrong content for its name.
     #[error("{path}: expected {expected}, got {got}")]
     Content {
         /// The file.
@@ -79,7 +79,7 @@ pub struct Results(PathBuf);
 pub type Unreadable = (String, ResultsError);
 
 impl Results {
-    /// In this folder, which is made where it is not there.
+    /// The results in this folder, which is created if it does not exist.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -94,8 +94,8 @@ impl Results {
         self.0.join("cells")
     }
 
-    /// The result of a cell, if it was driven. A file that cannot be understood, as a failing disk leaves it, is none;
-    /// that is logged.
+    /// The result of a cell, if it was driven. A file that cannot be parsed, as after a disk failure, does not count
+    /// and is logged.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -114,7 +114,7 @@ impl Results {
         }
     }
 
-    /// Keeps a result: whole or not at all.
+    /// Writes a result: whole or not at all.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -123,11 +123,11 @@ impl Results {
         write("write the result", &path, done)
     }
 
-    /// All results that lie here, by the names of their files. One that cannot be read is an error of its own, by the id of
-    /// its cell.
+    /// All results in the folder, by the names of their files. One that cannot be read is an error of its own, with the
+    /// id of its cell.
     ///
     /// # Errors
-    /// [`ResultsError::Io`] where the folder cannot be read.
+    /// [`ResultsError::Io`] if the folder cannot be read.
     pub fn all(&self) -> Result<Vec<Result<Done, Unreadable>>, ResultsError> {
         let cells = self.cells();
         let mut paths = vec![];
@@ -144,7 +144,7 @@ impl Results {
         self.0.join("plan.json")
     }
 
-    /// The plan of the suite that was driven here last; none where it was driven before there were plans.
+    /// The plan of the suite that was driven here last; none if it was driven before there were plans.
     ///
     /// # Errors
     /// [`ResultsError`].
@@ -156,7 +156,7 @@ impl Results {
         read(&path, "the plan of a suite", plan::SCHEMA, |plan: &Plan| &plan.schema).map(Some)
     }
 
-    /// Keeps a plan in the place of whichever was there.
+    /// Writes a plan, replacing any that was there.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
@@ -166,7 +166,7 @@ impl Results {
             return Ok(());
         }
         let path = self.plan_path();
-        // Of parts that share a folder and begin at once, one is enough.
+        // If parts share a folder and begin at once, one plan is enough.
         write("write the plan", &path, plan).or_else(|error| if there() { Ok(()) } else { Err(error) })
     }
 }
@@ -181,7 +181,7 @@ fn read_cell(path: &Path) -> Result<Done, ResultsError> {
     read(path, "the result of a cell", SCHEMA, |done: &Done| &done.schema)
 }
 
-/// Reads a file that says itself of which schema it is.
+/// Reads a file that names its own schema.
 fn read<T: DeserializeOwned>(
     path: &Path,
     what: &str,

@@ -27,7 +27,7 @@ pub struct Suite {
     /// Laps of a drive. Default: 1.
     #[serde(default = "one")]
     pub laps: u32,
-    /// Longest time of a drive in seconds of the world. Default: 600.
+    /// Longest time of a drive in simulated seconds. Default: 600.
     #[serde(default = "ten_minutes")]
     pub longest_s: f64,
     /// Who drives.
@@ -55,7 +55,7 @@ fn ten_minutes() -> f64 {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(untagged, expecting = "expected a number of seeds, or a list of seeds from 0")]
 pub enum Seeds {
-    /// From 0, so many.
+    /// This many, from 0.
     Count(u64),
     /// These.
     List(Vec<u64>),
@@ -67,16 +67,16 @@ impl Default for Seeds {
     }
 }
 
-/// One who drives.
+/// A pilot in a suite.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contestant {
-    /// What it is called in the results.
+    /// Its name in the results.
     pub name: String,
-    /// Its model; the one built in where there is none.
+    /// Its model; the built-in one if absent.
     #[serde(default)]
     pub model: Option<PathBuf>,
-    /// The expert, who knows the road, in a model's place.
+    /// Whether the expert, who knows the road, drives instead of a model.
     #[serde(default)]
     pub expert: bool,
 }
@@ -95,14 +95,14 @@ pub enum SuiteError {
         /// How many.
         got: String,
     },
-    /// A value that describes none.
+    /// A value that is not valid.
     #[error("suite: {what}: expected {expected}, got {got}")]
     Value {
         /// Which one.
         what: String,
-        /// What it should have been.
+        /// What it should be.
         expected: &'static str,
-        /// What it was.
+        /// What it is.
         got: String,
     },
 }
@@ -135,7 +135,7 @@ pub struct Cell {
 impl Cell {
     /// A name that no other drive has: 16 hexadecimal digits of the SHA-256 of all that it depends on.
     pub fn id(&self) -> String {
-        // Keys stand in the order of the fields: the same cell has the same text.
+        // Keys are in the order of the fields, so the same cell has the same text.
         let text = serde_json::to_string(self).unwrap_or_default();
         sha256(text)[..16].to_owned()
     }
@@ -212,10 +212,10 @@ impl Suite {
         }
     }
 
-    /// All drives; the seed changes slowest, so that the first of them are already of every kind. `model_sha256` gives a
-    /// pilot's.
+    /// All drives; the seed changes slowest, so the first of them already cover every kind. `model_sha256` returns that
+    /// of a pilot.
     ///
-    /// Settings and world are for the caller to fill in.
+    /// The caller fills in settings and world.
     pub fn cells(&self, model_sha256: impl Fn(&Contestant) -> Option<String>) -> Vec<Cell> {
         let hashes: Vec<_> = self.pilots.iter().map(model_sha256).collect();
         let mut cells = vec![];
@@ -245,7 +245,7 @@ impl Suite {
     }
 }
 
-/// One part of so many: `2/8`.
+/// One part out of several: `2/8`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     /// Which, from 1.
@@ -261,7 +261,7 @@ impl Shard {
     }
 }
 
-/// A text that names no part.
+/// A text that does not name a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected a part and how many there are, such as 2/8")]
 pub struct ShardError;

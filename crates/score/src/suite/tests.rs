@@ -103,10 +103,10 @@ fn results_come_back_and_what_is_none_is_named() {
     assert_eq!(results.get(&cells[0]).unwrap(), Some(done(&cells[0], 0.5)));
     let all = |results: &Results| results.all().unwrap();
     assert_eq!(all(&results).len(), 1);
-    // What a killed write leaves is no result.
+    // The remains of a killed write are not a result.
     fs::write(dir.path().join("cells/half.partial"), "{").unwrap();
     assert_eq!(all(&results).len(), 1);
-    // Nor is what a failing disk leaves of one: its cell is driven again.
+    // Nor is a file damaged by a failing disk: its cell is driven again.
     fs::write(dir.path().join(format!("cells/{}.json", cells[1].id())), "").unwrap();
     assert_eq!(results.get(&cells[1]).unwrap(), None);
     results.keep(&done(&cells[1], 0.5)).unwrap();
@@ -152,7 +152,8 @@ fn groups_are_over_seeds_and_the_table_has_a_line_for_each() {
     let completion = groups[0].figures["completion"];
     assert!((completion.spread.mean - 0.6).abs() < 1e-9 && completion.spread.runs == 3);
     assert!(!groups[0].figures.contains_key("collisions"), "not measurable is no zero");
-    // Random weather is another one with each seed, and yet one group; other settings are another group, and named so.
+    // Random weather differs with each seed but forms one group; other settings form another group, with a name that
+    // says so.
     let varied = |settings: u32| {
         let cells =
             cells.iter().filter(|cell| cell.pilot == "expert" && cell.track == "lake" && cell.speed_mph == 20.0);
@@ -217,7 +218,7 @@ fn the_collision_rate_of_a_group_is_that_of_all_its_episodes() {
 #[test]
 fn every_key_of_the_files_is_documented() {
     fn keys(value: &serde_json::Value, path: &str, found: &mut std::collections::BTreeSet<String>) {
-        // These are documented where they are made, and every figure has the same keys.
+        // These are documented elsewhere, and every figure has the same keys.
         let told_elsewhere = ["card", "cell.settings.control", "cell.settings.simulator", "cell.world.conditions"];
         let inside = match value {
             serde_json::Value::Object(map) if !told_elsewhere.contains(&path) => {

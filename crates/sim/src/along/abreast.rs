@@ -32,7 +32,7 @@ impl Abreast {
         self.beside
     }
 
-    /// Puts the driven car back on the path, in the motion of the recorded one.
+    /// Puts the driven car back on the path, with the motion of the recorded one.
     pub(super) fn put_back(&mut self) {
         self.driven = self.recorded;
         self.beside = Beside::default();
@@ -43,9 +43,9 @@ impl Abreast {
         let RecordedStep { speed, yaw_rate, .. } = recorded;
         let Beside { offset_m, heading_rad } = self.beside;
         roll(&mut self.recorded, speed, recorded.steering);
-        // What was seen wins over what the steering says; the tyres slip accordingly.
+        // What the pictures show overrides what the steering says; the tyres slip accordingly.
         self.recorded.yaw_rate = yaw_rate.unwrap_or(self.recorded.yaw_rate);
-        // Abreast: further out in a bend one goes faster.
+        // To stay abreast, the car further out in a bend goes faster.
         let (sin, cos) = heading_rad.sin_cos();
         let forward = (speed - self.recorded.yaw_rate * offset_m + self.driven.lateral_speed * sin) / cos.max(0.3);
         roll(&mut self.driven, forward.max(0.0), steering);
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn what_the_pictures_show_wins_over_the_recorded_steering() {
-        // The car turned left though it is said to have steered straight on: straight on leads off to the right.
+        // The car turned left though its recorded steering was straight, so going straight leads off to the right.
         let beside = along(50, |_| Some(-0.1), 0.0, 0.0);
         assert!(beside.offset_m > 0.3 && (beside.heading_rad - 0.1).abs() < 0.02, "{beside:?}");
     }

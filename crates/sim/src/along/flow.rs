@@ -8,7 +8,7 @@ const LEVELS: usize = 3;
 const REACH: usize = 7;
 /// The side.
 const SIDE: usize = 2 * REACH + 1;
-/// Rows of the picture that are used: sky, scenery, and what of the road lies just below the horizon.
+/// Rows of the picture that are used: sky, scenery, and the part of the road just below the horizon.
 const ROWS: usize = 104;
 /// The distant scenery's rows, whose common shift is the first guess.
 const BAND: std::ops::Range<usize> = 20..60;
@@ -29,8 +29,8 @@ struct Grey {
 }
 
 impl Grey {
-    /// The square around a place whose sides are `out`'s, in rows, at most 30; beyond the picture its rim goes on. All its
-    /// pixels lie alike between those of the picture, so that four weights do for all.
+    /// The square around a place, of the size of `out` (at most 30 a side), in rows; beyond the picture its rim is
+    /// repeated. All its pixels lie at the same fraction between those of the picture, so four weights serve for all.
     fn square<const N: usize>(&self, x: f32, y: f32, out: &mut [[f32; N]; N]) {
         let (left, top) = (x.floor() - (N / 2) as f32, y.floor() - (N / 2) as f32);
         let (s, t) = (x - x.floor(), y - y.floor());
@@ -75,7 +75,7 @@ impl Grey {
 }
 
 impl Pyramid {
-    /// Of a camera picture; `None` where it is not 320x160.
+    /// The pyramid of a camera picture; `None` if it is not 320x160.
     pub fn of(picture: &Frame) -> Option<Self> {
         if (picture.width(), picture.height()) != SIZE {
             return None;

@@ -5,25 +5,25 @@
 //!          │                      └─▶ flow ─▶ rotation ─┐                              │
 //!          └─▶ steering, speed ───▶ recorded car ───────┴─▶ offset, heading ◀─ virtual car
 //! ```
-//! A virtual car starts on the recorded path. It goes as fast as the recorded one, abreast of it, and turns as it is
-//! steered; how far it is beside the recorded car and how it faces follows from both cars' turning. The recorded car
-//! turned as its pictures show, else as its steering says. The pilot sees the recorded picture, warped to where the
-//! virtual car is. Further beside than the limit the car is put back: an intervention.
+//! A virtual car starts on the recorded path. It drives as fast as the recorded one, abreast of it, and turns as it is
+//! steered; its offset and heading relative to the recorded car follow from how both cars turn. The recorded car turned
+//! as its pictures show, or, where they show nothing, as its steering says. The pilot sees the recorded picture, warped
+//! to where the virtual car is. If the offset exceeds the limit, the car is put back: an intervention.
 //!
-//! Both cars are the simulator's own ([`Car`](crate::vehicle::Car): a bicycle on slipping tyres, calibrated
-//! on real recordings), so that anyone who steers as recorded stays on the path wherever the pictures do not say
-//! otherwise.
+//! Both cars are the simulator's own ([`Car`](crate::vehicle::Car): a bicycle on slipping tyres, calibrated on real
+//! recordings), so a pilot that steers as recorded stays on the path unless the pictures say otherwise.
 //!
-//! What can be judged of it: interventions, and autonomy after them; offsets from the recorded path, those included at
-//! which the car was put back; how it was steered. Speed is the recording's, and there are no laps, nothing to hit and no
-//! edge of the road: the scorecard says so of all that hangs on them, and a threshold for it is missed.
+//! What can be judged: interventions, and autonomy calculated from them; offsets from the recorded path, including
+//! those at which the car was put back; the steering. The speed is the recording's, and there are no laps, no obstacles
+//! and no edge of the road: the scorecard says so for every figure that depends on them, and a threshold for such a
+//! figure is not reached.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `world` | [`RecordedWorld`], the above |
 //! | `recorded` | rows and pictures of a recording, without standing and gaps |
 //! | `abreast` | two cars side by side |
-//! | `warp` | the picture from beside |
+//! | `warp` | the picture as seen from an offset |
 //! | `flow`, `rotation` | how far the car turned between two pictures |
 
 mod abreast;
@@ -57,12 +57,12 @@ pub enum ClosedLoopError {
         /// Why it cannot be read.
         source: io::Error,
     },
-    /// A picture that is none.
+    /// A picture that cannot be decoded.
     #[error("{}: {why}", place.display())]
     Picture {
         /// Which.
         place: PathBuf,
-        /// Why it is none.
+        /// Why it cannot be decoded.
         why: ImageError,
     },
     /// Pictures of another camera.
@@ -83,7 +83,7 @@ pub enum ClosedLoopError {
     NoPictures {
         /// The run.
         path: PathBuf,
-        /// How much else it has.
+        /// How many telemetries it has.
         telemetries: usize,
     },
     /// A recording in which the car is stationary.
@@ -96,7 +96,7 @@ pub enum ClosedLoopError {
         /// Rows without motion.
         stood: usize,
     },
-    /// The file is another one than it was a moment ago.
+    /// The file has changed since it was opened.
     #[error("{}: expected as many pictures as when it was opened, got fewer: something has changed the recording", path.display())]
     Changed {
         /// The recording.

@@ -1,6 +1,6 @@
 //! The stretches of a recording to drive along: rows with pictures, cut where the car was stationary or time is missing.
 //!
-//! A recording is read twice, its numbers first, then picture by picture as the drive goes on: memory stays flat.
+//! A recording is read twice, first its numbers, then picture by picture during the drive: memory stays bounded.
 
 use std::{io, path::Path};
 
@@ -15,14 +15,15 @@ use lapwing_core::{
 
 /// Slower than this the car is stationary: the simulator's forks call it stuck at 1 mph.
 pub const STANDS_MPH: f64 = 1.0;
-/// A longer time between two rows is not driven, in seconds: half of what is a gap to others ([`LONGEST_GAP`]). The
-/// recorded car keeps one steering until the next row, and half a second of a wrong one leads half a metre astray.
+/// A longer time between two rows is not driven, in seconds: half of what counts as a gap elsewhere ([`LONGEST_GAP`]).
+/// The recorded car keeps its steering until the next row, and half a second of wrong steering leads half a metre
+/// astray.
 pub const GAP_S: f64 = LONGEST_GAP.as_secs_f64() / 2.0;
 
 /// A recorded moment in which the car moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PathRow {
-    /// Seconds of driving before it: standing and gaps do not count.
+    /// Seconds of driving before it, without standing and gaps.
     pub at_s: f64,
     /// What was recorded.
     pub speed: Mph,
@@ -30,7 +31,7 @@ pub(super) struct PathRow {
     pub steering: Steering,
     /// What was recorded.
     pub throttle: Throttle,
-    /// Why the path does not go on from the row before: a new stretch begins.
+    /// Why the path does not continue from the row before: a new stretch begins.
     pub cut: Option<PathBreak>,
     /// Which row of the recording this is, from 0, of those with a picture.
     index: usize,
@@ -41,11 +42,11 @@ pub(super) struct PathRow {
 pub(super) enum PathBreak {
     /// The recording begins.
     Begins,
-    /// The car stood for so many rows.
+    /// The car stood for this many rows.
     Stood(usize),
-    /// So many seconds are missing, or an unknown time.
+    /// This many seconds are missing, or an unknown time.
     Gap(Option<f64>),
-    /// The car was put elsewhere, or a human took over whom the run does not show.
+    /// The car was put elsewhere, or a human took over, whose driving the run does not show.
     Put,
 }
 
@@ -55,7 +56,7 @@ struct Raw {
     speed: Mph,
     steering: Steering,
     throttle: Throttle,
-    /// Whether what came before says that the path is broken.
+    /// The break of the path that earlier events report, if any.
     broken: Option<PathBreak>,
 }
 
@@ -65,7 +66,7 @@ pub(super) struct RecordedDrive {
     /// Rows of the recording with a picture, and those of them in which the car was stationary.
     pub read: usize,
     pub stood: usize,
-    /// The recording once more, read as far as the row that is shown.
+    /// The recording, read a second time up to the row that is shown.
     again: Recording,
     /// Rows read so far of it, with a picture.
     seen: usize,
@@ -105,7 +106,7 @@ impl RecordedDrive {
         pairs.map(way).sum()
     }
 
-    /// The pictures of a row; rows are asked for in their order.
+    /// The pictures of a row; rows must be asked for in order.
     pub(super) fn show(&mut self, row: usize) -> Result<MomentPictures, ClosedLoopError> {
         let index = self.rows[row].index;
         let moment = loop {
@@ -126,7 +127,7 @@ impl RecordedDrive {
             };
             let jpeg = match picture.read() {
                 Ok(jpeg) => jpeg,
-                Err(e) if i > 0 && e.kind() == io::ErrorKind::NotFound => continue, // some people keep the centre's only
+                Err(e) if i > 0 && e.kind() == io::ErrorKind::NotFound => continue, // some people keep only the centre's
                 Err(source) => return Err(ClosedLoopError::Read { path: place, source }),
             };
             *slot = Some(decode(&place, &jpeg)?);
@@ -153,7 +154,7 @@ fn raw(path: &Path) -> Result<Vec<Raw>, ClosedLoopError> {
     let mut raw: Vec<Raw> = Vec::new();
     let mut broken = None;
     let mut without = 0;
-    // Whether the row before has no answer, so that the next telemetry says what was steered.
+    // Whether the row before has no answer, so that the next telemetry shows what was steered.
     let mut unanswered = false;
     for moment in Recording::open(path)? {
         let moment = moment?;
@@ -166,7 +167,7 @@ fn raw(path: &Path) -> Result<Vec<Raw>, ClosedLoopError> {
             without += 1;
             continue;
         }
-        // The car drove a safe answer, too; where the pilot is off it did something else.
+        // The car followed safe answers, too; with the pilot off it did something else.
         let answer = moment.command.filter(|c| c.by != By::Off);
         unanswered = answer.is_none();
         raw.push(Raw {
@@ -183,7 +184,7 @@ fn raw(path: &Path) -> Result<Vec<Raw>, ClosedLoopError> {
     Ok(raw)
 }
 
-/// What a break is to whoever drives along: where pictures are missing, the times of those that are there decide.
+/// What a break means for driving along: where pictures are missing, the times of those that are there decide.
 fn cut(broken: Break) -> Option<PathBreak> {
     match broken {
         Break::Gap(apart) => Some(PathBreak::Gap(Some(apart.as_secs_f64()))),
@@ -193,7 +194,7 @@ fn cut(broken: Break) -> Option<PathBreak> {
     }
 }
 
-/// The rows in which the car moves, on a clock that stands while it does not.
+/// The rows in which the car moves, on a clock that stops while it does not.
 fn driven(raw: &[Raw]) -> Vec<PathRow> {
     let mut rows: Vec<PathRow> = Vec::new();
     let mut cut = Some(PathBreak::Begins);

@@ -1,7 +1,7 @@
 //! How the car turned between two pictures, from the flow of distant scenery.
 //!
-//! Forward motion moves every patch along the line from the point the car drives to, by an amount that depends on
-//! how far away it is. What moves a patch across that line is rotation alone. So no distance has to be known.
+//! Forward motion moves every patch along the line from the point the car drives to, by an amount that depends on how
+//! far away it is. Only rotation moves a patch across that line, so no distance has to be known.
 
 use glam::{DMat3, DVec3};
 
@@ -14,7 +14,7 @@ const PITCH_DEG: f64 = 9.5;
 const ROLL_DEG: f64 = 1.2;
 /// From the rear axle, which moves where it points, to the camera, in metres.
 const REAR_TO_CAMERA_M: f64 = 2.6;
-/// Fewer patches say nothing.
+/// Fewer patches are not enough to measure.
 const PATCHES: usize = 20;
 /// Errors beyond this, in pixels, count little.
 const OUTLIER_PX: f64 = 0.5;
@@ -30,8 +30,8 @@ pub struct Rotation {
     pub roll: f64,
 }
 
-/// How the car turned between two pictures of the centre camera while it rolled `rolled_m` metres; `None` where there
-/// is too little to see.
+/// How the car turned between two pictures of the centre camera while it rolled `rolled_m` metres; `None` if there is
+/// too little to see.
 pub fn turn(before: &Pyramid, next: &Pyramid, rolled_m: f64) -> Option<Rotation> {
     let shift = before.shift(next);
     solve(&before.track(next, shift), f64::from(shift), rolled_m)

@@ -1,9 +1,10 @@
 //! The view from beside the recorded car: recorded pictures, warped.
 //!
-//! The stock simulator's cameras are known, so each pixel of the picture to make has a ray. Below the horizon the ray
-//! ends on the ground, which is taken for a plane, and the pixel is looked up where a recorded camera saw that place;
-//! above it everything is taken to be far away, and only the turn counts. What stands up beside the road is therefore
-//! bent as if it lay on the ground, and so are hills. The car's own bonnet goes with the car and is left as it is.
+//! The stock simulator's cameras are known, so each pixel of the new picture has a known ray. Below the horizon the ray
+//! ends on the ground, assumed to be a plane, and the pixel is looked up where a recorded camera saw that place; above
+//! it everything is assumed to be far away, and only the rotation counts. Upright things beside the road are therefore
+//! distorted as if they lay on the ground, and so are hills. The car's own bonnet moves with the car and is left as it
+//! is.
 
 use std::cmp::Ordering;
 
@@ -21,12 +22,12 @@ const BONNET_MARGIN: f32 = 2.0;
 /// The cameras in the order in which [`Warp::render`] takes their pictures.
 const CAMERAS: [Camera; 3] = [Camera::CENTER, Camera::LEFT, Camera::RIGHT];
 
-/// The stock cameras, ready to be looked through from beside.
+/// The stock cameras, ready to render views from an offset.
 #[derive(Debug, Clone)]
 pub struct Warp {
     cameras: [WarpCamera; 3],
-    /// For each pixel of the centre camera's picture, in the car's axes: from the camera to the ground in metres, or
-    /// the direction of what is far away.
+    /// For each pixel of the centre camera's picture, in the car's axes: the vector from the camera to the ground in
+    /// metres, or the direction of what is far away.
     points: Vec<PixelTarget>,
 }
 
@@ -39,7 +40,7 @@ enum PixelTarget {
 
 #[derive(Debug, Clone)]
 struct WarpCamera {
-    /// In the car's axes, metres over the ground.
+    /// In the car's axes, in metres from the ground below the origin.
     position: Vec3,
     /// From the car's axes to the camera's.
     turned: Mat3,
@@ -83,7 +84,7 @@ impl WarpCamera {
 }
 
 impl Warp {
-    /// For 320x160 pictures of the stock cameras.
+    /// A warp for 320x160 pictures of the stock cameras.
     pub fn new() -> Self {
         let cameras = CAMERAS.map(|camera| WarpCamera::of(&camera));
         let [centre, ..] = &cameras;
@@ -103,9 +104,9 @@ impl Warp {
     }
 
     /// Paints what the centre camera of a car beside the recorded one would have seen. `pictures` are the recorded
-    /// centre camera's, left one's and right one's; the nearer a camera was, the sooner it is asked.
+    /// centre camera's, left one's and right one's; nearer cameras are tried first.
     ///
-    /// Every picture must be 320x160, or nothing is painted and the answer is `false`.
+    /// Every picture must be 320x160; otherwise nothing is painted and the result is `false`.
     pub fn render(&self, pictures: [Option<&Frame>; 3], beside: Beside, out: &mut Frame) -> bool {
         let [Some(centre), ..] = pictures else { return false };
         if pictures.iter().flatten().any(|picture| (picture.width(), picture.height()) != SIZE) {
@@ -145,13 +146,13 @@ impl Warp {
     }
 }
 
-/// One recorded camera, asked about another place.
+/// One recorded camera, used for a view from elsewhere.
 struct OtherView<'a> {
     picture: &'a Frame,
     camera: &'a WarpCamera,
-    /// From the axes of the car beside to this camera's.
+    /// From the virtual car's axes to this camera's.
     turn: Mat3,
-    /// From this camera to the eye beside, in this camera's axes.
+    /// From this camera to the virtual car's, in this camera's axes.
     shift: Vec3,
 }
 
@@ -160,24 +161,24 @@ impl OtherView<'_> {
     fn find(&self, to: Vec3, direct: f32) -> [f32; 2] {
         let seen = self.turn * to + self.shift * direct;
         let focal = focal_px();
-        let deep = seen.z.max(0.05); // what is behind is as far aside as can be
+        let deep = seen.z.max(0.05); // a point behind the camera ends up far to the side
         [SIZE.0 as f32 / 2.0 + focal * seen.x / deep, SIZE.1 as f32 / 2.0 - focal * seen.y / deep]
     }
 
-    /// Whether the picture has the place, and not the bonnet in front of it.
+    /// Whether the picture shows the place, not hidden by the bonnet.
     fn shows(&self, [column, row]: [f32; 2]) -> bool {
         let inside = (0.0..SIZE.0 as f32).contains(&column) && (0.0..SIZE.1 as f32).contains(&row);
         inside && self.camera.bonnet.get(column as usize).is_some_and(|bonnet| row < *bonnet)
     }
 
-    /// The nearest place that it has, along column and row.
+    /// The nearest place that it shows, along column and row.
     fn rim(&self, [column, row]: [f32; 2]) -> [f32; 2] {
         let column = column.clamp(0.5, SIZE.0 as f32 - 0.5);
         let lowest = self.camera.bonnet.get(column as usize).copied().unwrap_or(0.0).min(SIZE.1 as f32 - 0.5);
         [column, row.clamp(0.5, lowest.max(0.5))]
     }
 
-    /// The colour there, between the four nearest pixels.
+    /// The colour there, interpolated between the four nearest pixels.
     fn colour(&self, [column, row]: [f32; 2]) -> [u8; 3] {
         let (x, y) = ((column - 0.5).clamp(0.0, SIZE.0 as f32 - 1.001), (row - 0.5).clamp(0.0, SIZE.1 as f32 - 1.001));
         let (i, j) = (x as usize, y as usize);

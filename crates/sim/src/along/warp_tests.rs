@@ -23,14 +23,14 @@ fn seen(world: &mut (Simulation, Renderer), s: f64, at: Beside, camera: &Camera)
     frame
 }
 
-/// Mean difference of the road's rows, of 255: what a pilot steers by.
+/// Mean difference over the road's rows, which a pilot steers by, out of 255.
 fn apart(a: &Frame, b: &Frame) -> f64 {
     let rows = 62 * SIZE.0 * 3..134 * SIZE.0 * 3;
     let differences = a.rgb()[rows.clone()].iter().zip(&b.rgb()[rows.clone()]);
     differences.map(|(&a, &b)| f64::from(a.abs_diff(b))).sum::<f64>() / rows.len() as f64
 }
 
-/// The warped picture against what is really seen there, and the recorded one against it: over four places.
+/// Errors of the warped and of the recorded picture, each compared with what is really seen there, over four places.
 fn error(beside: Beside, cameras: usize) -> (f64, f64) {
     let mut world = lake();
     let warp = Warp::new();

@@ -1,4 +1,4 @@
-//! The recording as a world that is driven.
+//! The recording as a world to drive in.
 
 use std::{path::Path, time::Duration};
 
@@ -26,32 +26,32 @@ use lapwing_core::{
 /// How far beside the path the virtual car may be, in metres: NVIDIA's (Bojarski et al. 2016, section 6.1).
 pub const DEFAULT_LIMIT_M: f64 = 1.0;
 
-/// A virtual car that faces further away than this, in degrees, is put back, too: the picture shows nothing of what it
-/// would see.
+/// A virtual car whose heading is off by more than this, in degrees, is put back, too: the picture would show nothing
+/// of what it sees.
 pub const FURTHEST_HEADING_DEG: f64 = 45.0;
 
-/// JPEG quality of warped pictures: what was recorded has gone through the stock build's 75 already.
+/// JPEG quality of warped pictures; the recorded ones have already been compressed at the stock build's 75.
 const QUALITY: u8 = 95;
 
 /// Metres between the waypoints that telemetry counts, as the simulator's.
 const WAYPOINT_M: f64 = 20.0;
 
-/// What the recorded car's turning is taken from.
+/// Where the recorded car's yaw rate comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Yaw {
-    /// The shift of the scenery from picture to picture where it can be seen, else the steering.
+    /// The shift of the scenery from picture to picture if it can be seen, otherwise the steering.
     #[default]
     Pictures,
     /// Recorded steering and speed alone.
     Steering,
 }
 
-/// What the recorded car's turning was taken from, in intervals between two rows.
+/// Where the recorded car's yaw rate came from, counted in intervals between two rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sources {
-    /// The pictures said it.
+    /// Intervals measured from the pictures.
     pub pictures: usize,
-    /// The steering had to.
+    /// Intervals computed from the steering.
     pub steering: usize,
 }
 
@@ -63,7 +63,7 @@ pub struct RecordedWorld {
     yaw: Yaw,
     warp: Warp,
     abreast: Abreast,
-    /// The row that is shown next, or was shown last and is to be answered.
+    /// The row that is shown next, or was shown last and waits for its answer.
     row: usize,
     /// Its pictures, and the centre one prepared for the flow.
     shown: MomentPictures,
@@ -81,7 +81,7 @@ pub struct RecordedWorld {
 }
 
 impl RecordedWorld {
-    /// Opens a run (a file) or a Udacity folder (a folder, or its CSV). The virtual car may be `limit_m` beside the
+    /// Opens a run (a file) or a Udacity folder (a folder, or its CSV). The virtual car may be up to `limit_m` from the
     /// recorded path.
     ///
     /// # Errors
@@ -144,12 +144,12 @@ impl RecordedWorld {
         self.interventions
     }
 
-    /// How far it may be beside the path, in metres.
+    /// How far it may be from the path, in metres.
     pub fn limit_m(&self) -> f64 {
         self.limit_m
     }
 
-    /// What the recorded car's turning was taken from so far.
+    /// Where the recorded car's yaw rate came from so far.
     pub fn sources(&self) -> Sources {
         self.sources
     }
@@ -179,7 +179,7 @@ impl RecordedWorld {
         }
     }
 
-    /// On a row's pictures: what came before it is said, and the picture from beside is painted.
+    /// Arrives at a row: reports what happened before it, and paints the virtual car's picture.
     fn arrive(&mut self) {
         let Some(row) = self.recorded.rows.get(self.row).copied() else { return };
         if let Some(cut) = row.cut {
@@ -192,7 +192,7 @@ impl RecordedWorld {
         self.warp.render(self.shown.frames(), self.abreast.beside(), &mut self.seen);
     }
 
-    /// From a row to the next one under a steering command.
+    /// Drives from a row to the next one under a steering command.
     fn drive(&mut self, from: PathRow, to: PathRow, before: Option<Pyramid>) {
         let apart = to.at_s - from.at_s;
         let mps = |row: PathRow| row.speed.metres_per_second().get();
@@ -213,7 +213,7 @@ impl RecordedWorld {
         self.driven_m += rolled;
     }
 
-    /// Puts the virtual car back where it is too far off. No telemetry shows it there: the event tells how far it was.
+    /// Puts the virtual car back if it is too far off. No telemetry shows it there; the event reports how far it was.
     fn intervene(&mut self) {
         let Beside { offset_m, heading_rad } = self.abreast.beside();
         if offset_m.abs() <= self.limit_m && heading_rad.abs() <= FURTHEST_HEADING_DEG.to_radians() {
@@ -229,7 +229,7 @@ impl RecordedWorld {
 
     fn telemetry(&self, row: PathRow) -> Telemetry {
         let Beside { offset_m, heading_rad } = self.abreast.beside();
-        // On the path there is nothing to warp, and no second JPEG to blur it.
+        // On the path there is nothing to warp, so no second compression blurs the picture.
         let jpeg = if self.abreast.beside() == Beside::default() {
             self.shown.jpeg.clone()
         } else {
@@ -251,8 +251,8 @@ impl RecordedWorld {
     }
 }
 
-/// Whether a car on its tyres can turn so fast, in radians a second: twice what full steering asks for, and some more
-/// for what a wall does to it.
+/// Whether a car on its tyres can turn this fast, in radians a second: up to twice what full steering asks for, and a
+/// little more for contact with a wall.
 fn believable(rate: f64, speed: f64) -> bool {
     rate.abs() < 0.5 + motion::yaw_rate(2.0 * speed, FULL_STEERING_DEG)
 }

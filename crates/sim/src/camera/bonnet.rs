@@ -97,7 +97,7 @@ pub(super) struct Bonnet {
 }
 
 impl Bonnet {
-    /// As a camera sees it.
+    /// The bonnet as a camera sees it.
     pub(super) fn new(camera: &Camera, look: &ThemeLook) -> Self {
         let (width, height) = (camera.lens.width, camera.lens.height);
         let side = camera.mount.position.x;

@@ -1,6 +1,6 @@
 //! The sun's light on a country: on the ground's map, along the road, in the sky.
 //!
-//! All of it is worked out once for a place of the sun and then only looked up.
+//! All of it is computed once for each position of the sun and then only looked up.
 
 use glam::Vec3;
 
@@ -19,12 +19,12 @@ pub(super) const MAP: usize = 1024;
 const PATCHES_PER_M: f32 = 4.0;
 /// Patches across the road.
 const ACROSS: usize = 64;
-/// Colours of the sky between the horizon and the highest that is looked up.
+/// Steps of the sky's colours between the horizon and the highest place looked up.
 const SKY_STEPS: usize = 256;
-/// The highest place in the sky that is looked up: metres up a metre forward.
+/// The highest place in the sky that is looked up: metres up per metre forward.
 const SKY_TOP: f32 = 0.9;
 
-/// Everything that the place of the sun decides.
+/// Everything that the sun's position determines.
 #[derive(Debug)]
 pub(super) struct Light {
     /// Towards the sun.
@@ -32,7 +32,7 @@ pub(super) struct Light {
     /// By colour: what is left in the shade, and what the sun adds on flat ground.
     pub(super) shade: [f32; 3],
     pub(super) direct: [f32; 3],
-    /// The same for four at a time.
+    /// The same, padded for four at a time.
     pub(super) shade4: [f32; 4],
     pub(super) direct4: [f32; 4],
     pub(super) map: Texture,
@@ -91,7 +91,7 @@ impl Light {
         [at(0), at(1), at(2)]
     }
 
-    /// The sky's colour at metres up a metre forward.
+    /// The sky's colour at `up` metres per metre forward.
     #[inline]
     pub(super) fn sky(&self, up: f32) -> [u8; 3] {
         let i = nearest((up * (SKY_STEPS as f32 / SKY_TOP)).clamp(0.0, SKY_STEPS as f32));
@@ -160,7 +160,7 @@ impl Light {
             for j in 0..ACROSS {
                 let offset = (j as f32 + 0.5 - ACROSS as f32 / 2.0) / PATCHES_PER_M;
                 let p = middle + right * offset + Vec3::Y * 0.05;
-                // Hills change slowly: only each second patch asks, along and across.
+                // Hills change slowly, so only every second patch is checked, along and across.
                 let hidden = !lit.ground.sunlit(p, self.sun)
                     || nearby.iter().any(|s| s.shades(p, away, climb, &lit.pictures[s.picture as usize]));
                 if hidden {

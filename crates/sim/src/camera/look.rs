@@ -1,7 +1,7 @@
 //! The look of a landscape: light, sky, and the colours of ground, road and car.
 //!
-//! Colours are means of real frames (`recordings/lake`, `jungle`, `mountain`
-//! of the stock simulator), by eye where nothing could be averaged.
+//! Colours are means of real frames (`recordings/lake`, `jungle`, `mountain` of the stock simulator), chosen by eye
+//! where nothing could be averaged.
 
 use super::{
     noise::{fractal, mix3, step},
@@ -26,7 +26,7 @@ pub(super) struct ThemeLook {
     pub(super) fog_100m: f32,
     /// From the bonnet's near edge to its far one, and the glass below.
     pub(super) bonnet: [GreyLevels; 3],
-    /// What the road's colour nears with distance: it shines where one looks along it.
+    /// The colour that the road approaches with distance: it shines at a flat angle.
     pub(super) sheen: GreyLevels,
     pub(super) rock: GreyLevels,
     pub(super) water: Option<GreyLevels>,
@@ -170,7 +170,7 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
     }
 }
 
-/// What a place of open ground is like, for its colour.
+/// The properties of a place of open ground that decide its colour.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spot {
     pub(super) x: f32,

@@ -89,9 +89,9 @@ pub struct Mount {
 }
 
 impl Mount {
-    /// A stock camera at a place on the car. It is pitched 9.5 degrees down in a body that stands nose up at speed:
-    /// 7.5 degrees in all, between the 7.2 that the yellow lines of 80 real pictures say ([`super::survey`]) and the 7.8
-    /// at which the edges of the bridge meet.
+    /// A stock camera at a place on the car. It is pitched 9.5 degrees down in a body that stands nose up at speed: 7.5
+    /// degrees in all, between the 7.2 measured from the yellow lines of 80 real pictures ([`super::survey`]) and the
+    /// 7.8 at which the edges of the bridge meet.
     const fn stock(x: f64, z: f64) -> Self {
         Self { position: DVec3::new(x, 1.2, z), pitch_deg: 7.5, yaw_deg: 0.72, roll_deg: 1.2 }
     }
@@ -104,7 +104,7 @@ pub struct Camera {
     pub lens: Lens,
     /// Where it sits.
     pub mount: Mount,
-    /// Whether it sees the car's own bonnet; one that does not sees the whole car.
+    /// Whether it sees the car's own bonnet; a camera that does not sees the whole car.
     pub bonnet: bool,
 }
 
@@ -132,16 +132,16 @@ impl Camera {
     }
 }
 
-/// What is to be seen in one frame.
+/// What one frame shows.
 #[derive(Debug, Clone, Copy)]
 pub struct Shot<'a> {
     /// The car that carries the camera.
     pub car: &'a Car,
-    /// Whoever else is on the road.
+    /// Everything else on the road.
     pub actors: &'a [Actor],
     /// Weather and light.
     pub conditions: &'a Conditions,
-    /// What noise and rain come from.
+    /// Random seed of noise and rain.
     pub seed: u64,
     /// Simulated time, in seconds.
     pub time_s: f64,
@@ -159,14 +159,14 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// With nothing seen yet.
+    /// A renderer that has drawn nothing yet.
     pub fn new(scenery: Arc<Scenery>) -> Self {
         let sun = scenery.sun(&Conditions::default());
         let light = scenery.light(sun);
         Self { scenery, light, sun, raster: Raster::default(), bonnets: Vec::new(), weather: Weather::default() }
     }
 
-    /// Paints what a camera sees. The frame takes the camera's size; its memory is used again.
+    /// Paints what a camera sees. The frame takes the camera's size; its memory is reused.
     pub fn render(&mut self, camera: &Camera, shot: &Shot<'_>, frame: &mut Frame) {
         let (width, height) = (camera.lens.width, camera.lens.height);
         frame.resize(width, height);
@@ -178,7 +178,7 @@ impl Renderer {
         let car = shot.car;
         let view = Viewpoint::new(&camera.lens, &camera.mount, car.position + DVec3::Y * RIDE_M, car.yaw, car.pitch);
         if frame.rgb().is_empty() || !(view.eye.is_finite() && view.forward.is_finite()) {
-            frame.rgb_mut().fill(0); // from nowhere there is nothing to see
+            frame.rgb_mut().fill(0); // from no valid position there is nothing to see
             return;
         }
         let light = Arc::clone(&self.light);

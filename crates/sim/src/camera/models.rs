@@ -15,7 +15,7 @@ const SKIN: [u8; 3] = [206, 162, 132];
 const GLASS: [u8; 3] = [36, 44, 54];
 const TYRE: [u8; 3] = [24, 24, 26];
 
-/// A box standing in the axes of its owner: how wide below and above, from and to where upwards and forwards.
+/// A box in the axes of its owner: its width below and above, and its extent upwards and forwards.
 #[derive(Clone, Copy)]
 struct Part {
     x: f32,
@@ -33,14 +33,14 @@ impl Part {
     }
 }
 
-/// Somebody or something on the road, as triangles in the world.
+/// An actor as triangles in the world.
 pub(super) fn actor(actor: &Actor, time_s: f64) -> Cluster {
     let size = actor.kind.size().as_vec3();
     let pick = |colours: &[[u8; 3]]| colours[actor.look as usize % colours.len()];
     let parts = match actor.kind {
         ActorKind::Car => car(size, pick(&CARS)),
         ActorKind::Pedestrian | ActorKind::Child => {
-            // Legs swing as fast as it walks: about 1.4 m a double step.
+            // Legs swing with the walking speed: about 1.4 m per double step.
             let swing = if actor.speed.abs() > 0.05 { (time_s * actor.speed * 4.5).sin() as f32 } else { 0.0 };
             person(size, swing, pick(&CLOTHES), TROUSERS[(actor.look / 5) as usize % 3])
         }

@@ -40,8 +40,8 @@ pub(super) fn fractal(x: f32, y: f32, octaves: u32, period: i32, seed: u32) -> f
     sum / total
 }
 
-/// The nearest whole number, kept to 22 bits: what is negative counts down from 2^22. Adding 1.5 * 2^23
-/// leaves it in the low bits of the sum, which is far cheaper than a conversion that checks its range.
+/// The nearest whole number, kept to 22 bits: negative numbers count down from 2^22. Adding 1.5 * 2^23 leaves it in the
+/// low bits of the sum, which is far cheaper than a conversion that checks its range.
 #[inline]
 pub(super) fn nearest(x: f32) -> usize {
     ((x + 12_582_912.0).to_bits() & 0x3F_FFFF) as usize

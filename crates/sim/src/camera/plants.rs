@@ -41,7 +41,7 @@ impl Dice {
     }
 }
 
-/// Plants a country. Nothing comes nearer to a road than its own half width.
+/// Plants a country. Nothing stands nearer to a road than its own half width.
 pub(super) fn plant(paver: &Paver<'_>) -> Vec<Sprite> {
     let seed = paver.track.file().scenery_seed;
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(seed ^ 0x1A91_1A11));
@@ -186,7 +186,8 @@ fn add(
 }
 
 impl Sprite {
-    /// Draws it. `tint` says for its distance and direction what its colours are multiplied by (256 is once) and what is added.
+    /// Draws it. `tint` gives, for its distance and direction, the factor of its colours in 256ths and what is added to
+    /// them.
     pub(super) fn draw(
         &self,
         raster: &mut Raster,
@@ -256,8 +257,8 @@ impl Sprite {
         }
     }
 
-    /// Whether a point on the ground lies in its shadow; `away` points from the sun along the ground,
-    /// `climb` is how high the sun's rays rise a metre.
+    /// Whether a point on the ground lies in its shadow; `away` points from the sun along the ground, `climb` is how
+    /// far the sun's rays rise per metre.
     pub(super) fn shades(&self, p: Vec3, away: Vec3, climb: f32, picture: &Texture) -> bool {
         let d = p - self.at;
         let along = d.x * away.x + d.z * away.z;

@@ -51,13 +51,13 @@ pub(super) struct Cluster {
 }
 
 impl Cluster {
-    /// Adds a corner and says its number.
+    /// Adds a corner and returns its number.
     pub(super) fn point(&mut self, at: Vec3, u: f32, v: f32) -> u16 {
         self.points.push(Vertex { at, u, v });
         (self.points.len() - 1) as u16
     }
 
-    /// Adds a triangle, whose normal looks up or, where it stands upright, to where `towards` is.
+    /// Adds a triangle, whose normal points up or, if it stands upright, towards `towards`.
     pub(super) fn face(&mut self, corners: [u16; 3], paint: Paint, towards: Option<Vec3>) {
         let [a, b, c] = corners.map(|i| self.points[i as usize].at);
         let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -74,7 +74,7 @@ impl Cluster {
         self.face([a, c, d], paint, towards);
     }
 
-    /// Works out where it is, after the last corner.
+    /// Computes its bounds, after the last corner.
     pub(super) fn bound(mut self) -> Self {
         let low = self.points.iter().fold(Vec3::MAX, |m, p| m.min(p.at));
         let high = self.points.iter().fold(Vec3::MIN, |m, p| m.max(p.at));
@@ -87,7 +87,7 @@ impl Cluster {
 /// Nearer than this nothing is seen, in metres; Unity's near plane.
 const NEAR: f32 = 0.3;
 
-/// From where, and through which lens.
+/// The position and lens of a view.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Viewpoint {
     pub(super) eye: Vec3,
@@ -144,7 +144,7 @@ impl Viewpoint {
         d.dot(self.forward) > NEAR - radius && self.sides.iter().all(|side| d.dot(*side) > -radius)
     }
 
-    /// The plane over the picture that a linear function of the camera's axes, over depth, makes.
+    /// The plane over the picture that a linear function of the camera's axes, divided by depth, makes.
     #[inline]
     fn plane(&self, g: Vec3) -> Plane {
         let (x, y) = (g.x / self.focal, -g.y / self.focal);
@@ -195,7 +195,7 @@ pub(super) struct FaceSetup {
 
 /// A pixel that shows the sky.
 pub(super) const SKY: u32 = 0;
-/// Set where a pixel's colour is known: then the low 24 bits are it.
+/// Set if a pixel's colour is known: the low 24 bits are the colour.
 pub(super) const COLOURED: u32 = 1 << 31;
 
 /// What the pixels show.
@@ -222,7 +222,7 @@ impl Raster {
         self.setups.clear();
     }
 
-    /// Draws a chunk. Faces that look away are left out where `one_sided`.
+    /// Draws a chunk. If `one_sided`, faces that look away are left out.
     pub(super) fn draw(&mut self, view: &Viewpoint, chunk: &Cluster, one_sided: bool, light: impl Fn(Vec3) -> f32) {
         let mut turned = std::mem::take(&mut self.turned);
         turned.clear();
@@ -277,7 +277,8 @@ impl Raster {
                 n += 1;
             }
             if (a.z >= NEAR) != (b.z >= NEAR) {
-                // From the nearer to the farther, so that neighbours cut their common edge at the same place.
+                // Always from the nearer to the farther point, so that neighbours cut their common edge at the same
+                // place.
                 let (near, far) = if a.z < b.z { (a, b) } else { (b, a) };
                 let cut = near + (far - near) * ((NEAR - near.z) / (far.z - near.z));
                 kept[n] = view.project(Vec3::new(cut.x, cut.y, NEAR));
@@ -291,7 +292,7 @@ impl Raster {
         drawn
     }
 
-    /// Fills a triangle where it is nearest; says whether any pixel was its own.
+    /// Fills a triangle where it is nearest; returns whether it won any pixel.
     #[inline]
     fn triangle(&mut self, p: [(f32, f32); 3], w: &Plane, id: u32) -> bool {
         let mut drawn = false;
@@ -367,8 +368,8 @@ fn convex_hull(points: &mut Vec<Vec3>) {
     *points = hull;
 }
 
-/// Calls `fill` with row, first column and end of each row of a triangle. Triangles with a
-/// common edge share it out: no pixel falls between them, and none is in both.
+/// Calls `fill` with row, first column and end of each row of a triangle. Triangles with a common edge leave no pixel
+/// between them and share none.
 #[inline]
 fn spans(mut p: [(f32, f32); 3], width: usize, height: usize, mut fill: impl FnMut(usize, usize, usize)) {
     if p[1].1 < p[0].1 {

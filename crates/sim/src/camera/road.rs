@@ -20,7 +20,7 @@ pub(super) mod tile {
 const CHUNK_M: f64 = 24.0;
 /// Height of the bridge's walls, in metres.
 const WALL_M: f32 = 0.68;
-/// How thick a road is that crosses over another, in metres.
+/// Thickness of a road that crosses over another, in metres.
 const DECK_M: f32 = 0.9;
 
 const BLACK: Paint = Paint::Flat([13, 13, 15]);
@@ -39,7 +39,7 @@ pub(super) struct Paver<'a> {
 type Corner = (f32, f32);
 
 impl Paver<'_> {
-    /// Road, shoulders, walls: what is seen from above.
+    /// Road, shoulders, walls: the surfaces seen from above.
     pub(super) fn strip(&self) -> Vec<Cluster> {
         self.chunks(|chunk, from, to| {
             for side in [Side::Left, Side::Right] {
@@ -48,7 +48,7 @@ impl Paver<'_> {
         })
     }
 
-    /// Rock faces and blocks: what is next to it.
+    /// Rock faces and blocks beside it.
     pub(super) fn walls(&self) -> Vec<Cluster> {
         let mut chunks = self.chunks(|chunk, from, to| {
             for side in [Side::Left, Side::Right] {
@@ -85,7 +85,7 @@ impl Paver<'_> {
         self.track.half_width() as f32
     }
 
-    /// Whether nothing of any road is nearer than `margin` metres beside its edge.
+    /// Whether the place is more than `margin` metres from the edge of every road.
     pub(super) fn clear(&self, at: Vec3, margin: f32) -> bool {
         let least = (self.half() + margin).powi(2);
         self.track.stations().iter().all(|station| {
@@ -149,7 +149,7 @@ impl Paver<'_> {
         chunks
     }
 
-    /// Whether the same stands along both places.
+    /// Whether the same things stand along both places.
     fn same(&self, a: &Station, b: &Station) -> bool {
         [Side::Left, Side::Right].into_iter().all(|side| {
             [Edge::Kerb, Edge::Dirt, Edge::Bridge, Edge::Rock]
@@ -158,7 +158,7 @@ impl Paver<'_> {
         })
     }
 
-    /// A point across the road; beyond the middle of a bend there is none, so it stays on this side.
+    /// A point across the road. There is none beyond the centre of a bend, so it stays on this side of that.
     fn across(&self, station: &Station, side: Side, (out, up): Corner) -> Vec3 {
         let sign = if side == Side::Right { 1.0 } else { -1.0 };
         let towards = station.curvature as f32 * sign;
@@ -213,7 +213,7 @@ impl Paver<'_> {
         lay((level, 0.0), foot, beside, None);
         lay(foot, (foot.0 + 1.6, foot.1 - 2.4), Paint::Ground, None);
         if self.track.file().theme == Theme::Lake && section != kind::DIRT {
-            // The bank catches more or less of the sun than so low a rise would: it is the look that counts.
+            // The bank is lit more strongly or weakly than so low a rise would be: the look is what counts.
             let inwards = from.position.as_vec3() - self.across(from, side, (1.0, 0.0));
             let steep = (Vec3::Y + inwards.normalize_or_zero() * 0.55).normalize();
             let n = chunk.faces.len();

@@ -20,7 +20,7 @@ use crate::{
     track::{Edge, Side, Theme, Track},
 };
 
-/// Lights for as many places of the sun are kept.
+/// How many positions of the sun have their lights kept.
 const LIGHTS_KEPT: usize = 8;
 
 /// The light of a sun at a height and azimuth in degrees.
@@ -36,17 +36,17 @@ pub struct Scenery {
     pub(super) sprites: Vec<Sprite>,
     pub(super) pictures: Vec<Texture>,
     pub(super) sections: Vec<Section>,
-    /// What roads are made of, and how often it repeats a metre.
+    /// Textures of roads, and their repeats per metre.
     pub(super) surfaces: Vec<(Texture, f32)>,
     pub(super) tiles: Vec<Texture>,
     pub(super) detail: Texture,
-    /// How often the ground's fine structure repeats a metre.
+    /// Repeats of the ground's fine structure per metre.
     pub(super) detail_per_m: f32,
     pub(super) map_texels_per_m: f32,
     pub(super) sheen4: Vec4,
     pub(super) fog4: Vec4,
     pub(super) fog: [i32; 3],
-    /// Fog a metre, in 256ths.
+    /// Fog per metre, in 256ths.
     pub(super) fog_per_m: f32,
     track: Track,
     ground: Terrain,
@@ -101,7 +101,7 @@ impl Scenery {
         (height.clamp(3.0, 90.0), conditions.sun_azimuth_deg.unwrap_or(self.look.sun_azimuth_deg))
     }
 
-    /// The light of a sun: worked out the first time, then kept.
+    /// The light of a sun: computed the first time, then kept.
     pub(super) fn light(&self, sun: (f64, f64)) -> Arc<Light> {
         let mut lights = self.lights.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, light)) = lights.iter().find(|(known, _)| *known == sun) {

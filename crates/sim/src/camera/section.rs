@@ -7,11 +7,11 @@ use super::noise::{mix3, nearest};
 /// What changes along the road within a cross-section.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Pattern {
-    /// Nothing does.
+    /// Nothing changes.
     Plain,
     /// Bars across: period in metres, and the share of it that shows the second colour.
     Bars { period: f32, share: f32 },
-    /// Flecks, where the road's texture has its mask.
+    /// Flecks where the mask of the road's texture is set.
     Flecks,
 }
 
@@ -22,11 +22,11 @@ pub(super) struct Stripe {
     pub(super) other: Vec4,
     /// How much of the texture shows, 0 to 1.
     pub(super) rough: f32,
-    /// How much of the pattern shows, 0 to 1; `other` has that in it.
+    /// How much of the pattern shows, 0 to 1; `other` includes it.
     pub(super) pattern: f32,
 }
 
-/// Metres from the middle that a cross-section reaches.
+/// How far from the middle a cross-section reaches, in metres.
 pub(super) const REACH_M: f32 = 12.8;
 const FINEST: usize = 512;
 /// Stripes a metre, in the finest copy.
@@ -107,7 +107,7 @@ impl Section {
         }
     }
 
-    /// Stripes that are each averages of about `1 << level` of the finest.
+    /// Stripes that each average about `1 << level` of the finest.
     #[inline]
     pub(super) fn level(&self, level: usize) -> Stripes<'_> {
         let level = level.min(self.levels.len() - 1);

@@ -64,11 +64,11 @@ impl Shader<'_> {
         }
     }
 
-    /// What a sprite's colours are multiplied by and what is added, by distance and where the sun is.
+    /// The factor of a sprite's colours and what is added to them, by distance and position of the sun.
     pub(super) fn tint(&self, sprite: &Sprite, depth: f32) -> ([i32; 3], [i32; 3]) {
         let towards = (sprite.at - self.view.eye).with_y(0.0).normalize_or_zero();
         let sun = self.light.sun.with_y(0.0).normalize_or_zero();
-        // Against the sun one sees the dark side.
+        // Looking towards the sun shows the dark side.
         let share = 1.05 - 0.95 * step(-0.5, 0.8, towards.dot(sun));
         let fog = self.fog(depth);
         let multiply = self.light.multiply(share * 1.1).map(|m| (m as f32 * sprite.tone) as i32 * (256 - fog) / 256);
@@ -202,7 +202,7 @@ impl Shader<'_> {
         }
     }
 
-    /// What is kept of a colour at a distance, in 256ths, and what fog adds.
+    /// How much of a colour remains at a distance, in 256ths, and what fog adds.
     #[inline]
     fn veil(&self, depth: f32) -> (i32, [i32; 3]) {
         let fog = self.fog(depth);
@@ -211,10 +211,10 @@ impl Shader<'_> {
     }
 }
 
-/// Longest piece of a row over which textures run evenly, in pixels.
+/// Longest piece of a row over which texture coordinates are linear, in pixels.
 const PIECE: usize = 16;
 
-/// A piece of a run: its attributes at the first pixel, their steps, and what is the same all along.
+/// A piece of a run: its attributes at the first pixel, their steps, and what is constant.
 struct RunPiece {
     u: f32,
     v: f32,
@@ -270,7 +270,7 @@ fn blend(from: i32, to: i32, share: i32) -> u8 {
     (from + (((to - from) * share) >> 8)).clamp(0, 255) as u8
 }
 
-/// The texel between four, two channels at a time.
+/// The texel interpolated between four, two channels at a time.
 #[inline]
 fn smooth(texels: &[Texel], width: usize, u: f32, v: f32) -> Texel {
     let most = (width * 16 - 17) as f32;
@@ -306,7 +306,7 @@ fn fill(out: &mut [u8], colour: [u8; 3]) {
     out.as_chunks_mut::<3>().0.fill(colour);
 }
 
-/// The sun's share on a face of a model, which is never lit as brightly as a slope may be.
+/// The sun's share on a face of a model, which is never as bright as a slope can be.
 pub(super) fn model_light(light: &Light, normal: Vec3) -> f32 {
     light.on(normal).min(1.25)
 }

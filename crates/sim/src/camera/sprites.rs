@@ -1,4 +1,4 @@
-//! Pictures of what stands along roads: trees, bushes, boulders, posts, pylons. Painted once, by rule.
+//! Pictures of what stands along roads: trees, bushes, boulders, posts, pylons. Painted once, procedurally.
 
 use super::{
     noise::{fractal, mix, mix3, step, unit, value},
@@ -66,7 +66,7 @@ pub(super) fn all() -> Vec<Texture> {
 
 type Shades = ([f32; 3], [f32; 3]);
 
-/// A crown: where it begins and ends from the top, how wide, how pointed, how much of it is gaps, how coarse.
+/// A crown: where it begins and ends from the top, its width, how pointed it is, its share of gaps, its coarseness.
 struct Crown {
     from: f32,
     to: f32,

@@ -1,8 +1,7 @@
 //! Open ground: a height for every place, below every road, and the mesh of it.
 //!
-//! Cells are small beside roads and larger away from them. The camera drives on
-//! the road, so far cells are far, and nothing pops up as it goes. A large cell
-//! takes up the corners of its smaller neighbours: there are no cracks.
+//! Cells are small beside roads and larger away from them. The camera stays on the road, so large cells are always far
+//! away, and nothing pops up. A large cell includes the corners of its smaller neighbours, so there are no cracks.
 
 use glam::Vec3;
 
@@ -21,7 +20,8 @@ const LARGEST: usize = 16;
 const MARGIN_M: f32 = 330.0;
 /// How far below the road the ground beside it lies, in metres.
 const DROP_M: f32 = 0.18;
-/// How far beside the road's edge the road's own strip reaches level, in metres: no ground comes up before that.
+/// How far beyond the road's edge the road's own strip stays level, in metres: the ground does not rise above it before
+/// that.
 pub(super) const SHOULDER_M: f32 = 3.2;
 
 /// The ground of a whole country.
@@ -81,7 +81,7 @@ impl Terrain {
                     let weight = 1.0 / ((d2 + 4.0) * (d2 + 4.0));
                     weights += weight;
                     level += weight * p.y;
-                    // Only from beside: on a slope the road further down says nothing here.
+                    // Only from beside: on a slope, the road further down does not count here.
                     let along = (x - p.x) * p.ahead.0 + (z - p.z) * p.ahead.1;
                     if d2 < 900.0 && along.abs() < 4.5 {
                         let beyond = (d2.sqrt() - corridor).max(0.0);
@@ -97,7 +97,7 @@ impl Terrain {
         ground
     }
 
-    /// Height where no road cuts in.
+    /// Height without any road.
     fn natural(&self, track: &Track, x: f32, z: f32, level: f32, d: f32, station: usize) -> f32 {
         let seed = track.file().scenery_seed as u32;
         let hills = fractal(x / 64.0, z / 64.0, 4, 0, seed);
@@ -175,7 +175,7 @@ impl Terrain {
         self.n as f32 * CELL_M
     }
 
-    /// Whether the way to the sun is free of hills.
+    /// Whether no hill hides the sun.
     pub(super) fn sunlit(&self, from: Vec3, sun: Vec3) -> bool {
         let mut along = 1.5;
         for _ in 0..26 {
@@ -282,7 +282,7 @@ impl Terrain {
     }
 }
 
-/// How far beside its edge a theme's road has something level, in metres.
+/// How far beyond its edge a theme's road stays level, in metres.
 pub(super) fn shoulder(theme: Theme) -> f32 {
     match theme {
         Theme::Lake => SHOULDER_M,

@@ -34,7 +34,7 @@ fn picture(renderer: &mut Renderer, camera: &Camera, car: &Car, actors: &[Actor]
     frame
 }
 
-/// Where a point of the world is in the picture, by the formulas of a pinhole camera, written out again.
+/// Where a point of the world is in the picture, by an independent pinhole camera formula.
 fn column_and_row(camera: &Camera, car: &Car, point: DVec3) -> (f64, f64) {
     let turned = |v: DVec3, axis: usize, angle: f64| {
         let (s, c) = angle.sin_cos();
@@ -64,7 +64,8 @@ fn eye(camera: &Camera, car: &Car) -> DVec3 {
 
 #[test]
 fn the_horizon_of_flat_ground_is_where_the_pitch_puts_it() {
-    // 7.5 degrees down at a focal length of 138.56 pixels: 18.2 rows above the middle, there rolled by 1.2 degrees.
+    // 7.5 degrees down at a focal length of 138.56 pixels: 18.2 rows above the middle, in a picture rolled by 1.2
+    // degrees.
     let view = Viewpoint::new(&Lens::STOCK, &Camera::CENTER.mount, DVec3::ZERO, 0.7, 0.0);
     let far = Vec3::new(0.7f32.sin(), 0.0, 0.7f32.cos()) * 1e6 + Vec3::Y * view.eye.y;
     let (column, row) = view.project(view.turn(far));
@@ -269,7 +270,7 @@ fn an_actor_stands_where_it_stands() {
 
 #[test]
 fn no_pixel_is_left_out() {
-    // Between sky above and ground below there is no hole: down a column the sky never comes back.
+    // There is no hole between sky and ground: down a column, the sky never comes back.
     for name in Track::NAMES {
         let (track, scenery) = scenery(name);
         let mut renderer = Renderer::new(scenery);

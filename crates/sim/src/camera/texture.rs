@@ -44,7 +44,7 @@ impl Texture {
                     let cover: u32 = four.iter().map(|t| u32::from(t[3])).sum();
                     let mut mean = [0; 4];
                     for (c, mean) in mean.iter_mut().enumerate().take(3) {
-                        // Weighed by coverage, so that no colour comes in from where there is nothing.
+                        // Weighted by coverage, so that empty texels add no colour.
                         let sum: u32 = four.iter().map(|t| u32::from(t[c]) * (1 + u32::from(t[3]))).sum();
                         *mean = (sum / (cover + 4)) as u8;
                     }

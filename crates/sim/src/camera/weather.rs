@@ -1,4 +1,4 @@
-//! Haze, rain, night, and what is wrong with the camera: laid over a finished picture that knows its depths.
+//! Haze, rain, night and camera faults, applied to a finished picture and its depths.
 
 use rand_chacha::{
     ChaCha8Rng,
@@ -11,7 +11,7 @@ use crate::{conditions::Conditions, vehicle::Car};
 /// How far the sky counts as, in metres.
 const SKY_M: f32 = 900.0;
 
-/// What is worked with from frame to frame.
+/// Working memory, kept from frame to frame.
 #[derive(Debug, Default)]
 pub(super) struct Weather {
     rows: Vec<f32>,
@@ -19,7 +19,7 @@ pub(super) struct Weather {
 }
 
 impl Weather {
-    /// Lays the conditions over a picture.
+    /// Applies the conditions to a picture.
     pub(super) fn apply(
         &mut self,
         conditions: &Conditions,
@@ -94,7 +94,7 @@ impl Weather {
 /// Haze, the grey of rain, and night with headlights.
 fn atmosphere(conditions: &Conditions, view: &Viewpoint, car: &Car, raster: &Raster, rgb: &mut [u8]) {
     let (haze, rain, night) = (conditions.haze as f32, conditions.rain as f32, conditions.night as f32);
-    // One sees as far as a contrast of a twentieth: three lengths of decay.
+    // Visibility ends at a contrast of a twentieth: three lengths of decay.
     let decay = 3.0 / 60.0 * haze * haze + 0.006 * rain * rain;
     let dark = 1.0 - 0.955 * night;
     let veil = [198.0, 203.0, 208.0].map(|c: f32| c * (1.0 - 0.25 * rain));
@@ -131,7 +131,7 @@ fn atmosphere(conditions: &Conditions, view: &Viewpoint, car: &Car, raster: &Ras
                         lit /= 1.0 + 4.0 * (wide.abs() - 0.6).max(0.0);
                     }
                 }
-                // Where the lamps shine their light counts, elsewhere the moon's.
+                // Within the headlights' beam their light counts, elsewhere the moon's.
                 colour = [0, 1, 2].map(|c| colour[c] * (moon[c] + lit * [1.0, 0.96, 0.86][c]).min(1.0));
             }
             *pixel = colour.map(|c| (c + 0.5).clamp(0.0, 255.0) as u8);

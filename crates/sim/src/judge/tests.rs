@@ -9,7 +9,7 @@ fn lake() -> Track {
     Track::named("lake").unwrap()
 }
 
-/// A judge and the clock it is shown.
+/// A judge and its clock.
 struct Court<'a> {
     track: &'a Track,
     judge: Judge,
@@ -100,7 +100,7 @@ fn turning_round_at_the_line_gives_no_lap() {
     for turns in [
         vec![300.0, 330.0, 270.0, 330.0, 270.0, 340.0], // over the line and back
         vec![300.0, 300.0 - track.length() - 50.0, 290.0], // once around backwards, and back
-        vec![300.0, 250.0, 300.0 + track.length() - 5.0], // once around but for the last metres
+        vec![300.0, 250.0, 300.0 + track.length() - 5.0], // once around except for the last metres
     ] {
         let mut court = Court::new(&track, Rules::default(), 300.0);
         for leg in turns.windows(2) {
@@ -294,7 +294,7 @@ fn a_car_put_on_its_next_waypoint_has_reached_it_and_gets_time_to_start() {
     assert_eq!((court.judge.waypoint(), court.judge.stuck(), court.judge.crashes()), (3, false, 1));
     court.wait(2.2, &put, &[]);
     assert!(court.judge.stuck());
-    // Too near for a leap to be seen: told.
+    // Too near to be noticed as a leap, so the judge is told.
     let near = on_road(&track, next + 1.0, 0.0, 0.0);
     court.judge.put(court.t);
     court.wait(4.9, &near, &[]);

@@ -21,9 +21,9 @@ const MOST_CASES: usize = 10_000;
 pub enum Draw {
     /// `3.0`: this number.
     Exactly(f64),
-    /// `[2.0, 5.0]`: any between these two, all alike.
+    /// `[2.0, 5.0]`: uniform between these two.
     Between([f64; 2]),
-    /// `{ one_of = [12.0, 40.0] }`: one of these, all alike.
+    /// `{ one_of = [12.0, 40.0] }`: one of these, equally likely.
     OneOf {
         /// The choices.
         one_of: Vec<f64>,
@@ -47,7 +47,7 @@ impl fmt::Display for Draw {
 }
 
 impl Draw {
-    /// The number; of a range that was not settled its lowest, of choices their first.
+    /// The number; before it is settled, the lowest of a range or the first of the choices.
     pub fn value(&self) -> f64 {
         self.numbers().first().copied().unwrap_or(0.0)
     }
@@ -82,7 +82,7 @@ fn unit(rng: &mut ChaCha8Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Where a number stands, what it may be, the number.
+/// The place of a number, its valid range, and the number.
 type Visit<'a> = &'a mut dyn FnMut(&str, RangeInclusive<f64>, &mut Draw);
 
 const SPEED_KMH: RangeInclusive<f64> = 0.0..=130.0;
@@ -92,10 +92,10 @@ const AHEAD_M: RangeInclusive<f64> = -500.0..=1000.0;
 const TIME_S: RangeInclusive<f64> = 0.0..=3600.0;
 
 impl Scenario {
-    /// Shows every number, in the file's order: the one place that knows them all.
+    /// Visits every number in the file's order: the one place that knows them all.
     fn visit(&mut self, visit: Visit<'_>) {
         let ego = &mut self.ego;
-        // No oval of ours is longer; `Traffic::new` asks the track itself.
+        // No track is longer; `Traffic::new` checks the track itself.
         optional(visit, "ego: s_m", 0.0..=1e5, &mut ego.s_m);
         optional(visit, "ego: offset_m", OFFSET_M, &mut ego.offset_m);
         visit("ego: speed_kmh", SPEED_KMH, &mut ego.speed_kmh);
@@ -105,11 +105,11 @@ impl Scenario {
         }
     }
 
-    /// Checks a scenario that was not parsed but made: every number finite and in its range, no crosser
-    /// without a time or going nowhere, no more actors or cases than can be played.
+    /// Checks a scenario that was built rather than parsed: every number is finite and in range, every crosser has a
+    /// time and goes somewhere, and there are not too many actors or cases.
     ///
     /// # Errors
-    /// [`ScenarioError::Value`] for the first that is not so.
+    /// [`ScenarioError::Value`] for the first violation.
     pub fn check(&self) -> Result<(), ScenarioError> {
         let wrong = |what: &str, expected: &str, got: String| {
             Err(ScenarioError::Value { name: self.name.clone(), what: what.into(), expected: expected.into(), got })
@@ -153,8 +153,8 @@ impl Scenario {
         Ok(())
     }
 
-    /// The same scenario with every number drawn: same seeds, same numbers. A settled one
-    /// settles to itself.
+    /// The same scenario with every number drawn: the same seeds give the same numbers. A settled scenario does not
+    /// change.
     pub fn settle(&self, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(seed);

@@ -1,12 +1,10 @@
 //! What happens on the road in a run: a small TOML file.
 //!
-//! A [`Scenario`] says where our car begins and how fast, and what everything
-//! else does: parked, a lead car that brakes, cruising, crossing. It is written
-//! in road coordinates that suit any track: `ahead_m` counts along the road from
-//! where our car begins, `offset_m` to the right of the line it drives on. Each
-//! number may be a range or a list to choose from ([`Draw`]); [`Scenario::settle`]
-//! draws them from a seed, [`Scenario::cases`] lists all choices as a test
-//! protocol's table does. [`super::traffic`] plays it.
+//! A [`Scenario`] says where our car begins and how fast, and what everything else does: parked, a lead car that
+//! brakes, cruising, crossing. It is written in road coordinates that suit any track: `ahead_m` counts along the road
+//! from where our car begins, `offset_m` to the right of the line it drives on. Each number may be a range or a list to
+//! choose from ([`Draw`]); [`Scenario::settle`] draws them from a seed; [`Scenario::cases`] lists all choices, like the
+//! table of a test protocol. [`super::traffic`] plays it.
 //!
 //! ```toml
 //! name = "braking-ahead"
@@ -41,16 +39,16 @@ pub const MPS_PER_KMH: f64 = 1.0 / 3.6;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// What happens, and after which protocol.
+    /// What happens, and which protocol it follows.
     pub description: String,
-    /// On which track; any where it does not say.
+    /// On which track; any if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub track: Option<String>,
     /// Our car.
     pub ego: Ego,
-    /// Goes into every draw beside the run's own seed. 0 by default.
+    /// Goes into every draw together with the run's own seed. 0 by default.
     #[serde(default)]
     pub seed: u64,
     /// When it is over, in seconds.
@@ -64,15 +62,15 @@ pub struct Scenario {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ego {
-    /// Metres along the road; the track's start where it does not say.
+    /// Metres along the road; the track's start if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub s_m: Option<Draw>,
-    /// Metres to the right of the road's middle; the track's driving line where it does not say.
+    /// Metres to the right of the road's middle; the track's driving line if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_m: Option<Draw>,
     /// How fast it rolls at the start, km/h. 0 by default.
     pub speed_kmh: Draw,
-    /// What it is to hold, km/h; the speed at the start where it does not say.
+    /// The speed to hold, km/h; the speed at the start if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_kmh: Option<Draw>,
 }
@@ -99,7 +97,7 @@ impl Ego {
         self.speed_kmh.value() * MPS_PER_KMH / MPS_PER_MPH
     }
 
-    /// What it is to hold, mph.
+    /// The speed to hold, mph.
     pub fn target_mph(&self) -> f64 {
         self.target_kmh.as_ref().unwrap_or(&self.speed_kmh).value() * MPS_PER_KMH / MPS_PER_MPH
     }
@@ -132,7 +130,7 @@ pub enum Script {
         /// Metres to the right of our car's line. 0 by default.
         #[serde(default)]
         offset_m: Draw,
-        /// Its speed at the start, km/h; our car's where it does not say.
+        /// Its speed at the start, km/h; our car's if absent.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         speed_kmh: Option<Draw>,
         /// When it brakes, in seconds from the start.
@@ -175,15 +173,15 @@ pub enum Script {
         to_m: Draw,
         /// Its speed, km/h.
         speed_kmh: Draw,
-        /// Metres over which it comes to that speed, evenly. 0 by default.
+        /// Metres over which it accelerates evenly to that speed. 0 by default.
         #[serde(default)]
         run_up_m: Draw,
-        /// When it sets off, in seconds from the start; or `share`.
+        /// When it sets off, in seconds from the start. Alternative to `share`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         at_s: Option<Draw>,
-        /// It sets off so that our car, should it go on as it does, would hit its middle at this
-        /// share of our car's width, counted from the side where it comes from: 0.25 and 0.75 in
-        /// CPNA-25 and -75; below 0 or above 1 our car just misses it. Or `at_s`.
+        /// It sets off so that our car, at constant speed, would hit its middle at this share of our car's width,
+        /// counted from the side it comes from: 0.25 and 0.75 in CPNA-25 and -75; below 0 or above 1 our car just
+        /// misses it. Alternative to `at_s`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         share: Option<Draw>,
     },
@@ -197,7 +195,7 @@ fn an_adult() -> ActorKind {
     ActorKind::Pedestrian
 }
 
-/// Why there is no such scenario.
+/// Why a scenario cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
     /// No scenario of that name.
@@ -213,16 +211,16 @@ pub enum ScenarioError {
     /// Not the TOML of a scenario.
     #[error("scenario file: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
-    /// A value that describes no scenario.
+    /// A value that is not valid in a scenario.
     #[error("scenario {name}: {what}: expected {expected}, got {got}")]
     Value {
         /// The scenario.
         name: String,
         /// Which value.
         what: String,
-        /// What it should have been.
+        /// What it should be.
         expected: String,
-        /// What it was.
+        /// What it is.
         got: String,
     },
 }
@@ -249,7 +247,7 @@ impl Scenario {
     /// Reads TOML.
     ///
     /// # Errors
-    /// [`ScenarioError::Toml`] with line and column, [`ScenarioError::Value`] where a number makes no sense.
+    /// [`ScenarioError::Toml`] with line and column, [`ScenarioError::Value`] if a number makes no sense.
     pub fn parse(text: &str) -> Result<Self, ScenarioError> {
         let scenario: Self = toml::from_str(text)?;
         scenario.check()?;

@@ -1,10 +1,10 @@
 //! The line to drive: as near to the file's `driving_line_m` as a car can comfortably go.
 //!
 //! A lane's middle is not a line for a car: the inner lane of a sharp bend is tighter than any car turns, and every
-//! bend begins with a jerk. So the line is smoothed once for each track: of all lines on the road, that one which
-//! strays little from the lane's middle and changes its curvature little, and which is nowhere tighter than a car turns
-//! with steering in hand. That is least squares over the offsets of all stations, solved by Gauss-Newton; curvature
-//! and edges are limits, kept by a penalty on what is beyond them.
+//! bend begins with a jerk. So the line is smoothed once for each track: of all lines on the road, it is the one that
+//! strays little from the lane's middle, changes its curvature little, and is nowhere tighter than a car can turn with
+//! some steering to spare. That is least squares over the offsets of all stations, solved by Gauss-Newton; curvature
+//! and edges are limits, enforced by penalties.
 
 use std::f64::consts::TAU;
 
@@ -18,15 +18,15 @@ use lapwing_core::motion::turn;
 const SPREAD_M: f64 = 3.5;
 /// The tightest that the line may be, 1/m, where the road is wide enough: three quarters of the car's full lock.
 const TIGHTEST: f64 = 0.12;
-/// What is left between the body's side and the edge of the road, in metres.
+/// Distance kept between the body's side and the edge of the road, in metres.
 const MARGIN_M: f64 = 0.6;
-/// Squared metres that a 1/m beyond [`TIGHTEST`] costs, squared.
+/// Weight of the squared curvature beyond [`TIGHTEST`], in m² per (1/m)².
 const TOO_TIGHT: f64 = 1e5;
-/// What a metre beyond the edge costs, against one from the lane's middle.
+/// Weight of a metre beyond the edge, relative to one from the lane's middle.
 const TOO_FAR: f64 = 1e3;
 /// Steps of Gauss-Newton at most: the jungle needs 17, the others 4.
 const STEPS: usize = 40;
-/// Stations by which both ends overlap, as the road is closed and the solver's band is not: 60 m.
+/// Stations by which both ends overlap, as the road is closed but the solver's band is not: 60 m.
 const OVERLAP: usize = 120;
 
 /// A point of the line to drive, beside the road's station of the same number.
@@ -44,7 +44,7 @@ pub struct LinePoint {
     pub curvature: f64,
 }
 
-/// Finds the line around a closed road; also says how long it is.
+/// Finds the line around a closed road; also returns its length.
 pub(super) fn smooth(stations: &[Station], wanted: f64, width: f64) -> (Vec<LinePoint>, f64) {
     let room = (width / 2.0 - BODY.x / 2.0 - MARGIN_M).max(0.0);
     let wanted = wanted.clamp(-room, room);
@@ -54,7 +54,7 @@ pub(super) fn smooth(stations: &[Station], wanted: f64, width: f64) -> (Vec<Line
         let points = points(stations, &offsets);
         let step = improve(stations, &points, wanted, room);
         let largest = step.iter().fold(0.0f64, |m, d| m.max(d.abs()));
-        let share = (0.5 / largest).min(1.0); // half a metre at once: beyond, the linear picture is wrong
+        let share = (0.5 / largest).min(1.0); // half a metre at once: beyond that, the linearisation is wrong
         for (offset, d) in offsets.iter_mut().zip(step) {
             *offset += share * d;
         }
@@ -68,7 +68,7 @@ pub(super) fn smooth(stations: &[Station], wanted: f64, width: f64) -> (Vec<Line
     (points, length)
 }
 
-/// The line at these offsets, with what it does there.
+/// The points of the line at these offsets.
 fn points(stations: &[Station], offsets: &[f64]) -> Vec<LinePoint> {
     let n = stations.len();
     let position = |i: usize| stations[i].position + stations[i].right() * offsets[i];
@@ -101,7 +101,7 @@ fn improve(stations: &[Station], points: &[LinePoint], wanted: f64, room: f64) -
         let (a, b) = (points[(i + n - 1) % n].position, points[(i + 1) % n].position);
         ((b - a).with_y(0.0).length() / 2.0).max(0.05)
     };
-    // How the curvature at a station answers to the offsets of the one before, its own and the one after.
+    // How the curvature at a station depends on the offsets of the one before, its own and the one after.
     let answer = |i: usize| {
         let h = spacing(i);
         let c = 1.0 / (h * h);
@@ -123,7 +123,7 @@ fn improve(stations: &[Station], points: &[LinePoint], wanted: f64, room: f64) -
         if too_tight != 0.0 {
             system.add(k - 1, &here, -too_tight, TOO_TIGHT);
         }
-        // Change of curvature to the next station, a metre.
+        // Change of curvature to the next station, per metre.
         let next = (i + 1) % n;
         let on = answer(next);
         let h = spacing(i);
@@ -134,7 +134,7 @@ fn improve(stations: &[Station], points: &[LinePoint], wanted: f64, room: f64) -
     solved[OVERLAP..OVERLAP + n].to_vec()
 }
 
-/// Normal equations whose rows reach three unknowns on: a symmetric matrix with a band of four.
+/// Normal equations that couple unknowns up to three apart: a symmetric matrix with a band of four.
 struct Banded {
     /// Diagonal, then the three below it: `band[i][d]` couples `i` and `i - d`.
     band: Vec<[f64; 4]>,

@@ -12,14 +12,14 @@ use lapwing_core::words::{did_you_mean, suggesting};
 pub struct TrackFile {
     /// What it is called.
     pub name: String,
-    /// Which country it lies in: colours, plants, rocks, light.
+    /// Its landscape: colours, plants, rocks, light.
     pub theme: Theme,
     /// Width of the road, edge to edge, in metres.
     pub width_m: f64,
-    /// Where on it one drives: metres to the right of the middle.
+    /// The line to drive: metres to the right of the middle.
     #[serde(default)]
     pub driving_line_m: f64,
-    /// Which of all random sceneries stands along it.
+    /// Random seed of the scenery along it.
     pub scenery_seed: u64,
     /// Where the car is stationary when a run begins.
     pub start: Start,
@@ -62,7 +62,7 @@ pub struct Start {
 pub struct Stretch {
     /// Where it begins, in metres along the road.
     pub from_m: f64,
-    /// Where it ends; smaller than `from_m` where it runs over the start.
+    /// Where it ends; smaller than `from_m` if it runs past the start.
     pub to_m: f64,
     /// On which side.
     pub side: Side,
@@ -90,11 +90,11 @@ pub enum Edge {
     Kerb,
     /// Open dirt, at the level of the road, without a line.
     Dirt,
-    /// The bridge: paving instead of asphalt, and a low black wall that is hit.
+    /// The bridge: paving instead of asphalt, and a low black wall that can be hit.
     Bridge,
-    /// Concrete blocks in a row, that are hit.
+    /// Concrete blocks in a row, which can be hit.
     Blocks,
-    /// A rock face close by, that is hit.
+    /// A rock face close by, which can be hit.
     Rock,
     /// Water a few metres away.
     Water,
@@ -126,7 +126,7 @@ impl fmt::Display for Edge {
     }
 }
 
-/// Why there is no such road.
+/// Why a road cannot be built.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
     /// No track of that name.
@@ -146,7 +146,7 @@ pub enum TrackError {
         /// Why, in the system's words.
         source: std::io::Error,
     },
-    /// A track's file is none.
+    /// A track's file is not valid.
     #[error("{path}: {source}", path = path.display())]
     File {
         /// The file.
@@ -157,16 +157,16 @@ pub enum TrackError {
     /// Not the TOML of a track.
     #[error("track file: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
-    /// A number that describes no road.
+    /// A number that is not valid for a road.
     #[error("track {name}: {what}: expected {expected}, got {got}")]
     Value {
         /// The track.
         name: String,
         /// Which value.
         what: String,
-        /// What it should have been.
+        /// What it should be.
         expected: &'static str,
-        /// What it was.
+        /// What it is.
         got: String,
     },
 }

@@ -10,7 +10,7 @@ use super::Station;
 /// Pieces of a spline segment over which its length is summed up.
 const PIECES: usize = 64;
 
-/// Lays stations at most `step` metres apart; also says how long the line is on the ground plane.
+/// Lays stations at most `step` metres apart; also returns the line's length on the ground plane.
 pub(super) fn lay_out(control: &[[f64; 3]], step: f64) -> (Vec<Station>, f64) {
     let fine = control.len() * PIECES;
     let parameter = |i: usize| i as f64 / PIECES as f64;

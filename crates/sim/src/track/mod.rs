@@ -1,4 +1,4 @@
-//! Roads: where they lie, how they look in general, and where on them a point is.
+//! Roads: their course, their general look, and where on them a point is.
 //!
 //! A [`TrackFile`] is what a person writes: the closed spline through the
 //! road's middle, its width, what stands along it. A [`Track`] is that file
@@ -35,7 +35,7 @@ pub struct Station {
     pub yaw: f64,
     /// 1/m, positive where the road turns right.
     pub curvature: f64,
-    /// Metres climbed a metre travelled.
+    /// Metres climbed per metre travelled.
     pub grade: f64,
 }
 
@@ -51,7 +51,7 @@ impl Station {
     }
 }
 
-/// Where a point is, seen from the road.
+/// Where a point is relative to the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// The station beside the point, interpolated.
@@ -88,11 +88,11 @@ impl Track {
         Self::new(TrackFile::parse(text)?)
     }
 
-    /// A track by what a person calls it: one of [`Track::NAMES`], `random:SEED` for a [`RandomTrack`] (`random` for
-    /// that of seed 0), or the path of a track's file, which ends in `.toml`.
+    /// A track by name: one of [`Track::NAMES`], `random:SEED` for a [`RandomTrack`] (`random` means seed 0), or the
+    /// path of a track's file, which ends in `.toml`.
     ///
     /// # Errors
-    /// [`TrackError`], naming the file where it is one.
+    /// [`TrackError`], naming the file if there is one.
     pub fn open(name: &str) -> Result<Self, TrackError> {
         let unknown = || TrackError::Unknown { got: name.to_owned() };
         if let Some(seed) = if name == "random" { Some("0") } else { name.strip_prefix("random:") } {
@@ -111,7 +111,7 @@ impl Track {
     /// Lays a road out.
     ///
     /// # Errors
-    /// [`TrackError`] where the file describes no road that can be driven.
+    /// [`TrackError`] if the file does not describe a road that can be driven.
     pub fn new(file: TrackFile) -> Result<Self, TrackError> {
         file.check()?;
         let (stations, length) = line::lay_out(&file.control_points, STATION_STEP_M);
@@ -119,12 +119,12 @@ impl Track {
         Ok(Self { file, stations, length, driving_line, driving_line_length })
     }
 
-    /// What it was laid out from.
+    /// The file that it was laid out from.
     pub fn file(&self) -> &TrackFile {
         &self.file
     }
 
-    /// Once around, in metres along the ground plane.
+    /// Length of a lap, in metres along the ground plane.
     pub fn length(&self) -> f64 {
         self.length
     }
@@ -144,18 +144,18 @@ impl Track {
         &self.driving_line
     }
 
-    /// Once around on the line to drive, in metres along the ground plane.
+    /// Length of a lap on the line to drive, in metres along the ground plane.
     pub fn driving_line_length(&self) -> f64 {
         self.driving_line_length
     }
 
-    /// The line to drive after so many metres along it, which wrap.
+    /// The line to drive at a distance along it, which wraps.
     pub fn on_driving_line(&self, travelled: f64) -> LinePoint {
         let (line, length) = (&self.driving_line, self.driving_line_length);
         let travelled = travelled.rem_euclid(length);
         let after = line.partition_point(|point| point.travelled <= travelled);
         let a = line[after.saturating_sub(1)];
-        // The last point's way to the first is a part of the road as well.
+        // The way from the last point to the first is part of the road, too.
         let (b, until) = line.get(after).map_or((line[0], length), |point| (*point, point.travelled));
         let t = (travelled - a.travelled) / (until - a.travelled).max(1e-9);
         LinePoint {
@@ -184,9 +184,9 @@ impl Track {
         }
     }
 
-    /// Where a point is on the road. `near` is the `s` of a moment ago, if any: then only
-    /// the road within 25 m of it is searched, which keeps a car on its level where the
-    /// road crosses itself. Without it the whole road is, height counting as distance.
+    /// Where a point is on the road. `near` is the `s` of a moment ago, if known: then only the road within 25 m of it
+    /// is searched, which keeps a car on its level where the road crosses itself. Without it the whole road is
+    /// searched, with height counting as distance.
     pub fn locate(&self, point: DVec3, near: Option<f64>) -> Place {
         let n = self.stations.len();
         let step = self.length / n as f64;
@@ -196,7 +196,7 @@ impl Track {
         };
         let nearest = match near {
             Some(s) => {
-                // Downhill from where it was: a few steps, for a car moves less than a metre at a time.
+                // Descend from where it was: a few steps are enough, as a car moves less than a metre at a time.
                 let mut i = ((s.rem_euclid(self.length) / step) as usize).min(n - 1);
                 let mut best = flat(i);
                 for _ in 0..(25.0 / step) as usize {
@@ -231,7 +231,7 @@ impl Track {
         station.position + station.right() * offset
     }
 
-    /// From `from` on to `to` in driving direction, in metres, from 0 to less than once around.
+    /// Distance from `from` to `to` in driving direction, in metres, from 0 to less than a lap.
     pub fn ahead(&self, from: f64, to: f64) -> f64 {
         (to - from).rem_euclid(self.length)
     }

@@ -1,8 +1,8 @@
 //! Random tracks from a seed.
 //!
 //! [`shape`] draws the road's plan: a round trip through random points, relaxed until no bend is too sharp and no two
-//! parts of it come too near. [`dress`] adds hills, bridges over itself, and what stands along it. What comes out is
-//! measured on the road itself and thrown away where a promise is not kept; the next draw then tries again.
+//! parts of it come too near. [`dress`] adds hills, bridges over itself, and what stands along it. The result is
+//! measured on the road itself and thrown away if it breaks a promise; then the next draw tries again.
 
 mod dress;
 mod shape;
@@ -21,23 +21,23 @@ pub const CROSSING_HEIGHT_M: f64 = 6.0;
 /// Draws before giving up; of 200 seeds at the defaults 189 need one, 10 two and one three.
 const DRAWS: u32 = 80;
 
-/// What a random track is to be like.
+/// What a random track should be like.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RandomTrack {
-    /// Which of all such tracks.
+    /// The random seed.
     pub seed: u64,
-    /// Once around, in metres, 300 to 5000: kept within 5%.
+    /// Length of a lap, in metres, 300 to 5000: kept within 5%.
     pub length_m: f64,
     /// No bend of the road's middle is tighter, in metres, 10 to 100.
     pub min_radius_m: f64,
     /// Width of the road, in metres, 5 to 20.
     pub width_m: f64,
-    /// From the lowest to the highest place, in metres, 0 to 100; less where [`RandomTrack::max_grade`] allows no more.
+    /// From the lowest to the highest place, in metres, 0 to 100; less if [`RandomTrack::max_grade`] requires it.
     pub hills_m: f64,
-    /// Metres climbed a metre at most, 0 to 0.3.
+    /// Most metres climbed per metre, 0 to 0.3.
     pub max_grade: f64,
-    /// Which country it lies in; `None` is the seed's choice.
+    /// Its landscape; `None` leaves the choice to the seed.
     pub theme: Option<Theme>,
     /// Whether it may cross itself, on a bridge with at least 6 m from road to road.
     pub crossings: bool,
@@ -69,7 +69,7 @@ impl RandomTrack {
     /// The track of this seed.
     ///
     /// # Errors
-    /// [`TrackError::Value`] for a number out of its range, or where no such road is found.
+    /// [`TrackError::Value`] for a number out of its range, or if no such road is found.
     pub fn build(&self) -> Result<TrackFile, TrackError> {
         self.check()?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
@@ -118,7 +118,7 @@ impl RandomTrack {
         Ok(())
     }
 
-    /// One try, with legs so many times longer than usual, which is easier; `None` where a promise is not kept.
+    /// One try, with legs this many times longer than usual, which is easier; `None` if a promise is not kept.
     fn draw(
         &self,
         rng: &mut ChaCha8Rng,
@@ -137,7 +137,7 @@ impl RandomTrack {
             control_points: plan.iter().map(|p| [p.x, 0.0, p.y]).collect(),
             stretches: vec![],
         };
-        // Exactly as long as asked, the road through its middle: then it begins on its longest straight.
+        // Scaled to exactly the length asked for, measured along its middle; then it begins on its longest straight.
         let long = Track::new(file.clone())?.length();
         for point in &mut file.control_points {
             *point = point.map(|x| x * self.length_m / long);
@@ -167,13 +167,13 @@ impl RandomTrack {
         Ok(Some(file))
     }
 
-    /// Metres along the road within which two places are neighbours: a half circle that is just wide enough to keep
-    /// its ends apart, and some.
+    /// Metres along the road within which two places are neighbours: a half circle just wide enough to keep its ends
+    /// apart, and a little more.
     fn neighbourhood_m(&self) -> f64 {
         WIDTHS_APART * self.width_m * 2.0
     }
 
-    /// Pairs of places, not neighbours, whose middles are too near on the plan.
+    /// Pairs of places that are not neighbours and whose middles are too near on the plan.
     fn too_near<'a>(&self, stations: &'a [Station]) -> impl Iterator<Item = (&'a Station, &'a Station)> {
         let (n, step) = (stations.len(), 2); // each metre
         let length = self.length_m;
@@ -186,7 +186,8 @@ impl RandomTrack {
                     let b = &stations[j];
                     let along = (b.s - a.s).min(length - (b.s - a.s));
                     let distance = DVec2::new(b.position.x - a.position.x, b.position.z - a.position.z).length();
-                    // Farther by this much, all stations as many metres on are too far as well.
+                    // The distance changes by at most a metre per metre of road, so the stations in between are too far
+                    // as well.
                     let skip = ((distance - apart) / 0.5) as usize;
                     j += skip.max(1);
                     if distance < apart && along > near {
@@ -198,7 +199,7 @@ impl RandomTrack {
         })
     }
 
-    /// Where the road crosses itself; `None` where it comes too near to itself otherwise.
+    /// Where the road crosses itself; `None` if it comes too near to itself elsewhere.
     fn crossings_of(&self, stations: &[Station]) -> Option<Vec<Crossing>> {
         let mut found: Vec<(Crossing, f64)> = vec![];
         for (a, b) in self.too_near(stations) {
@@ -219,7 +220,7 @@ impl RandomTrack {
         found.iter().all(|(_, least)| *least < 1.0).then(|| found.iter().map(|(c, _)| *c).collect())
     }
 
-    /// All that the fields' documentation says, measured on the road.
+    /// Whether all that the fields' documentation promises holds, measured on the road.
     fn keeps_promises(&self, track: &Track) -> bool {
         let stations = track.stations();
         let tightest = stations.iter().map(|s| s.curvature.abs()).fold(0.0, f64::max);

@@ -9,7 +9,7 @@ use crate::{
 };
 use lapwing_core::config::Rules;
 
-/// A ring of two straights of 400 m and two half circles, so that geometry can be told to the centimetre.
+/// A ring of two straights of 400 m and two half circles, so that geometry is known to the centimetre.
 fn ring() -> Track {
     let mut points = vec![];
     for i in 0..20 {
@@ -61,7 +61,7 @@ fn brakes(_: f64, seen: &[SeenAhead]) -> f64 {
 struct Impact {
     index: usize,
     speed: f64,
-    /// Of our car's width, from its right side.
+    /// Share of our car's width, from its right side.
     share: f64,
     t: f64,
 }
@@ -127,8 +127,8 @@ fn kmh(speed: f64) -> f64 {
 
 #[test]
 fn a_car_that_goes_on_hits_as_fast_as_the_protocols_geometry_says() {
-    // Closing speed of a car that goes on, on one that built its braking up evenly over a second:
-    // the speed difference is d (t - 1/2), the gap has shrunk by d ((t - 1/2)^2 / 2 + 1/24).
+    // Closing speed of a car that keeps its speed on one whose braking builds up evenly over a second: the speed
+    // difference is d (t - 1/2), the gap has shrunk by d ((t - 1/2)^2 / 2 + 1/24).
     let rear_end = |ego: f64, gap: f64, d: f64| f64::min((2.0 * d * (gap - d / 24.0)).sqrt(), ego);
     // In bends the cars do not face the same way; the jungle's are of 11 m radius.
     for (track, within) in

@@ -1,11 +1,9 @@
 //! The car: how it answers to steering and throttle.
 //!
-//! A single-track car on one plane that tilts with the road: forward speed,
-//! lateral speed and yaw rate, tyres whose force rises with slip and falls
-//! beyond it, and around it what the simulator's `CarController` (Unity's
-//! Standard Assets) does each physics step: steering without a rate limit,
-//! drive and brake torque, reverse, traction control, steer helper, speed cap,
-//! downforce. What the car runs into is not decided here.
+//! A single-track car on one plane that tilts with the road: forward speed, lateral speed and yaw rate, tyres whose
+//! force rises with slip to a peak and then falls, and around it what the simulator's `CarController` (Unity's Standard
+//! Assets) does each physics step: steering without a rate limit, drive and brake torque, reverse, traction control,
+//! steer helper, speed cap, downforce. Collisions are not handled here.
 //!
 //! Numbers are the stock simulator's unless they say otherwise. Those fitted to
 //! recordings of it are checked by `examples/calibrate`.
@@ -32,14 +30,14 @@ pub const TOP_SPEED: f64 = TOP_SPEED_MPH * MPS_PER_MPH;
 pub const BODY: DVec3 = DVec3::new(WIDTH_M, HEIGHT_M, LENGTH_M);
 
 const MASS_KG: f64 = 1000.0;
-/// What the drive has to accelerate: the car, and four wheels of Unity's default 20 kg as discs, each of which
-/// resists like half its mass. From a standstill the mountain recording gains 11.8 mph/s: 5.5 m/s2 less drag.
+/// What the drive has to accelerate: the car, and four wheels of Unity's default 20 kg as discs, each with the inertia
+/// of half its mass. From a standstill the mountain recording gains 11.8 mph/s: 5.5 m/s2 less drag.
 const INERTIAL_MASS_KG: f64 = MASS_KG + 4.0 * 0.5 * 20.0;
 /// Moment of inertia about the upright axis, in kg m2. Fitted: the yaw rate seen in the frames lags the steering by
 /// about 0.15 s at 30 mph and half of that at 10 mph (`calibrate`: 1500 gives correlations of 0.983 over lake
 /// and jungle; 2157, a solid box's, and 3000 gave 0.98 and 0.97).
 const YAW_INERTIA: f64 = 1500.0;
-/// Sum over the wheels of 1 / radius, per metre: what turns a torque a wheel into a force.
+/// Sum over the wheels of 1 / radius, per metre: converts a torque per wheel into a force.
 const WHEELS_PER_M: f64 = 2.0 / 0.335 + 2.0 / 0.37;
 /// Of this, the front wheels' share.
 const FRONT_SHARE: f64 = 2.0 / 0.335 / WHEELS_PER_M;
@@ -51,7 +49,7 @@ const BRAKE_NM: f64 = 20_000.0;
 const REVERSE_NM: f64 = 150.0;
 /// Below this speed, in metres per second, negative throttle reverses instead of braking.
 const REVERSE_BELOW: f64 = REVERSES_BELOW_MPH * MPS_PER_MPH;
-/// Beyond this angle between heading and motion, in degrees, it does so at any speed.
+/// Beyond this angle between heading and motion, in degrees, negative throttle reverses at any speed.
 const BRAKE_WITHIN_DEG: f64 = 50.0;
 /// Rigid body's drag, per second.
 const DRAG: f64 = 0.1;
@@ -61,11 +59,11 @@ const ANGULAR_DRAG: f64 = 0.05;
 const WHEEL_DAMPING: f64 = 0.25 * (2.0 / (0.335 * 0.335) + 2.0 / (0.37 * 0.37));
 /// Downforce, in N per m/s.
 const DOWNFORCE: f64 = 100.0;
-/// The share of each turn that `SteerHelper` also applies to the velocity: only the rest has to come from the tyres.
+/// The share of each turn that `SteerHelper` also applies to the velocity: only the rest must come from the tyres.
 const STEER_HELPER: f64 = 0.774;
 /// What traction control takes from or gives back to the drive torque each step, in Nm: 10 x TractionControl.
 const TRACTION_CONTROL_NM: f64 = 10.0;
-/// Slower than this, in metres per second, a car that nothing pushes is put to sleep (Unity: energy under 0.005 J/kg).
+/// Slower than this, in metres per second, a car without any drive is put to sleep (Unity: energy under 0.005 J/kg).
 const SLEEP_BELOW: f64 = 0.1;
 /// Rolling drag of loose ground that has no grip at all, as a share of the weight; on asphalt none. A choice: the
 /// recordings hold no drive across dirt. With a verge's grip of 0.6 it costs 0.8 m/s2.
@@ -76,7 +74,7 @@ const LOOSE_GROUND_DRAG: f64 = 0.2;
 pub struct Ground {
     /// Height of the road, in metres.
     pub height: f64,
-    /// Metres climbed a metre forward.
+    /// Metres climbed per metre forward.
     pub grade: f64,
     /// Share of the tyres' grip on asphalt: 1 on the road, less beside it.
     pub grip: f64,
@@ -111,7 +109,7 @@ pub struct Car {
 }
 
 impl Car {
-    /// A car that stands there; `yaw` in radians clockwise from +z.
+    /// A car that stands at `position`; `yaw` in radians clockwise from +z.
     pub fn standing(position: DVec3, yaw: f64) -> Self {
         Self { position, yaw, ..Self::default() }
     }
@@ -126,7 +124,7 @@ impl Car {
         DVec3::new(self.yaw.sin(), 0.0, self.yaw.cos())
     }
 
-    /// Where it goes, in metres per second, in the horizontal plane.
+    /// Its velocity, in metres per second, in the horizontal plane.
     pub fn velocity(&self) -> DVec3 {
         let (sin, cos) = self.yaw.sin_cos();
         let forward = self.speed * self.pitch.cos();
@@ -147,7 +145,7 @@ impl Car {
         let load = MASS_KG * GRAVITY * upright + DOWNFORCE * motion;
         let grip = load * ground.grip.max(0.0);
 
-        // Along the wheels. Locked ones slide; reversing and driving ones may spin.
+        // Forces along the wheels. Locked ones slide; reversing and driving ones may spin.
         let mut along = throttle.max(0.0) * (DRIVE_NM - self.torque_cut) / 4.0 * WHEELS_PER_M;
         if throttle < 0.0 && !braking {
             along += throttle * REVERSE_NM * WHEELS_PER_M;
@@ -158,7 +156,7 @@ impl Car {
         self.torque_cut = (self.torque_cut + cut).clamp(0.0, DRIVE_NM);
         let brake =
             if braking { (-throttle.min(0.0) * BRAKE_NM * WHEELS_PER_M).min(tyre::SLIDING * grip) } else { 0.0 };
-        // What the tyres give lengthwise they cannot give sideways.
+        // The tyres cannot give sideways what they give lengthwise.
         let used = if grip > 0.0 { (along.abs() + brake) / grip } else { 1.0 };
         let sideways = grip * (1.0 - used * used).max(0.0).sqrt();
 
@@ -167,7 +165,7 @@ impl Car {
         let push = along * (FRONT_SHARE * self.steering.cos() + 1.0 - FRONT_SHARE) - across - MASS_KG * GRAVITY * climb;
         self.roll(push, resistance, throttle);
 
-        // The helper turns the velocity along, so that the body turns under it by the rest only.
+        // The helper turns the velocity, too, so the body turns relative to it only by the rest.
         let (sin, cos) = ((1.0 - STEER_HELPER) * self.yaw_rate * STEP_S).sin_cos();
         let (forward, lateral) = (self.speed, self.lateral_speed);
         self.speed = forward * cos + lateral * sin;
@@ -178,12 +176,12 @@ impl Car {
         self.position.y = ground.height;
     }
 
-    /// Whether negative throttle brakes; else it reverses.
+    /// Whether negative throttle brakes; otherwise it reverses.
     fn brakes_at(&self, motion: f64) -> bool {
         motion > REVERSE_BELOW && self.speed > motion * BRAKE_WITHIN_DEG.to_radians().cos()
     }
 
-    /// The speed cap, which leaves the direction of motion.
+    /// The speed cap, which keeps the direction of motion.
     fn cap(&mut self, motion: f64) {
         if motion > TOP_SPEED {
             self.speed *= TOP_SPEED / motion;
@@ -191,11 +189,11 @@ impl Car {
         }
     }
 
-    /// Lateral speed and yaw rate one step on, under tyres that can give `grip` newtons sideways in all. Returns what
-    /// the steered front tyres hold the car back with, in newtons.
+    /// Lateral speed and yaw rate one step on, under tyres that can give `grip` newtons sideways in all. Returns the
+    /// force with which the steered front tyres hold the car back, in newtons.
     ///
-    /// The tyres' forces are taken at the end of the step, linearised: at walking speed they are far too stiff for
-    /// the step otherwise, and the car would tremble.
+    /// The tyres' forces are taken at the end of the step, linearised: otherwise they would be far too stiff for the
+    /// step at walking speed, and the car would tremble.
     fn steer_and_slip(&mut self, grip: f64) -> f64 {
         let (sin, cos) = self.steering.sin_cos();
         let at_front = self.lateral_speed + FRONT_AXLE_M * self.yaw_rate;

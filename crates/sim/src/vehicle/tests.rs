@@ -15,7 +15,7 @@ fn slope(grade: f64) -> Ground {
     Ground { grade, ..Ground::default() }
 }
 
-/// Drives so long, or until something holds; returns the seconds it took.
+/// Drives for `seconds`, or until something holds; returns the seconds it took.
 fn drive(car: &mut Car, seconds: f64, command: Command, ground: Ground, until: impl Fn(&Car) -> bool) -> f64 {
     let mut steps = 0;
     while f64::from(steps) < (seconds / STEP_S).round() && !until(car) {
@@ -66,7 +66,7 @@ fn brakes_lock_the_wheels_and_stop_from_30_mph_like_the_recording() {
     assert!(distance < closed && distance > 0.7 * closed, "{distance} m, without drag and downforce {closed} m");
 }
 
-/// Of locked wheels, without drag or downforce, in metres per second squared.
+/// Deceleration with locked wheels, without drag or downforce, in metres per second squared.
 const SLIDING_DECELERATION: f64 = tyre::SLIDING * GRAVITY * MASS_KG / INERTIAL_MASS_KG;
 
 #[test]

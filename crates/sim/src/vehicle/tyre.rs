@@ -10,7 +10,8 @@ const SLIDING_SLIP: f64 = 0.5;
 pub(super) const SLIDING: f64 = 0.75;
 /// Slope of the curve at no slip, in units of best grip over best slip.
 const STIFFNESS: f64 = 2.0;
-/// Slip is an angle; below this speed, in metres per second, one would be ill defined and is taken at it.
+/// Slip is an angle that is ill defined at low speed; below this speed, in metres per second, it is computed for this
+/// speed.
 const SLOWEST: f64 = 1.0;
 
 /// A lateral force and how it falls with lateral speed.
@@ -21,7 +22,7 @@ pub(super) struct Force {
     pub(super) stiffness: f64,
 }
 
-/// The force of a tyre that can give `grip` newtons, and moves forward and sideways at those speeds in its own frame.
+/// The force of a tyre that can give `grip` newtons, and moves forward and sideways at these speeds in its own frame.
 pub(super) fn force(grip: f64, forward: f64, sideways: f64) -> Force {
     let forward = forward.abs().max(SLOWEST);
     let slip = (sideways / forward).atan();

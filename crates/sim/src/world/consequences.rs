@@ -9,7 +9,7 @@ use crate::{
 };
 use lapwing_core::{config::OnCrash, turn::EventRecord, units::MPS_PER_MPH};
 
-/// How long a car that hit something stands there before the run ends or it is put back, in seconds.
+/// How long a car that hit something stands before the run ends or it is put back, in seconds.
 const WRECKED_S: f64 = 1.0;
 
 impl Simulation {

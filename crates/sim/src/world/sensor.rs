@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::conditions::Conditions;
 
-/// What ails the camera in time: latency and dropped frames.
+/// The camera's faults in time: latency and dropped frames.
 pub(super) struct Sensor {
     /// Pictures with the time that they were taken, oldest first.
     pictures: VecDeque<(f64, Bytes)>,
@@ -21,7 +21,7 @@ impl Sensor {
         Self { pictures: VecDeque::new(), random: ChaCha8Rng::seed_from_u64(seed ^ 0x5e15_0d0f_5e15_0d0f) }
     }
 
-    /// What arrives now of a picture taken now.
+    /// The picture that arrives now, given the one taken now.
     pub(super) fn see(&mut self, t: f64, taken: Bytes, conditions: &Conditions) -> Bytes {
         if conditions.latency_ms <= 0.0 && conditions.dropped <= 0.0 {
             return taken;

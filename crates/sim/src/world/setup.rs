@@ -19,7 +19,7 @@ pub struct Human {
     pub speed: Mph,
 }
 
-/// Everything that a run depends on but the answers.
+/// Everything that a run depends on except the answers.
 #[derive(Debug, Clone)]
 pub struct Setup {
     /// The road.
@@ -28,9 +28,9 @@ pub struct Setup {
     pub scenery: Arc<Scenery>,
     /// Other traffic.
     pub scenario: Option<Scenario>,
-    /// Light, weather, and what ails the camera.
+    /// Light, weather and camera faults.
     pub conditions: Conditions,
-    /// Of everything random.
+    /// The seed of everything random.
     pub seed: u64,
     /// Telemetries a second of the run.
     pub hz: f64,
@@ -40,11 +40,11 @@ pub struct Setup {
     pub longest_s: Option<f64>,
     /// What happens after a crash.
     pub on_crash: OnCrash,
-    /// What counts as one.
+    /// What counts as a crash, and so on.
     pub rules: Rules,
     /// A human who takes the wheel.
     pub human: Option<Human>,
-    /// Tell only what the stock build reports.
+    /// Whether to report only what the stock build reports.
     pub stock: bool,
 }
 
@@ -77,11 +77,11 @@ pub enum Ending {
     TimeOver,
     /// The car hit something.
     Collision(String),
-    /// The car went further off the road than anyone comes back from.
+    /// The car went too far off the road to come back.
     Lost,
-    /// The car does not get away.
+    /// The car is stuck.
     Stuck,
-    /// Somebody pressed Ctrl-C.
+    /// The user pressed Ctrl-C.
     Interrupted,
 }
 

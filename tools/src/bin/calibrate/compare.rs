@@ -1,4 +1,4 @@
-//! The car against a drive: its speed rolled out from every row, its yaw rate between the rows.
+//! Compares the car with a drive: its speed rolled out from every row, its yaw rate between the rows.
 
 use lapwing_core::{
     car::FULL_STEERING_DEG,
@@ -19,7 +19,7 @@ pub const HORIZONS_S: [f64; 3] = [1.0, 2.0, 5.0];
 /// Below this speed, in metres per second, a yaw rate is not compared.
 const MOVING: f64 = 1.0;
 
-/// Speeds after one of [`HORIZONS_S`], model less recording.
+/// Speeds after one of [`HORIZONS_S`], model minus recording.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Speeds {
     /// Seconds ahead.
@@ -39,11 +39,11 @@ pub struct YawRates {
     pub pairs: usize,
     /// Pairs left out because the car hardly moves, because it hits something, because there is too little to see.
     pub left_out: [usize; 3],
-    /// Of model and pictures.
+    /// Correlation of model and pictures.
     pub correlation: f64,
-    /// The model's over the pictures': the factor that takes the pictures' yaw rate nearest to the model's.
+    /// Slope of the model's yaw rate over the pictures': the factor that brings the pictures' nearest to the model's.
     pub slope: f64,
-    /// The other way round, one over it: the factor that takes the model's nearest to the pictures'.
+    /// The reverse: one over the factor that brings the model's nearest to the pictures'.
     pub inverse_slope: f64,
     /// Root mean square of the difference, in degrees per second.
     pub rmse_deg_s: f64,
@@ -56,8 +56,8 @@ fn command(rows: &[Logged], time: f64) -> Command {
     }
 }
 
-/// Rolls the car out from each row; `grades` has a value a row. Rows whose roll-out spans a contact are left out
-/// unless `all` are asked for.
+/// Rolls the car out from each row; `grades` has a value per row. Rows whose roll-out spans a contact are left out
+/// unless `all` is set.
 pub fn speeds(rows: &[Logged], grades: &[f64], all: bool) -> Vec<Speeds> {
     let end = rows[rows.len() - 1].time;
     let longest = HORIZONS_S[HORIZONS_S.len() - 1];

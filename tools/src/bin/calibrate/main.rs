@@ -1,4 +1,4 @@
-//! Holds the car of `lapwing_sim::vehicle` against recordings of the stock simulator's.
+//! Compares the car of `lapwing_sim::vehicle` with recordings of the stock simulator's.
 //!
 //! ```text
 //! cargo run --release -p lapwing-tools --bin calibrate -- ../shared/recordings/lake ../shared/recordings/jungle
@@ -8,11 +8,11 @@
 //! steering, throttle and brake, and compares speeds; and it drives the car with the recorded steering at the recorded
 //! speed and compares its yaw rate with the one seen in the pictures.
 //!
-//! Slopes matter. A folder called like a track is placed on it by heading over distance, and speeds are compared three
+//! Slopes matter. A folder named like a track is located on it by heading over distance, and speeds are compared three
 //! times: as if the road were level; with the track's grades; and with the pitch seen in the pictures, which the
-//! track's grades only hold in the long run. Recorded speeds enter the grades only as
-//! the odometry that finds the place, but the memory with which pictures and track are mixed was chosen on the jungle
-//! recording by the very error printed here.
+//! track's grades only stabilise in the long run. Recorded speeds affect the grades only through the odometry that
+//! finds the place, but the time constant with which pictures and track are mixed was chosen on the jungle recording by
+//! the very error printed here.
 
 #![allow(clippy::print_stdout)] // its result, for us to read
 
@@ -51,7 +51,7 @@ struct CalibrationReport {
     contact_rows: Vec<usize>,
     /// Rows left out of the roll-outs: their 5 s hold such a row.
     left_out_contact: usize,
-    /// And: the recording ends within 5 s.
+    /// Rows left out because the recording ends within 5 s.
     left_out_end: usize,
     track: Option<Placed>,
     speeds: Vec<SpeedsCompared>,

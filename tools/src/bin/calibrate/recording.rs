@@ -9,10 +9,11 @@ use lapwing_core::{
     units::MPS_PER_MPH,
 };
 
-/// A change of speed faster than this, in metres per second squared, is no tyre's doing: locked wheels give 8, a
-/// steep hill 4. Taken as a contact: a wall, or the body that strikes the foot of a ramp. It is inferred, not seen.
+/// A change of speed faster than this, in metres per second squared, cannot come from the tyres: locked wheels give 8,
+/// a steep hill 4. It counts as a contact with a wall, or of the body with the foot of a ramp. Contacts are inferred,
+/// not seen.
 const CONTACT: f64 = 12.0;
-/// Standing this long at full throttle, in seconds, the car is stationary against something.
+/// A car that stands this long at full throttle, in seconds, is pressing against something.
 const PRESSING_S: f64 = 0.7;
 
 /// One sample of the stock recorder.
@@ -24,7 +25,7 @@ pub struct Logged {
     pub time: f64,
     /// Normalised steering.
     pub steering: f64,
-    /// Throttle less brake.
+    /// Throttle minus brake.
     pub throttle: f64,
     /// Metres a second, negative in reverse.
     pub speed: f64,
@@ -59,7 +60,7 @@ pub fn read(path: &Path) -> Result<Vec<Logged>> {
     Ok(rows)
 }
 
-/// The recorder's speed has no sign. It changes where the car all but stands and its throttle asks for it.
+/// The recorder's speed has no sign. It changes where the car almost stands and its throttle asks for it.
 fn give_signs(rows: &mut [Logged]) {
     let mut sign = 1.0;
     for row in rows {
@@ -86,7 +87,7 @@ fn mark_contacts(rows: &mut [Logged]) {
     }
 }
 
-/// A column between the rows, linearly.
+/// A column, interpolated linearly between the rows.
 pub fn at(rows: &[Logged], time: f64, column: impl Fn(&Logged) -> f64) -> f64 {
     motion::between(rows, time, |row| row.time, |i| column(&rows[i]))
 }

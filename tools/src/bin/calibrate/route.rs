@@ -9,25 +9,25 @@ use super::recording::Logged;
 const COMPARED_M: usize = 24;
 /// The search's step, in metres driven.
 const STEP_M: usize = 2;
-/// A heading that differs by this, in radians, costs one unit; three times it costs no more.
+/// A heading that differs by this, in radians, costs one unit; the cost stops growing at three times this.
 const HEADING: f64 = 0.15;
-/// What driving a metre more or less than the track's middle costs, of the same unit.
+/// The cost of driving a metre more or less than the track's middle, in the same unit.
 const DETOUR: f64 = 0.15;
 /// A drive whose heading fits worse than this, in radians, was not on that track.
 const MISFIT: f64 = 0.2;
 /// The track's heights are averaged over this far to either side, in metres: the stock waypoints' are unreliable.
 const SMOOTH_M: i32 = 10;
-/// Seconds after which the pitch integrated from the pictures has forgotten its past in favour of the track's grade,
-/// and the roll in favour of none, for the roads are not banked. The flow drifts by about 0.01 rad a second in bends;
-/// what the jungle's speed RMSE is after 5 s hardly depends on it: 1.23 mph with 6 s, 1.37 mph with 12 s.
+/// Time constant, in seconds, with which the pitch integrated from the pictures returns to the track's grade, and the
+/// roll to zero, as the roads are not banked. The flow drifts by about 0.01 rad a second in bends; the jungle's speed
+/// RMSE after 5 s hardly depends on this: 1.23 mph with 6 s, 1.37 mph with 12 s.
 const PITCH_MEMORY_S: f64 = 6.0;
 const ROLL_MEMORY_S: f64 = 1.0;
 
-/// Grades along a drive, a value a row, in metres climbed a metre.
+/// Grades along a drive, a value per row, in metres climbed per metre.
 pub struct Route {
-    /// The track's.
+    /// The track's grades.
     pub track: Vec<f64>,
-    /// The car's pitch in the pictures, in the long run the track's.
+    /// Grades from the car's pitch in the pictures; in the long run the track's.
     pub seen: Vec<f64>,
     /// Where the drive began and ended, in metres along the track.
     pub from_to: (f64, f64),
@@ -37,7 +37,7 @@ pub struct Route {
 
 /// Finds the drive on its track by heading over distance; `None` where it does not fit.
 pub fn locate(rows: &[Logged], turns: &[Option<Rotation>], track: &Track) -> Option<Route> {
-    // Odometry, a value a row, and the heading seen at every STEP_M.
+    // Odometry, a value per row, and the heading seen at every STEP_M.
     let (mut rolled, mut heading) = (vec![0.0_f64], vec![0.0_f64]);
     for (pair, turn) in rows.windows(2).zip(turns) {
         let step = (pair[0].speed + pair[1].speed) / 2.0 * (pair[1].time - pair[0].time);
@@ -51,7 +51,7 @@ pub fn locate(rows: &[Logged], turns: &[Option<Rotation>], track: &Track) -> Opt
         return None;
     }
 
-    // The track's turn over the same distance, a value a metre.
+    // The track's turn over the same distance, a value per metre.
     let metres = track.length().round() as usize;
     let grid = |i: usize| track.length() * i as f64 / metres as f64;
     let bend: Vec<f64> = (0..metres).map(|i| track.at(grid(i)).yaw).collect();

@@ -6,7 +6,7 @@ use lapwing_sim::along::{Pyramid, Rotation, turn};
 
 use super::recording::Logged;
 
-/// The turns from each row to the next, where there is enough to see. On as many threads as there are cores.
+/// The turns from each row to the next, if there is enough to see. Runs on as many threads as there are cores.
 pub fn between(rows: &[Logged]) -> Result<Vec<Option<Rotation>>> {
     let pairs = rows.len() - 1;
     let share = pairs.div_ceil(std::thread::available_parallelism().map_or(1, usize::from));

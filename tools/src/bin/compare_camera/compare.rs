@@ -1,4 +1,4 @@
-//! What differs between a real picture and a rendered one of the same place.
+//! Differences between a real picture and a rendered one of the same place.
 
 use std::fmt;
 
@@ -8,14 +8,14 @@ use lapwing_tools::survey::{Detector, Edges, Pose, SurveyLens};
 
 /// Rows whose edges are compared.
 pub const ROWS: [usize; 3] = [80, 100, 120];
-/// Rows through which lines are laid to the vanishing point.
+/// Rows through which lines are fitted to the vanishing point.
 const STRAIGHT_ROWS: [usize; 7] = [84, 86, 88, 90, 92, 94, 96];
-/// Roads this straight, in 1/m, from here to 30 m ahead, have one.
+/// Roads at most this curved, in 1/m, from here to 30 m ahead, have one.
 const STRAIGHT: f64 = 0.003;
-/// What is looked at for its colour.
+/// Areas whose colours are compared.
 const PATCHES: [&str; 5] = ["sky, row 10", "sky, row 40", "road", "left verge", "right verge"];
 
-/// What was found in a real and in a rendered picture of one place.
+/// The findings in a real and in a rendered picture of one place.
 pub struct Pair {
     /// The edges in [`ROWS`], real and rendered.
     pub edges: [Vec<Edges>; 2],
@@ -24,7 +24,7 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Looks at both pictures.
+    /// Analyses both pictures.
     pub fn new(track: &Track, lens: &SurveyLens, detector: Detector, pose: Pose, frames: [&Frame; 2]) -> Self {
         let straight = (0..=6).all(|i| track.at(pose.s + 5.0 * f64::from(i)).curvature.abs() < STRAIGHT);
         Self {
@@ -94,7 +94,7 @@ fn mean(
 /// The differences of all pictures.
 #[derive(Default)]
 pub struct CameraComparison {
-    /// Rendered less real column, by row and side.
+    /// Rendered minus real column, by row and side.
     shifts: [[Vec<f64>; 2]; ROWS.len()],
     /// Edges seen in only the real, only the rendered picture.
     lone: [[[usize; 2]; 2]; ROWS.len()],
@@ -103,7 +103,7 @@ pub struct CameraComparison {
 }
 
 impl CameraComparison {
-    /// Takes one place in.
+    /// Adds one place.
     pub fn add(&mut self, pair: &Pair) {
         for row in 0..ROWS.len() {
             for side in 0..2 {

@@ -3,13 +3,12 @@
 //! ```sh
 //! cargo run --release -p lapwing-tools --bin compare_camera -- ../shared/recordings/lake --track lake --out compared
 //! ```
-//! Where the real car was is found out from the recording itself: see `lapwing_tools::survey`.
-//! Its offset and yaw are fitted to the edges in rows 84 to 96, 104 to 116, 124 and 126 of the real
-//! picture; rows 80, 100 and 120, which are compared, take no part in that. The edges are found by
-//! the same detector in the real and in the rendered picture, both as JPEG of quality 75. Nothing of
-//! the recording is written but the contact sheet, in a folder that you name.
+//! The real car's place is found from the recording itself: see `lapwing_tools::survey`. Its offset and yaw are fitted
+//! to the edges in rows 84 to 96, 104 to 116, 124 and 126 of the real picture; rows 80, 100 and 120, which are
+//! compared, take no part in that. The edges are found by the same detector in the real and in the rendered picture,
+//! both as JPEG of quality 75. Of the recording, only the contact sheet is written, to a folder that you name.
 //!
-//! Rows 80, 100 and 120 are blind for the poses only: the detector's rule about the bank was chosen, and the lines'
+//! Rows 80, 100 and 120 are held out for the poses only: the detector's rule about the bank was chosen, and the lines'
 //! offsets were surveyed, with these rows in view.
 
 #![allow(clippy::print_stdout)] // its result, for us to read
@@ -62,7 +61,7 @@ struct Args {
     poses: Option<PathBuf>,
 }
 
-/// Fits worse than this many columns tell of the detector or of the road, not of the camera.
+/// Fits worse than this many columns are due to the detector or the road, not the camera.
 const GOOD_FIT: f64 = 3.0;
 /// Pictures on the contact sheet.
 const SHOWN: usize = 16;

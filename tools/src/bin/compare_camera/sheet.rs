@@ -23,7 +23,7 @@ const ACROSS: u32 = 2;
 /// Pixels between pictures.
 const GAP: u32 = 4;
 
-/// Writes the sheet as a PNG and says on stdout what is where.
+/// Writes the sheet as a PNG and prints to stdout what is where.
 pub fn write(places: &[Tile], path: &Path) -> Result<(), Box<dyn Error>> {
     let (wide, high) = (320 + GAP, 160 + GAP);
     let down = (places.len() as u32).div_ceil(ACROSS);

@@ -23,7 +23,7 @@ fn decode(bytes: &[u8]) -> Result<Frame, ImageError> {
     decode_jpeg(bytes, &mut frame).map(|()| frame)
 }
 
-/// Numerical Recipes' generator: tests want the same bytes every time, not good ones.
+/// Numerical Recipes' generator: tests need the same bytes every time, not good randomness.
 fn random(state: &mut u32) -> usize {
     *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
     (*state >> 8) as usize
@@ -177,7 +177,7 @@ fn a_progressive_picture_reads_with_the_scans_of_an_encoder_and_not_with_hundred
     encoder.set_progressive(true);
     encoder.encode(&picture(), 64, 32, jpeg_encoder::ColorType::Rgb).unwrap();
     decode(&bytes).unwrap();
-    // The last scan over and over: each costs some bytes here, and a walk over all pixels there.
+    // Repeats the last scan: each costs a few bytes here, and the decoder a pass over all pixels.
     let scan = bytes.windows(2).rposition(|w| w == [0xff, 0xda]).unwrap();
     let end = bytes.len() - 2;
     let again = bytes[scan..end].repeat(300);

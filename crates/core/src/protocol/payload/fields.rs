@@ -20,7 +20,7 @@ pub(super) enum Scalar<'a> {
     Other,
 }
 
-/// The fields that mean something, in the order of `values`.
+/// The known fields, in the order of `values`.
 const FIELDS: [&str; 31] = [
     "steering_angle",
     "throttle",
@@ -47,7 +47,7 @@ const FIELDS: [&str; 31] = [
     "hit",
     "track",
     "timestamp",
-    // These tell simulators that cannot be driven, see `dialect`.
+    // These identify simulators that cannot be driven, see `dialect`.
     "ptsx",
     "sensor_measurement",
     "hunter_x",
@@ -67,7 +67,7 @@ impl<'a> KnownFields<'a> {
         self.values[i].as_ref().filter(|v| !matches!(v, Scalar::Null))
     }
 
-    /// A number that must be there.
+    /// A required number.
     pub(super) fn number(&self, name: &'static str) -> Result<f64, TelemetryError> {
         match self.get(name) {
             None => Err(TelemetryError::Missing(name)),

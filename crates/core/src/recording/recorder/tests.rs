@@ -6,7 +6,7 @@ use super::{
 };
 use crate::protocol::Telemetry;
 
-/// A disk in memory that can be made to stand still, to fill up and to break.
+/// A disk in memory that can be made to stall, to fill up and to break.
 #[derive(Clone, Default)]
 struct Disk(Arc<(Mutex<Platter>, Condvar)>);
 
@@ -119,7 +119,7 @@ fn a_slow_disk_drops_frames_first_and_keeps_all_telemetry() {
     disk.set(|p| p.stands = true);
     recorder.record(Duration::ZERO, large());
     disk.await_a_waiting_write();
-    // The disk stands still from here on; that `record` returns shows that it does not wait for it.
+    // The disk stalls from here on; `record` returns, so it does not wait for it.
     for i in 0..25 {
         recorder.record(Duration::from_millis(i), telemetry());
         recorder.record(Duration::from_millis(i), frame(10));
@@ -170,7 +170,7 @@ fn what_was_written_before_the_disk_was_full_is_readable() {
     recorder.record(Duration::ZERO, telemetry());
     let report = recorder.finish();
     let error = report.error.unwrap().to_string();
-    assert!(error.starts_with("run.mcap: the run is recorded up to here only: "), "{error}");
+    assert!(error.starts_with("run.mcap: the rest of the run is not recorded: "), "{error}");
     assert_eq!((report.frames, report.frames_not_recorded, report.items_not_recorded), (2, 2, 1));
     assert_eq!(disk.read(), (vec![large(); 2], false));
 }

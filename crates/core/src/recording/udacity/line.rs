@@ -1,10 +1,8 @@
 //! One line of a driving log: its fields, whatever the locale made of them.
 //!
-//! In a locale with decimal commas the simulator writes `-0,0858, 0,1286, 0,
-//! 12,1822`: a number may take one field or two. With a space behind each
-//! separating comma the spaces tell. Without, all ways to read the fields as
-//! the right number of numbers are tried, and a reading is believed where it
-//! is the only one
+//! In a locale with decimal commas the simulator writes `-0,0858, 0,1286, 0, 12,1822`: a number may take one field or
+//! two. If a space follows each separating comma, the spaces decide. If not, all ways to read the fields as the right
+//! number of numbers are tried, and a reading is accepted if it is the only one
 //!
 //! - whose second halves are decimals as C# writes them, without a trailing zero,
 //! - whose values lie in their ranges, and
@@ -34,7 +32,7 @@ pub(super) enum Column {
     Throttle,
     Brake,
     Speed,
-    /// Somebody's own.
+    /// A column that is not read.
     Other,
 }
 
@@ -47,7 +45,7 @@ impl Column {
         matches!(self, Self::Center | Self::Left | Self::Right)
     }
 
-    /// Whether the number is one of this column.
+    /// Whether the number can be one of this column.
     fn holds(self, value: f64) -> bool {
         match self {
             Self::Steering => Steering::new(value).is_ok(),
@@ -84,7 +82,7 @@ pub(super) fn brake(value: f64) -> Result<f64, OutOfRange> {
     if (0.0..=1.0).contains(&value) { Ok(value) } else { Err(wrong) }
 }
 
-/// The file name at the end of a path of any system, if it is one of a picture.
+/// The file name at the end of a path of any system, if it is a picture's.
 pub(super) fn file_name(path: &str) -> Option<&str> {
     let name = path.rsplit(['/', '\\']).next()?.trim();
     let (stem, extension) = name.rsplit_once('.')?;
@@ -118,7 +116,7 @@ struct LinePiece<'a> {
 }
 
 impl Columns {
-    /// The columns that a header names, `None` where the line is none.
+    /// The columns that a header names, `None` if the line is not a header.
     ///
     /// # Errors
     /// A header that lacks columns.
@@ -166,7 +164,7 @@ impl Columns {
         Ok(LineFields { layout: self, values })
     }
 
-    /// Joins what commas within paths and numbers took apart.
+    /// Joins fields that commas within paths and numbers split.
     fn join<'a>(&self, pieces: &[LinePiece<'a>]) -> Result<Vec<Cow<'a, str>>, Bad> {
         let (columns, mut rest) = (&self.0, pieces);
         let mut values = Vec::with_capacity(columns.len());
@@ -184,7 +182,7 @@ impl Columns {
                 let end = if images_after.is_empty() {
                     rest.len()
                 } else {
-                    // The path of the next picture begins with no number.
+                    // The path of the next picture does not begin with a number.
                     rest.iter().position(|p| number(p.text).is_none()).unwrap_or(rest.len())
                 };
                 values.extend(join_numbers(columns, &rest[..end])?);
@@ -196,7 +194,7 @@ impl Columns {
     }
 }
 
-/// As many numbers as there are columns, of pieces that are numbers or halves of them.
+/// Joins pieces, which are numbers or halves of them, into as many numbers as there are columns.
 fn join_numbers<'a>(columns: &[Column], pieces: &[LinePiece<'a>]) -> Result<Vec<Cow<'a, str>>, Bad> {
     let mut readings = Vec::new();
     // Each further column doubles the ways to try, and a log has four numbers.
@@ -237,10 +235,10 @@ fn join_numbers<'a>(columns: &[Column], pieces: &[LinePiece<'a>]) -> Result<Vec<
     }
 }
 
-/// The text of each number and of how many pieces it is made.
+/// The text of each number, and how many pieces it is made of.
 type Reading<'a> = Vec<(Cow<'a, str>, usize)>;
 
-/// All ways to read `pieces` as `columns`, behind what `so_far` has of both.
+/// All ways to read `pieces` as `columns`, continuing from `so_far`.
 fn extend<'a>(columns: &[Column], pieces: &[LinePiece<'a>], so_far: &mut Reading<'a>, found: &mut Vec<Reading<'a>>) {
     let Some((column, columns)) = columns.split_first() else {
         if pieces.is_empty() {
@@ -277,7 +275,7 @@ fn halves(whole: &str, decimals: &str) -> Option<String> {
 
 /// A number as any locale writes it, with a decimal point or one decimal comma.
 fn number(text: &str) -> Option<f64> {
-    // "inf" and "nan" are numbers to Rust; out of every range, they are refused there.
+    // "inf" and "nan" are numbers to Rust; being out of every range, they are refused there.
     if text.contains('.') { text.parse().ok() } else { text.replacen(',', ".", 1).parse().ok() }
 }
 

@@ -1,23 +1,19 @@
 //! Udacity's own data sets: a folder with `driving_log.csv` and the pictures in `IMG`.
 //!
-//! The simulator writes the log without a header, with absolute paths of the
-//! machine it ran on and in the number format of the player's locale; people
-//! then move, join and edit it. All of that is read, each line for itself, so
-//! that logs joined from several sources read too:
+//! The simulator writes the log without a header, with absolute paths of the machine it ran on and in the number format
+//! of the player's locale; people then move, join and edit it. All of that is read, each line on its own, so that logs
+//! joined from several sources read too:
 //!
-//! - with or without a header, whose names then say the order of the columns
-//!   (`center`, `left`, `right`, `steering`, `throttle`, `brake`, `speed`;
-//!   others are passed over);
+//! - with or without a header, whose names then say the order of the columns (`center`, `left`, `right`, `steering`,
+//!   `throttle`, `brake`, `speed`; others are ignored);
 //! - `,` or `, ` between the fields, with or without quotes; LF or CRLF; with
 //!   or without a byte order mark and a final newline;
-//! - any path of Windows, macOS or Linux, or none: only the file name counts,
-//!   and it is looked up in `IMG` beside the log, or beside the log itself
-//!   where there is no `IMG`. Only where no such file is there and the log has
-//!   an absolute path of one that is, that one counts: so a log can speak of
-//!   pictures that lie elsewhere;
+//! - any path of Windows, macOS or Linux, or none: only the file name counts, and it is looked up in `IMG` beside the
+//!   log, or beside the log itself where there is no `IMG`. Only if there is no such file, but there is one at the
+//!   absolute path in the log, is that one used: so a log can refer to pictures elsewhere;
 //! - decimal points and decimal commas, also where they are mixed up with the commas between fields.
 //!
-//! Pictures are opened when they are asked for ([`Row::jpeg`]), and need not exist.
+//! Pictures are opened on request ([`Row::jpeg`]), and need not exist.
 //!
 //! [`DrivingLogWriter`] writes such folders, exactly as the simulator's recorder does.
 
@@ -68,10 +64,10 @@ pub struct DrivingLog {
 pub struct Row {
     /// Line in the CSV file, counted from 1.
     pub line: usize,
-    /// Time since the first row, by the pictures' names. Where a name holds no
-    /// time, or the row does not go on from the one before, [`FALLBACK_INTERVAL`] passes.
+    /// Time since the first row, by the pictures' names. If a name holds no time, or the row does not continue from the
+    /// one before, [`FALLBACK_INTERVAL`] passes.
     pub at: Duration,
-    /// Why it does not go on from the row before, by the times in the pictures' names.
+    /// Why it does not continue from the row before, by the times in the pictures' names.
     pub broken: Option<Break>,
     /// Picture of the centre camera.
     pub center: PathBuf,
@@ -112,7 +108,7 @@ impl DrivingLog {
         let beside = path.parent().unwrap_or(Path::new(""));
         let img = beside.join("IMG");
         let images = if img.is_dir() { &img } else { beside };
-        // Names in other encodings than UTF-8 stand in folders, which do not count.
+        // Only folders have names in encodings other than UTF-8, and folders do not matter.
         let rows = read(&String::from_utf8_lossy(&bytes), images).map_err(|(line, bad)| RecordingError::Log {
             path: path.clone(),
             line,
@@ -126,13 +122,13 @@ impl DrivingLog {
 }
 
 impl DrivingLog {
-    /// The header of a run made of it.
+    /// The header of a run made from it.
     pub fn header(&self) -> RunHeader {
         let config = serde_json::json!({ "converted_from": "driving_log.csv" });
         RunHeader::new(RunKind::DrivingLog, config, self.started())
     }
 
-    /// When the first picture was taken, by its name in this place's time; else when the log was written last.
+    /// When the first picture was taken, by its name in local time; otherwise, when the log was last written.
     fn started(&self) -> Timestamp {
         let named = self.rows.first().and_then(|row| row.taken_at);
         let named = named.and_then(|taken| taken.to_zoned(TimeZone::system()).ok()).map(|taken| taken.timestamp());
@@ -145,14 +141,14 @@ impl Row {
     /// The bytes of the centre camera's picture.
     ///
     /// # Errors
-    /// [`RecordingError::Picture`] where it cannot be read, or is no JPEG.
+    /// [`RecordingError::Picture`] if it cannot be read, or is not a JPEG.
     pub fn jpeg(&self) -> Result<Bytes, RecordingError> {
         let wrong = |why: String| RecordingError::Picture { path: self.center.clone(), why };
         let bytes = read_picture(&self.center).map_err(|e| wrong(e.to_string()))?;
         if bytes.starts_with(b"\xff\xd8") { Ok(bytes) } else { Err(wrong("expected a JPEG, got another kind".into())) }
     }
 
-    /// What the row tells, as a simulator would.
+    /// The row as telemetry, as a simulator would send it.
     pub fn telemetry(&self) -> Telemetry {
         Telemetry {
             steering: self.steering.degrees(),
@@ -163,12 +159,12 @@ impl Row {
         }
     }
 
-    /// What was done: a human drove.
+    /// The row as a command: a human drove.
     pub fn command(&self) -> CommandRecord {
         CommandRecord::of_human(self.steering, Throttle::saturating(self.throttle.get() - self.brake))
     }
 
-    /// The row as items of a run, all at its time: that it does not go on from the row before, then the rest.
+    /// The row as items of a run, all at its time: a break from the row before, if there is one, then the rest.
     pub fn items(&self, jpeg: Option<Bytes>) -> impl Iterator<Item = Item> {
         let broken = self.broken.map(|broken| Item::Event(broken.event()));
         let (telemetry, command) = (Item::Telemetry(self.telemetry()), Item::Command(self.command()));
@@ -221,7 +217,7 @@ fn row(layout: &Columns, line: &str, images: &Path) -> Result<Row, Bad> {
     })?;
     let resolve = |(name, written): (&str, &str)| {
         let beside = images.join(name);
-        // A path of another system is not absolute here, so that most logs cost no look at the disk.
+        // A path of another system is not absolute here, so most logs need no look at the disk.
         let elsewhere = Path::new(written);
         if elsewhere.is_absolute() && !beside.is_file() && elsewhere.is_file() { elsewhere.to_owned() } else { beside }
     };
@@ -241,7 +237,7 @@ fn row(layout: &Columns, line: &str, images: &Path) -> Result<Row, Bad> {
     })
 }
 
-/// What passed, where both rows tell when they were.
+/// The time that passed, if both rows have one.
 fn interval(from: Option<DateTime>, to: Option<DateTime>) -> Option<Duration> {
     Duration::try_from(to?.duration_since(from?)).ok()
 }

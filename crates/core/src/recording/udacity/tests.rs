@@ -8,7 +8,7 @@ fn values(row: &Row) -> (f64, f64, f64, f64) {
     (row.steering.get(), row.throttle.get(), row.brake, row.speed.get())
 }
 
-/// Opens a file with this text and gives the error's words behind the path.
+/// Opens a file with this text and returns the error's words after the path.
 fn error(text: &str) -> String {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("driving_log.csv");

@@ -31,15 +31,15 @@ pub struct NewRow<'a> {
     pub at: Duration,
     /// JPEG of the centre camera.
     pub center: &'a [u8],
-    /// JPEG of the left camera; its field stays empty where there is none.
+    /// JPEG of the left camera; its field stays empty if there is none.
     pub left: Option<&'a [u8]>,
     /// JPEG of the right camera, likewise.
     pub right: Option<&'a [u8]>,
     /// Steering in effect.
     pub steering: Steering,
-    /// Throttle in effect. The log has a column of its own for the brake: below 0 is written as 0.
+    /// Throttle in effect. The log has a separate column for the brake, so a value below 0 is written as 0.
     pub throttle: Throttle,
-    /// Brake in effect, 0 to 1; beyond that it is brought back to it.
+    /// Brake in effect, clamped to 0 to 1.
     pub brake: f64,
     /// Speed.
     pub speed: Mph,
@@ -53,19 +53,19 @@ pub struct DrivingLogWriter {
     images_text: String,
     log: File,
     began: DateTime,
-    /// Of the row written last, in milliseconds since `began`.
+    /// Time of the row written last, in milliseconds since `began`.
     last_ms: Option<u64>,
-    /// What cuts add to the times of the rows.
+    /// The time that cuts add to those of the rows.
     cut: Duration,
     rows: u64,
 }
 
 impl DrivingLogWriter {
-    /// Begins a log in a folder, which is made where there is none. `began` is the time that pictures
-    /// are named by: that of a row is so much later.
+    /// Begins a log in a folder, which is created if it does not exist. Pictures are named by `began` plus the row's
+    /// time.
     ///
     /// # Errors
-    /// [`RecordingError::LogExists`] where the folder has a driving log, [`RecordingError::LogFolder`],
+    /// [`RecordingError::LogExists`] if the folder has a driving log, [`RecordingError::LogFolder`],
     /// [`RecordingError::Io`].
     pub fn create(dir: impl AsRef<Path>, began: DateTime) -> Result<Self, RecordingError> {
         let (path, images, images_text) = Self::folder(dir.as_ref())?;
@@ -77,12 +77,12 @@ impl DrivingLogWriter {
         Ok(Self { path, images, images_text, log, began, last_ms: None, cut: Duration::ZERO, rows: 0 })
     }
 
-    /// Makes the folder and says where in it the log and its pictures go, and the pictures' folder as the log has it.
+    /// Makes the folder. Returns the paths of the log and of the pictures' folder, and the latter as the log writes it.
     fn folder(dir: &Path) -> Result<(PathBuf, PathBuf, String), RecordingError> {
         let dir = path::absolute(dir).map_err(RecordingError::io("find the folder", dir))?;
         let images = dir.join("IMG");
-        // Quotes and line breaks mean something to readers of CSV, and the recorder does not escape them; what is no
-        // Unicode would be another path when it is read back.
+        // Quotes and line breaks mean something to readers of CSV, and the recorder does not escape them; a path that
+        // is not Unicode would be another one when it is read back.
         let Some(text) = images.to_str().filter(|text| !text.contains(['"', '\n', '\r'])).map(str::to_owned) else {
             return Err(RecordingError::LogFolder { path: dir });
         };
@@ -100,11 +100,11 @@ impl DrivingLogWriter {
         self.rows
     }
 
-    /// Writes a moment: its pictures, byte for byte, and a line. One that is not at least a millisecond after the
-    /// last is named by the millisecond after it: names are never used twice.
+    /// Writes a moment: its pictures, byte for byte, and a line. One less than a millisecond after the last is named by
+    /// the next millisecond: names are never used twice.
     ///
     /// # Errors
-    /// [`RecordingError::Io`], also for a picture of that name left by somebody else.
+    /// [`RecordingError::Io`], also if there is a picture of that name already.
     pub fn row(&mut self, sample: &NewRow<'_>) -> Result<(), RecordingError> {
         let ms = u64::try_from((sample.at + self.cut).as_millis()).unwrap_or(u64::MAX);
         let ms = self.last_ms.map_or(ms, |last| ms.max(last + 1));
@@ -132,19 +132,19 @@ impl DrivingLogWriter {
         Ok(())
     }
 
-    /// Says that the next row does not go on from the last one: the car was put elsewhere. The recorder's form can say
-    /// so by the times in the pictures' names only, so that all rows from here on are named [`LONGEST_GAP`] later, and
-    /// anyone who reads the log finds a gap.
+    /// Marks that the next row does not continue from the last one: the car was put elsewhere. The log can show this
+    /// only in the times of the pictures' names, so all rows from here on are named [`LONGEST_GAP`] later, and anyone
+    /// who reads the log finds a gap.
     pub fn cut(&mut self) {
         if self.rows > 0 {
             self.cut += LONGEST_GAP;
         }
     }
 
-    /// Ends the log, and says how many rows were written.
+    /// Ends the log, and returns how many rows were written.
     ///
     /// # Errors
-    /// [`RecordingError::Io`] where the disk did not take what was written.
+    /// [`RecordingError::Io`] if the disk did not take what was written.
     pub fn finish(self) -> Result<u64, RecordingError> {
         self.log.sync_all().map_err(RecordingError::io("finish the driving log", &self.path))?;
         Ok(self.rows)
@@ -264,7 +264,7 @@ mod tests {
     fn a_cut_is_a_gap_to_whoever_reads_the_log() {
         let dir = tempfile::tempdir().unwrap();
         let mut writer = DrivingLogWriter::create(dir.path(), began()).unwrap();
-        writer.cut(); // before the first row is nothing to cut
+        writer.cut(); // there is nothing to cut before the first row
         for at_ms in [0, 67, 133, 200] {
             if at_ms == 133 {
                 writer.cut();

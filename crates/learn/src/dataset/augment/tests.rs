@@ -45,7 +45,7 @@ fn a_shifted_picture_repeats_its_border_and_never_wraps() {
     assert_eq!(out.pixel(3, 1), Some([0, 14, 100]));
     assert_eq!(out.pixel(39, 9), Some([29, 19, 100]), "rows from below the crop, then the last again");
     assert!((change.steering(0.1, 1.0) - 0.13).abs() < 1e-12);
-    // Of pixels 8 recorded ones wide it moves by one: the label goes by what is seen.
+    // With pixels 8 recorded ones wide it moves by one: the label follows the visible shift.
     assert!((change.steering(0.1, 8.0) - 0.124).abs() < 1e-12);
     for (right, flip, expected) in [(-3, false, [3, 39]), (3, true, [39, 3]), (-3, true, [36, 0]), (90, false, [0, 0])]
     {

@@ -65,15 +65,15 @@ impl Worker {
         sender: &Sender<(usize, Result<Batch, DatasetError>)>,
     ) {
         loop {
-            // Only held while waiting, where nothing panics.
+            // Held only while waiting, where nothing panics.
             let Ok(Ok(number)) = orders.lock().map(|orders| orders.recv()) else { return };
             let from = number * plan.batch;
             let range = from..(from + plan.batch).min(plan.order.len());
-            // Whoever waits for this batch is told, and not left to wait.
+            // The receiver of this batch gets an error instead of waiting forever.
             let batch = catch_unwind(AssertUnwindSafe(|| self.batch(plan, range)))
                 .unwrap_or_else(|panic| Err(DatasetError::Thread { what: said(&*panic) }));
             if sender.send((number, batch)).is_err() {
-                return; // nobody wants more
+                return; // the receiver is gone
             }
         }
     }
@@ -109,7 +109,7 @@ impl Worker {
         Ok(Batch { frames, size, steering, acceleration, speed_mph, samples })
     }
 
-    /// Makes the numbers of a picture, and says how many recorded pixels across one of the network's is.
+    /// Computes the numbers of a picture; returns how many recorded pixels wide one of the network's is.
     fn picture<T>(
         &mut self,
         plan: &LoadPlan,
@@ -134,7 +134,7 @@ impl Worker {
                 if let Some(slot) = slot
                     && plan.cache.take(self.strip.bytes())
                 {
-                    // Another thread may have come first, or other inputs before; then this copy is dropped.
+                    // Another thread may have been first, or the slot may hold other inputs; then this copy is dropped.
                     if slot.set(self.strip.clone()).is_err() {
                         plan.cache.room.fetch_add(self.strip.bytes(), Ordering::Relaxed);
                     }
@@ -177,7 +177,7 @@ fn rounded(x: f32) -> bf16 {
     bf16::from_bits(((bits + 0x7fff + (bits >> 16 & 1)) >> 16) as u16)
 }
 
-/// The words of a panic.
+/// The message of a panic.
 fn said(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
     text.unwrap_or("no words").to_owned()

@@ -7,8 +7,8 @@ use lapwing_core::{
     units::{Steering, Throttle},
 };
 
-/// A folder of so many rows, 67 ms apart by the names of its pictures, which are empty files; `log` writes each row
-/// behind those.
+/// A folder of this many rows, 67 ms apart by the names of its pictures, which are empty files; `log` writes the rest
+/// of each row.
 fn folder(dir: &Path, rows: usize, steering: impl Fn(usize) -> f64) {
     folder_at(dir, (0..rows).map(|row| row * 67), steering);
 }
@@ -48,7 +48,7 @@ fn neither_labels_nor_sequences_of_training_reach_into_what_is_held_out() {
     let center = training.samples.iter().filter(|sample| sample.camera == CameraPosition::Center && sample.row < 10);
     assert!(center.clone().all(|sample| sample.steering == 0.5), "{center:?}");
     assert_eq!(sequence(&training, 6), [5, 5, 5, 5, 6]);
-    // What is measured is as a pilot would have seen it, and as the reference was computed.
+    // Validation sees what a pilot would have seen, and is measured as the reference was.
     let validation = smooth(Set::Validation);
     assert_eq!(sequence(&validation, 11), [7, 8, 9, 10, 11]);
     let first = validation.samples.iter().find(|sample| sample.row == 10).unwrap();
@@ -68,7 +68,8 @@ fn labels_stay_within_the_rows_that_are_asked_for() {
 #[test]
 fn where_time_is_missing_or_goes_back_another_drive_begins() {
     let dir = tempfile::tempdir().unwrap();
-    // A pause of just over a second; a jump back; one of a minute, over which the log's own time goes on as if nothing were.
+    // A pause of just over a second; a jump back; one of a minute, during which the log's own time continues as if
+    // there were none.
     folder_at(dir.path(), [1000, 1067, 2068, 2135, 500, 567, 60_567, 60_634].into_iter(), |_| 0.0);
     let source = Source::open(dir.path()).unwrap();
     assert_eq!(source.rows.iter().map(|row| row.drive).collect::<Vec<_>>(), [0, 0, 1, 1, 2, 2, 3, 3]);
@@ -130,7 +131,7 @@ fn balance_is_that_of_all_data_sets_together() {
         let drawn = samples.draw(10_000, 1, 0);
         drawn.iter().filter(|i| samples.samples[**i as usize].source == 1).count() as f64 / 1e4
     };
-    // Each apart is flat already, one bin each: nothing would be done.
+    // Each alone is flat already, in one bin: nothing would change.
     for weight in [1.0, 3.0] {
         assert!((share(weight) - 0.5).abs() < 0.01, "{}", share(weight));
     }

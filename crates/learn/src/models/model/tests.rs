@@ -89,7 +89,7 @@ fn what_is_neither_kind_of_file_or_not_there_is_named() {
 fn a_checkpoint_whose_network_answers_no_number_is_refused_when_loaded() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wild.safetensors");
-    // Finite weights, all of them, of which the last layers' products are not.
+    // All weights are finite, but the products of the last layers are not.
     let shipped = fs::read(shipped()).unwrap();
     let file = safetensors::SafeTensors::deserialize(&shipped).unwrap();
     let (_, table) = safetensors::SafeTensors::read_metadata(&shipped).unwrap();

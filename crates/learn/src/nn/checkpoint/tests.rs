@@ -47,7 +47,7 @@ impl Parts {
     }
 }
 
-/// What reading a sound checkpoint says after `change`.
+/// The error when a sound checkpoint is read after `change`.
 fn error_after(change: impl FnOnce(&mut Parts)) -> String {
     let mut parts = Parts::of(&encode(&metadata(), &network(), Precision::F32).unwrap());
     change(&mut parts);

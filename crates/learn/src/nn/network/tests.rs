@@ -31,7 +31,7 @@ fn frames(design: &Design, batch: i64) -> Tensor {
     Tensor::randn(&shape, (Kind::Float, Device::Cpu))
 }
 
-/// (B, 1), `Some` where the design wants it.
+/// (B, 1), `Some` if the design uses it.
 fn speed(design: &Design, batch: i64) -> Option<Tensor> {
     design.speed.then(|| Tensor::rand([batch, 1], (Kind::Float, Device::Cpu)))
 }
@@ -40,7 +40,7 @@ fn largest_difference(a: &Tensor, b: &Tensor) -> f64 {
     (a - b).abs().max().double_value(&[])
 }
 
-/// Of the light ones: all that differ in kind.
+/// The light architectures, one of each kind.
 const LIGHT: [Architecture; 5] = [
     Architecture::PilotNet,
     Architecture::Cps,
@@ -109,7 +109,7 @@ fn torchvisions_names_are_the_backbones() {
     ] {
         assert_eq!(variables[name].size(), shape, "{name}");
     }
-    // torchvision's 320 without `fc` and the counts of batches, 265, and six of the head.
+    // torchvision's 320 less `fc` and the counts of batches is 265; the head adds six.
     assert_eq!(variables.len(), 271);
     let (store, _network) = fresh(&Design::of(Architecture::ResNet18));
     assert!(!store.variables().contains_key("layer1.0.downsample.0.weight"));
@@ -205,7 +205,7 @@ fn what_is_made_ready_for_inference_answers_the_same_under_the_same_names() {
         let design = small(architecture, true);
         let (_store, network) = fresh(&design);
         let (frames, speed) = (frames(&design, 2), speed(&design, 2));
-        // Statistics that are not those of the beginning.
+        // Moves the statistics away from their initial values.
         let _ = network.forward(&frames, speed.as_ref(), true).unwrap();
         let before = network.forward(&frames, speed.as_ref(), false).unwrap(); // (2, outputs)
         let tensors = network.tensors();

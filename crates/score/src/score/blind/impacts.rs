@@ -6,15 +6,15 @@ use lapwing_core::{
     units::MPS_PER_MPH,
 };
 
-/// The hardest that the car slows down by itself, in m/s2: rolling out uphill, and braking. Brakes of the stock build come
-/// to 8.5 in real drives, tyres to 11.
+/// The hardest that the car slows down by itself, in m/s2: coasting uphill, and braking. Brakes of the stock build
+/// reach 8.5 in real drives, tyres 11.
 const ROLLS: f64 = 6.0;
 const BRAKES: f64 = 12.0;
-/// What is lost beyond that in a collision, in m/s.
+/// Speed lost beyond that in a collision, in m/s.
 const LOST: f64 = 1.0;
-/// What follows within so many seconds is the same collision: one bounces.
+/// Another one within this many seconds is the same collision: cars bounce.
 const APART_S: f64 = 2.0;
-/// Who stands with less throttle than this waits, and is not stuck.
+/// A car that stands with less throttle than this is waiting, not stuck.
 const STUCK_THROTTLE: f64 = 0.05;
 
 /// Watches speeds and throttles.
@@ -25,33 +25,33 @@ pub(super) struct Impacts {
     first_s: Option<f64>,
     slow_since: Option<f64>,
     is_stuck: bool,
-    /// When, in seconds.
+    /// Their times, in seconds.
     pub collisions: Vec<f64>,
-    /// When, in seconds.
+    /// Their times, in seconds.
     pub stuck: Vec<f64>,
-    /// What the last speed gave to suspect, in words.
+    /// What the last speed suggests, in words.
     pub suspicion: Option<&'static str>,
 }
 
 impl Impacts {
-    /// When there was one, or the car was stuck, in seconds, in order.
+    /// When there was a collision, or the car was stuck, in seconds, in order.
     pub fn times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.collisions.iter().chain(&self.stuck).copied().collect();
         times.sort_by(f64::total_cmp);
         times
     }
 
-    /// The throttle that was answered, negative to brake.
+    /// The throttle in the answer, negative to brake.
     pub fn command(&mut self, throttle: f64) {
         self.throttle = throttle;
     }
 
-    /// The next speed is that of another drive.
+    /// The next speed belongs to another drive.
     pub fn cut(&mut self) {
         self.last = None;
     }
 
-    /// The speed at a time, in m/s and s. Times never go back.
+    /// The speed in m/s at a time in s. Times never go back.
     pub fn speed(&mut self, at: f64, mps: f64) {
         let first = *self.first_s.get_or_insert(at);
         self.suspicion = None;

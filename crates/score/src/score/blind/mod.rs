@@ -3,11 +3,12 @@
 //! | figure | from |
 //! |---|---|
 //! | track, completion, laps | speed and steering on known roads ([`Matcher`]), the look of their starts, and the look of the drive's own beginning ([`laps`]) |
-//! | lap times, a map | where it was when it had driven so far (`passage`) |
+//! | lap times, a map | places along the road by distance driven (`passage`) |
 //! | collisions, stuck, survival | speeds that the car cannot reach by itself (`impacts`) |
-//! | autonomy | takeovers and collisions, where all laps were driven: who leaves the road for long does not come around |
+//! | autonomy | takeovers and collisions, if all laps were driven: a car that leaves the road for long does not
+//! complete them |
 //!
-//! `cargo run --release --example blind` holds all of it against the judge of simulated runs.
+//! `cargo run --release --example blind` compares all of it with the judge of simulated runs.
 
 mod impacts;
 mod passage;
@@ -34,24 +35,24 @@ use lapwing_core::{
     perception::{Frame, decode_jpeg},
 };
 
-/// A road is the one that was driven where it explains the drive better than all others by so much, as a log likelihood:
-/// 150 to 1.
+/// A road counts as the one that was driven if it explains the drive better than all others by this much, as a log
+/// likelihood: 150 to 1.
 const SURE: f64 = 5.0;
-/// Where no picture tells the start, metres of road that it takes to know one by its bends.
+/// Metres of road needed to recognise it by its bends if no picture shows the start.
 const BENDS_M: f64 = 250.0;
-/// Metres that odometry is off at its best, and that it may be off besides where the driver weaves.
+/// Error of odometry at its best, and additional error if the driver weaves, in metres.
 const NEAR_M: f64 = 3.0;
 const WEAVING_M: f64 = 6.0;
-/// How far off the mean of the speeds before and after a gap may be from that in it, in m/s.
+/// How far the mean of the speeds before and after a gap may be from the mean speed in it, in m/s.
 const UNSEEN_MPS: f64 = 2.5;
-/// How many metres of uncertainty may make a lap by themselves, and how far from where they are expected laps are looked
-/// for, at least and at most.
+/// How many metres of uncertainty may complete a lap by themselves, and how far from the expected places the ends of
+/// laps are looked for, at least and at most.
 const SURELY_M: f64 = 20.0;
 const SEARCH_M: (f64, f64) = (30.0, 80.0);
-/// Of ten collisions nine are found, and of ten found ones nine are collisions: the example `blind`.
+/// Nine of ten collisions are found, and nine of ten found ones are collisions: the example `blind`.
 const IN_TEN: f64 = 0.1;
 
-/// Of the particles; the same run has the same scorecard.
+/// The seed of the particles: the same run always has the same scorecard.
 const SEED: u64 = 0;
 
 const SPEEDS: &str = "speeds that the car cannot lose by itself";
@@ -60,20 +61,20 @@ const NOT_AROUND: &str = "the run does not tell whether the car left the road: i
 const UNKNOWN_ROAD: &str = "the run tells no position, and no known road explains it: --track names more of them";
 const NO_LAP: &str = "the run tells no position, no known road explains it, and no picture shows its beginning again";
 
-/// Watches a run as someone who knows the roads, and sees nothing but what the stock build reports.
+/// Watches a run knowing the roads, but seeing only what the stock build reports.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Blind {
     /// Laps that were asked for.
     pub laps_asked: Option<u32>,
     roads: Vec<Arc<Road>>,
-    /// None where nobody asks for what is not told.
+    /// None if nobody asks for what is not reported.
     matcher: Option<Matcher>,
-    /// The first picture was looked at, and it showed a known start.
+    /// Whether the first picture was looked at, and whether it showed a known start.
     has_looked: bool,
     is_anchored: bool,
-    /// Seconds, m/s and 1/m.
+    /// The last telemetry: seconds, m/s and 1/m.
     last: Option<(f64, f64, f64)>,
-    /// What was told last was of another drive.
+    /// Whether the last telemetry belongs to another drive.
     is_cut: bool,
     way_m: f64,
     clock: DistanceLog,
@@ -89,18 +90,18 @@ pub(super) struct Blind {
 #[derive(Debug)]
 pub(super) struct Found {
     pub track: Option<String>,
-    /// Metres once around, metres driven of them, how far off the latter may be, and what says so.
+    /// Length of a lap in metres, metres driven along it, how far off the latter may be, and the source.
     pub way: Option<(f64, f64, f64, &'static str)>,
     pub laps: Option<u32>,
-    /// Whether a lap more or less is possible.
+    /// Whether the count of laps may be off by one.
     laps_unsure: bool,
-    /// Metres driven when each lap ended, and how far off that may be; empty where it is not known of all.
+    /// Metres driven when each lap ended, and how far off that may be; empty unless all are known.
     lap_ends_m: Vec<(f64, f64)>,
-    /// When it was where along the track.
+    /// Times and places along the track.
     whereabouts: Vec<(f64, f64)>,
 }
 
-/// What is known of the drive besides.
+/// What else is known about the drive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DriveFacts {
     pub distance: Measure,
@@ -109,11 +110,11 @@ pub(super) struct DriveFacts {
     pub time_s: f64,
     /// Seconds that a human drove.
     pub human_s: f64,
-    /// Some of it was a pilot's.
+    /// Whether a pilot drove some of it.
     pub by_pilot: bool,
 }
 
-/// What is found besides figures.
+/// What is found apart from figures.
 #[derive(Debug, Default)]
 pub(super) struct Besides {
     pub track: Option<String>,
@@ -128,7 +129,7 @@ impl Blind {
         Self { matcher, roads: roads.into(), laps_asked, ..Self::default() }
     }
 
-    /// Somebody who looks at nothing, and knows how long these roads are.
+    /// A watcher that looks at nothing and only knows the length of these roads.
     pub fn of_known(roads: &[Arc<Road>]) -> Self {
         Self { roads: roads.into(), ..Self::default() }
     }
@@ -137,7 +138,7 @@ impl Blind {
         self.impacts.speed(at, mps);
         let curvature = motion::curvature(steering_deg);
         if std::mem::take(&mut self.is_cut) {
-            // Another drive of the same road goes on anywhere; what people join is mostly a pause.
+            // Another drive on the same road may continue anywhere; mostly it continues after a pause.
             self.matcher.iter_mut().for_each(|matcher| matcher.skip(0.0, UNSEEN_MPS * GAP_S));
         } else if let Some((before, was_mps, was_curvature)) = self.last {
             let apart = at - before;
@@ -157,13 +158,13 @@ impl Blind {
         self.last = Some((at, mps, curvature));
     }
 
-    /// The next telemetry does not go on from the last one.
+    /// The next telemetry does not continue from the last one.
     pub fn cut(&mut self) {
         self.is_cut = true;
         self.impacts.cut();
     }
 
-    /// What the last telemetry gives to suspect, once, if anybody asks.
+    /// What the last telemetry suggests, once, if anybody asks.
     pub fn suspicion(&mut self) -> Option<&'static str> {
         self.impacts.suspicion.take().filter(|_| self.matcher.is_some())
     }
@@ -185,7 +186,7 @@ impl Blind {
         }
         let apart = if self.way_m < BEGINNING_M { 1.0 } else { EVERY_M };
         if self.pictures.last().is_none_or(|(way, _)| self.way_m - way >= apart) {
-            // A copy: what it is cut from is a whole chunk of the file.
+            // A copy, as the original would keep a whole chunk of the file in memory.
             self.pictures.push((self.way_m, Bytes::copy_from_slice(jpeg)));
             self.newest = None;
         } else {
@@ -204,7 +205,7 @@ impl Blind {
         }
     }
 
-    /// The looks of the pictures at these places; what cannot be decoded is passed over.
+    /// The looks of the pictures at these places; pictures that cannot be decoded are skipped.
     fn looks(&self, at: impl Fn(f64) -> bool) -> Vec<(f64, Look)> {
         let mut frame = Frame::default();
         let pictures = self.pictures.iter().filter(|(way, _)| at(*way));
@@ -220,14 +221,14 @@ impl Blind {
         (sure && best.explains).then_some(best)
     }
 
-    /// Whether the drive's beginning, where it is seen again for the first time, is once around this road.
+    /// Whether the first return to the drive's beginning is one lap of this road away.
     fn comes_around(&self, on: &Match) -> bool {
         let lap_m = self.lap_m(on);
         let once_around = self.looks(|way| way <= lap_m + SEARCH_M.1 + BEGINNING_M);
         laps(&once_around).first().is_none_or(|way| (way - lap_m).abs() < SEARCH_M.1)
     }
 
-    /// Laps as long as the speeds told make them.
+    /// Length of a lap as measured by the reported speeds.
     fn lap_m(&self, on: &Match) -> f64 {
         on.road.length_m * if on.place.progress_m > 0.0 { self.way_m / on.place.progress_m } else { 1.0 }
     }
@@ -237,7 +238,7 @@ impl Blind {
         &self.roads
     }
 
-    /// Nobody need find out anything: the world itself tells.
+    /// Stops searching: the world itself reports what happens.
     pub fn stand_down(&mut self) {
         self.matcher = None;
     }
@@ -258,7 +259,7 @@ impl Blind {
         self.pictures.extend(self.newest.take()); // a lap may end with the run
         let Some(on) = self.road().filter(|on| self.is_anchored || self.comes_around(on)) else {
             let seen = laps(&self.looks(|_| true));
-            // Until the beginning comes again, nobody knows how long a lap is.
+            // The length of a lap is unknown until the beginning is seen again.
             let lap =
                 seen.first().map(|lap_m| (*lap_m, self.way_m, NEAR_M, "pictures of the drive's beginning, seen again"));
             let laps = (!seen.is_empty()).then_some(seen.len() as u32);
@@ -276,15 +277,15 @@ impl Blind {
         let from_lap = |way: f64| ((way / lap_m) - (way / lap_m).round()).abs() * length_m;
         let expected = |way: f64| way > lap_m / 2.0 && from_lap(way) < search_m + BEGINNING_M;
         let again = laps(&self.looks(|way| way <= BEGINNING_M || expected(way)));
-        // Places may look like the start a little before and after it: each lap is one.
+        // Places a little before and after the start may look like it: count one per lap.
         let near_lines = again.into_iter().filter(|way| from_lap(*way) < search_m);
         let seen = near_lines.map(|way| (way / lap_m).round() as u32).collect::<BTreeSet<_>>().len() as u32;
-        // Where the car went astray since, it had driven these.
+        // If the car has left the road since, it had still driven these.
         let sure = ((on.sure_m / length_m) as u32).max(seen);
         let laps = counted.max(sure);
         let lap_end = |lap: u32| {
             let end_m = f64::from(lap) * length_m;
-            // One that counts already may seem to end just behind the drive's end.
+            // A lap that is counted already may seem to end just after the drive's end.
             let at_end = || ((end_m - progress_m).abs() <= near_m).then_some((self.way_m, on.place.deviation_m));
             way_to(end_m, &on.trail).or_else(at_end).map(|(way_m, deviation_m)| (way_m, near(deviation_m)))
         };
@@ -298,7 +299,7 @@ impl Blind {
         }
     }
 
-    /// Fills in what the run itself does not say; where it `tells` something its reasons stay.
+    /// Fills in what the run itself does not report; if it `tells` something, its reasons stay.
     pub fn fill(self, found: Found, figures: &mut Figures, drive: &DriveFacts, tells: bool) -> Besides {
         use Figure as F;
         match (found.way, found.laps) {
@@ -308,12 +309,12 @@ impl Blind {
             _ if tells => {}
             _ => figures.told(F::Laps, None, NO_LAP),
         }
-        // Who drove all laps for certain has, wherever the car went then.
+        // A car that has certainly driven all laps has done so, wherever it went afterwards.
         let is_whole = self.laps_asked.is_some_and(|asked| found.laps >= Some(asked.max(1)) && !found.laps_unsure);
         match (found.way, self.laps_asked) {
             (Some((length_m, progress_m, near_m, from)), Some(asked)) => {
                 let asked = f64::from(asked.max(1));
-                // Completion goes by waypoints, whoever counts it.
+                // Completion is counted in waypoints here, too.
                 let waypoints = (length_m / Rules::default().waypoint_spacing_m).round().max(3.0);
                 let reached = (progress_m / length_m * waypoints).floor() / waypoints;
                 let share = reached.max(found.laps.unwrap_or(0).into()) / asked;
@@ -332,12 +333,12 @@ impl Blind {
         Besides { track: found.track, lap_times_s, lap_times_off_s, whereabouts: found.whereabouts }
     }
 
-    /// What went wrong, and what follows from it.
+    /// Infractions, and figures that depend on them.
     fn infractions(&self, figures: &mut Figures, drive: &DriveFacts, is_whole: bool) {
         use Figure as F;
         let DriveFacts { distance, began_s, time_s, human_s, by_pilot } = *drive;
         let struck = self.impacts.collisions.len() as f64;
-        // Where none was found, one may have been missed.
+        // If none was found, one may have been missed.
         let off = (IN_TEN * struck).ceil().max(1.0);
         figures.suggest(F::Collisions, estimate(struck, off, SPEEDS));
         if let Some(way) = distance.value().filter(|way| *way > 0.0) {
@@ -358,7 +359,7 @@ impl Blind {
             }
             return;
         }
-        // One that a human saw to is the takeover's, and one that soon follows another is the same.
+        // One that a human handled belongs to the takeover, and one that soon follows another is the same.
         let soon = |at: f64, then: f64| (0.0..=INTERVENTION_S).contains(&(then - at));
         let mut own: Vec<f64> = vec![];
         for at in suspected {
@@ -379,7 +380,7 @@ fn estimate(value: f64, uncertainty: f64, from: &'static str) -> Measure {
     Measure::Estimate { value, uncertainty, from }
 }
 
-/// The look of a picture, which is decoded into `frame`; `None` where it cannot be.
+/// The look of a picture, which is decoded into `frame`; `None` if it cannot be.
 fn look(jpeg: &[u8], frame: &mut Frame) -> Option<Look> {
     decode_jpeg(jpeg, frame).ok()?;
     Look::of(frame)

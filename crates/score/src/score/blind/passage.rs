@@ -1,16 +1,16 @@
-//! The car's position over time, from what is known by distance.
+//! The car's position over time, from its positions by distance driven.
 
 use crate::odometry::Milestone;
 
-/// Metres driven from a place that is known to one that is guessed from it at most.
+/// Most metres driven between a known place and one extrapolated from it.
 const FURTHEST_M: f64 = 250.0;
 
-/// When the car had driven how far.
+/// The distance driven over time.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DistanceLog(Vec<(f64, f64)>);
 
 impl DistanceLog {
-    /// At so many seconds it had driven so many metres. Neither goes back.
+    /// Notes that at this time it had driven this many metres. Neither goes back.
     pub fn note(&mut self, at: f64, way_m: f64) {
         self.0.push((at, way_m));
     }
@@ -25,7 +25,7 @@ impl DistanceLog {
         self.0[..self.0.partition_point(|(then, _)| *then <= at)].last().map_or(0.0, |(_, way_m)| *way_m)
     }
 
-    /// When it had driven so far, in seconds; `None` before and after the drive.
+    /// When it had driven this far, in seconds; `None` before and after the drive.
     fn at(&self, way_m: f64) -> Option<f64> {
         let next = self.0.partition_point(|(_, way)| *way < way_m);
         let (until, to) = *self.0.get(next)?;
@@ -33,8 +33,8 @@ impl DistanceLog {
         Some(since + (until - since) * (way_m - from) / (to - from))
     }
 
-    /// The time between each of these ways and the one before, the first from the drive's beginning, in seconds; empty where
-    /// one of them was not driven.
+    /// The time between each of these distances and the one before, the first from the drive's beginning, in seconds;
+    /// empty if one of them was not driven.
     pub fn laps(&self, ways_m: &[f64]) -> Vec<f64> {
         let Some(&(first, _)) = self.0.first() else { return vec![] };
         let Some(ends) = ways_m.iter().map(|way| self.at(*way)).collect::<Option<Vec<f64>>>() else { return vec![] };
@@ -42,7 +42,8 @@ impl DistanceLog {
         ends.iter().zip(begins).map(|(end, begin)| end - begin).collect()
     }
 
-    /// When it was where along a road of this length: seconds and metres. Between milestones the metres driven count.
+    /// Its places along a road of this length over time: seconds and metres. Between milestones, the metres driven are
+    /// added.
     pub fn whereabouts(&self, trail: &[Milestone], length_m: f64) -> Vec<(f64, f64)> {
         let place = |&(at, way_m): &(f64, f64)| {
             let passed = trail.partition_point(|milestone| milestone.way_m <= way_m);
@@ -54,8 +55,8 @@ impl DistanceLog {
     }
 }
 
-/// How far the car had driven when it came so far along the road for the first time, in metres, and the standard deviation
-/// of that.
+/// How far the car had driven when it first came this far along the road, in metres, and the standard deviation of
+/// that.
 pub(super) fn way_to(progress_m: f64, trail: &[Milestone]) -> Option<(f64, f64)> {
     let (before, after) = trail
         .array_windows()

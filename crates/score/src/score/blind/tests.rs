@@ -31,12 +31,12 @@ fn telemetry(steering_deg: f64, mps: f64) -> Telemetry {
     }
 }
 
-/// A drive of so many metres that ends in standing still from one telemetry to the next.
+/// A drive of this many metres that ends with a standstill from one telemetry to the next.
 fn crashed_after(metres: f64, roads: &[Arc<Road>], heading: impl Fn(f64) -> f64) -> Scorecard {
     crashed_and_told(metres, roads, heading, |_| Truth::default())
 }
 
-/// The same, with what is told at so many metres.
+/// The same, with the truth reported at each distance.
 fn crashed_and_told(
     metres: f64,
     roads: &[Arc<Road>],
@@ -78,7 +78,7 @@ fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
 
 #[test]
 fn laps_that_are_told_without_a_time_leave_the_estimated_times_as_they_are() {
-    // Counted from a line that is passed at 800 m, so that none is seen from its beginning to its end.
+    // Laps counted from a line that is passed at 800 m, so that none is seen from beginning to end.
     let told = |s: f64| Truth {
         lap: Some(((s + 200.0) / LENGTH_M) as u32),
         waypoint: Some(((s + 200.0) % LENGTH_M / 20.0) as u32),

@@ -3,7 +3,7 @@ use lapwing_core::units::{Steering, Throttle};
 
 const SCENARIO: Known = Known { time_s: 60.0, judged: true, counted: false, scenario: true };
 
-/// A telemetry: when, how fast, and the time to collision told.
+/// A telemetry: its time, speed and reported time to collision.
 fn told(braking: &mut Braking, at_s: f64, mph: f64, until_s: f64) {
     let truth = Truth { time_to_collision_s: Some(until_s), ..Truth::default() };
     braking.telemetry(at_s, Mph::new(mph).unwrap(), &truth);
@@ -34,7 +34,7 @@ fn a_car_that_brakes_too_late_hits_with_what_is_left() {
     told(&mut braking, 0.0, 30.0, 5.0);
     told(&mut braking, 4.0, 28.0, 1.0);
     braking.collision(12.0, Some(16.0));
-    // It stands there, is touched again, and is hit no second time.
+    // It stands there and is touched again, which is not a second hit.
     told(&mut braking, 4.1, 0.0, 0.0);
     braking.collision(12.0, Some(16.0));
     told(&mut braking, 9.0, 0.0, 60.0);
@@ -52,7 +52,7 @@ fn who_speeds_up_into_it_has_taken_off_nothing() {
 #[test]
 fn situations_are_apart_by_a_second_and_their_figures_are_means() {
     let mut braking = Braking::default();
-    // Half a second without a collision course is a wheel that turned, not another situation.
+    // Half a second without a collision course comes from a turn of the wheel and does not begin another situation.
     for (at, mph, until) in [(0.0, 30.0, 5.0), (0.5, 25.0, 60.0), (1.0, 20.0, 5.0), (2.0, 20.0, 60.0)] {
         told(&mut braking, at, mph, until);
     }
@@ -68,7 +68,7 @@ fn a_situation_that_the_runs_end_cuts_short_is_not_judged() {
     told(&mut braking, 1.0, 25.0, 4.0);
     let unknown = Unknown(NOT_MET);
     assert_eq!(told_so(braking.clone(), SCENARIO), [unknown, unknown, unknown, Told(4.0), Told(0.0)]);
-    // One that was put elsewhere has avoided nothing either.
+    // A car that was put elsewhere has avoided nothing either.
     braking.put();
     told(&mut braking, 5.0, 0.0, 60.0);
     assert_eq!(told_so(braking, SCENARIO)[0], unknown);
@@ -101,7 +101,7 @@ fn what_a_run_does_not_tell_is_not_measurable_and_says_why() {
     told(&mut clear, 0.0, 30.0, 60.0);
     let unknown = Unknown(NOT_MET);
     assert_eq!(told_so(clear, SCENARIO), [unknown, unknown, unknown, Unknown(CLEAR), Told(0.0)]);
-    // Over the wire there is a time to collision, and nobody who tells what was hit.
+    // Over the wire there is a time to collision, but nobody reports what was hit.
     let mut live = Braking::default();
     told(&mut live, 0.0, 30.0, 3.0);
     told(&mut live, 5.0, 0.0, 60.0);

@@ -28,7 +28,7 @@ const PUT: &str = "waypoints reached while standing still";
 const UNNAMED: &str = "collisions told, but not with what";
 
 impl Scorer {
-    /// The figures that telemetry reports; those that the stock build's does not are left for others to find out.
+    /// The figures that telemetry reports; those that the stock build's does not report are left to `blind`.
     pub(super) fn by_telemetry(
         &mut self,
         figures: &mut Figures,
@@ -50,7 +50,7 @@ impl Scorer {
         figures.set(F::OffRoadS, if left_road.is_none() { Measure::Unknown(why(NO_EDGE)) } else { off_road_s });
         figures.set(F::OffRoadShare, if left_road.is_none() { Measure::Unknown(why(NO_EDGE)) } else { share });
 
-        // Who hit nothing and never left the road was not put back.
+        // A car that hit nothing and never left the road was not put back.
         let is_clean = crashes == Some(0.0) && left_road == Some(0.0) && self.resets == 0;
         let measure = |value: f64, uncertainty: f64, from| {
             if is_clean { Measure::Told(value) } else { Measure::Estimate { value, uncertainty, from } }
@@ -101,7 +101,7 @@ impl Scorer {
         match left_road {
             Some(0.0) => (Measure::Told(0.0), Measure::Told(0.0)),
             Some(n) if self.told.tells_cte && span.told_s > 0.0 && self.driven_m > 0.0 => {
-                // Left and come back to within a telemetry each.
+                // Each departure and return is known to within a telemetry.
                 let off_s = 2.0 * n * span.told_s / (self.telemetries - 1) as f64;
                 let estimate = |value, uncertainty| Measure::Estimate { value, uncertainty, from: BY_CTE };
                 (
@@ -113,7 +113,7 @@ impl Scorer {
         }
     }
 
-    /// Laps and completion, the last lap included though the simulator leaves at its end.
+    /// Laps and completion, including the last lap, although the simulator leaves at its end.
     fn laps(&mut self, figures: &mut Figures, span: &Span, found: Option<&Found>) {
         use Figure as F;
         let (no_laps, no_completion) = if self.told.tells { (NO_LAPS, NO_ROAD) } else { (NO_POSITION, NO_POSITION) };
@@ -137,7 +137,7 @@ impl Scorer {
             () => Measure::Told(laps),
         };
         figures.set(F::Laps, measure);
-        // A human before the first telemetry drove what it does not say of the lap.
+        // A human who drove before the first telemetry covered an unreported part of the lap.
         let by_human = self.began_s < self.first_s;
         let begun = within.filter(|_| !by_human).map_or(0.0, |within| within.begun);
         let share = within.map(|within| within.share).filter(|_| !is_done).or(is_done.then_some(1.0));
@@ -162,7 +162,7 @@ impl Scorer {
         }
     }
 
-    /// Driving scores; where something was hit and nobody says what, between those of all kinds.
+    /// Driving scores; if it is unknown what was hit, a range over all kinds.
     pub(super) fn scores(&self, figures: &mut Figures) {
         use Figure as F;
         let crashes = self.told.crashes.total();
@@ -189,7 +189,7 @@ impl Scorer {
         let named = Some(&self.told.struck).filter(|named| named.len() as f64 == struck);
         let of = |kind: Struck| match named {
             Some(named) => driving_scores(done, off_road, named),
-            // A file says any number; after a hundred there is nothing left of a score.
+            // A file may give any number; after a hundred nothing is left of a score.
             None => driving_scores(done, off_road, &vec![kind; struck.min(100.0) as usize]),
         };
         let (least, most) = (of(Struck::Person), of(Struck::Static));

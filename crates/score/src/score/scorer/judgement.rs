@@ -13,10 +13,10 @@ use crate::{
 };
 use lapwing_core::units::MPS_PER_MPH;
 
-/// A run that ends within so many seconds of a collision ended by it.
+/// A run that ends within this many seconds of a collision ended because of it.
 const AFTERMATH_S: f64 = 2.0;
-/// How far off a distance may be that follows from speed and time, as a share: the speed is that of the moment, and
-/// telemetries come when they come.
+/// How far off a distance computed from speed and time may be, as a share: the speed is momentary, and telemetries come
+/// at uneven intervals.
 const DISTANCE_OFF: f64 = 0.01;
 
 pub(super) const NO_POSITION: &str = "the run tells no position: the stock build does not";
@@ -66,7 +66,7 @@ impl Scorer {
         figures.told(F::MeanMph, timed.then(|| self.driven_m / told_s / MPS_PER_MPH), NO_TIME);
         figures.told(F::MaxMph, seen.then_some(self.max_mph), NO_TIME);
 
-        // Whose drive it was: answers to bad frames alone are no human's.
+        // Who drove: a run with answers to bad frames only is not a human's.
         let by_human = self.answers.human > 0 && self.answers.human == self.answers.all;
         let no_pilot = self.no_pilot();
         let why = if no_pilot { NO_PILOT } else { NO_TIME };
@@ -116,7 +116,7 @@ impl Scorer {
         let (why, answered) = if by_human { (NO_PILOT, false) } else { (NO_ANSWERS, self.answers.all > 0) };
         figures.told(F::MissedFrames, answered.then_some(self.missed_frames as f64), why);
         if !seen {
-            // Not even that nothing was hit.
+            // Not even a count of 0 collisions is known.
             let known = [F::TimeS, F::Takeovers, F::HumanS];
             let others = F::ALL.into_iter().filter(|figure| !known.contains(figure));
             others.for_each(|figure| figures.told(figure, None, NOTHING));
@@ -172,12 +172,12 @@ impl Scorer {
         }
     }
 
-    /// The figures that the course's judge tells.
+    /// The figures that the course's judge reports.
     fn by_judge(&self, figures: &mut Figures, span: &Span, way: f64, distance: Measure) {
         use Figure as F;
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
         let completion = laps_asked.map(|asked| (self.progress / f64::from(asked.max(1))).min(1.0));
-        // Laps alone say nothing of the last, unfinished one.
+        // Laps alone say nothing about the last, unfinished one.
         let tells_waypoints = self.told.laps.total().is_some() && self.told.waypoints.are_told();
         let completion = completion.filter(|share| tells_waypoints || *share >= 1.0);
         let no_completion = if laps_asked.is_none() { NO_LAPS_ASKED } else { NO_POSITION };
@@ -220,7 +220,8 @@ impl Scorer {
         self.answers.all > 0 && self.answers.pilot == 0
     }
 
-    /// Times that the car was put back, and once more where the run ended in a way that somebody would have had to end.
+    /// Times that the car was put back, plus one if the run ended in a situation that would have needed an
+    /// intervention.
     pub(super) fn interventions(&self, end_s: f64) -> u32 {
         let struck = self.last_collision_s.is_some_and(|at| end_s - at <= AFTERMATH_S);
         self.resets + u32::from(self.ended_off_road || self.is_stuck || struck)
@@ -232,7 +233,7 @@ impl Scorer {
     }
 }
 
-/// Collisions over the way driven.
+/// Collisions over the distance driven.
 pub(super) fn per_km(collisions: f64, way: f64, distance: Measure) -> Measure {
     if way > 0.0 {
         distance.map(|way| collisions / (way / 1000.0), collisions / way / way * 1000.0)

@@ -1,4 +1,4 @@
-//! Figures that a drive along a recording cannot give: it has a path to follow, and nothing else.
+//! Figures that a drive along a recording cannot give: it has a path to follow and nothing else.
 
 use crate::{score::Figure, score::card::Figures};
 
@@ -7,10 +7,10 @@ const NO_OBSTACLES: &str = "a recording has no obstacles to hit";
 const NO_EDGE: &str = "a recording does not tell where the road ends";
 const RECORDED_SPEED: &str = "the car goes at the recorded speed";
 
-/// For what is told nevertheless.
+/// For the figures that remain.
 pub(super) const NOTE: &str = "speed, time and distance are the recording's: the pilot only steers";
 
-/// Takes back what a course with a judge would tell.
+/// Removes the figures that only a course with a judge can give.
 pub(super) fn untell(figures: &mut Figures) {
     use Figure as F;
     for (figure, why) in [
@@ -45,7 +45,7 @@ mod tests {
         units::{Metres, Mph},
     };
 
-    /// A minute along a recording, told each second, and put back three times from so far beside the path.
+    /// A minute along a recording, reported each second, in which the car is put back three times from these offsets.
     fn minute(offsets_m: [f64; 3]) -> Scorecard {
         let mut scorer = Scorer::default().of_kind(RunKind::RecordedPath);
         scorer.event(Duration::ZERO, &EventRecord::recorded_path("data", 268.0, 14, 1.0));

@@ -53,7 +53,7 @@ fn collision(with: &str) -> EventRecord {
     EventRecord::Collision { with: with.into(), speed_mph: 10.0, own_mph: Some(10.0) }
 }
 
-/// A run of 60 s at 10 mph, told each second, on a course of one lap of which half is driven, and what happened in it.
+/// A run of 60 s at 10 mph, reported each second, on a course of one lap, half of which is driven, with these events.
 fn minute(events: &[(f64, EventRecord)]) -> Scorecard {
     let mut scorer = Scorer::default();
     scorer.event(at(0.0), &course(1));
@@ -133,7 +133,7 @@ fn what_a_fork_counts_itself_counts_where_nobody_else_judges() {
             Truth { crashes: Some(crashes), out_of_bounds: Some(out_of_bounds), ..told(0.0, 0.0, lap, 0).truth };
         Telemetry { truth, ..told(10.0, 0.0, lap, 0) }
     };
-    // The counts begin at what they were before this run, and anew when the fork loads its track again.
+    // The counts continue from before this run, and begin again when the fork reloads its track.
     for (i, (lap, crashes, out)) in [(1, 2, 0), (1, 3, 1), (2, 3, 1), (1, 0, 0), (2, 1, 2)].into_iter().enumerate() {
         scorer.telemetry(at(i as f64), &fork(lap, crashes, out));
     }
@@ -333,7 +333,7 @@ fn a_run_that_tells_nothing_has_no_figure_and_misses_every_threshold() {
             assert_eq!(super::super::missed(&limits, &card).len(), 7, "{card}");
         }
     }
-    // Nor does one telemetry show that nothing was hit.
+    // A single telemetry does not show that nothing was hit, either.
     let mut scorer = Scorer::on(&[], Some(1));
     scorer.telemetry(at(0.0), &stock(10.0));
     assert_eq!(scorer.finish().value(Figure::Collisions), None);

@@ -1,5 +1,5 @@
-//! When a run began and ended, and what a human leaves open who drove at one of its ends: while he does, the simulator
-//! tells nothing.
+//! When a run began and ended, and what is unknown if a human drove at one of its ends: meanwhile the simulator reports
+//! nothing.
 
 use super::{Scorer, judgement::UNTIMED};
 use crate::{
@@ -7,7 +7,7 @@ use crate::{
     score::{Figure, Measure},
 };
 
-/// A human who drove for less at the end leaves nothing open, in seconds.
+/// A human who drove for less than this at the end leaves nothing unknown, in seconds.
 const MOMENT_S: f64 = 1.0;
 const NOT_TOLD: &str = "a human drove to the end, and the simulator sends no telemetry meanwhile";
 
@@ -24,7 +24,7 @@ pub(super) struct Span {
     pub told_s: f64,
     /// Since when a human drove to the end.
     pub human_since: Option<f64>,
-    /// How long humans drove is known.
+    /// Whether it is known how long humans drove.
     pub is_timed: bool,
 }
 
@@ -42,7 +42,7 @@ impl Scorer {
 }
 
 impl Span {
-    /// Who drove on after the last telemetry came further than it tells: by no more than the car is fast.
+    /// A human who drove on after the last telemetry came further than reported, limited by the car's top speed.
     pub(super) fn open_ended(&self, figures: &mut Figures, lap_m: Option<f64>, asked: Option<u32>, driven_m: f64) {
         let Some(open_s) = self.human_since.map(|since| self.end_s - since) else { return };
         if self.is_timed && open_s < MOMENT_S || self.told_s <= 0.0 {

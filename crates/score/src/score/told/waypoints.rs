@@ -1,10 +1,10 @@
-//! How far into a lap the waypoints told say that the car is, and whether the last lap was all but told.
+//! How far into a lap the car is by its reported waypoints, and whether the last lap was complete though not reported.
 
-/// The last waypoint's stretch is done where no more of it is left than this share, and what is driven in two telemetries.
+/// The last waypoint's stretch is done if no more of it is left than this share plus the distance of two telemetries.
 const LEFT: f64 = 0.1;
-/// How wrong a road's length, in waypoints, may be by the metres driven between them: who weaves drives more.
+/// Relative error of a road's length computed from the metres driven between waypoints: weaving adds distance.
 const LENGTH_OFF: f64 = 0.03;
-/// Fewest stretches between waypoints that say how long one is.
+/// Fewest stretches between waypoints that give the length of one.
 const FEWEST: u32 = 3;
 
 /// Watches the waypoints.
@@ -12,11 +12,11 @@ const FEWEST: u32 = 3;
 pub(in crate::score) struct Waypoints {
     first: Option<u32>,
     last: Option<u32>,
-    /// How many a lap has, once one was closed.
+    /// How many a lap has, once one was completed.
     count: Option<u32>,
-    /// Metres driven when the last one was reached, where that is known.
+    /// Metres driven when the last one was reached, if that is known.
     reached_m: Option<f64>,
-    /// Metres between waypoints that followed one another, and how many times; and the last of them.
+    /// Metres between successive waypoints, and how many pairs; and the last of them.
     stretches: (f64, u32),
     newest_m: Option<f64>,
     way_m: f64,
@@ -24,7 +24,7 @@ pub(in crate::score) struct Waypoints {
     step_m: f64,
 }
 
-/// How the car came to a telemetry.
+/// How the car arrived at a telemetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Arrival {
     /// It stands.
@@ -41,17 +41,17 @@ pub(in crate::score) struct Within {
     pub share: f64,
     /// How far off that may be.
     pub off: f64,
-    /// Share of a lap that lay behind it at the run's first waypoint.
+    /// Share of a lap that was behind it at the run's first waypoint.
     pub begun: f64,
-    /// How many waypoints there are was seen, not concluded.
+    /// Whether the number of waypoints was observed, not inferred.
     pub is_counted: bool,
-    /// It stands at the end of the lap: the next telemetry would have told it.
+    /// Whether it is at the end of the lap: the next telemetry would have reported it.
     pub is_done: bool,
 }
 
 impl Waypoints {
-    /// Whether another waypoint was reached. Where the telemetry does not go on from the one before, nobody saw where;
-    /// the first one is reached where the car `stands` at the start of a run.
+    /// Whether another waypoint was reached. If the telemetry does not continue from the one before, the place is
+    /// unknown; the first waypoint is where the car stands at the start of a run.
     pub(super) fn telemetry(&mut self, waypoint: Option<u32>, lap_ended: bool, way_m: f64, seen: Arrival) -> bool {
         (self.step_m, self.way_m) = (way_m - self.way_m, way_m);
         let Some(now) = waypoint else { return false };
@@ -64,7 +64,7 @@ impl Waypoints {
             return false;
         }
         if now == 0 && !lap_ended && self.count.is_none() {
-            // It began just before the line, or the track was loaded anew: what is counted begins here.
+            // It began just before the line, or the track was reloaded: the count begins here.
             self.first = Some(0);
         }
         if now == 0 && lap_ended {
@@ -79,7 +79,7 @@ impl Waypoints {
         true
     }
 
-    /// The car was put at the waypoint: how far it drove to it says nothing.
+    /// The car was put at the waypoint, so the distance driven to it says nothing.
     pub(super) fn put(&mut self) {
         if let Some(stretch_m) = self.newest_m.take() {
             self.stretches = (self.stretches.0 - stretch_m, self.stretches.1 - 1);
@@ -96,7 +96,7 @@ impl Waypoints {
         (n >= FEWEST && metres > 0.0).then(|| metres / f64::from(n))
     }
 
-    /// Metres of a lap, as they were driven, where its waypoints were counted.
+    /// Metres of a lap as driven, if its waypoints were counted.
     pub(in crate::score) fn lap_m(&self) -> Option<f64> {
         Some(self.stretch_m()? * f64::from(self.count?))
     }
@@ -107,8 +107,8 @@ impl Waypoints {
         stretch_m - (self.way_m - reached_m) <= LEFT * stretch_m + 2.0 * self.step_m
     }
 
-    /// Where in the lap the car is, with the road's length in metres where it is known; `None` where nothing says how many
-    /// waypoints there are.
+    /// Where in the lap the car is, with the road's length in metres if it is known; `None` if the number of waypoints
+    /// is unknown.
     pub(in crate::score) fn within(&self, road_m: Option<f64>) -> Option<Within> {
         let (first, last) = self.first.zip(self.last)?;
         let by_road = || Some(road_m? / self.stretch_m()?);
@@ -131,7 +131,7 @@ impl Waypoints {
 mod tests {
     use super::*;
 
-    /// Told 15 times a second at 9 m/s on a lap of 50 waypoints 20 m apart, from metre to metre.
+    /// Reported 15 times a second at 9 m/s on a lap of 50 waypoints 20 m apart, from metre to metre.
     fn driven(from_m: f64, to_m: f64) -> Waypoints {
         let mut waypoints = Waypoints::default();
         let steps = ((to_m - from_m) / 0.6) as u32;

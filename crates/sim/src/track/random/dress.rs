@@ -11,12 +11,12 @@ use crate::track::{Edge, Side, Station, Stretch, Track};
 
 /// The shortest wave of the hills, in metres.
 const SHORTEST_WAVE_M: f64 = 150.0;
-/// Over a road and under one: the height between them, with what the spline takes off.
+/// The height between roads that cross, with an allowance for what the spline takes off.
 const CROSSING_WITH_SPARE_M: f64 = 1.12 * CROSSING_HEIGHT_M;
 /// A straight bends less than this, 1/m.
 const STRAIGHT: f64 = 1.0 / 150.0;
 
-/// The control point, of so many, nearest to the middle of the first half of the longest straight.
+/// The control point, out of `points`, nearest to the middle of the first half of the longest straight.
 pub(super) fn longest_straight(stations: &[Station], points: usize) -> usize {
     let runs = runs(stations, |s| s.curvature.abs() < STRAIGHT);
     let (from, count) = runs.iter().copied().max_by_key(|(_, count)| *count).unwrap_or((0, 0));
@@ -24,7 +24,7 @@ pub(super) fn longest_straight(stations: &[Station], points: usize) -> usize {
     (station as f64 / stations.len() as f64 * points as f64).round() as usize % points
 }
 
-/// Stretches of stations that all satisfy: first station and how many, over the road's beginning if need be.
+/// Stretches of stations that all satisfy: first station and count, past the road's beginning if need be.
 fn runs(stations: &[Station], is: impl Fn(&Station) -> bool) -> Vec<(usize, usize)> {
     let n = stations.len();
     let Some(begin) = (0..n).find(|&i| !is(&stations[i])) else { return vec![(0, n)] };
@@ -60,13 +60,14 @@ pub(super) fn heights(
         .collect();
     scale(&mut hills, random.hills_m);
 
-    // Each bridge lifts one road by a half and lowers the other, flat where they are near, then ramps.
+    // Each bridge lifts one road by half the height and lowers the other by half, flat near the crossing, then with
+    // ramps.
     let mut bridges = vec![0.0; points];
     for crossing in crossings {
         let (over, under) = (flat.at(crossing.over), flat.at(crossing.under));
         let slant = (over.yaw - under.yaw).sin().abs().max(0.3);
         let level = WIDTHS_APART * random.width_m / slant + 8.0;
-        // A cosine ramp is steepest in its middle, by PI/2; half the grade is for the hills.
+        // A cosine ramp is steepest in its middle, by PI/2; part of the grade is left for the hills.
         let ramp = CROSSING_WITH_SPARE_M / 2.0 * PI / 2.0 / (0.75 * random.max_grade).max(1e-3);
         let between = flat.ahead(crossing.over, crossing.under).min(flat.ahead(crossing.under, crossing.over));
         if between < 2.0 * (level + ramp) {
@@ -80,7 +81,7 @@ pub(super) fn heights(
             }
         }
     }
-    // Hills are lowered until nothing is too steep, and nothing at a crossing too low.
+    // Hills are lowered until nothing is too steep and no crossing too low.
     for _ in 0..40 {
         let sum: Vec<f64> = hills.iter().zip(&bridges).map(|(a, b)| a + b).collect();
         let steepest =
@@ -184,7 +185,7 @@ fn clear(track: &Track, from: f64, long: f64, side: Side) -> bool {
 /// What stands along a road so far.
 struct Dressing<'a> {
     track: &'a Track,
-    /// From, how long, side.
+    /// Start, length, side.
     taken: Vec<(f64, f64, Side)>,
     stretches: Vec<Stretch>,
 }

@@ -13,20 +13,21 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{RandomTrack, WIDTHS_APART};
 
-/// Bends are relaxed to this many smallest radii: the spline through the joints bends a little more than they do.
+/// Bends are relaxed to this many times the smallest radius: the spline through the joints bends a little more than
+/// they do.
 const RADIUS_IN_HAND: f64 = 1.07;
-/// And distances to this many of the smallest.
+/// Distances are relaxed to this many times the smallest.
 const DISTANCE_IN_HAND: f64 = 1.08;
-/// Rounds of the relaxation before it has failed.
+/// Rounds of the relaxation before it counts as failed.
 const ROUNDS: usize = 3000;
-/// Rounds for which a list of nearby joints is good.
+/// Rounds for which a list of nearby joints is valid.
 const ROUNDS_A_LIST: usize = 25;
 
 /// Control points of the road's middle, with legs `ease` times longer than usual; `None` where this draw does not relax.
 pub(super) fn draw(track: &RandomTrack, ease: f64, rng: &mut ChaCha8Rng) -> Option<Vec<DVec2>> {
     let mut corners = round_trip(scatter(track, ease, rng));
     let crossing = track.crossings && rng.random_bool(0.7) && cross(&mut corners, rng);
-    // Long links first: they bring the whole into shape in few rounds, short ones then only the details.
+    // Long links first: they bring the whole into shape in few rounds, and short ones then only the details.
     let mut link = (track.min_radius_m / 2.5).clamp(4.0, 12.0);
     let mut halvings = 0;
     while link * 2.0 < 0.85 * track.min_radius_m {
@@ -91,7 +92,8 @@ fn round_trip(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points
 }
 
-/// Exchanges two legs so that they cross, at a fair angle and both loops long enough; says whether there are such.
+/// Exchanges two legs so that they cross, at a fair angle and with both loops long enough; returns whether there are
+/// such legs.
 fn cross(corners: &mut [DVec2], rng: &mut ChaCha8Rng) -> bool {
     let n = corners.len();
     for _ in 0..200 {
@@ -118,7 +120,7 @@ fn cross(corners: &mut [DVec2], rng: &mut ChaCha8Rng) -> bool {
     false
 }
 
-/// So many joints at equal distances along a polygon scaled to a length.
+/// Joints at equal distances along a polygon scaled to a length.
 fn chain(corners: &[DVec2], length: f64, joints: usize) -> Vec<DVec2> {
     let n = corners.len();
     let around: f64 = (0..n).map(|i| corners[i].distance(corners[(i + 1) % n])).sum();
@@ -139,7 +141,7 @@ fn chain(corners: &[DVec2], length: f64, joints: usize) -> Vec<DVec2> {
         .collect()
 }
 
-/// A joint more in each link, on the cubic through the four around it.
+/// Adds a joint in each link, on the cubic through the four around it.
 fn halve(chain: &[DVec2]) -> Vec<DVec2> {
     let n = chain.len();
     let between = |i: usize| {
@@ -149,16 +151,16 @@ fn halve(chain: &[DVec2]) -> Vec<DVec2> {
     (0..n).flat_map(|i| [chain[i], between(i)]).collect()
 }
 
-/// Relaxes until all conditions hold; says whether they do.
+/// Relaxes until all conditions hold; returns whether they do.
 fn relax(chain: &mut [DVec2], track: &RandomTrack, crossing: bool) -> bool {
     let n = chain.len();
     let link = track.length_m / n as f64;
-    // Of a joint's distance from the middle of its neighbours: that of a circle.
+    // The largest distance of a joint from the middle of its neighbours: that on a circle.
     let bulge = link * link / (2.0 * track.min_radius_m * RADIUS_IN_HAND);
     let apart = WIDTHS_APART * track.width_m * DISTANCE_IN_HAND;
     let neighbours = (track.neighbourhood_m() * 0.95 / link) as usize;
     let crossed = if crossing { crossings(chain) } else { vec![] };
-    // At a crossing the road may near itself: as far as a slanting one needs.
+    // At a crossing the road may come near itself, for as long as a slanting one needs.
     let exempt = (2.0 * apart / link) as usize;
     let around = |a: usize, b: usize| a.abs_diff(b).min(n - a.abs_diff(b));
     let allowed = |i: usize, j: usize| {

@@ -5,7 +5,7 @@ fn road(random: &RandomTrack) -> Track {
     Track::new(random.build().unwrap_or_else(|e| panic!("{e}: {random:?}"))).unwrap()
 }
 
-/// Every pair of places on the road: too near on the plan though no neighbours, with the height between them.
+/// Every pair of places on the road that is too near on the plan, neighbours excepted, with the height between them.
 /// Written without any of the generator's own code.
 fn too_near(track: &Track, apart: f64, neighbours: f64) -> Vec<(f64, f64, f64)> {
     let stations: Vec<_> = track.stations().iter().step_by(4).collect();

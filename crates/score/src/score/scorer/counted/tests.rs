@@ -9,10 +9,10 @@ use lapwing_core::{
 };
 
 const MPS: f64 = 10.0;
-/// What a telemetry is driven after the one before, in metres.
+/// Distance between two telemetries, in metres.
 const STEP_M: f64 = 4.0;
 
-/// What is told at so many metres: laps of 50 waypoints 20 m apart, with nothing that was hit.
+/// What is reported at each distance: laps of 50 waypoints 20 m apart, without collisions.
 fn told(at_m: f64) -> Truth {
     Truth {
         lap: Some((at_m / 1000.0) as u32),
@@ -23,7 +23,7 @@ fn told(at_m: f64) -> Truth {
     }
 }
 
-/// Takes a drive from one place to another, and says when it ended, in seconds.
+/// Takes a drive from one place to another, and returns when it ended, in seconds.
 fn drive(scorer: &mut Scorer, began_s: f64, (from_m, to_m): (f64, f64), told: impl Fn(f64) -> Truth) -> f64 {
     let steps = ((to_m - from_m) / STEP_M) as u32;
     for i in 0..=steps {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The steering rate of a wheel told at these times and angles.
+/// The steering rate of a wheel reported at these times and angles.
 fn steering_rate(told_at: &[(f64, f64)]) -> Option<f64> {
     let mut scorer = Scorer::default();
     for (s, deg) in told_at {
