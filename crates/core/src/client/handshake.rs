@@ -1,4 +1,4 @@
-//! The WebSocket handshake as the stock simulator does it, and what it refuses.
+//! The WebSocket handshake as the stock simulator does it, and the answers that it refuses.
 
 use std::{
     io::{self, Read, Write},

@@ -1,4 +1,4 @@
-//! What ails a camera in time.
+//! The camera's delay and losses.
 
 use std::collections::VecDeque;
 
@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::conditions::Conditions;
 
-/// The camera's faults in time: latency and dropped frames.
+/// Applies latency and dropped frames.
 pub(super) struct Sensor {
     /// Pictures with the time that they were taken, oldest first.
     pictures: VecDeque<(f64, Bytes)>,
@@ -16,7 +16,7 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// `seed` is the run's.
+    /// A sensor for the run with this seed.
     pub(super) fn new(seed: u64) -> Self {
         Self { pictures: VecDeque::new(), random: ChaCha8Rng::seed_from_u64(seed ^ 0x5e15_0d0f_5e15_0d0f) }
     }
