@@ -137,7 +137,7 @@ impl Sheet {
 /// Why a sheet cannot be painted.
 #[derive(Debug, thiserror::Error)]
 pub enum PaintError {
-    /// A side of zero, or more than [`MAX_SIDE`].
+    /// A side of zero, or one that is too long.
     #[error("expected 1 to {MAX_SIDE} pixels a side, got {width}x{height}")]
     Size {
         /// In pixels.
