@@ -10,8 +10,8 @@ Python 3.9 or newer and its standard library. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
 the stand-in simulator need the shared folder (LAPWING_SHARED, by default
 `shared` beside the checkout) and are skipped without it, those of the
-JavaScript clients without Node.js; with LAPWING_REQUIRE_SHARED=1 they fail
-instead.
+JavaScript clients and of the page without Node.js; with
+LAPWING_REQUIRE_SHARED=1 they fail instead.
 """
 import argparse
 import shutil
@@ -20,6 +20,7 @@ import time
 
 import checks_clients
 import checks_drives
+import checks_page
 import checks_runs
 import checks_server
 import checks_simulate
@@ -40,6 +41,7 @@ CHECKS = [
     ("drive.py", checks_simulate.simulate_drive_py, False, "and against python-socketio 4 on eventlet, as drive.py"),
     ("crash", checks_runs.crash, True, "kill -9 costs at most the last second of a run"),
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
+    ("page", checks_page.page, False, "the page of a score draws itself and answers mouse and keys"),
     ("abuse", checks_server.abuse, False, "malformed messages get one safe answer each"),
     ("unknown-agent", checks_server.unknown_agent, False, "a build that talks first is a simulator"),
     ("busy-port", checks_server.busy_port, False, "a taken port names who holds it"),

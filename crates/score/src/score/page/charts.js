@@ -3,6 +3,8 @@
 const CHART_HEIGHT = 150;
 // Points that are further apart, in seconds, are not joined.
 const APART_S = 2;
+// Nobody zooms in further than this, in seconds: a few telemetries.
+const LEAST_S = 1;
 // Steps of a clock.
 const CLOCK_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 86400];
 // Paper is light.
@@ -29,6 +31,12 @@ function extent(values, ...also) {
   for (const value of values) if (value !== null) { low = Math.min(low, value); high = Math.max(high, value); }
   for (const value of also) { low = Math.min(low, value); high = Math.max(high, value); }
   return low > high ? [0, 1] : low === high ? [low - 1, high + 1] : [low, high];
+}
+
+// The range of an axis that has zero on it, with some room beyond the values.
+function fromZero(low, high) {
+  const [least, most] = extent(low === null ? [] : [low, high], 0), room = 0.05 * (most - least);
+  return [least < 0 ? least - room : 0, most > 0 ? most + room : 0];
 }
 
 // A chart in its box, as wide as that; `read` says in words what stands at an index, or at the cursor where nothing
@@ -80,11 +88,15 @@ function chartsOfRun(run, key, follow) {
     u.setScale("x", { min, max });
     u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
   });
+  const zoomTo = (from, to) => {
+    const more = Math.max(0, LEAST_S - (to - from)) / 2;
+    zoom([Math.max(whole[0], from - more), Math.min(whole[1], to + more)]);
+  };
   const show = (t) => charts.forEach((u) => u.setCursor({ left: u.valToPos(t, "x"), top: 0 }, true));
   const move = (u, left) => show(u.posToVal(left, "x"));
   const selected = (u) => {
     const { left, width } = u.select;
-    if (width > 0) zoom([u.posToVal(left, "x"), u.posToVal(left + width, "x")]);
+    if (width > 0) zoomTo(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
   };
   function drawMarks({ ctx, bbox, valToPos }) {
     const ratio = uPlot.pxRatio;
@@ -115,13 +127,9 @@ function chartsOfRun(run, key, follow) {
       const near = marks.filter(({ t }) => Math.abs(u.valToPos(t, "x") - u.cursor.left) < 4).map(({ words }) => words);
       return [`${clock(ts[i] ?? u.posToVal(u.cursor.left, "x"))}: ${value}`, ...near].join(" · ");
     };
-    const reach = (low, high) => {
-      const pad = 0.05 * (high - low);
-      return low === null ? [0, 1] : low === 0 && high === 0 ? [-1, 1] : [low < 0 ? low - pad : 0, high > 0 ? high + pad : 0];
-    };
     const first = charts.length === 0;
     const u = chart(box, title, [ts, ys], read, move, {
-      scales: { x: { time: false, min: whole[0], max: whole[1], auto: false }, y: { range: (_, low, high) => reach(low && Math.min(0, low), low === null ? null : Math.max(0, high)) } },
+      scales: { x: { time: false, min: whole[0], max: whole[1], auto: false }, y: { range: (_, low, high) => fromZero(low, high) } },
       axes: [{ incrs: CLOCK_S, space: 60, values: (_, splits) => splits.map((t) => clock(t).replace(/\.0$/, "")) },
         { values: (_, splits) => splits.map(number) }],
       series: [{}, { stroke: colour(name), width: 1.4, pxAlign: 0, gaps, points: { size: 4, space: 14, fill: colour(name) } }],
@@ -137,11 +145,11 @@ function chartsOfRun(run, key, follow) {
       },
     });
     charts.push(u);
-    u.root.addEventListener("keydown", ({ key }) => {
+    u.root.addEventListener("keydown", ({ key, altKey, ctrlKey, metaKey }) => {
       const { min, max } = u.scales.x, reach = { "+": (max - min) / 4, "-": max - min, Escape: Infinity }[key];
-      if (!reach) return;
+      if (!reach || altKey || ctrlKey || metaKey) return;
       const middle = ts[u.cursor.idx] ?? (min + max) / 2;
-      zoom([Math.max(whole[0], middle - reach), Math.min(whole[1], middle + reach)]);
+      zoomTo(middle - reach, middle + reach);
       // uPlot zooms in a microtask; the cursor stays at its time.
       if (typeof u.cursor.idx === "number") queueMicrotask(() => show(middle));
     });
