@@ -105,7 +105,8 @@ function map(run) {
   };
   by.addEventListener("change", draw);
   dark.addEventListener("change", draw);
-  new ResizeObserver(draw).observe(box);
+  // The heading is as wide as the map, and no taller for what is drawn.
+  new ResizeObserver(draw).observe(box.firstChild);
   return { part: box, follow };
 }
 
