@@ -24,6 +24,24 @@
 //! | [`doctor`] | whether this machine can drive: what `lapwing doctor` finds | `core`, `learn`, `live` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
 //!
+//! # Example
+//! A map of the lake track, as `--map` draws it under the driven line:
+//! ```
+//! # #[cfg(feature = "simulator")]
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use lapwing::map;
+//! use lapwing_sim::track::Track;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("lake.svg");
+//! map::draw(&Track::open("lake")?, &[], &[], &path, 800)?;
+//! assert!(std::fs::read_to_string(&path)?.starts_with("<svg"));
+//! # Ok(())
+//! # }
+//! # #[cfg(not(feature = "simulator"))]
+//! # fn main() {}
+//! ```
+//!
 //! # Parts
 //! Features that are switched off are not compiled:
 //!

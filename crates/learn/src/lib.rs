@@ -6,10 +6,10 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`nn`] | networks, checkpoints, the libtorch in use |
-//! | [`models`] | models from files, and the pilots that drive with them |
 //! | [`dataset`] | driving logs and runs as data sets: inspect, convert, split; labels, balance, augmentation, loader |
+//! | [`nn`] | networks, checkpoints, the libtorch in use |
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes |
+//! | [`models`] | models from files, and the pilots that drive with them |
 //! | [`evaluate`] | models evaluated on data sets |
 //!
 //! # Example

@@ -4,6 +4,10 @@
 //! simulator ─▶ bridge ─▶ Driver ─▶ answer
 //!                 └────▶ recorder, scorer
 //! ```
+//! | module | holds |
+//! |---|---|
+//! | [`bridge`] | the port, who may connect to it, and a session for each connection |
+//!
 //! Callers hand it pilots ([`Model`](lapwing_core::pilot::Model)) and roads; it knows neither networks nor a simulator.
 //!
 //! # Example

@@ -7,8 +7,8 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`score`] | from the items of a run to its scorecard; reports and comparisons of scorecards |
 //! | [`odometry`] | where a car was, from its speed, steering and pictures alone |
+//! | [`score`] | from the items of a run to its scorecard; reports and comparisons of scorecards |
 //! | [`judged`] | a drive with a scorer among its observers |
 //! | [`results`] | scored drives and replays as JSON |
 //! | [`suite`] | many drives as one: the plan, the results, the statistics |

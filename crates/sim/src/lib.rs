@@ -6,7 +6,7 @@
 //!              └─ track, traffic ──┘  (conditions: light, weather, latency)
 //! ```
 //!
-//! | file | holds |
+//! | module | holds |
 //! |---|---|
 //! | [`track`] | roads: the stock simulator's three, and random ones |
 //! | [`vehicle`] | the car's physics |

@@ -4,8 +4,8 @@
 //! ```text
 //! Run (.mcap) or Udacity folder ─▶ Replay: World ─▶ drive::run, its observer Answers ─┐
 //!                                        └───────▶ ForBridge ─▶ client ─▶ bridge ─────┤
-//!        ReplayReport (MAE, MSE, r, latency) ◀── answers ◀─────────────────────────────────┘
-//!        Golden (frame by frame)      ◀──┘
+//!  ReplayReport (MAE, MSE, r, latency) ◀── answers ◀──────────────────────────────────┘
+//!  Golden (frame by frame)             ◀──┘
 //! ```
 //! A frame that no network saw is a bad frame: it is counted as such and enters no figure.
 

@@ -9,6 +9,15 @@
 //! log of the rows to train on and one of those to validate on, as divided by [`Blocks`]; [`preview()`] shows what
 //! augmentation does.
 //!
+//! | file | holds |
+//! |---|---|
+//! | `source` | recordings as rows with a label |
+//! | `split`, `samples`, `balance` | which rows and cameras count, held out or learnt from, and how often each is drawn |
+//! | `strip`, `augment` | a picture at the size of the network's input, and how it is changed |
+//! | `loader` | batches of numbers, ahead of the training |
+//! | `inspect`, `sheet`, `chart`, `preview` | what is in a data set, for people |
+//! | `convert`, `divide` | data sets written: a run of a folder, a folder of a run, a log in two |
+//!
 //! Pictures stay where they are, and no tensor is made here: `train` does that.
 
 mod augment;

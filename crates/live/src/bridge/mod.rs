@@ -5,9 +5,19 @@
 //! Listener (TCP_QUICKACK) ─▶ door ─▶ gate ─┬─▶ simulator: our own WebSocket handler ─┬─▶ Session ─▶ Driver
 //!                                          └─▶ clients: socketioxide ────────────────┘       └────▶ Account: Recorder, Scorer
 //! ```
-//! `guests` counts connections, `door` refuses web pages, `frames` and `load` watch what arrives. `gate` tells
-//! simulators from other clients by what they send first. Each connection has a `Session` of its own: dialect, driver
-//! state, run. The weights are shared.
+//! | file | holds |
+//! |---|---|
+//! | `listener`, `guests` | the port; how many connections it has |
+//! | `door` | refuses web pages |
+//! | `gate` | tells simulators from other clients by what they send first |
+//! | `frames`, `load` | watch what arrives: its size, and the memory it takes |
+//! | `simulator`, `liveness`, `tokens` | a simulator's WebSocket, its silences, its game of tokens |
+//! | `clients` | every other Socket.IO client |
+//! | `session`, `waiting` | one connection's drive: dialect, driver state, run; answers before it begins |
+//! | `account` | the run's file, scorecard and summary |
+//! | `throttled` | log lines that may come thousands of times a second |
+//!
+//! All sessions share the weights.
 
 mod account;
 mod clients;

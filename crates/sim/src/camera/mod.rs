@@ -13,6 +13,7 @@
 //! | `plants`, `sprites` | trees, bushes, boulders, posts: where they stand, their pictures |
 //! | `models` | cars, people, cones and barriers |
 //! | `light` | sun and shadows on ground and road, worked out once for each sun |
+//! | `viewpoint` | where a camera is, and where in its picture a point falls |
 //! | `raster` | which triangle a pixel shows |
 //! | `shade` | which colour it has |
 //! | `bonnet` | the car's own bonnet |
@@ -35,6 +36,7 @@ mod shade;
 mod sprites;
 mod terrain;
 mod texture;
+mod viewpoint;
 mod weather;
 
 #[cfg(test)]
@@ -47,8 +49,9 @@ use glam::{DVec3, Vec3};
 use self::{
     bonnet::Bonnet,
     light::Light,
-    raster::{Paint, Raster, Viewpoint},
+    raster::{Paint, Raster},
     shade::{Shader, model_light},
+    viewpoint::Viewpoint,
     weather::Weather,
 };
 use super::{conditions::Conditions, scene::Actor, vehicle::Car};

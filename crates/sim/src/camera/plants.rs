@@ -8,10 +8,11 @@ use rand_chacha::{
 
 use super::{
     noise::{fractal, nearest, step},
-    raster::{COLOURED, Raster, Viewpoint},
+    raster::{COLOURED, Raster},
     road::Paver,
     sprites::picture,
     texture::Texture,
+    viewpoint::Viewpoint,
 };
 use crate::track::{Edge, Side, Theme};
 

@@ -4,9 +4,12 @@
 //! its attributes over the picture; every pixel keeps the number of the
 //! nearest one. So a pixel is shaded once, however many triangles lie behind.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
-use super::{Lens, Mount, noise::nearest};
+use super::{
+    noise::nearest,
+    viewpoint::{NEAR, Viewpoint},
+};
 
 /// What a surface is covered with.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,95 +87,12 @@ impl Cluster {
     }
 }
 
-/// Nearer than this nothing is seen, in metres; Unity's near plane.
-const NEAR: f32 = 0.3;
-
-/// The position and lens of a view.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Viewpoint {
-    pub(super) eye: Vec3,
-    pub(super) right: Vec3,
-    pub(super) up: Vec3,
-    pub(super) forward: Vec3,
-    pub(super) focal: f32,
-    pub(super) cx: f32,
-    pub(super) cy: f32,
-    pub(super) width: usize,
-    pub(super) height: usize,
-    sides: [Vec3; 4],
-}
-
-impl Viewpoint {
-    /// The view of a camera on a car. Unity turns about z, then x, then y.
-    pub(super) fn new(lens: &Lens, mount: &Mount, position: DVec3, yaw: f64, nose_up: f64) -> Self {
-        let body = |v: DVec3| about_y(about_x(v, -nose_up), yaw);
-        let turned = |v: DVec3| {
-            let v = about_z(v, mount.roll_deg.to_radians());
-            body(about_y(about_x(v, mount.pitch_deg.to_radians()), mount.yaw_deg.to_radians()))
-        };
-        let focal = (lens.height as f64 / 2.0 / (lens.vertical_fov_deg.to_radians() / 2.0).tan()) as f32;
-        let (right, up, forward) = (turned(DVec3::X).as_vec3(), turned(DVec3::Y).as_vec3(), turned(DVec3::Z).as_vec3());
-        let (cx, cy) = (lens.width as f32 / 2.0, lens.height as f32 / 2.0);
-        let sides = [
-            (forward * cx + right * focal).normalize(),
-            (forward * cx - right * focal).normalize(),
-            (forward * cy + up * focal).normalize(),
-            (forward * cy - up * focal).normalize(),
-        ];
-        let eye = (position + body(mount.position)).as_vec3();
-        Self { eye, right, up, forward, focal, cx, cy, width: lens.width, height: lens.height, sides }
-    }
-
-    /// From the world to the camera's axes.
-    #[inline]
-    pub(super) fn turn(&self, at: Vec3) -> Vec3 {
-        let d = at - self.eye;
-        Vec3::new(d.dot(self.right), d.dot(self.up), d.dot(self.forward))
-    }
-
-    /// Column and row, in pixels, of a point in the camera's axes.
-    #[inline]
-    pub(super) fn project(&self, p: Vec3) -> (f32, f32) {
-        let k = self.focal / p.z;
-        (self.cx + p.x * k, self.cy - p.y * k)
-    }
-
-    /// Whether a ball may be in the picture.
-    #[inline]
-    pub(super) fn sees(&self, centre: Vec3, radius: f32) -> bool {
-        let d = centre - self.eye;
-        d.dot(self.forward) > NEAR - radius && self.sides.iter().all(|side| d.dot(*side) > -radius)
-    }
-
-    /// The plane over the picture that a linear function of the camera's axes, divided by depth, makes.
-    #[inline]
-    fn plane(&self, g: Vec3) -> Plane {
-        let (x, y) = (g.x / self.focal, -g.y / self.focal);
-        Plane { x, y, at: g.z - x * (self.cx - 0.5) - y * (self.cy - 0.5) }
-    }
-}
-
-fn about_x(v: DVec3, angle: f64) -> DVec3 {
-    let (s, c) = angle.sin_cos();
-    DVec3::new(v.x, c * v.y - s * v.z, s * v.y + c * v.z)
-}
-
-fn about_y(v: DVec3, angle: f64) -> DVec3 {
-    let (s, c) = angle.sin_cos();
-    DVec3::new(c * v.x + s * v.z, v.y, c * v.z - s * v.x)
-}
-
-fn about_z(v: DVec3, angle: f64) -> DVec3 {
-    let (s, c) = angle.sin_cos();
-    DVec3::new(c * v.x - s * v.y, s * v.x + c * v.y, v.z)
-}
-
 /// A linear function of a pixel's column and row, counted at its middle.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Plane {
     pub(super) x: f32,
     pub(super) y: f32,
-    at: f32,
+    pub(super) at: f32,
 }
 
 impl Plane {

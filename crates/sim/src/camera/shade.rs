@@ -7,9 +7,10 @@ use super::{
     light::{Light, MAP},
     noise::{nearest, step},
     plants::Sprite,
-    raster::{COLOURED, FaceSetup, Paint, Plane, Raster, SKY, Viewpoint},
+    raster::{COLOURED, FaceSetup, Paint, Plane, Raster, SKY},
     section::STRIPES_PER_M,
     texture::Texel,
+    viewpoint::Viewpoint,
 };
 
 /// Fog hides no more than this share, in 256ths.

@@ -5,7 +5,7 @@ use rand_chacha::{
     rand_core::{Rng, SeedableRng},
 };
 
-use super::raster::{Raster, Viewpoint};
+use super::{raster::Raster, viewpoint::Viewpoint};
 use crate::{conditions::Conditions, vehicle::Car};
 
 /// How far the sky counts as, in metres.
