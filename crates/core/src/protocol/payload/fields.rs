@@ -104,8 +104,8 @@ impl<'a> KnownFields<'a> {
 
 impl<'de> Deserialize<'de> for Scalar<'de> {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct V;
-        impl<'de> Visitor<'de> for V {
+        struct ScalarVisitor;
+        impl<'de> Visitor<'de> for ScalarVisitor {
             type Value = Scalar<'de>;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("a value")
@@ -140,14 +140,14 @@ impl<'de> Deserialize<'de> for Scalar<'de> {
                 Ok(Scalar::Other)
             }
         }
-        deserializer.deserialize_any(V)
+        deserializer.deserialize_any(ScalarVisitor)
     }
 }
 
 impl<'de> Deserialize<'de> for KnownFields<'de> {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct V;
-        impl<'de> Visitor<'de> for V {
+        struct FieldsVisitor;
+        impl<'de> Visitor<'de> for FieldsVisitor {
             type Value = KnownFields<'de>;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("an object of telemetry")
@@ -163,7 +163,7 @@ impl<'de> Deserialize<'de> for KnownFields<'de> {
                 Ok(KnownFields { values })
             }
         }
-        deserializer.deserialize_map(V)
+        deserializer.deserialize_map(FieldsVisitor)
     }
 }
 
