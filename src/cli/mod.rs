@@ -15,7 +15,7 @@ use lapwing_core::config::{OnCrash, SpeedLaw, Takeover};
 pub use driving::*;
 #[cfg(feature = "networks")]
 pub use learning::*;
-use parse::above_zero;
+use parse::{above_zero, number};
 pub use scoring::*;
 
 /// Drives, simulates, records, scores and replays the Udacity self-driving-car simulator.
@@ -88,7 +88,7 @@ pub struct WorldFlags {
     #[arg(long, value_name = "NAME")]
     pub scenario: Option<String>,
     /// Telemetries per second of simulated time [default: 15]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = number)]
     pub hz: Option<f64>,
     /// After a crash: end the run, or continue from the next waypoint [default: stop]
     #[arg(long, value_enum)]
@@ -151,7 +151,7 @@ pub struct Driving {
     #[command(flatten)]
     pub trust: Trust,
     /// Target speed of the PI law, or limit of the quadratic law, in mph [default: 9]
-    #[arg(long, value_name = "MPH", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MPH", value_parser = number, allow_negative_numbers = true)]
     pub speed: Option<f64>,
     /// Throttle law: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]
     #[arg(long, value_enum)]

@@ -13,6 +13,14 @@ pub(super) fn culture(name: &str) -> Result<Culture, String> {
     Culture::named(name).ok_or_else(|| format!("expected one of {}", known()))
 }
 
+pub(super) fn number(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| "expected a number".into())
+}
+
+pub(super) fn count(text: &str) -> Result<u32, String> {
+    text.parse().map_err(|_| "expected a whole number of at least 0".into())
+}
+
 pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
     number.ok_or_else(|| "expected a number above 0".into())

@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, builder::ValueParser};
 use serde::Serialize;
 
-use super::Trust;
+use super::{
+    Trust,
+    parse::{count, number},
+};
 use lapwing_core::config::{self, LimitUnit, Threshold};
 use lapwing_score::suite::Shard;
 
@@ -26,8 +29,8 @@ impl Args for ThresholdFlags {
     fn augment_args(command: Command) -> Command {
         let flag = |threshold: Threshold| {
             let parser = match threshold.unit {
-                LimitUnit::Count => ValueParser::new(|text: &str| text.parse().map(Limit::Count)),
-                _ => ValueParser::new(|text: &str| text.parse().map(Limit::Number)),
+                LimitUnit::Count => ValueParser::new(|text: &str| count(text).map(Limit::Count)),
+                _ => ValueParser::new(|text: &str| number(text).map(Limit::Number)),
             };
             let flag = Arg::new(threshold.key).long(threshold.flag()).value_name(threshold.unit.placeholder());
             flag.help(threshold.help).value_parser(parser)

@@ -27,13 +27,21 @@ pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> 
         .map_or_else(String::new, |name| format!("; did you mean {name:?}?"))
 }
 
-/// A message of serde's about an unknown name, with the expected name that was likely meant.
+/// A message of serde's in one line and without Rust's names for numbers. If it is about an unknown name, the expected name
+/// that was likely meant is added.
 pub fn suggesting(message: &str) -> String {
-    let message = message.trim_end();
+    let types = [("f64", "a number"), ("u16", "a whole number"), ("u32", "a whole number"), ("u64", "a whole number")];
+    let plain = |message: String, (rust, words): &(&str, &str)| match message.split_once(&format!("expected {rust}")) {
+        Some((before, after)) if !after.starts_with(char::is_alphanumeric) => {
+            format!("{before}expected {words}{after}")
+        }
+        _ => message,
+    };
+    let message = types.iter().fold(message.trim_end().replace("\nin `", ", in `"), plain);
     let named: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     match (message.contains("unknown field `") || message.contains("unknown variant `"), named.split_first()) {
-        (true, Some((got, known))) => message.to_owned() + &did_you_mean(got, known.iter().copied()),
-        _ => message.to_owned(),
+        (true, Some((got, known))) => message.clone() + &did_you_mean(got, known.iter().copied()),
+        _ => message,
     }
 }
 
@@ -62,8 +70,15 @@ mod tests {
     fn an_unknown_field_is_known_for_the_one_that_was_meant() {
         let message = "unknown field `sped_mph`, expected one of `speed_law`, `speed_mph`\n";
         assert!(suggesting(message).ends_with("; did you mean \"speed_mph\"?"), "{}", suggesting(message));
-        let other = "invalid type: string \"x\", expected `f64`";
+        let other = "invalid type: string \"x\", expected a sequence";
         assert_eq!(suggesting(other), other);
+    }
+
+    #[test]
+    fn a_wrong_type_is_said_in_words_and_in_one_line() {
+        let message = "invalid type: string \"fast\", expected f64\nin `control.speed_mph`\n";
+        let expected = "invalid type: string \"fast\", expected a number, in `control.speed_mph`";
+        assert_eq!(suggesting(message), expected);
     }
 
     #[test]

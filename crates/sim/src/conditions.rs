@@ -61,7 +61,7 @@ impl Default for Conditions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConditionsError {
     /// A piece that is not `name=number`.
-    #[error("conditions: expected random, or name=number (such as rain=0.5), got {got:?}{}", did_you_mean(got, NAMES.into_iter().chain(["random"])))]
+    #[error("conditions: expected random, name=number (such as rain=0.5) or a file ending in .toml, got {got:?}{}", did_you_mean(got, NAMES.into_iter().chain(["random"])))]
     Form {
         /// The piece.
         got: String,
@@ -239,7 +239,10 @@ mod tests {
     #[test]
     fn what_is_wrong_is_said() {
         for (text, message) in [
-            ("rain", "conditions: expected random, or name=number (such as rain=0.5), got \"rain\""),
+            (
+                "rain",
+                "conditions: expected random, name=number (such as rain=0.5) or a file ending in .toml, got \"rain\"",
+            ),
             ("rain=2", "conditions: rain: expected 0 to 1, got 2.0"),
             ("haze=NaN", "conditions: haze: expected 0 to 1, got NaN"),
             ("dropped=much", "conditions: dropped: expected 0 to 0.99, got much"),

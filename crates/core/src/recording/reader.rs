@@ -294,6 +294,7 @@ fn what_is(start: &[u8]) -> &'static str {
         [] => "an empty file: the disk was full, or whatever made it ended too early",
         _ if MAGIC.starts_with(start) => "its first bytes only: it is cut off",
         _ if start.iter().all(|b| *b == 0) => "zeros: the machine went down before the file was on disk",
+        [b'{', ..] if is_text => "JSON, as in a golden file or a result",
         _ if is_text && start.contains(&b',') => "comma-separated text; a driving log is a data set, not a run",
         _ if is_text => "text",
         _ => "another kind of file",

@@ -83,7 +83,7 @@ pub struct Golden {
 #[derive(Debug, thiserror::Error)]
 pub enum GoldenError {
     /// The file cannot be read or written.
-    #[error("{path}: {source}")]
+    #[error("golden file {path}: {source}")]
     Io {
         /// The file.
         path: PathBuf,

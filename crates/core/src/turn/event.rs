@@ -118,8 +118,15 @@ pub enum EventRecord {
     /// The run ended in an orderly way.
     RunEnded {
         /// By what.
+        #[serde(deserialize_with = "present_words")]
         why: String,
     },
+}
+
+/// Why a run ended, in today's words: older runs say it in words that readers would not understand.
+fn present_words<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    let why = String::deserialize(deserializer)?;
+    Ok(if why == "its time is over" { "time limit reached".into() } else { why })
 }
 
 /// How many characters of a text in an event are recorded: text from the wire may be a megabyte long.

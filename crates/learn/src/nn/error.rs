@@ -25,7 +25,7 @@ pub enum NnError {
         source: std::io::Error,
     },
     /// The bytes are not of this format, are cut off, or have a wrong header.
-    #[error("expected a safetensors file: {0}")]
+    #[error("expected a whole safetensors file: {0}")]
     NotSafetensors(safetensors::SafeTensorError),
     /// A metadata key is missing.
     #[error("expected the metadata key {0}, got none")]
@@ -122,7 +122,7 @@ pub enum NnError {
     },
     /// A file of weights has none of this network's backbone.
     #[error(
-        "expected tensors for the backbone of {name} in {path}, got none",
+        "expected tensors for the backbone of {name} in {path}, got none: pretrained weights are for ResNets",
         name = architecture.name(), path = path.display()
     )]
     NoneFits {

@@ -26,7 +26,7 @@ const APART_S: f64 = 1.0;
 const EMERGENCY: f64 = -0.8;
 
 const NO_SCENARIO: &str = "no scenario asked for braking";
-const NOT_TOLD: &str = "the run tells no time to collision: worlds without other traffic do not";
+const NOT_TOLD: &str = "the run reports no time to collision: only drives with a scenario do";
 const NOT_MET: &str = "nothing came onto a collision course, or the run ended first";
 const NOT_HIT: &str = "nothing was hit";
 const NOT_MEASURED: &str = "the run tells that something was hit, not how fast";

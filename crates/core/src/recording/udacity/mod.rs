@@ -98,7 +98,10 @@ impl DrivingLog {
         let none = |got| RecordingError::NoSource { path: path.to_owned(), got };
         let is_there = |path: &Path| path.try_exists().map_err(RecordingError::io("read the driving log", path));
         let path = match path.is_dir().then(|| path.join(LOG_NAME)) {
-            Some(log) if !is_there(&log)? => return Err(none("a folder without it")),
+            Some(log) if !is_there(&log)? => {
+                let runs = super::recordings_in(path).is_ok_and(|inside| !inside.is_empty());
+                return Err(none(if runs { "a folder of runs: name the runs in it" } else { "a folder without one" }));
+            }
             Some(log) => log,
             None if !is_there(path)? => return Err(none("nothing: no such file or folder")),
             None => path.to_owned(),

@@ -290,7 +290,7 @@ mod tests {
         let path = dir.path().join("driving_log.csv");
         fs::write(&path, "somebody's").unwrap();
         let error = DrivingLogWriter::create(dir.path(), began()).unwrap_err().to_string();
-        assert!(error.starts_with(&format!("{}: expected no driving log", path.display())), "{error}");
+        assert!(error.starts_with(&format!("{}: there is a driving log already", path.display())), "{error}");
         assert_eq!(fs::read_to_string(path).unwrap(), "somebody's");
     }
 

@@ -82,7 +82,7 @@ fn what_is_neither_kind_of_file_or_not_there_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("empty.safetensors");
     fs::write(&path, "").unwrap();
-    assert_eq!(error(&path), format!("{}: expected a safetensors file: header too small", path.display()));
+    assert_eq!(error(&path), format!("{}: expected a whole safetensors file: header too small", path.display()));
 }
 
 #[test]

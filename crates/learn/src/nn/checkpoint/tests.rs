@@ -111,15 +111,15 @@ fn a_file_that_is_not_there_is_named() {
 #[test]
 fn bytes_that_are_not_safetensors_are_an_error() {
     let error = |bytes: &[u8]| Checkpoint::from_bytes(bytes).unwrap_err().to_string();
-    assert_eq!(error(b""), "expected a safetensors file: header too small");
-    assert_eq!(error(b"PK\x03\x04 a pickle in a zip"), "expected a safetensors file: header too large");
+    assert_eq!(error(b""), "expected a whole safetensors file: header too small");
+    assert_eq!(error(b"PK\x03\x04 a pickle in a zip"), "expected a whole safetensors file: header too large");
     let whole = encode(&metadata(), &network(), Precision::F32).unwrap();
     assert_eq!(
         error(&whole[..whole.len() - 1]),
-        "expected a safetensors file: incomplete metadata, file not fully covered"
+        "expected a whole safetensors file: incomplete metadata, file not fully covered"
     );
     for length in [1, 7, 8, 9, 100, 1000] {
-        assert!(error(&whole[..length]).starts_with("expected a safetensors file: "), "{length}");
+        assert!(error(&whole[..length]).starts_with("expected a whole safetensors file: "), "{length}");
     }
 }
 
@@ -137,7 +137,7 @@ fn a_header_that_lies_is_an_error() {
         r#"{"dtype":"F32","shape":[18446744073709551615,8],"data_offsets":[0,16]}"#,
         r#"{"dtype":"F33","shape":[4],"data_offsets":[0,16]}"#,
     ] {
-        assert!(lie(tensor).starts_with("expected a safetensors file: "), "{tensor}");
+        assert!(lie(tensor).starts_with("expected a whole safetensors file: "), "{tensor}");
     }
     let huge = [&u64::MAX.to_le_bytes()[..], b"{}"].concat();
     assert!(Checkpoint::from_bytes(&huge).is_err());

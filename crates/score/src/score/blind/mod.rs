@@ -57,9 +57,10 @@ const SEED: u64 = 0;
 
 const SPEEDS: &str = "speeds that the car cannot lose by itself";
 const INFRACTIONS: &str = "takeovers, and collisions that are suspected";
-const NOT_AROUND: &str = "the run does not tell whether the car left the road: it is not known to have driven all laps";
-const UNKNOWN_ROAD: &str = "the run tells no position, and no known road explains it: --track names more of them";
-const NO_LAP: &str = "the run tells no position, no known road explains it, and no picture shows its beginning again";
+const NOT_AROUND: &str =
+    "the run does not report whether the car left the road, and it is not known to have driven all laps";
+const UNKNOWN_ROAD: &str = "the run reports no position and matches no known road: add yours with --track";
+const NO_LAP: &str = "the run reports no position, matches no known road, and does not come back to where it began";
 
 /// Watches a run knowing the roads, but seeing only what the stock build reports.
 #[derive(Debug, Clone, Default)]

@@ -12,13 +12,14 @@ use crate::{
     score::{Figure, Measure},
 };
 
-const NO_COLLISIONS: &str = "the run tells no collisions";
-const NO_EDGE: &str = "the run does not tell when the car is off the road";
-const NO_DURATION: &str = "the run tells how often the car was off the road, not for how long";
-const NO_PUTS: &str = "the run does not tell when the car is put back on the road";
-const NO_STUCK: &str = "the run does not tell when the car is stuck";
-const NO_LAPS: &str = "the run tells no laps";
-const NO_ROAD: &str = "the run does not tell how much of the last lap was driven, and no known road explains it: --track names more of them";
+const NO_COLLISIONS: &str = "the run does not report collisions";
+const NO_EDGE: &str = "the run does not report when the car is off the road";
+const NO_DURATION: &str = "the run reports how often the car was off the road, not for how long";
+const NO_PUTS: &str = "the run does not report when the car is put back on the road";
+const NO_STUCK: &str = "the run does not report when the car is stuck";
+const NO_LAPS: &str = "the run does not report laps";
+const NO_ROAD: &str =
+    "the run does not report how much of the last lap was driven, and matches no known road: add yours with --track";
 const AT_LINE: &str = "the run may end at the end of a lap: lapwing score checks the pictures";
 
 const LAST_LAP: &str = "waypoints told: the run ends at the end of a lap";

@@ -19,8 +19,9 @@ const AFTERMATH_S: f64 = 2.0;
 /// at uneven intervals.
 const DISTANCE_OFF: f64 = 0.01;
 
-pub(super) const NO_POSITION: &str = "the run tells no position: the stock build does not";
-pub(in crate::score) const NO_JUDGE: &str = "the run tells no collisions and no road: the stock build does not";
+pub(super) const NO_POSITION: &str = "the run reports no position: the stock build sends none";
+pub(in crate::score) const NO_JUDGE: &str =
+    "the run reports neither collisions nor the edge of the road: the stock build sends neither";
 pub(super) const NO_LAPS_ASKED: &str = "no laps were asked for";
 pub(in crate::score) const NO_TIME: &str = "the run has fewer than two telemetries";
 pub(super) const NOTHING: &str = "the run has no telemetry";
@@ -30,7 +31,7 @@ const LAP_TIMES_TOLD: &str = "the telemetries around the end of each lap";
 const LAP_TIMES_FOUND: &str = "where it seems that laps ended";
 const NO_ANSWERS: &str = "the run has no answers";
 pub(in crate::score) const NO_PILOT: &str = "no pilot drove";
-const NO_CTE: &str = "the run tells no distance from the line to drive";
+const NO_CTE: &str = "the run reports no distance from the line to drive";
 const TOO_SHORT: &str = "the run has no half second without a gap in its telemetry";
 const LIVE: &str = "needs the whole run: use lapwing score";
 pub(super) const UNTIMED: &str = "a human drove at the run's beginning or end, and the simulator's clock, which runs faster than \

@@ -121,7 +121,7 @@ fn a_run_that_tells_nothing_is_not_said_to_be_free_of_collisions() {
     }
     let json = serde_json::to_value(&card).unwrap();
     assert_eq!(json["collisions"], serde_json::Value::Null);
-    assert!(json["not_measurable"]["collisions"].as_str().unwrap().contains("the stock build does not"), "{json}");
+    assert!(json["not_measurable"]["collisions"].as_str().unwrap().contains("the stock build sends neither"), "{json}");
     assert!(json["estimates"]["distance_m"]["uncertainty"].as_f64().unwrap() > 0.0, "{json}");
 }
 
