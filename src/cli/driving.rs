@@ -19,7 +19,7 @@ use lapwing_sim::along::DEFAULT_LIMIT_M;
 pub struct Drive {
     #[command(flatten)]
     pub world: WorldFlags,
-    /// Number of laps after which the run ends [default: 1, without a scenario]
+    /// Number of laps after which the run ends [default: 1, or no limit with a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
     /// Who steers: the model, or the expert, which knows the road
@@ -27,7 +27,7 @@ pub struct Drive {
     pub pilot: PilotKind,
     #[command(flatten)]
     pub driving: Driving,
-    /// Tell the pilot and the run only what the stock build reports
+    /// Give the pilot only what the stock build sends, and record only that
     #[arg(long)]
     pub stock: bool,
     #[command(flatten)]
@@ -60,7 +60,7 @@ pub enum PilotKind {
 pub struct Simulate {
     #[command(flatten)]
     pub world: WorldFlags,
-    /// Number of laps after which the run ends [default: 1, without a scenario]
+    /// Number of laps after which the run ends [default: 1, or no limit with a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
     /// Connect to this bridge, drive.py included; the default port is 4567. Without this flag the expert drives
@@ -107,7 +107,7 @@ pub struct Record {
     /// Speed, in mph; slower in bends where needed
     #[arg(long, value_name = "MPH", default_value_t = 20.0, value_parser = above_zero)]
     pub speed: f64,
-    /// Add disturbed starts and steering noise; the expert's correction is the label
+    /// Move the car off the line now and then, disturb its steering, and record how the expert corrects it
     #[arg(long)]
     pub recovery: bool,
 }

@@ -42,7 +42,7 @@ pub struct Train {
     /// Initial weights: a ResNet's with torchvision's names, or a checkpoint (.safetensors)
     #[arg(long, value_name = "FILE")]
     pub pretrained: Option<PathBuf>,
-    /// Keep the backbone's weights from --pretrained; train only the layers after it
+    /// Keep the backbone's weights as --pretrained has them, and train only the layers after it
     #[arg(long)]
     pub freeze_backbone: bool,
     /// Passes over the data [default: 20]
@@ -99,7 +99,7 @@ pub struct Train {
     /// How much to flatten the histogram of steering, 0 to 1 [default: 0]
     #[arg(long, value_name = "SHARE", value_parser = not_negative)]
     pub flatten: Option<f64>,
-    /// How many times more often a row at full lock is drawn than a straight one [default: 0]
+    /// Draw a row at full lock this many times more often than a straight one [default: 0]
     #[arg(long, value_name = "TIMES", value_parser = not_negative)]
     pub large_angles: Option<f64>,
     /// Augmentations to use: flip, translate, brightness, shadow, erase, or none [default: all]
@@ -122,7 +122,7 @@ pub struct Evaluate {
     /// Data sets: folders with driving_log.csv, or runs
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
-    /// All rows, or only those held out when the checkpoint was trained; if it does not say, one block of 50 in five
+    /// Which rows: all, or those held out when the checkpoint was trained (if it does not say, one block of 50 in five)
     #[arg(long, value_enum, default_value_t = Rows::All)]
     pub rows: Rows,
     /// Plot the error over the steering angle: FILE.svg or FILE.png
@@ -150,7 +150,7 @@ pub enum DatasetVerb {
     Inspect(DatasetInspect),
     /// Convert a Udacity folder to a run (.mcap), or a run to a Udacity folder
     Convert(DatasetConvert),
-    /// Write two logs, of the rows to train on and of those to validate on; pictures stay where they are
+    /// Split a log in two, one to train on and one to validate on; the pictures stay where they are
     Split(DatasetSplit),
     /// Draw what each augmentation does to pictures and labels
     Preview(DatasetPreview),

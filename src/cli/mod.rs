@@ -40,10 +40,10 @@ pub enum Verb {
     /// Wait for simulators, drive their cars and record the runs
     #[cfg(feature = "bridge")]
     Serve(Serve),
-    /// Act as a simulator: connect to a bridge as the Unity build does, or let the expert drive
+    /// Connect to a bridge as the Unity simulator does, or let the expert drive
     #[cfg(feature = "simulator")]
     Simulate(Simulate),
-    /// Let the expert drive and write what the stock recorder writes: driving_log.csv and IMG/
+    /// Record training data: the expert drives, and driving_log.csv and IMG/ are written
     #[cfg(feature = "simulator")]
     Record(Record),
     /// Train a network on driving logs and runs
@@ -52,13 +52,13 @@ pub enum Verb {
     /// Measure a model's steering error on data sets
     #[cfg(feature = "networks")]
     Evaluate(Evaluate),
-    /// Replay a recording to a model or to any bridge and compare the steering; or drive along it
+    /// Replay a recording to a model or a bridge and compare the steering, or drive along it
     #[cfg(feature = "networks")]
     Replay(Replay),
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
-    /// Drive pilots x tracks x conditions x speeds x seeds on all cores, and compare them
+    /// Drive every combination of pilots, tracks, conditions, speeds and seeds, and compare
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),
     /// Merge the results of a suite's parts
@@ -67,7 +67,7 @@ pub enum Verb {
     /// Inspect, convert, split and preview data sets
     #[cfg(feature = "networks")]
     Dataset(Dataset),
-    /// Report which libtorch is in use, and what is wrong, if anything
+    /// Check the installation: libtorch, the model, the port and the folder for runs
     #[cfg(feature = "bridge")]
     Doctor(Doctor),
 }
@@ -81,16 +81,16 @@ pub struct WorldFlags {
     /// Random seed
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Light, weather, camera: rain=0.5,night=1,noise=4 …; random; or a file (.toml)
+    /// Light, weather and camera faults: a list such as rain=0.5,night=1,noise=4, random, or a file (.toml)
     #[arg(long, value_name = "LIST")]
     pub conditions: Option<String>,
-    /// Other traffic: ccrs, ccrm, ccrb, cpna, child, or a scenario file (.toml)
+    /// Other traffic: ccrs, ccrm, ccrb, cpna (after Euro NCAP), child, or a scenario file (.toml)
     #[arg(long, value_name = "NAME")]
     pub scenario: Option<String>,
     /// Telemetries per second of simulated time [default: 15]
     #[arg(long, value_name = "HZ", value_parser = number)]
     pub hz: Option<f64>,
-    /// After a crash: end the run, or continue from the next waypoint [default: stop]
+    /// After a crash: end the run (stop), or continue from the next waypoint (reset) [default: stop]
     #[arg(long, value_enum)]
     pub on_crash: Option<OnCrash>,
     /// Time limit of the run, in seconds of simulated time
@@ -104,7 +104,7 @@ pub struct PictureFlags {
     /// Write a film of the drive: FILE.mp4, FILE.gif, or a folder for single pictures
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
-    /// Where the film's camera is
+    /// Where the camera of the film is
     #[arg(long, value_enum, default_value_t = FilmView::Follow, requires = "video")]
     pub view: FilmView,
     /// Draw a map of the track with the driven line: FILE.svg or FILE.png
@@ -156,7 +156,7 @@ pub struct Driving {
     /// Throttle law: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]
     #[arg(long, value_enum)]
     pub speed_law: Option<SpeedLaw>,
-    /// When a human lets go: drive on, or stay off until armed (Enter, or POST /arm) [default: resume]
+    /// After a takeover: drive on when the human lets go (resume), or wait for Enter or POST /arm (latch) [default: resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
 }

@@ -61,10 +61,10 @@ pub struct Score {
     /// Runs (.mcap), Udacity folders (driving_log.csv), or folders of runs
     #[arg(value_name = "RUN", required_unless_present = "explain")]
     pub runs: Vec<PathBuf>,
-    /// Another road on which to look for runs without a position: random:SEED, or a track file (.toml)
+    /// Another road that runs without a position may have been driven on: random:SEED, or a track file (.toml)
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
-    /// Laps asked for, where the run does not say
+    /// Laps asked for, if the run does not say
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
     #[command(flatten)]

@@ -137,13 +137,13 @@ macro_rules! thresholds {
 }
 
 thresholds! {
-    min_completion: f64, AtLeast, "completion", Percent, "Least completion, in percent of the laps asked for";
-    min_autonomy: f64, AtLeast, "autonomy", Percent, "Least autonomy, in percent";
-    min_driving_score: f64, AtLeast, "driving_score", Points, "Least driving score, 0 to 100";
-    max_collisions: u32, AtMost, "collisions", Count, "Most collisions";
-    max_off_road: u32, AtMost, "off_roads", Count, "Most times off the road";
-    max_cte: f64, AtMost, "max_cte_m", Metres, "Largest |cte| anywhere, in metres";
-    max_mean_cte: f64, AtMost, "mean_cte_m", Metres, "Largest mean |cte|, in metres";
+    min_completion: f64, AtLeast, "completion", Percent, "Threshold: lowest completion, in percent of the laps asked for; exit status 3 if the run misses it";
+    min_autonomy: f64, AtLeast, "autonomy", Percent, "Threshold: lowest autonomy, in percent";
+    min_driving_score: f64, AtLeast, "driving_score", Points, "Threshold: lowest driving score, 0 to 100";
+    max_collisions: u32, AtMost, "collisions", Count, "Threshold: most collisions";
+    max_off_road: u32, AtMost, "off_roads", Count, "Threshold: most times off the road";
+    max_cte: f64, AtMost, "max_cte_m", Metres, "Threshold: largest distance from the line to drive (|cte|), in metres";
+    max_mean_cte: f64, AtMost, "mean_cte_m", Metres, "Threshold: largest mean distance from the line to drive, in metres";
 }
 
 impl Thresholds {
