@@ -58,7 +58,7 @@ pub enum Verb {
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
-    /// Drive every combination of pilots, tracks, conditions, speeds and seeds, and compare
+    /// Compare pilots on many drives: all combinations of tracks, conditions, speeds and seeds
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),
     /// Merge the results of a suite's parts
@@ -156,7 +156,8 @@ pub struct Driving {
     /// Throttle law: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]
     #[arg(long, value_enum)]
     pub speed_law: Option<SpeedLaw>,
-    /// After a takeover: drive on when the human lets go (resume), or wait for Enter or POST /arm (latch) [default: resume]
+    /// After a takeover: drive on when the human lets go (resume), or wait for Enter or POST /arm (latch) [default:
+    /// resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
 }
