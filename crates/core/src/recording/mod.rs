@@ -171,7 +171,7 @@ pub enum RecordingError {
         help: &'static str,
     },
     /// The folder to record into already has a driving log.
-    #[error("{}: there is a driving log already, and none is overwritten: choose another folder", path.display())]
+    #[error("{}: there is a driving log already; nothing is overwritten: choose another folder", path.display())]
     LogExists {
         /// The CSV file.
         path: PathBuf,

@@ -11,7 +11,7 @@ use super::{Cell, Done, Plan, Results, ResultsError, SuiteOutcome, drive::told_a
 #[derive(Debug, thiserror::Error)]
 pub enum MergeError {
     /// Not the folder of a suite.
-    #[error("{}: expected a folder that lapwing suite has written, with results of drives in it", .0.display())]
+    #[error("{}: expected the folder of a suite, with results of drives in it", .0.display())]
     NoSuite(PathBuf),
     /// A folder or a file in it.
     #[error(transparent)]
