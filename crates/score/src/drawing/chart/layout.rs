@@ -85,7 +85,7 @@ fn line(points: Vec<Point>, colour: Colour, width: f64) -> Shape {
 }
 
 fn marks(chart: &Chart, marks: &Marks, colour: Colour, field: &Field, shapes: &mut Vec<Shape>) {
-    let shown = |(x, y): &Point| chart.x.shows(*x) && chart.y.shows(*y);
+    let shown = |(x, y): &Point| x.is_finite() && y.is_finite();
     match marks {
         Marks::Line(points) => {
             for piece in points.split(|point| !shown(point)).filter(|piece| !piece.is_empty()) {
@@ -111,7 +111,7 @@ fn marks(chart: &Chart, marks: &Marks, colour: Colour, field: &Field, shapes: &m
                     continue;
                 }
                 let (left, top) = field.at((begin, *height));
-                let (right, bottom) = field.at((begin + width, if chart.y.logarithmic { field.y.from } else { 0.0 }));
+                let (right, bottom) = field.at((begin + width, 0.0));
                 // A little of the paper is left between bars.
                 let gap = if right - left > 4.0 { 1.0 } else { 0.0 };
                 shapes.push(Shape::rectangle((left, top), (right - gap, bottom), colour));

@@ -6,7 +6,7 @@
 //! use lapwing_score::drawing::chart::{Axis, Chart, Marks, Series};
 //!
 //! let loss = Series::new("training", Marks::Line(vec![(0.0, 0.30), (1.0, 0.12), (2.0, 0.07)]));
-//! let chart = Chart { series: vec![loss], ..Chart::new("Loss", Axis::new("epoch"), Axis::new("loss").logarithmic()) };
+//! let chart = Chart { series: vec![loss], ..Chart::new("Loss", Axis::new("epoch"), Axis::new("loss")) };
 //! assert!(chart.sheet(800, 400).svg().unwrap().contains("epoch"));
 //! ```
 
@@ -41,7 +41,7 @@ pub struct Series {
     pub marks: Marks,
 }
 
-/// What numbers are drawn as. A number that is not finite, or not above 0 on a logarithmic axis, is left out.
+/// What numbers are drawn as. A number that is not finite is left out.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Marks {
     /// From point to point; what is left out makes a gap.
