@@ -73,7 +73,7 @@ pub(super) fn draw(chart: &Chart, (width, height): Point, down: f64, shapes: &mu
     let colours: Vec<Colour> =
         chart.series.iter().map(|series| series.colour.or_else(|| palette.next()).unwrap_or(INK)).collect();
     for (series, colour) in chart.series.iter().zip(&colours) {
-        marks(chart, &series.marks, *colour, &field, shapes);
+        marks(&series.marks, *colour, &field, shapes);
     }
     let corners = vec![(field.left, field.top), (field.left, field.bottom), (field.right, field.bottom)];
     shapes.push(line(corners, INK, 1.5));
@@ -84,7 +84,7 @@ fn line(points: Vec<Point>, colour: Colour, width: f64) -> Shape {
     Shape::Line { points, colour, width }
 }
 
-fn marks(chart: &Chart, marks: &Marks, colour: Colour, field: &Field, shapes: &mut Vec<Shape>) {
+fn marks(marks: &Marks, colour: Colour, field: &Field, shapes: &mut Vec<Shape>) {
     let shown = |(x, y): &Point| x.is_finite() && y.is_finite();
     match marks {
         Marks::Line(points) => {
