@@ -162,7 +162,7 @@ fn a_golden_file_tells_the_processor_and_a_difference_names_both() {
     assert!(out.contains(&format!("compared on      {here}, libtorch 2.13.0")), "{out}");
     // The shipped one is from before processors were told.
     let (_, out, _) = said(&lapwing(&["replay", RUN, "--golden", "recordings/lake.golden", "--speed", "20"]));
-    assert!(out.contains("written on       not told"), "{out}");
+    assert!(out.contains("written on       not reported"), "{out}");
 }
 
 #[test]

@@ -52,7 +52,7 @@ impl fmt::Display for GoldenComparison {
             write!(f, "\n    and {} more", differing_frames - first.len())?;
         }
         let machine =
-            |machine: &Option<Machine>| machine.as_ref().map_or_else(|| "not told".into(), Machine::to_string);
+            |machine: &Option<Machine>| machine.as_ref().map_or_else(|| "not reported".into(), Machine::to_string);
         write!(f, "\n    written on       {}\n    compared on      {}", machine(written_on), machine(compared_on))?;
         if written_on != compared_on {
             f.write_str(

@@ -4,7 +4,7 @@ use lapwing_core::stats::Agreement;
 
 use super::{Figure, Measure, Scorecard, card::Figures};
 
-const NO_REPLAY: &str = "the run tells one driver's steering only: lapwing replay holds another against it";
+const NO_REPLAY: &str = "the run reports only one driver's steering: lapwing replay compares another with it";
 const OPEN_LOOP: &str = "nothing was driven: an open-loop replay shows what was recorded";
 const NO_VARIATION: &str = "the steering does not vary";
 

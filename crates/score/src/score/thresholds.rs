@@ -26,7 +26,7 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
     };
     let mut checks: Vec<Check> = Thresholds::ALL.into_iter().filter_map(check).collect();
     if card.damaged && !checks.is_empty() {
-        let words = "the run's file: expected a whole one, got one that is damaged: what is lost may have been worse";
+        let words = "the run's file: expected a complete one, got a damaged one: the lost part may have been worse";
         checks.push(Check { name: "whole", passed: false, words: words.into() });
     }
     checks

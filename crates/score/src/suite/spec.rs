@@ -190,7 +190,7 @@ impl Suite {
         }
         for (i, pilot) in suite.pilots.iter().enumerate() {
             if suite.pilots[..i].iter().any(|other| other.name == pilot.name) {
-                return Err(wrong("pilot", "names that are told apart", format!("{:?} twice", pilot.name)));
+                return Err(wrong("pilot", "distinct names", format!("{:?} twice", pilot.name)));
             }
             if pilot.expert && pilot.model.is_some() {
                 return Err(wrong("pilot", "a model or the expert", format!("both for {:?}", pilot.name)));

@@ -62,7 +62,7 @@ fn what_is_wrong_in_a_suite_is_said() {
     let error = |text: &str| Suite::parse(text).unwrap_err().to_string();
     assert_eq!(error("tracks = []\n[[pilot]]\nname = \"a\""), "suite: tracks: expected at least one, got none");
     let twice = "tracks = [\"lake\"]\n[[pilot]]\nname = \"a\"\n[[pilot]]\nname = \"a\"";
-    assert_eq!(error(twice), "suite: pilot: expected names that are told apart, got \"a\" twice");
+    assert_eq!(error(twice), "suite: pilot: expected distinct names, got \"a\" twice");
     let fast = "tracks = [\"lake\"]\nspeeds_mph = [0]\n[[pilot]]\nname = \"a\"";
     assert_eq!(error(fast), "suite: speeds_mph: expected speeds from 0.1 to 1000, got 0");
     assert!(error("track = \"lake\"").contains("unknown field `track`"));

@@ -60,7 +60,7 @@ impl Impacts {
             let lost = was - mps - explained;
             if lost > LOST && self.collisions.last().is_none_or(|last| at - last > APART_S) {
                 self.collisions.push(at);
-                self.suspicion = Some("a collision, it seems: the car lost speed that it cannot lose by itself");
+                self.suspicion = Some("probably a collision: the car lost speed faster than it can by itself");
             }
         }
         self.last = Some((at, mps));
@@ -70,7 +70,7 @@ impl Impacts {
         } else if at - *self.slow_since.get_or_insert(at) >= STUCK_S && !self.is_stuck {
             self.is_stuck = true;
             self.stuck.push(at);
-            self.suspicion = Some("stuck, it seems: the car stands under throttle");
+            self.suspicion = Some("probably stuck: the car stands under throttle");
         }
     }
 }

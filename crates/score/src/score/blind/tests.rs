@@ -88,7 +88,7 @@ fn laps_that_are_told_without_a_time_leave_the_estimated_times_as_they_are() {
     let ([lap_s], Some(off_s)) = (&card.lap_times_s[..], card.lap_times_off_s) else { panic!("{card}") };
     assert!((lap_s - LENGTH_M / MPS).abs() < off_s, "{card}");
     let json = serde_json::to_value(&card).unwrap();
-    assert_eq!(json["estimates"]["lap_times_s"]["from"], "where it seems that laps ended");
+    assert_eq!(json["estimates"]["lap_times_s"]["from"], "where laps seem to have ended");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use crate::{score::Figure, score::card::Figures};
 
 const NO_LAPS: &str = "a recording has no laps";
 const NO_OBSTACLES: &str = "a recording has no obstacles to hit";
-const NO_EDGE: &str = "a recording does not tell where the road ends";
+const NO_EDGE: &str = "a recording does not report where the road ends";
 const RECORDED_SPEED: &str = "the car goes at the recorded speed";
 
 /// For the figures that remain.
@@ -80,8 +80,8 @@ mod tests {
             (Figure::DrivingScore, "not measurable: a recording has no obstacles to hit"),
             (Figure::Completion, "not measurable: a recording has no laps"),
             (Figure::Laps, "not measurable: a recording has no laps"),
-            (Figure::OffRoads, "not measurable: a recording does not tell where the road ends"),
-            (Figure::OffRoadShare, "not measurable: a recording does not tell where the road ends"),
+            (Figure::OffRoads, "not measurable: a recording does not report where the road ends"),
+            (Figure::OffRoadShare, "not measurable: a recording does not report where the road ends"),
             (Figure::Stuck, "not measurable: the car goes at the recorded speed"),
             (Figure::RmsJerk, "not measurable: the car goes at the recorded speed"),
             (Figure::Comfort, "not measurable: the car goes at the recorded speed"),

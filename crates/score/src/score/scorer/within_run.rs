@@ -58,9 +58,11 @@ impl Span {
                 (Measure::Unknown(_), _) => continue,
                 _ if whole => continue,
                 (_, None) => Measure::Unknown(if self.is_timed { NOT_TOLD } else { UNTIMED }),
-                (Measure::Told(value), Some(more)) => {
-                    Measure::Estimate { value, uncertainty: more, from: "what was told until a human drove to the end" }
-                }
+                (Measure::Told(value), Some(more)) => Measure::Estimate {
+                    value,
+                    uncertainty: more,
+                    from: "what was reported until a human drove to the end",
+                },
                 (Measure::Estimate { value, uncertainty, from }, Some(more)) => {
                     Measure::Estimate { value, uncertainty: uncertainty + more, from }
                 }
