@@ -26,7 +26,7 @@ use super::{
 
 /// Fragments that a message may have whatever their size.
 const FREE_FRAGMENTS: usize = 64;
-/// One more fragment is allowed for each of this many bytes.
+/// One more fragment is allowed per this many bytes.
 const FRAGMENT: usize = 128;
 
 /// A message of fewer bytes has no content: `2` is a ping, `41` a goodbye.

@@ -127,7 +127,7 @@ impl RecordedDrive {
             };
             let jpeg = match picture.read() {
                 Ok(jpeg) => jpeg,
-                Err(e) if i > 0 && e.kind() == io::ErrorKind::NotFound => continue, // some people keep only the centre's
+                Err(e) if i > 0 && e.kind() == io::ErrorKind::NotFound => continue, // some keep only the centre's
                 Err(source) => return Err(ClosedLoopError::Read { path: place, source }),
             };
             *slot = Some(decode(&place, &jpeg)?);
