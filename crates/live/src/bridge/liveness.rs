@@ -75,7 +75,7 @@ impl Liveness {
         self.newer = Some(now);
     }
 
-    /// Whether no telemetry has come since the last kicks: the simulator may not have read them.
+    /// Whether kicks were sent and no telemetry has come since: the simulator may not have read them.
     pub fn has_kicks_open(&self) -> bool {
         self.kicks > 0
     }

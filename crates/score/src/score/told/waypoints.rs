@@ -51,7 +51,7 @@ pub(in crate::score) struct Within {
 
 impl Waypoints {
     /// Whether another waypoint was reached. If the telemetry does not continue from the one before, the place is
-    /// unknown; the first waypoint is where the car stands at the start of a run.
+    /// unknown; at the start of a run it is known only for a car that stands at waypoint 0.
     pub(super) fn telemetry(&mut self, waypoint: Option<u32>, lap_ended: bool, way_m: f64, seen: Arrival) -> bool {
         (self.step_m, self.way_m) = (way_m - self.way_m, way_m);
         let Some(now) = waypoint else { return false };
