@@ -29,7 +29,7 @@ const NO_SCENARIO: &str = "no scenario asked for braking";
 const NOT_TOLD: &str = "the run reports no time to collision: only drives with a scenario do";
 const NOT_MET: &str = "nothing came onto a collision course, or the run ended first";
 const NOT_HIT: &str = "nothing was hit";
-const NOT_MEASURED: &str = "the run tells that something was hit, not how fast";
+const NOT_MEASURED: &str = "the run reports that something was hit, not how fast";
 const CLEAR: &str = "nothing was within a minute of a collision";
 
 /// Watches how a run is braked.

@@ -23,7 +23,7 @@ const NO_ROAD: &str =
 const AT_LINE: &str = "the run may end at the end of a lap: lapwing score checks the pictures";
 
 const LAST_LAP: &str = "waypoints told: the run ends at the end of a lap";
-const OF_ROAD: &str = "waypoints told, and the length of the road";
+const OF_ROAD: &str = "reported waypoints, and the length of the road";
 const BY_CTE: &str = "the distance from the line when the road was left";
 const PUT: &str = "waypoints reached while standing still";
 const UNNAMED: &str = "collisions told, but not with what";

@@ -28,7 +28,7 @@ pub(super) const NOTHING: &str = "the run has no telemetry";
 pub(super) const NO_WAY: &str = "the car did not move";
 /// What lap times are estimated from.
 const LAP_TIMES_TOLD: &str = "the telemetries around the end of each lap";
-const LAP_TIMES_FOUND: &str = "where it seems that laps ended";
+const LAP_TIMES_FOUND: &str = "where laps seem to have ended";
 const NO_ANSWERS: &str = "the run has no answers";
 pub(in crate::score) const NO_PILOT: &str = "no pilot drove";
 const NO_CTE: &str = "the run reports no distance from the line to drive";
