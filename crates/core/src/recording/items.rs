@@ -229,8 +229,8 @@ mod tests {
         );
         assert_eq!(with("seed", "-1"), r#"a.mcap: seed in lapwing.run: expected a whole number, got "-1""#);
         assert_eq!(with("started", "now"), r#"a.mcap: started in lapwing.run: expected a time (RFC 3339), got "now""#);
-        assert!(with("kind", "dream").contains("expected a kind of run that this lapwing knows"));
-        assert!(with("dialect", "klingon").contains("expected a dialect that this lapwing knows"));
+        assert!(with("kind", "dream").contains("expected a kind of run that this version of lapwing knows"));
+        assert!(with("dialect", "klingon").contains("expected a dialect that this version of lapwing knows"));
         let missing = RunHeader::from_metadata(Path::new("a.mcap"), BTreeMap::new()).unwrap_err();
         assert_eq!(missing.to_string(), r#"a.mcap: format_version in lapwing.run: expected a whole number, got """#);
     }
