@@ -10,6 +10,10 @@ drive: build
 	target/release/lapwing drive --track lake --laps 1 --speed 20 --pilot expert --recordings runs
 	target/release/lapwing drive --track lake --laps 1 --speed 20 --recordings runs
 
+# After an edit in a leaf, only what it touches is built again. What users build is not incremental: rustc leaves undefined
+# symbols behind where an incremental build is interrupted (rust-lang/rust#81280); rm -r target/release/incremental mends it.
+test lint: export CARGO_INCREMENTAL = 1
+
 test: .libtorch/build-version
 	$(CARGO) test --release --workspace
 
