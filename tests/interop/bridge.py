@@ -200,9 +200,11 @@ def python(name):
 
 
 def node():
-    """The command and the folder of Node with package.json's packages; None where there is no Node."""
+    """The command and the folder of Node with package.json's packages; without Node, the check is skipped or fails."""
     if not shutil.which("node") or not shutil.which("npm"):
-        return None
+        if REQUIRE_SHARED:
+            raise Failed("node and npm: expected both on the PATH, got neither or one")
+        raise Skipped("node or npm is not on the PATH")
     folder, package = WORK / "node", HERE / "package.json"
     stamp = folder / hashlib.sha256(package.read_bytes()).hexdigest()
     if not stamp.exists():

@@ -1,5 +1,5 @@
 """Ordinary Socket.IO clients of both protocol generations, by every way in."""
-from bridge import HERE, REQUIRE_SHARED, Bridge, Failed, Skipped, equal, jpeg_file, node, python, run_json, wait_for
+from bridge import HERE, Bridge, equal, jpeg_file, node, python, run_json, wait_for
 
 ROUNDS = 20
 # The way in, and the transport that the client must end up with.
@@ -12,12 +12,7 @@ def python_socketio(_):
 
 
 def js_socketio(_):
-    found = node()
-    if not found:
-        if REQUIRE_SHARED:
-            raise Failed("node and npm: expected both on the PATH, got neither or one")
-        raise Skipped("node or npm is not on the PATH")
-    program, folder = found
+    program, folder = node()
     return play({f"v{major}": [program, HERE / "js_client.js", major] for major in (4, 2)}, folder)
 
 

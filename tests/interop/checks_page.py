@@ -1,18 +1,13 @@
 """The page of `lapwing score --html`, with its scripts running."""
 import shutil
 
-from bridge import HERE, REQUIRE_SHARED, ROOT, RUNS, Failed, Skipped, equal, lapwing, node, run_json
+from bridge import HERE, ROOT, RUNS, equal, lapwing, node, run_json
 
 LINES = ["Speed, mph", "Steering, degrees", "Offset from the line, m"]
 
 
 def page(_):
-    found = node()
-    if not found:
-        if REQUIRE_SHARED:
-            raise Failed("node and npm: expected both on the PATH, got neither or one")
-        raise Skipped("node or npm is not on the PATH")
-    program, folder = found
+    program, folder = node()
     # Twice, for the charts of a run must not follow those of another.
     runs = [RUNS / "page" / name for name in ("one.mcap", "two.mcap")]
     runs[0].parent.mkdir(parents=True, exist_ok=True)
