@@ -22,11 +22,11 @@ const NO_ROAD: &str =
     "the run does not report how much of the last lap was driven, and matches no known road: add yours with --track";
 const AT_LINE: &str = "the run may end at the end of a lap: lapwing score checks the pictures";
 
-const LAST_LAP: &str = "waypoints told: the run ends at the end of a lap";
+const LAST_LAP: &str = "reported waypoints: the run ends at the end of a lap";
 const OF_ROAD: &str = "reported waypoints, and the length of the road";
 const BY_CTE: &str = "the distance from the line when the road was left";
 const PUT: &str = "waypoints reached while standing still";
-const UNNAMED: &str = "collisions told, but not with what";
+const UNNAMED: &str = "collisions reported without what was hit";
 
 impl Scorer {
     /// The figures that telemetry reports; those that the stock build's does not report are left to `blind`.
