@@ -5,9 +5,8 @@
 //! player can seek; until then the encoded frames also stay in memory.
 
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{BufWriter, Write},
-    path::PathBuf,
 };
 
 use muxide::{
@@ -23,7 +22,7 @@ use openh264::{
 };
 
 use super::{FilmError, Reel};
-use lapwing_core::perception::Frame;
+use lapwing_core::{files, perception::Frame};
 
 /// Ticks of the fragments' clock per frame.
 const TICKS: u64 = 1000;
@@ -109,10 +108,9 @@ impl Mp4 {
     }
 
     pub(super) fn finish(self, reel: &Reel) -> Result<(), FilmError> {
-        let mut part = reel.path.clone().into_os_string();
-        part.push(".part");
-        let part = PathBuf::from(part);
-        let file = BufWriter::new(File::create(&part).map_err(FilmError::io("create the film", &part))?);
+        let io = |e| FilmError::io("finish the film", &reel.path)(e);
+        let part = files::partial(&reel.path).map_err(io)?;
+        let file = BufWriter::new(part.reopen().map_err(io)?);
         let fail = FilmError::encode(&reel.path, reel.frames);
         let mux = || -> Result<(), muxide::api::MuxerError> {
             let mut muxer = MuxerBuilder::new(file)
@@ -126,13 +124,10 @@ impl Mp4 {
             muxer.into_writer().flush()?;
             Ok(())
         };
-        let finished = mux().map_err(fail);
-        let finished =
-            finished.and_then(|()| fs::rename(&part, &reel.path).map_err(FilmError::io("finish the film", &reel.path)));
-        finished.inspect_err(|_| {
-            // The film so far remains, in fragments.
-            let _ = fs::remove_file(&part);
-        })
+        // Where either fails, the film so far remains, in fragments.
+        mux().map_err(fail)?;
+        part.persist(&reel.path).map_err(|e| io(e.error))?;
+        Ok(())
     }
 }
 

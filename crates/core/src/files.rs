@@ -1,10 +1,13 @@
 //! Files that are written whole or not at all. Callers check that a file can be written before they start the work.
 
 use std::{
-    fs::{self, File, OpenOptions},
+    ffi::OsStr,
+    fs::{self, OpenOptions},
     io::{self, Write},
-    path::{Path, PathBuf},
+    path::Path,
 };
+
+use tempfile::NamedTempFile;
 
 /// Writes a file under a temporary name and renames it once it is whole and on the disk: whatever happens, either the
 /// old or the new file is there. Anything but a regular file (a pipe, `/dev/stdout`) is written directly.
@@ -17,17 +20,30 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     }
     // A link stays a link.
     let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let partial = partial(path);
-    let write = || {
-        let mut file = File::create(&partial)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&partial, path)
-    };
-    write().inspect_err(|_| {
-        // It would take up what little room a full disk has.
-        let _ = fs::remove_file(&partial);
-    })
+    let mut file = partial(path)?;
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    Ok(())
+}
+
+/// A file beside this one, under a name that nobody takes for a result: to be written whole and then
+/// [persisted](NamedTempFile::persist), as readable as any new file. It is removed if it is dropped before.
+///
+/// # Errors
+/// The system's.
+pub fn partial(path: &Path) -> io::Result<NamedTempFile> {
+    let mut name = path.file_name().map(OsStr::to_owned).unwrap_or_default();
+    name.push(".");
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(&name).suffix(".partial");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666)); // less the umask
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    builder.tempfile_in(folder.unwrap_or(Path::new(".")))
 }
 
 /// Whether a file could be written at this path, as far as can be told without writing it; nothing is changed.
@@ -45,7 +61,7 @@ pub fn check(path: &Path) -> io::Result<()> {
         OpenOptions::new().write(true).open(path)?;
     }
     let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    probe(&partial(&path))
+    partial(&path).map(drop)
 }
 
 /// Whether files could be created in this folder, or the folder itself in its parent; nothing is changed.
@@ -59,23 +75,11 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
     if !existing.is_dir() {
         return Err(io::ErrorKind::NotADirectory.into());
     }
-    probe(&partial(&existing.join("lapwing")))
+    partial(&existing.join("lapwing")).map(drop)
 }
 
 fn is_special(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
-}
-
-/// The temporary name: no other process uses it, and nobody takes it for a result.
-fn partial(path: &Path) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(format!(".{}.partial", std::process::id()));
-    name.into()
-}
-
-fn probe(path: &Path) -> io::Result<()> {
-    File::create(path)?;
-    fs::remove_file(path)
 }
 
 #[cfg(test)]
@@ -100,6 +104,9 @@ mod tests {
             write(&dir.path().join("b.txt"), b"two").unwrap();
             assert_eq!((fs::read(&file).unwrap().as_slice(), names(dir.path()).len()), (&b"two"[..], 2));
             assert!(dir.path().join("b.txt").is_symlink());
+            let mode = |name: &str| fs::metadata(dir.path().join(name)).unwrap().permissions();
+            fs::write(dir.path().join("plain"), "").unwrap();
+            assert_eq!(mode("a.txt"), mode("plain"), "readable by the same users as any other file");
         }
     }
 

@@ -4,10 +4,8 @@
 //! dropped frames are left to the world. Whatever varies from frame to frame depends only on the run's seed and the
 //! simulated time.
 
-use rand_chacha::{
-    ChaCha8Rng,
-    rand_core::{Rng, SeedableRng},
-};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use lapwing_core::words::{did_you_mean, suggesting};
@@ -164,7 +162,7 @@ impl Conditions {
     /// frames stay off, as they do not affect the picture.
     pub fn random(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        let mut unit = || rng.random::<f64>();
         let mut conditions = Self {
             sun_height_deg: Some(12.0 + 60.0 * unit()),
             sun_azimuth_deg: Some(360.0 * unit()),

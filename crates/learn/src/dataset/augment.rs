@@ -8,10 +8,11 @@
 //! given in recorded pixels and rounded to whole pixels of the network's input (1.6 recorded pixels for PilotNet, 2 for
 //! a ResNet, 8 for `cps`); the label is corrected by the rounded shift.
 
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{DatasetError, samples::unit, strip::Strip};
+use super::{DatasetError, strip::Strip};
 
 /// How likely each change is, and how large.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -124,7 +125,7 @@ impl Augmentation {
     pub fn draw(&self, random: &mut ChaCha8Rng) -> AugmentationDraw {
         // Each random number is drawn whether it is used or not, so that switching one change off leaves the others as
         // they were.
-        let mut chance = |p: f64| unit(random) < p;
+        let mut chance = |p: f64| random.random::<f64>() < p;
         let (flip, shift, bright, shadow, erase) = (
             chance(self.flip),
             chance(self.translate),
@@ -132,7 +133,7 @@ impl Augmentation {
             chance(self.shadow),
             chance(self.erase),
         );
-        let mut within = |(least, most): (f64, f64)| least + (most - least) * unit(random);
+        let mut within = |(least, most): (f64, f64)| least + (most - least) * random.random::<f64>();
         let symmetric = |reach: u32| (-f64::from(reach), f64::from(reach));
         let by = (
             within(symmetric(self.translate_x_px)).round() as i32,

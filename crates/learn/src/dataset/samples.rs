@@ -2,7 +2,7 @@
 
 use std::{fs, path::PathBuf};
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
@@ -253,7 +253,7 @@ impl Samples {
         // Systematic sampling: equal steps over the cumulative weights, from a random start.
         let total: f64 = self.samples.iter().map(|sample| sample.weight).sum();
         let step = total / count as f64;
-        let mut next = unit(&mut random) * step;
+        let mut next = random.random::<f64>() * step;
         let (mut drawn, mut cumulated) = (Vec::with_capacity(count), 0.0);
         for i in order {
             cumulated += self.samples[i as usize].weight;
@@ -271,14 +271,9 @@ impl Samples {
     }
 }
 
-/// From 0 to below 1.
-pub(super) fn unit(random: &mut ChaCha8Rng) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-}
-
 fn shuffle(items: &mut [u32], random: &mut ChaCha8Rng) {
     for i in (1..items.len()).rev() {
-        items.swap(i, (unit(random) * (i + 1) as f64) as usize);
+        items.swap(i, (random.random::<f64>() * (i + 1) as f64) as usize);
     }
 }
 

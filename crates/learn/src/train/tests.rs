@@ -292,13 +292,13 @@ fn what_cannot_be_written_is_an_error_that_leaves_what_was() {
     let out = dir.path().join("out");
     stopped(recipe(dir.path()), &out, false, 4);
     let state = fs::read(out.join("state.safetensors")).unwrap();
-    // A folder blocks the file that would become the new state.
-    fs::create_dir(out.join(format!("state.safetensors.{}.partial", std::process::id()))).unwrap();
     let mut trainer = Trainer::new(recipe(dir.path()), &out, true).unwrap();
+    let away = dir.path().join("away");
+    fs::rename(&out, &away).unwrap();
     let error = trainer.run(&mut on).unwrap_err();
     assert!(matches!(error, TrainError::Io { doing: "write the training's state", .. }), "{error}");
+    fs::rename(&away, &out).unwrap();
     assert!(fs::read(out.join("state.safetensors")).unwrap() == state);
-    fs::remove_dir(out.join(format!("state.safetensors.{}.partial", std::process::id()))).unwrap();
     assert!(Trainer::new(recipe(dir.path()), &out, true).unwrap().run(&mut on).unwrap().finished);
     // A file where the folder would be.
     let error = Trainer::new(recipe(dir.path()), &dir.path().join("driving_log.csv"), false).unwrap_err();

@@ -1,10 +1,8 @@
 //! Where trees, bushes, boulders and posts stand, and how they are drawn: flat, always facing the camera.
 
 use glam::Vec3;
-use rand_chacha::{
-    ChaCha8Rng,
-    rand_core::{Rng, SeedableRng},
-};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use super::{
     noise::{fractal, nearest, step},
@@ -34,7 +32,7 @@ struct Dice(ChaCha8Rng);
 
 impl Dice {
     fn unit(&mut self) -> f32 {
-        (self.0.next_u32() >> 8) as f32 / 16_777_216.0
+        self.0.random()
     }
 
     fn between(&mut self, low: f32, high: f32) -> f32 {

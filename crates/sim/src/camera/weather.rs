@@ -1,9 +1,7 @@
 //! Haze, rain, night and camera faults, applied to a finished picture and its depths.
 
-use rand_chacha::{
-    ChaCha8Rng,
-    rand_core::{Rng, SeedableRng},
-};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use super::{raster::Raster, viewpoint::Viewpoint};
 use crate::{conditions::Conditions, vehicle::Car};
@@ -142,7 +140,7 @@ fn atmosphere(conditions: &Conditions, view: &Viewpoint, car: &Car, raster: &Ras
 fn streaks(conditions: &Conditions, view: &Viewpoint, rng: &mut ChaCha8Rng, rgb: &mut [u8]) {
     let (width, height) = (view.width as f32, view.height as f32);
     let count = (conditions.rain * 340.0 * f64::from(width * height) / 51_200.0) as usize;
-    let mut unit = || (rng.next_u32() >> 8) as f32 / 16_777_216.0;
+    let mut unit = || rng.random::<f32>();
     let bright = 190.0 * (1.0 - 0.75 * conditions.night as f32);
     for _ in 0..count {
         let (x, y) = (unit() * width, unit() * height * 1.1 - height * 0.1);

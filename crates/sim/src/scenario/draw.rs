@@ -2,10 +2,8 @@
 
 use std::{fmt, ops::RangeInclusive};
 
-use rand_chacha::{
-    ChaCha8Rng,
-    rand_core::{Rng, SeedableRng},
-};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Scenario, ScenarioError, Script};
@@ -68,18 +66,13 @@ impl Draw {
     fn drawn(&self, rng: &mut ChaCha8Rng) -> f64 {
         match self {
             Self::Exactly(value) => *value,
-            Self::Between([low, high]) => low + (high - low) * unit(rng),
+            Self::Between([low, high]) => low + (high - low) * rng.random::<f64>(),
             Self::OneOf { one_of } => {
-                let i = (unit(rng) * one_of.len() as f64) as usize;
+                let i = (rng.random::<f64>() * one_of.len() as f64) as usize;
                 one_of.get(i).copied().unwrap_or_default()
             }
         }
     }
-}
-
-/// From 0 to less than 1, on 53 bits.
-fn unit(rng: &mut ChaCha8Rng) -> f64 {
-    (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 /// The place of a number, its valid range, and the number.
