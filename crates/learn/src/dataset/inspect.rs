@@ -3,15 +3,11 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::{
-        Mutex, PoisonError,
-        mpsc::{Receiver, sync_channel},
-    },
-    thread,
     time::Duration,
 };
 
 use jiff::civil::DateTime;
+use rayon::iter::{ParallelBridge, ParallelIterator};
 use serde::Serialize;
 
 use super::DatasetError;
@@ -26,8 +22,6 @@ const CAMERAS: [&str; 3] = ["center", "left", "right"];
 
 /// Slower than this, in mph, the car is stationary.
 const STANDS_MPH: f64 = 0.5;
-/// Pictures that wait for a thread to decode them.
-const WAITING: usize = 64;
 
 /// What is in a data set.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -206,39 +200,30 @@ impl Intervals {
 /// # Errors
 /// [`DatasetError::Recording`] if the log cannot be read or the run cannot be opened; [`DatasetError::Empty`] for a run
 /// without telemetry. Pictures that cannot be read are not an error; they are in [`Inspection::problems`].
-pub fn inspect(path: &Path, progress: &mut dyn FnMut(u64, Option<u64>)) -> Result<Inspection, DatasetError> {
+pub fn inspect(path: &Path, progress: &mut (dyn FnMut(u64, Option<u64>) + Send)) -> Result<Inspection, DatasetError> {
     let mut recording = Recording::open(path)?;
     let total = recording.left();
     let mut rows = RowFindings { is_run: recording.log().is_none(), ..RowFindings::default() };
-    let (jobs, queue) = sync_channel(WAITING);
-    let queue = Mutex::new(queue);
-    let pictures = thread::scope(|scope| {
-        let threads = thread::available_parallelism().map_or(1, usize::from);
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(|| decode(&queue))).collect();
-        // If the rows end early, so does the queue, and with it the workers.
-        let jobs = jobs;
-        for moment in recording.by_ref() {
-            match moment {
-                Ok(moment) => {
-                    for (camera, picture) in moment.pictures.iter().enumerate() {
-                        if let Some(picture) = picture {
-                            let job = Job { row: moment.row, line: moment.line, camera, picture: picture.clone() };
-                            // Workers end only after the queue does.
-                            let _ = jobs.send(job);
-                        }
-                    }
-                    rows.take(&moment);
-                    progress(rows.count, total);
-                }
-                Err(error @ RecordingError::Message { .. }) => rows.unreadable(&error),
-                Err(error) => return Err(DatasetError::from(error)),
-            }
+    let mut ended = Ok(());
+    // Whichever thread is free takes the next picture: the rows are read by one at a time, and in order.
+    let jobs = recording.by_ref().map_while(|moment| match moment {
+        Ok(moment) => {
+            rows.take(&moment);
+            progress(rows.count, total);
+            Some(Job::of(&moment))
         }
-        drop(jobs);
-        // Workers should not panic; if one did, its pictures would be missing from the counts.
-        let done = workers.into_iter().filter_map(|worker| worker.join().ok());
-        Ok(done.fold(PictureFindings::default(), PictureFindings::and))
-    })?;
+        Err(error @ RecordingError::Message { .. }) => {
+            rows.unreadable(&error);
+            Some(vec![])
+        }
+        Err(error) => {
+            ended = Err(DatasetError::from(error));
+            None
+        }
+    });
+    let none = PictureFindings::default;
+    let pictures = jobs.flatten().par_bridge().fold(none, PictureFindings::with).reduce(none, PictureFindings::and);
+    ended?;
     if rows.count == 0 {
         return Err(DatasetError::Empty { path: path.to_owned() });
     }
@@ -253,7 +238,17 @@ struct Job {
     picture: Picture,
 }
 
-/// What workers find.
+impl Job {
+    fn of(moment: &Moment) -> Vec<Self> {
+        let pictures = moment.pictures.iter().enumerate();
+        let job = |(camera, picture): (_, &Option<Picture>)| {
+            Some(Self { row: moment.row, line: moment.line, camera, picture: picture.clone()? })
+        };
+        pictures.filter_map(job).collect()
+    }
+}
+
+/// What is found in pictures.
 #[derive(Default)]
 struct PictureFindings {
     /// By camera: rows, missing, broken.
@@ -261,9 +256,31 @@ struct PictureFindings {
     sizes: BTreeMap<(usize, usize), u64>,
     bytes: u64,
     problems: Vec<Problem>,
+    /// The last picture, whose memory the next one takes.
+    frame: Frame,
 }
 
 impl PictureFindings {
+    /// And those of this picture.
+    fn with(mut self, Job { row, line, camera, picture }: Job) -> Self {
+        let [rows, missing, broken] = &mut self.counts[camera];
+        *rows += 1;
+        let decoded = picture.read().map_err(|why| (true, why.to_string())).and_then(|bytes| {
+            self.bytes += bytes.len() as u64;
+            decode_jpeg(&bytes, &mut self.frame).map_err(|e| (false, e.to_string()))
+        });
+        match decoded {
+            Ok(()) => *self.sizes.entry((self.frame.width(), self.frame.height())).or_default() += 1,
+            Err((is_missing, why)) => {
+                *(if is_missing { missing } else { broken }) += 1;
+                let file = if let Picture::File(path) = picture { Some(path) } else { None };
+                let camera = Some(CAMERAS[camera]);
+                self.problems.push(Problem { row, line, camera, file, missing: is_missing, why });
+            }
+        }
+        self
+    }
+
     fn and(mut self, mut other: Self) -> Self {
         for (all, more) in self.counts.iter_mut().flatten().zip(other.counts.iter().flatten()) {
             *all += more;
@@ -274,36 +291,6 @@ impl PictureFindings {
         self.problems.append(&mut other.problems);
         self.bytes += other.bytes;
         self
-    }
-}
-
-/// A worker: decodes pictures until there are no more.
-fn decode(queue: &Mutex<Receiver<Job>>) -> PictureFindings {
-    let (mut found, mut frame) = (PictureFindings::default(), Frame::default());
-    loop {
-        let next = queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
-        let Ok(Job { row, line, camera, picture }) = next else { return found };
-        let [rows, missing, broken] = &mut found.counts[camera];
-        *rows += 1;
-        let decoded = picture.read().map_err(|why| (true, why.to_string())).and_then(|bytes| {
-            found.bytes += bytes.len() as u64;
-            decode_jpeg(&bytes, &mut frame).map_err(|e| (false, e.to_string()))
-        });
-        match decoded {
-            Ok(()) => *found.sizes.entry((frame.width(), frame.height())).or_default() += 1,
-            Err((is_missing, why)) => {
-                *(if is_missing { missing } else { broken }) += 1;
-                let file = if let Picture::File(path) = picture { Some(path) } else { None };
-                found.problems.push(Problem {
-                    row,
-                    line,
-                    camera: Some(CAMERAS[camera]),
-                    file,
-                    missing: is_missing,
-                    why,
-                });
-            }
-        }
     }
 }
 

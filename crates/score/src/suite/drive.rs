@@ -1,13 +1,14 @@
 //! Drives a suite: which of its cells are separate drives, driving them on all cores, and the outcome.
 
 use std::{
-    collections::{BTreeSet, VecDeque},
+    collections::BTreeSet,
     error::Error,
-    sync::{
-        Mutex,
-        atomic::{AtomicBool, Ordering},
-    },
     time::Instant,
+};
+
+use rayon::{
+    ThreadPoolBuildError, ThreadPoolBuilder,
+    iter::{ParallelBridge, ParallelIterator},
 };
 
 use super::{Cell, Contestant, Done, Plan, Results, ResultsError, Shard, Suite, SuiteOutcome, groups};
@@ -73,12 +74,12 @@ impl Planned {
     ///
     /// # Errors
     /// [`ResultsError::Io`].
-    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(VecDeque<Cell>, usize), ResultsError> {
-        let (mut open, mut driven) = (VecDeque::new(), 0);
+    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(Vec<Cell>, usize), ResultsError> {
+        let (mut open, mut driven) = (Vec::new(), 0);
         for (_, cell) in self.cells.iter().enumerate().filter(|(i, _)| shard.is_none_or(|shard| shard.has(*i))) {
             match results.get(cell)? {
                 Some(_) => driven += 1,
-                None => open.push_back(cell.clone()),
+                None => open.push(cell.clone()),
             }
         }
         Ok((open, driven))
@@ -154,9 +155,9 @@ pub enum DriveError<E: Error + 'static> {
         /// Why not.
         source: serde_json::Error,
     },
-    /// A mistake of the program.
-    #[error("a thread panicked; its message is above")]
-    Panicked,
+    /// The system gives no threads.
+    #[error("no threads to drive with")]
+    Threads(#[source] ThreadPoolBuildError),
 }
 
 /// Drives cells in order, several at a time (by default one per core), and stores each result as soon as it is there.
@@ -166,28 +167,17 @@ pub enum DriveError<E: Error + 'static> {
 /// [`DriveError`], the first.
 pub fn drive_all<C: Course>(
     course: &C,
-    open: VecDeque<Cell>,
+    open: Vec<Cell>,
     results: &Results,
     jobs: Option<u16>,
     stop: Stop<'_>,
     watch: &impl Watch,
 ) -> Result<(), DriveError<C::Error>> {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    let jobs = jobs.map_or_else(cores, usize::from).min(open.len().max(1));
-    let open = Mutex::new(open);
-    let next = || open.lock().ok().and_then(|mut open| open.pop_front());
-    let failed = AtomicBool::new(false);
-    let work = || {
-        while !stop() && !failed.load(Ordering::Relaxed) {
-            let Some(cell) = next() else { break };
-            drive_one(course, cell, results, stop, watch).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
-        }
-        Ok(())
-    };
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
-        let ended: Vec<_> = workers.into_iter().map(|worker| worker.join()).collect();
-        ended.into_iter().try_for_each(|worker| worker.map_err(|_| DriveError::Panicked)?)
+    let jobs = jobs.map_or(0, usize::from); // 0 is one per core
+    let pool = ThreadPoolBuilder::new().num_threads(jobs).build().map_err(DriveError::Threads)?;
+    pool.install(|| {
+        let cells = open.into_iter().par_bridge().take_any_while(|_| !stop());
+        cells.try_for_each(|cell| drive_one(course, cell, results, stop, watch))
     })
 }
 
