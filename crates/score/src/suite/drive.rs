@@ -1,10 +1,6 @@
 //! Drives a suite: which of its cells are separate drives, driving them on all cores, and the outcome.
 
-use std::{
-    collections::BTreeSet,
-    error::Error,
-    time::Instant,
-};
+use std::{collections::BTreeSet, error::Error, time::Instant};
 
 use rayon::{
     ThreadPoolBuildError, ThreadPoolBuilder,
