@@ -345,7 +345,7 @@ fn batch_norm_never_goes_by_a_single_sample() {
 #[test]
 fn with_a_frozen_backbone_only_what_is_behind_it_learns() {
     let dir = tempfile::tempdir().unwrap();
-    folder(dir.path(), 40, swaying);
+    folder(dir.path(), 20, swaying);
     let first = stopped(resnet(dir.path()), &dir.path().join("first"), false, 0);
     let frozen = Recipe {
         network: "resnet18-gru".into(),

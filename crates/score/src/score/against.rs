@@ -174,7 +174,7 @@ impl Comparison {
     /// What got worse, in words: figures, and settings without a run.
     pub fn worse(&self) -> impl Iterator<Item = String> {
         let worse = self.changes.iter().filter(|change| change.turn == Trend::Worse).map(Change::to_string);
-        worse.chain(self.missing.iter().map(|setting| format!("{setting}: no run, the baseline has some")))
+        worse.chain(self.missing.iter().map(|setting| format!("{setting} has no run, but the baseline does")))
     }
 }
 

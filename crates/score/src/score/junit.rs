@@ -56,7 +56,7 @@ pub fn report(
             suite.add_test_case(case(&change.setting, change.figure, status(failed, "worse")));
         }
         for setting in &against.missing {
-            suite.add_test_case(case(setting, "driven", status(Some("no run, the baseline has some"), "worse")));
+            suite.add_test_case(case(setting, "driven", status(Some("no run, but the baseline has one"), "worse")));
         }
         report.add_test_suite(suite);
     }

@@ -2,15 +2,13 @@ use std::sync::Arc;
 
 use super::*;
 use crate::{
-    camera::{Renderer, Scenery},
-    track::Track,
+    camera::{Renderer, tests::scenery},
     world::{Setup, Simulation},
 };
 
 /// The lake, and a car on it.
 fn lake() -> (Simulation, Renderer) {
-    let track = Track::named("lake").unwrap();
-    let scenery = Arc::new(Scenery::new(&track));
+    let (track, scenery) = scenery("lake");
     let setup = Setup::new(Arc::new(track), scenery.clone());
     (Simulation::new(setup).unwrap(), Renderer::new(scenery))
 }

@@ -40,7 +40,7 @@ mod viewpoint;
 mod weather;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! Tests of what pictures must show, whatever they look like.
 
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
@@ -10,17 +10,16 @@ use crate::{
     track::{Theme, Track, TrackFile},
 };
 
-fn scenery(name: &str) -> (Track, Arc<Scenery>) {
-    static ALL: LazyLock<Vec<(Track, Arc<Scenery>)>> = LazyLock::new(|| {
-        let build = |name: &&str| {
-            let track = Track::named(name).unwrap();
-            let scenery = Arc::new(Scenery::new(&track));
-            (track, scenery)
-        };
-        Track::NAMES.iter().map(build).collect()
-    });
-    let (track, scenery) = &ALL[Track::NAMES.iter().position(|known| *known == name).unwrap()];
-    (track.clone(), Arc::clone(scenery))
+/// A shipped track and what stands along it, built once for all tests.
+pub(crate) fn scenery(name: &str) -> (Track, Arc<Scenery>) {
+    static ALL: [OnceLock<(Track, Arc<Scenery>)>; Track::NAMES.len()] = [const { OnceLock::new() }; _];
+    let i = Track::NAMES.iter().position(|known| *known == name).unwrap();
+    let build = || {
+        let track = Track::named(name).unwrap();
+        let scenery = Arc::new(Scenery::new(&track));
+        (track, scenery)
+    };
+    ALL[i].get_or_init(build).clone()
 }
 
 fn car(track: &Track, s: f64, offset: f64) -> Car {

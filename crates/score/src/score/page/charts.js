@@ -123,7 +123,7 @@ function chartsOfRun(run, key, follow) {
     if (!ys.some((value) => value !== null)) return title;
     const box = el("div", { class: "chart" }, el("h3", {}, title));
     const read = (u, i) => {
-      const value = (ys[i] ?? null) === null ? "not told" : `${ys[i].toFixed(2)} ${unit}`;
+      const value = (ys[i] ?? null) === null ? "not reported" : `${ys[i].toFixed(2)} ${unit}`;
       const near = marks.filter(({ t }) => Math.abs(u.valToPos(t, "x") - u.cursor.left) < 4).map(({ words }) => words);
       return [`${clock(ts[i] ?? u.posToVal(u.cursor.left, "x"))}: ${value}`, ...near].join(" · ");
     };

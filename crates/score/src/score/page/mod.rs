@@ -54,7 +54,7 @@ pub struct Drawn {
     t: Vec<f32>,
     speed: Vec<f32>,
     steering: Vec<f32>,
-    /// Null where it is not told.
+    /// Null where it is not reported.
     cte: Vec<Option<f32>>,
     /// x and z.
     at: Vec<Option<[f32; 2]>>,

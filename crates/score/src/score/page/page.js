@@ -154,7 +154,7 @@ function table(shown) {
   const others = figures.filter((figure) => !told(figure)).map((figure) =>
     el("span", { title: `${figure.meaning}\nNot measurable: ${shown[0].card.not_measurable[figure.key]}.` }, figure.label));
   const list = others.flatMap((one, i) => (i ? [", ", one] : [one]));
-  if (list.length) rows.push(el("tr", { class: "untold" }, el("td", {}, "not told"), el("td", { colspan: shown.length }, ...list)));
+  if (list.length) rows.push(el("tr", { class: "untold" }, el("td", {}, "not reported"), el("td", { colspan: shown.length }, ...list)));
   return el("table", {}, head, el("tbody", {}, ...rows));
 }
 
@@ -176,7 +176,7 @@ for (const run of runs) {
   const untold = parts.filter((part) => typeof part === "string").join("; ");
   section.append(tiles(run), laps ? el("p", { class: "readout" }, `Lap times: ${laps} s${off}`) : "",
     ...parts.filter((part) => typeof part !== "string"),
-    untold ? el("p", { class: "readout" }, `Not told by this run: ${untold}`) : "", events(run));
+    untold ? el("p", { class: "readout" }, `Not reported by this run: ${untold}`) : "", events(run));
   if (runs.length === 1) section.append(el("details", {}, el("summary", {}, "All figures"), table(runs)));
   for (const note of run.card.notes) section.append(el("p", { class: "readout" }, "Note: " + note));
   main.append(section);
