@@ -157,18 +157,32 @@ fn only_commands_know_errors_without_a_type() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// The lines of `cargo tree`, each package once.
+fn cargo_tree(arguments: &[&str]) -> BTreeSet<String> {
+    let mut tree = Command::new(env!("CARGO"));
+    let tree = tree.args(["tree", "--offline", "--locked", "--prefix", "none"]).args(arguments);
+    let out = tree.current_dir(root()).output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap().lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
+}
+
 #[test]
 fn the_simulator_and_the_scores_are_built_without_libtorch_async_and_cplusplus() {
     for package in ["lapwing-core", "lapwing-sim", "lapwing-score"] {
-        let mut tree = Command::new(env!("CARGO"));
-        let tree = tree.args(["tree", "--offline", "--locked", "--edges", "normal,build", "--prefix", "none"]);
-        let out = tree.args(["--format", "{p}", "-p", package]).current_dir(root()).output().unwrap();
-        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-        let listed = String::from_utf8(out.stdout).unwrap();
-        let names: BTreeSet<_> = listed.lines().filter_map(|line| line.split(' ').next()).collect();
-        assert!(names.contains("serde"), "{listed}");
+        let listed = cargo_tree(&["--edges", "normal,build", "--format", "{p}", "-p", package]);
+        let names: BTreeSet<_> = listed.iter().filter_map(|line| line.split(' ').next()).collect();
+        assert!(names.contains("serde"), "{listed:?}");
         assert_eq!(HEAVY.into_iter().filter(|heavy| names.contains(heavy)).collect::<Vec<_>>(), [""; 0], "{package}");
     }
+}
+
+/// Else `make drive` after `make test` compiles most of it once more, four minutes on two cores.
+#[test]
+fn the_program_and_the_tests_are_built_from_the_same_crates_with_the_same_features() {
+    let program = cargo_tree(&["--edges", "normal,build", "--format", "{p} {f}", "-p", "lapwing"]);
+    let tests = cargo_tree(&["--edges", "normal,build,dev", "--format", "{p} {f}", "--workspace"]);
+    let others: Vec<_> = program.difference(&tests).collect();
+    assert!(others.is_empty(), "a dependency of tests asks these for more features: {others:#?}");
 }
 
 #[test]

@@ -3,8 +3,9 @@ import hashlib
 import signal
 import time
 
-from bridge import Bridge, Failed, Unity, equal, lapwing, read_run, sent_frames, wait_for, within
+from bridge import HERE, RUNS, Bridge, Failed, Unity, equal, lapwing, python, read_run, run_json, sent_frames, telemetry, wait_for, within
 from checks_drives import fast_drive
+from wire import Wire
 
 
 def run_file(_):
@@ -60,3 +61,25 @@ def signals(_):
         equal(f"{by.name}: frames", run["counts"]["/camera/center"], summary["telemetries"])
         figures.append(f"{by.name}: {summary['telemetries']} frames, ended in {took:.2f} s")
     return "; ".join(figures)
+
+
+def schemas(_):
+    """Drives with every kind of event that a run can hold, driven here and over the bridge."""
+    folder = RUNS / "schemas"
+    drive = ["drive", "--json", "--hz", 5, "--recordings", folder]
+    lapwing(*drive, "--track", "lake", "--pilot", "expert", "--speed", 30)
+    lapwing(*drive, "--track", "jungle", "--speed", 30, "--conditions", "night=1,haze=1", "--on-crash", "reset", "--max-time", 30)
+    with Bridge() as bridge:
+        lapwing("simulate", "--json", "--max-time", 8, "--connect", f"127.0.0.1:{bridge.port}", "--human-from", 3, "--human-for", 2)
+        wire = Wire(bridge.port)
+        for message in (telemetry(), '42["episode_event",{"name":"lap"}]', "garbage", telemetry()):
+            wire.send(message)
+            wire.receive(0.3)
+        time.sleep(1.5)  # until it is kicked
+        wire.close()
+    runs = [*sorted(folder.glob("*.mcap")), *bridge.recordings]
+    equal("runs", len(runs), 4)
+    found = run_json([python("mcap"), HERE / "check_schemas.py", *runs])
+    needed = {"bad-frame", "course", "kick", "lap", "off-road", "reset", "run-ended", "simulator", "takeover-began", "takeover-ended"}
+    equal("kinds of events that are missing", needed - set(found["kinds"]), set())
+    return f"{sum(found['counts'].values())} messages, {len(found['kinds'])} kinds of events"

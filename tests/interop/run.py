@@ -31,6 +31,7 @@ from bridge import FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skippe
 CHECKS = [
     ("fast", checks_drives.fast, True, "2000 real frames as fast as they are answered"),
     ("run-file", checks_runs.run_file, True, "the run of `fast` by stock mcap packages"),
+    ("schemas", checks_runs.schemas, False, "every message of runs of all kinds is as the schema beside it says"),
     ("steady", checks_drives.steady, True, "60 s at 60 frames a second"),
     ("many", checks_drives.many, True, "8 simulators at once"),
     ("cultures", checks_drives.cultures, True, "numbers of four cultures"),

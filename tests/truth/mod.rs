@@ -1,9 +1,7 @@
 //! What the bridge records of a drive is judged as the world itself judges it: every dialect, at the pace of the clock on the
-//! wall and as fast as it is answered, finished, crashed and taken over; its summary and `score` alike; and every message as
-//! the schemas beside it say.
+//! wall and as fast as it is answered, finished, crashed and taken over; its summary and `score` alike.
 
 mod drive;
-mod schemas;
 mod summary;
 
 use std::collections::BTreeMap;

@@ -91,18 +91,10 @@ mod tests {
     }
 
     #[test]
-    fn every_schema_is_one_and_knows_what_the_type_says() {
+    fn a_schema_knows_what_its_type_says() {
         let schemas: std::collections::BTreeMap<_, _> = schemas().collect();
-        schemas.values().for_each(|schema| assert!(jsonschema::meta::is_valid(schema), "{schema}"));
         let command = &schemas["/command"];
         assert_eq!(command["properties"]["by"]["enum"], json!(["pilot", "human", "safe", "off"]));
         assert_eq!(command["properties"]["prediction"]["type"], "number");
-        let event = jsonschema::validator_for(&schemas["/event"]).unwrap();
-        assert!(event.is_valid(&json!({ "kind": "lap", "number": 1, "time_s": 60.0 })));
-        assert!(!event.is_valid(&json!({ "kind": "lap", "number": 1 })), "a lap has a time");
-        assert!(!event.is_valid(&json!({ "kind": "landed" })));
-        let telemetry = jsonschema::validator_for(&schemas["/telemetry"]).unwrap();
-        let told = |speed: f64| json!({ "steering_deg": 1.0, "throttle": 0.2, "speed_mph": speed });
-        assert!(telemetry.is_valid(&told(30.0)) && !telemetry.is_valid(&told(1e6)));
     }
 }
