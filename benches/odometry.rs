@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use divan::{Bencher, counter::ItemsCount};
 use lapwing::known::known_road;
-use lapwing_score::odometry::{Matcher, Motion, Road};
+use lapwing_core::motion::Motion;
+use lapwing_score::odometry::{Matcher, Road};
 use lapwing_sim::track::Track;
 
 /// Of a drive at 20 mph that tells 15 a second.

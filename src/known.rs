@@ -85,8 +85,11 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use lapwing_core::{motion::turn, perception::Frame};
-    use lapwing_score::odometry::{Filter, Motion};
+    use lapwing_core::{
+        motion::{Motion, turn},
+        perception::Frame,
+    };
+    use lapwing_score::odometry::Filter;
     use lapwing_sim::known::see_start;
 
     #[test]

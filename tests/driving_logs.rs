@@ -1,12 +1,9 @@
 //! Driving logs and drives of other people, read as they are. They cannot be
 //! part of this project; where they are absent, these tests say so and pass.
 
-use std::{
-    env, fs,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{fs, sync::Arc};
 
+use crate::support::shared;
 use lapwing::known::known_road;
 use lapwing_core::{protocol::number, recording::Recording, recording::udacity::DrivingLog};
 use lapwing_learn::dataset;
@@ -15,19 +12,6 @@ use lapwing_score::{
     score::{self, Figure, Scorer},
 };
 use lapwing_sim::track::Track;
-
-/// A folder of shared test data: `$LAPWING_SHARED`, by default beside the project's.
-fn shared(folder: &str) -> Option<PathBuf> {
-    let root = env::var_os("LAPWING_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let folder = root.join(folder);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    assert!(env::var_os("LAPWING_REQUIRE_SHARED").is_none_or(|v| v != "1"), "{} is absent", folder.display());
-    println!("skipped: {} is absent", folder.display());
-    None
-}
 
 #[test]
 fn every_shared_driving_log_is_read_to_its_last_row() {

@@ -5,7 +5,7 @@
 //! `LAPWING_REQUIRE_SHARED=1`.
 
 use std::{
-    env, fs,
+    fs,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -21,15 +21,7 @@ use tempfile::TempDir;
 
 /// The team's folder, or `None` where it is absent and may be.
 fn shared() -> Option<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let shared = env::var_os("LAPWING_SHARED").map_or_else(|| root.join("../shared"), PathBuf::from);
-    if shared.join("parity").is_dir() {
-        return Some(shared);
-    }
-    let notice = format!("no folder parity in {}", shared.display());
-    assert!(env::var_os("LAPWING_REQUIRE_SHARED").is_none_or(|v| v != "1"), "{notice}");
-    eprintln!("skipped: {notice}");
-    None
+    crate::support::shared("parity").map(|parity| parity.with_file_name(""))
 }
 
 /// PyTorch's weights as a checkpoint of this project, made for this test.

@@ -1,6 +1,12 @@
 //! What several tests need: pictures, telemetry, a bridge, a simulator's end of the wire.
 
-use std::{net::SocketAddr, path::Path, sync::Arc, sync::Mutex, time::Duration};
+use std::{
+    env,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex},
+    time::Duration,
+};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use futures_util::{SinkExt, StreamExt};
@@ -13,6 +19,19 @@ use tokio_tungstenite::{
     WebSocketStream, client_async,
     tungstenite::{Message, client::IntoClientRequest},
 };
+
+/// A folder of shared test data: `$LAPWING_SHARED`, by default beside the project's.
+pub fn shared(folder: &str) -> Option<PathBuf> {
+    let root = env::var_os("LAPWING_SHARED")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let folder = root.join(folder);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    assert!(env::var_os("LAPWING_REQUIRE_SHARED").is_none_or(|v| v != "1"), "{} is absent", folder.display());
+    println!("skipped: {} is absent", folder.display());
+    None
+}
 
 /// A picture as the simulator sends them, 320x160.
 pub fn jpeg(shade: u8) -> Vec<u8> {

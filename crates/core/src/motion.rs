@@ -22,6 +22,15 @@ pub fn yaw_rate(mps: f64, steering_deg: f64) -> f64 {
     mps * steering_deg.to_radians().tan() / WHEELBASE_M
 }
 
+/// How a car moved from one telemetry to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Metres driven.
+    pub way_m: f64,
+    /// Radians turned, clockwise as seen from above: by a bicycle with the reported steering.
+    pub turn_rad: f64,
+}
+
 /// An angle in radians, wrapped to -PI to PI: the shorter way around.
 pub fn turn(angle: f64) -> f64 {
     (angle + PI).rem_euclid(TAU) - PI

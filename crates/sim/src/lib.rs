@@ -20,6 +20,7 @@
 //! | [`world`] | all of it under one clock, as a [`World`](lapwing_core::protocol::World) |
 //! | [`spec`] | a world as people name it |
 //! | [`known`] | a track as a known road, on which drives are located |
+//! | [`locate`] | where a car was in each picture of a recording |
 //! | [`along`] | a recording as a closed-loop world |
 //! | [`record`] | training data by the expert |
 //!
@@ -48,6 +49,7 @@ pub mod conditions;
 pub mod expert;
 pub mod judge;
 pub mod known;
+pub mod locate;
 pub mod obstacles;
 pub mod record;
 pub mod scenario;

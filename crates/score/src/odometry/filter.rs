@@ -5,7 +5,8 @@ use std::sync::Arc;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Match, Motion, Road};
+use super::{Match, Road};
+use lapwing_core::motion::Motion;
 
 /// Numbers of particles at the road's start, where most drives begin, and all along it.
 const FROM_START: usize = 300;

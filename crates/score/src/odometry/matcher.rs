@@ -5,7 +5,9 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Filter, Milestone, Motion, Road, Whereabouts};
+use lapwing_core::motion::Motion;
+
+use super::{Filter, Milestone, Road, Whereabouts};
 
 /// Motions are collected over this many metres.
 pub const STEP_M: f64 = 2.0;

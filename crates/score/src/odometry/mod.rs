@@ -23,15 +23,6 @@ pub use look::Look;
 pub use matcher::{Match, Matcher, STEP_M};
 pub use revisits::{BEGINNING_M, EVERY_M, laps};
 
-/// How a car moved from one telemetry to the next.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Motion {
-    /// Metres driven.
-    pub way_m: f64,
-    /// Radians turned, clockwise as seen from above: by a bicycle with the reported steering.
-    pub turn_rad: f64,
-}
-
 /// A road for matching: its heading by the distance along it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Road {

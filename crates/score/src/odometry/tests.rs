@@ -1,5 +1,7 @@
 use std::{f64::consts::TAU, sync::Arc};
 
+use lapwing_core::motion::Motion;
+
 use super::*;
 
 /// A closed road whose heading is given by its share of the way around.

@@ -22,6 +22,7 @@
 //! | `jpeg` | [`encode_jpeg`] |
 
 mod bonnet;
+pub(crate) mod contour;
 mod jpeg;
 mod light;
 mod look;
@@ -36,7 +37,7 @@ mod shade;
 mod sprites;
 mod terrain;
 mod texture;
-mod viewpoint;
+pub(crate) mod viewpoint;
 mod weather;
 
 #[cfg(test)]
@@ -184,18 +185,8 @@ impl Renderer {
             frame.rgb_mut().fill(0); // from no valid position there is nothing to see
             return;
         }
+        self.rasterize(&view);
         let light = Arc::clone(&self.light);
-        let on = |normal: Vec3| light.on(normal);
-        self.raster.clear(width, height);
-        for (chunks, one_sided) in
-            [(&self.scenery.strip, false), (&self.scenery.walls, true), (&self.scenery.land, true)]
-        {
-            for chunk in chunks {
-                if view.sees(chunk.centre, chunk.radius) {
-                    self.raster.draw(&view, chunk, one_sided, on);
-                }
-            }
-        }
         let mut models: Vec<_> = shot.actors.iter().map(|actor| models::actor(actor, shot.time_s)).collect();
         if !camera.bonnet {
             models.push(models::own_car(car.position.as_vec3(), car.yaw as f32, car.pitch as f32));
@@ -232,5 +223,20 @@ impl Renderer {
             self.bonnets[i].1.draw(rgb, &mut self.raster.depth);
         }
         self.weather.apply(shot.conditions, (shot.seed, shot.time_s), (&view, car), &self.raster, rgb);
+    }
+
+    /// Says of each pixel what of the road and the land it shows.
+    fn rasterize(&mut self, view: &Viewpoint) {
+        self.raster.clear(view.width, view.height);
+        let on = |normal: Vec3| self.light.on(normal);
+        for (chunks, one_sided) in
+            [(&self.scenery.strip, false), (&self.scenery.walls, true), (&self.scenery.land, true)]
+        {
+            for chunk in chunks {
+                if view.sees(chunk.centre, chunk.radius) {
+                    self.raster.draw(view, chunk, one_sided, on);
+                }
+            }
+        }
     }
 }

@@ -5,26 +5,26 @@ use glam::{DVec3, Vec3};
 use super::{Lens, Mount, raster::Plane};
 
 /// Nearer than this nothing is seen, in metres; Unity's near plane.
-pub(super) const NEAR: f32 = 0.3;
+pub(crate) const NEAR: f32 = 0.3;
 
 /// The position and lens of a view.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Viewpoint {
-    pub(super) eye: Vec3,
-    pub(super) right: Vec3,
-    pub(super) up: Vec3,
-    pub(super) forward: Vec3,
-    pub(super) focal: f32,
-    pub(super) cx: f32,
-    pub(super) cy: f32,
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct Viewpoint {
+    pub(crate) eye: Vec3,
+    pub(crate) right: Vec3,
+    pub(crate) up: Vec3,
+    pub(crate) forward: Vec3,
+    pub(crate) focal: f32,
+    pub(crate) cx: f32,
+    pub(crate) cy: f32,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     sides: [Vec3; 4],
 }
 
 impl Viewpoint {
     /// The view of a camera on a car. Unity turns about z, then x, then y.
-    pub(super) fn new(lens: &Lens, mount: &Mount, position: DVec3, yaw: f64, nose_up: f64) -> Self {
+    pub(crate) fn new(lens: &Lens, mount: &Mount, position: DVec3, yaw: f64, nose_up: f64) -> Self {
         let body = |v: DVec3| about_y(about_x(v, -nose_up), yaw);
         let turned = |v: DVec3| {
             let v = about_z(v, mount.roll_deg.to_radians());
@@ -45,21 +45,21 @@ impl Viewpoint {
 
     /// From the world to the camera's axes.
     #[inline]
-    pub(super) fn turn(&self, at: Vec3) -> Vec3 {
+    pub(crate) fn turn(&self, at: Vec3) -> Vec3 {
         let d = at - self.eye;
         Vec3::new(d.dot(self.right), d.dot(self.up), d.dot(self.forward))
     }
 
     /// Column and row, in pixels, of a point in the camera's axes.
     #[inline]
-    pub(super) fn project(&self, p: Vec3) -> (f32, f32) {
+    pub(crate) fn project(&self, p: Vec3) -> (f32, f32) {
         let k = self.focal / p.z;
         (self.cx + p.x * k, self.cy - p.y * k)
     }
 
     /// Whether a ball may be in the picture.
     #[inline]
-    pub(super) fn sees(&self, centre: Vec3, radius: f32) -> bool {
+    pub(crate) fn sees(&self, centre: Vec3, radius: f32) -> bool {
         let d = centre - self.eye;
         d.dot(self.forward) > NEAR - radius && self.sides.iter().all(|side| d.dot(*side) > -radius)
     }

@@ -28,10 +28,10 @@ use super::{
     scorer::NO_PILOT,
     smoothness::GAP_S,
 };
-use crate::odometry::{BEGINNING_M, EVERY_M, Look, Match, Matcher, Motion, Road, laps};
+use crate::odometry::{BEGINNING_M, EVERY_M, Look, Match, Matcher, Road, laps};
 use lapwing_core::{
     config::Rules,
-    motion,
+    motion::{self, Motion},
     perception::{Frame, decode_jpeg},
 };
 

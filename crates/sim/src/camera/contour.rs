@@ -1,0 +1,143 @@
+//! Where a drawn picture shows the road's own edges: lines, kerbs, verges, the walls of a bridge.
+
+use glam::Vec3;
+
+use super::{
+    Renderer,
+    raster::{COLOURED, FaceSetup, Paint, SKY},
+    section::STRIPES_PER_M,
+    viewpoint::Viewpoint,
+};
+use lapwing_core::perception::Frame;
+
+/// A short piece of an edge, in the world.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Contour {
+    /// One of its points.
+    pub(crate) at: Vec3,
+    /// Another, further along it.
+    pub(crate) on: Vec3,
+    /// How clearly it stands out, 0 to 1.
+    pub(crate) clearness: f32,
+}
+
+/// A step of colour over two pixels that is half clear, of 255. The grain of asphalt makes steps of 8 to 15.
+const CLEAR: f32 = 24.0;
+/// Edges farther away than this, in metres, are too small to be seen.
+const FAR_M: f32 = 60.0;
+/// Nearer than this, in metres, nothing is seen of the road.
+const NEAR_M: f32 = 1.0;
+/// What open ground beside a road looks like, if nothing is known of it.
+const GROUND: [f32; 3] = [95.0, 95.0, 60.0];
+
+/// How colour changes at a pixel: towards the right and downward, in grey levels over two pixels.
+pub(crate) type Gradient = [f32; 2];
+
+/// How clear an edge is at a gradient, 0 to 1.
+pub(crate) fn clearness([x, y]: Gradient) -> f32 {
+    let steep = x * x + y * y;
+    steep / (steep + CLEAR * CLEAR)
+}
+
+/// The gradient at each pixel of a picture, of the channel that changes most.
+pub(crate) fn gradients(frame: &Frame) -> Vec<Gradient> {
+    let pixels: Vec<_> = frame.rgb().as_chunks::<3>().0.iter().map(|pixel| pixel.map(f32::from)).collect();
+    steepest(&pixels, frame.width())
+}
+
+/// By Sobel's operator; none at the picture's rim.
+fn steepest(pixels: &[[f32; 3]], width: usize) -> Vec<Gradient> {
+    let height = pixels.len() / width.max(1);
+    let mut gradients = vec![[0.0; 2]; pixels.len()];
+    for y in 1..height.saturating_sub(1) {
+        for x in 1..width - 1 {
+            let at = |x: usize, y: usize, channel: usize| pixels[y * width + x][channel];
+            let mut most = 0.0;
+            for channel in 0..3 {
+                let column = |x: usize| at(x, y - 1, channel) + 2.0 * at(x, y, channel) + at(x, y + 1, channel);
+                let row = |y: usize| at(x - 1, y, channel) + 2.0 * at(x, y, channel) + at(x + 1, y, channel);
+                let gradient = [(column(x + 1) - column(x - 1)) / 4.0, (row(y + 1) - row(y - 1)) / 4.0];
+                let steep = gradient[0].powi(2) + gradient[1].powi(2);
+                // Where something of no colour stands, this is not a number, and nothing is taken.
+                if steep > most {
+                    most = steep;
+                    gradients[y * width + x] = gradient;
+                }
+            }
+        }
+    }
+    gradients
+}
+
+impl Renderer {
+    /// The road's edges as seen from here.
+    pub(crate) fn contours(&mut self, view: &Viewpoint) -> Vec<Contour> {
+        self.rasterize(view);
+        let (width, height) = (view.width, view.height);
+        let gradients = steepest(&self.plain(view), width);
+        let steep = |i: usize| gradients[i][0].powi(2) + gradients[i][1].powi(2);
+        let mut contours = Vec::new();
+        for y in 1..height.saturating_sub(1) {
+            for x in 1..width - 1 {
+                let i = y * width + x;
+                let [gx, gy] = gradients[i];
+                // As thin as a pixel: no neighbour across the edge is steeper.
+                let across = if gx.abs() > gy.abs() { 1 } else { width };
+                if steep(i) < CLEAR * CLEAR / 4.0 || steep(i - across) > steep(i) || steep(i + across) >= steep(i) {
+                    continue;
+                }
+                let Some(setup) = self.shown(i) else { continue };
+                // Two pixels on, along the edge.
+                let along = 2.0 / steep(i).sqrt();
+                let (x, y) = (x as f32, y as f32);
+                let (at, z) = seen(view, setup, x, y);
+                let (on, z_on) = seen(view, setup, x - gy * along, y + gx * along);
+                if (NEAR_M..FAR_M).contains(&z) && (NEAR_M..2.0 * FAR_M).contains(&z_on) {
+                    contours.push(Contour { at, on, clearness: clearness(gradients[i]) });
+                }
+            }
+        }
+        contours
+    }
+
+    /// The triangle of the road that a pixel shows.
+    fn shown(&self, i: usize) -> Option<&FaceSetup> {
+        let id = self.raster.ids[i];
+        let is_plain = id != SKY && id & COLOURED == 0 && self.raster.depth[i] < 1.0 / NEAR_M;
+        let setup = is_plain.then(|| &self.raster.setups[id as usize - 1])?;
+        matches!(setup.paint, Paint::Road { .. } | Paint::Flat(_)).then_some(setup)
+    }
+
+    /// The picture without light, grain and pattern, as the road's cross-section alone would colour it; not a number
+    /// where something else is seen.
+    fn plain(&self, view: &Viewpoint) -> Vec<[f32; 3]> {
+        let pixel = |i: usize| {
+            let Some(setup) = self.shown(i) else {
+                let id = self.raster.ids[i];
+                let is_ground =
+                    id != SKY && id & COLOURED == 0 && self.raster.setups[id as usize - 1].paint == Paint::Ground;
+                return if is_ground { GROUND } else { [f32::NAN; 3] };
+            };
+            match setup.paint {
+                Paint::Flat(colour) => colour.map(f32::from),
+                Paint::Road { section, .. } => {
+                    let (x, y) = ((i % view.width) as f32, i / view.width);
+                    let offset = |x: f32| (setup.v.row(y) + setup.v.x * x) / (setup.w.row(y) + setup.w.x * x);
+                    let across = (offset(x + 0.5) - offset(x - 0.5)).abs();
+                    let level = (across * (STRIPES_PER_M * 0.7)).max(1.0).log2() as usize;
+                    let stripe = *self.scenery.sections[section as usize].level(level).at(offset(x).abs());
+                    (stripe.plain + (stripe.other - stripe.plain) * 0.5).truncate().to_array()
+                }
+                _ => [f32::NAN; 3],
+            }
+        };
+        (0..view.width * view.height).map(pixel).collect()
+    }
+}
+
+/// The point of a triangle's plane that a place in the picture shows, and its depth.
+fn seen(view: &Viewpoint, setup: &FaceSetup, x: f32, y: f32) -> (Vec3, f32) {
+    let z = 1.0 / (setup.w.at + setup.w.x * x + setup.w.y * y);
+    let (right, up) = ((x + 0.5 - view.cx) / view.focal * z, (view.cy - y - 0.5) / view.focal * z);
+    (view.eye + view.right * right + view.up * up + view.forward * z, z)
+}

@@ -1,0 +1,76 @@
+//! Poses that are known, found again in the pictures that the simulator draws from them.
+
+use super::*;
+use crate::{
+    camera::{Camera, Renderer, Shot, encode_jpeg, tests::scenery},
+    conditions::Conditions,
+    vehicle::Car,
+};
+use lapwing_core::{
+    motion::Motion,
+    perception::{Frame, decode_jpeg},
+};
+
+/// A weaving drive along the lake: a pose each metre from here on.
+fn weaving(from_m: f64, count: usize) -> Vec<Pose> {
+    let pose = |i: usize| {
+        let (s_m, phase) = (from_m + i as f64, i as f64 / 9.0);
+        Pose { s_m, offset_m: 0.7 * phase.sin(), heading_rad: 0.7 / 9.0 * phase.cos(), pitch_rad: 0.0 }
+    };
+    (0..count).map(pose).collect()
+}
+
+/// How the car moved along these poses, and the pictures it took, as JPEGs.
+fn recorded(poses: &[Pose], conditions: &Conditions) -> (Vec<Motion>, Vec<Vec<u8>>) {
+    let (track, scenery) = scenery("lake");
+    let mut renderer = Renderer::new(scenery);
+    let cars: Vec<_> = poses
+        .iter()
+        .map(|pose| {
+            let station = track.at(pose.s_m);
+            let position = track.point(pose.s_m, pose.offset_m);
+            Car { position, yaw: station.yaw + pose.heading_rad, pitch: station.grade.atan(), ..Car::default() }
+        })
+        .collect();
+    let motion = |i: usize| {
+        let (now, before) = (&cars[i], &cars[i.saturating_sub(1)]);
+        Motion {
+            way_m: now.position.distance(before.position),
+            turn_rad: lapwing_core::motion::turn(now.yaw - before.yaw),
+        }
+    };
+    let picture = |(i, car): (usize, &Car)| {
+        let mut frame = Frame::default();
+        let shot = Shot { car, actors: &[], conditions, seed: i as u64, time_s: i as f64 / 10.0 };
+        renderer.render(&Camera::CENTER, &shot, &mut frame);
+        encode_jpeg(&frame, 75)
+    };
+    ((0..cars.len()).map(motion).collect(), cars.iter().enumerate().map(picture).collect())
+}
+
+/// The median and the 95th percentile.
+fn spread(mut errors: Vec<f64>) -> (f64, f64) {
+    errors.sort_by(f64::total_cmp);
+    (errors[errors.len() / 2], errors[errors.len() * 95 / 100])
+}
+
+#[test]
+fn a_weaving_drive_is_located_in_the_pictures_it_took() {
+    for (from_m, conditions) in [(300.0, ""), (690.0, "haze=0.4"), (820.0, "rain=0.6")] {
+        let (track, scenery) = scenery("lake");
+        let poses = weaving(from_m, 40);
+        let (motions, pictures) = recorded(&poses, &Conditions::parse(conditions).unwrap());
+        let mut overlay = Overlay::new(track.into(), scenery, (320, 160));
+        // Beside where it is, in every respect.
+        let start = poses[0].moved(DVec3::new(1.5, 0.5, 0.05));
+        let read = |i: usize, frame: &mut Frame| decode_jpeg(&pictures[i], frame);
+        let located = overlay.follow(start, &motions, read).unwrap();
+        let off = |of: fn(&Pose) -> f64| {
+            spread(located.iter().zip(&poses).map(|(found, pose)| (of(&found.pose) - of(pose)).abs()).collect())
+        };
+        let (offset, heading) = (off(|pose| pose.offset_m), off(|pose| pose.heading_rad.to_degrees()));
+        println!("{from_m} {conditions}: {offset:.3?} m, {heading:.2?} degrees, {:.2?} m along", off(|pose| pose.s_m));
+        assert!(offset.0 < 0.10 && offset.1 < 0.25, "{from_m} {conditions}: {offset:.3?} m");
+        assert!(heading.0 < 0.5, "{from_m} {conditions}: {heading:.2?} degrees");
+    }
+}
