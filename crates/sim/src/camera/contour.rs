@@ -17,11 +17,11 @@ pub(crate) struct Contour {
     pub(crate) at: Vec3,
     /// Another, further along it.
     pub(crate) on: Vec3,
-    /// How clearly it stands out, 0 to 1.
+    /// How clearly it stands out, 0 to 1; see [`clearness`].
     pub(crate) clearness: f32,
 }
 
-/// A step of colour over two pixels that is half clear, of 255. The grain of asphalt makes steps of 8 to 15.
+/// The gradient, in grey levels over two pixels, at which the clearness is a half. The grain of asphalt reaches 8 to 15.
 const CLEAR: f32 = 24.0;
 /// Edges farther away than this, in metres, are too small to be seen.
 const FAR_M: f32 = 60.0;
@@ -39,13 +39,13 @@ pub(crate) fn clearness([x, y]: Gradient) -> f32 {
     steep / (steep + CLEAR * CLEAR)
 }
 
-/// The gradient at each pixel of a picture, of the channel that changes most.
+/// The gradient at each pixel of a picture, in the channel that changes most.
 pub(crate) fn gradients(frame: &Frame) -> Vec<Gradient> {
     let pixels: Vec<_> = frame.rgb().as_chunks::<3>().0.iter().map(|pixel| pixel.map(f32::from)).collect();
     steepest(&pixels, frame.width())
 }
 
-/// By Sobel's operator; none at the picture's rim.
+/// The same by Sobel's operator; zero along the picture's border.
 fn steepest(pixels: &[[f32; 3]], width: usize) -> Vec<Gradient> {
     let height = pixels.len() / width.max(1);
     let mut gradients = vec![[0.0; 2]; pixels.len()];
@@ -58,7 +58,7 @@ fn steepest(pixels: &[[f32; 3]], width: usize) -> Vec<Gradient> {
                 let row = |y: usize| at(x - 1, y, channel) + 2.0 * at(x, y, channel) + at(x + 1, y, channel);
                 let gradient = [(column(x + 1) - column(x - 1)) / 4.0, (row(y + 1) - row(y - 1)) / 4.0];
                 let steep = gradient[0].powi(2) + gradient[1].powi(2);
-                // Where something of no colour stands, this is not a number, and nothing is taken.
+                // Next to a pixel without a colour this is not a number, hence not greater.
                 if steep > most {
                     most = steep;
                     gradients[y * width + x] = gradient;

@@ -17,6 +17,7 @@
 //! | `raster` | which triangle a pixel shows |
 //! | `shade` | which colour it has |
 //! | `bonnet` | the car's own bonnet |
+//! | `contour` | where the road's own edges are seen |
 //! | `weather` | [`Conditions`], laid over the finished picture |
 //! | `texture`, `noise` | what surfaces are made of |
 //! | `jpeg` | [`encode_jpeg`] |

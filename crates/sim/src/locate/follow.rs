@@ -12,28 +12,28 @@ const WORTH: f64 = 3.0;
 /// Another picture tells as much as the first after this many metres; a car that stands learns nothing new.
 const NEWS_M: f64 = 0.5;
 const NEWS_STANDING: f64 = 0.02;
-/// What is unknown about a metre driven: metres along the road and across, and radians.
+/// Standard deviations added per metre driven: metres along the road and across, and radians.
 const DRIFT: DVec3 = DVec3::new(0.03, 0.006, 0.01);
-/// And what is unknown if the car does not move.
+/// The same between pictures of a car that does not move.
 const REST: f64 = 1e-3;
-/// A picture that contradicts what was expected by more than this, in squared standard deviations, is doubted.
+/// A picture farther than this from what was expected, in squared standard deviations, counts for less than half.
 const DOUBT: f64 = 12.0;
-/// How far a first pose may be wrong: metres along the road and across, and radians, as standard deviations.
+/// Standard deviations of the first pose: metres along the road and across, and radians.
 const FIRST: DVec3 = DVec3::new(3.0, 1.0, 0.2);
-/// The track is searched for within so many standard deviations, at least and at most.
+/// How far the search reaches: so many standard deviations, but at least and at most so far.
 const SEARCHED: DVec3 = DVec3::new(2.0, 3.0, 3.0);
 const LEAST: DVec3 = DVec3::new(1.0, 0.3, 0.06);
 const MOST: DVec3 = DVec3::new(5.0, 3.0, 0.3);
-/// Of two answers, the one that the other pictures expect is taken if it agrees no worse than by this.
+/// The fit that the other pictures expect replaces the first one if it does not agree worse by more than this.
 const NO_WORSE: f64 = 0.03;
-/// The body's pitch changes slowly and stays within this, in radians.
+/// The body pitches slowly (the share kept from one picture to the next) and within this, in radians.
 const PITCH_KEPT: f64 = 0.7;
 const PITCH_RAD: f64 = 0.03;
 
 /// How sure a pose is, as standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
-    /// Metres along the road.
+    /// Metres along the road; too small where it is straight, as a fit then stays near what was expected.
     pub s_m: f64,
     /// Metres across it.
     pub offset_m: f64,
@@ -44,11 +44,11 @@ pub struct Deviation {
 /// Where the car was in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Located {
-    /// By all pictures.
+    /// By all pictures and the motion between them.
     pub pose: Pose,
     /// How sure that is.
     pub deviation: Deviation,
-    /// By this picture.
+    /// By this picture alone.
     pub fit: Fit,
 }
 

@@ -11,29 +11,29 @@ use crate::{
 };
 use lapwing_core::perception::Frame;
 
-/// How much of a picture, from its top, may show road: below is the bonnet.
+/// The share of a picture, from its top, that may show road; below it is the bonnet.
 const ABOVE_BONNET: f32 = 0.825;
-/// Contours that the coarse search looks at.
+/// How many contours the coarse search compares.
 const FEW: usize = 500;
 /// Steps of the coarse search: metres along the road, metres across, radians.
 const COARSE: DVec3 = DVec3::new(2.5, 0.25, 0.02);
-/// How far from the expected one pitch and place may be, as standard deviations in radians and metres, and what such a
-/// deviation costs of the agreement: a picture of a straight road tells neither.
+/// Standard deviations of pitch and place around the expected ones, in radians and metres, and what such a deviation
+/// costs in agreement: a picture of a straight road shows neither.
 const PITCH_RAD: f64 = 0.02;
 const PLACE_M: f64 = 3.0;
 const COST: f64 = 0.01;
-/// The search goes on with pictures ever less blurred, in pixels, and in steps ever smaller.
+/// The search continues on ever sharper pictures (blur in pixels) in ever smaller steps (as a share of [`FINE`]).
 const ROUNDS: [(usize, f64); 4] = [(4, 1.0), (2, 0.5), (1, 0.3), (1, 0.15)];
-/// What a picture tells best is how far beside the middle the car will be this many metres ahead: turned about that
-/// point, the near part of the road stays where it is.
+/// A picture shows best how far from the middle the car will be this many metres ahead. Turning about that point leaves
+/// the near part of the road where it is.
 const PIVOT_M: f64 = 5.0;
 /// The first steps: of place, offset and heading as in [`COARSE`], and of pitch in radians.
 const FINE: [f64; 4] = [1.2, 0.12, 0.012, 0.008];
-/// Tries of a round; each that finds nothing better halves the steps.
+/// Tries in a round; a try that finds nothing better halves the steps.
 const TRIES: usize = 10;
-/// Over this much of place, offset and heading, the agreement's curvature is measured.
+/// Steps in place, offset and heading over which the curvature of the agreement is measured.
 const AROUND: DVec3 = DVec3::new(2.0, 0.12, 0.012);
-/// Fewest contours, in sums of clearness, that say anything.
+/// Contours with a smaller sum of clearness than this say little.
 const FEWEST: f64 = 20.0;
 
 /// The pose that agrees best with a picture.
