@@ -64,13 +64,17 @@ def signals(_):
 
 
 def schemas(_):
-    """Drives with every kind of event that a run can hold, driven here and over the bridge."""
+    """Drives that are finished, crashed, put back and taken over, driven here and over the bridge."""
     folder = RUNS / "schemas"
     drive = ["drive", "--json", "--hz", 5, "--recordings", folder]
     lapwing(*drive, "--track", "lake", "--pilot", "expert", "--speed", 30)
-    lapwing(*drive, "--track", "jungle", "--speed", 30, "--conditions", "night=1,haze=1", "--on-crash", "reset", "--max-time", 30)
+    lapwing(*drive, "--scenario", "ccrs")  # into a car that stands
+    for on_crash in ("stop", "reset"):
+        lapwing(*drive, "--track", "jungle", "--speed", 30, "--conditions", "night=1,haze=1", "--on-crash", on_crash, "--max-time", 30)
     with Bridge() as bridge:
-        lapwing("simulate", "--json", "--max-time", 8, "--connect", f"127.0.0.1:{bridge.port}", "--human-from", 3, "--human-for", 2)
+        simulate = ["simulate", "--json", "--connect", f"127.0.0.1:{bridge.port}"]
+        lapwing(*simulate, "--scenario", "ccrs")
+        lapwing(*simulate, "--max-time", 8, "--human-from", 3, "--human-for", 2)
         wire = Wire(bridge.port)
         for message in (telemetry(), '42["episode_event",{"name":"lap"}]', "garbage", telemetry()):
             wire.send(message)
@@ -78,8 +82,8 @@ def schemas(_):
         time.sleep(1.5)  # until it is kicked
         wire.close()
     runs = [*sorted(folder.glob("*.mcap")), *bridge.recordings]
-    equal("runs", len(runs), 4)
+    equal("runs", len(runs), 7)
     found = run_json([python("mcap"), HERE / "check_schemas.py", *runs])
-    needed = {"bad-frame", "course", "kick", "lap", "off-road", "reset", "run-ended", "simulator", "takeover-began", "takeover-ended"}
+    needed = {"bad-frame", "collision", "course", "kick", "lap", "off-road", "reset", "run-ended", "simulator", "takeover-began", "takeover-ended"}
     equal("kinds of events that are missing", needed - set(found["kinds"]), set())
     return f"{sum(found['counts'].values())} messages, {len(found['kinds'])} kinds of events"

@@ -86,7 +86,8 @@ impl Renderer {
                 if steep(i) < CLEAR * CLEAR / 4.0 || steep(i - across) > steep(i) || steep(i + across) >= steep(i) {
                     continue;
                 }
-                let Some(setup) = self.shown(i) else { continue };
+                let is_road = |setup: &&FaceSetup| matches!(setup.paint, Paint::Road { .. } | Paint::Flat(_));
+                let Some(setup) = self.shown(i).filter(is_road) else { continue };
                 // Two pixels on, along the edge.
                 let along = 2.0 / steep(i).sqrt();
                 let (x, y) = (x as f32, y as f32);
@@ -100,25 +101,20 @@ impl Renderer {
         contours
     }
 
-    /// The triangle of the road that a pixel shows.
+    /// The triangle that a pixel shows.
     fn shown(&self, i: usize) -> Option<&FaceSetup> {
         let id = self.raster.ids[i];
         let is_plain = id != SKY && id & COLOURED == 0 && self.raster.depth[i] < 1.0 / NEAR_M;
-        let setup = is_plain.then(|| &self.raster.setups[id as usize - 1])?;
-        matches!(setup.paint, Paint::Road { .. } | Paint::Flat(_)).then_some(setup)
+        is_plain.then(|| &self.raster.setups[id as usize - 1])
     }
 
     /// The picture without light, grain and pattern, as the road's cross-section alone would colour it; not a number
     /// where something else is seen.
     fn plain(&self, view: &Viewpoint) -> Vec<[f32; 3]> {
         let pixel = |i: usize| {
-            let Some(setup) = self.shown(i) else {
-                let id = self.raster.ids[i];
-                let is_ground =
-                    id != SKY && id & COLOURED == 0 && self.raster.setups[id as usize - 1].paint == Paint::Ground;
-                return if is_ground { GROUND } else { [f32::NAN; 3] };
-            };
+            let Some(setup) = self.shown(i) else { return [f32::NAN; 3] };
             match setup.paint {
+                Paint::Ground => GROUND,
                 Paint::Flat(colour) => colour.map(f32::from),
                 Paint::Road { section, .. } => {
                     let (x, y) = ((i % view.width) as f32, i / view.width);

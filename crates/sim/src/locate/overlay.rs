@@ -22,8 +22,11 @@ const COARSE: DVec3 = DVec3::new(2.5, 0.25, 0.02);
 const PITCH_RAD: f64 = 0.02;
 const PLACE_M: f64 = 3.0;
 const COST: f64 = 0.01;
-/// The search continues on ever sharper pictures (blur in pixels) in ever smaller steps (as a share of [`FINE`]).
-const ROUNDS: [(usize, f64); 4] = [(4, 1.0), (2, 0.5), (1, 0.3), (1, 0.15)];
+/// The coarse search compares pictures blurred by this many pixels; then come ever sharper ones.
+const COARSE_BLUR: usize = 6;
+const BLURS: [usize; 3] = [4, 2, 1];
+/// Which of them each further round of the search compares, in steps of this share of [`FINE`].
+const ROUNDS: [(usize, f64); 4] = [(0, 1.0), (1, 0.5), (2, 0.3), (2, 0.15)];
 /// A picture shows best how far from the middle the car will be this many metres ahead. Turning about that point leaves
 /// the near part of the road where it is.
 const PIVOT_M: f64 = 5.0;
@@ -77,12 +80,14 @@ impl Overlay {
             return Fit { pose: from, agreement: 0.0, sharpness: DMat3::ZERO };
         }
         let field = Field::new(picture);
-        let mut best = self.search(&field.blurred(6), from, reach);
+        let blurred = BLURS.map(|reach| field.blurred(reach));
+        let mut best = self.search(&field.blurred(COARSE_BLUR), from, reach);
         for (blur, scale) in ROUNDS {
-            best = self.refine(&field.blurred(blur), from, best, FINE.map(|step| step * scale));
+            best = self.refine(&blurred[blur], from, best, FINE.map(|step| step * scale));
         }
-        let agreement = self.redrawn(&field.blurred(1), best);
-        Fit { pose: best, agreement, sharpness: self.sharpness(&field.blurred(2), best) }
+        let contours = self.visible(best);
+        let agreement = self.agreement(&contours, &blurred[2], best);
+        Fit { pose: best, agreement, sharpness: self.sharpness(&contours, &blurred[1], best) }
     }
 
     /// How well the track as it is seen from a pose agrees with a picture.
@@ -91,12 +96,11 @@ impl Overlay {
         self.agreement(&contours, field, pose)
     }
 
-    /// How fast the agreement falls from a pose on.
-    fn sharpness(&mut self, field: &Field, pose: Pose) -> DMat3 {
-        let contours = self.visible(pose);
+    /// How fast the agreement falls from a pose on, from which these contours are seen.
+    fn sharpness(&mut self, contours: &[Contour], field: &Field, pose: Pose) -> DMat3 {
         let around = |offset: f64, heading: f64| {
             let d = DVec3::new(0.0, offset, heading) * AROUND;
-            self.agreement(&contours, field, pose.moved(d))
+            self.agreement(contours, field, pose.moved(d))
         };
         let top = around(0.0, 0.0);
         let mut falls = DMat3::ZERO;
