@@ -26,14 +26,17 @@
 //! | `field` | the directions of a picture's edges |
 //! | `overlay` | [`Overlay`]: the track laid over one picture |
 //! | `follow` | [`Overlay::follow`]: over those of a drive |
+//! | `lane` | [`LocatedDrive`], [`InLane`]: the car in its lane, whichever way round it drives |
 
 mod field;
 mod follow;
+mod lane;
 mod overlay;
 
 use glam::DVec3;
 
 pub use follow::{Deviation, Located};
+pub use lane::{InLane, LocatedDrive};
 pub use overlay::{Fit, Overlay};
 
 /// Where a car is on a road, and how it stands there.
@@ -43,7 +46,7 @@ pub struct Pose {
     pub s_m: f64,
     /// Metres to the right of it.
     pub offset_m: f64,
-    /// Radians clockwise from the road's direction.
+    /// Radians clockwise from the road's direction; about half a turn if the car drives against it.
     pub heading_rad: f64,
     /// Radians nose up from the road's slope.
     pub pitch_rad: f64,

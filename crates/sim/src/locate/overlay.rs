@@ -141,12 +141,14 @@ impl Overlay {
 
     /// The pose a little further straight on.
     fn driven(&self, pose: Pose, way_m: f64) -> Pose {
-        pose.moved(DVec3::new(1.0, pose.heading_rad, -self.track.at(pose.s_m).curvature) * way_m)
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        pose.moved(DVec3::new(cos, sin, -self.track.at(pose.s_m).curvature * cos) * way_m)
     }
 
     /// A better pose, step by step: straight on, aside, turned about a point ahead, pitched.
     fn refine(&mut self, field: &Field, from: Pose, start: Pose, mut steps: [f64; 4]) -> Pose {
         let contours = self.visible(start);
+        let ahead_m = PIVOT_M * start.heading_rad.cos();
         let worth = |pose: Pose| {
             let off =
                 ((pose.pitch_rad - from.pitch_rad) / PITCH_RAD).powi(2) + ((pose.s_m - from.s_m) / PLACE_M).powi(2);
@@ -160,7 +162,7 @@ impl Overlay {
                     let pose = match axis {
                         0 => self.driven(best, step),
                         1 => best.moved(DVec3::Y * step),
-                        2 => best.moved(DVec3::new(0.0, -PIVOT_M * step, step)),
+                        2 => best.moved(DVec3::new(0.0, -ahead_m * step, step)),
                         _ => Pose { pitch_rad: best.pitch_rad + step, ..best },
                     };
                     let agreement = worth(pose);

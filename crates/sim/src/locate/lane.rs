@@ -1,0 +1,78 @@
+//! A located car in its lane, seen as it drives: the lane is the line to drive, on the car's own side of the road.
+
+use std::sync::Arc;
+
+use super::{Located, Pose};
+use crate::track::Track;
+use lapwing_core::motion::turn;
+
+/// A recorded drive, located on a track.
+#[derive(Debug, Clone)]
+pub struct LocatedDrive {
+    /// The track.
+    pub track: Arc<Track>,
+    /// Where the car was in each moment that has a picture, in order; `None` where that is not known.
+    pub places: Vec<Option<Located>>,
+}
+
+impl LocatedDrive {
+    /// Where in its lane the car was, in a moment that has a picture.
+    pub fn in_lane(&self, i: usize) -> Option<InLane> {
+        let located = self.places.get(i).copied().flatten()?;
+        Some(located.pose.in_lane(&self.track))
+    }
+}
+
+/// Where a car is in its lane, in its own direction, whichever way round it drives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InLane {
+    /// Metres to the right of the lane's middle.
+    pub offset_m: f64,
+    /// Radians clockwise from the lane's direction.
+    pub heading_rad: f64,
+    /// How the lane bends, in 1/m, positive to the right.
+    pub curvature: f64,
+    /// The road's left and right edge, in metres to the right of the lane's middle.
+    pub edges_m: (f64, f64),
+}
+
+impl Pose {
+    /// Whether the car drives against the track's direction.
+    pub fn is_reversed(self) -> bool {
+        self.heading_rad.cos() < 0.0
+    }
+
+    /// Where in its lane the car is.
+    pub fn in_lane(self, track: &Track) -> InLane {
+        let (half, lane_m) = (track.half_width(), track.file().driving_line_m);
+        let (sign, heading_rad) = if self.is_reversed() {
+            (-1.0, turn(self.heading_rad + std::f64::consts::PI))
+        } else {
+            (1.0, self.heading_rad)
+        };
+        InLane {
+            offset_m: sign * self.offset_m - lane_m,
+            heading_rad: turn(heading_rad),
+            curvature: sign * track.at(self.s_m).curvature,
+            edges_m: (-half - lane_m, half - lane_m),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lane_is_on_the_cars_own_side_whichever_way_round_it_drives() {
+        let track = Track::named("jungle").unwrap();
+        let lane_m = track.file().driving_line_m;
+        let there = Pose { s_m: 100.0, offset_m: lane_m + 0.2, heading_rad: 0.1, pitch_rad: 0.0 };
+        let back = Pose { offset_m: -lane_m - 0.2, heading_rad: 0.1 + std::f64::consts::PI, ..there };
+        let (there, back) = (there.in_lane(&track), back.in_lane(&track));
+        assert!((there.offset_m - 0.2).abs() < 1e-9 && (back.offset_m - 0.2).abs() < 1e-9, "{there:?} {back:?}");
+        assert!((there.heading_rad - 0.1).abs() < 1e-9 && (back.heading_rad - 0.1).abs() < 1e-9, "{there:?} {back:?}");
+        assert_eq!(there.curvature, -back.curvature);
+        assert_eq!(there.edges_m, back.edges_m);
+    }
+}
