@@ -16,7 +16,7 @@ use lapwing_learn::models;
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::score::{self, Figure, Scorer};
 use lapwing_sim::{
-    along::{Beside, RecordedWorld, Yaw},
+    along::{Beside, Limit, RecordedWorld, Yaw},
     camera::Scenery,
     record::{self, RecordOptions},
     track::Track,
@@ -25,6 +25,9 @@ use lapwing_sim::{
 use tempfile::{TempDir, tempdir};
 
 use crate::support::jpeg;
+
+/// NVIDIA's limit.
+const METRE: Limit = Limit::Metres(1.0);
 
 fn simulation(seconds: f64) -> Simulation {
     let track = Track::named("lake").unwrap();
@@ -47,7 +50,7 @@ fn recorded(seconds: f64) -> (TempDir, Vec<f64>) {
 }
 
 fn open(dir: &TempDir, yaw: Yaw) -> RecordedWorld {
-    RecordedWorld::open(&dir.path().join("lake"), 1.0, yaw).unwrap()
+    RecordedWorld::open(&dir.path().join("lake"), Some(METRE), yaw, None).unwrap()
 }
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Judged {
@@ -163,7 +166,7 @@ fn the_car_comes_out_on_the_side_to_which_it_is_steered_and_is_put_back_there() 
 #[test]
 fn the_shipped_run_is_driven_along_and_its_time_is_without_its_standing() {
     let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap");
-    let mut world = RecordedWorld::open(&run, 1.0, Yaw::Pictures).unwrap();
+    let mut world = RecordedWorld::open(&run, Some(METRE), Yaw::Pictures, None).unwrap();
     let (rows, read, stood) = world.rows();
     assert_eq!((rows + stood, read), (225, 225));
     let card = driven(&mut world, models::built_in(Instant::now).unwrap().pilot()).card;
@@ -176,7 +179,7 @@ fn the_shipped_run_is_driven_along_and_its_time_is_without_its_standing() {
 fn a_closed_loop_is_the_same_each_time() {
     let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap");
     let prints = [(); 2].map(|()| {
-        let mut world = RecordedWorld::open(&run, 1.0, Yaw::Pictures).unwrap();
+        let mut world = RecordedWorld::open(&run, Some(METRE), Yaw::Pictures, None).unwrap();
         driven(&mut world, Box::new(ConstantPilot::new(Steering::constant(0.02)))).driven.fingerprint
     });
     assert_eq!(prints[0], prints[1]);
@@ -198,7 +201,8 @@ fn folder(picture: &[u8], mph: f64) -> TempDir {
 
 #[test]
 fn a_recording_that_cannot_be_driven_along_says_why() {
-    let error = |dir: &TempDir| RecordedWorld::open(dir.path(), 1.0, Yaw::Pictures).err().unwrap().to_string();
+    let error =
+        |dir: &TempDir| RecordedWorld::open(dir.path(), Some(METRE), Yaw::Pictures, None).err().unwrap().to_string();
     assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded drive, got 3 rows with a picture, 3 of them"));
     assert!(error(&folder(b"no picture", 9.0)).contains("center_2026_11_22_08_00_00_000.jpg: expected a JPEG"));
     let mut small = Vec::new();
@@ -206,7 +210,7 @@ fn a_recording_that_cannot_be_driven_along_says_why() {
     assert!(error(&folder(&small, 9.0)).contains("expected a picture of 320x160 pixels, got 2x2"));
     let missing = folder(&jpeg(90), 9.0);
     fs::remove_file(missing.path().join("IMG/center_2026_11_22_08_00_00_100.jpg")).unwrap();
-    let mut world = RecordedWorld::open(missing.path(), 1.0, Yaw::Pictures).unwrap();
+    let mut world = RecordedWorld::open(missing.path(), Some(METRE), Yaw::Pictures, None).unwrap();
     world.observe().unwrap();
     world.apply(Answer::Manual);
     assert!(world.observe().unwrap_err().to_string().contains("center_2026_11_22_08_00_00_100.jpg"));

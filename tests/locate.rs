@@ -16,7 +16,7 @@ use lapwing_sim::{
 use crate::support::shared;
 
 /// How the car came to each moment from the one before.
-fn motions(moments: &[Moment]) -> Vec<Motion> {
+pub fn motions(moments: &[Moment]) -> Vec<Motion> {
     let motion = |i: usize| {
         let (now, before) = (&moments[i], &moments[i.saturating_sub(1)]);
         let mps = |moment: &Moment| moment.telemetry.speed.metres_per_second().get();
@@ -28,7 +28,7 @@ fn motions(moments: &[Moment]) -> Vec<Motion> {
 }
 
 /// What was found in the pictures of one camera, 0 to 2, each as if it were the centre one.
-fn located(track: &str, start: Pose, moments: &[Moment], camera: usize) -> Vec<Located> {
+pub fn located(track: &str, start: Pose, moments: &[Moment], camera: usize) -> Vec<Located> {
     let track = Track::named(track).unwrap();
     let scenery = Scenery::new(&track);
     let mut overlay = Overlay::new(track.into(), scenery.into(), (320, 160));

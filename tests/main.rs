@@ -7,6 +7,7 @@ mod corpus;
 mod documentation;
 mod driver;
 mod driving_logs;
+mod lane_loop;
 mod locate;
 mod model_files;
 mod models;

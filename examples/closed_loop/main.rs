@@ -29,7 +29,7 @@ use lapwing_score::{
     score::{Figure, Scorecard},
 };
 use lapwing_sim::{
-    along::{DEFAULT_LIMIT_M, RecordedWorld, Yaw},
+    along::{DEFAULT_LIMIT_M, Limit, RecordedWorld, Yaw},
     track::Track,
 };
 
@@ -119,7 +119,7 @@ fn main() -> Result<()> {
 fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pilot: &Handicapped) -> Result<Matched> {
     let control = ControlSettings { speed_mph: speed, ..ControlSettings::default() };
     let yaw = if a.by_steering { Yaw::Steering } else { Yaw::Pictures };
-    let mut along = RecordedWorld::open(recording, a.limit, yaw)?;
+    let mut along = RecordedWorld::open(recording, Some(Limit::Metres(a.limit)), yaw, None)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
     let replay = judged::run(&mut along, &mut driver, &mut [])?.card;
     let mut road = Kept::new(track, a.limit, a.seconds)?;
@@ -138,13 +138,13 @@ fn print(arguments: &Arguments, rows: &[Matched]) {
     let ranks = (ranks(&replay), ranks(&road));
     println!("{} at {} mph, put back beyond {} m", arguments.track, arguments.speed, arguments.limit);
     println!(
-        "| pilot | autonomy along the recording | on the road | interventions | on the road | mean offset | on the road | rank | on the road |"
+        "| pilot | autonomy along the recording | on the road | interventions | on the road | mean offset | on the road | 95th percentile | on the road | largest | on the road | rank | on the road |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for (i, row) in rows.iter().enumerate() {
         let value = |card: &Scorecard, figure| card.value(figure).unwrap_or(f64::NAN);
         println!(
-            "| {} | {:.1} % | {:.1} % | {} | {} | {:.2} m | {:.2} m | {} | {} |",
+            "| {} | {:.1} % | {:.1} % | {} | {} | {:.2} m | {:.2} m | {:.2} m | {:.2} m | {:.2} m | {:.2} m | {} | {} |",
             row.pilot,
             100.0 * replay[i],
             100.0 * road[i],
@@ -152,6 +152,10 @@ fn print(arguments: &Arguments, rows: &[Matched]) {
             value(&row.road, Figure::Interventions),
             value(&row.replay, Figure::MeanCte),
             value(&row.road, Figure::MeanCte),
+            value(&row.replay, Figure::P95Cte),
+            value(&row.road, Figure::P95Cte),
+            value(&row.replay, Figure::MaxCte),
+            value(&row.road, Figure::MaxCte),
             ranks.0[i],
             ranks.1[i],
         );

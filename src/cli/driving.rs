@@ -12,7 +12,7 @@ use super::{
 };
 use lapwing_core::{protocol::number::Culture, replay::Rate};
 #[cfg(feature = "simulator")]
-use lapwing_sim::along::DEFAULT_LIMIT_M;
+use lapwing_sim::along::{Limit, Protocol};
 
 /// `lapwing drive`
 #[derive(Debug, Args)]
@@ -156,10 +156,15 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
     pub closed_loop: bool,
-    /// Distance from the recorded path at which the virtual car is put back, in metres
+    /// Where the virtual car is put back: at the road's edge, or so many metres from the lane's middle, or from the recorded
+    /// path where the lane is not known [default: road if the lane is known along most of the way, otherwise 1]
     #[cfg(feature = "simulator")]
-    #[arg(long, value_name = "METRES", default_value_t = DEFAULT_LIMIT_M, value_parser = above_zero, requires = "closed_loop")]
-    pub limit: f64,
+    #[arg(long, value_name = "road|METRES", requires = "closed_loop")]
+    pub limit: Option<Limit>,
+    /// How the drive goes on after an intervention; rally-estonia has a limit of 1 or 2 m [default: 2]
+    #[cfg(feature = "simulator")]
+    #[arg(long, value_enum, default_value_t, requires = "closed_loop")]
+    pub protocol: ProtocolKind,
     /// Derive the recorded car's turning from recorded steering and speed alone, not from the pictures
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
@@ -195,6 +200,27 @@ pub struct Replay {
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// How a drive along a recording goes on after an intervention.
+#[cfg(feature = "simulator")]
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProtocolKind {
+    /// At once and at the same place: NVIDIA's test of DAVE-2 (Bojarski et al. 2016)
+    #[default]
+    Dave2,
+    /// Two seconds further on: the Rally Estonia study (Tampuu et al. 2022)
+    RallyEstonia,
+}
+
+#[cfg(feature = "simulator")]
+impl From<ProtocolKind> for Protocol {
+    fn from(kind: ProtocolKind) -> Self {
+        match kind {
+            ProtocolKind::Dave2 => Self::Dave2,
+            ProtocolKind::RallyEstonia => Self::RallyEstonia,
+        }
+    }
 }
 
 /// `lapwing doctor`

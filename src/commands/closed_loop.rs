@@ -15,6 +15,7 @@ use super::{
 };
 use crate::{cli, film::Film};
 use lapwing_core::{
+    config::ConfigError,
     drive::{DriveDigest, Eventful, Observer, ObserverError},
     driver::Driver,
     perception::Frame,
@@ -27,8 +28,10 @@ use lapwing_core::{
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;
-use lapwing_sim::along::{Beside, RecordedWorld, Sources, Yaw};
+use lapwing_sim::along::{Limit, Measured, Protocol, RecordedWorld, Sources, Yaw};
 
+/// The limits of the Rally Estonia study.
+const RALLY_ESTONIA_M: [Limit; 2] = [Limit::Metres(1.0), Limit::Metres(2.0)];
 /// How many times larger a film is than the picture, along and across.
 const ENLARGED: usize = 2;
 /// How long an intervention is shown in a film, in seconds.
@@ -45,11 +48,19 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let name = model.name().to_owned();
     let source = arguments.source.display().to_string();
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
-    let mut world = RecordedWorld::open(&arguments.source, arguments.limit, yaw)?;
+    let (protocol, limit) = (arguments.protocol.into(), limit(arguments)?);
+    let mut world = RecordedWorld::open(&arguments.source, limit, yaw, None)?.by(protocol);
+    let limit = world.limit();
     let (rows, read, stood) = world.rows();
     let config = json!({
         "settings": settings,
-        "world": { "closed_loop_on": source, "limit_m": arguments.limit, "by_steering": arguments.by_steering },
+        "world": {
+            "closed_loop_on": source,
+            "limit": limit.key(),
+            "limit_m": limit.metres(),
+            "protocol": protocol.key(),
+            "by_steering": arguments.by_steering,
+        },
     });
     let header = RunHeader {
         name_hint: Some(format!("{}-closed-loop", world.name())),
@@ -73,7 +84,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let filmed = film.map_or(Ok(()), |film| film.film.finish());
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
-    let Sources { pictures, steering } = world.sources();
+    let Sources { lane, pictures, steering } = world.sources();
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
         let how = AlongRows {
@@ -81,13 +92,15 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             unseen_frames: bad_frames,
             rows_read: read,
             rows_standing: stood,
+            turned_by_lane: lane,
             turned_by_pictures: pictures,
             turned_by_steering: steering,
             fingerprint: &fingerprint,
             frames_per_s,
             run,
         };
-        let who = Along { pilot: &name, source: &source, limit_m: arguments.limit };
+        let (limit, limit_m) = (limit.key(), limit.metres());
+        let who = Along { pilot: &name, source: &source, limit, limit_m, protocol: protocol.key() };
         serde_json::to_string_pretty(&ScoredDrive { who, card: &card, how, missed: &missed })?
     } else {
         let unseen = match bad_frames {
@@ -95,7 +108,11 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             bad => format!("; no network saw {bad} of them"),
         };
         let line = |label: &str, what: String| format!("\n  {label:<17} {what}");
-        let mut text = format!("{name} along {source}, put back beyond {} m\n{card}", arguments.limit);
+        let further = match protocol {
+            Protocol::Dave2 => "",
+            Protocol::RallyEstonia => ", two seconds further on",
+        };
+        let mut text = format!("{name} along {source}, put back beyond {limit}{further}\n{card}");
         text += &line(
             "frames",
             format!(
@@ -103,8 +120,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
                 wall.as_secs_f64()
             ),
         );
-        text +=
-            &line("recorded turning", format!("from pictures {}, from steering {steering}", count(pictures, "time")));
+        let turning =
+            format!("from the lane {}, from pictures {pictures}, from steering {steering}", count(lane, "time"));
+        text += &line("recorded turning", turning);
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
         text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));
@@ -120,6 +138,19 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         return Ok(Ended::Failed);
     }
     Ok(ended)
+}
+
+/// The limit that was asked for, which some protocols prescribe.
+fn limit(arguments: &cli::Replay) -> anyhow::Result<Option<Limit>> {
+    match (arguments.protocol, arguments.limit) {
+        (cli::ProtocolKind::Dave2, limit) => Ok(limit),
+        (cli::ProtocolKind::RallyEstonia, None) => Ok(Some(Limit::Metres(2.0))),
+        (cli::ProtocolKind::RallyEstonia, Some(limit)) if RALLY_ESTONIA_M.contains(&limit) => Ok(Some(limit)),
+        (cli::ProtocolKind::RallyEstonia, Some(limit)) => {
+            let why = format!("expected 1 or 2 with --protocol rally-estonia, got {limit}");
+            Err(ConfigError::Value { layer: "--limit".into(), why }.into())
+        }
+    }
 }
 
 /// A film of what the pilot sees, with its offset and heading.
@@ -161,13 +192,14 @@ impl Observer<RecordedWorld> for PilotFilm {
                     .for_each(|p| p.copy_from_slice(&colour));
             }
         };
-        // A scale as wide as the limit: the path in its middle, the car's offset below, its heading as a dash.
-        let Beside { offset_m, heading_rad } = world.beside();
+        // A scale from limit to limit: the line in between, the car's offset below, its heading as a dash.
+        let Measured { offset_m, heading_rad, limits_m: (left_m, right_m), .. } = world.measured();
         let (middle, reach) = (width as f64 / 2.0, width as f64 / 4.0);
-        let at_offset = middle + reach * offset_m / world.limit_m();
+        let at_metres = |metres: f64| middle + reach * (2.0 * metres - left_m - right_m) / (right_m - left_m);
+        let at_offset = at_metres(offset_m);
         bar(middle - reach, middle + reach, 8, 10, WHITE);
-        for tick in [-1.0, 0.0, 1.0] {
-            bar(middle + tick * reach - 1.0, middle + tick * reach + 1.0, 4, 14, WHITE);
+        for tick in [left_m, 0.0, right_m] {
+            bar(at_metres(tick) - 1.0, at_metres(tick) + 1.0, 4, 14, WHITE);
         }
         bar(at_offset - 4.0, at_offset + 4.0, 3, 15, YELLOW);
         bar(at_offset, at_offset + reach * heading_rad.to_degrees() / 10.0, 16, 19, YELLOW);

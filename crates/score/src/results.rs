@@ -48,8 +48,12 @@ pub struct Along<'a> {
     pub pilot: &'a str,
     /// The recording.
     pub source: &'a str,
-    /// How far from the recorded path the car may be, in metres.
+    /// Where it is put back: at the edge of the `road`, or after a number of `metres`.
+    pub limit: &'a str,
+    /// That number; with `road` it holds where the road is not known.
     pub limit_m: f64,
+    /// How the drive goes on after an intervention: `dave2`, `rally-estonia`.
+    pub protocol: &'a str,
 }
 
 /// A drive in one process, as fast as it goes.
@@ -77,6 +81,8 @@ pub struct AlongRows<'a> {
     pub rows_read: usize,
     /// Rows among them in which the recorded car stands.
     pub rows_standing: usize,
+    /// Intervals in which the recorded car's places in its lane showed how it turned.
+    pub turned_by_lane: usize,
     /// Intervals in which the pictures showed how the recorded car turned.
     pub turned_by_pictures: usize,
     /// Intervals in which its steering was used instead.

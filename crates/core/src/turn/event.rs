@@ -87,9 +87,21 @@ pub enum EventRecord {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         own_mph: Option<f64>,
     },
-    /// The car left the road.
+    /// From here on, in a drive along a recording: what offsets are measured from, and how far from it the car may be.
+    MeasuredFrom {
+        /// What they are measured from.
+        line: MeasuredLine,
+        /// What the car must not pass.
+        edge: LimitEdge,
+        /// Where that is, in metres to the right of the line: on the left, below 0, …
+        left_m: f64,
+        /// … and on the right.
+        right_m: f64,
+    },
+    /// The car left the road, or passed its limit along a recording.
     OffRoad {
-        /// How far from the road's middle it was, positive to the right.
+        /// How far from the road's middle it was, positive to the right; along a recording from the line that
+        /// `measured-from` names.
         offset_m: f64,
     },
     /// The car came back to the road.
@@ -121,6 +133,27 @@ pub enum EventRecord {
         #[serde(deserialize_with = "present_words")]
         why: String,
     },
+}
+
+/// What the offsets of a drive along a recording are measured from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum MeasuredLine {
+    /// The middle of the lane.
+    Lane,
+    /// The path that the recorded car drove; runs of earlier versions know no other.
+    #[default]
+    RecordedPath,
+}
+
+/// What a car along a recording must not pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LimitEdge {
+    /// The road's edge.
+    Road,
+    /// A distance that was asked for, or the default one where the road is not known.
+    Metres,
 }
 
 /// Why a run ended, in today's words: older runs say it in words that readers would not understand.
@@ -165,6 +198,7 @@ impl EventRecord {
             | Self::Kick
             | Self::PilotArmed
             | Self::Course { .. }
+            | Self::MeasuredFrom { .. }
             | Self::Lap { .. }
             | Self::Collision { .. }
             | Self::OffRoad { .. }

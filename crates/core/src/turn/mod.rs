@@ -15,7 +15,7 @@ use std::time::Duration;
 use bytes::Bytes;
 
 pub use command::{By, CommandRecord};
-pub use event::EventRecord;
+pub use event::{EventRecord, LimitEdge, MeasuredLine};
 
 use crate::{
     control::ThrottleOutput,

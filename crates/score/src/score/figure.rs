@@ -5,12 +5,16 @@
 use serde::Serialize;
 
 /// The sources that figures cite, by their short names.
-pub const SOURCES: [(&str, &str); 9] = [
+pub const SOURCES: [(&str, &str); 10] = [
     (
         "Lu",
         "End to End Learning for Self-Driving Cars, which judged by collision rate, maximum speed and completion rate.",
     ),
     ("Bojarski", "End to End Learning for Self-Driving Cars, arXiv 1604.07316 (2016), section 7.1."),
+    (
+        "Tampuu",
+        "Lidar-as-Camera for End-to-End Driving, arXiv 2206.15170 (2022), and the University of Tartu's vista-evaluation: the Rally Estonia study.",
+    ),
     ("CARLA", "the leaderboard's evaluation criteria, versions 1.0 and 2.1 (leaderboard.carla.org)."),
     ("nuPlan", "ego_is_comfortable of the nuPlan benchmark (Caesar et al., arXiv 2106.11810) and its development kit."),
     ("Hayward", "Near miss determination through use of a scale of danger, Highway Research Record 384 (1972)."),
@@ -271,18 +275,26 @@ figures! {
         "Time for which humans drove.";
     Interventions = "interventions", "interventions", Count, Lower,
         "Virtual interventions: each time that the car was put back on the road, and once more if the run ended within 2 s of a collision, off the road or stuck.";
+    InterventionsPerKm = "interventions_per_km", "interventions per km", PerKm, Lower,
+        "Virtual interventions over the distance driven (Tampuu).";
     DrivingScore = "driving_score", "driving score", Points, Higher,
         "100 x completion x (1 - share of the way off the road) / (1 + sum of 1.0 for each person hit, 0.7 for each vehicle, 0.6 for anything else) (CARLA 2.1).";
     DrivingScoreProduct = "driving_score_product", "driving score 1.0", Points, Higher,
         "100 x completion x (1 - share of the way off the road) x 0.5 for each person hit x 0.6 for each vehicle x 0.65 for anything else (CARLA 1.0).";
     MeanCte = "mean_cte_m", "mean |cte|", Metres, Lower,
-        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world reports it, over telemetries (the cross-track error of SelfOracle's telemetry); along a recording the offset at which the car was put back counts once, too.";
+        "Mean distance from the line to drive (the middle of the road, or of the lane where the track has one), as the world reports it, over telemetries (the cross-track error of SelfOracle's telemetry); along a recording from the lane's middle where that is known, otherwise from the recorded path, and the offset at which the car was put back counts once, too.";
     RmsCte = "rms_cte_m", "RMS cte", Metres, Lower,
         "Root of the mean squared distance from the line to drive (as the mean).";
     P95Cte = "p95_cte_m", "95th percentile of |cte|", Metres, Lower,
         "Distance from the line to drive that 95 of 100 telemetries keep within (as the mean).";
     MaxCte = "max_cte_m", "largest |cte|", Metres, Lower,
         "Largest distance from the line to drive (as the mean).";
+    Beyond1m = "beyond_1_m_share", "beyond 1 m", Share, Lower,
+        "Share of the time with more than 1 m between the car and the line to drive (as the mean), each telemetry standing for half the time to its neighbours: interventions alone overstate how well a pilot drives that is put back late.";
+    Beyond2m = "beyond_2_m_share", "beyond 2 m", Share, Lower,
+        "Share of the time with more than 2 m between the car and the line to drive (as beyond 1 m).";
+    FromLane = "from_lane_share", "measured from the lane", Share, Neither,
+        "Along a recording: share of the way on which offsets are measured from the lane's middle, the rest from the recorded path.";
     OffRoads = "off_roads", "times off the road", Count, Lower,
         "Episodes out of bounds: times that the car left the road (SelfOracle's tot_obes).";
     OffRoadS = "off_road_s", "time off the road", Seconds, Lower,
@@ -290,7 +302,7 @@ figures! {
     OffRoadShare = "off_road_share", "share off the road", Share, Lower,
         "Distance driven off the road, as a share of the whole distance.";
     SteeringRate = "steering_rate_deg_s", "steering rate", DegreesPerSecond, Lower,
-        "Whiteness: root mean square of the steering angle's rate over time, sqrt(integral of (d angle / dt)^2 dt / time), a straight line between two telemetries; gaps of more than a second and resets do not count.";
+        "Whiteness (Tampuu, there of the steering wheel, here of the front wheels): root mean square of the steering angle's rate over time, sqrt(integral of (d angle / dt)^2 dt / time), a straight line between two telemetries; gaps of more than a second and resets do not count.";
     SteeringReversals = "steering_reversals_per_min", "steering reversals", PerMinute, Lower,
         "Times a minute that the steering angle turns back by at least 1 degree of the front wheels (J2944, where the threshold applies to the steering wheel).";
     RmsJerk = "rms_jerk_m_s3", "jerk", Jerk, Lower,

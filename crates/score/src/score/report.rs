@@ -19,11 +19,13 @@ use lapwing_core::{
 pub const SCHEMA: &str = "lapwing.score/1";
 
 /// Figures shown in the table of several runs.
-const COMPARED: [Figure; 8] = [
+const COMPARED: [Figure; 10] = [
     Figure::Completion,
     Figure::Collisions,
     Figure::OffRoads,
     Figure::MeanCte,
+    Figure::P95Cte,
+    Figure::MaxCte,
     Figure::Autonomy,
     Figure::DrivingScore,
     Figure::MeanMph,

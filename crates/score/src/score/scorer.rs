@@ -22,6 +22,7 @@ use crate::odometry::Road;
 use lapwing_core::{
     protocol::Telemetry,
     recording::{By, CommandRecord, EventRecord, Item, RunKind},
+    turn::MeasuredLine,
     units::{MPS_PER_MPH, Metres},
 };
 
@@ -49,6 +50,9 @@ pub struct Scorer {
     off_road_m: f64,
     max_mph: f64,
     offsets: Offsets,
+    /// What the offsets of a drive along a recording are measured from now, and along how many metres it was the lane.
+    line: MeasuredLine,
+    from_lane_m: f64,
     wheel: Wheel,
     samples: Vec<Tick>,
     /// Whether the car was put elsewhere since the last sample.
@@ -106,6 +110,9 @@ struct AnswerCounts {
     human: u64,
 }
 
+/// Distances from the line of which the card says for how much of the time they were exceeded, in metres.
+const BEYOND_M: [f64; 2] = [1.0, 2.0];
+
 /// |cte| of each telemetry that reports it, in metres.
 #[derive(Debug, Clone, Default)]
 struct Offsets {
@@ -113,13 +120,27 @@ struct Offsets {
     sum: f64,
     squares: f64,
     most: f64,
+    /// Seconds between two of them, and how many of those beyond each of [`BEYOND_M`].
+    timed_s: f64,
+    beyond_s: [f64; 2],
+    /// When the last one was, and what.
+    last: Option<(f64, f64)>,
     /// Empty when live.
     all: Vec<f64>,
 }
 
 impl Offsets {
-    fn take(&mut self, cte_m: f64, keep: bool) {
+    /// Takes one; `goes_on` if the time since the last one was driven.
+    fn take(&mut self, at_s: f64, cte_m: f64, goes_on: bool, keep: bool) {
         let off_m = cte_m.abs();
+        if let Some((then_s, then_m)) = self.last.replace((at_s, off_m)).filter(|_| goes_on) {
+            // Each stands for half the time between the two.
+            let half_s = (at_s - then_s).max(0.0) / 2.0;
+            self.timed_s += 2.0 * half_s;
+            for (beyond_s, limit_m) in self.beyond_s.iter_mut().zip(BEYOND_M) {
+                *beyond_s += half_s * f64::from(u8::from(then_m > limit_m) + u8::from(off_m > limit_m));
+            }
+        }
         self.n += 1;
         self.sum += off_m;
         self.squares += off_m * off_m;
@@ -189,6 +210,7 @@ impl Scorer {
             self.driven_m += way;
             self.in_gaps_m += if after_gap { way } else { 0.0 };
             self.off_road_m += if self.off_since.is_some() { way } else { 0.0 };
+            self.from_lane_m += if self.line == MeasuredLine::Lane { way } else { 0.0 };
         }
         let apart_s = self.last.map(|_| apart);
         let now = Now { at_s: at, apart_s, after_gap, mps: speed_mps, driven_m: self.driven_m, is_beginning };
@@ -208,8 +230,9 @@ impl Scorer {
         self.last = Some((at, speed_mps));
         self.max_mph = self.max_mph.max(mph);
         self.braking.telemetry(at, telemetry.speed, truth);
-        if let Some(cte) = truth.cte {
-            self.offsets.take(cte.get(), !self.is_live);
+        match truth.cte {
+            Some(cte) => self.offsets.take(at, cte.get(), !after_gap, !self.is_live),
+            None => self.offsets.last = None,
         }
         if let (Some(course), Some(lap), Some(waypoint)) = (&self.course, truth.lap, truth.waypoint) {
             let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
@@ -287,10 +310,11 @@ impl Scorer {
                 self.struck.push(Struck::by_name(with));
                 self.collided(at);
             }
+            EventRecord::MeasuredFrom { line, .. } => self.line = *line,
             EventRecord::OffRoad { offset_m } => {
                 if self.is_recorded() {
                     // The car is put back before a telemetry shows it there.
-                    self.offsets.take(Metres::saturating(*offset_m).get(), !self.is_live);
+                    self.offsets.take(at, Metres::saturating(*offset_m).get(), true, !self.is_live);
                 }
                 self.off_roads += 1;
                 self.off_since = Some(at);

@@ -104,7 +104,18 @@ impl Scorecard {
         }
         let offsets =
             [(F::MeanCte, " mean"), (F::RmsCte, " RMS"), (F::P95Cte, " 95th percentile"), (F::MaxCte, " largest")];
+        if let Some(share) = self.value(F::FromLane) {
+            let [lane, path] = [share, 1.0 - share].map(|share| F::FromLane.unit().show(share));
+            let from = format!("the lane's middle along {lane} of the way, the recorded path along {path}");
+            rows.push(("measured from", from));
+        }
         rows.push(("|cte|", self.together(&offsets)));
+        if self.value(F::FromLane).is_some() || count(F::Interventions) > 0.0 {
+            rows.push((
+                "time off the line",
+                self.together(&[(F::Beyond1m, " beyond 1 m"), (F::Beyond2m, " beyond 2 m")]),
+            ));
+        }
         rows.push((
             "autonomy",
             match self.value(F::Autonomy) {
@@ -113,7 +124,9 @@ impl Scorecard {
                     let (takeovers, put) = (count(F::Takeovers), count(F::Interventions));
                     let [takeovers, put] =
                         [(takeovers, "takeover"), (put, "intervention")].map(|(n, what)| counted(n as u64, what));
-                    let why = format!(" ({takeovers}, {put})");
+                    let a_km = self.value(F::InterventionsPerKm).filter(|n| *n > 0.0);
+                    let a_km = a_km.map_or_else(String::new, |n| format!(", {}", F::InterventionsPerKm.unit().show(n)));
+                    let why = format!(" ({takeovers}, {put}{a_km})");
                     let measured = if count(F::HumanS) > 0.0 {
                         format!(
                             "; {} measured, humans drove {}",

@@ -15,8 +15,16 @@ use lapwing_core::hash::sha256;
 /// The schema of the JSON.
 const SCHEMA: &str = "lapwing.suite/1";
 /// Figures of the table.
-const SHOWN: [Figure; 6] =
-    [Figure::Completion, Figure::Collisions, Figure::OffRoads, Figure::MeanCte, Figure::Autonomy, Figure::DrivingScore];
+const SHOWN: [Figure; 8] = [
+    Figure::Completion,
+    Figure::Collisions,
+    Figure::OffRoads,
+    Figure::MeanCte,
+    Figure::P95Cte,
+    Figure::MaxCte,
+    Figure::Autonomy,
+    Figure::DrivingScore,
+];
 
 /// What `suite.json` holds; the documentation of [`suite`](super) has its keys.
 #[derive(Debug, Clone, PartialEq, Serialize)]

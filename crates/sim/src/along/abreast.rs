@@ -22,8 +22,10 @@ pub(super) struct RecordedStep {
     pub speed: f64,
     /// What was steered.
     pub steering: Steering,
-    /// How fast it turned by its pictures, in radians a second, positive to the right.
+    /// How fast it turned by its pictures or by where it was in its lane, in radians a second, positive to the right.
     pub yaw_rate: Option<f64>,
+    /// Metres a second to its right, if it is known where in its lane it was.
+    pub aside: Option<f64>,
 }
 
 impl Abreast {
@@ -32,26 +34,32 @@ impl Abreast {
         self.beside
     }
 
-    /// Puts the driven car back on the path, with the motion of the recorded one.
+    /// Puts the driven car back on the recorded path, with the motion of the recorded one.
     pub(super) fn put_back(&mut self) {
         self.driven = self.recorded;
         self.beside = Beside::default();
     }
 
+    /// Puts the driven car elsewhere, in a motion of its own: it follows a bend without slipping.
+    pub(super) fn put(&mut self, beside: Beside, yaw_rate: f64) {
+        self.driven = Car { yaw_rate, lateral_speed: 0.0, ..self.recorded };
+        self.beside = beside;
+    }
+
     /// One step of [`STEP_S`].
     pub(super) fn step(&mut self, recorded: RecordedStep, steering: Steering) {
-        let RecordedStep { speed, yaw_rate, .. } = recorded;
+        let RecordedStep { speed, yaw_rate, aside, .. } = recorded;
         let Beside { offset_m, heading_rad } = self.beside;
         roll(&mut self.recorded, speed, recorded.steering);
         // What the pictures show overrides what the steering says; the tyres slip accordingly.
         self.recorded.yaw_rate = yaw_rate.unwrap_or(self.recorded.yaw_rate);
+        let aside = aside.unwrap_or(self.recorded.lateral_speed);
         // To stay abreast, the car further out in a bend goes faster.
         let (sin, cos) = heading_rad.sin_cos();
         let forward = (speed - self.recorded.yaw_rate * offset_m + self.driven.lateral_speed * sin) / cos.max(0.3);
         roll(&mut self.driven, forward.max(0.0), steering);
         self.beside = Beside {
-            offset_m: offset_m
-                + STEP_S * (forward * sin + self.driven.lateral_speed * cos - self.recorded.lateral_speed),
+            offset_m: offset_m + STEP_S * (forward * sin + self.driven.lateral_speed * cos - aside),
             heading_rad: heading_rad + STEP_S * (self.driven.yaw_rate - self.recorded.yaw_rate),
         };
     }
@@ -71,7 +79,7 @@ mod tests {
         let mut pair = Abreast::default();
         for i in 0..steps {
             let yaw_rate = seen(i as f64 * STEP_S);
-            let was = RecordedStep { speed: 9.0, steering: Steering::saturating(recorded), yaw_rate };
+            let was = RecordedStep { speed: 9.0, steering: Steering::saturating(recorded), yaw_rate, aside: None };
             pair.step(was, Steering::saturating(driven));
         }
         pair.beside()
@@ -105,7 +113,8 @@ mod tests {
         let mut pair = Abreast::default();
         for i in 0..125 {
             let driven = if i < 75 { 0.33 } else { 0.3 };
-            let recorded = RecordedStep { speed: 9.0, steering: Steering::saturating(0.3), yaw_rate: None };
+            let steering = Steering::saturating(0.3);
+            let recorded = RecordedStep { speed: 9.0, steering, yaw_rate: None, aside: None };
             pair.step(recorded, Steering::saturating(driven));
         }
         // Each car keeps its own place in the world, too.

@@ -3,31 +3,42 @@
 //! ```text
 //! Run or Udacity folder ─▶ recorded pictures ─▶ warp ─▶ what the virtual car sees ─▶ Driver
 //!          │                      └─▶ flow ─▶ rotation ─┐                              │
-//!          └─▶ steering, speed ───▶ recorded car ───────┴─▶ offset, heading ◀─ virtual car
+//!          ├─▶ steering, speed ───▶ recorded car ───────┼─▶ offset, heading ◀─ virtual car
+//!          └─▶ where in its lane it was (`locate`) ─────┘
 //! ```
-//! A virtual car starts on the recorded path. It drives as fast as the recorded one, abreast of it, and turns as it is
-//! steered; its offset and heading relative to the recorded car follow from how both cars turn. The recorded car turned
-//! as its pictures show, or, where they show nothing, as its steering says. The pilot sees the recorded picture, warped
-//! to where the virtual car is. If the offset exceeds the limit, the car is put back: an intervention.
+//! A virtual car starts on the line. It drives as fast as the recorded one, abreast of it, and turns as it is steered;
+//! its offset and heading relative to the recorded car follow from how both cars moved. The pilot sees the recorded
+//! picture, warped to where the virtual car is. Beyond its limit the car is put back on the line: an intervention.
+//!
+//! Where the recording is [located](crate::locate), the line is the lane's middle: the place of the virtual car is that of
+//! the recorded one in its lane, and the offset between them. The recorded car moved as its places in the lane say, so
+//! errors do not add up: the picture that is shown and the place that is judged are never further apart than an error of
+//! locating. The limit is the road's edge, or metres.
+//!
+//! Elsewhere the line is the recorded path. The recorded car turned as its pictures show, or, where they show nothing, as
+//! its steering says. A pilot that drives in the middle of the lane is then as far off as the recorded driver weaved.
 //!
 //! Both cars are the simulator's own ([`Car`](crate::vehicle::Car): a bicycle on slipping tyres, calibrated on real
-//! recordings), so a pilot that steers as recorded stays on the path unless the pictures say otherwise.
+//! recordings), so a pilot that steers as recorded stays on the recorded path unless the pictures say otherwise.
 //!
-//! What can be judged: interventions, and autonomy calculated from them; offsets from the recorded path, including
-//! those at which the car was put back; the steering. The speed is the recording's, and there are no laps, no obstacles
-//! and no edge of the road: the scorecard says so for every figure that depends on them, and a threshold for such a
-//! figure is not reached.
+//! What can be judged: interventions, and autonomy calculated from them; offsets from the line, including those at which
+//! the car was put back; the steering. The speed is the recording's, and there are no laps and no obstacles: the
+//! scorecard says so for every figure that depends on them, and a threshold for such a figure is not reached.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `world` | [`RecordedWorld`], the above |
+//! | `judging` | what a place is measured from, limits, where a car goes on after an intervention |
 //! | `recorded` | rows and pictures of a recording, without standing and gaps |
 //! | `abreast` | two cars side by side |
+//! | `motion` | how the recorded car moved between two rows |
 //! | `warp` | the picture as seen from an offset |
 //! | `flow`, `rotation` | how far the car turned between two pictures |
 
 mod abreast;
 mod flow;
+mod judging;
+mod motion;
 mod recorded;
 mod rotation;
 mod warp;
@@ -36,10 +47,12 @@ mod world;
 use std::{io, path::PathBuf};
 
 pub use flow::Pyramid;
+pub use judging::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, Limit, Measured, Protocol};
+pub use motion::{Sources, Yaw};
 pub use recorded::{GAP_S, STANDS_MPH};
 pub use rotation::{Rotation, turn};
 pub use warp::{Beside, SIZE, Warp};
-pub use world::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, RecordedWorld, Sources, Yaw};
+pub use world::RecordedWorld;
 
 use lapwing_core::{perception::ImageError, recording::RecordingError};
 

@@ -34,7 +34,14 @@ pub(super) struct PathRow {
     /// Why the path does not continue from the row before: a new stretch begins.
     pub cut: Option<PathBreak>,
     /// Which row of the recording this is, from 0, of those with a picture.
-    index: usize,
+    pub index: usize,
+}
+
+impl PathRow {
+    /// Its speed in metres a second.
+    pub(super) fn mps(&self) -> f64 {
+        self.speed.metres_per_second().get()
+    }
 }
 
 /// Why the recorded path is broken off.
@@ -98,12 +105,13 @@ impl RecordedDrive {
 
     /// Metres that the car drove, stretch by stretch.
     pub(super) fn length_m(&self) -> f64 {
-        let pairs = self.rows.windows(2).filter(|pair| pair[1].cut.is_none());
-        let way = |pair: &[PathRow]| {
-            let mps = |row: &PathRow| row.speed.metres_per_second().get();
-            (mps(&pair[0]) + mps(&pair[1])) / 2.0 * (pair[1].at_s - pair[0].at_s)
-        };
-        pairs.map(way).sum()
+        self.length_m_where(|_| true)
+    }
+
+    /// The same up to those rows of which this holds.
+    pub(super) fn length_m_where(&self, holds: impl Fn(&PathRow) -> bool) -> f64 {
+        let pairs = self.rows.windows(2).filter(|pair| pair[1].cut.is_none() && holds(&pair[1]));
+        pairs.map(|pair| (pair[0].mps() + pair[1].mps()) / 2.0 * (pair[1].at_s - pair[0].at_s)).sum()
     }
 
     /// The pictures of a row; rows must be asked for in order.

@@ -3,32 +3,28 @@
 use std::{path::Path, time::Duration};
 
 use super::{
-    ClosedLoopError,
+    ClosedLoopError, DEFAULT_LIMIT_M, Limit, Measured, Protocol, Sources, Yaw,
     abreast::{Abreast, RecordedStep as Then},
     flow::Pyramid,
+    judging::on_the_line,
+    motion::{Interval, Moved},
     recorded::{MomentPictures, PathBreak, PathRow, RecordedDrive},
-    rotation,
     warp::{Beside, Warp},
 };
-use crate::{camera::encode_jpeg, vehicle::STEP_S};
+use crate::{
+    camera::encode_jpeg,
+    locate::{InLane, LocatedDrive},
+    vehicle::STEP_S,
+};
 use lapwing_core::{
-    car::FULL_STEERING_DEG,
     drive::Eventful,
-    motion,
     perception::Frame,
     protocol::{Answer, CameraImage, Observation, Sight, Telemetry, Truth, World},
-    recording::RunKind,
-    turn::EventRecord,
+    recording::{RunKind, udacity::FALLBACK_INTERVAL},
+    turn::{EventRecord, LimitEdge, MeasuredLine},
     units::{Degrees, Metres, Steering},
     words::count,
 };
-
-/// How far beside the path the virtual car may be, in metres: NVIDIA's (Bojarski et al. 2016, section 6.1).
-pub const DEFAULT_LIMIT_M: f64 = 1.0;
-
-/// A virtual car whose heading is off by more than this, in degrees, is put back, too: the picture would show nothing
-/// of what it sees.
-pub const FURTHEST_HEADING_DEG: f64 = 45.0;
 
 /// JPEG quality of warped pictures; the recorded ones have already been compressed at the stock build's 75.
 const QUALITY: u8 = 95;
@@ -36,30 +32,13 @@ const QUALITY: u8 = 95;
 /// Metres between the waypoints that telemetry counts, as the simulator's.
 const WAYPOINT_M: f64 = 20.0;
 
-/// Where the recorded car's yaw rate comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Yaw {
-    /// The shift of the scenery from picture to picture if it can be seen, otherwise the steering.
-    #[default]
-    Pictures,
-    /// Recorded steering and speed alone.
-    Steering,
-}
-
-/// Where the recorded car's yaw rate came from, counted in intervals between two rows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Sources {
-    /// Intervals measured from the pictures.
-    pub pictures: usize,
-    /// Intervals computed from the steering.
-    pub steering: usize,
-}
-
 /// A recording as a world, closed loop.
 pub struct RecordedWorld {
     recorded: RecordedDrive,
+    located: Option<LocatedDrive>,
     name: String,
-    limit_m: f64,
+    limit: Limit,
+    protocol: Protocol,
     yaw: Yaw,
     warp: Warp,
     abreast: Abreast,
@@ -72,6 +51,12 @@ pub struct RecordedWorld {
     steering: Steering,
     steps: u64,
     driven_m: f64,
+    /// Seconds of the recording that were left out after interventions.
+    left_out_s: f64,
+    /// Whether the virtual car goes on from the line here, as behind a break of the path.
+    restarts: bool,
+    /// What the events last said that its place is measured from.
+    announced: Option<(MeasuredLine, LimitEdge, (f64, f64))>,
     interventions: u32,
     sources: Sources,
     failed: Option<ClosedLoopError>,
@@ -81,18 +66,31 @@ pub struct RecordedWorld {
 }
 
 impl RecordedWorld {
-    /// Opens a run (a file) or a Udacity folder (a folder, or its CSV). The virtual car may be up to `limit_m` from the
-    /// recorded path.
+    /// Opens a run (a file) or a Udacity folder (a folder, or its CSV). If it is `located`, the virtual car's place is
+    /// measured from the lane's middle wherever that is known. The default `limit` is the road's edge if the lane is known
+    /// along most of the way, otherwise [`DEFAULT_LIMIT_M`].
     ///
     /// # Errors
     /// [`ClosedLoopError`]: what cannot be read, pictures of another size than 320x160, no motion.
-    pub fn open(path: &Path, limit_m: f64, yaw: Yaw) -> Result<Self, ClosedLoopError> {
+    pub fn open(
+        path: &Path,
+        limit: Option<Limit>,
+        yaw: Yaw,
+        located: Option<LocatedDrive>,
+    ) -> Result<Self, ClosedLoopError> {
         let mut recorded = RecordedDrive::open(path)?;
+        let in_lane = |row: &PathRow| located.as_ref().is_some_and(|drive| drive.in_lane(row.index).is_some());
+        let is_mostly_known = recorded.length_m_where(in_lane) > recorded.length_m() / 2.0;
+        let limit = limit.unwrap_or(if is_mostly_known { Limit::Road } else { Limit::Metres(DEFAULT_LIMIT_M) });
+        let edge_m = match (limit, &located) {
+            (Limit::Road, Some(drive)) => drive.track.half_width(),
+            _ => limit.metres(),
+        };
         let name = path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let shown = recorded.show(0)?;
         let length_m = recorded.length_m();
         let waypoints = ((length_m / WAYPOINT_M).ceil() as u32).max(1);
-        let course = EventRecord::recorded_path(&name, length_m, waypoints, limit_m);
+        let course = EventRecord::recorded_path(&name, length_m, waypoints, edge_m);
         let mut world = Self {
             warp: Warp::new(),
             abreast: Abreast::default(),
@@ -103,6 +101,9 @@ impl RecordedWorld {
             steering: Steering::ZERO,
             steps: 0,
             driven_m: 0.0,
+            left_out_s: 0.0,
+            restarts: false,
+            announced: None,
             interventions: 0,
             sources: Sources::default(),
             failed: None,
@@ -110,13 +111,20 @@ impl RecordedWorld {
             announced_end: false,
             events: vec![(Duration::ZERO, course)],
             recorded,
+            located,
             name,
-            limit_m,
+            limit,
+            protocol: Protocol::default(),
             yaw,
         };
         world.pyramid = world.pyramid();
         world.arrive();
         Ok(world)
+    }
+
+    /// The same world by another protocol.
+    pub fn by(self, protocol: Protocol) -> Self {
+        Self { protocol, ..self }
     }
 
     /// The recording's name, without folders and extension.
@@ -134,6 +142,16 @@ impl RecordedWorld {
         self.abreast.beside()
     }
 
+    /// The virtual car's place, and how far it may be from what that is measured from.
+    pub fn measured(&self) -> Measured {
+        Measured::new(self.limit, self.in_lane(), self.abreast.beside())
+    }
+
+    /// Where in its lane the recorded car is, if that is known.
+    fn in_lane(&self) -> Option<InLane> {
+        self.located.as_ref()?.in_lane(self.recorded.rows.get(self.row)?.index)
+    }
+
     /// The picture that was shown last, as the pilot saw it before JPEG.
     pub fn picture(&self) -> &Frame {
         &self.seen
@@ -144,9 +162,9 @@ impl RecordedWorld {
         self.interventions
     }
 
-    /// How far it may be from the path, in metres.
-    pub fn limit_m(&self) -> f64 {
-        self.limit_m
+    /// Where it is put back.
+    pub fn limit(&self) -> Limit {
+        self.limit
     }
 
     /// Where the recorded car's yaw rate came from so far.
@@ -168,7 +186,8 @@ impl RecordedWorld {
     }
 
     fn at(&self) -> Duration {
-        Duration::from_secs_f64(self.recorded.rows.get(self.row).map_or(0.0, |row| row.at_s))
+        let last = self.recorded.rows.len() - 1;
+        Duration::from_secs_f64(self.recorded.rows[self.row.min(last)].at_s - self.left_out_s)
     }
 
     /// The centre picture, ready for the flow.
@@ -182,53 +201,104 @@ impl RecordedWorld {
     /// Arrives at a row: reports what happened before it, and paints the virtual car's picture.
     fn arrive(&mut self) {
         let Some(row) = self.recorded.rows.get(self.row).copied() else { return };
-        if let Some(cut) = row.cut {
+        if std::mem::take(&mut self.restarts) || row.cut.is_some() {
             self.abreast = Abreast::default();
+            self.put_on_the_line();
             self.steps = (row.at_s / STEP_S) as u64;
-            if cut != PathBreak::Begins {
-                self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
-            }
         }
+        if let Some(cut) = row.cut.filter(|cut| *cut != PathBreak::Begins) {
+            self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
+        }
+        self.announce();
         self.warp.render(self.shown.frames(), self.abreast.beside(), &mut self.seen);
     }
 
     /// Drives from a row to the next one under a steering command.
     fn drive(&mut self, from: PathRow, to: PathRow, before: Option<Pyramid>) {
-        let apart = to.at_s - from.at_s;
-        let mps = |row: PathRow| row.speed.metres_per_second().get();
-        let rolled = (mps(from) + mps(to)) / 2.0 * apart;
-        let seen = before.zip(self.pyramid.as_ref()).and_then(|(before, next)| rotation::turn(&before, next, rolled));
-        let yaw_rate = seen.map(|turn| turn.yaw / apart).filter(|rate| believable(*rate, mps(from)));
-        match yaw_rate {
-            Some(_) => self.sources.pictures += 1,
-            None => self.sources.steering += 1,
-        }
         let until = (to.at_s / STEP_S + 1e-9) as u64;
+        let interval = Interval { from, to, simulated_s: until.saturating_sub(self.steps) as f64 * STEP_S };
+        let by_lane = self.located.as_ref().and_then(|drive| interval.by_lane(drive));
+        let moved = by_lane.or_else(|| interval.by_pictures(&before?, self.pyramid.as_ref()?));
+        match (by_lane, moved) {
+            (Some(_), _) => self.sources.lane += 1,
+            (None, Some(_)) => self.sources.pictures += 1,
+            (None, None) => self.sources.steering += 1,
+        }
+        let Moved { yaw_rate, aside } = moved.unwrap_or_default();
         while self.steps < until {
             self.steps += 1;
-            let share = ((self.steps as f64 * STEP_S - from.at_s) / apart).clamp(0.0, 1.0);
-            let speed = mps(from) + share * (mps(to) - mps(from));
-            self.abreast.step(Then { speed, steering: from.steering, yaw_rate }, self.steering);
+            let share = ((self.steps as f64 * STEP_S - from.at_s) / interval.seconds()).clamp(0.0, 1.0);
+            let speed = from.mps() + share * (to.mps() - from.mps());
+            self.abreast.step(Then { speed, steering: from.steering, yaw_rate, aside }, self.steering);
         }
-        self.driven_m += rolled;
+        self.driven_m += interval.mps() * interval.seconds();
     }
 
     /// Puts the virtual car back if it is too far off. No telemetry shows it there; the event reports how far it was.
-    fn intervene(&mut self) {
-        let Beside { offset_m, heading_rad } = self.abreast.beside();
-        if offset_m.abs() <= self.limit_m && heading_rad.abs() <= FURTHEST_HEADING_DEG.to_radians() {
-            return;
+    fn intervene(&mut self) -> Result<(), ClosedLoopError> {
+        let place = self.measured();
+        if !place.is_beyond() {
+            return Ok(());
         }
+        self.announce();
         self.interventions += 1;
-        self.abreast.put_back();
         let waypoint = (self.driven_m / WAYPOINT_M) as u32;
         let at = self.at();
-        self.events.push((at, EventRecord::OffRoad { offset_m }));
+        self.events.push((at, EventRecord::OffRoad { offset_m: place.offset_m }));
         self.events.push((at, EventRecord::Reset { waypoint }));
+        self.put_on_the_line();
+        self.leave_out(self.protocol.left_out_s())
+    }
+
+    /// Puts the virtual car on the lane's middle if that is known, otherwise on the recorded path.
+    fn put_on_the_line(&mut self) {
+        match (self.in_lane(), self.recorded.rows.get(self.row)) {
+            (Some(lane), Some(row)) => {
+                let yaw_rate = lane.curvature * row.mps();
+                self.abreast.put(on_the_line(Some(lane)), yaw_rate);
+            }
+            _ => self.abreast.put_back(),
+        }
+    }
+
+    /// Goes on this many seconds further along the recording, or where the path breaks off before.
+    fn leave_out(&mut self, seconds: f64) -> Result<(), ClosedLoopError> {
+        if seconds <= 0.0 {
+            return Ok(());
+        }
+        let rows = &self.recorded.rows;
+        let was_s = rows[self.row].at_s;
+        let next = |row: &PathRow| row.cut.is_some() || row.at_s >= was_s + seconds;
+        let further = rows[self.row + 1..].iter().position(next);
+        self.row = further.map_or(rows.len(), |further| self.row + 1 + further);
+        let Some(to) = rows.get(self.row) else {
+            self.left_out_s += rows[rows.len() - 1].at_s - was_s;
+            return Ok(());
+        };
+        // The two rows are as far apart as those before and behind a break.
+        self.left_out_s += to.at_s - was_s - FALLBACK_INTERVAL.as_secs_f64();
+        self.restarts = true;
+        self.show()
+    }
+
+    /// Loads the pictures of this row.
+    fn show(&mut self) -> Result<(), ClosedLoopError> {
+        self.shown = self.recorded.show(self.row)?;
+        self.pyramid = self.pyramid();
+        Ok(())
+    }
+
+    /// Says what the car's place is measured from, if that has changed.
+    fn announce(&mut self) {
+        let Measured { line, edge, limits_m, .. } = self.measured();
+        if self.announced.replace((line, edge, limits_m)) != Some((line, edge, limits_m)) {
+            let (left_m, right_m) = limits_m;
+            self.events.push((self.at(), EventRecord::MeasuredFrom { line, edge, left_m, right_m }));
+        }
     }
 
     fn telemetry(&self, row: PathRow) -> Telemetry {
-        let Beside { offset_m, heading_rad } = self.abreast.beside();
+        let Measured { offset_m, heading_rad, .. } = self.measured();
         // On the path there is nothing to warp, so no second compression blurs the picture.
         let jpeg = if self.abreast.beside() == Beside::default() {
             self.shown.jpeg.clone()
@@ -249,12 +319,6 @@ impl RecordedWorld {
             },
         }
     }
-}
-
-/// Whether a car on its tyres can turn this fast, in radians a second: up to twice what full steering asks for, and a
-/// little more for contact with a wall.
-fn believable(rate: f64, speed: f64) -> bool {
-    rate.abs() < 0.5 + motion::yaw_rate(2.0 * speed, FULL_STEERING_DEG)
 }
 
 fn told(cut: PathBreak) -> String {
@@ -291,10 +355,8 @@ impl World for RecordedWorld {
         let row = self.recorded.rows.get(self.row).copied().filter(|_| self.ended.is_none());
         let Some(row) = row else {
             if !std::mem::replace(&mut self.announced_end, true) {
-                let last = self.recorded.rows.len() - 1;
-                let at = Duration::from_secs_f64(self.recorded.rows[self.row.min(last)].at_s);
                 let why = self.ended.take().unwrap_or_else(|| "the recording ends".into());
-                self.events.push((at, EventRecord::RunEnded { why }));
+                self.events.push((self.at(), EventRecord::RunEnded { why }));
             }
             return Ok(None);
         };
@@ -309,20 +371,16 @@ impl World for RecordedWorld {
         self.row += 1;
         let Some(to) = self.recorded.rows.get(self.row).copied() else { return };
         let before = self.pyramid.take();
-        match self.recorded.show(self.row) {
-            Ok(shown) => {
-                self.shown = shown;
-                self.pyramid = self.pyramid();
+        let arrived = self.show().and_then(|()| {
+            if to.cut.is_some() {
+                return Ok(());
             }
-            Err(error) => {
-                self.failed = Some(error);
-                return;
-            }
-        }
-        if to.cut.is_none() {
             self.drive(from, to, before);
-            self.intervene();
+            self.intervene()
+        });
+        match arrived {
+            Ok(()) => self.arrive(),
+            Err(error) => self.failed = Some(error),
         }
-        self.arrive();
     }
 }

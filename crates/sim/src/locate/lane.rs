@@ -21,6 +21,15 @@ impl LocatedDrive {
         let located = self.places.get(i).copied().flatten()?;
         Some(located.pose.in_lane(&self.track))
     }
+
+    /// How far the car turned from one moment to another less than half a turn later, in radians clockwise: with its
+    /// lane and in it.
+    pub fn turned(&self, from: usize, to: usize) -> Option<f64> {
+        let pose = |i: usize| Some(self.places.get(i).copied().flatten()?.pose);
+        let (from, to) = (pose(from)?, pose(to)?);
+        let with_lane = self.track.at(to.s_m).yaw - self.track.at(from.s_m).yaw;
+        Some(turn(with_lane + to.heading_rad - from.heading_rad))
+    }
 }
 
 /// Where a car is in its lane, in its own direction, whichever way round it drives.

@@ -353,7 +353,7 @@ impl Blind {
         figures.suggest(F::SurvivalM, distance.map(|_| way_m, 1.0));
         if !is_whole || !by_pilot || time_s <= 0.0 {
             let why = if by_pilot { NOT_AROUND } else { NO_PILOT };
-            for figure in [F::Interventions, F::Autonomy, F::AutonomyMeasured] {
+            for figure in [F::Interventions, F::InterventionsPerKm, F::Autonomy, F::AutonomyMeasured] {
                 if figures.get(figure).value().is_none() {
                     figures.told(figure, None, why);
                 }
@@ -372,6 +372,9 @@ impl Blind {
         let (counted, measured) = autonomies(time_s, takeovers, human_s, own);
         let one = (INTERVENTION_S / time_s).min(1.0);
         figures.suggest(F::Interventions, estimate(own.into(), 1.0, SPEEDS));
+        if let Some(km) = distance.value().map(|way_m| way_m / 1000.0).filter(|km| *km > 0.0) {
+            figures.suggest(F::InterventionsPerKm, estimate(f64::from(own) / km, 1.0 / km, SPEEDS));
+        }
         figures.suggest(F::Autonomy, estimate(counted, one, INFRACTIONS));
         figures.suggest(F::AutonomyMeasured, estimate(measured, one, INFRACTIONS));
     }

@@ -17,6 +17,7 @@ use serde::Serialize;
 use super::{Figure, Scorecard, figure::Described};
 use lapwing_core::{
     recording::{EventRecord, Item},
+    turn::{LimitEdge, MeasuredLine},
     words::count as counted,
 };
 
@@ -193,6 +194,20 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::Break { .. } => "another drive is joined here".into(),
         EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
         EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
+        EventRecord::MeasuredFrom { line, edge, left_m, right_m } => {
+            let line = match line {
+                MeasuredLine::Lane => "the lane's middle",
+                MeasuredLine::RecordedPath => "the recorded path",
+            };
+            let edge = match edge {
+                LimitEdge::Road => "the road's edge",
+                LimitEdge::Metres => "the limit",
+            };
+            format!(
+                "offsets are measured from {line}; {edge} is {:.1} m to the left, {right_m:.1} m to the right",
+                -left_m
+            )
+        }
         EventRecord::OffRoad { offset_m } => format!("out of bounds, {:.1} m from the middle", offset_m.abs()),
         EventRecord::BackOnRoad { after_s } => format!("back in bounds after {after_s:.1} s"),
         EventRecord::Stuck => "stuck".into(),

@@ -2,7 +2,7 @@
 
 use super::{
     Scorer,
-    judgement::{NO_JUDGE, NO_LAPS_ASKED, NO_PILOT, NO_POSITION, NO_TIME, UNTIMED, per_km},
+    judgement::{NO_JUDGE, NO_LAPS_ASKED, NO_PILOT, NO_POSITION, NO_TIME, NO_WAY, UNTIMED, per_km},
     within_run::Span,
 };
 use crate::{
@@ -77,8 +77,13 @@ impl Scorer {
             () => None,
         };
         figures.told(F::Interventions, None, why(NO_EDGE));
+        figures.told(F::InterventionsPerKm, None, why(NO_EDGE));
         if is_judged {
-            figures.set(F::Interventions, measure(interventions.into(), 1.0, PUT));
+            let counted = measure(interventions.into(), 1.0, PUT);
+            figures.set(F::Interventions, counted);
+            let km = way / 1000.0;
+            let a_km = if way > 0.0 { counted.map(|n| n / km, 1.0 / km) } else { Measure::Unknown(NO_WAY) };
+            figures.set(F::InterventionsPerKm, a_km);
         }
         let (counted, measured) = autonomies(span.time_s, self.takeovers, self.human_s, interventions);
         let one = if span.time_s > 0.0 { (INTERVENTION_S / span.time_s).min(1.0) } else { 1.0 };

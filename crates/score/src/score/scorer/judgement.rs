@@ -93,6 +93,11 @@ impl Scorer {
         figures.told(F::MaxCte, told.then_some(offsets.most), no_cte);
         let p95 = (kept > 0).then(|| offsets.all[(kept * 95).div_ceil(100).max(1) - 1]);
         figures.told(F::P95Cte, p95, if told { LIVE } else { no_cte });
+        let timed_s = offsets.timed_s;
+        for (figure, beyond_s) in [F::Beyond1m, F::Beyond2m].into_iter().zip(offsets.beyond_s) {
+            let share = (timed_s > 0.0).then(|| beyond_s / timed_s);
+            figures.told(figure, share, if told { NO_TIME } else { no_cte });
+        }
 
         figures.told(F::SteeringRate, self.wheel.rate_deg_s(), NO_TIME);
         figures.told(F::SteeringReversals, self.wheel.reversals_per_min(), NO_TIME);
@@ -105,7 +110,10 @@ impl Scorer {
             figures.told(F::Comfort, None, why);
         }
 
+        figures.told(F::FromLane, None, recorded::NOT_ALONG);
         if self.is_recorded() {
+            let from_lane = (self.driven_m > 0.0).then(|| self.from_lane_m / self.driven_m);
+            figures.told(F::FromLane, from_lane, NO_WAY);
             recorded::untell(&mut figures);
             self.notes.push(recorded::NOTE.to_owned());
         }
@@ -202,6 +210,7 @@ impl Scorer {
         ] {
             figures.set(figure, Measure::Told(value));
         }
+        figures.set(F::InterventionsPerKm, per_km(interventions.into(), way, distance));
         let scores = completion.map(|completion| driving_scores(completion, off_road_share, &self.struck));
         figures.told(F::DrivingScore, scores.map(|(new, _)| new), no_completion);
         figures.told(F::DrivingScoreProduct, scores.map(|(_, old)| old), no_completion);
@@ -234,10 +243,10 @@ impl Scorer {
     }
 }
 
-/// Collisions over the distance driven.
-pub(super) fn per_km(collisions: f64, way: f64, distance: Measure) -> Measure {
+/// A count over the distance driven.
+pub(super) fn per_km(count: f64, way: f64, distance: Measure) -> Measure {
     if way > 0.0 {
-        distance.map(|way| collisions / (way / 1000.0), collisions / way / way * 1000.0)
+        distance.map(|way| count / (way / 1000.0), count / way / way * 1000.0)
     } else {
         Measure::Unknown(NO_WAY)
     }

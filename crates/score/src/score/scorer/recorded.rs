@@ -5,6 +5,9 @@ use crate::{score::Figure, score::card::Figures};
 const NO_LAPS: &str = "a recording has no laps";
 const NO_OBSTACLES: &str = "a recording has no obstacles to hit";
 const NO_EDGE: &str = "a recording does not report where the road ends";
+const PUT_BACK: &str = "the car is put back before it can stay off the road: see interventions";
+/// For the figure that only such a drive has.
+pub(super) const NOT_ALONG: &str = "offsets are from the line to drive: no recording was driven along";
 const RECORDED_SPEED: &str = "the car goes at the recorded speed";
 
 /// For the figures that remain.
@@ -13,6 +16,8 @@ pub(super) const NOTE: &str = "speed, time and distance are the recording's: the
 /// Removes the figures that only a course with a judge can give.
 pub(super) fn untell(figures: &mut Figures) {
     use Figure as F;
+    let from_lane = figures.get(F::FromLane).value().is_some_and(|share| share > 0.0);
+    let off_road = if from_lane { PUT_BACK } else { NO_EDGE };
     for (figure, why) in [
         (F::Completion, NO_LAPS),
         (F::Laps, NO_LAPS),
@@ -21,9 +26,9 @@ pub(super) fn untell(figures: &mut Figures) {
         (F::CollisionRate, NO_OBSTACLES),
         (F::DrivingScore, NO_OBSTACLES),
         (F::DrivingScoreProduct, NO_OBSTACLES),
-        (F::OffRoads, NO_EDGE),
-        (F::OffRoadS, NO_EDGE),
-        (F::OffRoadShare, NO_EDGE),
+        (F::OffRoads, off_road),
+        (F::OffRoadS, off_road),
+        (F::OffRoadShare, off_road),
         (F::Stuck, RECORDED_SPEED),
         (F::RmsJerk, RECORDED_SPEED),
         (F::Comfort, RECORDED_SPEED),
@@ -42,15 +47,25 @@ mod tests {
         config::Thresholds,
         protocol::{Telemetry, Truth},
         recording::{EventRecord, RunKind},
+        turn::{LimitEdge, MeasuredLine},
         units::{Metres, Mph},
     };
 
     /// A minute along a recording, reported each second, in which the car is put back three times from these offsets.
     fn minute(offsets_m: [f64; 3]) -> Scorecard {
+        minute_from(offsets_m, None)
+    }
+
+    /// The same, from this second on measured from the lane.
+    fn minute_from(offsets_m: [f64; 3], lane_from_s: Option<u64>) -> Scorecard {
         let mut scorer = Scorer::default().of_kind(RunKind::RecordedPath);
         scorer.event(Duration::ZERO, &EventRecord::recorded_path("data", 268.0, 14, 1.0));
         for second in 0..=60 {
             let at = Duration::from_secs(second);
+            if lane_from_s == Some(second) {
+                let (line, edge) = (MeasuredLine::Lane, LimitEdge::Road);
+                scorer.event(at, &EventRecord::MeasuredFrom { line, edge, left_m: -3.0, right_m: 3.0 });
+            }
             if let Some(offset_m) = [20, 40, 60].iter().position(|put| *put == second).map(|i| offsets_m[i]) {
                 scorer.event(at, &EventRecord::OffRoad { offset_m });
                 scorer.event(at, &EventRecord::Reset { waypoint: 0 });
@@ -101,6 +116,25 @@ mod tests {
         assert!((card.value(Figure::Autonomy).unwrap() - 0.7).abs() < 1e-9, "{card}");
         assert_eq!((card.value(Figure::TimeS), card.value(Figure::SteeringRate)), (Some(60.0), Some(0.0)));
         assert!((card.value(Figure::MeanMph).unwrap() - 10.0).abs() < 1e-9, "{card}");
+    }
+
+    #[test]
+    fn the_card_says_what_offsets_are_measured_from_and_for_how_much_of_the_time_they_were_large() {
+        let path = minute([1.1, -1.2, 2.3]);
+        assert_eq!(path.value(Figure::FromLane), Some(0.0));
+        let all = "the lane's middle along 0.0 % of the way, the recorded path along 100.0 %";
+        assert!(path.known_rows().contains(&("measured from", all.into())), "{path}");
+        assert!(path.words(Figure::OffRoads).ends_with("a recording does not report where the road ends"));
+        // Half a second before each of the three; one of them was beyond 2 m.
+        assert_eq!(path.value(Figure::Beyond1m), Some(1.5 / 60.0));
+        assert_eq!(path.value(Figure::Beyond2m), Some(0.5 / 60.0));
+        // 10 mph for a minute.
+        assert!((path.value(Figure::InterventionsPerKm).unwrap() - 3.0 / 0.26822).abs() < 0.01, "{path}");
+        let lane = minute_from([1.1, -1.2, 2.3], Some(15));
+        assert!((lane.value(Figure::FromLane).unwrap() - 46.0 / 60.0).abs() < 1e-9, "{lane}");
+        assert!(lane.words(Figure::OffRoads).contains("see interventions"), "{lane}");
+        let driven = Scorer::default().finish();
+        assert_eq!(driven.value(Figure::FromLane), None);
     }
 
     #[test]

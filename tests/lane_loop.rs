@@ -1,0 +1,239 @@
+//! Driving along recordings that are located: what is measured from the lane.
+
+use std::{path::Path, sync::Arc, time::Instant};
+
+use lapwing_core::{
+    config::ControlSettings,
+    drive::Eventful,
+    driver::Driver,
+    motion::{steering_deg, turn},
+    pilot::{ConstantPilot, Pilot},
+    protocol::{Answer, Command, Observation, Sight, World},
+    recording::{
+        EventRecord, Recording,
+        udacity::{DrivingLogWriter, NewRow},
+    },
+    turn::{LimitEdge, MeasuredLine},
+    units::{Degrees, MPS_PER_MPH, Mph, Steering, Throttle},
+};
+use lapwing_learn::models;
+use lapwing_score::{
+    judged,
+    score::{Figure, Scorecard},
+};
+use lapwing_sim::{
+    along::{Limit, Protocol, RecordedWorld, Yaw},
+    camera::{Camera, Scenery},
+    locate::{Deviation, Fit, Located, LocatedDrive, Pose},
+    track::Track,
+    world::{Setup, Simulation},
+};
+use tempfile::{TempDir, tempdir};
+
+use crate::{locate, support::shared};
+
+/// How far to each side the recorded car weaves, in metres, and how long a swing takes, in seconds.
+const WEAVES_M: f64 = 1.6;
+const SWING_S: f64 = 9.0;
+
+/// A drive on the simulator's lake that weaves, as the stock recorder leaves it, and where the car was in truth.
+struct Weaving {
+    dir: TempDir,
+    located: LocatedDrive,
+}
+
+impl Weaving {
+    fn drive(seconds: f64) -> Self {
+        let track = Arc::new(Track::named("lake").unwrap());
+        let scenery = Arc::new(Scenery::new(&track));
+        let setup = Setup { laps: None, longest_s: Some(seconds), ..Setup::new(track.clone(), scenery) };
+        let hz = setup.hz;
+        let mut world = Simulation::new(setup).unwrap();
+        let dir = tempdir().unwrap();
+        let began = jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0);
+        let mut log = DrivingLogWriter::create(&dir.path().join("lake"), began).unwrap();
+        let mut places = vec![];
+        while world.ending().is_none() {
+            let (station, offset_m) = (world.place().station, world.place().offset);
+            let heading_rad = turn(world.car().yaw - station.yaw);
+            let pose = Pose { s_m: station.s, offset_m, heading_rad, pitch_rad: 0.0 };
+            places.push(Some(known(pose)));
+            let wanted_m = WEAVES_M * (world.time_s() / SWING_S * std::f64::consts::TAU).sin();
+            let wanted_rad = (0.2 * (wanted_m - offset_m)).clamp(-0.2, 0.2);
+            let bend_deg = steering_deg(station.curvature);
+            let steering = Degrees::saturating(bend_deg + 30.0 * (wanted_rad - heading_rad)).steering();
+            let throttle = world.expert(Mph::constant(20.0)).throttle;
+            let [center, left, right] =
+                [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| world.picture(camera));
+            log.row(&NewRow {
+                at: std::time::Duration::from_secs_f64((places.len() - 1) as f64 / hz),
+                center: &center,
+                left: Some(&left),
+                right: Some(&right),
+                steering,
+                throttle,
+                brake: 0.0,
+                speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
+            })
+            .unwrap();
+            world.apply(Answer::Steer(Command { steering, throttle }));
+        }
+        log.finish().unwrap();
+        let located = LocatedDrive { track, places };
+        let weaved = located.places.iter().flatten().map(|place| place.pose.offset_m.abs()).fold(0.0, f64::max);
+        assert!((1.2..2.5).contains(&weaved), "it weaves, and stays on the road: {weaved:.2} m");
+        Self { dir, located }
+    }
+
+    fn open(&self, limit: Option<Limit>, located: Option<LocatedDrive>) -> RecordedWorld {
+        RecordedWorld::open(&self.dir.path().join("lake"), limit, Yaw::Pictures, located).unwrap()
+    }
+}
+
+/// A place that is known.
+fn known(pose: Pose) -> Located {
+    let deviation = Deviation { s_m: 0.0, offset_m: 0.0, heading_rad: 0.0 };
+    Located { pose, deviation, fit: Fit { pose, agreement: 1.0, sharpness: Default::default() } }
+}
+
+fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Scorecard {
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
+    judged::run(world, &mut driver, &mut []).unwrap().card
+}
+
+fn built_in() -> Box<dyn Pilot> {
+    models::built_in(Instant::now).unwrap().pilot()
+}
+
+/// The offset in each telemetry of a drive without steering, and all events, each with its seconds.
+fn straight_on(world: &mut RecordedWorld) -> (Vec<f64>, Vec<(f64, EventRecord)>) {
+    let (mut offsets_m, mut events) = (vec![], vec![]);
+    while let Some(Observation { sight: Sight::Telemetry(telemetry), .. }) = world.observe().unwrap() {
+        offsets_m.push(telemetry.truth.cte.unwrap().get());
+        world.apply(Answer::Steer(Command { steering: Steering::ZERO, throttle: Throttle::ZERO }));
+        events.extend(world.take_events().into_iter().map(|(at, event)| (at.as_secs_f64(), event)));
+    }
+    (offsets_m, events)
+}
+
+/// The offsets at which the car was put back.
+fn put_back(events: &[(f64, EventRecord)]) -> Vec<f64> {
+    let offset = |(_, event): &(f64, EventRecord)| match event {
+        EventRecord::OffRoad { offset_m } => Some(*offset_m),
+        _ => None,
+    };
+    events.iter().filter_map(offset).collect()
+}
+
+#[test]
+fn a_pilot_in_the_middle_of_the_lane_is_measured_there_however_the_recorded_driver_weaved() {
+    let weaving = Weaving::drive(45.0);
+    let metre = Some(Limit::Metres(1.0));
+    let mut world = weaving.open(metre, Some(weaving.located.clone()));
+    let from_lane = driven(&mut world, built_in());
+    println!("from the lane\n{from_lane}");
+    assert_eq!(from_lane.value(Figure::Interventions), Some(0.0), "{from_lane}");
+    assert_eq!(from_lane.value(Figure::FromLane), Some(1.0), "{from_lane}");
+    assert!(from_lane.value(Figure::MeanCte).unwrap() < 0.25, "{from_lane}");
+    assert_eq!(from_lane.value(Figure::Beyond1m), Some(0.0), "{from_lane}");
+    assert_eq!((world.sources().pictures, world.sources().steering), (0, 0));
+    // The same pilot, which drives the same way, is off the path of a driver who weaves.
+    let from_path = driven(&mut weaving.open(metre, None), built_in());
+    println!("from the path\n{from_path}");
+    assert!(from_path.value(Figure::Interventions).unwrap() >= 3.0, "{from_path}");
+    assert_eq!(from_path.value(Figure::FromLane), Some(0.0), "{from_path}");
+}
+
+#[test]
+fn a_pilot_that_does_not_look_is_put_back_at_the_roads_edge_on_the_middle_of_the_lane() {
+    let weaving = Weaving::drive(25.0);
+    let half_m = weaving.located.track.half_width();
+    let mut world = weaving.open(None, Some(weaving.located.clone()));
+    assert_eq!(world.limit(), Limit::Road, "the default where the lane is known");
+    let (offsets_m, events) = straight_on(&mut world);
+    let first =
+        EventRecord::MeasuredFrom { line: MeasuredLine::Lane, edge: LimitEdge::Road, left_m: -half_m, right_m: half_m };
+    assert!(events.iter().any(|(_, event)| *event == first), "{events:?}");
+    let put_m = put_back(&events);
+    assert!(put_m.len() >= 2, "{put_m:?}");
+    assert!(put_m.iter().all(|put_m| (half_m..half_m + 0.7).contains(&put_m.abs())), "{put_m:?}");
+    // It begins on the middle of the lane, and goes on from there.
+    let begins = offsets_m.iter().filter(|offset_m| offset_m.abs() < 1e-9).count();
+    assert_eq!((begins, offsets_m[0]), (put_m.len() + 1, 0.0), "{offsets_m:?}");
+
+    let mut world = weaving.open(None, None);
+    assert_eq!(world.limit(), Limit::Metres(1.0), "the default where it is not");
+    let (_, events) = straight_on(&mut world);
+    let line = MeasuredLine::RecordedPath;
+    let first = EventRecord::MeasuredFrom { line, edge: LimitEdge::Metres, left_m: -1.0, right_m: 1.0 };
+    assert!(events.iter().any(|(_, event)| *event == first), "{events:?}");
+    assert!(put_back(&events).iter().all(|put_m| (1.0..1.5).contains(&put_m.abs())), "{events:?}");
+}
+
+#[test]
+fn where_the_lane_is_not_known_the_recorded_path_is_the_line_and_the_card_says_for_how_much_of_the_way() {
+    let mut weaving = Weaving::drive(20.0);
+    let places = &mut weaving.located.places;
+    let half = places.len() / 2;
+    places.truncate(half);
+    let mut world = weaving.open(Some(Limit::Road), Some(weaving.located.clone()));
+    let card = driven(&mut world, built_in());
+    let share = card.value(Figure::FromLane).unwrap();
+    assert!((0.35..0.6).contains(&share), "{card}");
+    let (lane, others) = (world.sources().lane, world.sources().pictures + world.sources().steering);
+    assert!(lane.abs_diff(others) <= 30, "{:?}", world.sources());
+    let (_, events) = straight_on(&mut weaving.open(Some(Limit::Road), Some(weaving.located.clone())));
+    let lines: Vec<_> = events.iter().filter(|(_, event)| matches!(event, EventRecord::MeasuredFrom { .. })).collect();
+    assert_eq!(lines.len(), 2, "{lines:?}");
+    let rest = weaving.located.track.half_width();
+    for (at_s, event) in &events {
+        if let EventRecord::OffRoad { offset_m } = event {
+            let edge_m = if *at_s < lines[1].0 { rest } else { 1.0 };
+            assert!((edge_m..edge_m + 0.7).contains(&offset_m.abs()), "{at_s}: {offset_m}, {edge_m}");
+        }
+    }
+}
+
+#[test]
+fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
+    let weaving = Weaving::drive(25.0);
+    let open = || weaving.open(Some(Limit::Metres(2.0)), Some(weaving.located.clone())).by(Protocol::RallyEstonia);
+    let mut world = open();
+    let (rows, hz) = (world.rows().0, world.hz());
+    let (offsets_m, events) = straight_on(&mut world);
+    let put_m = put_back(&events);
+    assert!(put_m.len() >= 2 && put_m.iter().all(|put_m| (2.0..2.7).contains(&put_m.abs())), "{put_m:?}");
+    let left_out = (rows - offsets_m.len()) as f64 / hz / put_m.len() as f64;
+    assert!((left_out - 2.0).abs() < 0.15, "{left_out:.2} s are left out each time");
+    let (ended_s, _) = events.last().unwrap();
+    assert!((ended_s - (offsets_m.len() - 1) as f64 / hz).abs() < 0.3, "no time passes meanwhile: {ended_s:.2} s");
+    let card = driven(&mut open(), Box::new(ConstantPilot::new(Steering::ZERO)));
+    let km = card.value(Figure::DistanceM).unwrap() / 1000.0;
+    assert_eq!(card.value(Figure::InterventionsPerKm), Some(put_m.len() as f64 / km), "{card}");
+    assert_eq!(card.value(Figure::SteeringRate), Some(0.0), "{card}");
+}
+
+/// The first rows of a shared recording, as a folder of their own.
+fn beginning(of: &Path, rows: usize) -> TempDir {
+    let dir = tempdir().unwrap();
+    let log = std::fs::read_to_string(of.join("driving_log.csv")).unwrap();
+    let lines: Vec<_> = log.lines().take(rows).collect();
+    std::fs::write(dir.path().join("driving_log.csv"), lines.join("\n")).unwrap();
+    std::os::unix::fs::symlink(of.join("IMG"), dir.path().join("IMG")).unwrap();
+    dir
+}
+
+#[test]
+fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
+    let Some(folder) = shared("recordings/lake") else { return };
+    let dir = beginning(&folder, 250);
+    let moments: Vec<_> = Recording::open(dir.path()).unwrap().map(Result::unwrap).collect();
+    let places = locate::located("lake", Pose { s_m: 1136.0, ..Pose::default() }, &moments, 0);
+    let track = Arc::new(Track::named("lake").unwrap());
+    let located = LocatedDrive { track, places: places.into_iter().map(Some).collect() };
+    let open = |located| RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
+    let card = driven(&mut open(Some(located)), built_in());
+    println!("from the lane\n{card}\nfrom the path\n{}", driven(&mut open(None), built_in()));
+    assert_eq!(card.value(Figure::Interventions), Some(0.0), "{card}");
+    assert!(card.value(Figure::MeanCte).unwrap() < 0.5, "{card}");
+}
