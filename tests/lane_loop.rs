@@ -51,7 +51,7 @@ impl Weaving {
         let mut world = Simulation::new(setup).unwrap();
         let dir = tempdir().unwrap();
         let began = jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0);
-        let mut log = DrivingLogWriter::create(&dir.path().join("lake"), began).unwrap();
+        let mut log = DrivingLogWriter::create(dir.path().join("lake"), began).unwrap();
         let mut places = vec![];
         while world.ending().is_none() {
             let (station, offset_m) = (world.place().station, world.place().offset);
@@ -231,9 +231,9 @@ fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
     let places = locate::located("lake", Pose { s_m: 1136.0, ..Pose::default() }, &moments, 0);
     let track = Arc::new(Track::named("lake").unwrap());
     let located = LocatedDrive { track, places: places.into_iter().map(Some).collect() };
-    let open = |located| RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
-    let card = driven(&mut open(Some(located)), built_in());
-    println!("from the lane\n{card}\nfrom the path\n{}", driven(&mut open(None), built_in()));
+    let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, Some(located)).unwrap();
+    let card = driven(&mut world, built_in());
+    println!("from the lane\n{card}");
     assert_eq!(card.value(Figure::Interventions), Some(0.0), "{card}");
-    assert!(card.value(Figure::MeanCte).unwrap() < 0.5, "{card}");
+    assert!(card.value(Figure::MeanCte).unwrap() < 0.25 && card.value(Figure::MaxCte).unwrap() < 1.0, "{card}");
 }

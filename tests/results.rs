@@ -285,6 +285,8 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
         ("replay {desk}/data --write-golden no/x", 1, "no/x: cannot be written"),
         ("replay {desk}/data --closed-loop --recordings runs --film x.avi", 2, "got .avi"),
         ("replay {desk}/data --closed-loop --recordings file/x", 1, "file/x: cannot be written"),
+        ("replay {desk}/data --closed-loop --limit lane", 2, "expected road, or a number of metres above 0"),
+        ("replay {desk}/data --closed-loop --protocol rally-estonia --limit 3", 2, "expected 1 or 2 with"),
         ("score {run} --junit no/x.xml", 1, "no/x.xml: cannot be written"),
         ("score {run} --html {desk}", 1, "cannot be written: is a directory"),
         ("score {run} --against no.json --html x.html", 1, "no.json: cannot be read"),

@@ -85,6 +85,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
     let Sources { lane, pictures, steering } = world.sources();
+    let (filled_mean, filled_most) = world.filled();
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
         let how = AlongRows {
@@ -95,6 +96,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             turned_by_lane: lane,
             turned_by_pictures: pictures,
             turned_by_steering: steering,
+            filled_mean,
+            filled_most,
             fingerprint: &fingerprint,
             frames_per_s,
             run,
@@ -123,6 +126,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let turning =
             format!("from the lane {}, from pictures {pictures}, from steering {steering}", count(lane, "time"));
         text += &line("recorded turning", turning);
+        let [mean, most] = [filled_mean, filled_most].map(|share| 100.0 * share);
+        text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most"));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
         text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));

@@ -87,6 +87,11 @@ pub struct AlongRows<'a> {
     pub turned_by_pictures: usize,
     /// Intervals in which its steering was used instead.
     pub turned_by_steering: usize,
+    /// Share of the rows that PilotNet sees which no recorded camera showed and which was filled in: the mean over the
+    /// pictures …
+    pub filled_mean: f64,
+    /// … and the most of one.
+    pub filled_most: f64,
     /// SHA-256 over all frames and commands.
     pub fingerprint: &'a str,
     /// Frames per second of real time.

@@ -51,7 +51,7 @@ pub use judging::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, Limit, Measured, Protoc
 pub use motion::{Sources, Yaw};
 pub use recorded::{GAP_S, STANDS_MPH};
 pub use rotation::{Rotation, turn};
-pub use warp::{Beside, SIZE, Warp};
+pub use warp::{Beside, PILOTNET_ROWS, SIZE, Warp};
 pub use world::RecordedWorld;
 
 use lapwing_core::{perception::ImageError, recording::RecordingError};

@@ -92,3 +92,43 @@ fn a_picture_of_another_size_is_refused() {
     assert!(!Warp::new().render([Some(&small), None, None], Beside::default(), &mut out));
     assert!(!Warp::new().render([None, None, None], Beside::default(), &mut out));
 }
+
+/// The largest share of PilotNet's rows that is filled in, up to this offset and heading to either side.
+fn filled(cameras: usize, offset_m: f64, heading_deg: f64) -> f64 {
+    let warp = Warp::new();
+    let steps = |most: f64| (-5..=5).map(move |i| most * f64::from(i) / 5.0);
+    let unseen = |offset_m: f64, heading_deg: f64| {
+        let beside = Beside { offset_m, heading_rad: heading_deg.to_radians() };
+        warp.unseen([true, cameras > 1, cameras > 2], beside, PILOTNET_ROWS)
+    };
+    steps(offset_m)
+        .flat_map(|m| steps(heading_deg).map(move |deg| (m, deg)))
+        .fold(0.0, |most, (m, deg)| most.max(unseen(m, deg)))
+}
+
+#[test]
+fn what_must_be_filled_in_stays_within_the_documented_bounds() {
+    assert_eq!(filled(1, 0.0, 0.0), 0.0);
+    assert_eq!(filled(3, 0.75, 0.0), 0.0);
+    for (cameras, offset_m, heading_deg, most) in
+        [(3, 0.5, 1.0, 0.005), (3, 0.5, 2.0, 0.014), (3, 1.0, 2.0, 0.06), (1, 0.25, 1.0, 0.045), (1, 1.0, 2.0, 0.13)]
+    {
+        let filled = filled(cameras, offset_m, heading_deg);
+        assert!(filled <= most, "{cameras} cameras, {offset_m} m, {heading_deg} degrees: {filled:.4}");
+        assert!(filled > 0.7 * most, "the documented bound is far off: {filled:.4} of {most}");
+    }
+}
+
+#[test]
+fn no_black_border_enters_a_picture_wherever_the_car_is() {
+    let (width, height) = SIZE;
+    let white = Frame::new(width, height, vec![255; width * height * 3]).unwrap();
+    let warp = Warp::new();
+    for (offset_m, heading_rad) in [(0.0, 0.7), (-3.0, 0.3), (5.0, -0.7), (-20.0, 0.0)] {
+        for pictures in [[Some(&white), None, None], [Some(&white); 3]] {
+            let mut out = Frame::default();
+            assert!(warp.render(pictures, Beside { offset_m, heading_rad }, &mut out));
+            assert!(out.rgb().iter().all(|light| *light == 255), "{offset_m} m, {heading_rad}");
+        }
+    }
+}

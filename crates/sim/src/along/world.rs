@@ -9,7 +9,7 @@ use super::{
     judging::on_the_line,
     motion::{Interval, Moved},
     recorded::{MomentPictures, PathBreak, PathRow, RecordedDrive},
-    warp::{Beside, Warp},
+    warp::{Beside, PILOTNET_ROWS, Warp},
 };
 use crate::{
     camera::encode_jpeg,
@@ -58,6 +58,8 @@ pub struct RecordedWorld {
     /// What the events last said that its place is measured from.
     announced: Option<(MeasuredLine, LimitEdge, (f64, f64))>,
     interventions: u32,
+    /// How much of PilotNet's rows was filled in: the sum over pictures, how many they are, and the most of one.
+    filled: (f64, u32, f64),
     sources: Sources,
     failed: Option<ClosedLoopError>,
     ended: Option<String>,
@@ -105,6 +107,7 @@ impl RecordedWorld {
             restarts: false,
             announced: None,
             interventions: 0,
+            filled: (0.0, 0, 0.0),
             sources: Sources::default(),
             failed: None,
             ended: None,
@@ -162,6 +165,13 @@ impl RecordedWorld {
         self.interventions
     }
 
+    /// The share of [`PILOTNET_ROWS`] that no recorded camera showed and that was filled in: the mean over the pictures so
+    /// far, and the most of one.
+    pub fn filled(&self) -> (f64, f64) {
+        let (sum, count, most) = self.filled;
+        (sum / f64::from(count.max(1)), most)
+    }
+
     /// Where it is put back.
     pub fn limit(&self) -> Limit {
         self.limit
@@ -210,7 +220,11 @@ impl RecordedWorld {
             self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
         }
         self.announce();
-        self.warp.render(self.shown.frames(), self.abreast.beside(), &mut self.seen);
+        let (pictures, beside) = (self.shown.frames(), self.abreast.beside());
+        self.warp.render(pictures, beside, &mut self.seen);
+        let filled = self.warp.unseen(pictures.map(|picture| picture.is_some()), beside, PILOTNET_ROWS);
+        let (sum, count, most) = self.filled;
+        self.filled = (sum + filled, count + 1, most.max(filled));
     }
 
     /// Drives from a row to the next one under a steering command.
