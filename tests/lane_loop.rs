@@ -6,15 +6,11 @@ use lapwing_core::{
     config::ControlSettings,
     drive::Eventful,
     driver::Driver,
-    motion::{steering_deg, turn},
     pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Observation, Sight, World},
-    recording::{
-        EventRecord, Recording,
-        udacity::{DrivingLogWriter, NewRow},
-    },
+    recording::{EventRecord, Recording, udacity::DrivingLogWriter},
     turn::{LimitEdge, MeasuredLine},
-    units::{Degrees, MPS_PER_MPH, Mph, Steering, Throttle},
+    units::{Mph, Steering, Throttle},
 };
 use lapwing_learn::models;
 use lapwing_score::{
@@ -23,8 +19,9 @@ use lapwing_score::{
 };
 use lapwing_sim::{
     along::{Limit, Protocol, RecordedWorld, Yaw},
-    camera::{Camera, Scenery},
-    locate::{Deviation, Fit, Located, LocatedDrive, Pose},
+    camera::Scenery,
+    locate::{Located, LocatedDrive, Pose},
+    record::{self, RecordOptions},
     track::Track,
     world::{Setup, Simulation},
 };
@@ -32,9 +29,8 @@ use tempfile::{TempDir, tempdir};
 
 use crate::{locate, support::shared};
 
-/// How far to each side the recorded car weaves, in metres, and how long a swing takes, in seconds.
+/// How far to each side the recorded car weaves, in metres.
 const WEAVES_M: f64 = 1.6;
-const SWING_S: f64 = 9.0;
 
 /// A drive on the simulator's lake that weaves, as the stock recorder leaves it, and where the car was in truth.
 struct Weaving {
@@ -47,38 +43,14 @@ impl Weaving {
         let track = Arc::new(Track::named("lake").unwrap());
         let scenery = Arc::new(Scenery::new(&track));
         let setup = Setup { laps: None, longest_s: Some(seconds), ..Setup::new(track.clone(), scenery) };
-        let hz = setup.hz;
         let mut world = Simulation::new(setup).unwrap();
         let dir = tempdir().unwrap();
         let began = jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0);
-        let mut log = DrivingLogWriter::create(dir.path().join("lake"), began).unwrap();
-        let mut places = vec![];
-        while world.ending().is_none() {
-            let (station, offset_m) = (world.place().station, world.place().offset);
-            let heading_rad = turn(world.car().yaw - station.yaw);
-            let pose = Pose { s_m: station.s, offset_m, heading_rad, pitch_rad: 0.0 };
-            places.push(Some(known(pose)));
-            let wanted_m = WEAVES_M * (world.time_s() / SWING_S * std::f64::consts::TAU).sin();
-            let wanted_rad = (0.2 * (wanted_m - offset_m)).clamp(-0.2, 0.2);
-            let bend_deg = steering_deg(station.curvature);
-            let steering = Degrees::saturating(bend_deg + 30.0 * (wanted_rad - heading_rad)).steering();
-            let throttle = world.expert(Mph::constant(20.0)).throttle;
-            let [center, left, right] =
-                [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| world.picture(camera));
-            log.row(&NewRow {
-                at: std::time::Duration::from_secs_f64((places.len() - 1) as f64 / hz),
-                center: &center,
-                left: Some(&left),
-                right: Some(&right),
-                steering,
-                throttle,
-                brake: 0.0,
-                speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
-            })
-            .unwrap();
-            world.apply(Answer::Steer(Command { steering, throttle }));
-        }
-        log.finish().unwrap();
+        let log = DrivingLogWriter::create(dir.path().join("lake"), began).unwrap();
+        let options = RecordOptions { weave_m: WEAVES_M, ..RecordOptions::at(Mph::constant(20.0)) };
+        let mut places = vec![Some(Located::known(Pose::of(&world)))];
+        record::record(&mut world, log, options, |world| places.push(Some(Located::known(Pose::of(world))))).unwrap();
+        places.pop(); // the car has arrived there, but no picture was taken
         let located = LocatedDrive { track, places };
         let weaved = located.places.iter().flatten().map(|place| place.pose.offset_m.abs()).fold(0.0, f64::max);
         assert!((1.2..2.5).contains(&weaved), "it weaves, and stays on the road: {weaved:.2} m");
@@ -88,12 +60,6 @@ impl Weaving {
     fn open(&self, limit: Option<Limit>, located: Option<LocatedDrive>) -> RecordedWorld {
         RecordedWorld::open(&self.dir.path().join("lake"), limit, Yaw::Pictures, located).unwrap()
     }
-}
-
-/// A place that is known.
-fn known(pose: Pose) -> Located {
-    let deviation = Deviation { s_m: 0.0, offset_m: 0.0, heading_rad: 0.0 };
-    Located { pose, deviation, fit: Fit { pose, agreement: 1.0, sharpness: Default::default() } }
 }
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Scorecard {

@@ -6,7 +6,8 @@
 //!
 //! The expert drives a lap in the simulator, recorded as the stock recorder does, with three cameras. Then each of ten
 //! or more pilots drives along that recording, and the same road in the simulator itself: autonomy after Bojarski et
-//! al. in both, put back where it is more than the limit off the line. The pilots are the shipped models, and the
+//! al. in both, put back where it is more than the limit off the line. With `--weave 1.6` the recorded car weaves, as
+//! people do, and the line is the lane's middle, as it was in truth; with `--from-path` it is the recorded path. The pilots are the shipped models, and the
 //! built-in one with defined handicaps (`pilots`), so that anyone finds the same. Prints a table and Spearman's rank
 //! correlation, and draws one against the other.
 
@@ -14,7 +15,7 @@ mod pilots;
 mod worlds;
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::atomic::{AtomicUsize, Ordering},
     time::Instant,
 };
@@ -30,6 +31,8 @@ use lapwing_score::{
 };
 use lapwing_sim::{
     along::{DEFAULT_LIMIT_M, Limit, RecordedWorld, Yaw},
+    locate::LocatedDrive,
+    record::RecordOptions,
     track::Track,
 };
 
@@ -62,6 +65,13 @@ struct Arguments {
     /// The recorded turning from the steering alone.
     #[arg(long)]
     by_steering: bool,
+    /// How far the recorded car weaves to each side of the line, in metres; offsets are then measured from the lane's
+    /// middle, as it was in truth.
+    #[arg(long, default_value_t = 0.0)]
+    weave: f64,
+    /// With --weave, measure from the recorded path all the same.
+    #[arg(long)]
+    from_path: bool,
     /// Record by the centre camera alone.
     #[arg(long)]
     one_camera: bool,
@@ -84,7 +94,10 @@ fn main() -> Result<()> {
     let folder = tempfile::tempdir()?;
     let recording = folder.path().join(track.file().name.replace([':', '/', '\\'], "-"));
     let speed = Mph::new(arguments.speed).context("--speed")?;
-    record(&track, speed, arguments.seconds, arguments.one_camera, &recording)?;
+    let options =
+        RecordOptions { side_cameras: !arguments.one_camera, weave_m: arguments.weave, ..RecordOptions::at(speed) };
+    let located = record(&track, arguments.seconds, options, &recording)?;
+    let located = (arguments.weave > 0.0 && !arguments.from_path).then_some(located);
     let pilots = pilots::all(&arguments.models, arguments.quick)?;
 
     let next = AtomicUsize::new(0);
@@ -96,7 +109,7 @@ fn main() -> Result<()> {
                 let index = next.fetch_add(1, Ordering::Relaxed);
                 let pilot = pilots.get(index).unwrap_or(pilot);
                 if index < pilots.len() {
-                    rows.push((index, one(&arguments, &track, &recording, speed, pilot)?));
+                    rows.push((index, one(&arguments, &track, (&recording, located.clone()), speed, pilot)?));
                     eprintln!("{} driven", pilot.name);
                 }
             }
@@ -116,10 +129,16 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn one(a: &Arguments, track: &Track, recording: &std::path::Path, speed: Mph, pilot: &Handicapped) -> Result<Matched> {
+fn one(
+    a: &Arguments,
+    track: &Track,
+    (recording, located): (&Path, Option<LocatedDrive>),
+    speed: Mph,
+    pilot: &Handicapped,
+) -> Result<Matched> {
     let control = ControlSettings { speed_mph: speed, ..ControlSettings::default() };
     let yaw = if a.by_steering { Yaw::Steering } else { Yaw::Pictures };
-    let mut along = RecordedWorld::open(recording, Some(Limit::Metres(a.limit)), yaw, None)?;
+    let mut along = RecordedWorld::open(recording, Some(Limit::Metres(a.limit)), yaw, located)?;
     let mut driver = Driver::new(pilot.pilot(), &control, Instant::now);
     let replay = judged::run(&mut along, &mut driver, &mut [])?.card;
     let mut road = Kept::new(track, a.limit, a.seconds)?;
@@ -160,7 +179,10 @@ fn print(arguments: &Arguments, rows: &[Matched]) {
             ranks.1[i],
         );
     }
-    println!("rank correlation (Spearman): {:.3} of {} pilots", correlation(&ranks.0, &ranks.1), rows.len());
+    match correlation(&ranks.0, &ranks.1) {
+        none if none.is_nan() => println!("rank correlation (Spearman): none, as all of them rank alike"),
+        correlation => println!("rank correlation (Spearman): {correlation:.3} of {} pilots", rows.len()),
+    }
 }
 
 /// Ranks from 1, the best first; equal values share the mean of theirs.

@@ -9,11 +9,11 @@ use lapwing_core::{
     protocol::{Answer, Observation, World},
     recording::udacity::DrivingLogWriter,
     turn::EventRecord,
-    units::Mph,
 };
 use lapwing_sim::{
     along::FURTHEST_HEADING_DEG,
     camera::Scenery,
+    locate::{Located, LocatedDrive, Pose},
     record::{self, RecordOptions},
     track::Track,
     world::{Setup, Simulation},
@@ -28,13 +28,14 @@ fn simulation(track: &Track, seconds: Option<f64>) -> Result<Simulation> {
     Ok(Simulation::new(Setup { hz: HZ, longest_s: seconds, on_crash: OnCrash::Reset, ..fair })?)
 }
 
-/// The expert's lap in a Udacity folder, as `lapwing record` writes it.
-pub fn record(track: &Track, speed: Mph, seconds: Option<f64>, one_camera: bool, folder: &Path) -> Result<()> {
+/// The expert's lap in a Udacity folder, as `lapwing record` writes it, and where the car was.
+pub fn record(track: &Track, seconds: Option<f64>, options: RecordOptions, folder: &Path) -> Result<LocatedDrive> {
     let mut world = simulation(track, seconds)?;
     let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
-    let options = RecordOptions { side_cameras: !one_camera, ..RecordOptions::at(speed) };
-    record::record(&mut world, log, options, |_| ())?;
-    Ok(())
+    let mut places = vec![Some(Located::known(Pose::of(&world)))];
+    record::record(&mut world, log, options, |world| places.push(Some(Located::known(Pose::of(world)))))?;
+    places.pop(); // the car has arrived there, but no picture was taken
+    Ok(LocatedDrive { track: Arc::new(track.clone()), places })
 }
 
 /// A simulation whose car is put back on its line as the closed loop on a recording does it: beyond the limit, at once,

@@ -9,18 +9,19 @@
 //! and no answer to record. The log holds what the expert would do, the car drives with noise added, and it is put
 //! elsewhere between some rows.
 
-use std::time::Duration;
+use std::{f64::consts::TAU, time::Duration};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use lapwing_core::{
+    motion::{steering_deg, turn},
     protocol::{Answer, Command, World},
     recording::{
         RecordingError,
         udacity::{DrivingLogWriter, NewRow},
     },
-    units::{MPS_PER_MPH, Mph, Steering},
+    units::{Degrees, MPS_PER_MPH, Mph, Steering},
 };
 
 use crate::{
@@ -40,6 +41,14 @@ const NOISE: f64 = 0.12;
 /// … and this correlation time, in seconds. Bojarski et al. (2016) and Codevilla et al. (2018) disturb similarly.
 const NOISE_S: f64 = 0.7;
 
+/// How long a weaving car takes from one side to the other and back, in seconds.
+const SWING_S: f64 = 9.0;
+/// How it gets there: radians askew per metre, at most, and degrees of the front wheels per radian. Chosen so that the
+/// car follows the swing without leaving the road.
+const ASKEW_PER_M: f64 = 0.2;
+const MOST_ASKEW_RAD: f64 = 0.2;
+const STEERED_DEG_PER_RAD: f64 = 30.0;
+
 /// How the expert drives, and what is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecordOptions {
@@ -50,12 +59,15 @@ pub struct RecordOptions {
     pub recovery: bool,
     /// Whether the left and right cameras are recorded, too. Default yes.
     pub side_cameras: bool,
+    /// How far the car weaves to each side of the line, in metres, as people do; the log holds what was steered, not what
+    /// the expert would. Default 0.
+    pub weave_m: f64,
 }
 
 impl RecordOptions {
     /// The three cameras of a drive along the line.
     pub fn at(speed: Mph) -> Self {
-        Self { speed, recovery: false, side_cameras: true }
+        Self { speed, recovery: false, side_cameras: true, weave_m: 0.0 }
     }
 }
 
@@ -81,7 +93,7 @@ pub fn record(
     options: RecordOptions,
     mut watch: impl FnMut(&mut Simulation),
 ) -> Result<RecordReport, RecordingError> {
-    let RecordOptions { speed, recovery, side_cameras } = options;
+    let RecordOptions { speed, recovery, side_cameras, weave_m } = options;
     let (hz, seed) = (simulation.setup().hz, simulation.setup().seed);
     let mut disturbance = recovery.then(|| Disturbance::new(seed, hz));
     let mut frame = 0u64;
@@ -95,7 +107,10 @@ pub fn record(
             disturbance.strike(simulation);
             log.cut();
         }
-        let label = simulation.expert(speed);
+        let mut label = simulation.expert(speed);
+        if weave_m > 0.0 {
+            label.steering = weaving(simulation, weave_m);
+        }
         let center = simulation.picture(&Camera::CENTER);
         let sides = side_cameras.then(|| [&Camera::LEFT, &Camera::RIGHT].map(|camera| simulation.picture(camera)));
         log.row(&NewRow {
@@ -115,6 +130,16 @@ pub fn record(
         watch(simulation);
     };
     Ok(RecordReport { rows: log.finish()?, laps: simulation.laps(), ending })
+}
+
+/// Steers towards a place that swings to both sides of the line.
+fn weaving(simulation: &Simulation, weave_m: f64) -> Steering {
+    let (place, line_m) = (simulation.place(), simulation.setup().track.file().driving_line_m);
+    let wanted_m = line_m + weave_m * (simulation.time_s() / SWING_S * TAU).sin();
+    let wanted_rad = (ASKEW_PER_M * (wanted_m - place.offset)).clamp(-MOST_ASKEW_RAD, MOST_ASKEW_RAD);
+    let askew_rad = turn(simulation.car().yaw - place.station.yaw);
+    let bend_deg = steering_deg(place.station.curvature);
+    Degrees::saturating(bend_deg + STEERED_DEG_PER_RAD * (wanted_rad - askew_rad)).steering()
 }
 
 /// Keeps the expert from driving perfectly, so that a model learns to recover.

@@ -2,8 +2,13 @@
 
 use std::sync::Arc;
 
-use super::{Located, Pose};
-use crate::track::Track;
+use glam::DMat3;
+
+use super::{Deviation, Fit, Located, Pose};
+use crate::{
+    track::{Place, Track},
+    world::Simulation,
+};
 use lapwing_core::motion::turn;
 
 /// A recorded drive, located on a track.
@@ -45,7 +50,22 @@ pub struct InLane {
     pub edges_m: (f64, f64),
 }
 
+impl Located {
+    /// A place that is known, as it is in a simulation.
+    pub fn known(pose: Pose) -> Self {
+        let deviation = Deviation { s_m: 0.0, offset_m: 0.0, heading_rad: 0.0 };
+        Self { pose, deviation, fit: Fit { pose, agreement: 1.0, sharpness: DMat3::ZERO } }
+    }
+}
+
 impl Pose {
+    /// The pose of a simulation's car.
+    pub fn of(world: &Simulation) -> Self {
+        let Place { station, offset } = *world.place();
+        let heading_rad = turn(world.car().yaw - station.yaw);
+        Self { s_m: station.s, offset_m: offset, heading_rad, pitch_rad: 0.0 }
+    }
+
     /// Whether the car drives against the track's direction.
     pub fn is_reversed(self) -> bool {
         self.heading_rad.cos() < 0.0
