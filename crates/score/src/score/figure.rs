@@ -11,10 +11,7 @@ pub const SOURCES: [(&str, &str); 10] = [
         "End to End Learning for Self-Driving Cars, which judged by collision rate, maximum speed and completion rate.",
     ),
     ("Bojarski", "End to End Learning for Self-Driving Cars, arXiv 1604.07316 (2016), section 7.1."),
-    (
-        "Tampuu",
-        "Lidar-as-Camera for End-to-End Driving, arXiv 2206.15170 (2022), and the University of Tartu's vista-evaluation: the Rally Estonia study.",
-    ),
+    ("Tampuu", "Lidar-as-Camera for End-to-End Driving, arXiv 2206.15170 (2022): the Rally Estonia study."),
     ("CARLA", "the leaderboard's evaluation criteria, versions 1.0 and 2.1 (leaderboard.carla.org)."),
     ("nuPlan", "ego_is_comfortable of the nuPlan benchmark (Caesar et al., arXiv 2106.11810) and its development kit."),
     ("Hayward", "Near miss determination through use of a scale of danger, Highway Research Record 384 (1972)."),

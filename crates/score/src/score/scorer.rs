@@ -2,6 +2,7 @@
 
 mod counted;
 mod judgement;
+mod offsets;
 mod recorded;
 mod within_run;
 
@@ -9,6 +10,7 @@ use std::{sync::Arc, time::Duration};
 
 use bytes::Bytes;
 
+use self::offsets::Offsets;
 use super::{
     blind::Blind,
     braking::Braking,
@@ -108,45 +110,6 @@ struct AnswerCounts {
     all: u64,
     pilot: u64,
     human: u64,
-}
-
-/// Distances from the line of which the card says for how much of the time they were exceeded, in metres.
-const BEYOND_M: [f64; 2] = [1.0, 2.0];
-
-/// |cte| of each telemetry that reports it, in metres.
-#[derive(Debug, Clone, Default)]
-struct Offsets {
-    n: u64,
-    sum: f64,
-    squares: f64,
-    most: f64,
-    /// Seconds between two of them, and how many of those beyond each of [`BEYOND_M`].
-    timed_s: f64,
-    beyond_s: [f64; 2],
-    /// When the last one was, and what.
-    last: Option<(f64, f64)>,
-    /// Empty when live.
-    all: Vec<f64>,
-}
-
-impl Offsets {
-    /// Takes one; `goes_on` if the time since the last one was driven.
-    fn take(&mut self, at_s: f64, cte_m: f64, goes_on: bool, keep: bool) {
-        let off_m = cte_m.abs();
-        if let Some((then_s, then_m)) = self.last.replace((at_s, off_m)).filter(|_| goes_on) {
-            // Each stands for half the time between the two.
-            let half_s = (at_s - then_s).max(0.0) / 2.0;
-            self.timed_s += 2.0 * half_s;
-            for (beyond_s, limit_m) in self.beyond_s.iter_mut().zip(BEYOND_M) {
-                *beyond_s += half_s * f64::from(u8::from(then_m > limit_m) + u8::from(off_m > limit_m));
-            }
-        }
-        self.n += 1;
-        self.sum += off_m;
-        self.squares += off_m * off_m;
-        self.most = self.most.max(off_m);
-        self.all.extend(keep.then_some(off_m));
-    }
 }
 
 impl Scorer {
