@@ -34,7 +34,7 @@ struct Arguments {
     /// Folders with driving_log.csv and IMG; one called lake, jungle or mountain lies on that track.
     #[arg(required = true)]
     folders: Vec<PathBuf>,
-    /// The track of all of them, instead of the one that the folder's name says.
+    /// The track of all of them, a name or a file, instead of the one that the folder's name says.
     #[arg(long)]
     track: Option<String>,
     /// Prints JSON instead of tables.
@@ -95,7 +95,7 @@ fn examine(folder: &Path, track: Option<&str>) -> Result<CalibrationReport> {
     let turns = turns::between(&rows)?;
     ensure!(turns.len() + 1 == rows.len(), "{name}: expected {} turns, got {}", rows.len() - 1, turns.len());
     let track = track.or_else(|| Track::NAMES.into_iter().find(|known| *known == name));
-    let track = track.map(|name| Track::named(name).map(|track| (name.to_owned(), track))).transpose()?;
+    let track = track.map(|name| Track::open(name).map(|track| (name.to_owned(), track))).transpose()?;
     let route = track.as_ref().and_then(|(_, track)| route::locate(&rows, &turns, track));
 
     let level = vec![0.0; rows.len()];

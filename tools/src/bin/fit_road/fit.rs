@@ -100,6 +100,7 @@ impl Fit<'_> {
             if i + 1 < range.end {
                 heard.extend(this.linked(i, i - range.start, &columns));
             }
+            heard.extend(this.climbed(i, &columns));
             heard
         };
         let heard: Vec<Vec<Witness>> = range.clone().into_par_iter().map(heard).collect();

@@ -19,6 +19,9 @@ const ORIGIN_M: f64 = 1.6;
 /// What a piece of a line in one picture is worth: those of one picture err alike.
 const WORTH: f64 = 0.3;
 
+/// Standard deviation of a slope by the speed, as its sine: 0.05, but neighbouring rows err alike.
+const CLIMB: f64 = 0.15;
+
 /// Within so many pixels a line is found, where a fit is reported or shown.
 pub const SHOWN_PX: f64 = 6.0;
 
@@ -163,6 +166,23 @@ impl Fit<'_> {
             c += 1;
             (base[c - 1], deviations[c - 1].powi(-2), slope)
         })
+    }
+
+    /// What the log says of the road's slope at a picture: how much slower the car became than on level ground.
+    pub fn climbed(&self, i: usize, columns: &Columns) -> Option<Witness> {
+        let (t, expected) = (self.stands[i][0], self.drive.climbs[i]?);
+        let climb = |course: &Course| course.at(t).grade.atan().sin();
+        let here = climb(&self.course);
+        let mut course = self.course.clone();
+        let mut slope = Slope::default();
+        for j in 0..4 {
+            let point = (self.course.first_of(t) + j) % self.course.points.len();
+            let Some(first) = columns[point] else { continue };
+            course.points[point].y += NUDGE_M;
+            slope.road.push((first + 1, (climb(&course) - here) / NUDGE_M));
+            course.points[point].y -= NUDGE_M;
+        }
+        Some((here - expected, CLIMB.powi(-2), slope))
     }
 
     /// How well a picture is explained.
