@@ -22,12 +22,13 @@ const OUTLINE_M: f64 = 3.0;
 pub struct Roads {
     more: Vec<String>,
     known: OnceCell<Vec<Arc<Road>>>,
+    both_ways: OnceCell<Vec<Arc<Road>>>,
 }
 
 impl Roads {
     /// The roads that come with Lapwing, and more, named as for [`Track::open`].
     pub fn with(more: &[String]) -> Self {
-        Self { more: more.to_owned(), known: OnceCell::new() }
+        Self { more: more.to_owned(), ..Self::default() }
     }
 
     /// All of them.
@@ -40,6 +41,17 @@ impl Roads {
         }
         let known = self.names().map(|name| Ok(Arc::new(known_road(name)?))).collect::<Result<_, TrackError>>()?;
         Ok(self.known.get_or_init(|| known))
+    }
+
+    /// All of them, each in its own direction and the other way round.
+    ///
+    /// # Errors
+    /// Those of [`Track::open`].
+    pub fn both_ways(&self) -> Result<&[Arc<Road>], TrackError> {
+        let known = self.known()?;
+        Ok(self
+            .both_ways
+            .get_or_init(|| known.iter().flat_map(|road| [road.clone(), Arc::new(road.reversed())]).collect()))
     }
 
     /// The track of this name, if it is known.

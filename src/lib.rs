@@ -21,6 +21,7 @@
 //! | [`course`] | suites, driven in our simulator by our models | `core`, `sim`, `score`, `learn` |
 //! | [`film`], [`map`], [`known`] | films and maps for people; tracks as known roads, on which drives are located |
 //! `core`, `sim`, `score` |
+//! | [`locating`] | where a recording was driven, and where each of its pictures was taken | `core`, `sim`, `score` |
 //! | [`doctor`] | whether this machine can drive: what `lapwing doctor` finds | `core`, `learn`, `live` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
 //!
@@ -77,5 +78,7 @@ pub mod doctor;
 pub mod film;
 #[cfg(feature = "simulator")]
 pub mod known;
+#[cfg(feature = "simulator")]
+pub mod locating;
 #[cfg(feature = "simulator")]
 pub mod map;

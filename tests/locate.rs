@@ -3,27 +3,21 @@
 use std::thread;
 
 use lapwing_core::{
-    motion::{Motion, curvature},
+    motion::Motion,
     perception::decode_jpeg,
     recording::{Moment, Recording},
 };
 use lapwing_sim::{
     camera::{Camera, Scenery},
-    locate::{Located, Overlay, Pose},
+    locate::{Known, Located, Overlay, Pose},
     track::Track,
 };
 
 use crate::support::shared;
 
 /// How the car came to each moment from the one before.
-pub fn motions(moments: &[Moment]) -> Vec<Motion> {
-    let motion = |i: usize| {
-        let (now, before) = (&moments[i], &moments[i.saturating_sub(1)]);
-        let mps = |moment: &Moment| moment.telemetry.speed.metres_per_second().get();
-        let way_m = (now.at - before.at).as_secs_f64() * (mps(now) + mps(before)) / 2.0;
-        let steering_deg = before.steering().map_or(0.0, |steering| steering.degrees().get());
-        Motion { way_m, turn_rad: way_m * curvature(steering_deg) }
-    };
+fn motions(moments: &[Moment]) -> Vec<Motion> {
+    let motion = |i: usize| moments[i].motion_from(&moments[i.saturating_sub(1)]);
     (0..moments.len()).map(motion).collect()
 }
 
@@ -36,7 +30,7 @@ pub fn located(track: &str, start: Pose, moments: &[Moment], camera: usize) -> V
         let picture = moments[i].pictures[camera].as_ref().expect("three cameras");
         decode_jpeg(&picture.read().unwrap(), frame)
     };
-    overlay.follow(start, &motions(moments), picture).unwrap()
+    overlay.follow(&[Known { picture: 0, pose: start, deviation_m: 3.0 }], &motions(moments), picture).unwrap()
 }
 
 #[test]

@@ -55,6 +55,9 @@ pub enum Verb {
     /// Replay a recording to a model or a bridge and compare the steering, or drive along it
     #[cfg(feature = "networks")]
     Replay(Replay),
+    /// Find out where a recording was driven, and where in its lane the car was in each picture
+    #[cfg(feature = "simulator")]
+    Locate(Locate),
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),

@@ -55,6 +55,31 @@ impl FromArgMatches for ThresholdFlags {
     }
 }
 
+/// `lapwing locate`
+#[derive(Debug, Args)]
+pub struct Locate {
+    /// A run (.mcap), or a folder with driving_log.csv and IMG/
+    pub recording: PathBuf,
+    /// Another road that it may have been driven on: random:SEED, or a track file (.toml)
+    #[arg(long = "track", value_name = "NAME")]
+    pub tracks: Vec<String>,
+    /// Locate the side cameras' pictures, too, each by itself, and compare where they come out with where they sit on the car
+    #[arg(long)]
+    pub sides: bool,
+    /// Write a row for each picture: place, offset from the lane's middle, heading, how sure they are
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Draw the lane into pictures from all over the recording: FILE.png or FILE.svg
+    #[arg(long, value_name = "FILE")]
+    pub frames: Option<PathBuf>,
+    /// Draw the offset from the lane's middle along the road, lap by lap: FILE.svg or FILE.png
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `lapwing score`
 #[derive(Debug, Args)]
 pub struct Score {

@@ -13,6 +13,8 @@ mod doctor;
 mod drive;
 #[cfg(feature = "networks")]
 mod evaluate;
+#[cfg(feature = "simulator")]
+mod locate;
 #[cfg(feature = "networks")]
 mod model;
 mod outputs;
@@ -103,6 +105,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Replay(arguments) if arguments.closed_loop => closed_loop::run(&arguments, config),
         #[cfg(feature = "networks")]
         Verb::Replay(arguments) => replay::run(arguments, config),
+        #[cfg(feature = "simulator")]
+        Verb::Locate(arguments) => limit_pictures(config).and_then(|()| locate::run(&arguments)),
         #[cfg(feature = "simulator")]
         Verb::Score(arguments) => score::run(&arguments, config),
         #[cfg(all(feature = "networks", feature = "simulator"))]

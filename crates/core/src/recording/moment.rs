@@ -6,7 +6,11 @@ use bytes::Bytes;
 use jiff::civil::DateTime;
 
 use super::{By, CommandRecord, EventRecord, read_picture};
-use crate::{protocol::Telemetry, units::Steering};
+use crate::{
+    motion::{Motion, curvature},
+    protocol::Telemetry,
+    units::Steering,
+};
 
 /// A longer time between two moments is a gap: nothing is concluded from one about the other. Recorders write eight
 /// moments a second or more, and the longest interval in real recordings is 0.3 s; a driver who is not seen for a
@@ -47,6 +51,15 @@ impl Moment {
     /// The command of a pilot or a human.
     pub fn decided(&self) -> Option<&CommandRecord> {
         self.command.as_ref().filter(|command| matches!(command.by, By::Pilot | By::Human))
+    }
+
+    /// How the car came here from the moment before, by its speeds and the steering that was in effect.
+    pub fn motion_from(&self, before: &Self) -> Motion {
+        let mps = |moment: &Self| moment.telemetry.speed.metres_per_second().get();
+        let way_m = self.at.saturating_sub(before.at).as_secs_f64() * (mps(self) + mps(before)) / 2.0;
+        // Without an answer, what was steered is told by the next telemetry.
+        let steering_deg = before.steering().map_or(self.telemetry.steering.get(), |steering| steering.degrees().get());
+        Motion { way_m, turn_rad: way_m * curvature(steering_deg) }
     }
 
     /// Whether the centre camera's picture is there.

@@ -16,6 +16,8 @@ mod look;
 mod matcher;
 mod revisits;
 
+use std::f64::consts::PI;
+
 use lapwing_core::motion::turn;
 
 pub use filter::{Filter, Milestone, Whereabouts};
@@ -34,6 +36,8 @@ pub struct Road {
     pub length_m: f64,
     /// The look of its start.
     pub start: Option<Look>,
+    /// Whether it is driven against the direction of the track of this name.
+    pub reversed: bool,
     /// Headings in radians, clockwise, without jumps, evenly spaced from 0 to the whole length, both ends included.
     headings: Vec<f64>,
     /// Headings per metre.
@@ -52,7 +56,20 @@ impl Road {
             before = *heading;
         }
         let per_m = (headings.len() - 1) as f64 / length_m;
-        Self { name, start_m, length_m, start, headings, per_m }
+        Self { name, start_m, length_m, start, reversed: false, headings, per_m }
+    }
+
+    /// The same road, driven the other way round. What is seen at its start is not known.
+    pub fn reversed(&self) -> Self {
+        Self {
+            name: self.name.clone(),
+            start_m: self.length_m - self.start_m,
+            length_m: self.length_m,
+            start: None,
+            reversed: !self.reversed,
+            headings: self.headings.iter().rev().map(|heading| heading + PI).collect(),
+            per_m: self.per_m,
+        }
     }
 
     /// The heading at any distance along it, over any number of laps.

@@ -4,26 +4,60 @@ use glam::{DMat3, DVec3};
 
 use super::{Fit, Overlay, Pose};
 use crate::track::Track;
-use lapwing_core::{motion::Motion, perception::Frame};
+use lapwing_core::{
+    motion::{Motion, around},
+    perception::Frame,
+};
 
+/// Where cars are that no picture shows: standard deviations of offset from the lane's middle, in metres, and of heading,
+/// in radians; a metre of road tells as much of that as [`HABIT`] measurements.
+const BESIDE_M: f64 = 2.0;
+const ASKEW_RAD: f64 = 0.3;
+const HABIT: f64 = 0.1;
 /// What a unit of agreement is worth as a log likelihood. Neighbouring pictures err alike, so each is worth little: on the
 /// real lake, side cameras are then found about one standard deviation from where they sit (median 0.84, 95 % within 2.1).
 const WORTH: f64 = 3.0;
+/// The share of it that it is worth for the place along the road: pictures of the same stretch ahead err alike for longer.
+const PLACE: f64 = 0.2;
+/// Pictures that agree no better than the first of these tell nothing, and no better than the second less: what they agree
+/// with is not the road.
+const UNSEEN: f64 = 0.12;
+const SEEN: f64 = 0.25;
+/// How far ahead the road should be straight where the search starts, in metres, and which curvature counts as straight, in
+/// 1/m.
+const AHEAD_M: u32 = 30;
+const STRAIGHT: f64 = 0.005;
+/// A car farther than this beside the road does not see it, in metres.
+const FURTHEST_M: f64 = 2.0;
+/// What is added to the standard deviations at a picture that tells nothing: the car may be lost.
+const LOST: DVec3 = DVec3::new(1.0, 0.2, 0.04);
 /// Another picture tells as much as the first after this many metres; a car that stands learns nothing new.
 const NEWS_M: f64 = 0.5;
 const NEWS_STANDING: f64 = 0.02;
 /// Standard deviations added per metre driven: metres along the road and across, and radians.
-const DRIFT: DVec3 = DVec3::new(0.03, 0.006, 0.01);
+const DRIFT: DVec3 = DVec3::new(0.2, 0.006, 0.01);
 /// The same between pictures of a car that does not move.
 const REST: f64 = 1e-3;
 /// A picture farther than this from what was expected, in squared standard deviations, counts for less than half.
 const DOUBT: f64 = 12.0;
-/// Standard deviations of the first pose: metres along the road and across, and radians.
-const FIRST: DVec3 = DVec3::new(3.0, 1.0, 0.2);
+/// Standard deviations of the first pose, once all pictures were looked at: metres along the road and across, and
+/// radians.
+const FIRST: DVec3 = DVec3::new(20.0, 1.0, 0.2);
+/// A place is known if among so many pictures to both sides the agreement is at least this, in the mean, if they are no
+/// farther from where all of them say the car was, in metres, and if that is this sure, in metres.
+const WINDOW: usize = 10;
+const AGREES: f64 = 0.3;
+const APART_M: f64 = 0.6;
+const UNSURE_M: f64 = 0.3;
 /// How far the search reaches: so many standard deviations, but at least and at most so far.
 const SEARCHED: DVec3 = DVec3::new(2.0, 3.0, 3.0);
-const LEAST: DVec3 = DVec3::new(1.0, 0.3, 0.06);
-const MOST: DVec3 = DVec3::new(5.0, 3.0, 0.3);
+const LEAST: DVec3 = DVec3::new(2.5, 0.3, 0.06);
+const MOST: DVec3 = DVec3::new(10.0, 3.0, 0.3);
+/// A picture that agrees with what is expected by less than this share of what is usual is looked at all over the road, this
+/// far to both sides of the lane. Each picture counts this much for what is usual.
+const ODD: f64 = 0.85;
+const ALL_OVER_M: f64 = 2.0;
+const USUAL: f64 = 0.02;
 /// The fit that the other pictures expect replaces the first one if it does not agree worse by more than this.
 const NO_WORSE: f64 = 0.03;
 /// The body pitches slowly (the share kept from one picture to the next) and within this, in radians.
@@ -50,6 +84,30 @@ pub struct Located {
     pub deviation: Deviation,
     /// By this picture alone.
     pub fit: Fit,
+}
+
+/// Where the car is known to have been when a picture was taken, up to some metres along the road.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Known {
+    /// Which picture.
+    pub picture: usize,
+    /// There, in the middle of its lane.
+    pub pose: Pose,
+    /// Standard deviation of the place along the road, in metres.
+    pub deviation_m: f64,
+}
+
+/// The places that are known: among those around, pictures agree with the drawn road, and with where all of them say the
+/// car was.
+pub fn seen(located: &[Located]) -> Vec<Option<Located>> {
+    let known = |i: usize| {
+        let around = &located[i.saturating_sub(WINDOW)..(i + WINDOW + 1).min(located.len())];
+        let mean = |of: &dyn Fn(&Located) -> f64| around.iter().map(of).sum::<f64>() / around.len() as f64;
+        let agreement = mean(&|located| located.fit.agreement);
+        let apart_m = mean(&|located| (located.fit.pose.offset_m - located.pose.offset_m).abs());
+        agreement >= AGREES && apart_m <= APART_M && located[i].deviation.offset_m <= UNSURE_M
+    };
+    (0..located.len()).map(|i| Some(located[i]).filter(|_| known(i))).collect()
 }
 
 /// What is believed of place, offset and heading: a normal distribution.
@@ -81,7 +139,7 @@ impl Belief {
         let bend_per_m = (track.at(s + 1.0).curvature - track.at(s - 1.0).curvature) / 2.0;
         let by_s = DVec3::new(1.0, 0.0, -bend_per_m * along);
         let by_offset = DVec3::new(bend * along, 1.0, -bend * bend * along);
-        let by_heading = DVec3::new(0.0, motion.way_m, 1.0);
+        let by_heading = DVec3::new(0.0, motion.way_m * heading.cos(), 1.0);
         let jacobian = DMat3::from_cols(by_s, by_offset, by_heading);
         let unknown = DRIFT * motion.way_m.abs() + REST;
         let covariance = jacobian * self.covariance * jacobian.transpose() + DMat3::from_diagonal(unknown * unknown);
@@ -90,18 +148,102 @@ impl Belief {
 
     /// How far a picture's answer is from what was expected, in squared standard deviations.
     fn surprise(&self, fit: &Fit) -> f64 {
-        let (information, off) = (fit.sharpness * WORTH, fit.pose.vector() - self.mean);
+        let (information, off) = (told(fit) * WORTH, fit.pose.vector() - self.mean);
         // (P + 1/I)^-1 without an inverse of I, which there may not be.
         off.dot((DMat3::IDENTITY + information * self.covariance).inverse() * information * off)
+    }
+
+    /// After a measurement of one of place, offset and heading, with its standard deviation.
+    fn told(&self, axis: usize, value: f64, deviation: f64) -> Self {
+        let of_all = self.covariance.col(axis);
+        let gain = of_all / (of_all[axis] + deviation * deviation);
+        let mean = self.mean + gain * (value - self.mean[axis]);
+        let reduced = DMat3::from_cols(gain * of_all.x, gain * of_all.y, gain * of_all.z);
+        Self { mean, covariance: self.covariance - reduced }
+    }
+
+    /// Less sure by this share of [`LOST`].
+    fn doubted(self, share: f64) -> Self {
+        let unknown = LOST * share;
+        Self { covariance: self.covariance + DMat3::from_diagonal(unknown * unknown), ..self }
     }
 
     /// After a picture.
     fn seen(&self, fit: &Fit, news: f64) -> Self {
         let believed = 1.0 / (1.0 + (self.surprise(fit) / DOUBT).powi(2));
-        let information = fit.sharpness * (WORTH * news * believed);
+        let information = told(fit) * (WORTH * news * believed);
         let covariance = (self.covariance.inverse() + information).inverse();
         Self { mean: self.mean + covariance * (information * (fit.pose.vector() - self.mean)), covariance }
     }
+}
+
+/// What is known of a drive but for its pictures.
+#[derive(Debug, Clone, Copy)]
+struct Drive<'a> {
+    track: &'a Track,
+    motions: &'a [Motion],
+    known: &'a [Known],
+    /// The place that is known best.
+    start: &'a Known,
+}
+
+impl<'a> Drive<'a> {
+    /// `None` if no place is known.
+    fn new(track: &'a Track, motions: &'a [Motion], known: &'a [Known]) -> Option<Self> {
+        let here = known.iter().filter(|known| known.picture < motions.len());
+        // Where the road ahead is straight, an error along it does not matter.
+        let unsure = |known: &Known| {
+            let bends =
+                (0..AHEAD_M).map(|m| track.at(known.pose.s_m + f64::from(m) * known.pose.heading_rad.cos()).curvature);
+            known.deviation_m * bends.fold(STRAIGHT, |most, bend| most.max(bend.abs()))
+        };
+        let start = here.min_by(|a, b| unsure(a).total_cmp(&unsure(b)))?;
+        Some(Self { track, motions, known, start })
+    }
+
+    fn begin(&self) -> Belief {
+        Belief::of(self.start.pose, DVec3::new(self.start.deviation_m.max(LEAST.x), BESIDE_M, ASKEW_RAD))
+    }
+
+    /// On to a picture from the one before, if there is one; and how the new mean depends on the old one.
+    fn on(&self, to: usize, belief: Belief) -> (Belief, DMat3) {
+        belief.moved(self.track, self.motions[to])
+    }
+
+    /// Back to a picture from the one after it, if there is one.
+    fn back(&self, to: usize, belief: Belief) -> Belief {
+        self.motions.get(to + 1).map_or(belief, |motion| {
+            belief.moved(self.track, Motion { way_m: -motion.way_m, turn_rad: -motion.turn_rad }).0
+        })
+    }
+
+    /// How far a picture is believed by how well it agrees at best, 0 to 1; not at all where no road is.
+    fn clearness(&self, fit: &Fit) -> f64 {
+        let beside = fit.pose.offset_m.abs() > self.track.half_width() + FURTHEST_M;
+        if beside { 0.0 } else { ((fit.agreement - UNSEEN) / (SEEN - UNSEEN)).clamp(0.0, 1.0) }
+    }
+
+    /// What a picture shows; and what else is known there: cars keep to their lanes, and a place now and then.
+    fn seen(&self, i: usize, belief: &Belief, fit: &Fit) -> Belief {
+        let news = news(self.motions[i]);
+        let (lane, habit) = (self.start.pose, (HABIT * news).sqrt());
+        let belief = belief.seen(fit, news * self.clearness(fit)).told(1, lane.offset_m, BESIDE_M / habit).told(
+            2,
+            lane.heading_rad,
+            ASKEW_RAD / habit,
+        );
+        let here = self.known.iter().filter(|known| known.picture == i);
+        here.fold(belief, |belief, known| {
+            let off = around(known.pose.s_m - belief.mean.x, self.track.length());
+            belief.told(0, belief.mean.x + off, known.deviation_m)
+        })
+    }
+}
+
+/// How sharply a picture tells the pose.
+fn told(fit: &Fit) -> DMat3 {
+    let share = DMat3::from_diagonal(DVec3::new(PLACE.sqrt(), 1.0, 1.0));
+    share * fit.sharpness * share
 }
 
 /// How much a picture tells that the one before did not.
@@ -115,73 +257,101 @@ fn searched(belief: &Belief) -> DVec3 {
 }
 
 impl Overlay {
-    /// Follows a drive from about `start` on. `motions` say how the car came to each picture from the one before; the
-    /// first is not used. `picture` reads one into the frame it is given, and may be asked for one again.
+    /// Follows a drive to both sides of the picture whose place is known best. `motions` say how the car came to each
+    /// picture from the one before; the first is not used. `picture` reads one into the frame it is given, and may be
+    /// asked for one again; a frame of another size says nothing. If no place is known, nothing is located.
     ///
     /// # Errors
     /// What `picture` says.
     pub fn follow<E>(
         &mut self,
-        start: Pose,
+        known: &[Known],
         motions: &[Motion],
         mut picture: impl FnMut(usize, &mut Frame) -> Result<(), E>,
     ) -> Result<Vec<Located>, E> {
-        let (mut frame, mut fits) = (Frame::default(), Vec::with_capacity(motions.len()));
-        let (mut belief, mut pitch_rad) = (Belief::of(start, FIRST), start.pitch_rad);
-        for (i, &motion) in motions.iter().enumerate() {
-            if i > 0 {
-                belief = belief.moved(&self.track, motion).0;
+        let track = self.track.clone();
+        let Some(drive) = Drive::new(&track, motions, known) else { return Ok(vec![]) };
+        let (first, start) = (drive.start.picture, drive.start.pose);
+        let (mut frame, mut fits) = (Frame::default(), vec![None; motions.len()]);
+        let (mut belief, mut pitch_rad, mut usual) = (drive.begin(), start.pitch_rad, 0.0);
+        let kept = |pitch_rad: f64, fit: &Fit| {
+            PITCH_KEPT * pitch_rad + (1.0 - PITCH_KEPT) * fit.pose.pitch_rad.clamp(-PITCH_RAD, PITCH_RAD)
+        };
+        for i in first..motions.len() {
+            if i > first {
+                belief = drive.on(i, belief).0;
             }
             picture(i, &mut frame)?;
-            let fit = self.lay(&frame, Pose { pitch_rad, ..start.at(belief.mean) }, searched(&belief));
-            belief = belief.seen(&fit, news(motion));
-            pitch_rad = PITCH_KEPT * pitch_rad + (1.0 - PITCH_KEPT) * fit.pose.pitch_rad.clamp(-PITCH_RAD, PITCH_RAD);
-            fits.push(fit);
+            let expected = Pose { pitch_rad, ..start.at(belief.mean) };
+            let fit = self.look(&frame, expected, searched(&belief), start, &mut usual);
+            belief = drive.seen(i, &belief, &fit).doubted(1.0 - drive.clearness(&fit));
+            pitch_rad = kept(pitch_rad, &fit);
+            fits[i] = Some(fit);
         }
-        // Back again, at what later pictures contradict: most of all the first ones, whose place was a guess.
+        // Back again, at those before, and at what later pictures contradict: most of all the first ones, whose place was
+        // a guess.
         for i in (0..fits.len()).rev() {
-            if let Some(motion) = motions.get(i + 1) {
-                belief = belief.moved(&self.track, Motion { way_m: -motion.way_m, turn_rad: -motion.turn_rad }).0;
-            }
-            if belief.surprise(&fits[i]) > DOUBT {
+            belief = drive.back(i, belief);
+            let before = fits[i];
+            pitch_rad = before.map_or(pitch_rad, |fit| fit.pose.pitch_rad.clamp(-PITCH_RAD, PITCH_RAD));
+            let mut best = before.filter(|fit| belief.surprise(fit) <= DOUBT);
+            if best.is_none() {
                 picture(i, &mut frame)?;
-                let pitch_rad = fits[i].pose.pitch_rad.clamp(-PITCH_RAD, PITCH_RAD);
-                let again = self.lay(&frame, Pose { pitch_rad, ..start.at(belief.mean) }, searched(&belief));
-                if again.agreement > fits[i].agreement - NO_WORSE && belief.surprise(&again) < belief.surprise(&fits[i])
-                {
-                    fits[i] = again;
-                }
+                let expected = Pose { pitch_rad, ..start.at(belief.mean) };
+                let again = self.look(&frame, expected, searched(&belief), start, &mut usual);
+                let worse = |before: &Fit| {
+                    again.agreement <= before.agreement - NO_WORSE || belief.surprise(&again) >= belief.surprise(before)
+                };
+                pitch_rad = kept(pitch_rad, &again);
+                best = before.filter(worse).or(Some(again));
             }
-            belief = belief.seen(&fits[i], news(motions[i]));
+            if let Some(fit) = best {
+                belief = drive.seen(i, &belief, &fit).doubted(1.0 - drive.clearness(&fit));
+            }
+            fits[i] = best;
         }
-        Ok(self.smoothed(start.at(belief.mean), motions, &fits))
+        let fits: Vec<_> = fits.into_iter().flatten().collect();
+        Ok(smoothed(&drive, start.at(belief.mean), &fits))
     }
 
-    /// Forwards through a drive, and back.
-    fn smoothed(&self, start: Pose, motions: &[Motion], fits: &[Fit]) -> Vec<Located> {
-        let mut belief = Belief::of(start, FIRST);
-        let mut forwards = Vec::with_capacity(fits.len());
-        for (i, (fit, &motion)) in fits.iter().zip(motions).enumerate() {
-            let (expected, jacobian) =
-                if i > 0 { belief.moved(&self.track, motion) } else { (belief, DMat3::IDENTITY) };
-            belief = expected.seen(fit, news(motion));
-            forwards.push((expected, jacobian, belief));
-        }
-        let mut later: Option<(Belief, Belief, DMat3)> = None;
-        let back = forwards.iter().zip(fits).rev().map(|(&(expected, jacobian, belief), fit)| {
-            let mut smoothed = belief;
-            if let Some((next, expected, jacobian)) = later {
-                let gain = belief.covariance * jacobian.transpose() * expected.covariance.inverse();
-                smoothed.mean += gain * (next.mean - expected.mean);
-                smoothed.covariance += gain * (next.covariance - expected.covariance) * gain.transpose();
+    /// Looks where the car is expected; and if that agrees worse than usual, all over the road.
+    fn look(&mut self, frame: &Frame, expected: Pose, reach: DVec3, lane: Pose, usual: &mut f64) -> Fit {
+        let mut fit = self.lay(frame, expected, reach);
+        if fit.agreement < ODD * *usual {
+            let middle = Pose { offset_m: lane.offset_m, heading_rad: lane.heading_rad, ..expected };
+            let again = self.lay(frame, middle, DVec3::new(MOST.x, ALL_OVER_M, MOST.z));
+            if again.agreement > fit.agreement + NO_WORSE {
+                fit = again;
             }
-            later = Some((smoothed, expected, jacobian));
-            let [s_m, offset_m, heading_rad] = smoothed.deviations().to_array();
-            let deviation = Deviation { s_m, offset_m, heading_rad };
-            Located { pose: fit.pose.at(smoothed.mean), deviation, fit: *fit }
-        });
-        let mut located: Vec<_> = back.collect();
-        located.reverse();
-        located
+        }
+        *usual += (fit.agreement - *usual) * USUAL;
+        fit
     }
+}
+
+/// Forwards through a drive from where it began, and back.
+fn smoothed(drive: &Drive, began: Pose, fits: &[Fit]) -> Vec<Located> {
+    let mut belief = Belief::of(began, FIRST);
+    let mut forwards = Vec::with_capacity(fits.len());
+    for (i, fit) in fits.iter().enumerate() {
+        let (expected, jacobian) = if i > 0 { drive.on(i, belief) } else { (belief, DMat3::IDENTITY) };
+        belief = drive.seen(i, &expected, fit);
+        forwards.push((expected, jacobian, belief));
+    }
+    let mut later: Option<(Belief, Belief, DMat3)> = None;
+    let back = forwards.iter().zip(fits).rev().map(|(&(expected, jacobian, belief), fit)| {
+        let mut smoothed = belief;
+        if let Some((next, expected, jacobian)) = later {
+            let gain = belief.covariance * jacobian.transpose() * expected.covariance.inverse();
+            smoothed.mean += gain * (next.mean - expected.mean);
+            smoothed.covariance += gain * (next.covariance - expected.covariance) * gain.transpose();
+        }
+        later = Some((smoothed, expected, jacobian));
+        let [s_m, offset_m, heading_rad] = smoothed.deviations().to_array();
+        let deviation = Deviation { s_m, offset_m, heading_rad };
+        Located { pose: fit.pose.at(smoothed.mean), deviation, fit: *fit }
+    });
+    let mut located: Vec<_> = back.collect();
+    located.reverse();
+    located
 }

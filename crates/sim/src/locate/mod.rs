@@ -29,15 +29,17 @@
 //! | `overlay` | [`Overlay`]: the track laid over one picture |
 //! | `follow` | [`Overlay::follow`]: over those of a drive |
 //! | `lane` | [`LocatedDrive`], [`InLane`]: the car in its lane, whichever way round it drives |
+//! | `lines` | [`Overlay::line`]: along the road, as a located picture shows it |
 
 mod field;
 mod follow;
 mod lane;
+mod lines;
 mod overlay;
 
 use glam::DVec3;
 
-pub use follow::{Deviation, Located};
+pub use follow::{Deviation, Known, Located, seen};
 pub use lane::{InLane, LocatedDrive};
 pub use overlay::{Fit, Overlay};
 

@@ -16,11 +16,12 @@ const ABOVE_BONNET: f32 = 0.825;
 /// How many contours the coarse search compares.
 const FEW: usize = 500;
 /// Steps of the coarse search: metres along the road, metres across, radians.
-const COARSE: DVec3 = DVec3::new(2.5, 0.25, 0.02);
-/// Standard deviations of pitch and place around the expected ones, in radians and metres, and what such a deviation
-/// costs in agreement: a picture of a straight road shows neither.
+const COARSE: DVec3 = DVec3::new(5.0, 0.25, 0.02);
+/// Standard deviations of pitch and place around the expected ones, in radians and metres, and of the offset, in metres; and
+/// what such a deviation costs in agreement: a picture of a straight road shows neither pitch nor place.
 const PITCH_RAD: f64 = 0.02;
-const PLACE_M: f64 = 3.0;
+const PLACE_M: f64 = 8.0;
+const BESIDE_M: f64 = 1.5;
 const COST: f64 = 0.01;
 /// The coarse search compares pictures blurred by this many pixels; then come ever sharper ones.
 const COARSE_BLUR: usize = 6;
@@ -35,7 +36,7 @@ const FINE: [f64; 4] = [1.2, 0.12, 0.012, 0.008];
 /// Tries in a round; a try that finds nothing better halves the steps.
 const TRIES: usize = 10;
 /// Steps in place, offset and heading over which the curvature of the agreement is measured.
-const AROUND: DVec3 = DVec3::new(2.0, 0.12, 0.012);
+const AROUND: DVec3 = DVec3::new(4.0, 0.12, 0.012);
 /// Contours with a smaller sum of clearness than this say little.
 const FEWEST: f64 = 20.0;
 
@@ -67,7 +68,7 @@ impl Overlay {
         Self { track, renderer: Renderer::new(scenery), camera }
     }
 
-    fn view(&self, pose: Pose) -> Viewpoint {
+    pub(super) fn view(&self, pose: Pose) -> Viewpoint {
         let (station, at) = (self.track.at(pose.s_m), self.track.point(pose.s_m, pose.offset_m));
         let (yaw, nose_up) = (station.yaw + pose.heading_rad, station.grade.atan() + pose.pitch_rad);
         Viewpoint::new(&self.camera.lens, &self.camera.mount, at + DVec3::Y * RIDE_M, yaw, nose_up)
@@ -129,7 +130,7 @@ impl Overlay {
             for aside in steps(1) {
                 for askew in steps(2) {
                     let pose = from.moved(DVec3::new(along, aside, askew));
-                    let agreement = self.agreement(&few, field, pose);
+                    let agreement = self.agreement(&few, field, pose) - unlikely(pose, from);
                     if agreement > most {
                         (best, most) = (pose, agreement);
                     }
@@ -149,11 +150,7 @@ impl Overlay {
     fn refine(&mut self, field: &Field, from: Pose, start: Pose, mut steps: [f64; 4]) -> Pose {
         let contours = self.visible(start);
         let ahead_m = PIVOT_M * start.heading_rad.cos();
-        let worth = |pose: Pose| {
-            let off =
-                ((pose.pitch_rad - from.pitch_rad) / PITCH_RAD).powi(2) + ((pose.s_m - from.s_m) / PLACE_M).powi(2);
-            self.agreement(&contours, field, pose) - COST * off
-        };
+        let worth = |pose: Pose| self.agreement(&contours, field, pose) - unlikely(pose, from);
         let (mut best, mut most) = (start, worth(start));
         for _ in 0..TRIES {
             let before = most;
@@ -211,6 +208,12 @@ impl Overlay {
         }
         f64::from(sum) / f64::from(weight).max(FEWEST)
     }
+}
+
+/// What a pose costs that is not expected.
+fn unlikely(pose: Pose, from: Pose) -> f64 {
+    let (pitch, place) = ((pose.pitch_rad - from.pitch_rad) / PITCH_RAD, (pose.s_m - from.s_m) / PLACE_M);
+    COST * (pitch * pitch + place * place + (pose.offset_m / BESIDE_M).powi(2))
 }
 
 /// The nearest symmetric matrix that is negative in no direction, by Jacobi's rotations.

@@ -64,7 +64,7 @@ fn a_weaving_drive_is_located_in_the_pictures_it_took() {
         // Beside where it is, in every respect.
         let start = poses[0].moved(DVec3::new(1.5, 0.5, 0.05));
         let read = |i: usize, frame: &mut Frame| decode_jpeg(&pictures[i], frame);
-        let located = overlay.follow(start, &motions, read).unwrap();
+        let located = overlay.follow(&[Known { picture: 0, pose: start, deviation_m: 3.0 }], &motions, read).unwrap();
         let off = |of: fn(&Pose) -> f64| {
             spread(located.iter().zip(&poses).map(|(found, pose)| (of(&found.pose) - of(pose)).abs()).collect())
         };

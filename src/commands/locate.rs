@@ -1,0 +1,62 @@
+//! `lapwing locate`: where a recording was driven, and where in its lane the car was in each picture.
+
+use std::{
+    io::{self, IsTerminal},
+    time::Duration,
+};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{Ended, outputs};
+use crate::{
+    cli,
+    known::Roads,
+    locating::{self, Summary, Which, drawn},
+};
+use lapwing_sim::track::Track;
+
+pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
+    arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
+    arguments.csv.as_deref().map_or(Ok(()), outputs::check)?;
+    [&arguments.frames, &arguments.plot].into_iter().flatten().try_for_each(|path| outputs::check_drawing(path))?;
+    let roads = Roads::with(&arguments.tracks);
+    let of = |which: Which| {
+        let bar = bar();
+        let found = locating::locate(&arguments.recording, which, &roads, || bar.inc(1));
+        bar.finish_and_clear();
+        found
+    };
+    let found = of(Which::Center)?;
+    let sides = if arguments.sides { Some([of(Which::Left)?, of(Which::Right)?]) } else { None };
+    if let (count, Some(why)) = &found.unreadable {
+        say!("{count} pictures could not be looked at, the first: {why}");
+    }
+    let source = arguments.recording.display().to_string();
+    let summary = Summary::new(source, &found, sides.as_ref());
+    // A failed write does not affect the other results.
+    let written = [
+        arguments.csv.as_deref().map(|path| outputs::write(path, &found.csv())),
+        arguments.frames.as_deref().map(|path| Ok(drawn::frames(&arguments.recording, &found)?.write(path)?)),
+        arguments.plot.as_deref().map(|path| Ok(drawn::weaving(&found).write(path)?)),
+    ];
+    let printed = if arguments.json {
+        super::print(&serde_json::to_string_pretty(&summary)?)
+    } else {
+        super::print(&summary.to_string())
+    };
+    written.into_iter().flatten().collect::<anyhow::Result<()>>()?;
+    printed?;
+    let nothing = summary.drives.iter().all(|drive| drive.on.as_ref().is_none_or(|on| on.located == 0.0));
+    Ok(if nothing { Ended::Failed } else { Ended::Passed })
+}
+
+/// A line of progress, if stderr is a terminal.
+fn bar() -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{spinner} {pos} pictures located, {per_sec}, {elapsed}");
+    let bar = ProgressBar::new_spinner().with_style(style.expect("the template is written here"));
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}

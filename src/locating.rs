@@ -1,0 +1,335 @@
+//! Where a recording was driven: on which road, which way round, and where each of its pictures was taken.
+//!
+//! ```text
+//! speed, steering ─▶ motions ─▶ Matcher, on every road and both ways round ─▶ road, places every 20 m
+//!                       │                                                         │
+//! pictures ─────────────┴─▶ Overlay::follow, stretch by stretch ◀── surest place ─┘
+//!                                     └─▶ LocatedDrive
+//! ```
+//! A recording is read twice, first its numbers, then its pictures. Drives that are joined in one recording are parts of
+//! their own. Each part is followed in stretches of bounded length, so that a drive that is lost is found again, several
+//! processors share the work, and memory stays bounded.
+
+pub mod drawn;
+mod pictures;
+mod rows;
+mod summary;
+mod table;
+
+use std::{
+    collections::HashMap,
+    ops::Range,
+    path::Path,
+    sync::{Arc, Mutex},
+};
+
+use rayon::prelude::*;
+
+use self::{
+    pictures::{Job, Pictures, SIZE, decoded},
+    rows::rows,
+};
+pub use self::{
+    rows::{Row, RowTruth},
+    summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
+};
+use crate::known::Roads;
+use lapwing_core::{
+    perception::Frame,
+    recording::{Break, RecordingError},
+};
+use lapwing_score::odometry::{Match, Matcher, Milestone};
+use lapwing_sim::{
+    camera::Scenery,
+    locate::{Known, Located, LocatedDrive, Overlay, Pose, seen},
+    track::{Track, TrackError},
+};
+
+/// The seed of the particles: the same recording is always located alike.
+const SEED: u64 = 0;
+/// A road counts as found if it explains the drive better than every other by this much, as a log likelihood: 150 to 1.
+const SURE: f64 = 5.0;
+/// Rows of a stretch, and how many more on either side are looked at to locate its ends as surely as its middle.
+const STRETCH: usize = 500;
+const BESIDE: usize = 40;
+/// How far the mean of the speeds before and after a gap may be from the mean speed in it, in m/s.
+const UNSEEN_MPS: f64 = 2.5;
+/// A longer gap, in seconds, says nothing about where the car went on.
+const FORGOTTEN_S: f64 = 20.0;
+/// Places that the bends tell are this sure at best, in metres, and as they err alike, less sure than each by itself.
+const NEAR_M: f64 = 5.0;
+const ALIKE: f64 = 2.0;
+/// How wrong the distance driven may be, as a share.
+const ASTRAY: f64 = 0.1;
+/// How far a car that is put back may be from where it was, as a standard deviation in metres.
+const PUT_BACK_M: f64 = 20.0;
+
+/// A recording that cannot be located.
+#[derive(Debug, thiserror::Error)]
+pub enum LocateError {
+    /// The run or the driving log.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A road that is asked for.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+    /// None of its moments has a picture.
+    #[error("{}: expected a recording with pictures, got {moments} moments without one", path.display())]
+    NoPictures {
+        /// The recording.
+        path: std::path::PathBuf,
+        /// How many moments it has.
+        moments: usize,
+    },
+}
+
+/// Which of a moment's three pictures is located.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Which {
+    /// The centre camera's.
+    Center = 0,
+    /// The left one's.
+    Left = 1,
+    /// The right one's.
+    Right = 2,
+}
+
+/// A drive of a recording: all of it, unless several were joined.
+#[derive(Debug)]
+pub struct Part {
+    /// Which moments with a picture it has, counted over the recording.
+    pub rows: Range<usize>,
+    /// Metres driven, by speed and time.
+    pub way_m: f64,
+    /// Where it was; `None` if no known road explains it, or several do.
+    pub on: Option<On>,
+}
+
+/// A drive on a road.
+#[derive(Debug)]
+pub struct On {
+    /// The road's name.
+    pub road: String,
+    /// Whether it was driven against the track's direction.
+    pub reversed: bool,
+    /// Where the car was in each of the part's rows.
+    pub drive: LocatedDrive,
+}
+
+/// What was found.
+#[derive(Debug)]
+pub struct Whereabouts {
+    /// The drives, in the recording's order.
+    pub parts: Vec<Part>,
+    /// The moments with a picture.
+    pub rows: Vec<Row>,
+    /// Pictures that could not be looked at, and why not, of the first one.
+    pub unreadable: (usize, Option<String>),
+}
+
+/// Locates the pictures of one of the cameras. `looked_at` is called for each picture that was.
+///
+/// # Errors
+/// [`LocateError`]: what cannot be read. A single picture that cannot is counted.
+pub fn locate(
+    path: &Path,
+    which: Which,
+    roads: &Roads,
+    looked_at: impl Fn() + Sync,
+) -> Result<Whereabouts, LocateError> {
+    let (rows, moments) = rows(path)?;
+    if rows.is_empty() {
+        return Err(LocateError::NoPictures { path: path.to_owned(), moments });
+    }
+    let mut stretches = vec![];
+    let mut parts = vec![];
+    let mut scenes = Scenes { roads, tracks: HashMap::new() };
+    for part in parts_of(&rows) {
+        let way_m = rows[part.clone()].iter().skip(1).map(|row| row.motion.way_m).sum();
+        let found = matched(&rows[part.clone()], roads)?;
+        if let Some(found) = &found {
+            let scene = scenes.of(&found.road.name)?;
+            for run in continuous(&rows, part.clone()) {
+                let cut = cut(&run, &part, &rows, found, &scene.0);
+                stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
+            }
+        }
+        parts.push((part, way_m, found));
+    }
+    let unreadable = Mutex::new((0, None));
+    let pictures = Pictures::open(path, which, stretches)?;
+    let located: Vec<(Range<usize>, Vec<Option<Located>>)> = pictures
+        .par_bridge()
+        .map(|job| {
+            let job = job?;
+            let tell = |why: String| {
+                let mut unreadable = unreadable.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                unreadable.0 += 1;
+                unreadable.1.get_or_insert(why);
+            };
+            Ok(follow(&rows, job, tell, &looked_at))
+        })
+        .collect::<Result<_, RecordingError>>()?;
+    let mut places = vec![None; rows.len()];
+    for (of, located) in located {
+        places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
+    }
+    let parts = parts
+        .into_iter()
+        .map(|(part, way_m, found)| {
+            let on = found
+                .map(|found| {
+                    let track = scenes.of(&found.road.name)?.0;
+                    let drive = LocatedDrive { track, places: places[part.clone()].to_vec() };
+                    Ok::<_, TrackError>(On { road: found.road.name.clone(), reversed: found.road.reversed, drive })
+                })
+                .transpose()?;
+            Ok(Part { rows: part, way_m, on })
+        })
+        .collect::<Result<_, TrackError>>()?;
+    let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    Ok(Whereabouts { parts, rows, unreadable })
+}
+
+/// Tracks, and what stands beside them, made on first use.
+struct Scenes<'a> {
+    roads: &'a Roads,
+    tracks: HashMap<String, (Arc<Track>, Arc<Scenery>)>,
+}
+
+impl Scenes<'_> {
+    fn of(&mut self, road: &str) -> Result<(Arc<Track>, Arc<Scenery>), TrackError> {
+        if let Some(scene) = self.tracks.get(road) {
+            return Ok(scene.clone());
+        }
+        let track = match self.roads.track(road) {
+            Some(track) => track,
+            None => Track::open(road)?,
+        };
+        let scenery = Arc::new(Scenery::new(&track));
+        let scene = (Arc::new(track), scenery);
+        self.tracks.insert(road.to_owned(), scene.clone());
+        Ok(scene)
+    }
+}
+
+/// The drives of a recording: where one is joined to another, nothing that is known of one says anything of the other.
+fn parts_of(rows: &[Row]) -> Vec<Range<usize>> {
+    let joined = |row: &Row| match row.broken {
+        Some(Break::Joined | Break::Back(_)) => true,
+        Some(Break::Gap(apart)) => apart.as_secs_f64() > FORGOTTEN_S,
+        _ => false,
+    };
+    split(rows, 0..rows.len(), joined)
+}
+
+/// The runs of rows within a part in which each continues from the one before.
+fn continuous(rows: &[Row], part: Range<usize>) -> Vec<Range<usize>> {
+    split(rows, part, |row| row.broken.is_some())
+}
+
+fn split(rows: &[Row], within: Range<usize>, begins: impl Fn(&Row) -> bool) -> Vec<Range<usize>> {
+    let first = within.start;
+    let starts = within.clone().filter(|&i| i == first || begins(&rows[i])).collect::<Vec<_>>();
+    let ends = starts.iter().skip(1).copied().chain([within.end]);
+    starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
+}
+
+/// The road that a drive was on, by its bends alone.
+fn matched(rows: &[Row], roads: &Roads) -> Result<Option<Match>, TrackError> {
+    let mut matcher = Matcher::new(roads.both_ways()?.iter().cloned(), SEED);
+    for row in rows.iter().skip(1) {
+        match row.broken {
+            Some(Break::PutBack) => matcher.skip(0.0, PUT_BACK_M),
+            Some(_) => matcher.skip(row.motion.way_m, UNSEEN_MPS * row.apart_s),
+            None => matcher.step(row.motion),
+        }
+    }
+    let mut matches = matcher.matches().into_iter();
+    let (best, next) = (matches.next(), matches.next());
+    let margin = best.as_ref().zip(next).map_or(f64::INFINITY, |(best, next)| best.evidence - next.evidence);
+    Ok(best.filter(|best| best.explains && margin > SURE))
+}
+
+/// Rows to follow in one go.
+#[derive(Debug, Clone)]
+struct Stretch {
+    /// Those that are looked at.
+    shown: Range<usize>,
+    /// Those of them that are located; the others belong to the stretches beside it.
+    kept: Range<usize>,
+    /// Where the car was by its bends, now and then; pictures are counted from the first that is looked at.
+    known: Vec<Known>,
+}
+
+/// Cuts a run of rows into stretches.
+fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &Match, track: &Track) -> Vec<Stretch> {
+    let count = run.len().div_ceil(STRETCH).max(1);
+    let bound = |i: usize| run.start + run.len() * i / count;
+    let mut way_m = 0.0;
+    let driven = |(i, row): (usize, &Row)| {
+        way_m += if i > 0 { row.motion.way_m } else { 0.0 };
+        way_m
+    };
+    let ways: Vec<f64> = rows[part.clone()].iter().enumerate().map(driven).collect();
+    let stretch = |i: usize| {
+        let kept = bound(i)..bound(i + 1);
+        let shown = kept.start.saturating_sub(BESIDE).max(run.start)..(kept.end + BESIDE).min(run.end);
+        let ways = &ways[shown.start - part.start..shown.end - part.start];
+        let known = |stone: &Milestone, deviation_m: f64| {
+            let picture = ways.partition_point(|way_m| *way_m < stone.way_m).min(ways.len() - 1);
+            let s_m = stone.s_m + ways[picture] - stone.way_m;
+            Known { picture, pose: pose(track, s_m, found.road.reversed), deviation_m }
+        };
+        let within = |stone: &&Milestone| (ways[0]..=ways[ways.len() - 1]).contains(&stone.way_m);
+        let told = |stone: &Milestone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M));
+        let mut places: Vec<Known> = found.trail.iter().filter(within).map(told).collect();
+        if places.is_empty() {
+            let off = |stone: &&Milestone| (stone.way_m - ways[ways.len() / 2]).abs();
+            let nearest = found.trail.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+            places.extend(
+                nearest.map(|stone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M) + ASTRAY * off(&stone))),
+            );
+        }
+        Stretch { shown, kept, known: places }
+    };
+    (0..count).map(stretch).collect()
+}
+
+/// The pose of a car on the line to drive, so many metres along the road that it drives.
+fn pose(track: &Track, s_m: f64, reversed: bool) -> Pose {
+    let travelled = if reversed { track.driving_line_length() - s_m } else { s_m };
+    let point = track.on_driving_line(travelled);
+    let s_m = track.locate(point.position, None).station.s;
+    let (offset_m, heading_rad) = if reversed { (-point.offset, std::f64::consts::PI) } else { (point.offset, 0.0) };
+    Pose { s_m, offset_m, heading_rad, pitch_rad: 0.0 }
+}
+
+/// Follows a stretch, and says where its own rows are.
+fn follow(
+    rows: &[Row],
+    job: Job,
+    unreadable: impl Fn(String),
+    looked_at: &impl Fn(),
+) -> (Range<usize>, Vec<Option<Located>>) {
+    let Job { stretch: Stretch { shown: window, kept, known }, scene: (track, scenery), pictures } = job;
+    let mut overlay = Overlay::new(track, scenery, SIZE);
+    let motions: Vec<_> = rows[window.clone()].iter().map(|row| row.motion).collect();
+    let mut shown = vec![false; motions.len()];
+    let show = |i: usize, frame: &mut Frame| {
+        let first = !std::mem::replace(&mut shown[i], true);
+        if let Err(why) = decoded(pictures[i].as_ref(), frame) {
+            *frame = Frame::default();
+            if first && kept.contains(&(window.start + i)) {
+                unreadable(why);
+            }
+        }
+        if first {
+            looked_at();
+        }
+        Ok::<_, std::convert::Infallible>(())
+    };
+    let Ok(located) = overlay.follow(&known, &motions, show);
+    let own = kept.start - window.start..kept.end - window.start;
+    (kept, seen(&located).get(own).unwrap_or_default().to_vec())
+}

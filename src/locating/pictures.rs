@@ -1,0 +1,86 @@
+//! The pictures of a recording, stretch by stretch, in the order in which they are recorded.
+
+use std::{collections::VecDeque, path::Path, sync::Arc};
+
+use super::{Stretch, Which};
+use lapwing_core::{
+    perception::{Frame, decode_jpeg},
+    recording::{Picture, Recording, RecordingError},
+};
+use lapwing_sim::{camera::Scenery, track::Track};
+
+/// A track, and what stands beside it.
+pub(super) type Scene = (Arc<Track>, Arc<Scenery>);
+
+/// A stretch, and what its camera took.
+pub(super) struct Job {
+    pub stretch: Stretch,
+    pub scene: Scene,
+    /// Those of the rows that are looked at.
+    pub pictures: Vec<Option<Picture>>,
+}
+
+/// Reads a recording once for all stretches, of which the next may look at rows of the one before.
+pub(super) struct Pictures {
+    again: Recording,
+    which: Which,
+    stretches: VecDeque<(Stretch, Scene)>,
+    /// The pictures of the rows from `first` on, as far as they are read.
+    read: VecDeque<Option<Picture>>,
+    first: usize,
+}
+
+impl Pictures {
+    /// Stretches must be in the order in which they are recorded.
+    pub(super) fn open(
+        path: &Path,
+        which: Which,
+        stretches: impl IntoIterator<Item = (Stretch, Scene)>,
+    ) -> Result<Self, RecordingError> {
+        let stretches = stretches.into_iter().collect();
+        Ok(Self { again: Recording::open(path)?, which, stretches, read: VecDeque::new(), first: 0 })
+    }
+
+    fn job(&mut self, stretch: Stretch, scene: Scene) -> Result<Job, RecordingError> {
+        while self.first < stretch.shown.start && self.read.pop_front().is_some() {
+            self.first += 1;
+        }
+        while self.first + self.read.len() < stretch.shown.end {
+            let Some(mut moment) = self.again.next().transpose()? else { break };
+            if moment.is_seen() {
+                self.read.push_back(moment.pictures[self.which as usize].take());
+            }
+            if self.first < stretch.shown.start && self.read.pop_front().is_some() {
+                self.first += 1;
+            }
+        }
+        // If the recording has become shorter since, the rest of its pictures cannot be read.
+        let picture = |i: usize| self.read.get(i).cloned().flatten();
+        let pictures = (0..stretch.shown.len()).map(picture).collect();
+        Ok(Job { stretch, scene, pictures })
+    }
+}
+
+impl Iterator for Pictures {
+    type Item = Result<Job, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let (stretch, scene) = self.stretches.pop_front()?;
+        Some(self.job(stretch, scene))
+    }
+}
+
+/// The size of the stock simulator's pictures.
+pub(super) const SIZE: (usize, usize) = (320, 160);
+
+/// Reads a picture, or says why it cannot be looked at.
+pub(super) fn decoded(picture: Option<&Picture>, frame: &mut Frame) -> Result<(), String> {
+    let picture = picture.ok_or("there is no such camera")?;
+    let jpeg = picture.read().map_err(|e| format!("{picture}: {e}"))?;
+    decode_jpeg(&jpeg, frame).map_err(|e| format!("{picture}: {e}"))?;
+    let size = (frame.width(), frame.height());
+    if size == SIZE {
+        return Ok(());
+    }
+    Err(format!("{picture}: expected {}x{} pixels, got {}x{}", SIZE.0, SIZE.1, size.0, size.1))
+}

@@ -1,0 +1,153 @@
+//! The numbers of a recording: how the car came to each moment that has a picture.
+
+use std::path::Path;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::pictures::decoded;
+use lapwing_core::{
+    motion::{FASTEST_TURN, Motion},
+    perception::Frame,
+    protocol::Truth,
+    recording::{Break, Moment, Picture, Recording, RecordingError},
+    units::{Degrees, Metres},
+};
+use lapwing_sim::along::{Pyramid, turn};
+
+/// A moment with a picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    /// Seconds since the recording began.
+    pub at_s: f64,
+    /// Which moment of the recording it is.
+    pub moment: usize,
+    /// Seconds since the row before.
+    pub apart_s: f64,
+    /// How the car came from there: how it turned is as its pictures show, or where they show nothing, as it was steered.
+    pub motion: Motion,
+    /// Why it does not continue from there.
+    pub broken: Option<Break>,
+    /// What the recording itself tells of the place.
+    pub truth: Option<RowTruth>,
+}
+
+/// Where the car was, by a simulator that tells it.
+#[derive(Debug, Clone, Copy)]
+pub struct RowTruth {
+    /// Metres to the right of the lane's middle.
+    pub offset_m: f64,
+    /// Degrees clockwise from the road's direction.
+    pub heading_deg: Option<f64>,
+    /// In the world.
+    pub position: Option<DVec3>,
+}
+
+impl RowTruth {
+    fn of(truth: &Truth) -> Option<Self> {
+        Some(Self {
+            offset_m: truth.cte?.get(),
+            heading_deg: truth.heading_error.map(Degrees::get),
+            position: truth.position.map(|at| DVec3::from_array(at.map(Metres::get))),
+        })
+    }
+}
+
+/// Rows whose pictures are compared in one go.
+const BLOCK: usize = 64;
+
+/// The moments with a picture, and how many there are in all.
+pub(super) fn rows(path: &Path) -> Result<(Vec<Row>, usize), RecordingError> {
+    let mut reader =
+        Reader { recording: Recording::open(path)?, moments: 0, before: None, carried: Carried::default() };
+    let mut last: Option<Picture> = None;
+    let blocks = std::iter::from_fn(|| {
+        let block: Result<Vec<_>, _> = reader.by_ref().take(BLOCK).collect();
+        let block = match block {
+            Ok(block) if block.is_empty() => return None,
+            Ok(block) => block,
+            Err(error) => return Some(Err(error)),
+        };
+        let before = std::mem::replace(&mut last, block.last().map(|(_, picture)| picture.clone()));
+        Some(Ok((before, block)))
+    });
+    let mut blocks: Vec<(usize, Vec<Row>)> = blocks
+        .enumerate()
+        .par_bridge()
+        .map(|(i, block)| block.map(|(before, block)| (i, turned(before.as_ref(), block))))
+        .collect::<Result<_, _>>()?;
+    blocks.sort_by_key(|(i, _)| *i);
+    Ok((blocks.into_iter().flat_map(|(_, rows)| rows).collect(), reader.moments))
+}
+
+/// Rows whose turning comes from their pictures, where they show it.
+fn turned(before: Option<&Picture>, block: Vec<(Row, Picture)>) -> Vec<Row> {
+    let mut frame = Frame::default();
+    let mut seen = |picture: &Picture| decoded(Some(picture), &mut frame).ok().and_then(|()| Pyramid::of(&frame));
+    let mut before = before.and_then(&mut seen);
+    let turned = block.into_iter().map(|(mut row, picture)| {
+        let now = seen(&picture);
+        let pair = before.as_ref().zip(now.as_ref()).filter(|_| row.broken.is_none());
+        let turn = pair.and_then(|(before, now)| turn(before, now, row.motion.way_m)).map(|turn| turn.yaw);
+        if let Some(turn_rad) = turn.filter(|turn| turn.abs() < FASTEST_TURN * row.apart_s) {
+            row.motion.turn_rad = turn_rad;
+        }
+        before = now;
+        row
+    });
+    turned.collect()
+}
+
+/// What happened since the last moment that has a picture.
+#[derive(Default)]
+struct Carried {
+    motion: Motion,
+    broken: Option<Break>,
+    last_s: f64,
+}
+
+/// Reads the moments with a picture one by one.
+struct Reader {
+    recording: Recording,
+    moments: usize,
+    before: Option<Moment>,
+    carried: Carried,
+}
+
+impl Iterator for Reader {
+    type Item = Result<(Row, Picture), RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let mut moment = match self.recording.next()? {
+                Ok(moment) => moment,
+                Err(error) => return Some(Err(error)),
+            };
+            self.moments += 1;
+            let Carried { motion, broken, last_s } = &mut self.carried;
+            if let Some(before) = &self.before {
+                let more = moment.motion_from(before);
+                motion.way_m += more.way_m;
+                motion.turn_rad += more.turn_rad;
+            }
+            *broken = moment.broken.filter(|broken| !matches!(broken, Break::Unseen(_))).or(*broken);
+            // The picture would keep its part of the file in memory.
+            let [picture, ..] = std::mem::take(&mut moment.pictures);
+            let seen = match picture {
+                Some(picture @ (Picture::File(_) | Picture::Jpeg(_))) => {
+                    let at_s = moment.at.as_secs_f64();
+                    let apart_s = (at_s - *last_s).max(0.0);
+                    *last_s = at_s;
+                    let (motion, broken) = (std::mem::take(motion), broken.take());
+                    let truth = RowTruth::of(&moment.telemetry.truth);
+                    Some((Row { at_s, moment: moment.row, apart_s, motion, broken, truth }, picture))
+                }
+                _ => None,
+            };
+            self.before = Some(moment);
+            if let Some(seen) = seen {
+                return Some(Ok(seen));
+            }
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! What was found, in figures: for people, and as JSON.
+
+use std::{fmt, ops::Range};
+
+use serde::Serialize;
+
+use super::{On, Part, Row, Whereabouts};
+use lapwing_core::{motion::around, words::count};
+use lapwing_sim::{camera::Camera, locate::Located};
+
+/// Numbers around a middle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Their mean.
+    pub mean: f64,
+    /// Their standard deviation.
+    pub deviation: f64,
+    /// 95 % of them are no farther from 0.
+    pub p95: f64,
+    /// None is farther from 0.
+    pub largest: f64,
+}
+
+/// How wrong something was found, in metres and degrees: the median, and what 95 % stay within.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Errors {
+    /// How often it was compared.
+    pub rows: usize,
+    /// The median error.
+    pub median: f64,
+    /// 95 % are no larger.
+    pub p95: f64,
+}
+
+/// Errors against what the simulator told.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AgainstTruth {
+    /// Of the offset, in metres.
+    pub offset_m: Errors,
+    /// Of the heading, in degrees.
+    pub heading_deg: Option<Errors>,
+    /// Of the place along the road, in metres.
+    pub place_m: Option<Errors>,
+}
+
+/// Where the side cameras were found, each located by itself as if it were the centre one, against where they sit on the
+/// car: 0.806 m to the left and 0.825 m to the right.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sides {
+    /// Errors of both.
+    pub errors_m: Errors,
+    /// The mean of where the left camera was found, in metres to the right of the centre one.
+    pub left_m: f64,
+    /// The same of the right one.
+    pub right_m: f64,
+}
+
+/// A drive on a road.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Placed {
+    /// The road's name.
+    pub track: String,
+    /// Whether it was driven against the track's direction.
+    pub reversed: bool,
+    /// Laps, by the places found.
+    pub laps: f64,
+    /// The share of its pictures whose place is known.
+    pub located: f64,
+    /// From the lane's middle, in metres, positive to the right.
+    pub offset_m: Option<Spread>,
+    /// From the lane's direction, in degrees, positive to the right.
+    pub heading_deg: Option<Spread>,
+    /// The share of the located pictures more than 1 m and more than 2 m from the lane's middle.
+    pub beyond: [f64; 2],
+    /// The medians of how sure that is, as standard deviations: metres along the road, metres across, degrees.
+    pub unsure: [f64; 3],
+    /// Moments whose place is not known, as the first and the last of each run of them.
+    pub not_seen: Vec<(usize, usize)>,
+    /// If the recording tells its place: how wrong what was found is.
+    pub against_truth: Option<AgainstTruth>,
+    /// If the side cameras were located.
+    pub sides: Option<Sides>,
+}
+
+/// A drive.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PartSummary {
+    /// Its first and last moment with a picture, counted over the recording from 0.
+    pub moments: (usize, usize),
+    /// Pictures.
+    pub pictures: usize,
+    /// Metres driven, by speed and time.
+    pub way_m: f64,
+    /// On which road; absent if that is not known.
+    #[serde(flatten)]
+    pub on: Option<Placed>,
+}
+
+/// All of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// The recording.
+    pub source: String,
+    /// Its drives.
+    pub drives: Vec<PartSummary>,
+    /// Pictures that could not be looked at.
+    pub unreadable: usize,
+}
+
+impl Summary {
+    /// Of what was found in the centre pictures and, if they were located, in the left and the right ones.
+    pub fn new(source: String, found: &Whereabouts, sides: Option<&[Whereabouts; 2]>) -> Self {
+        let drive = |(i, part): (usize, &Part)| {
+            let sides = sides.and_then(|sides| {
+                let [left, right] = sides.each_ref().map(|side| side.parts.get(i).and_then(|part| part.on.as_ref()));
+                part.on.as_ref().and_then(|on| beside(on, left?, right?))
+            });
+            PartSummary {
+                moments: (found.rows[part.rows.start].moment, found.rows[part.rows.end - 1].moment),
+                pictures: part.rows.len(),
+                way_m: part.way_m,
+                on: part.on.as_ref().map(|on| Placed { sides, ..placed(on, &found.rows[part.rows.clone()]) }),
+            }
+        };
+        Self { source, drives: found.parts.iter().enumerate().map(drive).collect(), unreadable: found.unreadable.0 }
+    }
+}
+
+fn placed(on: &On, rows: &[Row]) -> Placed {
+    let On { road, reversed, drive } = on;
+    let seen: Vec<&Located> = drive.places.iter().flatten().collect();
+    let lanes: Vec<_> = seen.iter().map(|located| located.pose.in_lane(&drive.track)).collect();
+    let offsets: Vec<f64> = lanes.iter().map(|lane| lane.offset_m).collect();
+    let headings: Vec<f64> = lanes.iter().map(|lane| lane.heading_rad.to_degrees()).collect();
+    let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+    let beyond = |metres: f64| share(offsets.iter().filter(|offset| offset.abs() > metres).count(), offsets.len());
+    let median = |of: &dyn Fn(&Located) -> f64| {
+        Errors::of(seen.iter().map(|located| of(located)).collect()).map_or(0.0, |errors| errors.median)
+    };
+    let length_m = drive.track.length();
+    let ways = seen.windows(2).map(|pair| around(pair[1].pose.s_m - pair[0].pose.s_m, length_m));
+    Placed {
+        track: road.clone(),
+        reversed: *reversed,
+        laps: ways.sum::<f64>().abs() / length_m,
+        located: share(seen.len(), rows.len()),
+        offset_m: Spread::of(&offsets),
+        heading_deg: Spread::of(&headings),
+        beyond: [1.0, 2.0].map(beyond),
+        unsure: [
+            median(&|located| located.deviation.s_m),
+            median(&|located| located.deviation.offset_m),
+            median(&|located| located.deviation.heading_rad.to_degrees()),
+        ],
+        not_seen: unseen(&drive.places)
+            .into_iter()
+            .map(|of| (rows[of.start].moment, rows[of.end - 1].moment))
+            .collect(),
+        against_truth: against_truth(on, rows),
+        sides: None,
+    }
+}
+
+/// Runs of rows whose place is not known.
+fn unseen(places: &[Option<Located>]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = vec![];
+    for (i, _) in places.iter().enumerate().filter(|(_, place)| place.is_none()) {
+        match runs.last_mut() {
+            Some(run) if run.end == i => run.end = i + 1,
+            _ => runs.push(i..i + 1),
+        }
+    }
+    runs
+}
+
+fn against_truth(on: &On, rows: &[Row]) -> Option<AgainstTruth> {
+    let track = &on.drive.track;
+    let (mut offsets, mut headings, mut places) = (vec![], vec![], vec![]);
+    for (row, located) in rows.iter().zip(&on.drive.places) {
+        let (Some(truth), Some(located)) = (row.truth, located) else { continue };
+        let lane = located.pose.in_lane(track);
+        offsets.push(lane.offset_m - truth.offset_m);
+        headings.extend(truth.heading_deg.map(|heading_deg| lane.heading_rad.to_degrees() - heading_deg));
+        let at = |position| track.locate(position, Some(located.pose.s_m)).station.s;
+        places.extend(truth.position.map(|position| around(located.pose.s_m - at(position), track.length())));
+    }
+    let offset_m = Errors::of(offsets)?;
+    Some(AgainstTruth { offset_m, heading_deg: Errors::of(headings), place_m: Errors::of(places) })
+}
+
+fn beside(center: &On, left: &On, right: &On) -> Option<Sides> {
+    let (mut errors, mut found) = (vec![], [vec![], vec![]]);
+    let cameras = [(left, Camera::LEFT), (right, Camera::RIGHT)];
+    for (side, (on, camera)) in cameras.into_iter().enumerate() {
+        for (center, beside) in center.drive.places.iter().zip(&on.drive.places) {
+            let (Some(center), Some(beside)) = (center, beside) else { continue };
+            let aside = camera.mount.position.x * center.pose.heading_rad.cos();
+            let found_m = beside.pose.offset_m - center.pose.offset_m;
+            errors.push(found_m - aside);
+            found[side].push(found_m * center.pose.heading_rad.cos().signum());
+        }
+    }
+    let [left_m, right_m] = found.map(|found| Spread::of(&found).map_or(f64::NAN, |spread| spread.mean));
+    Some(Sides { errors_m: Errors::of(errors)?, left_m, right_m })
+}
+
+impl Spread {
+    fn of(numbers: &[f64]) -> Option<Self> {
+        let n = numbers.len() as f64;
+        let mean = numbers.iter().sum::<f64>() / n;
+        let deviation = (numbers.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+        let Errors { p95, .. } = Errors::of(numbers.to_vec())?;
+        let largest = numbers.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        Some(Self { mean, deviation, p95, largest })
+    }
+}
+
+impl Errors {
+    fn of(errors: Vec<f64>) -> Option<Self> {
+        let mut sizes: Vec<f64> = errors.into_iter().map(f64::abs).collect();
+        sizes.sort_by(f64::total_cmp);
+        let at = |share: f64| sizes.get(((sizes.len() as f64 * share) as usize).min(sizes.len().saturating_sub(1)));
+        Some(Self { rows: sizes.len(), median: *at(0.5)?, p95: *at(0.95)? })
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.source)?;
+        for drive in &self.drives {
+            write!(f, "{drive}")?;
+        }
+        if self.unreadable > 0 {
+            write!(f, "\n{} could not be looked at", count(self.unreadable, "picture"))?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for PartSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (first, last) = self.moments;
+        let pictures = count(self.pictures, "picture");
+        let Some(on) = &self.on else {
+            return write!(f, "\nmoments {first} to {last}: {pictures}, {:.0} m, on no known road", self.way_m);
+        };
+        let reversed = if on.reversed { ", the other way round" } else { "" };
+        write!(f, "\n{}{reversed}: moments {first} to {last}, {pictures}, {:.0} m", on.track, self.way_m)?;
+        let mut line = |label: &str, what: String| write!(f, "\n  {label:<12} {what}");
+        line("located", format!("{:.1} % of them, {:.2} laps", 100.0 * on.located, on.laps))?;
+        let spread = |of: &Spread, unit: &str| {
+            let Spread { mean, deviation, p95, largest } = of;
+            format!(
+                "mean {mean:+.2}{unit}, standard deviation {deviation:.2}{unit}, 95 % within {p95:.2}{unit}, largest {largest:.2}{unit}"
+            )
+        };
+        if let Some(offset) = &on.offset_m {
+            let [beyond_1, beyond_2] = on.beyond.map(|share| 100.0 * share);
+            line("offset", spread(offset, " m"))?;
+            line("", format!("{beyond_1:.1} % of the pictures beyond 1 m, {beyond_2:.1} % beyond 2 m"))?;
+        }
+        on.heading_deg.as_ref().map_or(Ok(()), |heading| line("heading", spread(heading, "\u{b0}")))?;
+        let [place, offset, heading] = on.unsure;
+        line("uncertainty", format!("offset {offset:.2} m, heading {heading:.2}\u{b0}, place {place:.1} m (medians)"))?;
+        if let [first, ..] = on.not_seen[..] {
+            let most = on.not_seen.iter().max_by_key(|(from, to)| to - from).copied().unwrap_or(first);
+            let runs = count(on.not_seen.len(), "gap");
+            line("not seen", format!("{runs}, the longest from moment {} to {}", most.0, most.1))?;
+        }
+        let errors =
+            |of: &Errors, unit: &str| format!("median {:.3}{unit}, 95 % within {:.3}{unit}", of.median, of.p95);
+        if let Some(AgainstTruth { offset_m, heading_deg, place_m }) = &on.against_truth {
+            line("error", format!("offset: {}", errors(offset_m, " m")))?;
+            heading_deg.as_ref().map_or(Ok(()), |of| line("", format!("heading: {}", errors(of, "\u{b0}"))))?;
+            place_m.as_ref().map_or(Ok(()), |of| line("", format!("place: {}", errors(of, " m"))))?;
+        }
+        if let Some(Sides { errors_m, left_m, right_m }) = &on.sides {
+            let means = format!("on average {left_m:+.2} and {right_m:+.2} m, they sit at -0.81 and +0.82");
+            line("side cameras", format!("{} ({means})", errors(errors_m, " m")))?;
+        }
+        Ok(())
+    }
+}
