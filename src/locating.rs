@@ -170,7 +170,7 @@ pub fn locate(
             Ok(follow(&rows, job, tell, &looked_at))
         })
         .collect::<Result<_, RecordingError>>()?;
-    let mut places = vec![None; rows.len()];
+    let mut places: Vec<Option<Located>> = vec![None; rows.len()];
     for (of, located) in located {
         places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
     }
@@ -331,5 +331,10 @@ fn follow(
     };
     let Ok(located) = overlay.follow(&known, &motions, show);
     let own = kept.start - window.start..kept.end - window.start;
-    (kept, seen(&located).get(own).unwrap_or_default().to_vec())
+    let mut places = seen(&located).get(own).unwrap_or_default().to_vec();
+    // A picture tells the place along a straight road no better than the bends before it do.
+    for located in places.iter_mut().flatten() {
+        located.deviation.s_m = located.deviation.s_m.hypot(NEAR_M);
+    }
+    (kept, places)
 }

@@ -23,6 +23,9 @@ const PLACE: f64 = 0.2;
 /// with is not the road.
 const UNSEEN: f64 = 0.12;
 const SEEN: f64 = 0.25;
+/// From so many places a drive is followed if less than this share of it is seen from those before.
+const STARTS: usize = 3;
+const FOUND: f64 = 0.8;
 /// How far ahead the road should be straight where the search starts, in metres, and which curvature counts as straight, in
 /// 1/m.
 const AHEAD_M: u32 = 30;
@@ -46,8 +49,8 @@ const FIRST: DVec3 = DVec3::new(20.0, 1.0, 0.2);
 /// A place is known if among so many pictures to both sides the agreement is at least this, in the mean, if they are no
 /// farther from where all of them say the car was, in metres, and if that is this sure, in metres.
 const WINDOW: usize = 10;
-const AGREES: f64 = 0.3;
-const APART_M: f64 = 0.6;
+const AGREES: f64 = 0.18;
+const APART_M: f64 = 0.3;
 const UNSURE_M: f64 = 0.3;
 /// How far the search reaches: so many standard deviations, but at least and at most so far.
 const SEARCHED: DVec3 = DVec3::new(2.0, 3.0, 3.0);
@@ -188,17 +191,17 @@ struct Drive<'a> {
 }
 
 impl<'a> Drive<'a> {
-    /// `None` if no place is known.
-    fn new(track: &'a Track, motions: &'a [Motion], known: &'a [Known]) -> Option<Self> {
-        let here = known.iter().filter(|known| known.picture < motions.len());
+    /// From the places to start from, the best first.
+    fn all(track: &'a Track, motions: &'a [Motion], known: &'a [Known]) -> Vec<Self> {
         // Where the road ahead is straight, an error along it does not matter.
         let unsure = |known: &Known| {
-            let bends =
-                (0..AHEAD_M).map(|m| track.at(known.pose.s_m + f64::from(m) * known.pose.heading_rad.cos()).curvature);
-            known.deviation_m * bends.fold(STRAIGHT, |most, bend| most.max(bend.abs()))
+            let ahead = |m: u32| known.pose.s_m + f64::from(m) * known.pose.heading_rad.cos();
+            let bends = (0..AHEAD_M).map(|m| track.at(ahead(m)).curvature.abs());
+            known.deviation_m * bends.fold(STRAIGHT, f64::max)
         };
-        let start = here.min_by(|a, b| unsure(a).total_cmp(&unsure(b)))?;
-        Some(Self { track, motions, known, start })
+        let mut here: Vec<_> = known.iter().filter(|known| known.picture < motions.len()).collect();
+        here.sort_by(|a, b| unsure(a).total_cmp(&unsure(b)));
+        here.into_iter().map(|start| Self { track, motions, known, start }).collect()
     }
 
     fn begin(&self) -> Belief {
@@ -257,9 +260,10 @@ fn searched(belief: &Belief) -> DVec3 {
 }
 
 impl Overlay {
-    /// Follows a drive to both sides of the picture whose place is known best. `motions` say how the car came to each
-    /// picture from the one before; the first is not used. `picture` reads one into the frame it is given, and may be
-    /// asked for one again; a frame of another size says nothing. If no place is known, nothing is located.
+    /// Follows a drive to both sides of a picture whose place is known: the one from which most of the drive is seen, of a
+    /// few. `motions` say how the car came to each picture from the one before; the first is not used. `picture` reads one
+    /// into the frame it is given, and may be asked for one again; a frame of another size says nothing. If no place is
+    /// known, nothing is located.
     ///
     /// # Errors
     /// What `picture` says.
@@ -270,7 +274,32 @@ impl Overlay {
         mut picture: impl FnMut(usize, &mut Frame) -> Result<(), E>,
     ) -> Result<Vec<Located>, E> {
         let track = self.track.clone();
-        let Some(drive) = Drive::new(&track, motions, known) else { return Ok(vec![]) };
+        let (mut tried, mut best, mut most): (Vec<usize>, _, _) = (vec![], vec![], None);
+        for drive in Drive::all(&track, motions, known) {
+            let far = motions.len() / (STARTS + 1);
+            if tried.len() == STARTS || tried.iter().any(|before| before.abs_diff(drive.start.picture) < far) {
+                continue;
+            }
+            tried.push(drive.start.picture);
+            let located = self.follow_from(&drive, &mut picture)?;
+            let share = seen(&located).iter().flatten().count() as f64 / motions.len() as f64;
+            if most.is_none_or(|most| share > most) {
+                (best, most) = (located, Some(share));
+            }
+            if share >= FOUND {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// The same from one place.
+    fn follow_from<E>(
+        &mut self,
+        drive: &Drive,
+        picture: &mut impl FnMut(usize, &mut Frame) -> Result<(), E>,
+    ) -> Result<Vec<Located>, E> {
+        let motions = drive.motions;
         let (first, start) = (drive.start.picture, drive.start.pose);
         let (mut frame, mut fits) = (Frame::default(), vec![None; motions.len()]);
         let (mut belief, mut pitch_rad, mut usual) = (drive.begin(), start.pitch_rad, 0.0);
@@ -311,7 +340,7 @@ impl Overlay {
             fits[i] = best;
         }
         let fits: Vec<_> = fits.into_iter().flatten().collect();
-        Ok(smoothed(&drive, start.at(belief.mean), &fits))
+        Ok(smoothed(drive, start.at(belief.mean), &fits))
     }
 
     /// Looks where the car is expected; and if that agrees worse than usual, all over the road.
