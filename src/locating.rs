@@ -127,6 +127,24 @@ pub struct Whereabouts {
     pub unreadable: (usize, Option<String>),
 }
 
+impl Whereabouts {
+    /// All drives on the track that most of the pictures show; where another one was driven, no place is known.
+    pub fn drive(&self) -> Option<LocatedDrive> {
+        let known = |track: &Track| {
+            let on = self.parts.iter().filter_map(|part| part.on.as_ref());
+            let here = on.filter(|on| on.drive.track.file().name == track.file().name);
+            here.map(|on| on.drive.places.iter().flatten().count()).sum::<usize>()
+        };
+        let tracks = self.parts.iter().filter_map(|part| Some(&part.on.as_ref()?.drive.track));
+        let track = tracks.filter(|track| known(track) > 0).max_by_key(|track| known(track))?.clone();
+        let places = self.parts.iter().flat_map(|part| {
+            let on = part.on.as_ref().filter(|on| on.drive.track.file().name == track.file().name);
+            part.rows.clone().map(move |i| on.and_then(|on| on.drive.places[i - part.rows.start]))
+        });
+        Some(LocatedDrive { places: places.collect(), track })
+    }
+}
+
 /// Locates the pictures of one of the cameras. `looked_at` is called for each picture that was.
 ///
 /// # Errors

@@ -1,14 +1,15 @@
 //! Driving along recordings that are located: what is measured from the lane.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{sync::Arc, time::Instant};
 
+use lapwing::locating::Which;
 use lapwing_core::{
     config::ControlSettings,
     drive::Eventful,
     driver::Driver,
     pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Observation, Sight, World},
-    recording::{EventRecord, Recording, udacity::DrivingLogWriter},
+    recording::{EventRecord, udacity::DrivingLogWriter},
     turn::{LimitEdge, MeasuredLine},
     units::{Mph, Steering, Throttle},
 };
@@ -179,25 +180,12 @@ fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
     assert_eq!(card.value(Figure::SteeringRate), Some(0.0), "{card}");
 }
 
-/// The first rows of a shared recording, as a folder of their own.
-fn beginning(of: &Path, rows: usize) -> TempDir {
-    let dir = tempdir().unwrap();
-    let log = std::fs::read_to_string(of.join("driving_log.csv")).unwrap();
-    let lines: Vec<_> = log.lines().take(rows).collect();
-    std::fs::write(dir.path().join("driving_log.csv"), lines.join("\n")).unwrap();
-    std::os::unix::fs::symlink(of.join("IMG"), dir.path().join("IMG")).unwrap();
-    dir
-}
-
 #[test]
 fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
     let Some(folder) = shared("recordings/lake") else { return };
-    let dir = beginning(&folder, 250);
-    let moments: Vec<_> = Recording::open(dir.path()).unwrap().map(Result::unwrap).collect();
-    let places = locate::located("lake", Pose { s_m: 1136.0, ..Pose::default() }, &moments, 0);
-    let track = Arc::new(Track::named("lake").unwrap());
-    let located = LocatedDrive { track, places: places.into_iter().map(Some).collect() };
-    let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, Some(located)).unwrap();
+    let dir = locate::rows(&folder, 0, 330);
+    let located = locate::located(dir.path(), Which::Center).drive();
+    let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
     let card = driven(&mut world, built_in());
     println!("from the lane\n{card}");
     assert_eq!(card.value(Figure::Interventions), Some(0.0), "{card}");

@@ -1,60 +1,73 @@
-//! Real pictures, located: three cameras took each moment, so where they sit on the car must come out.
+//! Pictures, located: real ones, whose three cameras must come out where they sit on the car, and drawn ones whose place is
+//! known.
 
-use std::thread;
+use std::path::Path;
 
-use lapwing_core::{
-    motion::Motion,
-    perception::decode_jpeg,
-    recording::{Moment, Recording},
+use lapwing::{
+    known::Roads,
+    locating::{self, PartSummary, Placed, Summary, Whereabouts, Which},
 };
-use lapwing_sim::{
-    camera::{Camera, Scenery},
-    locate::{Known, Located, Overlay, Pose},
-    track::Track,
-};
+use tempfile::{TempDir, tempdir};
 
-use crate::support::shared;
+use crate::{program::lapwing, support::shared};
 
-/// How the car came to each moment from the one before.
-fn motions(moments: &[Moment]) -> Vec<Motion> {
-    let motion = |i: usize| moments[i].motion_from(&moments[i.saturating_sub(1)]);
-    (0..moments.len()).map(motion).collect()
+/// Some rows of a recording, as a folder of their own.
+pub fn rows(of: &Path, first: usize, count: usize) -> TempDir {
+    let dir = tempdir().unwrap();
+    let log = std::fs::read_to_string(of.join("driving_log.csv")).unwrap();
+    let lines: Vec<_> = log.lines().skip(first).take(count).collect();
+    std::fs::write(dir.path().join("driving_log.csv"), lines.join("\n")).unwrap();
+    std::os::unix::fs::symlink(of.join("IMG"), dir.path().join("IMG")).unwrap();
+    dir
 }
 
-/// What was found in the pictures of one camera, 0 to 2, each as if it were the centre one.
-pub fn located(track: &str, start: Pose, moments: &[Moment], camera: usize) -> Vec<Located> {
-    let track = Track::named(track).unwrap();
-    let scenery = Scenery::new(&track);
-    let mut overlay = Overlay::new(track.into(), scenery.into(), (320, 160));
-    let picture = |i: usize, frame: &mut _| {
-        let picture = moments[i].pictures[camera].as_ref().expect("three cameras");
-        decode_jpeg(&picture.read().unwrap(), frame)
-    };
-    overlay.follow(&[Known { picture: 0, pose: start, deviation_m: 3.0 }], &motions(moments), picture).unwrap()
+/// Where a camera's pictures were taken, as if it were the centre one.
+pub fn located(recording: &Path, which: Which) -> Whereabouts {
+    locating::locate(recording, which, &Roads::default(), || {}).unwrap()
+}
+
+/// The one drive that was found.
+fn placed(summary: Summary) -> Placed {
+    println!("{summary}");
+    let [PartSummary { on: Some(placed), .. }] = &summary.drives[..] else { panic!("{summary}") };
+    placed.clone()
 }
 
 #[test]
 fn on_the_real_lake_the_side_cameras_are_found_where_they_sit_on_the_car() {
     let Some(folder) = shared("recordings/lake") else { return };
-    let moments: Vec<Moment> = Recording::open(folder).unwrap().take(700).map(Result::unwrap).collect();
-    // Where the recording begins: it stands in the last bend before the first straight.
-    let start = Pose { s_m: 1136.0, ..Pose::default() };
-    let [center, left, right] = thread::scope(|scope| {
-        let threads = [0, 1, 2].map(|camera| {
-            let moments = &moments;
-            scope.spawn(move || located("lake", start, moments, camera))
-        });
-        threads.map(|thread| thread.join().unwrap())
-    });
-    let mut errors = vec![];
-    for (side, camera) in [(&left, Camera::LEFT), (&right, Camera::RIGHT)] {
-        for (center, side) in center.iter().zip(side) {
-            let beside = side.pose.offset_m - center.pose.offset_m;
-            errors.push((beside - camera.mount.position.x * center.pose.heading_rad.cos()).abs());
-        }
-    }
-    errors.sort_by(f64::total_cmp);
-    let share = |share: f64| errors[(errors.len() as f64 * share) as usize];
-    println!("median {:.3}, 80 % {:.3}, 95 % {:.3}, worst {:.2} m", share(0.5), share(0.8), share(0.95), share(0.9999));
-    assert!(share(0.5) <= 0.10 && share(0.95) <= 0.25);
+    // The second half of a lap, with the bridge and the bend into the open.
+    let dir = rows(&folder, 600, 450);
+    let [center, left, right] = [Which::Center, Which::Left, Which::Right].map(|which| located(dir.path(), which));
+    let placed = placed(Summary::new("lake".into(), &center, Some(&[left, right])));
+    assert_eq!((placed.track.as_str(), placed.reversed), ("lake", false));
+    assert!(placed.located > 0.95);
+    let errors = placed.sides.unwrap().errors_m;
+    assert!(errors.median <= 0.10 && errors.p95 <= 0.25, "{errors:?}");
+}
+
+#[test]
+fn a_real_drive_the_other_way_round_is_located_too() {
+    let Some(folder) = shared("recordings/lake-clockwise") else { return };
+    let dir = rows(&folder, 0, 220);
+    let placed = placed(Summary::new("clockwise".into(), &located(dir.path(), Which::Center), None));
+    assert_eq!((placed.track.as_str(), placed.reversed), ("lake", true));
+    assert!(placed.located > 0.95 && placed.offset_m.unwrap().largest < 3.5);
+}
+
+#[test]
+fn a_simulated_drive_in_the_rain_is_located_where_it_was() {
+    let dir = tempdir().unwrap();
+    let runs = dir.path().join("runs");
+    let runs = runs.to_str().unwrap();
+    let drive =
+        ["drive", "--pilot", "expert", "--conditions", "rain=0.6,noise=3", "--max-time", "34", "--recordings", runs];
+    let out = lapwing(&drive);
+    let run = std::fs::read_dir(runs).unwrap().next().unwrap_or_else(|| panic!("{out:?}")).unwrap().path();
+    let placed = placed(Summary::new("rain".into(), &located(&run, Which::Center), None));
+    assert_eq!((placed.track.as_str(), placed.reversed), ("lake", false));
+    assert!(placed.located > 0.95);
+    let errors = placed.against_truth.unwrap();
+    assert!(errors.offset_m.median <= 0.10 && errors.offset_m.p95 <= 0.25, "{errors:?}");
+    assert!(errors.heading_deg.unwrap().median <= 0.5, "{errors:?}");
 }

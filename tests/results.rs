@@ -123,7 +123,7 @@ fn said(output: Output) -> (i32, String, String) {
 }
 
 /// Each verb as it prints a result, `serve` but for which there is a test of its own.
-const VERBS: [&str; 18] = [
+const VERBS: [&str; 19] = [
     "drive --track {desk}/ring.toml --pilot expert --max-time 1 --no-recording",
     "drive --track {desk}/ring.toml --pilot expert --max-time 1 --no-recording --json",
     "simulate --track {desk}/ring.toml --max-time 1",
@@ -134,6 +134,7 @@ const VERBS: [&str; 18] = [
     "evaluate {desk}/training/model.safetensors --data {desk}/data --before 8 --json",
     "replay {desk}/data",
     "replay {desk}/data --closed-loop --json",
+    "locate {desk}/data",
     "score {run}",
     "score --explain",
     "suite {desk}/suite.toml --out {desk}/part",

@@ -156,6 +156,14 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
     pub closed_loop: bool,
+    /// Another road that the recording may have been driven on: random:SEED, or a track file (.toml)
+    #[cfg(feature = "simulator")]
+    #[arg(long = "track", value_name = "NAME", requires = "closed_loop", conflicts_with = "from_path")]
+    pub tracks: Vec<String>,
+    /// Measure from the recorded path alone: its pictures are not located, which takes most of the time
+    #[cfg(feature = "simulator")]
+    #[arg(long, requires = "closed_loop")]
+    pub from_path: bool,
     /// Where the virtual car is put back: at the road's edge, or so many metres from the lane's middle, or from the recorded
     /// path where the lane is not known [default: road if the lane is known along most of the way, otherwise 1]
     #[cfg(feature = "simulator")]

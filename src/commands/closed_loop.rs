@@ -13,7 +13,12 @@ use super::{
     replay::{ReplayBar, too_many_bad_frames},
     thresholds,
 };
-use crate::{cli, film::Film};
+use crate::{
+    cli,
+    film::Film,
+    known::Roads,
+    locating::{LocateError, Which, locate},
+};
 use lapwing_core::{
     config::ConfigError,
     drive::{DriveDigest, Eventful, Observer, ObserverError},
@@ -28,7 +33,11 @@ use lapwing_core::{
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;
-use lapwing_sim::along::{Limit, Measured, Protocol, RecordedWorld, Sources, Yaw};
+use lapwing_sim::{
+    along::{Limit, Measured, Protocol, RecordedWorld, Sources, Yaw},
+    locate::LocatedDrive,
+    track::Track,
+};
 
 /// The limits of the Rally Estonia study.
 const RALLY_ESTONIA_M: [Limit; 2] = [Limit::Metres(1.0), Limit::Metres(2.0)];
@@ -49,7 +58,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let source = arguments.source.display().to_string();
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let (protocol, limit) = (arguments.protocol.into(), limit(arguments)?);
-    let mut world = RecordedWorld::open(&arguments.source, limit, yaw, None)?.by(protocol);
+    let located = if arguments.from_path { None } else { located(arguments)? };
+    let mut world = RecordedWorld::open(&arguments.source, limit, yaw, located)?.by(protocol);
     let limit = world.limit();
     let (rows, read, stood) = world.rows();
     let config = json!({
@@ -143,6 +153,20 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         return Ok(Ended::Failed);
     }
     Ok(ended)
+}
+
+/// Where the recording was driven, if it was on a known road.
+fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
+    arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
+    let bar = super::locate::bar();
+    let found = locate(&arguments.source, Which::Center, &Roads::with(&arguments.tracks), || bar.inc(1));
+    bar.finish_and_clear();
+    match found {
+        Ok(found) => Ok(found.drive()),
+        // The world says the same, in the words of a drive along a recording.
+        Err(LocateError::NoPictures { .. } | LocateError::Recording(_)) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// The limit that was asked for, which some protocols prescribe.

@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
 }
 
 /// A line of progress, if stderr is a terminal.
-fn bar() -> ProgressBar {
+pub(super) fn bar() -> ProgressBar {
     if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
