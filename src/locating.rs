@@ -35,10 +35,11 @@ pub use self::{
 };
 use crate::known::Roads;
 use lapwing_core::{
+    motion::{Motion, around},
     perception::Frame,
     recording::{Break, RecordingError},
 };
-use lapwing_score::odometry::{Match, Matcher, Milestone};
+use lapwing_score::odometry::{Look, Match, Matcher, Milestone, Road};
 use lapwing_sim::{
     camera::Scenery,
     locate::{Known, Located, LocatedDrive, Overlay, Pose, seen},
@@ -61,6 +62,10 @@ const NEAR_M: f64 = 5.0;
 const ALIKE: f64 = 2.0;
 /// How wrong the distance driven may be, as a share.
 const ASTRAY: f64 = 0.1;
+/// Places told from before and behind are compared within so many metres driven, and contradict one another if they are this
+/// many standard deviations apart.
+const ALONGSIDE_M: f64 = 40.0;
+const CONTRADICTS: f64 = 3.0;
 /// How far a car that is put back may be from where it was, as a standard deviation in metres.
 const PUT_BACK_M: f64 = 20.0;
 
@@ -159,12 +164,16 @@ pub fn locate(
     if rows.is_empty() {
         return Err(LocateError::NoPictures { path: path.to_owned(), moments });
     }
+    let parts_found = parts_of(&rows);
+    let starts = parts_found.iter().map(|part| part.start).collect();
+    let looks = pictures::looks(path, &starts)?;
     let mut stretches = vec![];
     let mut parts = vec![];
     let mut scenes = Scenes { roads, tracks: HashMap::new() };
-    for part in parts_of(&rows) {
+    for part in parts_found {
         let way_m = rows[part.clone()].iter().skip(1).map(|row| row.motion.way_m).sum();
-        let found = matched(&rows[part.clone()], roads)?;
+        let look = looks.get(&part.start);
+        let found = found(&rows[part.clone()], look, roads)?;
         if let Some(found) = &found {
             let scene = scenes.of(&found.road.name)?;
             for run in continuous(&rows, part.clone()) {
@@ -253,20 +262,73 @@ fn split(rows: &[Row], within: Range<usize>, begins: impl Fn(&Row) -> bool) -> V
     starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
 }
 
-/// The road that a drive was on, by its bends alone.
-fn matched(rows: &[Row], roads: &Roads) -> Result<Option<Match>, TrackError> {
-    let mut matcher = Matcher::new(roads.both_ways()?.iter().cloned(), SEED);
-    for row in rows.iter().skip(1) {
+/// The road that a drive was on.
+struct Found {
+    road: Arc<Road>,
+    /// Where the car was on the way, by the bends before and behind.
+    stones: Vec<Milestone>,
+}
+
+/// The road that a drive was on, by its bends, or by what its start looks like.
+fn found(rows: &[Row], first: Option<&Look>, roads: &Roads) -> Result<Option<Found>, TrackError> {
+    let agrees = |road: &&Arc<Road>| road.start.as_ref().zip(first).map_or(0.0, |(start, look)| start.agrees(look));
+    let known = roads.both_ways()?;
+    let start = known.iter().max_by(|a, b| agrees(a).total_cmp(&agrees(b))).filter(|road| agrees(road) >= Look::SAME);
+    let best = match start.and_then(|road| on_one(Matcher::at_start(road.clone(), SEED), rows)) {
+        Some(best) => best,
+        None => match on_one(Matcher::new(known.iter().cloned(), SEED), rows) {
+            Some(best) => best,
+            None => return Ok(None),
+        },
+    };
+    // The bends behind a place tell it as well as those before it: the same drive, from its end to its beginning.
+    let (length_m, way_m) = (best.road.length_m, rows.iter().skip(1).map(|row| row.motion.way_m).sum::<f64>());
+    let back = Matcher::new([Arc::new(best.road.reversed())], SEED);
+    let back = followed(back, rows.windows(2).rev().map(|pair| (&pair[1], true))).into_iter().next();
+    let behind: Vec<_> = back.filter(|back| back.explains).map_or_else(Vec::new, |back| {
+        let turned = |stone: &Milestone| Milestone { way_m: way_m - stone.way_m, s_m: length_m - stone.s_m, ..*stone };
+        back.trail.iter().map(turned).collect()
+    });
+    let stones = surest(&best.trail, &behind, length_m);
+    Ok(Some(Found { road: best.road, stones }))
+}
+
+/// The road that explains a drive, and better than every other.
+fn on_one(matcher: Matcher, rows: &[Row]) -> Option<Match> {
+    let mut matches = followed(matcher, rows.iter().skip(1).map(|row| (row, false))).into_iter();
+    let (best, next) = (matches.next()?, matches.next());
+    let margin = next.map_or(f64::INFINITY, |next| best.evidence - next.evidence);
+    (best.explains && margin > SURE).then_some(best)
+}
+
+/// Follows rows, each forwards or backwards.
+fn followed<'a>(mut matcher: Matcher, rows: impl Iterator<Item = (&'a Row, bool)>) -> Vec<Match> {
+    for (row, backwards) in rows {
+        let Motion { way_m, turn_rad } = row.motion;
         match row.broken {
             Some(Break::PutBack) => matcher.skip(0.0, PUT_BACK_M),
-            Some(_) => matcher.skip(row.motion.way_m, UNSEEN_MPS * row.apart_s),
-            None => matcher.step(row.motion),
+            Some(_) => matcher.skip(way_m, UNSEEN_MPS * row.apart_s),
+            None => matcher.step(Motion { way_m, turn_rad: if backwards { -turn_rad } else { turn_rad } }),
         }
     }
-    let mut matches = matcher.matches().into_iter();
-    let (best, next) = (matches.next(), matches.next());
-    let margin = best.as_ref().zip(next).map_or(f64::INFINITY, |(best, next)| best.evidence - next.evidence);
-    Ok(best.filter(|best| best.explains && margin > SURE))
+    matcher.matches()
+}
+
+/// Of the places that the bends before and those behind tell, the surer one; none where they contradict one another.
+fn surest(before: &[Milestone], behind: &[Milestone], length_m: f64) -> Vec<Milestone> {
+    let nearest = |stone: &Milestone, of: &[Milestone]| {
+        let off = |other: &Milestone| (other.way_m - stone.way_m).abs();
+        of.iter().min_by(|a, b| off(a).total_cmp(&off(b))).copied().filter(|other| off(other) < ALONGSIDE_M)
+    };
+    let surer = |stone: &&Milestone, of: &[Milestone]| {
+        nearest(stone, of).is_none_or(|other| {
+            let off_m = around(stone.s_m - stone.way_m - other.s_m + other.way_m, length_m).abs();
+            let unsure_m = NEAR_M + stone.deviation_m.hypot(other.deviation_m);
+            off_m < CONTRADICTS * unsure_m && stone.deviation_m <= other.deviation_m
+        })
+    };
+    let surest = before.iter().filter(|stone| surer(stone, behind));
+    surest.chain(behind.iter().filter(|stone| surer(stone, before))).copied().collect()
 }
 
 /// Rows to follow in one go.
@@ -281,7 +343,7 @@ struct Stretch {
 }
 
 /// Cuts a run of rows into stretches.
-fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &Match, track: &Track) -> Vec<Stretch> {
+fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &Found, track: &Track) -> Vec<Stretch> {
     let count = run.len().div_ceil(STRETCH).max(1);
     let bound = |i: usize| run.start + run.len() * i / count;
     let mut way_m = 0.0;
@@ -301,10 +363,10 @@ fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &Match, tra
         };
         let within = |stone: &&Milestone| (ways[0]..=ways[ways.len() - 1]).contains(&stone.way_m);
         let told = |stone: &Milestone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M));
-        let mut places: Vec<Known> = found.trail.iter().filter(within).map(told).collect();
+        let mut places: Vec<Known> = found.stones.iter().filter(within).map(told).collect();
         if places.is_empty() {
             let off = |stone: &&Milestone| (stone.way_m - ways[ways.len() / 2]).abs();
-            let nearest = found.trail.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+            let nearest = found.stones.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
             places.extend(
                 nearest.map(|stone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M) + ASTRAY * off(&stone))),
             );

@@ -60,8 +60,19 @@ fn a_simulated_drive_in_the_rain_is_located_where_it_was() {
     let dir = tempdir().unwrap();
     let runs = dir.path().join("runs");
     let runs = runs.to_str().unwrap();
-    let drive =
-        ["drive", "--pilot", "expert", "--conditions", "rain=0.6,noise=3", "--max-time", "34", "--recordings", runs];
+    let drive = [
+        "drive",
+        "--pilot",
+        "expert",
+        "--conditions",
+        "rain=0.6,noise=3",
+        "--max-time",
+        "20",
+        "--speed",
+        "20",
+        "--recordings",
+        runs,
+    ];
     let out = lapwing(&drive);
     let run = std::fs::read_dir(runs).unwrap().next().unwrap_or_else(|| panic!("{out:?}")).unwrap().path();
     let placed = placed(Summary::new("rain".into(), &located(&run, Which::Center), None));

@@ -1,12 +1,17 @@
 //! The pictures of a recording, stretch by stretch, in the order in which they are recorded.
 
-use std::{collections::VecDeque, path::Path, sync::Arc};
+use std::{
+    collections::{BTreeSet, HashMap, VecDeque},
+    path::Path,
+    sync::Arc,
+};
 
 use super::{Stretch, Which};
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
     recording::{Picture, Recording, RecordingError},
 };
+use lapwing_score::odometry::Look;
 use lapwing_sim::{camera::Scenery, track::Track};
 
 /// A track, and what stands beside it.
@@ -68,6 +73,27 @@ impl Iterator for Pictures {
         let (stretch, scene) = self.stretches.pop_front()?;
         Some(self.job(stretch, scene))
     }
+}
+
+/// What the pictures of these rows look like, as far as they can be looked at.
+pub(super) fn looks(path: &Path, of: &BTreeSet<usize>) -> Result<HashMap<usize, Look>, RecordingError> {
+    let (mut looks, mut frame) = (HashMap::new(), Frame::default());
+    let Some(last) = of.last() else { return Ok(looks) };
+    let mut row = 0;
+    for moment in Recording::open(path)? {
+        let moment = moment?;
+        if !moment.is_seen() {
+            continue;
+        }
+        if of.contains(&row) && decoded(moment.pictures[0].as_ref(), &mut frame).is_ok() {
+            looks.extend(Look::of(&frame).map(|look| (row, look)));
+        }
+        if row == *last {
+            break;
+        }
+        row += 1;
+    }
+    Ok(looks)
 }
 
 /// The size of the stock simulator's pictures.
