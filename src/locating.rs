@@ -50,6 +50,10 @@ use lapwing_sim::{
 const SEED: u64 = 0;
 /// A road counts as found if it explains the drive better than every other by this much, as a log likelihood: 150 to 1.
 const SURE: f64 = 5.0;
+/// Roads that explain a drive worse than the best by less than this are looked at, if the best is not sure; so many rows of
+/// each.
+const LIKELY: f64 = 15.0;
+const SAMPLE: usize = 80;
 /// Rows of a stretch, and how many more on either side are looked at to locate its ends as surely as its middle.
 const STRETCH: usize = 500;
 const BESIDE: usize = 40;
@@ -173,7 +177,8 @@ pub fn locate(
     for part in parts_found {
         let way_m = rows[part.clone()].iter().skip(1).map(|row| row.motion.way_m).sum();
         let look = looks.get(&part.start);
-        let found = found(&rows[part.clone()], look, roads)?;
+        let likely = found(&rows[part.clone()], look, roads)?;
+        let found = shown(path, &rows, &part, likely, &mut scenes)?;
         if let Some(found) = &found {
             let scene = scenes.of(&found.road.name)?;
             for run in continuous(&rows, part.clone()) {
@@ -265,40 +270,66 @@ fn split(rows: &[Row], within: Range<usize>, begins: impl Fn(&Row) -> bool) -> V
 /// The road that a drive was on.
 struct Found {
     road: Arc<Road>,
+    /// How well its bends explain the drive, as a log likelihood.
+    evidence: f64,
     /// Where the car was on the way, by the bends before and behind.
     stones: Vec<Milestone>,
 }
 
-/// The road that a drive was on, by its bends, or by what its start looks like.
-fn found(rows: &[Row], first: Option<&Look>, roads: &Roads) -> Result<Option<Found>, TrackError> {
+/// The roads that a drive may have been on, by its bends or by what its start looks like; the likeliest first.
+fn found(rows: &[Row], first: Option<&Look>, roads: &Roads) -> Result<Vec<Found>, TrackError> {
     let agrees = |road: &&Arc<Road>| road.start.as_ref().zip(first).map_or(0.0, |(start, look)| start.agrees(look));
     let known = roads.both_ways()?;
     let start = known.iter().max_by(|a, b| agrees(a).total_cmp(&agrees(b))).filter(|road| agrees(road) >= Look::SAME);
-    let best = match start.and_then(|road| on_one(Matcher::at_start(road.clone(), SEED), rows)) {
-        Some(best) => best,
-        None => match on_one(Matcher::new(known.iter().cloned(), SEED), rows) {
-            Some(best) => best,
-            None => return Ok(None),
-        },
-    };
-    // The bends behind a place tell it as well as those before it: the same drive, from its end to its beginning.
-    let (length_m, way_m) = (best.road.length_m, rows.iter().skip(1).map(|row| row.motion.way_m).sum::<f64>());
-    let back = Matcher::new([Arc::new(best.road.reversed())], SEED);
-    let back = followed(back, rows.windows(2).rev().map(|pair| (&pair[1], true))).into_iter().next();
-    let behind: Vec<_> = back.filter(|back| back.explains).map_or_else(Vec::new, |back| {
-        let turned = |stone: &Milestone| Milestone { way_m: way_m - stone.way_m, s_m: length_m - stone.s_m, ..*stone };
-        back.trail.iter().map(turned).collect()
-    });
-    let stones = surest(&best.trail, &behind, length_m);
-    Ok(Some(Found { road: best.road, stones }))
+    let matcher =
+        start.map_or_else(|| Matcher::new(known.iter().cloned(), SEED), |road| Matcher::at_start(road.clone(), SEED));
+    let matches = followed(matcher, rows.iter().skip(1).map(|row| (row, false)));
+    let most = matches.first().map_or(0.0, |best| best.evidence);
+    let likely = matches.into_iter().filter(|on| on.explains && on.evidence > most - LIKELY);
+    Ok(likely.map(|on| both_ways(on, rows)).collect())
 }
 
-/// The road that explains a drive, and better than every other.
-fn on_one(matcher: Matcher, rows: &[Row]) -> Option<Match> {
-    let mut matches = followed(matcher, rows.iter().skip(1).map(|row| (row, false))).into_iter();
-    let (best, next) = (matches.next()?, matches.next());
-    let margin = next.map_or(f64::INFINITY, |next| best.evidence - next.evidence);
-    (best.explains && margin > SURE).then_some(best)
+/// The bends behind a place tell it as well as those before it: the same drive, from its end to its beginning.
+fn both_ways(on: Match, rows: &[Row]) -> Found {
+    let (length_m, way_m) = (on.road.length_m, rows.iter().skip(1).map(|row| row.motion.way_m).sum::<f64>());
+    let back = Matcher::new([Arc::new(on.road.reversed())], SEED);
+    let back = followed(back, rows.windows(2).rev().map(|pair| (&pair[1], true))).into_iter().next();
+    let turned = |stone: &Milestone| Milestone { way_m: way_m - stone.way_m, s_m: length_m - stone.s_m, ..*stone };
+    let behind =
+        back.filter(|back| back.explains).map_or_else(Vec::new, |back| back.trail.iter().map(turned).collect());
+    let stones = surest(&on.trail, &behind, length_m);
+    Found { road: on.road, evidence: on.evidence, stones }
+}
+
+/// Of roads that explain a drive about as well, the one that its pictures show.
+fn shown(
+    path: &Path,
+    rows: &[Row],
+    part: &Range<usize>,
+    likely: Vec<Found>,
+    scenes: &mut Scenes,
+) -> Result<Option<Found>, LocateError> {
+    let sure = likely.get(1).is_none_or(|next| likely[0].evidence - next.evidence > SURE);
+    if sure {
+        return Ok(likely.into_iter().next());
+    }
+    let mut best: Option<(f64, Found)> = None;
+    for found in likely {
+        let scene = scenes.of(&found.road.name)?;
+        let cuts = continuous(rows, part.clone()).into_iter().flat_map(|run| cut(&run, part, rows, &found, &scene.0));
+        let surest =
+            |stretch: &Stretch| stretch.known.iter().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min);
+        let Some(stretch) = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b))) else { continue };
+        let job = Pictures::open(path, Which::Center, [(stretch.around_surest(SAMPLE), scene)])?.next();
+        let Some(job) = job.transpose()? else { continue };
+        let places = follow(rows, job, |_| (), &|| ()).1;
+        let agreements: Vec<f64> = places.iter().flatten().map(|located| located.fit.agreement).collect();
+        let agreement = agreements.iter().sum::<f64>() / places.len().max(1) as f64;
+        if agreements.len() * 2 > places.len() && best.as_ref().is_none_or(|(most, _)| agreement > *most) {
+            best = Some((agreement, found));
+        }
+    }
+    Ok(best.map(|(_, found)| found))
 }
 
 /// Follows rows, each forwards or backwards.
@@ -340,6 +371,21 @@ struct Stretch {
     kept: Range<usize>,
     /// Where the car was by its bends, now and then; pictures are counted from the first that is looked at.
     known: Vec<Known>,
+}
+
+impl Stretch {
+    /// At most so many of its rows, around the one whose place is known best.
+    fn around_surest(&self, most: usize) -> Self {
+        let surest = self.known.iter().min_by(|a, b| a.deviation_m.total_cmp(&b.deviation_m));
+        let middle = self.shown.start + surest.map_or(0, |known| known.picture);
+        let start = middle.saturating_sub(most / 2).max(self.shown.start);
+        let rows = start..(start + most).min(self.shown.end);
+        let known = self.known.iter().filter_map(|known| {
+            let picture = (self.shown.start + known.picture).checked_sub(start)?;
+            Some(Known { picture, ..*known })
+        });
+        Self { known: known.collect(), kept: rows.clone(), shown: rows }
+    }
 }
 
 /// Cuts a run of rows into stretches.

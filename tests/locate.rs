@@ -41,7 +41,7 @@ fn on_the_real_lake_the_side_cameras_are_found_where_they_sit_on_the_car() {
     let [center, left, right] = [Which::Center, Which::Left, Which::Right].map(|which| located(dir.path(), which));
     let placed = placed(Summary::new("lake".into(), &center, Some(&[left, right])));
     assert_eq!((placed.track.as_str(), placed.reversed), ("lake", false));
-    assert!(placed.located > 0.95);
+    assert!(placed.located > 0.85);
     let errors = placed.sides.unwrap().errors_m;
     assert!(errors.median <= 0.10 && errors.p95 <= 0.25, "{errors:?}");
 }
