@@ -306,7 +306,7 @@ impl Overlay {
         let kept = |pitch_rad: f64, fit: &Fit| {
             PITCH_KEPT * pitch_rad + (1.0 - PITCH_KEPT) * fit.pose.pitch_rad.clamp(-PITCH_RAD, PITCH_RAD)
         };
-        for i in first..motions.len() {
+        for (i, kept_fit) in fits.iter_mut().enumerate().skip(first) {
             if i > first {
                 belief = drive.on(i, belief).0;
             }
@@ -315,7 +315,7 @@ impl Overlay {
             let fit = self.look(&frame, expected, searched(&belief), start, &mut usual);
             belief = drive.seen(i, &belief, &fit).doubted(1.0 - drive.clearness(&fit));
             pitch_rad = kept(pitch_rad, &fit);
-            fits[i] = Some(fit);
+            *kept_fit = Some(fit);
         }
         // Back again, at those before, and at what later pictures contradict: most of all the first ones, whose place was
         // a guess.

@@ -18,11 +18,14 @@ use clap::Parser;
 use lapwing_core::perception::Frame;
 use lapwing_sim::{
     camera::{Camera, Scenery},
-    locate::{Located, Overlay, Pose},
+    locate::{Known, Located, Overlay, Pose},
     track::Track,
 };
 use lapwing_tools::drive::Drive;
 use rayon::prelude::*;
+
+/// How far along the road a piece's start may be off, in metres.
+const FIRST_M: f64 = 3.0;
 
 /// Follows a real drive along a track by its pictures, and says how well they agree with it.
 #[derive(Debug, Parser)]
@@ -78,7 +81,8 @@ fn main() -> Result<()> {
                 frame.clone_from(&drive.frames[from + i]);
                 Ok(())
             };
-            overlay.follow(poses[from], &drive.motions[from..(from + args.piece).min(count)], picture)
+            let start = Known { picture: 0, pose: poses[from], deviation_m: FIRST_M };
+            overlay.follow(&[start], &drive.motions[from..(from + args.piece).min(count)], picture)
         };
         let starts: Vec<usize> = (0..count).step_by(args.piece.max(1)).collect();
         let pieces: Vec<_> = starts.into_par_iter().map(piece).collect::<Result<_>>()?;

@@ -1,0 +1,113 @@
+//! The parts, runs and stretches that a recording is cut into, and where each is known to have been.
+
+use std::ops::Range;
+
+use super::{road::Found, rows::Row};
+use lapwing_core::recording::Break;
+use lapwing_score::odometry::Milestone;
+use lapwing_sim::{
+    locate::{Known, Pose},
+    track::Track,
+};
+
+/// Rows of a stretch, and how many more on either side are looked at to locate its ends as surely as its middle.
+const STRETCH: usize = 500;
+const BESIDE: usize = 40;
+/// A longer gap, in seconds, says nothing about where the car went on.
+const FORGOTTEN_S: f64 = 20.0;
+/// Places that the bends tell are this sure at best, in metres, and as they err alike, less sure than each by itself.
+pub(super) const NEAR_M: f64 = 5.0;
+const ALIKE: f64 = 2.0;
+/// How wrong the distance driven may be, as a share.
+const ASTRAY: f64 = 0.1;
+
+/// The drives of a recording: where one is joined to another, nothing that is known of one says anything of the other.
+pub(super) fn parts_of(rows: &[Row]) -> Vec<Range<usize>> {
+    let joined = |row: &Row| match row.broken {
+        Some(Break::Joined | Break::Back(_)) => true,
+        Some(Break::Gap(apart)) => apart.as_secs_f64() > FORGOTTEN_S,
+        _ => false,
+    };
+    split(rows, 0..rows.len(), joined)
+}
+
+/// The runs of rows within a part in which each continues from the one before.
+pub(super) fn continuous(rows: &[Row], part: Range<usize>) -> Vec<Range<usize>> {
+    split(rows, part, |row| row.broken.is_some())
+}
+
+fn split(rows: &[Row], within: Range<usize>, begins: impl Fn(&Row) -> bool) -> Vec<Range<usize>> {
+    let first = within.start;
+    let starts = within.clone().filter(|&i| i == first || begins(&rows[i])).collect::<Vec<_>>();
+    let ends = starts.iter().skip(1).copied().chain([within.end]);
+    starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
+}
+
+/// Rows to follow in one go.
+#[derive(Debug, Clone)]
+pub(super) struct Stretch {
+    /// Those that are looked at.
+    pub shown: Range<usize>,
+    /// Those of them that are located; the others belong to the stretches beside it.
+    pub kept: Range<usize>,
+    /// Where the car was by its bends, now and then; pictures are counted from the first that is looked at.
+    pub known: Vec<Known>,
+}
+
+impl Stretch {
+    /// At most so many of its rows, around the one whose place is known best.
+    pub fn around_surest(&self, most: usize) -> Self {
+        let surest = self.known.iter().min_by(|a, b| a.deviation_m.total_cmp(&b.deviation_m));
+        let middle = self.shown.start + surest.map_or(0, |known| known.picture);
+        let start = middle.saturating_sub(most / 2).max(self.shown.start);
+        let rows = start..(start + most).min(self.shown.end);
+        let known = self.known.iter().filter_map(|known| {
+            let picture = (self.shown.start + known.picture).checked_sub(start)?;
+            Some(Known { picture, ..*known })
+        });
+        Self { known: known.collect(), kept: rows.clone(), shown: rows }
+    }
+}
+
+/// Cuts a run of rows into stretches.
+pub(super) fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &Found, track: &Track) -> Vec<Stretch> {
+    let count = run.len().div_ceil(STRETCH).max(1);
+    let bound = |i: usize| run.start + run.len() * i / count;
+    let mut way_m = 0.0;
+    let driven = |(i, row): (usize, &Row)| {
+        way_m += if i > 0 { row.motion.way_m } else { 0.0 };
+        way_m
+    };
+    let ways: Vec<f64> = rows[part.clone()].iter().enumerate().map(driven).collect();
+    let stretch = |i: usize| {
+        let kept = bound(i)..bound(i + 1);
+        let shown = kept.start.saturating_sub(BESIDE).max(run.start)..(kept.end + BESIDE).min(run.end);
+        let ways = &ways[shown.start - part.start..shown.end - part.start];
+        let known = |stone: &Milestone, deviation_m: f64| {
+            let picture = ways.partition_point(|way_m| *way_m < stone.way_m).min(ways.len() - 1);
+            let s_m = stone.s_m + ways[picture] - stone.way_m;
+            Known { picture, pose: pose(track, s_m, found.road.reversed), deviation_m }
+        };
+        let within = |stone: &&Milestone| (ways[0]..=ways[ways.len() - 1]).contains(&stone.way_m);
+        let told = |stone: &Milestone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M));
+        let mut places: Vec<Known> = found.stones.iter().filter(within).map(told).collect();
+        if places.is_empty() {
+            let off = |stone: &&Milestone| (stone.way_m - ways[ways.len() / 2]).abs();
+            let nearest = found.stones.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+            places.extend(
+                nearest.map(|stone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M) + ASTRAY * off(&stone))),
+            );
+        }
+        Stretch { shown, kept, known: places }
+    };
+    (0..count).map(stretch).collect()
+}
+
+/// The pose of a car on the line to drive, so many metres along the road that it drives.
+fn pose(track: &Track, s_m: f64, reversed: bool) -> Pose {
+    let travelled = if reversed { track.driving_line_length() - s_m } else { s_m };
+    let point = track.on_driving_line(travelled);
+    let s_m = track.locate(point.position, None).station.s;
+    let (offset_m, heading_rad) = if reversed { (-point.offset, std::f64::consts::PI) } else { (point.offset, 0.0) };
+    Pose { s_m, offset_m, heading_rad, pitch_rad: 0.0 }
+}
