@@ -41,7 +41,7 @@ use crate::known::Roads;
 use lapwing_core::{perception::Frame, recording::RecordingError};
 use lapwing_sim::{
     camera::Scenery,
-    locate::{Located, LocatedDrive, Overlay, seen},
+    locate::{FOUND, Located, LocatedDrive, Overlay, seen},
     track::{Track, TrackError},
 };
 
@@ -238,8 +238,9 @@ fn shown(
     for found in likely {
         let scene = scenes.of(&found.road.name)?;
         let cuts = continuous(rows, part.clone()).into_iter().flat_map(|run| cut(&run, part, rows, &found, &scene.0));
-        let surest =
-            |stretch: &Stretch| stretch.known.iter().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min);
+        let surest = |stretch: &Stretch| {
+            stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min)
+        };
         let Some(stretch) = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b))) else { continue };
         let job = Pictures::open(path, Which::Center, [(stretch.around_surest(SAMPLE), scene)])?.next();
         let Some(job) = job.transpose()? else { continue };
@@ -264,7 +265,7 @@ fn follow(
     let mut overlay = Overlay::new(track, scenery, SIZE);
     let motions: Vec<_> = rows[window.clone()].iter().map(|row| row.motion).collect();
     let mut shown = vec![false; motions.len()];
-    let show = |i: usize, frame: &mut Frame| {
+    let mut show = |i: usize, frame: &mut Frame| {
         let first = !std::mem::replace(&mut shown[i], true);
         if let Err(why) = decoded(pictures[i].as_ref(), frame) {
             *frame = Frame::default();
@@ -277,9 +278,19 @@ fn follow(
         }
         Ok::<_, std::convert::Infallible>(())
     };
-    let Ok(located) = overlay.follow(&known, &motions, show);
     let own = kept.start - window.start..kept.end - window.start;
-    let mut places = seen(&located).get(own).unwrap_or_default().to_vec();
+    let mut places: Vec<Option<Located>> = vec![];
+    let known_rows = |places: &[Option<Located>]| places.iter().flatten().count();
+    for known in known.iter().filter(|known| !known.is_empty()) {
+        let Ok(located) = overlay.follow(known, &motions, &mut show);
+        let found = seen(&located).get(own.clone()).unwrap_or_default().to_vec();
+        if known_rows(&found) > known_rows(&places) {
+            places = found;
+        }
+        if known_rows(&places) as f64 >= FOUND * kept.len() as f64 {
+            break;
+        }
+    }
     // A picture tells the place along a straight road no better than the bends before it do.
     for located in places.iter_mut().flatten() {
         located.deviation.s_m = located.deviation.s_m.hypot(NEAR_M);

@@ -29,8 +29,9 @@ pub(super) struct Found {
     pub road: Arc<Road>,
     /// How well its bends explain the drive, as a log likelihood.
     pub evidence: f64,
-    /// Where the car was on the way, by the bends before and behind.
-    pub stones: Vec<Milestone>,
+    /// Where the car was on the way: by the bends before and behind each place, where they agree; by those before it; and by
+    /// those behind it.
+    pub stones: [Vec<Milestone>; 3],
 }
 
 /// The roads that a drive may have been on, by its bends or by what its start looks like; the likeliest first.
@@ -54,8 +55,8 @@ fn both_ways(on: Match, rows: &[Row]) -> Found {
     let turned = |stone: &Milestone| Milestone { way_m: way_m - stone.way_m, s_m: length_m - stone.s_m, ..*stone };
     let behind =
         back.filter(|back| back.explains).map_or_else(Vec::new, |back| back.trail.iter().map(turned).collect());
-    let stones = surest(&on.trail, &behind, length_m);
-    Found { road: on.road, evidence: on.evidence, stones }
+    let agreed = surest(&on.trail, &behind, length_m);
+    Found { road: on.road, evidence: on.evidence, stones: [agreed, on.trail, behind] }
 }
 
 /// Follows rows, each forwards or backwards.

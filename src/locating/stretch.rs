@@ -11,7 +11,7 @@ use lapwing_sim::{
 };
 
 /// Rows of a stretch, and how many more on either side are looked at to locate its ends as surely as its middle.
-const STRETCH: usize = 500;
+const STRETCH: usize = 250;
 const BESIDE: usize = 40;
 /// A longer gap, in seconds, says nothing about where the car went on.
 const FORGOTTEN_S: f64 = 20.0;
@@ -50,21 +50,23 @@ pub(super) struct Stretch {
     pub shown: Range<usize>,
     /// Those of them that are located; the others belong to the stretches beside it.
     pub kept: Range<usize>,
-    /// Where the car was by its bends, now and then; pictures are counted from the first that is looked at.
-    pub known: Vec<Known>,
+    /// Where the car was now and then, by its bends: what is believed first, and what may be true instead. Pictures are
+    /// counted from the first that is looked at.
+    pub known: Vec<Vec<Known>>,
 }
 
 impl Stretch {
     /// At most so many of its rows, around the one whose place is known best.
     pub fn around_surest(&self, most: usize) -> Self {
-        let surest = self.known.iter().min_by(|a, b| a.deviation_m.total_cmp(&b.deviation_m));
+        let surest = self.known.iter().flatten().min_by(|a, b| a.deviation_m.total_cmp(&b.deviation_m));
         let middle = self.shown.start + surest.map_or(0, |known| known.picture);
         let start = middle.saturating_sub(most / 2).max(self.shown.start);
         let rows = start..(start + most).min(self.shown.end);
-        let known = self.known.iter().filter_map(|known| {
+        let within = |known: &Known| {
             let picture = (self.shown.start + known.picture).checked_sub(start)?;
             Some(Known { picture, ..*known })
-        });
+        };
+        let known = self.known.iter().map(|known| known.iter().filter_map(within).collect());
         Self { known: known.collect(), kept: rows.clone(), shown: rows }
     }
 }
@@ -90,14 +92,16 @@ pub(super) fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: 
         };
         let within = |stone: &&Milestone| (ways[0]..=ways[ways.len() - 1]).contains(&stone.way_m);
         let told = |stone: &Milestone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M));
-        let mut places: Vec<Known> = found.stones.iter().filter(within).map(told).collect();
-        if places.is_empty() {
-            let off = |stone: &&Milestone| (stone.way_m - ways[ways.len() / 2]).abs();
-            let nearest = found.stones.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
-            places.extend(
-                nearest.map(|stone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M) + ASTRAY * off(&stone))),
-            );
-        }
+        let off = |stone: &&Milestone| (stone.way_m - ways[ways.len() / 2]).abs();
+        let of = |stones: &Vec<Milestone>| {
+            let here: Vec<_> = stones.iter().filter(within).map(told).collect();
+            let nearest = stones.iter().min_by(|a, b| off(a).total_cmp(&off(b))).filter(|_| here.is_empty());
+            let nearest =
+                nearest.map(|stone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M) + ASTRAY * off(&stone)));
+            here.into_iter().chain(nearest).collect()
+        };
+        let mut places: Vec<Vec<Known>> = found.stones.iter().map(of).collect();
+        places.dedup();
         Stretch { shown, kept, known: places }
     };
     (0..count).map(stretch).collect()

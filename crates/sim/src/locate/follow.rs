@@ -23,9 +23,10 @@ const PLACE: f64 = 0.2;
 /// with is not the road.
 const UNSEEN: f64 = 0.12;
 const SEEN: f64 = 0.25;
-/// From so many places a drive is followed if less than this share of it is seen from those before.
-const STARTS: usize = 3;
-const FOUND: f64 = 0.8;
+/// From so many places a drive is followed if less than [`FOUND`] of it is seen from those before.
+const STARTS: usize = 2;
+/// A drive of which this share is seen is found.
+pub const FOUND: f64 = 0.8;
 /// How far ahead the road should be straight where the search starts, in metres, and which curvature counts as straight, in
 /// 1/m.
 const AHEAD_M: u32 = 30;

@@ -39,7 +39,7 @@ mod overlay;
 
 use glam::DVec3;
 
-pub use follow::{Deviation, Known, Located, seen};
+pub use follow::{Deviation, FOUND, Known, Located, seen};
 pub use lane::{InLane, LocatedDrive};
 pub use overlay::{Fit, Overlay};
 
