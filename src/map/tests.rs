@@ -170,7 +170,7 @@ fn an_svg_is_well_formed_and_the_same_each_time() {
         fs::read_to_string(dir.path().join(name)).unwrap()
     });
     assert_eq!(svg[0], svg[1]);
-    assert!(svg[0].contains("&lt;jungle&gt; &amp; \"co\": 148"));
+    assert!(svg[0].contains("&lt;jungle&gt; &amp; \"co\": 149"));
     assert!(!svg[0].contains("NaN") && !svg[0].contains("inf"));
     assert_eq!(svg[0].matches("<text").count(), svg[0].matches("</text>").count());
     assert!(svg[0].starts_with("<svg ") && svg[0].ends_with("</svg>\n"));
