@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 35] = [
+const MAY_IMPORT: [(&str, &[&str]); 36] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -25,7 +25,7 @@ const MAY_IMPORT: [(&str, &[&str]); 35] = [
     ("core/control", &["car", "units"]),
     ("core/turn", &["control", "protocol", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "turn"]),
-    ("core/recording", &["pilot", "units", "protocol", "turn", "words"]),
+    ("core/recording", &["motion", "pilot", "units", "protocol", "turn", "words"]),
     ("core/drive", &["config", "driver", "hash", "pilot", "protocol", "recording", "turn", "units"]),
     ("core/replay", &["drive", "files", "perception", "protocol", "recording", "stats", "turn", "units", "words"]),
     ("score/odometry", &[]),
@@ -45,6 +45,7 @@ const MAY_IMPORT: [(&str, &[&str]); 35] = [
     ("lapwing/film", &[]),
     ("lapwing/map", &[]),
     ("lapwing/known", &[]),
+    ("lapwing/locating", &["known"]),
 ];
 
 /// Packages that bring libtorch, an async runtime or C++: `core`, `sim` and `score` are built without.
