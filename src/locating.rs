@@ -6,7 +6,8 @@
 //! pictures ─────────────┴─▶ Overlay::follow, stretch by stretch ◀── surest place ─┘
 //!                                     └─▶ LocatedDrive
 //! ```
-//! A recording is read twice, first its numbers, then its pictures. Drives that are joined in one recording are parts of
+//! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
+//! were taken. Drives that are joined in one recording are parts of
 //! their own. Each part is followed in stretches of bounded length, so that a drive that is lost is found again, several
 //! processors share the work, and memory stays bounded.
 
@@ -30,7 +31,7 @@ use rayon::prelude::*;
 use self::{
     pictures::{Job, Pictures, SIZE, decoded},
     road::{Found, found},
-    rows::rows,
+    rows::Rows,
     stretch::{NEAR_M, Stretch, continuous, cut, parts_of},
 };
 pub use self::{
@@ -39,6 +40,7 @@ pub use self::{
 };
 use crate::known::Roads;
 use lapwing_core::{perception::Frame, recording::RecordingError};
+use lapwing_learn::dataset::CameraPosition;
 use lapwing_sim::{
     camera::Scenery,
     locate::{FOUND, Located, LocatedDrive, Overlay, seen},
@@ -69,17 +71,6 @@ pub enum LocateError {
     },
 }
 
-/// Which of a moment's three pictures is located.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Which {
-    /// The centre camera's.
-    Center = 0,
-    /// The left one's.
-    Left = 1,
-    /// The right one's.
-    Right = 2,
-}
-
 /// A drive of a recording: all of it, unless several were joined.
 #[derive(Debug)]
 pub struct Part {
@@ -94,17 +85,22 @@ pub struct Part {
 /// A drive on a road.
 #[derive(Debug)]
 pub struct On {
-    /// The road's name.
-    pub road: String,
     /// Whether it was driven against the track's direction.
     pub reversed: bool,
     /// Where the car was in each of the part's rows.
     pub drive: LocatedDrive,
 }
 
+impl On {
+    /// The road's name.
+    pub fn road(&self) -> &str {
+        &self.drive.track.file().name
+    }
+}
+
 /// What was found.
 #[derive(Debug)]
-pub struct Whereabouts {
+pub struct LocatedRecording {
     /// The drives, in the recording's order.
     pub parts: Vec<Part>,
     /// The moments with a picture.
@@ -113,7 +109,7 @@ pub struct Whereabouts {
     pub unreadable: (usize, Option<String>),
 }
 
-impl Whereabouts {
+impl LocatedRecording {
     /// All drives on the track that most of the pictures show; where another one was driven, no place is known.
     pub fn drive(&self) -> Option<LocatedDrive> {
         let known = |track: &Track| {
@@ -137,21 +133,18 @@ impl Whereabouts {
 /// [`LocateError`]: what cannot be read. A single picture that cannot is counted.
 pub fn locate(
     path: &Path,
-    which: Which,
+    camera: CameraPosition,
     roads: &Roads,
     looked_at: impl Fn() + Sync,
-) -> Result<Whereabouts, LocateError> {
-    let (rows, moments) = rows(path)?;
+) -> Result<LocatedRecording, LocateError> {
+    let Rows { rows, looks, moments } = Rows::read(path)?;
     if rows.is_empty() {
         return Err(LocateError::NoPictures { path: path.to_owned(), moments });
     }
-    let parts_found = parts_of(&rows);
-    let starts = parts_found.iter().map(|part| part.start).collect();
-    let looks = pictures::looks(path, &starts)?;
     let mut stretches = vec![];
     let mut parts = vec![];
     let mut scenes = Scenes { roads, tracks: HashMap::new() };
-    for part in parts_found {
+    for part in parts_of(&rows) {
         let way_m = rows[part.clone()].iter().skip(1).map(|row| row.motion.way_m).sum();
         let look = looks.get(&part.start);
         let likely = found(&rows[part.clone()], look, roads)?;
@@ -166,7 +159,7 @@ pub fn locate(
         parts.push((part, way_m, found));
     }
     let unreadable = Mutex::new((0, None));
-    let pictures = Pictures::open(path, which, stretches)?;
+    let pictures = Pictures::open(path, camera, stretches)?;
     let located: Vec<(Range<usize>, Vec<Option<Located>>)> = pictures
         .par_bridge()
         .map(|job| {
@@ -190,14 +183,14 @@ pub fn locate(
                 .map(|found| {
                     let track = scenes.of(&found.road.name)?.0;
                     let drive = LocatedDrive { track, places: places[part.clone()].to_vec() };
-                    Ok::<_, TrackError>(On { road: found.road.name.clone(), reversed: found.road.reversed, drive })
+                    Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
                 })
                 .transpose()?;
             Ok(Part { rows: part, way_m, on })
         })
         .collect::<Result<_, TrackError>>()?;
     let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Ok(Whereabouts { parts, rows, unreadable })
+    Ok(LocatedRecording { parts, rows, unreadable })
 }
 
 /// Tracks, and what stands beside them, made on first use.
@@ -211,10 +204,7 @@ impl Scenes<'_> {
         if let Some(scene) = self.tracks.get(road) {
             return Ok(scene.clone());
         }
-        let track = match self.roads.track(road) {
-            Some(track) => track,
-            None => Track::open(road)?,
-        };
+        let track = self.roads.track(road).map_or_else(|| Track::open(road), Ok)?;
         let scenery = Arc::new(Scenery::new(&track));
         let scene = (Arc::new(track), scenery);
         self.tracks.insert(road.to_owned(), scene.clone());
@@ -242,7 +232,7 @@ fn shown(
             stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min)
         };
         let Some(stretch) = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b))) else { continue };
-        let job = Pictures::open(path, Which::Center, [(stretch.around_surest(SAMPLE), scene)])?.next();
+        let job = Pictures::open(path, CameraPosition::Center, [(stretch.around_surest(SAMPLE), scene)])?.next();
         let Some(job) = job.transpose()? else { continue };
         let places = follow(rows, job, |_| (), &|| ()).1;
         let agreements: Vec<f64> = places.iter().flatten().map(|located| located.fit.agreement).collect();

@@ -2,7 +2,6 @@
 
 use std::{sync::Arc, time::Instant};
 
-use lapwing::locating::Which;
 use lapwing_core::{
     config::ControlSettings,
     drive::Eventful,
@@ -13,6 +12,7 @@ use lapwing_core::{
     turn::{LimitEdge, MeasuredLine},
     units::{Mph, Steering, Throttle},
 };
+use lapwing_learn::dataset::CameraPosition;
 use lapwing_learn::models;
 use lapwing_score::{
     judged,
@@ -184,7 +184,7 @@ fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
 fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
     let Some(folder) = shared("recordings/lake") else { return };
     let dir = locate::rows(&folder, 0, 330);
-    let located = locate::located(dir.path(), Which::Center).drive();
+    let located = locate::located(dir.path(), CameraPosition::Center).drive();
     let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
     let card = driven(&mut world, built_in());
     println!("from the lane\n{card}");

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use lapwing::{
     known::Roads,
-    locating::{self, PartSummary, Placed, Summary, Whereabouts, Which},
+    locating::{self, LocatedRecording, PartSummary, Placed, Summary},
 };
+use lapwing_learn::dataset::CameraPosition;
 use tempfile::{TempDir, tempdir};
 
 use crate::{program::lapwing, support::shared};
@@ -22,8 +23,8 @@ pub fn rows(of: &Path, first: usize, count: usize) -> TempDir {
 }
 
 /// Where a camera's pictures were taken, as if it were the centre one.
-pub fn located(recording: &Path, which: Which) -> Whereabouts {
-    locating::locate(recording, which, &Roads::default(), || {}).unwrap()
+pub fn located(recording: &Path, camera: CameraPosition) -> LocatedRecording {
+    locating::locate(recording, camera, &Roads::default(), || {}).unwrap()
 }
 
 /// The one drive that was found.
@@ -38,7 +39,8 @@ fn on_the_real_lake_the_side_cameras_are_found_where_they_sit_on_the_car() {
     let Some(folder) = shared("recordings/lake") else { return };
     // The second half of a lap, with the bridge and the bend into the open.
     let dir = rows(&folder, 600, 450);
-    let [center, left, right] = [Which::Center, Which::Left, Which::Right].map(|which| located(dir.path(), which));
+    let [center, left, right] =
+        [CameraPosition::Center, CameraPosition::Left, CameraPosition::Right].map(|which| located(dir.path(), which));
     let placed = placed(Summary::new("lake".into(), &center, Some(&[left, right])));
     assert_eq!((placed.track.as_str(), placed.reversed), ("lake", false));
     assert!(placed.located > 0.85);
@@ -50,7 +52,7 @@ fn on_the_real_lake_the_side_cameras_are_found_where_they_sit_on_the_car() {
 fn a_real_drive_the_other_way_round_is_located_too() {
     let Some(folder) = shared("recordings/lake-clockwise") else { return };
     let dir = rows(&folder, 0, 220);
-    let placed = placed(Summary::new("clockwise".into(), &located(dir.path(), Which::Center), None));
+    let placed = placed(Summary::new("clockwise".into(), &located(dir.path(), CameraPosition::Center), None));
     assert_eq!((placed.track.as_str(), placed.reversed), ("lake", true));
     assert!(placed.located > 0.95 && placed.offset_m.unwrap().largest < 3.5);
 }
@@ -75,7 +77,7 @@ fn a_simulated_drive_in_the_rain_is_located_where_it_was() {
     ];
     let out = lapwing(&drive);
     let run = std::fs::read_dir(runs).unwrap().next().unwrap_or_else(|| panic!("{out:?}")).unwrap().path();
-    let placed = placed(Summary::new("rain".into(), &located(&run, Which::Center), None));
+    let placed = placed(Summary::new("rain".into(), &located(&run, CameraPosition::Center), None));
     assert_eq!((placed.track.as_str(), placed.reversed), ("lake", false));
     assert!(placed.located > 0.95);
     let errors = placed.against_truth.unwrap();

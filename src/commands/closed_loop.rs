@@ -17,7 +17,7 @@ use crate::{
     cli,
     film::Film,
     known::Roads,
-    locating::{LocateError, Which, locate},
+    locating::{LocateError, locate},
 };
 use lapwing_core::{
     config::ConfigError,
@@ -30,6 +30,7 @@ use lapwing_core::{
     turn::Turn,
     words::count,
 };
+use lapwing_learn::dataset::CameraPosition;
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;
@@ -159,7 +160,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
 fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let bar = super::locate::bar();
-    let found = locate(&arguments.source, Which::Center, &Roads::with(&arguments.tracks), || bar.inc(1));
+    let found = locate(&arguments.source, CameraPosition::Center, &Roads::with(&arguments.tracks), || bar.inc(1));
     bar.finish_and_clear();
     match found {
         Ok(found) => Ok(found.drive()),

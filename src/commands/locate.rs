@@ -11,8 +11,10 @@ use super::{Ended, outputs};
 use crate::{
     cli,
     known::Roads,
-    locating::{self, Summary, Which, drawn},
+    locating::{self, LocateError, Summary, drawn},
 };
+use lapwing_core::words::count;
+use lapwing_learn::dataset::CameraPosition;
 use lapwing_sim::track::Track;
 
 pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
@@ -20,17 +22,23 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     arguments.csv.as_deref().map_or(Ok(()), outputs::check)?;
     [&arguments.frames, &arguments.plot].into_iter().flatten().try_for_each(|path| outputs::check_drawing(path))?;
     let roads = Roads::with(&arguments.tracks);
-    let of = |which: Which| {
+    let of = |name: &str, camera: CameraPosition| {
         let bar = bar();
-        let found = locating::locate(&arguments.recording, which, &roads, || bar.inc(1));
+        let found = locating::locate(&arguments.recording, camera, &roads, || bar.inc(1));
         bar.finish_and_clear();
-        found
+        let found = found?;
+        if let (number, Some(why)) = &found.unreadable {
+            let pictures = count(*number, "picture");
+            say!("{name} camera: {pictures} could not be looked at, the first: {why}");
+        }
+        Ok::<_, LocateError>(found)
     };
-    let found = of(Which::Center)?;
-    let sides = if arguments.sides { Some([of(Which::Left)?, of(Which::Right)?]) } else { None };
-    if let (count, Some(why)) = &found.unreadable {
-        say!("{count} pictures could not be looked at, the first: {why}");
-    }
+    let found = of("centre", CameraPosition::Center)?;
+    let sides = if arguments.sides {
+        Some([of("left", CameraPosition::Left)?, of("right", CameraPosition::Right)?])
+    } else {
+        None
+    };
     let source = arguments.recording.display().to_string();
     let summary = Summary::new(source, &found, sides.as_ref());
     // A failed write does not affect the other results.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{LocateError, On, Whereabouts, pictures::decoded};
+use super::{LocateError, LocatedRecording, On, pictures::decoded};
 use lapwing_core::{
     perception::Frame,
     recording::{Moment, Recording},
@@ -29,7 +29,7 @@ const LANE: Colour = [0, 230, 255];
 ///
 /// # Errors
 /// [`LocateError::Recording`]
-pub fn frames(path: &Path, found: &Whereabouts) -> Result<Sheet, LocateError> {
+pub fn frames(path: &Path, found: &LocatedRecording) -> Result<Sheet, LocateError> {
     let every = found.rows.len().div_ceil(PICTURES).max(1);
     let (mut shapes, mut frame, mut shown) = (vec![], Frame::default(), 0);
     let mut overlays: Vec<Option<Overlay>> = found.parts.iter().map(|_| None).collect();
@@ -74,8 +74,7 @@ pub fn frames(path: &Path, found: &Whereabouts) -> Result<Sheet, LocateError> {
 
 fn draw(on: &On, located: &Located, overlay: &Overlay, at: Point, shapes: &mut Vec<Shape>) {
     let half = on.drive.track.half_width();
-    let sign = if located.pose.is_reversed() { -1.0 } else { 1.0 };
-    let lane_m = sign * on.drive.track.file().driving_line_m;
+    let lane_m = located.pose.direction() * on.drive.track.file().driving_line_m;
     for (offset_m, colour) in [(-half, EDGE), (half, EDGE), (lane_m, LANE)] {
         let within = |(x, y): &Point| (0.0..super::SIZE.0 as f64).contains(x) && (0.0..BONNET).contains(y);
         let line = overlay.line(located.pose, offset_m);
@@ -87,7 +86,7 @@ fn draw(on: &On, located: &Located, overlay: &Overlay, at: Point, shapes: &mut V
 }
 
 /// How far from the lane's middle the car was along the road, lap by lap: a chart for each drive on a known road.
-pub fn weaving(found: &Whereabouts) -> Sheet {
+pub fn weaving(found: &LocatedRecording) -> Sheet {
     let charts = found.parts.iter().filter_map(|part| part.on.as_ref()).map(chart);
     stack(&charts.collect::<Vec<_>>(), 1200, 420)
 }
@@ -121,5 +120,5 @@ fn chart(on: &On) -> Chart {
     let x = Axis::new("metres along the road").from_to(0.0, length_m);
     let y = Axis::new("metres right of the lane's middle");
     let reversed = if on.reversed { ", the other way round" } else { "" };
-    Chart { series, ..Chart::new(format!("How the car weaved: {}{reversed}", on.road), x, y) }
+    Chart { series, ..Chart::new(format!("How the car weaved: {}{reversed}", on.road()), x, y) }
 }

@@ -1,17 +1,13 @@
 //! The pictures of a recording, stretch by stretch, in the order in which they are recorded.
 
-use std::{
-    collections::{BTreeSet, HashMap, VecDeque},
-    path::Path,
-    sync::Arc,
-};
+use std::{collections::VecDeque, path::Path, sync::Arc};
 
-use super::{Stretch, Which};
+use super::Stretch;
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
     recording::{Picture, Recording, RecordingError},
 };
-use lapwing_score::odometry::Look;
+use lapwing_learn::dataset::CameraPosition;
 use lapwing_sim::{camera::Scenery, track::Track};
 
 /// A track, and what stands beside it.
@@ -28,7 +24,7 @@ pub(super) struct Job {
 /// Reads a recording once for all stretches, of which the next may look at rows of the one before.
 pub(super) struct Pictures {
     again: Recording,
-    which: Which,
+    camera: CameraPosition,
     stretches: VecDeque<(Stretch, Scene)>,
     /// The pictures of the rows from `first` on, as far as they are read.
     read: VecDeque<Option<Picture>>,
@@ -39,11 +35,11 @@ impl Pictures {
     /// Stretches must be in the order in which they are recorded.
     pub(super) fn open(
         path: &Path,
-        which: Which,
+        camera: CameraPosition,
         stretches: impl IntoIterator<Item = (Stretch, Scene)>,
     ) -> Result<Self, RecordingError> {
         let stretches = stretches.into_iter().collect();
-        Ok(Self { again: Recording::open(path)?, which, stretches, read: VecDeque::new(), first: 0 })
+        Ok(Self { again: Recording::open(path)?, camera, stretches, read: VecDeque::new(), first: 0 })
     }
 
     fn job(&mut self, stretch: Stretch, scene: Scene) -> Result<Job, RecordingError> {
@@ -53,7 +49,7 @@ impl Pictures {
         while self.first + self.read.len() < stretch.shown.end {
             let Some(mut moment) = self.again.next().transpose()? else { break };
             if moment.is_seen() {
-                self.read.push_back(moment.pictures[self.which as usize].take());
+                self.read.push_back(moment.pictures[self.camera as usize].take());
             }
             if self.first < stretch.shown.start && self.read.pop_front().is_some() {
                 self.first += 1;
@@ -75,33 +71,12 @@ impl Iterator for Pictures {
     }
 }
 
-/// What the pictures of these rows look like, as far as they can be looked at.
-pub(super) fn looks(path: &Path, of: &BTreeSet<usize>) -> Result<HashMap<usize, Look>, RecordingError> {
-    let (mut looks, mut frame) = (HashMap::new(), Frame::default());
-    let Some(last) = of.last() else { return Ok(looks) };
-    let mut row = 0;
-    for moment in Recording::open(path)? {
-        let moment = moment?;
-        if !moment.is_seen() {
-            continue;
-        }
-        if of.contains(&row) && decoded(moment.pictures[0].as_ref(), &mut frame).is_ok() {
-            looks.extend(Look::of(&frame).map(|look| (row, look)));
-        }
-        if row == *last {
-            break;
-        }
-        row += 1;
-    }
-    Ok(looks)
-}
-
 /// The size of the stock simulator's pictures.
 pub(super) const SIZE: (usize, usize) = (320, 160);
 
 /// Reads a picture, or says why it cannot be looked at.
 pub(super) fn decoded(picture: Option<&Picture>, frame: &mut Frame) -> Result<(), String> {
-    let picture = picture.ok_or("there is no such camera")?;
+    let picture = picture.ok_or("the recording names no picture of this camera")?;
     let jpeg = picture.read().map_err(|e| format!("{picture}: {e}"))?;
     decode_jpeg(&jpeg, frame).map_err(|e| format!("{picture}: {e}"))?;
     let size = (frame.width(), frame.height());

@@ -1,18 +1,19 @@
 //! The numbers of a recording: how the car came to each moment that has a picture.
 
-use std::path::Path;
+use std::{collections::HashMap, path::Path};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::pictures::decoded;
 use lapwing_core::{
-    motion::{FASTEST_TURN, Motion},
+    motion::Motion,
     perception::Frame,
     protocol::Truth,
     recording::{Break, Moment, Picture, Recording, RecordingError},
     units::{Degrees, Metres},
 };
+use lapwing_score::odometry::Look;
 use lapwing_sim::along::{Pyramid, turn};
 
 /// A moment with a picture.
@@ -56,44 +57,70 @@ impl RowTruth {
 /// Rows whose pictures are compared in one go.
 const BLOCK: usize = 64;
 
-/// The moments with a picture, and how many there are in all.
-pub(super) fn rows(path: &Path) -> Result<(Vec<Row>, usize), RecordingError> {
-    let mut reader =
-        Reader { recording: Recording::open(path)?, moments: 0, before: None, carried: Carried::default() };
-    let mut last: Option<Picture> = None;
-    let blocks = std::iter::from_fn(|| {
-        let block: Result<Vec<_>, _> = reader.by_ref().take(BLOCK).collect();
-        let block = match block {
-            Ok(block) if block.is_empty() => return None,
-            Ok(block) => block,
-            Err(error) => return Some(Err(error)),
-        };
-        let before = std::mem::replace(&mut last, block.last().map(|(_, picture)| picture.clone()));
-        Some(Ok((before, block)))
-    });
-    let mut blocks: Vec<(usize, Vec<Row>)> = blocks
-        .enumerate()
-        .par_bridge()
-        .map(|(i, block)| block.map(|(before, block)| (i, turned(before.as_ref(), block))))
-        .collect::<Result<_, _>>()?;
-    blocks.sort_by_key(|(i, _)| *i);
-    Ok((blocks.into_iter().flat_map(|(_, rows)| rows).collect(), reader.moments))
+/// No car on its tyres turns faster, in radians a second.
+const FASTEST_TURN: f64 = 1.5;
+
+/// What a recording tells before its pictures are laid over a road.
+pub(super) struct Rows {
+    /// The moments with a picture.
+    pub rows: Vec<Row>,
+    /// What the first of them looks like, and each that does not continue from the one before.
+    pub looks: HashMap<usize, Look>,
+    /// How many moments there are in all.
+    pub moments: usize,
 }
 
-/// Rows whose turning comes from their pictures, where they show it.
-fn turned(before: Option<&Picture>, block: Vec<(Row, Picture)>) -> Vec<Row> {
+impl Rows {
+    pub(super) fn read(path: &Path) -> Result<Self, RecordingError> {
+        let mut reader =
+            Reader { recording: Recording::open(path)?, moments: 0, before: None, carried: Carried::default() };
+        let mut last: Option<Picture> = None;
+        let blocks = std::iter::from_fn(|| {
+            let block: Result<Vec<_>, _> = reader.by_ref().take(BLOCK).collect();
+            let block = match block {
+                Ok(block) if block.is_empty() => return None,
+                Ok(block) => block,
+                Err(error) => return Some(Err(error)),
+            };
+            let before = std::mem::replace(&mut last, block.last().map(|(_, picture)| picture.clone()));
+            Some(Ok((before, block)))
+        });
+        let mut blocks: Vec<(usize, Vec<(Row, Option<Look>)>)> = blocks
+            .enumerate()
+            .par_bridge()
+            .map(|(i, block)| block.map(|(before, block)| (i, turned(before.as_ref(), block))))
+            .collect::<Result<_, _>>()?;
+        blocks.sort_by_key(|(i, _)| *i);
+        let (mut rows, mut looks) = (vec![], HashMap::new());
+        for (row, look) in blocks.into_iter().flat_map(|(_, rows)| rows) {
+            looks.extend(look.map(|look| (rows.len(), look)));
+            rows.push(row);
+        }
+        Ok(Self { rows, looks, moments: reader.moments })
+    }
+}
+
+/// Rows whose turning comes from their pictures, where they show it, and what those look like that begin something.
+fn turned(before: Option<&Picture>, block: Vec<(Row, Picture)>) -> Vec<(Row, Option<Look>)> {
     let mut frame = Frame::default();
-    let mut seen = |picture: &Picture| decoded(Some(picture), &mut frame).ok().and_then(|()| Pyramid::of(&frame));
-    let mut before = before.and_then(&mut seen);
+    let mut seen = |picture: &Picture, begins: bool| {
+        if decoded(Some(picture), &mut frame).is_err() {
+            return (None, None);
+        }
+        (Pyramid::of(&frame), if begins { Look::of(&frame) } else { None })
+    };
+    let mut continues = before.is_some();
+    let mut before = before.and_then(|picture| seen(picture, false).0);
     let turned = block.into_iter().map(|(mut row, picture)| {
-        let now = seen(&picture);
-        let pair = before.as_ref().zip(now.as_ref()).filter(|_| row.broken.is_none());
+        continues &= row.broken.is_none();
+        let (now, look) = seen(&picture, !continues);
+        let pair = before.as_ref().zip(now.as_ref()).filter(|_| continues);
         let turn = pair.and_then(|(before, now)| turn(before, now, row.motion.way_m)).map(|turn| turn.yaw);
         if let Some(turn_rad) = turn.filter(|turn| turn.abs() < FASTEST_TURN * row.apart_s) {
             row.motion.turn_rad = turn_rad;
         }
-        before = now;
-        row
+        (before, continues) = (now, true);
+        (row, look)
     });
     turned.collect()
 }

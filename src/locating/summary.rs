@@ -4,7 +4,7 @@ use std::{fmt, ops::Range};
 
 use serde::Serialize;
 
-use super::{On, Part, Row, Whereabouts};
+use super::{LocatedRecording, On, Part, Row};
 use lapwing_core::{motion::around, words::count};
 use lapwing_sim::{camera::Camera, locate::Located};
 
@@ -109,7 +109,7 @@ pub struct Summary {
 
 impl Summary {
     /// Of what was found in the centre pictures and, if they were located, in the left and the right ones.
-    pub fn new(source: String, found: &Whereabouts, sides: Option<&[Whereabouts; 2]>) -> Self {
+    pub fn new(source: String, found: &LocatedRecording, sides: Option<&[LocatedRecording; 2]>) -> Self {
         let drive = |(i, part): (usize, &Part)| {
             let sides = sides.and_then(|sides| {
                 let [left, right] = sides.each_ref().map(|side| side.parts.get(i).and_then(|part| part.on.as_ref()));
@@ -127,7 +127,7 @@ impl Summary {
 }
 
 fn placed(on: &On, rows: &[Row]) -> Placed {
-    let On { road, reversed, drive } = on;
+    let On { reversed, drive } = on;
     let seen: Vec<&Located> = drive.places.iter().flatten().collect();
     let lanes: Vec<_> = seen.iter().map(|located| located.pose.in_lane(&drive.track)).collect();
     let offsets: Vec<f64> = lanes.iter().map(|lane| lane.offset_m).collect();
@@ -140,7 +140,7 @@ fn placed(on: &On, rows: &[Row]) -> Placed {
     let length_m = drive.track.length();
     let ways = seen.windows(2).map(|pair| around(pair[1].pose.s_m - pair[0].pose.s_m, length_m));
     Placed {
-        track: road.clone(),
+        track: on.road().to_owned(),
         reversed: *reversed,
         laps: ways.sum::<f64>().abs() / length_m,
         located: share(seen.len(), rows.len()),
@@ -197,7 +197,7 @@ fn beside(center: &On, left: &On, right: &On) -> Option<Sides> {
             let aside = camera.mount.position.x * center.pose.heading_rad.cos();
             let found_m = beside.pose.offset_m - center.pose.offset_m;
             errors.push(found_m - aside);
-            found[side].push(found_m * center.pose.heading_rad.cos().signum());
+            found[side].push(found_m * center.pose.direction());
         }
     }
     let [left_m, right_m] = found.map(|found| Spread::of(&found).map_or(f64::NAN, |spread| spread.mean));

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::Whereabouts;
+use super::LocatedRecording;
 
 /// The columns: the moment, counted from 0; seconds; the road; whether it is driven against its direction; metres along
 /// it; metres right of the lane's middle; degrees clockwise from its direction; the road's left and right edge, as metres
@@ -11,7 +11,7 @@ use super::Whereabouts;
 const COLUMNS: &str = "moment,at_s,track,reversed,place_m,offset_m,heading_deg,edge_left_m,edge_right_m,\
                        place_sd_m,offset_sd_m,heading_sd_deg,agreement";
 
-impl Whereabouts {
+impl LocatedRecording {
     /// As CSV: a line for each moment with a picture.
     pub fn csv(&self) -> String {
         let mut text = format!("{COLUMNS}\n");
@@ -25,7 +25,7 @@ impl Whereabouts {
                         let deviation = located.deviation;
                         format!(
                             "{},{},{:.2},{:.3},{:.3},{:.2},{:.2},{:.2},{:.3},{:.3},{:.3}",
-                            quoted(&on.road),
+                            quoted(on.road()),
                             on.reversed,
                             located.pose.s_m.rem_euclid(on.drive.track.length()),
                             lane.offset_m,

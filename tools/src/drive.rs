@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use lapwing_core::{
     car::GRAVITY,
-    motion::{Motion, curvature},
+    motion::Motion,
     perception::{Frame, decode_jpeg},
     recording::{Moment, Recording},
 };
@@ -60,13 +60,7 @@ impl Drive {
         let mut usual = Vec::new();
         for folder in folders {
             let moments: Vec<Moment> = Recording::open(folder)?.collect::<Result<_, _>>()?;
-            let motion = |i: usize| {
-                let (now, before) = (&moments[i], &moments[i.saturating_sub(1)]);
-                let mps = |moment: &Moment| moment.telemetry.speed.metres_per_second().get();
-                let way_m = (now.at - before.at).as_secs_f64() * (mps(now) + mps(before)) / 2.0;
-                let steering_deg = before.steering().map_or(0.0, |steering| steering.degrees().get());
-                Motion { way_m, turn_rad: way_m * curvature(steering_deg) }
-            };
+            let motion = |i: usize| moments[i].motion_from(&moments[i.saturating_sub(1)]);
             let mut motions: Vec<Motion> = (0..moments.len()).map(motion).collect();
             if let (Some(&last), Some(first)) = (usual.last(), motions.first_mut()) {
                 *first = last; // the folders' clocks do not tell how long it was, but it was one interval

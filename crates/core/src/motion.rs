@@ -22,9 +22,6 @@ pub fn yaw_rate(mps: f64, steering_deg: f64) -> f64 {
     mps * steering_deg.to_radians().tan() / WHEELBASE_M
 }
 
-/// No car on its tyres turns faster, in radians a second.
-pub const FASTEST_TURN: f64 = 1.5;
-
 /// How a car moved from one telemetry to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Motion {

@@ -66,22 +66,19 @@ impl Pose {
         Self { s_m: station.s, offset_m: offset, heading_rad, pitch_rad: 0.0 }
     }
 
-    /// Whether the car drives against the track's direction.
-    pub fn is_reversed(self) -> bool {
-        self.heading_rad.cos() < 0.0
+    /// 1 if the car drives in the track's direction, -1 if it drives against it.
+    pub fn direction(self) -> f64 {
+        self.heading_rad.cos().signum()
     }
 
     /// Where in its lane the car is.
     pub fn in_lane(self, track: &Track) -> InLane {
         let (half, lane_m) = (track.half_width(), track.file().driving_line_m);
-        let (sign, heading_rad) = if self.is_reversed() {
-            (-1.0, turn(self.heading_rad + std::f64::consts::PI))
-        } else {
-            (1.0, self.heading_rad)
-        };
+        let sign = self.direction();
+        let against = if sign < 0.0 { std::f64::consts::PI } else { 0.0 };
         InLane {
             offset_m: sign * self.offset_m - lane_m,
-            heading_rad: turn(heading_rad),
+            heading_rad: turn(self.heading_rad + against),
             curvature: sign * track.at(self.s_m).curvature,
             edges_m: (-half - lane_m, half - lane_m),
         }

@@ -13,7 +13,7 @@ impl Overlay {
     /// pixels, from near to far, some outside the picture. Hills do not hide it.
     pub fn line(&self, pose: Pose, offset_m: f64) -> Vec<(f64, f64)> {
         let view = self.view(pose);
-        let sign = if pose.is_reversed() { -1.0 } else { 1.0 };
+        let sign = pose.direction();
         let point = |i: u32| {
             let ahead = FROM_M + PIECE_M * f64::from(i);
             let at = view.turn(self.track.point(pose.s_m + sign * ahead, offset_m).as_vec3());
