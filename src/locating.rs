@@ -39,8 +39,10 @@ pub use self::{
     summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
 };
 use crate::known::Roads;
-use lapwing_core::{perception::Frame, recording::RecordingError};
-use lapwing_learn::dataset::CameraPosition;
+use lapwing_core::{
+    perception::Frame,
+    recording::{CameraPosition, RecordingError},
+};
 use lapwing_sim::{
     camera::Scenery,
     locate::{FOUND, Located, LocatedDrive, Overlay, seen},

@@ -2,6 +2,7 @@
 
 use std::{sync::Arc, time::Instant};
 
+use lapwing_core::recording::CameraPosition;
 use lapwing_core::{
     config::ControlSettings,
     drive::Eventful,
@@ -12,7 +13,6 @@ use lapwing_core::{
     turn::{LimitEdge, MeasuredLine},
     units::{Mph, Steering, Throttle},
 };
-use lapwing_learn::dataset::CameraPosition;
 use lapwing_learn::models;
 use lapwing_score::{
     judged,
@@ -34,13 +34,13 @@ use crate::{locate, support::shared};
 const WEAVES_M: f64 = 1.6;
 
 /// A drive on the simulator's lake that weaves, as the stock recorder leaves it, and where the car was in truth.
-struct Weaving {
-    dir: TempDir,
-    located: LocatedDrive,
+pub struct Weaving {
+    pub dir: TempDir,
+    pub located: LocatedDrive,
 }
 
 impl Weaving {
-    fn drive(seconds: f64) -> Self {
+    pub fn drive(seconds: f64) -> Self {
         let track = Arc::new(Track::named("lake").unwrap());
         let scenery = Arc::new(Scenery::new(&track));
         let setup = Setup { laps: None, longest_s: Some(seconds), ..Setup::new(track.clone(), scenery) };

@@ -7,7 +7,7 @@ use lapwing::{
     known::Roads,
     locating::{self, LocatedRecording, PartSummary, Placed, Summary},
 };
-use lapwing_learn::dataset::CameraPosition;
+use lapwing_core::recording::CameraPosition;
 use tempfile::{TempDir, tempdir};
 
 use crate::{program::lapwing, support::shared};

@@ -13,6 +13,7 @@ mod model_files;
 mod models;
 mod parity;
 mod program;
+mod recorded_world;
 mod recording;
 mod replay;
 mod results;

@@ -19,6 +19,10 @@ use lapwing_sim::along::{Limit, Protocol};
 pub struct Drive {
     #[command(flatten)]
     pub world: WorldFlags,
+    /// Drive where these recordings were driven, with their pictures in place of drawn ones: runs, or folders of the
+    /// training mode. They must be of a track that comes with Lapwing, or of --track
+    #[arg(long = "world", value_name = "RECORDING", num_args = 1.., conflicts_with = "scenario")]
+    pub recorded: Vec<PathBuf>,
     /// Number of laps after which the run ends [default: 1, or no limit with a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,

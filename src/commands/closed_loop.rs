@@ -25,12 +25,11 @@ use lapwing_core::{
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
-    recording::{ModelId, Recorder, RecorderOptions, RunHeader},
+    recording::{CameraPosition, ModelId, Recorder, RecorderOptions, RunHeader},
     replay::{self},
     turn::Turn,
     words::count,
 };
-use lapwing_learn::dataset::CameraPosition;
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;

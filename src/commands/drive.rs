@@ -7,7 +7,7 @@ use std::{
 
 use serde_json::json;
 
-use super::{Ended, thresholds, world};
+use super::{Ended, recorded_world::Recorded, thresholds, world};
 use crate::cli::{self, PilotKind};
 use lapwing_core::{
     drive::{DriveDigest, Observer},
@@ -19,7 +19,7 @@ use lapwing_core::{
     words::count,
 };
 use lapwing_score::judged::{self, Judged};
-use lapwing_score::results::{InProcess, ScoredDrive, Simulated};
+use lapwing_score::results::{InProcess, ScoredDrive, Seen, Simulated};
 use lapwing_score::score::{self, Figure};
 use lapwing_sim::world::Simulation;
 
@@ -42,6 +42,10 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     settings.model.threads = 1;
     let mut setup = world::spec(&arguments.world, arguments.laps).setup(&settings.simulator)?;
     setup.stock = arguments.stock;
+    let mut recorded = match &arguments.recorded[..] {
+        [] => None,
+        recordings => Some(Recorded::open(recordings, arguments.world.track.as_deref(), &mut setup)?),
+    };
     if let (None, Some(scenario)) = (arguments.driving.speed, &setup.scenario) {
         settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());
     }
@@ -59,6 +63,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         let world = json!({
             "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
             "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
+            "recordings": recorded.as_ref().map(Recorded::sources),
         });
         json!({ "settings": settings, "world": world })
     };
@@ -72,6 +77,9 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
     let mut driver = Driver::new(pilot, &settings.control, Instant::now);
     let mut simulation = Simulation::new(setup)?;
+    if let Some(recorded) = &mut recorded {
+        simulation = recorded.show(simulation);
+    }
     // Last, so that an earlier failure leaves no run.
     let options = RecorderOptions { queue: settings.recording.queue };
     let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
@@ -85,17 +93,21 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let report = recorder.and_then(super::close);
     let Judged { card, driven: DriveDigest { fingerprint, frames, .. } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
+    let seen = recorded.as_ref().map(Recorded::seen);
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
     let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
     let result = if arguments.json {
         let run = report.as_ref().map(|report| report.path.display().to_string());
         let (who, fingerprint) = (Simulated { pilot: &name, seed }, fingerprint.as_str());
-        let how = InProcess { frames, fingerprint, times_real_time, run };
+        let how = InProcess { frames, fingerprint, times_real_time, seen, run };
         serde_json::to_string_pretty(&ScoredDrive { who, card: &card, how, missed: &missed })?
     } else {
         let title = format!("{name} on {}, seed {seed}", simulation.setup().track.file().name);
         let mut text = format!("{title}\n{card}\n  {:<17} {frames} in {}", "frames", paced(wall, times_real_time));
+        if let Some(seen) = &seen {
+            text += &format!("\n  {:<17} {}", "recorded", shown(seen));
+        }
         text += &format!("\n  {:<17} {}", "fingerprint", &fingerprint[..16]);
         if let Some(report) = &report {
             text += &format!("\n  {:<17} {}", "run", told(report));
@@ -115,6 +127,18 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
 
 fn paced(wall: Duration, times: f64) -> String {
     format!("{:.1} s, {times:.0} times real time", wall.as_secs_f64())
+}
+
+/// What recordings showed.
+fn shown(seen: &Seen) -> String {
+    let Seen { recorded, drawn, apart_m, covered, filled_mean, filled_most, .. } = *seen;
+    let [covered, mean, most] = [covered, filled_mean, filled_most].map(|share| 100.0 * share);
+    let drawn = if drawn > 0 { format!("; {drawn} drawn where none was near") } else { String::new() };
+    format!(
+        "{}, taken {apart_m:.2} m away, {mean:.1} % filled in ({most:.1} % at most){drawn}; {covered:.1} % of the road \
+         shown",
+        count(recorded as usize, "picture")
+    )
 }
 
 fn told(report: &RecordingReport) -> String {

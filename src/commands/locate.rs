@@ -13,8 +13,7 @@ use crate::{
     known::Roads,
     locating::{self, LocateError, Summary, drawn},
 };
-use lapwing_core::words::count;
-use lapwing_learn::dataset::CameraPosition;
+use lapwing_core::{recording::CameraPosition, words::count};
 use lapwing_sim::track::Track;
 
 pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {

@@ -20,6 +20,8 @@ mod model;
 mod outputs;
 #[cfg(feature = "simulator")]
 mod record;
+#[cfg(feature = "simulator")]
+mod recorded_world;
 #[cfg(feature = "networks")]
 mod replay;
 #[cfg(feature = "simulator")]

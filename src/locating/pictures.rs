@@ -5,9 +5,8 @@ use std::{collections::VecDeque, path::Path, sync::Arc};
 use super::Stretch;
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
-    recording::{Picture, Recording, RecordingError},
+    recording::{CameraPosition, Picture, Recording, RecordingError},
 };
-use lapwing_learn::dataset::CameraPosition;
 use lapwing_sim::{camera::Scenery, track::Track};
 
 /// A track, and what stands beside it.

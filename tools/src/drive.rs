@@ -7,6 +7,7 @@ use lapwing_core::{
     perception::{Frame, decode_jpeg},
     recording::{Moment, Recording},
 };
+use lapwing_sim::along::{Pyramid, turn};
 use rayon::prelude::*;
 
 /// A drive, or several that follow one another without a gap.
@@ -14,7 +15,7 @@ use rayon::prelude::*;
 pub struct Drive {
     /// The pictures.
     pub frames: Vec<Frame>,
-    /// How the car came to each from the one before.
+    /// How the car came to each from the one before: it turned as the pictures show, else as it was steered.
     pub motions: Vec<Motion>,
     /// How steeply each place climbs, as the sine of the slope, by how much slower the car became than it would have on
     /// level ground; none where it brakes, stands or may have hit something.
@@ -76,6 +77,13 @@ impl Drive {
                     Ok(frame)
                 })
                 .collect::<Result<_>>()?;
+            let seen: Vec<Option<Pyramid>> = pictures.par_iter().map(Pyramid::of).collect();
+            motions.par_iter_mut().skip(1).zip(seen.par_windows(2)).for_each(|(motion, pair)| {
+                let pair = pair[0].as_ref().zip(pair[1].as_ref());
+                if let Some(turned) = pair.and_then(|(before, now)| turn(before, now, motion.way_m)) {
+                    motion.turn_rad = turned.yaw;
+                }
+            });
             drive.frames.extend(pictures);
             drive.motions.append(&mut motions);
         }

@@ -65,9 +65,32 @@ pub struct InProcess<'a> {
     pub fingerprint: &'a str,
     /// Simulated seconds per second of real time.
     pub times_real_time: f64,
+    /// What recordings showed of the road, if the pilot saw their pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seen: Option<Seen>,
     /// The run's file, if one was recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
+}
+
+/// What recordings showed of a road to a pilot that drove there.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Seen {
+    /// Moments with pictures whose places are known.
+    pub moments: usize,
+    /// The share of the road along which there are some.
+    pub covered: f64,
+    /// Pictures that the pilot saw of recordings …
+    pub recorded: u32,
+    /// … and those that were drawn, as none had been recorded near enough.
+    pub drawn: u32,
+    /// How far from where they were seen the recorded ones had been taken: the mean, in metres.
+    pub apart_m: f64,
+    /// Share of the rows that PilotNet sees which no recorded camera showed and which was filled in: the mean over the
+    /// recorded pictures …
+    pub filled_mean: f64,
+    /// … and the most of one.
+    pub filled_most: f64,
 }
 
 /// A drive along the rows of a recording.
@@ -123,7 +146,7 @@ mod tests {
     #[test]
     fn keys_stand_in_the_order_of_who_what_it_was_worth_and_how() {
         let (card, missed) = (Scorer::default().finish(), ["a".to_owned()]);
-        let how = InProcess { frames: 3, fingerprint: "ff", times_real_time: 2.0, run: None };
+        let how = InProcess { frames: 3, fingerprint: "ff", times_real_time: 2.0, seen: None, run: None };
         let drive = ScoredDrive { who: Simulated { pilot: "p", seed: 1 }, card: &card, how, missed: &missed };
         let json = serde_json::to_string(&drive).unwrap();
         assert!(json.starts_with(r#"{"pilot":"p","seed":1,"schema":"#), "{json}");

@@ -8,7 +8,7 @@ mod consequences;
 mod sensor;
 mod setup;
 
-pub use setup::{Ending, Human, Setup};
+pub use setup::{Ending, Eyes, Human, Setup};
 
 use std::{convert::Infallible, time::Duration};
 
@@ -17,7 +17,7 @@ use glam::DVec3;
 
 use self::sensor::Sensor;
 use super::{
-    camera::{Camera, JPEG_QUALITY, Renderer, Shot, encode_jpeg},
+    camera::{Camera, JPEG_QUALITY, JPEG_QUALITY_AGAIN, Renderer, Shot, encode_jpeg},
     collision_course::time_to_collision,
     expert::{Expert, path_ahead},
     judge::{Judge, Verdict},
@@ -50,6 +50,7 @@ pub struct Simulation {
     judge: Judge,
     expert: Expert,
     renderer: Renderer,
+    eyes: Option<Box<dyn Eyes>>,
     frame: Frame,
     sensor: Sensor,
     command: Command,
@@ -95,6 +96,7 @@ impl Simulation {
             judge: Judge::new(track, setup.rules.clone(), place.station.s),
             expert: Expert::default(),
             renderer: Renderer::new(setup.scenery.clone()),
+            eyes: None,
             frame: Frame::default(),
             sensor: Sensor::new(setup.seed),
             car,
@@ -124,6 +126,11 @@ impl Simulation {
             },
         ));
         Ok(world)
+    }
+
+    /// The same world, of which the pilot sees what these eyes show, and where they show nothing, what is drawn.
+    pub fn seen_by(self, eyes: impl Eyes + 'static) -> Self {
+        Self { eyes: Some(Box::new(eyes)), ..self }
     }
 
     /// The setup that it was made from.
@@ -200,6 +207,12 @@ impl Simulation {
         encode_jpeg(&self.frame, JPEG_QUALITY).into()
     }
 
+    /// What the pilot is shown now, as JPEG.
+    fn seen(&mut self) -> Bytes {
+        let shown = self.eyes.as_mut().is_some_and(|eyes| eyes.see(&self.car, &self.place, &mut self.frame));
+        if shown { encode_jpeg(&self.frame, JPEG_QUALITY_AGAIN).into() } else { self.picture(&Camera::CENTER) }
+    }
+
     fn shot(&self) -> Shot<'_> {
         shot(&self.setup, &self.car, &self.traffic, self.steps)
     }
@@ -251,7 +264,7 @@ impl Simulation {
     }
 
     fn telemetry(&mut self) -> Telemetry {
-        let taken = self.picture(&Camera::CENTER);
+        let taken = self.seen();
         let image = self.sensor.see(self.time_s(), taken, &self.setup.conditions);
         let track = &self.setup.track;
         let mut truth = Truth::default();

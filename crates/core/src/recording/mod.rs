@@ -75,7 +75,7 @@ mod writer;
 pub use entries::{Entries, Entry, Step};
 pub use format::FORMAT_VERSION;
 pub use items::{Item, ModelId, RunHeader, RunKind};
-pub use moment::{Break, LONGEST_GAP, Moment, Picture};
+pub use moment::{Break, CameraPosition, LONGEST_GAP, Moment, Picture};
 pub use open::{Recording, is_run_name, recordings_in};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};

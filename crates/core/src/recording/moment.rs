@@ -4,6 +4,7 @@ use std::{fmt, io, path::PathBuf, time::Duration};
 
 use bytes::Bytes;
 use jiff::civil::DateTime;
+use serde::{Deserialize, Serialize};
 
 use super::{By, CommandRecord, EventRecord, read_picture};
 use crate::{
@@ -65,6 +66,32 @@ impl Moment {
     /// Whether the centre camera's picture is there.
     pub fn is_seen(&self) -> bool {
         matches!(self.pictures[0], Some(Picture::File(_) | Picture::Jpeg(_)))
+    }
+}
+
+/// One of the three cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CameraPosition {
+    /// In the middle.
+    Center,
+    /// 0.8 m to the left.
+    Left,
+    /// 0.8 m to the right.
+    Right,
+}
+
+impl CameraPosition {
+    /// All cameras, in the order of [`Moment::pictures`].
+    pub const ALL: [Self; 3] = [Self::Center, Self::Left, Self::Right];
+
+    /// Direction of the correction to the centre's label for its pictures: the left camera's is to the right.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Center => 0.0,
+            Self::Left => 1.0,
+            Self::Right => -1.0,
+        }
     }
 }
 

@@ -44,11 +44,12 @@ pub use chart::steering_chart;
 pub use convert::{Converted, convert};
 pub use divide::{Divided, divide};
 pub use inspect::{CameraCount, Distribution, Gap, Histogram, Inspection, Intervals, Problem, Size, inspect};
+pub use lapwing_core::recording::CameraPosition;
 pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
 pub use samples::{Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
-pub use source::{CameraPosition, Labelled, Source, check, read};
+pub use source::{Labelled, Source, check, read};
 pub use split::Blocks;
 
 use lapwing_core::{

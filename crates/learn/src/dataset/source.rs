@@ -6,39 +6,12 @@ use std::{
 };
 
 use bytes::Bytes;
-use serde::{Deserialize, Serialize};
 
 use super::DatasetError;
 use lapwing_core::{
     recording::{Picture, Recording},
     units::{Mph, Steering},
 };
-
-/// One of the three cameras.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CameraPosition {
-    /// In the middle.
-    Center,
-    /// 0.8 m to the left.
-    Left,
-    /// 0.8 m to the right.
-    Right,
-}
-
-impl CameraPosition {
-    /// All cameras, in the order of [`Labelled::pictures`].
-    pub const ALL: [Self; 3] = [Self::Center, Self::Left, Self::Right];
-
-    /// Direction of the correction to the centre's label for its pictures: the left camera's is to the right.
-    pub fn sign(self) -> f64 {
-        match self {
-            Self::Center => 0.0,
-            Self::Left => 1.0,
-            Self::Right => -1.0,
-        }
-    }
-}
 
 /// The bytes of a picture.
 ///

@@ -49,7 +49,7 @@ impl Abreast {
     /// One step of [`STEP_S`].
     pub(super) fn step(&mut self, recorded: RecordedStep, steering: Steering) {
         let RecordedStep { speed, yaw_rate, aside, .. } = recorded;
-        let Beside { offset_m, heading_rad } = self.beside;
+        let Beside { offset_m, heading_rad, .. } = self.beside;
         roll(&mut self.recorded, speed, recorded.steering);
         // What the pictures show overrides what the steering says; the tyres slip accordingly.
         self.recorded.yaw_rate = yaw_rate.unwrap_or(self.recorded.yaw_rate);
@@ -61,6 +61,7 @@ impl Abreast {
         self.beside = Beside {
             offset_m: offset_m + STEP_S * (forward * sin + self.driven.lateral_speed * cos - aside),
             heading_rad: heading_rad + STEP_S * (self.driven.yaw_rate - self.recorded.yaw_rate),
+            ..self.beside
         };
     }
 }
@@ -121,7 +122,7 @@ mod tests {
         let apart = pair.driven.position - pair.recorded.position;
         let ahead = pair.recorded.ahead();
         let (right, along) = (apart.x * ahead.z - apart.z * ahead.x, apart.dot(ahead));
-        let Beside { offset_m, heading_rad } = pair.beside();
+        let Beside { offset_m, heading_rad, .. } = pair.beside();
         assert!(right.abs() > 0.2 && (offset_m - right).abs() < 0.05, "{offset_m}, {right}");
         assert!(along.abs() < 0.1, "not abreast by {along} m");
         assert!((heading_rad - (pair.driven.yaw - pair.recorded.yaw)).abs() < 1e-9);

@@ -108,7 +108,7 @@ impl Measured {
     /// The place of a car beside the recorded one, of which it is known where in its lane it is, or not.
     pub(super) fn new(limit: Limit, recorded: Option<InLane>, beside: Beside) -> Self {
         let metres = |limit_m: f64| (LimitEdge::Metres, (-limit_m, limit_m));
-        let Beside { offset_m, heading_rad } = beside;
+        let Beside { offset_m, heading_rad, .. } = beside;
         let Some(lane) = recorded else {
             let (edge, limits_m) = metres(limit.metres());
             return Self { line: MeasuredLine::RecordedPath, edge, limits_m, offset_m, heading_rad };
@@ -139,6 +139,7 @@ pub(super) fn on_the_line(recorded: Option<InLane>) -> Beside {
     let on_lane = |lane: InLane| Beside {
         offset_m: -lane.offset_m / lane.heading_rad.cos().max(0.3),
         heading_rad: -lane.heading_rad,
+        ..Beside::default()
     };
     recorded.map_or_else(Beside::default, on_lane)
 }
@@ -159,7 +160,7 @@ mod tests {
     #[test]
     fn the_roads_edge_is_the_limit_where_it_is_known_and_metres_are_where_it_is_not() {
         let beyond = |limit: Limit, lane: Option<InLane>, offset_m: f64| {
-            Measured::new(limit, lane, Beside { offset_m, heading_rad: 0.0 }).is_beyond()
+            Measured::new(limit, lane, Beside { offset_m, heading_rad: 0.0, ..Beside::default() }).is_beyond()
         };
         // The lane's middle is 0.8 m to the recorded car's left.
         assert!(!beyond(Limit::Road, Some(LANE), -6.7) && beyond(Limit::Road, Some(LANE), -6.9));
@@ -167,7 +168,7 @@ mod tests {
         assert!(!beyond(Limit::Metres(1.0), Some(LANE), 0.1) && beyond(Limit::Metres(1.0), Some(LANE), 0.3));
         assert!(!beyond(Limit::Road, None, 0.9) && beyond(Limit::Road, None, -1.1));
         assert!(!beyond(Limit::Metres(2.0), None, 1.9) && beyond(Limit::Metres(2.0), None, 2.1));
-        let askew = Beside { offset_m: 0.0, heading_rad: 0.8 };
+        let askew = Beside { offset_m: 0.0, heading_rad: 0.8, ..Beside::default() };
         assert!(Measured::new(Limit::Road, None, askew).is_beyond(), "it faces elsewhere");
     }
 

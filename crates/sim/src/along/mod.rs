@@ -32,7 +32,8 @@
 //! | `recorded` | rows and pictures of a recording, without standing and gaps |
 //! | `abreast` | two cars side by side |
 //! | `motion` | how the recorded car moved between two rows |
-//! | `warp` | the picture as seen from an offset |
+//! | `warp` | the picture as seen from elsewhere |
+//! | `views` | [`Views`]: what a car of the simulator sees along a road of which pictures were recorded |
 //! | `flow`, `rotation` | how far the car turned between two pictures |
 
 mod abreast;
@@ -41,6 +42,7 @@ mod judging;
 mod motion;
 mod recorded;
 mod rotation;
+mod views;
 mod warp;
 mod world;
 
@@ -51,9 +53,11 @@ pub use judging::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, Limit, Measured, Protoc
 pub use motion::{Sources, Yaw};
 pub use recorded::{GAP_S, STANDS_MPH};
 pub use rotation::{Rotation, turn};
+pub use views::{Sights, Views};
 pub use warp::{Beside, PILOTNET_ROWS, SIZE, Warp};
 pub use world::RecordedWorld;
 
+use crate::track::TrackError;
 use lapwing_core::{perception::ImageError, recording::RecordingError};
 
 /// A recording that cannot be driven along.
@@ -62,6 +66,9 @@ pub enum ClosedLoopError {
     /// The run or the driving log.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// A road.
+    #[error(transparent)]
+    Track(#[from] TrackError),
     /// A picture's file.
     #[error("{}: expected the picture of a driving log's row, got an error: {source}", path.display())]
     Read {

@@ -72,6 +72,8 @@ struct WarpCamera {
 pub struct Beside {
     /// Metres to its right.
     pub offset_m: f64,
+    /// Metres ahead of it.
+    pub ahead_m: f64,
     /// How far it faces to the right of it, in radians.
     pub heading_rad: f64,
 }
@@ -160,7 +162,8 @@ impl Warp {
     /// The recorded cameras that there are, seen from beside the car, the nearest first.
     fn views(&self, cameras: [bool; 3], beside: Beside) -> Vec<OtherView<'_>> {
         let heading = Mat3::from_rotation_y(beside.heading_rad as f32);
-        let eye = heading * self.cameras[0].position + Vec3::X * beside.offset_m as f32;
+        let moved = Vec3::new(beside.offset_m as f32, 0.0, beside.ahead_m as f32);
+        let eye = heading * self.cameras[0].position + moved;
         let there = self.cameras.iter().enumerate().filter(|(index, _)| cameras[*index]);
         let mut views: Vec<OtherView<'_>> = there
             .map(|(index, camera)| {

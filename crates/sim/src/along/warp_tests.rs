@@ -58,7 +58,7 @@ fn on_the_path_a_picture_stays_as_it_is() {
 #[test]
 fn a_car_that_faces_elsewhere_sees_what_the_warped_picture_shows() {
     for heading_rad in [-0.1, 0.1] {
-        let (warped, unwarped) = error(Beside { offset_m: 0.0, heading_rad }, 1);
+        let (warped, unwarped) = error(Beside { offset_m: 0.0, heading_rad, ..Beside::default() }, 1);
         assert!(warped < 0.5 * unwarped, "{heading_rad}: {warped:.2} against {unwarped:.2}");
     }
 }
@@ -66,7 +66,7 @@ fn a_car_that_faces_elsewhere_sees_what_the_warped_picture_shows() {
 #[test]
 fn a_car_beside_sees_what_the_warped_picture_shows_with_one_camera_and_better_with_three() {
     for (offset_m, heading_rad) in [(-0.9, 0.0), (0.9, 0.0), (0.7, -0.08)] {
-        let beside = Beside { offset_m, heading_rad };
+        let beside = Beside { offset_m, heading_rad, ..Beside::default() };
         let ((one, unwarped), (three, _)) = (error(beside, 1), error(beside, 3));
         assert!(one < 0.5 * unwarped, "{beside:?}: {one:.2} against {unwarped:.2}");
         assert!(three < one, "{beside:?}: {three:.2} with three, {one:.2} with one");
@@ -78,7 +78,11 @@ fn the_bonnet_goes_with_the_car() {
     let mut world = lake();
     let recorded = seen(&mut world, 330.0, Beside::default(), &Camera::CENTER);
     let mut out = Frame::default();
-    Warp::new().render([Some(&recorded), None, None], Beside { offset_m: 0.8, heading_rad: 0.1 }, &mut out);
+    Warp::new().render(
+        [Some(&recorded), None, None],
+        Beside { offset_m: 0.8, heading_rad: 0.1, ..Beside::default() },
+        &mut out,
+    );
     for column in (120..180).step_by(10) {
         assert_eq!(out.pixel(column, 150), recorded.pixel(column, 150));
     }
@@ -98,7 +102,7 @@ fn filled(cameras: usize, offset_m: f64, heading_deg: f64) -> f64 {
     let warp = Warp::new();
     let steps = |most: f64| (-5..=5).map(move |i| most * f64::from(i) / 5.0);
     let unseen = |offset_m: f64, heading_deg: f64| {
-        let beside = Beside { offset_m, heading_rad: heading_deg.to_radians() };
+        let beside = Beside { offset_m, heading_rad: heading_deg.to_radians(), ..Beside::default() };
         warp.unseen([true, cameras > 1, cameras > 2], beside, PILOTNET_ROWS)
     };
     steps(offset_m)
@@ -127,7 +131,7 @@ fn no_black_border_enters_a_picture_wherever_the_car_is() {
     for (offset_m, heading_rad) in [(0.0, 0.7), (-3.0, 0.3), (5.0, -0.7), (-20.0, 0.0)] {
         for pictures in [[Some(&white), None, None], [Some(&white); 3]] {
             let mut out = Frame::default();
-            assert!(warp.render(pictures, Beside { offset_m, heading_rad }, &mut out));
+            assert!(warp.render(pictures, Beside { offset_m, heading_rad, ..Beside::default() }, &mut out));
             assert!(out.rgb().iter().all(|light| *light == 255), "{offset_m} m, {heading_rad}");
         }
     }

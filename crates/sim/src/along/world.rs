@@ -12,7 +12,7 @@ use super::{
     warp::{Beside, PILOTNET_ROWS, Warp},
 };
 use crate::{
-    camera::encode_jpeg,
+    camera::{JPEG_QUALITY_AGAIN, encode_jpeg},
     locate::{InLane, LocatedDrive},
     vehicle::STEP_S,
 };
@@ -25,9 +25,6 @@ use lapwing_core::{
     units::{Degrees, Metres, Steering},
     words::count,
 };
-
-/// JPEG quality of warped pictures; the recorded ones have already been compressed at the stock build's 75.
-const QUALITY: u8 = 95;
 
 /// Metres between the waypoints that telemetry counts, as the simulator's.
 const WAYPOINT_M: f64 = 20.0;
@@ -317,7 +314,7 @@ impl RecordedWorld {
         let jpeg = if self.abreast.beside() == Beside::default() {
             self.shown.jpeg.clone()
         } else {
-            encode_jpeg(&self.seen, QUALITY).into()
+            encode_jpeg(&self.seen, JPEG_QUALITY_AGAIN).into()
         };
         Telemetry {
             steering: self.steering.degrees(),

@@ -116,6 +116,9 @@ pub struct Camera {
 /// JPEG quality of the stock build's pictures.
 pub const JPEG_QUALITY: u8 = 75;
 
+/// JPEG quality of pictures that are made from recorded ones, which have already been compressed at the stock build's.
+pub const JPEG_QUALITY_AGAIN: u8 = 95;
+
 impl Camera {
     /// The stock centre camera, which is also the one of autonomous mode.
     pub const CENTER: Self = Self { lens: Lens::STOCK, mount: Mount::stock(0.0, 1.0), bonnet: true };

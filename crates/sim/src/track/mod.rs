@@ -119,6 +119,34 @@ impl Track {
         Ok(Self { file, stations, length, driving_line, driving_line_length })
     }
 
+    /// The same road the other way round, with what stands at its edges and a start that faces the other way. A lane on the
+    /// right stays one. What grows farther off is not the same.
+    ///
+    /// # Errors
+    /// None that the track itself did not have.
+    pub fn reversed(&self) -> Result<Self, TrackError> {
+        let mut file = self.file.clone();
+        let given = file.start;
+        let Place { station, offset } = self.locate(DVec3::new(given.x, given.y, given.z), None);
+        let DVec3 { x, y, z } = self.point(station.s, -offset);
+        file.start = Start { x, y: y + given.y - station.position.y, z, yaw_deg: given.yaw_deg + 180.0 };
+        file.name += " the other way round";
+        file.control_points[1..].reverse(); // the first stays where s is 0
+        for stretch in &mut file.stretches {
+            let Stretch { from_m, to_m, side, .. } = *stretch;
+            (stretch.from_m, stretch.to_m) = ((self.length - to_m).max(0.0), (self.length - from_m).max(0.0));
+            stretch.side = side.other();
+        }
+        Self::new(file)
+    }
+
+    /// The same road, with its start on the line to drive, `s` metres along the road.
+    pub fn starting_at(mut self, s: f64) -> Self {
+        let (station, DVec3 { x, y, z }) = (self.at(s), self.point(s, self.file.driving_line_m));
+        self.file.start = Start { x, y, z, yaw_deg: station.yaw.to_degrees() };
+        self
+    }
+
     /// The file that it was laid out from.
     pub fn file(&self) -> &TrackFile {
         &self.file
@@ -253,6 +281,33 @@ mod tests {
             assert!(turn(next.yaw - here.yaw).abs() < 0.1, "{travelled}");
             let middle = track.locate(here.position, None);
             assert!((middle.offset - here.offset).abs() < 0.05, "{travelled}: {middle:?}, {here:?}");
+        }
+    }
+
+    #[test]
+    fn the_other_way_round_a_road_is_the_same_with_its_sides_changed() {
+        for name in Track::NAMES {
+            let track = Track::named(name).unwrap();
+            let other = track.reversed().unwrap();
+            assert!((track.length() - other.length()).abs() < 1e-6);
+            for s in (0..60).map(|i| track.length() * f64::from(i) / 60.0) {
+                let (there, back) = (track.at(s), other.at(other.length() - s));
+                assert!(there.position.distance(back.position) < 0.01, "{name} {s}: {there:?}, {back:?}");
+                assert!((turn(there.yaw - back.yaw).abs() - std::f64::consts::PI).abs() < 0.01, "{name} {s}");
+                for edge in [Edge::Kerb, Edge::Dirt, Edge::Bridge, Edge::Blocks, Edge::Rock, Edge::Water] {
+                    let near_end = |at: f64| track.file().has(edge, Side::Left, at);
+                    if near_end(s - 0.1) == near_end(s + 0.1) {
+                        let back = other.file().has(edge, Side::Right, (other.length() - s) % other.length());
+                        assert_eq!(near_end(s), back, "{name} {s}: {edge}");
+                    }
+                }
+            }
+            let start = other.file().start;
+            let place = other.locate(DVec3::new(start.x, start.y, start.z), None);
+            let given = track.file().start;
+            let was = track.locate(DVec3::new(given.x, given.y, given.z), None);
+            assert!((place.offset - was.offset).abs() < 0.01, "{name}: {place:?}, {was:?}");
+            assert!(turn(start.yaw_deg.to_radians() - place.station.yaw).abs() < 0.3, "{name}");
         }
     }
 

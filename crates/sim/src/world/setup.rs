@@ -2,9 +2,16 @@
 
 use std::{fmt, sync::Arc};
 
-use crate::{camera::Scenery, conditions::Conditions, scenario::Scenario, track::Track};
+use crate::{
+    camera::Scenery,
+    conditions::Conditions,
+    scenario::Scenario,
+    track::{Place, Track},
+    vehicle::Car,
+};
 use lapwing_core::{
     config::{OnCrash, Rules},
+    perception::Frame,
     units::Mph,
 };
 
@@ -66,6 +73,12 @@ impl Setup {
             stock: false,
         }
     }
+}
+
+/// Takes pictures for a car in place of the renderer, where it can.
+pub trait Eyes: fmt::Debug + Send {
+    /// Paints what the centre camera of a car shows there; `false` if it has nothing to show.
+    fn see(&mut self, car: &Car, place: &Place, frame: &mut Frame) -> bool;
 }
 
 /// Why a run ended.

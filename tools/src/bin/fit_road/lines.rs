@@ -12,8 +12,19 @@ pub struct Line {
     pub offset_m: f64,
     /// Its width, in metres.
     pub width_m: f64,
-    /// Which side of it is open ground: 1 the right one, -1 the left one, 0 neither.
-    pub verge: f64,
+    /// What it looks like.
+    pub mark: Mark,
+}
+
+/// What a line looks like.
+#[derive(Debug, Clone, Copy)]
+pub enum Mark {
+    /// Bright paint, with asphalt on both sides.
+    Middle,
+    /// Bright paint, with asphalt on one side and green on the other: 1 if that is the right one, -1 if it is the left.
+    Edge(f64),
+    /// No paint: asphalt ends and a band of yellow leaves begins, on the right side (1) or on the left one (-1).
+    Leaves(f64),
 }
 
 /// A piece of a line: its place, as the spline's parameter, and its line.
@@ -144,12 +155,22 @@ pub fn find(frame: &Frame, piece: &Piece, reach: f64) -> Option<(f64, f64)> {
         let core = mean(d - half, d + half + STEP, 0);
         let (left, right) = (mean(d - half - 2.5, d - half - 0.5, 0), mean(d + half + 1.0, d + half + 3.0, 0));
         let ridge = (core - left.max(right)) / (0.3 * core + 12.0);
-        if piece.line.verge == 0.0 {
-            let (left, right) = (mean(d - half - 3.0, d - half, 1), mean(d + half + 0.5, d + half + 3.5, 1));
-            return ridge - 1.5 * ((left - right).abs() - 0.06).max(0.0);
-        }
+        let side = match piece.line.mark {
+            Mark::Middle => {
+                let (left, right) = (mean(d - half - 3.0, d - half, 1), mean(d + half + 0.5, d + half + 3.5, 1));
+                return ridge - 1.5 * ((left - right).abs() - 0.06).max(0.0);
+            }
+            Mark::Leaves(side) => {
+                // The band is as wide as the line.
+                let band = (2.0 * half).min(3.5);
+                let (left, right) = (mean(d - 3.5, d - 0.5, 1), mean(d + 0.5, d + band, 1));
+                let (left_of, right_of) = (mean(d - band, d - 0.5, 1), mean(d + 0.5, d + 3.5, 1));
+                return if side > 0.0 { left - right } else { right_of - left_of };
+            }
+            Mark::Edge(side) => side,
+        };
         // Asphalt inside, green outside.
-        let (inside, outside) = if piece.line.verge > 0.0 {
+        let (inside, outside) = if side > 0.0 {
             (mean(d - half - 2.5, d + half, 1), mean(d + half + 0.5, d + half + 3.0, 1))
         } else {
             (mean(d - half, d + half + 2.5, 1), mean(d - half - 3.0, d - half - 0.5, 1))
@@ -198,9 +219,9 @@ mod tests {
     #[test]
     fn a_line_is_found_beside_where_it_is_expected_and_only_with_its_verge() {
         let frame = painted(163.0);
-        let piece = |verge: f64| Piece {
+        let piece = |side: f64| Piece {
             t: 0.0,
-            line: Line { offset_m: 4.5, width_m: 0.14, verge },
+            line: Line { offset_m: 4.5, width_m: 0.14, mark: Mark::Edge(side) },
             at: DVec2::new(160.0, 100.0),
             across: DVec2::X,
             width_px: 4.0,

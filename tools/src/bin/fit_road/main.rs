@@ -53,13 +53,13 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use glam::DVec3;
-use lapwing_sim::track::Track;
+use lapwing_sim::track::{Theme, Track};
 use lapwing_tools::drive::Drive;
 
 use crate::{
     course::{Course, Stand},
     fit::{Fit, Step, Trust},
-    lines::Line,
+    lines::{Line, Mark},
 };
 
 /// Fits a track's control points to the pictures of a real drive.
@@ -80,6 +80,9 @@ struct Args {
     /// Radians clockwise from the road's direction that the car heads at first.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     heading: f64,
+    /// How far the road may climb from how it is known, in metres: a standard deviation.
+    #[arg(long, default_value_t = 3.0)]
+    hills: f64,
     /// Steps over the whole drive.
     #[arg(long, default_value_t = 12)]
     rounds: usize,
@@ -116,6 +119,8 @@ const SAVED: usize = 100;
 const EDGE_IN_M: f64 = 0.15;
 const EDGE_M: f64 = 0.14;
 const DASH_M: f64 = 0.16;
+/// How wide the band of leaves at the edge of the mountain's asphalt is.
+const LEAVES_M: f64 = 0.8;
 /// Drivers keep a little closer to the road's middle than to the middle of their lane.
 const LEFT_OF_LANE_M: f64 = 0.2;
 /// Pictures on the sheet.
@@ -152,16 +157,26 @@ fn begun<'a>(args: &Args, track: &Track, drive: &'a Drive) -> Fit<'a> {
         given = given.finer();
         (smooth_m, smooth_height_m) = (0.3, 0.3);
     }
-    let edge_m = track.half_width() - EDGE_IN_M;
-    let line = |offset_m, width_m, verge| Line { offset_m, width_m, verge };
+    let line = |offset_m, width_m, mark| Line { offset_m, width_m, mark };
+    let lines = if file.theme == Theme::Mountain {
+        let edge_m = track.half_width();
+        vec![line(edge_m, LEAVES_M, Mark::Leaves(1.0)), line(-edge_m, LEAVES_M, Mark::Leaves(-1.0))]
+    } else {
+        let edge_m = track.half_width() - EDGE_IN_M;
+        vec![
+            line(edge_m, EDGE_M, Mark::Edge(1.0)),
+            line(0.0, DASH_M, Mark::Middle),
+            line(-edge_m, EDGE_M, Mark::Edge(-1.0)),
+        ]
+    };
     Fit {
         drive,
-        lines: vec![line(edge_m, EDGE_M, 1.0), line(0.0, DASH_M, 0.0), line(-edge_m, EDGE_M, -1.0)],
+        lines,
         first: [given.beside(track.point(args.from, 0.0)), file.driving_line_m, args.heading, 0.0, 0.0],
         course: given.clone(),
         given,
         stands: Vec::new(),
-        trust: Trust { flat_m: 1.5, height_m: 3.0, smooth_m, smooth_height_m },
+        trust: Trust { flat_m: 1.5, height_m: args.hills, smooth_m, smooth_height_m },
         lane_m: Some(file.driving_line_m - LEFT_OF_LANE_M),
         pitch_rad: 0.0,
         far_m: NEAR_M,

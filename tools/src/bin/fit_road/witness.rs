@@ -128,7 +128,7 @@ impl Fit<'_> {
         let deviations = [
             0.01 + 0.02 * motion.way_m,
             0.004 + 0.03 * motion.way_m + 0.5 * motion.turn_rad.abs(),
-            0.003 + 0.02 * motion.way_m + 0.3 * steered,
+            0.003 + 0.005 * motion.way_m + 0.1 * steered,
         ];
         let (here, next) = (self.stands[i], self.stands[i + 1]);
         let base = off(&self.course, &here, &next);

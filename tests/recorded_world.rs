@@ -1,0 +1,139 @@
+//! Worlds made from recordings: a car that drives by itself, and sees what was recorded where it is.
+
+use std::{sync::Arc, time::Instant};
+
+use lapwing_core::{
+    config::ControlSettings,
+    driver::Driver,
+    perception::{Frame, decode_jpeg},
+    pilot::{ConstantPilot, Pilot, PurePursuit},
+    protocol::{Answer, CameraImage, Observation, Sight, World},
+    units::{MPS_PER_MPH, Mph, Steering},
+};
+use lapwing_learn::models;
+use lapwing_score::{
+    judged,
+    score::{Figure, Scorecard},
+};
+use lapwing_sim::{
+    along::{PILOTNET_ROWS, Views},
+    camera::{Camera, Renderer, Scenery},
+    world::{Setup, Simulation},
+};
+
+use crate::{lane_loop::Weaving, program, support::shared};
+
+/// A simulated world whose pilot sees a weaving drive's pictures.
+fn seen_by(weaving: &Weaving, seconds: f64) -> (Simulation, Views) {
+    let track = weaving.located.track.clone();
+    let drives = [(weaving.dir.path().join("lake"), weaving.located.clone())];
+    let views = Views::open(&track, false, &drives).unwrap();
+    let scenery = Arc::new(Scenery::new(&track));
+    let setup = Setup { laps: None, longest_s: Some(seconds), ..Setup::new(track, scenery) };
+    (Simulation::new(setup).unwrap(), views)
+}
+
+fn driven(world: &mut Simulation, pilot: Box<dyn Pilot>, mph: f64) -> Scorecard {
+    let control = ControlSettings { speed_mph: Mph::constant(mph), ..ControlSettings::default() };
+    judged::run(world, &mut Driver::new(pilot, &control, Instant::now), &mut []).unwrap().card
+}
+
+/// How far two pictures are apart where PilotNet looks, in grey levels.
+fn apart(a: &Frame, b: &Frame) -> f64 {
+    let rows = PILOTNET_ROWS.start * a.width() * 3..PILOTNET_ROWS.end * a.width() * 3;
+    let sum: f64 =
+        a.rgb()[rows.clone()].iter().zip(&b.rgb()[rows.clone()]).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+    sum / rows.len() as f64
+}
+
+#[test]
+fn what_is_seen_is_what_a_camera_there_would_have_taken() {
+    let weaving = Weaving::drive(20.0);
+    let (world, views) = seen_by(&weaving, 12.0);
+    let sights = views.sights();
+    let mut world = world.seen_by(views);
+    let mut renderer = Renderer::new(world.setup().scenery.clone());
+    let (mut shown, mut drawn, mut before, mut here_there) = (Frame::default(), Frame::default(), None, vec![]);
+    // The expert stays in the middle of the road, on which the recorded drive weaved.
+    while let Some(Observation { sight: Sight::Telemetry(telemetry), .. }) = world.observe().unwrap() {
+        let CameraImage::Jpeg(jpeg) = &telemetry.image else { panic!("{telemetry:?}") };
+        decode_jpeg(jpeg, &mut shown).unwrap();
+        world.draw(&mut renderer, &Camera::CENTER, &mut drawn);
+        let there = before.replace(drawn.clone()).map(|before| apart(&shown, &before));
+        here_there.extend(there.map(|there| (apart(&shown, &drawn), there)));
+        let command = world.expert(Mph::constant(15.0));
+        world.apply(Answer::Steer(command));
+    }
+    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| here_there.iter().map(of).sum::<f64>() / here_there.len() as f64;
+    let (here, before) = (mean(&|x| x.0), mean(&|x| x.1));
+    println!("{here:.2} levels from what is drawn there, {before:.2} from a moment before; {:?}", sights.lock());
+    assert!(here < 16.0 && here < 0.75 * before, "{here:.2}, {before:.2}");
+    let sights = sights.lock().unwrap().clone();
+    assert_eq!((sights.drawn, sights.unusable.0), (0, 0), "{sights:?}");
+    assert!(sights.apart_m / f64::from(sights.recorded) < 1.5, "{sights:?}");
+}
+
+#[test]
+fn a_pilot_that_sees_the_road_keeps_to_it_and_one_that_does_not_leaves_it() {
+    let weaving = Weaving::drive(45.0);
+    let (world, views) = seen_by(&weaving, 30.0);
+    let mut world = world.seen_by(views);
+    let good = driven(&mut world, models::built_in(Instant::now).unwrap().pilot(), 15.0);
+    println!("{good}");
+    assert!(good.value(Figure::MeanCte).unwrap() < 0.35, "{good}");
+    assert_eq!(good.value(Figure::Collisions), Some(0.0), "{good}");
+    let mph = good.value(Figure::DistanceM).unwrap() / good.value(Figure::TimeS).unwrap() / MPS_PER_MPH;
+    assert!((12.0..16.0).contains(&mph), "its own speed, not the recorded 20: {good}");
+    let (world, views) = seen_by(&weaving, 30.0);
+    let blind = Box::new(ConstantPilot::new(Steering::ZERO));
+    let bad = driven(&mut world.seen_by(views), blind, 15.0);
+    assert!(bad.value(Figure::MeanCte).unwrap() > 1.0, "{bad}");
+}
+
+#[test]
+fn where_nothing_was_recorded_the_road_is_drawn() {
+    let weaving = Weaving::drive(8.0);
+    let (world, views) = seen_by(&weaving, 14.0);
+    assert!((0.03..0.2).contains(&views.covered()), "{}", views.covered());
+    let sights = views.sights();
+    let card = driven(&mut world.seen_by(views), Box::new(PurePursuit::default()), 20.0);
+    let sights = sights.lock().unwrap().clone();
+    assert!(sights.recorded > 60 && sights.drawn > 40, "{sights:?}");
+    assert_eq!(card.value(Figure::OffRoads), Some(0.0), "{card}");
+}
+
+#[test]
+fn the_program_drives_where_a_data_set_was_recorded() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| program::lapwing_in(dir.path(), "", arguments);
+    run(&["record", "--out", "laps", "--max-time", "10"]);
+    let drive = ["drive", "--world", "laps", "--max-time", "6", "--no-recording"];
+    let (code, out, err) = run(&[&drive[..], &["--json"]].concat());
+    assert_eq!(code, 0, "{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let seen = &result["seen"];
+    assert!(seen["recorded"].as_u64().unwrap() > 80, "{seen}");
+    assert_eq!(seen["drawn"], 0, "{seen}");
+    assert!(result["mean_abs_cte_m"].as_f64().is_none_or(|cte| cte < 0.5), "{result}");
+    let (_, out, _) = run(&drive);
+    assert!(out.contains("\n  recorded          ") && out.contains("% of the road shown"), "{out}");
+    let (code, _, err) = run(&[&drive[..], &["--conditions", "rain=1"]].concat());
+    assert!(code == 2 && err.contains("expected latency_ms or dropped with --world"), "{code}: {err}");
+    std::fs::write(dir.path().join("nothing.txt"), "").unwrap();
+    let (code, _, err) = run(&["drive", "--world", "nowhere"]);
+    assert!(code == 1 && err.contains("nowhere"), "{code}: {err}");
+}
+
+/// Rows of which no part was driven in the track's direction: the road is driven as they were.
+#[test]
+fn the_real_lake_is_driven_clockwise_where_it_was_recorded_clockwise() {
+    let Some(shared) = shared("recordings/lake-clockwise") else { return };
+    let rows = crate::locate::rows(&shared, 0, 260);
+    let path = rows.path().to_str().unwrap();
+    let drive = ["drive", "--world", path, "--max-time", "20", "--speed", "15", "--no-recording", "--json"];
+    let (code, out, err) = program::lapwing_in(rows.path(), "", &drive);
+    assert_eq!(code, 0, "{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    println!("{result:#}");
+    assert!(result["seen"]["recorded"].as_u64().unwrap() > 200, "{result}");
+}
