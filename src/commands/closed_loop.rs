@@ -25,7 +25,7 @@ use lapwing_core::{
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
-    recording::{CameraPosition, ModelId, Recorder, RecorderOptions, RunHeader},
+    recording::{CameraPosition, ModelId, Moment, Recorder, RecorderOptions, Recording, RecordingError, RunHeader},
     replay::{self},
     turn::Turn,
     words::count,
@@ -62,6 +62,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let mut world = RecordedWorld::open(&arguments.source, limit, yaw, located)?.by(protocol);
     let limit = world.limit();
     let (rows, read, stood) = world.rows();
+    let sides = has_side_cameras(&arguments.source)?;
     let config = json!({
         "settings": settings,
         "world": {
@@ -137,7 +138,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             format!("from the lane {}, from pictures {pictures}, from steering {steering}", count(lane, "time"));
         text += &line("recorded turning", turning);
         let [mean, most] = [filled_mean, filled_most].map(|share| 100.0 * share);
-        text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most"));
+        let no_sides = if sides { "" } else { "; no side cameras, so more is filled in the further the car is off" };
+        text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most{no_sides}"));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
         text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));
@@ -153,6 +155,13 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         return Ok(Ended::Failed);
     }
     Ok(ended)
+}
+
+/// Whether a recording has pictures of a side camera, by the first of its moments that has any.
+fn has_side_cameras(source: &Path) -> Result<bool, RecordingError> {
+    // The world has read all of it, and told what cannot be read.
+    let seen = Recording::open(source)?.flatten().find(Moment::is_seen);
+    Ok(seen.is_some_and(|moment| moment.pictures[1..].iter().any(Option::is_some)))
 }
 
 /// Where the recording was driven, if it was on a known road.

@@ -195,6 +195,15 @@ impl Samples {
             let (missing, are) = (count(missing, "picture"), if missing == 1 { "is" } else { "are" });
             tracing::warn!("{path}: {missing} {are} missing; see `lapwing dataset inspect`");
         }
+        let sides = [CameraPosition::Left, CameraPosition::Right];
+        let wants_sides = set == Set::Training && sides.iter().any(|side| selection.cameras.contains(side));
+        if wants_sides && !source.rows.iter().any(|row| sides.iter().any(|side| row.pictures[*side as usize].is_some()))
+        {
+            let path = source.path.display();
+            tracing::info!(
+                "{path}: no side cameras, so nothing is learnt from beside the path, and side_offset has no effect"
+            );
+        }
         let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
         let held_out = |row: usize| blocks.is_some_and(|blocks| blocks.is_validation(row));
         let wanted = |row: usize| {
