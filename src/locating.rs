@@ -1,7 +1,7 @@
 //! Where a recording was driven: on which road, which way round, and where each of its pictures was taken.
 //!
 //! ```text
-//! speed, steering ─▶ motions ─▶ Matcher, on every road and both ways round ─▶ road, places every 20 m
+//! speed, steering ─▶ motions ─▶ odometry::find, on every road and both ways round ─▶ road, places every 20 m
 //!                       │                                                         │
 //! pictures ─────────────┴─▶ Overlay::follow, stretch by stretch ◀── surest place ─┘
 //!                                     └─▶ LocatedDrive
@@ -13,7 +13,6 @@
 
 pub mod drawn;
 mod pictures;
-mod road;
 mod rows;
 mod stretch;
 mod summary;
@@ -30,9 +29,8 @@ use rayon::prelude::*;
 
 use self::{
     pictures::{Job, Pictures, SIZE, decoded},
-    road::{Found, found},
     rows::Rows,
-    stretch::{NEAR_M, Stretch, continuous, cut, parts_of},
+    stretch::{NEAR_M, OnRoad, Stretch, continuous, cut, parts_of},
 };
 pub use self::{
     rows::{Row, RowTruth},
@@ -43,14 +41,16 @@ use lapwing_core::{
     perception::Frame,
     recording::{CameraPosition, RecordingError},
 };
+use lapwing_score::{
+    odometry::{self, Leg},
+    score::Turned,
+};
 use lapwing_sim::{
     camera::Scenery,
     locate::{FOUND, Located, LocatedDrive, Overlay, seen},
     track::{Track, TrackError},
 };
 
-/// A road counts as found if it explains the drive better than every other by this much, as a log likelihood: 150 to 1.
-const SURE: f64 = 5.0;
 /// Rows of each road that are looked at if several explain a drive about as well.
 const SAMPLE: usize = 80;
 
@@ -149,8 +149,9 @@ pub fn locate(
     for part in parts_of(&rows) {
         let way_m = rows[part.clone()].iter().skip(1).map(|row| row.motion.way_m).sum();
         let look = looks.get(&part.start);
-        let likely = found(&rows[part.clone()], look, roads)?;
-        let found = shown(path, &rows, &part, likely, &mut scenes)?;
+        let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
+        let likely = odometry::find(&legs, look, roads.both_ways()?);
+        let found = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
         if let Some(found) = &found {
             let scene = scenes.of(&found.road.name)?;
             for run in continuous(&rows, part.clone()) {
@@ -195,6 +196,21 @@ pub fn locate(
     Ok(LocatedRecording { parts, rows, unreadable })
 }
 
+/// How the car turned from each picture of a recording to the next, by what they show; where they show nothing, and across a
+/// break, as it was steered.
+///
+/// # Errors
+/// What cannot be read of the run or the driving log.
+pub fn turns(path: &Path) -> Result<Vec<Turned>, RecordingError> {
+    let Rows { rows, .. } = Rows::read(path)?;
+    let turned = |pair: &[Row]| {
+        let [before, row] = pair else { return None };
+        let turn_rad = row.motion.turn_rad;
+        row.broken.is_none().then_some(Turned { after: before.moment, to: row.moment, turn_rad })
+    };
+    Ok(rows.windows(2).filter_map(turned).collect())
+}
+
 /// Tracks, and what stands beside them, made on first use.
 struct Scenes<'a> {
     roads: &'a Roads,
@@ -219,15 +235,15 @@ fn shown(
     path: &Path,
     rows: &[Row],
     part: &Range<usize>,
-    likely: Vec<Found>,
+    (likely, legs): (odometry::Found, &[Leg]),
     scenes: &mut Scenes,
-) -> Result<Option<Found>, LocateError> {
-    let sure = likely.get(1).is_none_or(|next| likely[0].evidence - next.evidence > SURE);
-    if sure {
-        return Ok(likely.into_iter().next());
+) -> Result<Option<OnRoad>, LocateError> {
+    if let Some(on) = likely.sure() {
+        return Ok(Some(OnRoad::new(on, legs)));
     }
-    let mut best: Option<(f64, Found)> = None;
-    for found in likely {
+    let mut best: Option<(f64, OnRoad)> = None;
+    for on in &likely.likely {
+        let found = OnRoad::new(on, legs);
         let scene = scenes.of(&found.road.name)?;
         let cuts = continuous(rows, part.clone()).into_iter().flat_map(|run| cut(&run, part, rows, &found, &scene.0));
         let surest = |stretch: &Stretch| {

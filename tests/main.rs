@@ -1,6 +1,7 @@
 //! The integration tests, one binary: every further one would link libtorch again.
 
 mod architecture;
+mod blind;
 mod bridge;
 mod closed_loop;
 mod corpus;

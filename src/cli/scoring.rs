@@ -106,8 +106,8 @@ pub struct Score {
     /// Print the scorecards as JSON
     #[arg(long)]
     pub json: bool,
-    /// Print what each figure means, and its source
-    #[arg(long, exclusive = true)]
+    /// Print what each figure means, and its source; with RUN, how well each known road explains a run without positions
+    #[arg(long, conflicts_with = "json")]
     pub explain: bool,
 }
 

@@ -8,6 +8,7 @@ use super::{Ended, outputs, thresholds};
 use crate::{
     cli,
     known::{Roads, outline, whereabouts},
+    locating::turns,
 };
 use lapwing_core::{recording::Item, words::count};
 use lapwing_score::score::{
@@ -27,7 +28,7 @@ struct PagedRun {
 }
 
 pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Result<Ended> {
-    if arguments.explain {
+    if arguments.explain && arguments.runs.is_empty() {
         super::print(&explained())?;
         return Ok(Ended::Passed);
     }
@@ -41,7 +42,11 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         let name = path.display().to_string();
         let mut collector = arguments.html.is_some().then(Collector::default);
         let watch = |at: Duration, item: &Item| collector.iter_mut().for_each(|collector| collector.item(at, item));
-        let scorer = || Ok::<_, anyhow::Error>(Scorer::on(roads.known()?, Some(arguments.laps)));
+        let recording = path.clone();
+        let scorer = || {
+            let turns = move || turns(&recording).map_err(|error| error.to_string());
+            Ok::<_, anyhow::Error>(Scorer::on(roads.both_ways()?, Some(arguments.laps)).seeing(turns))
+        };
         match JudgedRun::open(path, &limits, scorer, watch) {
             Ok(judged) => {
                 runs.push(PagedRun { drawn: collector.map(|collector| drawn(collector, &judged, &roads)), judged })
@@ -64,6 +69,10 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let result = match &judged[..] {
         _ if arguments.json => Some(serde_json::to_string_pretty(&report)?),
         [] => None,
+        runs if arguments.explain => {
+            let told = runs.iter().map(|run| format!("{}\n{}\n{}", run.title(), run.card, run.card.roads_tried()));
+            Some(told.map(|told| told.trim_end().to_owned()).collect::<Vec<_>>().join("\n\n"))
+        }
         [run] => Some(format!("{}\n{}", run.title(), run.card)),
         _ => Some(report.table()),
     };

@@ -13,7 +13,7 @@ use lapwing_core::{
     recording::{Break, Moment, Picture, Recording, RecordingError},
     units::{Degrees, Metres},
 };
-use lapwing_score::odometry::Look;
+use lapwing_score::odometry::{Leg, Look};
 use lapwing_sim::along::{Pyramid, turn};
 
 /// A moment with a picture.
@@ -31,6 +31,13 @@ pub struct Row {
     pub broken: Option<Break>,
     /// What the recording itself tells of the place.
     pub truth: Option<RowTruth>,
+}
+
+impl Row {
+    /// How the car came to it, as the road is found by.
+    pub(super) fn leg(&self) -> Leg {
+        Leg { motion: self.motion, apart_s: self.apart_s, broken: self.broken }
+    }
 }
 
 /// Where the car was, by a simulator that tells it.
@@ -60,6 +67,9 @@ const BLOCK: usize = 64;
 /// No car on its tyres turns faster, in radians a second.
 const FASTEST_TURN: f64 = 1.5;
 
+/// A row, and what it looks like if it begins something.
+type Seen = (Row, Option<Look>);
+
 /// What a recording tells before its pictures are laid over a road.
 pub(super) struct Rows {
     /// The moments with a picture.
@@ -85,7 +95,7 @@ impl Rows {
             let before = std::mem::replace(&mut last, block.last().map(|(_, picture)| picture.clone()));
             Some(Ok((before, block)))
         });
-        let mut blocks: Vec<(usize, Vec<(Row, Option<Look>)>)> = blocks
+        let mut blocks: Vec<(usize, Vec<Seen>)> = blocks
             .enumerate()
             .par_bridge()
             .map(|(i, block)| block.map(|(before, block)| (i, turned(before.as_ref(), block))))
@@ -101,7 +111,7 @@ impl Rows {
 }
 
 /// Rows whose turning comes from their pictures, where they show it, and what those look like that begin something.
-fn turned(before: Option<&Picture>, block: Vec<(Row, Picture)>) -> Vec<(Row, Option<Look>)> {
+fn turned(before: Option<&Picture>, block: Vec<(Row, Picture)>) -> Vec<Seen> {
     let mut frame = Frame::default();
     let mut seen = |picture: &Picture, begins: bool| {
         if decoded(Some(picture), &mut frame).is_err() {

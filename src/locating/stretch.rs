@@ -1,10 +1,9 @@
 //! The parts, runs and stretches that a recording is cut into, and where each is known to have been.
 
-use std::ops::Range;
+use std::{ops::Range, sync::Arc};
 
-use super::{road::Found, rows::Row};
-use lapwing_core::recording::Break;
-use lapwing_score::odometry::Milestone;
+use super::rows::Row;
+use lapwing_score::odometry::{Leg, Match, Milestone, Road, both_ways, joins};
 use lapwing_sim::{
     locate::{Known, Pose},
     track::Track,
@@ -13,22 +12,29 @@ use lapwing_sim::{
 /// Rows of a stretch, and how many more on either side are looked at to locate its ends as surely as its middle.
 const STRETCH: usize = 250;
 const BESIDE: usize = 40;
-/// A longer gap, in seconds, says nothing about where the car went on.
-const FORGOTTEN_S: f64 = 20.0;
 /// Places that the bends tell are this sure at best, in metres, and as they err alike, less sure than each by itself.
 pub(super) const NEAR_M: f64 = 5.0;
 const ALIKE: f64 = 2.0;
 /// How wrong the distance driven may be, as a share.
 const ASTRAY: f64 = 0.1;
 
+/// A road that a drive may have been on.
+pub(super) struct OnRoad {
+    pub road: Arc<Road>,
+    /// Where the car was on the way: by the bends before and behind each place, where they agree; by those before it; and by
+    /// those behind it.
+    stones: [Vec<Milestone>; 3],
+}
+
+impl OnRoad {
+    pub fn new(on: &Match, legs: &[Leg]) -> Self {
+        Self { road: on.road.clone(), stones: both_ways(on, legs) }
+    }
+}
+
 /// The drives of a recording: where one is joined to another, nothing that is known of one says anything of the other.
 pub(super) fn parts_of(rows: &[Row]) -> Vec<Range<usize>> {
-    let joined = |row: &Row| match row.broken {
-        Some(Break::Joined | Break::Back(_)) => true,
-        Some(Break::Gap(apart)) => apart.as_secs_f64() > FORGOTTEN_S,
-        _ => false,
-    };
-    split(rows, 0..rows.len(), joined)
+    split(rows, 0..rows.len(), |row| row.broken.is_some_and(joins))
 }
 
 /// The runs of rows within a part in which each continues from the one before.
@@ -72,7 +78,13 @@ impl Stretch {
 }
 
 /// Cuts a run of rows into stretches.
-pub(super) fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &Found, track: &Track) -> Vec<Stretch> {
+pub(super) fn cut(
+    run: &Range<usize>,
+    part: &Range<usize>,
+    rows: &[Row],
+    found: &OnRoad,
+    track: &Track,
+) -> Vec<Stretch> {
     let count = run.len().div_ceil(STRETCH).max(1);
     let bound = |i: usize| run.start + run.len() * i / count;
     let mut way_m = 0.0;

@@ -170,7 +170,7 @@ impl Break {
     }
 
     /// What an event says about the moment that follows.
-    pub(super) fn told(event: &EventRecord) -> Option<Self> {
+    pub fn told(event: &EventRecord) -> Option<Self> {
         match event {
             EventRecord::Break { seconds: None } => Some(Self::Joined),
             EventRecord::Break { seconds: Some(seconds) } => Some(match Duration::try_from_secs_f64(seconds.abs()) {

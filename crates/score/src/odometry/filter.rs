@@ -29,7 +29,7 @@ const WEAVING_RAD: f64 = 0.4;
 const WEAVING: f64 = 0.2;
 const CHANGES: f64 = 0.02;
 /// Another observation within this many metres adds nothing new.
-const NEW_AFTER_M: f64 = 10.0;
+pub(super) const NEW_AFTER_M: f64 = 10.0;
 /// No observation counts against a place by more than this, in squared standard deviations: cars do leave roads.
 const AGAINST: f64 = 12.0;
 /// Over this many metres a road must explain a drive by more than half of that, or the search for the car starts again.
@@ -38,11 +38,11 @@ const LOST_AFTER_M: f64 = 40.0;
 const LOST_WITHIN_M: f64 = 20.0;
 /// The least average log likelihood of an observation on the right road: real drives reach -0.6 on the lake and -1.9 in
 /// the jungle; drives around unknown roads -2.6 at best.
-const EXPLAINED: f64 = -2.3;
+pub const EXPLAINED: f64 = -2.3;
 /// Metres between two checks of where the car is and how far it has certainly come.
 const SURE_EVERY_M: f64 = 20.0;
 /// Standard deviation, in metres, above which the car's place counts as unknown.
-const VAGUE_M: f64 = 15.0;
+pub(super) const VAGUE_M: f64 = 15.0;
 /// What is unknown about the car, as standard deviations: the scale of a reported metre, the gain of a reported radian
 /// (tyres slip), and the drift over a metre.
 const SCALE: f64 = 0.01;
@@ -356,7 +356,7 @@ impl Filter {
         let explains = self.is_anchored || self.evidence > EXPLAINED * (self.way_m / NEW_AFTER_M).max(1.0);
         let (road, place) = (self.road.clone(), self.settled());
         let trail = self.trail.iter().copied().chain(self.milestone(place)).collect();
-        Match { road, evidence: self.evidence, explains, place, sure_m: self.sure_m, trail }
+        Match { road, evidence: self.evidence, explains, place, sure_m: self.sure_m, trail, tried_m: self.way_m }
     }
 }
 

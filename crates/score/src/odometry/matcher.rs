@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use lapwing_core::motion::Motion;
 
-use super::{Filter, Milestone, Road, Whereabouts};
+use super::{Filter, Milestone, Road, Whereabouts, filter::NEW_AFTER_M};
 
 /// Motions are collected over this many metres.
 pub const STEP_M: f64 = 2.0;
@@ -29,6 +29,16 @@ pub struct Match {
     pub sure_m: f64,
     /// Where it was on the way there, about every 20 m if that was known.
     pub trail: Vec<Milestone>,
+    /// Metres driven while this road was tried: less than all where it was given up.
+    pub tried_m: f64,
+}
+
+impl Match {
+    /// How well the road explains the drive, as a log likelihood for each 10 m; below [`EXPLAINED`](super::EXPLAINED) it does
+    /// not.
+    pub fn fit(&self) -> f64 {
+        self.evidence / (self.tried_m / NEW_AFTER_M).max(1.0)
+    }
 }
 
 /// Follows a car on all known roads at once.

@@ -2,7 +2,8 @@
 //!
 //! Speed and steering say how far the car went and how it turned; a known road says where it bends. A particle filter
 //! for each known road ([`Filter`]) compares the two, and [`Matcher`] says which road explains the drive best and where
-//! on it the car is. The method is that of Monte Carlo localisation (Thrun, Burgard and Fox, Probabilistic Robotics,
+//! on it the car is; [`find`] puts that together with what the drive's start looks like, for scoring and for locating
+//! alike. The method is that of Monte Carlo localisation (Thrun, Burgard and Fox, Probabilistic Robotics,
 //! 2005, chapter 8), with the fact that drivers stay on the road in place of a sensor.
 //!
 //! Pictures identify a place that was seen before ([`Look`]): the start of a known road, or the drive's own beginning,
@@ -12,6 +13,7 @@
 //! [`STEP_M`].
 
 mod filter;
+mod finder;
 mod look;
 mod matcher;
 mod revisits;
@@ -20,7 +22,8 @@ use std::f64::consts::PI;
 
 use lapwing_core::motion::turn;
 
-pub use filter::{Filter, Milestone, Whereabouts};
+pub use filter::{EXPLAINED, Filter, Milestone, Whereabouts};
+pub use finder::{Found, Leg, SURE, Tried, both_ways, find, joins};
 pub use look::Look;
 pub use matcher::{Match, Matcher, STEP_M};
 pub use revisits::{BEGINNING_M, EVERY_M, laps};
@@ -72,6 +75,16 @@ impl Road {
         }
     }
 
+    /// Whether a lap of it turns to the right, all bends taken together.
+    pub fn is_clockwise(&self) -> bool {
+        self.headings[self.headings.len() - 1] > self.headings[0]
+    }
+
+    /// Its name, and the way round if that is not its own.
+    pub fn words(&self) -> String {
+        words(&self.name, self.reversed)
+    }
+
     /// The heading at any distance along it, over any number of laps.
     fn heading(&self, s: f64) -> f64 {
         let (first, last) = (self.headings[0], self.headings[self.headings.len() - 1]);
@@ -82,6 +95,11 @@ impl Road {
         let part = place - i as f64;
         self.headings[i] * (1.0 - part) + self.headings[i + 1] * part + laps * (last - first)
     }
+}
+
+/// A road's name, and the way round if that is not its own.
+pub fn words(road: &str, reversed: bool) -> String {
+    format!("{road}{}", if reversed { ", the other way round" } else { "" })
 }
 
 #[cfg(test)]

@@ -115,7 +115,7 @@ pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
     // `drive` stores the settings beside the world; `serve` stores nothing else.
     let settings = header.config.get("settings").unwrap_or(&header.config);
     let mph = settings.pointer("/control/speed_mph").and_then(Value::as_f64).map(|mph| format!("{mph} mph"));
-    let track = card.track.clone().unwrap_or_else(|| UNKNOWN.to_owned());
+    let track = card.road().unwrap_or_else(|| UNKNOWN.to_owned());
     [Some(track), card.scenario.clone(), mph].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 

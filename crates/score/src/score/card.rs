@@ -7,14 +7,14 @@ use serde::{
     ser::{Error, SerializeMap},
 };
 
-use super::{Figure, Latency, Measure, STAGES, Unit};
+use super::{DriveFound, Figure, Latency, Measure, STAGES, Unit};
 
 /// The schema of a scorecard's JSON. A key's meaning never changes under one number; new keys may be added.
 pub const SCHEMA: &str = "lapwing.scorecard/1";
 
 /// The score of a run.
 ///
-/// As JSON it is one object: `schema`; `track`, `scenario`, `ended`, `laps_asked`, each a value or null; a number or null
+/// As JSON it is one object: `schema`; `track`, `scenario`, `ended`, `laps_asked`, each a value or null; `drives`, the [`DriveFound`]s of a run without positions; a number or null
 /// under the key of each [`Figure`]; `lap_times_s`; `latency_ms` with p50, p95 and p99 of each of the [`STAGES`] that were
 /// measured; `estimates`, which names the figures, and lap times, that are estimates with `uncertainty` and `from`; `not_measurable`,
 /// which gives the reason of each null; `damaged`, where parts of the file cannot be read; and `notes` in words.
@@ -28,6 +28,8 @@ pub struct Scorecard {
     pub ended: Option<String>,
     /// Laps asked for.
     pub laps_asked: Option<u32>,
+    /// Of a run that reports no position: its drives, and on which road each seems to have been.
+    pub drives: Vec<DriveFound>,
     /// How long each lap took, in seconds.
     pub lap_times_s: Vec<f64>,
     /// How far off each of them may be, in seconds, if they are estimates.
@@ -74,6 +76,7 @@ impl Figures {
             scenario: None,
             ended: None,
             laps_asked: None,
+            drives: vec![],
             lap_times_s: vec![],
             lap_times_off_s: None,
             lap_times_from: "",
@@ -118,6 +121,7 @@ impl Serialize for Scorecard {
         map.serialize_entry("scenario", &self.scenario)?;
         map.serialize_entry("ended", &self.ended)?;
         map.serialize_entry("laps_asked", &self.laps_asked)?;
+        map.serialize_entry("drives", &self.drives)?;
         let (mut estimates, mut unknown) = (BTreeMap::new(), BTreeMap::new());
         for figure in Figure::ALL {
             let measure = self.get(figure);

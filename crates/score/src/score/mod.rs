@@ -12,6 +12,7 @@
 //! | `clock` | the time of the run, by the simulator's clock or the recording's |
 //! | `told` | events from telemetry beyond the stock build's, as a judge would have reported them |
 //! | `blind` | estimates of what the stock build does not report |
+//! | `drives` | on which road each drive was, as it is told |
 //! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that need a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | [`files`], [`report`] | the runs that paths stand for, and the report on all of them |
@@ -24,6 +25,7 @@ mod blind;
 mod braking;
 mod card;
 mod clock;
+mod drives;
 pub mod figure;
 pub mod files;
 mod infractions;
@@ -42,6 +44,7 @@ mod thresholds;
 mod told;
 
 pub use card::{SCHEMA, Scorecard};
+pub use drives::{DriveFound, OnRoad, RoadTried, Turned};
 pub use figure::{Better, Figure, SOURCES, Unit};
 pub use latency::{Latency, STAGES};
 pub use measure::Measure;

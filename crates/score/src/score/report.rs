@@ -82,7 +82,7 @@ impl JudgedRun {
     /// The run, its model and its track.
     pub fn title(&self) -> String {
         let driver = self.model().map_or_else(String::new, |model| format!(", {model}"));
-        let track = self.card.track.as_ref().map_or_else(String::new, |track| format!(" on {track}"));
+        let track = self.card.road().map_or_else(String::new, |road| format!(" on {road}"));
         let seed = self.header.seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
         format!("{}{driver}{track}{seed}", self.name())
     }

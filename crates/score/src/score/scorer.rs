@@ -15,6 +15,7 @@ use super::{
     blind::Blind,
     braking::Braking,
     clock::RunClock,
+    drives::{Sight, Turned},
     infractions::Struck,
     latency::Stages,
     smoothness::{GAP_S, Tick, Wheel},
@@ -23,7 +24,7 @@ use super::{
 use crate::odometry::Road;
 use lapwing_core::{
     protocol::Telemetry,
-    recording::{By, CommandRecord, EventRecord, Item, RunKind},
+    recording::{Break, By, CommandRecord, EventRecord, Item, RunKind},
     turn::MeasuredLine,
     units::{MPS_PER_MPH, Metres},
 };
@@ -119,6 +120,13 @@ impl Scorer {
         Self { blind: Blind::new(roads, laps_asked), ..Self::default() }
     }
 
+    /// The same scorer, which may look at the pictures of the whole recording: in its order, how the car turned between
+    /// them. It does so where speed and steering do not tell the road, and notes the reason if it cannot.
+    pub fn seeing(mut self, look: impl Fn() -> Result<Vec<Turned>, String> + Send + Sync + 'static) -> Self {
+        self.blind.sight = Some(Sight(Arc::new(look)));
+        self
+    }
+
     /// A scorer for a drive that may last for days: it stores no telemetry and looks at no picture. Figures that need
     /// either are not measurable; all others equal those of the run's file. It knows the length of these roads.
     pub fn live(roads: &[Arc<Road>]) -> Self {
@@ -188,7 +196,7 @@ impl Scorer {
             self.wheel.sample(sample);
             self.samples.extend((!self.is_live).then_some(sample));
             self.was_put = false;
-            self.blind.telemetry(at, speed_mps, telemetry.steering.get());
+            self.blind.telemetry(self.telemetries as usize - 1, at, speed_mps, telemetry.steering.get());
         }
         self.last = Some((at, speed_mps));
         self.max_mph = self.max_mph.max(mph);
@@ -290,7 +298,7 @@ impl Scorer {
             EventRecord::Reset { .. } => self.put(at),
             EventRecord::Break { .. } => {
                 self.is_cut = true;
-                self.blind.cut();
+                self.blind.cut(Break::told(event).unwrap_or(Break::Joined));
             }
             EventRecord::Stuck => {
                 self.stuck += 1;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Figure as F, Measure, STAGES, Scorecard, Unit};
+use super::{DriveFound, Figure as F, Measure, RoadTried, STAGES, Scorecard, Unit};
 use lapwing_core::words::count as counted;
 
 /// Width of the names before the values.
@@ -55,6 +55,17 @@ impl Scorecard {
         let mut rows: Vec<(&str, String)> = vec![];
         if let Some(why) = &self.ended {
             rows.push(("ended", why.clone()));
+        }
+        match &self.drives[..] {
+            [] => {}
+            [drive] => rows.push(("road", drive.to_string())),
+            drives => {
+                rows.push(("drives", drives.len().to_string()));
+                rows.extend(drives.iter().enumerate().map(|(i, drive)| {
+                    let (first, last) = drive.moments;
+                    ("", format!("{}, telemetries {first} to {last}, {:.0} m: {drive}", i + 1, drive.way_m))
+                }));
+            }
         }
         let laps = match (self.value(F::Laps), self.laps_asked) {
             (Some(laps), Some(asked)) if laps > f64::from(asked) => format!(", {laps:.0} laps, {asked} asked for"),
@@ -185,6 +196,24 @@ impl Scorecard {
         rows.extend(self.latency_rows());
         rows.extend(self.notes.iter().map(|note| ("note", note.clone())));
         rows
+    }
+
+    /// How well each road explains each drive, a line each; nothing if no road had to be found.
+    pub fn roads_tried(&self) -> String {
+        let several = self.drives.len() > 1;
+        let of = |(i, drive): (usize, &DriveFound)| {
+            let name = if several { format!("roads, drive {}", i + 1) } else { "roads tried".to_owned() };
+            let by = format!("by how the car turned, told from its {}", drive.turned_by);
+            let roads = drive.roads.iter().map(RoadTried::to_string);
+            lines(
+                &std::iter::once(by)
+                    .chain(roads)
+                    .zip(0..)
+                    .map(|(told, i)| (if i == 0 { &name } else { "" }, told))
+                    .collect::<Vec<_>>(),
+            )
+        };
+        self.drives.iter().enumerate().map(of).collect::<Vec<_>>().join("\n")
     }
 
     fn latency_rows(&self) -> Option<(&'static str, String)> {

@@ -2,58 +2,46 @@
 //!
 //! | figure | from |
 //! |---|---|
-//! | track, completion, laps | speed and steering on known roads ([`Matcher`]), the look of their starts, and the look of the drive's own beginning ([`laps`]) |
+//! | track, completion, laps | speed and steering on known roads ([`crate::odometry::find`]), in place of the steering how the car turned by its pictures where that tells too little, the look of the roads' starts, and the look of the drive's own beginning ([`crate::odometry::laps`]) |
 //! | lap times, a map | places along the road by distance driven (`passage`) |
 //! | collisions, stuck, survival | speeds that the car cannot reach by itself (`impacts`) |
 //! | autonomy | takeovers and collisions, if all laps were driven: a car that leaves the road for long does not
 //! complete them |
 //!
+//! Drives that are joined in one run are found each by itself (`drive`), and added up.
+//!
 //! `cargo run --release --example blind` compares all of it with the judge of simulated runs.
 
+mod drive;
 mod impacts;
 mod passage;
 
-use std::{collections::BTreeSet, sync::Arc};
+use std::sync::Arc;
 
 use bytes::Bytes;
 
 use self::{
+    drive::{Drive, Placed},
     impacts::Impacts,
-    passage::{DistanceLog, way_to},
+    passage::DistanceLog,
 };
 use super::{
     Figure, Measure,
     card::Figures,
+    drives::{DriveFound, Sight, Turned},
     infractions::{INTERVENTION_S, autonomies},
     scorer::NO_PILOT,
     smoothness::GAP_S,
 };
-use crate::odometry::{BEGINNING_M, EVERY_M, Look, Match, Matcher, Road, laps};
+use crate::odometry::{Leg, Road, joins};
 use lapwing_core::{
     config::Rules,
     motion::{self, Motion},
-    perception::{Frame, decode_jpeg},
+    recording::Break,
 };
 
-/// A road counts as the one that was driven if it explains the drive better than all others by this much, as a log
-/// likelihood: 150 to 1.
-const SURE: f64 = 5.0;
-/// Metres of road needed to recognise it by its bends if no picture shows the start.
-const BENDS_M: f64 = 250.0;
-/// Error of odometry at its best, and additional error if the driver weaves, in metres.
-const NEAR_M: f64 = 3.0;
-const WEAVING_M: f64 = 6.0;
-/// How far the mean of the speeds before and after a gap may be from the mean speed in it, in m/s.
-const UNSEEN_MPS: f64 = 2.5;
-/// How many metres of uncertainty may complete a lap by themselves, and how far from the expected places the ends of
-/// laps are looked for, at least and at most.
-const SURELY_M: f64 = 20.0;
-const SEARCH_M: (f64, f64) = (30.0, 80.0);
 /// Nine of ten collisions are found, and nine of ten found ones are collisions: the example `blind`.
 const IN_TEN: f64 = 0.1;
-
-/// The seed of the particles: the same run always has the same scorecard.
-const SEED: u64 = 0;
 
 const SPEEDS: &str = "speeds that the car cannot lose by itself";
 const INFRACTIONS: &str = "takeovers, and collisions that are suspected";
@@ -67,39 +55,30 @@ const NO_LAP: &str = "the run reports no position, matches no known road, and do
 pub(super) struct Blind {
     /// Laps that were asked for.
     pub laps_asked: Option<u32>,
+    /// Looks at the pictures again, where that is possible.
+    pub sight: Option<Sight>,
+    /// In each direction in which they may be driven.
     roads: Vec<Arc<Road>>,
-    /// None if nobody asks for what is not reported.
-    matcher: Option<Matcher>,
-    /// Whether the first picture was looked at, and whether it showed a known start.
-    has_looked: bool,
-    is_anchored: bool,
+    /// Whether anybody asks for what is not reported.
+    asks: bool,
+    drives: Vec<Drive>,
     /// The last telemetry: seconds, m/s and 1/m.
     last: Option<(f64, f64, f64)>,
-    /// Whether the last telemetry belongs to another drive.
-    is_cut: bool,
+    /// Why the next telemetry does not continue from the last.
+    cut: Option<Break>,
     way_m: f64,
     clock: DistanceLog,
     /// When humans took over, in seconds.
     takeovers: Vec<f64>,
-    /// JPEGs by the metres driven until then.
-    pictures: Vec<(f64, Bytes)>,
-    newest: Option<(f64, Bytes)>,
     impacts: Impacts,
 }
 
 /// What was found.
 #[derive(Debug)]
 pub(super) struct Found {
-    pub track: Option<String>,
-    /// Length of a lap in metres, metres driven along it, how far off the latter may be, and the source.
-    pub way: Option<(f64, f64, f64, &'static str)>,
-    pub laps: Option<u32>,
-    /// Whether the count of laps may be off by one.
-    laps_unsure: bool,
-    /// Metres driven when each lap ended, and how far off that may be; empty unless all are known.
-    lap_ends_m: Vec<(f64, f64)>,
-    /// Times and places along the track.
-    whereabouts: Vec<(f64, f64)>,
+    drives: Vec<Placed>,
+    /// Why the pictures were not looked at, although they should have been.
+    unseen: Option<String>,
 }
 
 /// What else is known about the drive.
@@ -119,15 +98,17 @@ pub(super) struct DriveFacts {
 #[derive(Debug, Default)]
 pub(super) struct Besides {
     pub track: Option<String>,
+    pub drives: Vec<DriveFound>,
     pub lap_times_s: Vec<f64>,
     pub lap_times_off_s: Option<f64>,
     pub whereabouts: Vec<(f64, f64)>,
+    /// What a reader should know about it.
+    pub note: Option<String>,
 }
 
 impl Blind {
     pub fn new(roads: &[Arc<Road>], laps_asked: Option<u32>) -> Self {
-        let matcher = Some(Matcher::new(roads.iter().cloned(), SEED));
-        Self { matcher, roads: roads.into(), laps_asked, ..Self::default() }
+        Self { asks: true, roads: roads.into(), laps_asked, ..Self::default() }
     }
 
     /// A watcher that looks at nothing and only knows the length of these roads.
@@ -135,39 +116,42 @@ impl Blind {
         Self { roads: roads.into(), ..Self::default() }
     }
 
-    pub fn telemetry(&mut self, at: f64, mps: f64, steering_deg: f64) {
+    /// Takes a telemetry, by its number in the run.
+    pub fn telemetry(&mut self, number: usize, at: f64, mps: f64, steering_deg: f64) {
         self.impacts.speed(at, mps);
         let curvature = motion::curvature(steering_deg);
-        if std::mem::take(&mut self.is_cut) {
-            // Another drive on the same road may continue anywhere; mostly it continues after a pause.
-            self.matcher.iter_mut().for_each(|matcher| matcher.skip(0.0, UNSEEN_MPS * GAP_S));
-        } else if let Some((before, was_mps, was_curvature)) = self.last {
-            let apart = at - before;
-            let way_m = apart * (mps + was_mps) / 2.0;
-            self.way_m += way_m;
-            let turn_rad = way_m * (curvature + was_curvature) / 2.0;
-            match &mut self.matcher {
-                // While a human drives, the simulator reports nothing.
-                Some(matcher) if apart > GAP_S => matcher.skip(way_m, UNSEEN_MPS * apart),
-                Some(matcher) => matcher.step(Motion { way_m, turn_rad }),
-                None => {}
-            }
+        let cut = self.cut.take();
+        let leg = self.last.map(|(before, was_mps, was_curvature)| {
+            let apart_s = at - before;
+            let way_m = apart_s * (mps + was_mps) / 2.0;
+            let motion = Motion { way_m, turn_rad: way_m * (curvature + was_curvature) / 2.0 };
+            // While a human drives, the simulator reports nothing.
+            let gap = (apart_s > GAP_S).then_some(Break::TakenOver);
+            Leg { motion, apart_s, broken: cut.or(gap) }
+        });
+        if let Some(leg) = leg {
+            // Nothing was driven between two drives.
+            self.way_m += if leg.broken.is_some_and(joins) { 0.0 } else { leg.motion.way_m };
         }
-        if self.matcher.is_some() {
+        if self.asks {
+            match (leg, self.drives.last_mut()) {
+                (Some(leg), Some(drive)) if !leg.broken.is_some_and(joins) => drive.leg(number, leg),
+                _ => self.drives.push(Drive::begin(at, self.way_m, number)),
+            }
             self.clock.note(at, self.way_m);
         }
         self.last = Some((at, mps, curvature));
     }
 
     /// The next telemetry does not continue from the last one.
-    pub fn cut(&mut self) {
-        self.is_cut = true;
+    pub fn cut(&mut self, broken: Break) {
+        self.cut = Some(broken);
         self.impacts.cut();
     }
 
     /// What the last telemetry suggests, once, if anybody asks.
     pub fn suspicion(&mut self) -> Option<&'static str> {
-        self.impacts.suspicion.take().filter(|_| self.matcher.is_some())
+        self.impacts.suspicion.take().filter(|_| self.asks)
     }
 
     pub fn takeover(&mut self, at: f64) {
@@ -179,59 +163,9 @@ impl Blind {
     }
 
     pub fn frame(&mut self, jpeg: &Bytes) {
-        if self.matcher.is_none() {
-            return; // nobody asks
+        if let Some(drive) = self.drives.last_mut() {
+            drive.frame(self.way_m, jpeg);
         }
-        if !std::mem::replace(&mut self.has_looked, true) {
-            self.look_around(jpeg);
-        }
-        let apart = if self.way_m < BEGINNING_M { 1.0 } else { EVERY_M };
-        if self.pictures.last().is_none_or(|(way, _)| self.way_m - way >= apart) {
-            // A copy, as the original would keep a whole chunk of the file in memory.
-            self.pictures.push((self.way_m, Bytes::copy_from_slice(jpeg)));
-            self.newest = None;
-        } else {
-            self.newest = Some((self.way_m, jpeg.clone()));
-        }
-    }
-
-    /// Whether the drive begins where a known road does.
-    fn look_around(&mut self, jpeg: &[u8]) {
-        let Some(look) = look(jpeg, &mut Frame::default()) else { return };
-        let agrees = |road: &&Arc<Road>| road.start.as_ref().map_or(0.0, |start| start.agrees(&look));
-        let best = self.roads.iter().max_by(|a, b| agrees(a).total_cmp(&agrees(b)));
-        if let Some(road) = best.filter(|road| agrees(road) >= Look::SAME && self.way_m < NEAR_M) {
-            self.matcher = Some(Matcher::at_start(road.clone(), SEED));
-            self.is_anchored = true;
-        }
-    }
-
-    /// The looks of the pictures at these places; pictures that cannot be decoded are skipped.
-    fn looks(&self, at: impl Fn(f64) -> bool) -> Vec<(f64, Look)> {
-        let mut frame = Frame::default();
-        let pictures = self.pictures.iter().filter(|(way, _)| at(*way));
-        pictures.filter_map(|(way, jpeg)| Some((*way, look(jpeg, &mut frame)?))).collect()
-    }
-
-    /// The road that was driven.
-    fn road(&mut self) -> Option<Match> {
-        let matches = self.matcher.as_mut()?.matches();
-        let margin = matches.get(1).map(|second| matches[0].evidence - second.evidence);
-        let best = matches.into_iter().next()?;
-        let sure = self.is_anchored || (margin.is_none_or(|margin| margin > SURE) && self.way_m > BENDS_M);
-        (sure && best.explains).then_some(best)
-    }
-
-    /// Whether the first return to the drive's beginning is one lap of this road away.
-    fn comes_around(&self, on: &Match) -> bool {
-        let lap_m = self.lap_m(on);
-        let once_around = self.looks(|way| way <= lap_m + SEARCH_M.1 + BEGINNING_M);
-        laps(&once_around).first().is_none_or(|way| (way - lap_m).abs() < SEARCH_M.1)
-    }
-
-    /// Length of a lap as measured by the reported speeds.
-    fn lap_m(&self, on: &Match) -> f64 {
-        on.road.length_m * if on.place.progress_m > 0.0 { self.way_m / on.place.progress_m } else { 1.0 }
     }
 
     /// The roads that are known.
@@ -241,97 +175,85 @@ impl Blind {
 
     /// Stops searching: the world itself reports what happens.
     pub fn stand_down(&mut self) {
-        self.matcher = None;
+        self.asks = false;
+        self.drives.clear();
     }
 
     /// Things kept of telemetries and pictures.
     #[cfg(test)]
     pub fn kept(&self) -> usize {
-        self.pictures.len() + self.clock.len()
+        self.clock.len() + self.drives.iter().map(Drive::kept).sum::<usize>()
     }
 
-    /// Looks for the road and the laps, if anybody asks.
+    /// Looks for the road and the laps of each drive, if anybody asks.
     pub fn find(&mut self) -> Option<Found> {
-        self.matcher.as_ref()?;
-        Some(self.found())
+        self.asks.then(|| self.found())
     }
 
     fn found(&mut self) -> Found {
-        self.pictures.extend(self.newest.take()); // a lap may end with the run
-        let Some(on) = self.road().filter(|on| self.is_anchored || self.comes_around(on)) else {
-            let seen = laps(&self.looks(|_| true));
-            // The length of a lap is unknown until the beginning is seen again.
-            let lap =
-                seen.first().map(|lap_m| (*lap_m, self.way_m, NEAR_M, "pictures of the drive's beginning, seen again"));
-            let laps = (!seen.is_empty()).then_some(seen.len() as u32);
-            let lap_ends_m = seen.into_iter().map(|way_m| (way_m, NEAR_M)).collect();
-            let whereabouts = vec![];
-            return Found { track: None, way: lap, laps, laps_unsure: false, lap_ends_m, whereabouts };
-        };
-        let (length_m, progress_m) = (on.road.length_m, on.place.progress_m.max(0.0));
-        let near = |deviation_m: f64| (2.0 * deviation_m).hypot(WEAVING_M);
-        let near_m = near(on.place.deviation_m);
-        let search_m = (3.0 * near_m).clamp(SEARCH_M.0, SEARCH_M.1);
-        let counted = ((progress_m + near_m.min(SURELY_M)) / length_m) as u32;
-        let from_line = (progress_m - length_m * (progress_m / length_m).round()).abs();
-        let lap_m = self.lap_m(&on);
-        let from_lap = |way: f64| ((way / lap_m) - (way / lap_m).round()).abs() * length_m;
-        let expected = |way: f64| way > lap_m / 2.0 && from_lap(way) < search_m + BEGINNING_M;
-        let again = laps(&self.looks(|way| way <= BEGINNING_M || expected(way)));
-        // Places a little before and after the start may look like it: count one per lap.
-        let near_lines = again.into_iter().filter(|way| from_lap(*way) < search_m);
-        let seen = near_lines.map(|way| (way / lap_m).round() as u32).collect::<BTreeSet<_>>().len() as u32;
-        // If the car has left the road since, it had still driven these.
-        let sure = ((on.sure_m / length_m) as u32).max(seen);
-        let laps = counted.max(sure);
-        let lap_end = |lap: u32| {
-            let end_m = f64::from(lap) * length_m;
-            // A lap that is counted already may seem to end just after the drive's end.
-            let at_end = || ((end_m - progress_m).abs() <= near_m).then_some((self.way_m, on.place.deviation_m));
-            way_to(end_m, &on.trail).or_else(at_end).map(|(way_m, deviation_m)| (way_m, near(deviation_m)))
-        };
-        Found {
-            track: Some(on.road.name.clone()),
-            way: Some((length_m, progress_m, near_m.min(length_m / 2.0), "bends driven, matched with known roads")),
-            laps: Some(laps),
-            laps_unsure: from_line < near_m && sure < counted,
-            lap_ends_m: (1..=laps).map(lap_end).collect::<Option<_>>().unwrap_or_default(),
-            whereabouts: self.clock.whereabouts(&on.trail, length_m),
+        let (mut turns, mut unseen): (Option<Vec<Turned>>, Option<String>) = (None, None);
+        let mut drives = vec![];
+        for drive in &mut self.drives {
+            let (mut found, mut by_pictures) = (drive.find(&self.roads), false);
+            if let Some(sight) = self.sight.as_ref().filter(|_| drive.may_turn_otherwise(&found)) {
+                let turns = turns.get_or_insert_with(|| {
+                    (sight.0)().unwrap_or_else(|why| {
+                        unseen = Some(format!("how the car turned is told by its steering alone: {why}"));
+                        vec![]
+                    })
+                });
+                if drive.turn(turns) {
+                    (found, by_pictures) = (drive.find(&self.roads), true);
+                }
+            }
+            drives.push(drive.placed(&found, by_pictures, &self.clock));
         }
+        Found { drives, unseen }
     }
 
     /// Fills in what the run itself does not report; if it `tells` something, its reasons stay.
     pub fn fill(self, found: Found, figures: &mut Figures, drive: &DriveFacts, tells: bool) -> Besides {
         use Figure as F;
-        match (found.way, found.laps) {
-            (Some((.., from)), Some(laps)) => {
-                figures.suggest(F::Laps, estimate(laps.into(), if found.laps_unsure { 1.0 } else { 0.0 }, from));
+        let laps = found.laps();
+        match (found.from(), laps) {
+            (Some(from), Some(laps)) => {
+                figures.suggest(F::Laps, estimate(laps.into(), found.laps_off(&self.roads), from))
             }
             _ if tells => {}
             _ => figures.told(F::Laps, None, NO_LAP),
         }
         // A car that has certainly driven all laps has done so, wherever it went afterwards.
-        let is_whole = self.laps_asked.is_some_and(|asked| found.laps >= Some(asked.max(1)) && !found.laps_unsure);
-        match (found.way, self.laps_asked) {
-            (Some((length_m, progress_m, near_m, from)), Some(asked)) => {
+        let surely = found
+            .drives
+            .iter()
+            .map(|drive| drive.laps.unwrap_or(0).saturating_sub(drive.laps_unsure.into()))
+            .sum::<u32>();
+        let is_whole = self.laps_asked.is_some_and(|asked| surely >= asked.max(1));
+        match (found.from(), self.laps_asked) {
+            (Some(from), Some(asked)) => {
                 let asked = f64::from(asked.max(1));
-                // Completion is counted in waypoints here, too.
-                let waypoints = (length_m / Rules::default().waypoint_spacing_m).round().max(3.0);
-                let reached = (progress_m / length_m * waypoints).floor() / waypoints;
-                let share = reached.max(found.laps.unwrap_or(0).into()) / asked;
-                let unsure = if is_whole { 0.0 } else { (near_m / length_m + 1.0 / waypoints) / asked };
-                figures.suggest(F::Completion, estimate(share.min(1.0), unsure, from));
+                let (driven, unsure) = found.completed();
+                let unsure = if is_whole { found.waypoint() } else { unsure };
+                figures.suggest(F::Completion, estimate((driven / asked).min(1.0), unsure / asked, from));
             }
             _ if tells => {}
             _ => figures.told(F::Completion, None, UNKNOWN_ROAD),
         }
         self.infractions(figures, drive, is_whole);
-        let (ends_m, off_m): (Vec<_>, Vec<_>) = found.lap_ends_m.into_iter().unzip();
-        let lap_times_s = self.clock.laps(&ends_m);
-        let longest_s = lap_times_s.iter().copied().reduce(f64::max);
-        let off_m = off_m.into_iter().fold(0.0, f64::max);
-        let lap_times_off_s = longest_s.zip(found.way).map(|(time_s, (length_m, ..))| time_s * off_m / length_m);
-        Besides { track: found.track, lap_times_s, lap_times_off_s, whereabouts: found.whereabouts }
+        let track = found.track();
+        let Found { drives, unseen } = found;
+        let mut besides = Besides { track, note: unseen, ..Besides::default() };
+        for placed in drives {
+            besides.lap_times_s.extend(placed.lap_times_s);
+            besides.lap_times_off_s =
+                besides.lap_times_off_s.into_iter().chain(placed.lap_times_off_s).reduce(f64::max);
+            // A map shows one track.
+            if placed.told.on.as_ref().map(|on| &on.track) == besides.track.as_ref() {
+                besides.whereabouts.extend(placed.whereabouts);
+            }
+            besides.drives.push(placed.told);
+        }
+        besides
     }
 
     /// Infractions, and figures that depend on them.
@@ -380,14 +302,70 @@ impl Blind {
     }
 }
 
-fn estimate(value: f64, uncertainty: f64, from: &'static str) -> Measure {
-    Measure::Estimate { value, uncertainty, from }
+impl Found {
+    /// The track of all drives whose road is known, if that is one.
+    fn track(&self) -> Option<String> {
+        let mut tracks = self.drives.iter().filter_map(|drive| Some(&drive.told.on.as_ref()?.track));
+        let first = tracks.next()?;
+        tracks.all(|track| track == first).then(|| first.clone())
+    }
+
+    /// Length of a lap, in metres.
+    pub fn lap_m(&self) -> Option<f64> {
+        self.drives.iter().find_map(|drive| drive.way).map(|(length_m, ..)| length_m)
+    }
+
+    /// Whole laps, each drive's counted by itself; `None` if none can be counted.
+    pub fn laps(&self) -> Option<u32> {
+        let counted = self.drives.iter().filter_map(|drive| drive.laps);
+        self.drives.iter().any(|drive| drive.laps.is_some()).then(|| counted.sum())
+    }
+
+    fn from(&self) -> Option<&'static str> {
+        self.drives.iter().find_map(|drive| drive.way).map(|(.., from)| from)
+    }
+
+    /// By how many laps the count may be off: by one for each drive that ends about where a lap does, and by all that a drive
+    /// on an unknown road may have driven.
+    fn laps_off(&self, roads: &[Arc<Road>]) -> f64 {
+        let unsure = self.drives.iter().filter(|drive| drive.laps_unsure).count() as f64;
+        let shortest_m = roads.iter().map(|road| road.length_m).reduce(f64::min);
+        let uncounted = self.drives.iter().filter(|drive| drive.laps.is_none());
+        let most: f64 = uncounted.map(|drive| shortest_m.map_or(0.0, |lap_m| (drive.told.way_m / lap_m).floor())).sum();
+        unsure.max(1.0) + most
+    }
+
+    /// The share of a lap that one waypoint is: completion is counted in waypoints here, too.
+    fn waypoint(&self) -> f64 {
+        self.drives
+            .iter()
+            .filter_map(|drive| drive.way)
+            .map(|(length_m, ..)| 1.0 / waypoints(length_m))
+            .fold(0.0, f64::max)
+    }
+
+    /// Whole laps and the furthest that one more came, in laps, and how far off that may be.
+    fn completed(&self) -> (f64, f64) {
+        let whole = f64::from(self.laps().unwrap_or(0));
+        let begun = |drive: &Placed| {
+            let (length_m, progress_m, near_m, _) = drive.way?;
+            let reached = (progress_m / length_m * waypoints(length_m)).floor() / waypoints(length_m);
+            Some((reached - f64::from(drive.laps.unwrap_or(0)), near_m / length_m))
+        };
+        let all = self.drives.iter().filter_map(begun);
+        let (more, off) =
+            all.fold((0.0, 0.0), |(more, off), (begun, near)| (f64::max(more, begun), f64::max(off, near)));
+        (whole + more, off + self.waypoint())
+    }
 }
 
-/// The look of a picture, which is decoded into `frame`; `None` if it cannot be.
-fn look(jpeg: &[u8], frame: &mut Frame) -> Option<Look> {
-    decode_jpeg(jpeg, frame).ok()?;
-    Look::of(frame)
+/// How many waypoints a lap of this length has.
+fn waypoints(length_m: f64) -> f64 {
+    (length_m / Rules::default().waypoint_spacing_m).round().max(3.0)
+}
+
+fn estimate(value: f64, uncertainty: f64, from: &'static str) -> Measure {
+    Measure::Estimate { value, uncertainty, from }
 }
 
 #[cfg(test)]

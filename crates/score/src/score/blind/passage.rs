@@ -1,5 +1,7 @@
 //! The car's position over time, from its positions by distance driven.
 
+use std::ops::Range;
+
 use crate::odometry::Milestone;
 
 /// Most metres driven between a known place and one extrapolated from it.
@@ -35,23 +37,23 @@ impl DistanceLog {
 
     /// The time between each of these distances and the one before, the first from the drive's beginning, in seconds;
     /// empty if one of them was not driven.
-    pub fn laps(&self, ways_m: &[f64]) -> Vec<f64> {
-        let Some(&(first, _)) = self.0.first() else { return vec![] };
+    pub fn laps(&self, began_s: f64, ways_m: &[f64]) -> Vec<f64> {
         let Some(ends) = ways_m.iter().map(|way| self.at(*way)).collect::<Option<Vec<f64>>>() else { return vec![] };
-        let begins = std::iter::once(first).chain(ends.iter().copied());
+        let begins = std::iter::once(began_s).chain(ends.iter().copied());
         ends.iter().zip(begins).map(|(end, begin)| end - begin).collect()
     }
 
-    /// Its places along a road of this length over time: seconds and metres. Between milestones, the metres driven are
-    /// added.
-    pub fn whereabouts(&self, trail: &[Milestone], length_m: f64) -> Vec<(f64, f64)> {
+    /// Its places along a road of this length over time, while these metres were driven: seconds and metres. Between
+    /// milestones, the metres driven are added.
+    pub fn whereabouts(&self, trail: &[Milestone], within: Range<f64>, length_m: f64) -> Vec<(f64, f64)> {
         let place = |&(at, way_m): &(f64, f64)| {
             let passed = trail.partition_point(|milestone| milestone.way_m <= way_m);
             let near = trail.get(passed.saturating_sub(1))?;
             let on = way_m - near.way_m;
             (on.abs() <= FURTHEST_M).then(|| (at, (near.s_m + on).rem_euclid(length_m)))
         };
-        self.0.iter().filter_map(place).collect()
+        let driven = self.0.iter().filter(|(_, way_m)| (within.start..=within.end).contains(way_m));
+        driven.filter_map(place).collect()
     }
 }
 
@@ -79,10 +81,10 @@ mod tests {
 
     #[test]
     fn laps_take_the_time_from_end_to_end_and_a_stop_counts() {
-        let laps = clock().laps(&[105.0, 215.0, 500.0]);
+        let laps = clock().laps(0.0, &[105.0, 215.0, 500.0]);
         assert!(laps.iter().zip([10.5, 16.0, 28.5]).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{laps:?}");
-        assert_eq!(clock().laps(&[105.0, 501.0]), [0.0; 0]);
-        assert_eq!(DistanceLog::default().laps(&[1.0]), [0.0; 0]);
+        assert_eq!(clock().laps(0.0, &[105.0, 501.0]), [0.0; 0]);
+        assert_eq!(DistanceLog::default().laps(0.0, &[1.0]), [0.0; 0]);
         assert_eq!((clock().way_m(10.4), clock().way_m(-1.0)), (100.0, 0.0));
     }
 
@@ -94,7 +96,7 @@ mod tests {
             progress_m: way_m,
             deviation_m: s_m / 100.0,
         });
-        let seen = clock().whereabouts(&trail, 400.0);
+        let seen = clock().whereabouts(&trail, 0.0..1e9, 400.0);
         let at = |t: f64| seen.iter().find(|(at, _)| *at == t).map(|(_, s)| *s);
         assert_eq!([at(0.0), at(10.0), at(11.0), at(13.0)], [Some(290.0), Some(390.0), Some(0.0), Some(19.0)]);
         assert_eq!((at(42.0), at(43.0)), (Some(259.0), None));

@@ -130,10 +130,10 @@ impl Scorer {
         };
         let waypoints = &self.told.waypoints;
         let ends_lap = |road_m: &f64| waypoints.within(Some(*road_m)).is_some_and(|within| within.is_done);
-        let matched_m = found.and_then(|found| found.way).map(|(length_m, ..)| length_m);
+        let matched_m = found.and_then(Found::lap_m);
         let known_m = || self.blind.roads().iter().map(|road| road.length_m).find(ends_lap);
         let within = waypoints.within(matched_m.or_else(known_m));
-        let is_seen = found.is_some_and(|found| found.laps.map(f64::from) == Some(laps + 1.0));
+        let is_seen = found.is_some_and(|found| found.laps().map(f64::from) == Some(laps + 1.0));
         let may_end = !waypoints.are_told() || waypoints.is_at_line();
         let is_done = within.is_some_and(|within| within.is_done) || is_seen && may_end;
         let is_open = self.is_live && within.is_none() && may_end;

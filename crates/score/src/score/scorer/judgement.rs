@@ -143,12 +143,10 @@ impl Scorer {
         let besides = found.map(|found| {
             let by_pilot = !no_pilot;
             let drive = DriveFacts { distance, began_s: span.began_s, time_s, human_s, by_pilot };
-            (
-                found.way.map(|(length_m, ..)| length_m),
-                std::mem::take(&mut self.blind).fill(found, &mut figures, &drive, tells),
-            )
+            (found.lap_m(), std::mem::take(&mut self.blind).fill(found, &mut figures, &drive, tells))
         });
         let (road_m, found) = besides.unwrap_or_default();
+        self.notes.extend(found.note);
         if !span.is_timed {
             [F::Autonomy, F::AutonomyMeasured].into_iter().for_each(|figure| figures.told(figure, None, UNTIMED));
         }
@@ -173,6 +171,7 @@ impl Scorer {
             lap_times_off_s: lap_times_off_s.filter(|_| !lap_times_s.is_empty()),
             lap_times_s,
             lap_times_from,
+            drives: found.drives,
             whereabouts: found.whereabouts,
             latency: self.stages.latencies(),
             damaged: self.damaged,

@@ -1,0 +1,188 @@
+//! On which road a drive was, which way round, and where: by its bends, and by what its start looks like.
+
+use std::sync::Arc;
+
+use super::{Look, Match, Matcher, Milestone, Road, filter::VAGUE_M};
+use lapwing_core::{
+    motion::{Motion, around},
+    recording::Break,
+};
+
+/// The seed of the particles: the same drive is always found alike.
+const SEED: u64 = 0;
+/// A road counts as found if it explains the drive better than every other by this much, as a log likelihood: 150 to 1.
+pub const SURE: f64 = 5.0;
+/// Roads that explain a drive worse than the best by less than this, as a log likelihood, may be the one. By as much the
+/// bends must speak for another road before they outweigh what the start looks like.
+const LIKELY: f64 = 15.0;
+/// Looks at a road's start that agree by this much prove it, even if the car did not follow the road: other places agree by
+/// less, and rendered starts under random weather by 0.39 at least.
+const PROVEN: f64 = 0.38;
+/// Places told from before and behind are compared within so many metres driven, and contradict one another if they are this
+/// many standard deviations apart, besides what a place is unsure at best, in metres.
+const ALONGSIDE_M: f64 = 40.0;
+const CONTRADICTS: f64 = 3.0;
+const NEAR_M: f64 = 5.0;
+/// How far the mean of the speeds before and after a gap may be from the mean speed in it, in m/s.
+const UNSEEN_MPS: f64 = 2.5;
+/// How far a car that is put back may be from where it was, as a standard deviation in metres.
+const PUT_BACK_M: f64 = 20.0;
+/// A longer gap, in seconds, says nothing about where the car went on.
+const FORGOTTEN_S: f64 = 20.0;
+
+/// How a car came to a moment from the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Leg {
+    /// How far it went and how it turned.
+    pub motion: Motion,
+    /// Seconds since that moment.
+    pub apart_s: f64,
+    /// Why it does not continue from there.
+    pub broken: Option<Break>,
+}
+
+/// Whether another drive begins after this break: nothing that is known of the one says anything of the other.
+pub fn joins(broken: Break) -> bool {
+    match broken {
+        Break::Joined | Break::Back(_) => true,
+        Break::Gap(passed) => passed.as_secs_f64() > FORGOTTEN_S,
+        Break::PutBack | Break::TakenOver | Break::Unseen(_) => false,
+    }
+}
+
+/// The roads that may have been driven, and how well each explains the drive.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// Those that explain it, the likeliest first; the next are about as likely.
+    pub likely: Vec<Match>,
+    /// All that were tried, the best first.
+    pub tried: Vec<Tried>,
+    /// Whether the drive begins where the likeliest road does, by the look of it.
+    pub by_start: bool,
+}
+
+/// How well a road explains a drive.
+#[derive(Debug, Clone)]
+pub struct Tried {
+    /// The road, in the direction that was tried.
+    pub road: Arc<Road>,
+    /// See [`Match::fit`].
+    pub fit: f64,
+    /// By how much it explains the drive worse than the best road, as a log likelihood; more than this, if it was given up.
+    pub behind: f64,
+    /// Whether that is well enough for the road to be the one.
+    pub explains: bool,
+}
+
+impl Found {
+    /// The road, if no other explains the drive about as well.
+    pub fn sure(&self) -> Option<&Match> {
+        let best = self.likely.first()?;
+        self.likely.get(1).is_none_or(|next| best.evidence - next.evidence > SURE).then_some(best)
+    }
+}
+
+/// The roads that a drive may have been on: its legs, what it looks like where it begins, and roads in each direction in
+/// which they may be driven.
+pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
+    let free = followed(Matcher::new(roads.iter().cloned(), SEED), legs.iter().map(|leg| (leg, false)));
+    let most = free.first().map_or(0.0, |best| best.evidence);
+    let tried =
+        |on: &Match| Tried { road: on.road.clone(), fit: on.fit(), behind: most - on.evidence, explains: on.explains };
+    let all: Vec<Tried> = free.iter().map(tried).collect();
+    let likely: Vec<Match> = free.into_iter().filter(|on| on.explains && on.evidence > most - LIKELY).collect();
+    let agrees = |road: &Arc<Road>| road.start.as_ref().zip(first).map_or(0.0, |(start, look)| start.agrees(look));
+    let start = roads.iter().max_by(|a, b| agrees(a).total_cmp(&agrees(b))).filter(|road| agrees(road) >= Look::SAME);
+    let by_start = start.and_then(|road| {
+        let matcher = Matcher::at_start(road.clone(), SEED);
+        let on = followed(matcher, legs.iter().map(|leg| (leg, false))).into_iter().next()?;
+        let contradicted =
+            likely.first().is_some_and(|best| best.road != on.road && best.evidence > on.evidence + LIKELY);
+        ((on.explains || agrees(road) >= PROVEN) && !contradicted).then_some(on)
+    });
+    match by_start {
+        Some(on) => Found { likely: vec![Match { explains: true, ..on }], tried: all, by_start: true },
+        None => Found { likely, tried: all, by_start: false },
+    }
+}
+
+/// Where a drive was on the way, as told in three ways: by the bends before and behind each place, where they agree; by those
+/// before it; and by those behind it.
+pub fn both_ways(on: &Match, legs: &[Leg]) -> [Vec<Milestone>; 3] {
+    let (length_m, way_m) = (on.road.length_m, legs.iter().map(|leg| leg.motion.way_m).sum::<f64>());
+    let turned = |stone: &Milestone| Milestone { way_m: way_m - stone.way_m, s_m: length_m - stone.s_m, ..*stone };
+    let behind = back(on, legs).map_or_else(Vec::new, |back| back.trail.iter().map(turned).collect());
+    [surest(&on.trail, &behind, length_m), on.trail.clone(), behind]
+}
+
+/// The same drive, from its end to its beginning, along the road the other way round.
+fn back(on: &Match, legs: &[Leg]) -> Option<Match> {
+    let matcher = Matcher::new([Arc::new(on.road.reversed())], SEED);
+    followed(matcher, legs.iter().rev().map(|leg| (leg, true))).into_iter().next().filter(|back| back.explains)
+}
+
+impl Match {
+    /// The same, with what was driven along the road counted from where the drive began to where it was. A filter that loses
+    /// and finds the car again has lost count of some metres. `by_start` says that it began at the road's start; otherwise the
+    /// bends tell where, from the drive's end to its beginning.
+    pub fn counted_from_its_start(mut self, by_start: bool, legs: &[Leg]) -> Self {
+        let length_m = self.road.length_m;
+        let began = if by_start {
+            Some((self.road.start_m, 0.0))
+        } else {
+            let back = back(&self, legs).map(|back| back.place);
+            back.filter(|back| back.deviation_m < VAGUE_M).map(|back| (length_m - back.s_m, back.deviation_m))
+        };
+        let Some((began_m, deviation_m)) = began else {
+            self.place.deviation_m = self.place.deviation_m.max(VAGUE_M);
+            return self;
+        };
+        let counted = |s_m: f64, progress_m: f64| progress_m + around(s_m - began_m - progress_m, length_m);
+        for stone in &mut self.trail {
+            stone.progress_m = counted(stone.s_m, stone.progress_m);
+            stone.deviation_m = stone.deviation_m.hypot(deviation_m);
+        }
+        let progress_m = counted(self.place.s_m, self.place.progress_m);
+        self.sure_m += (progress_m - self.place.progress_m).min(0.0);
+        self.place.progress_m = progress_m;
+        self.place.deviation_m = self.place.deviation_m.hypot(deviation_m);
+        self
+    }
+}
+
+/// Follows legs, each forwards or backwards.
+fn followed<'a>(mut matcher: Matcher, legs: impl Iterator<Item = (&'a Leg, bool)>) -> Vec<Match> {
+    for (leg, backwards) in legs {
+        let Motion { way_m, turn_rad } = leg.motion;
+        let unseen_m = UNSEEN_MPS * leg.apart_s;
+        match leg.broken {
+            Some(Break::PutBack) => matcher.skip(0.0, PUT_BACK_M),
+            // The clock of a driving log leaves out the time of a gap.
+            Some(Break::Gap(passed)) if passed.as_secs_f64() > 2.0 * leg.apart_s => {
+                matcher.skip(way_m, unseen_m.max(way_m / leg.apart_s.max(1e-3) * passed.as_secs_f64()));
+            }
+            Some(Break::Unseen(_)) | None => {
+                matcher.step(Motion { way_m, turn_rad: if backwards { -turn_rad } else { turn_rad } });
+            }
+            Some(_) => matcher.skip(way_m, unseen_m),
+        }
+    }
+    matcher.matches()
+}
+
+/// Of the places that the bends before and those behind tell, the surer one; none where they contradict one another.
+fn surest(before: &[Milestone], behind: &[Milestone], length_m: f64) -> Vec<Milestone> {
+    let nearest = |stone: &Milestone, of: &[Milestone]| {
+        let off = |other: &Milestone| (other.way_m - stone.way_m).abs();
+        of.iter().min_by(|a, b| off(a).total_cmp(&off(b))).copied().filter(|other| off(other) < ALONGSIDE_M)
+    };
+    let surer = |stone: &&Milestone, of: &[Milestone]| {
+        nearest(stone, of).is_none_or(|other| {
+            let off_m = around(stone.s_m - stone.way_m - other.s_m + other.way_m, length_m).abs();
+            let unsure_m = NEAR_M + stone.deviation_m.hypot(other.deviation_m);
+            off_m < CONTRADICTS * unsure_m && stone.deviation_m <= other.deviation_m
+        })
+    };
+    let surest = before.iter().filter(|stone| surer(stone, behind));
+    surest.chain(behind.iter().filter(|stone| surer(stone, before))).copied().collect()
+}

@@ -1,0 +1,109 @@
+//! Real drives without a known truth: on which road they were, which way round, how many laps; whole, in slices, and joined.
+
+use std::{fs, ops::Range, path::Path};
+
+use lapwing::{known::Roads, locating};
+use lapwing_core::recording::Recording;
+use lapwing_score::score::{self, Figure, Measure, Scorecard, Scorer};
+use tempfile::tempdir;
+
+use crate::support::shared;
+
+/// Writes rows of recordings as one log, which names their pictures where they are.
+fn joined(of: &[(&Path, Range<usize>)], to: &Path) {
+    let row = |folder: &Path, line: &str| {
+        let (pictures, numbers): (Vec<_>, Vec<_>) = line.split(',').enumerate().partition(|(i, _)| *i < 3);
+        let name = |path: &str| path.trim().rsplit(['/', '\\']).next().map(|name| folder.join("IMG").join(name));
+        let absolute = |(_, path): (usize, &str)| match name(path).filter(|_| !path.trim().is_empty()) {
+            Some(path) => path.display().to_string(),
+            None => String::new(),
+        };
+        let numbers = numbers.into_iter().map(|(_, number)| number.to_owned());
+        pictures.into_iter().map(absolute).chain(numbers).collect::<Vec<_>>().join(",")
+    };
+    let rows = of.iter().flat_map(|(folder, rows)| {
+        let folder = folder.canonicalize().unwrap();
+        let log = fs::read_to_string(folder.join("driving_log.csv")).unwrap();
+        log.lines().skip(rows.start).take(rows.len()).map(|line| row(&folder, line)).collect::<Vec<_>>()
+    });
+    fs::write(to.join("driving_log.csv"), rows.collect::<Vec<_>>().join("\n")).unwrap();
+}
+
+fn scored(folder: &Path) -> Scorecard {
+    let path = folder.to_owned();
+    let roads = Roads::default();
+    let scorer = Scorer::on(roads.both_ways().unwrap(), Some(1));
+    let scorer = scorer.seeing(move || locating::turns(&path).map_err(|error| error.to_string()));
+    score::of_recording(&mut Recording::open(folder).unwrap(), scorer, |_, _| ()).unwrap()
+}
+
+/// The road of a recording, whether it is driven the other way round, and its rows.
+const REAL: [(&str, &str, bool, usize); 5] = [
+    ("lake", "lake", false, 2200),
+    ("lake-clockwise", "lake", true, 700),
+    ("lake-high-graphics", "lake", false, 700),
+    ("jungle", "jungle", false, 1500),
+    ("jungle-rest", "jungle", false, 1800),
+];
+
+/// Of one drive: its road and its laps, if they are known. An interval is never of no width.
+fn found(card: &Scorecard) -> Option<(&str, bool, f64)> {
+    println!("{card}\n{}", card.roads_tried());
+    let [drive] = &card.drives[..] else { panic!("{card}") };
+    for figure in [Figure::Laps, Figure::Completion] {
+        assert!(!matches!(card.get(figure), Measure::Estimate { uncertainty: 0.0, .. }), "{figure:?}: {card}");
+    }
+    assert_eq!(drive.on.is_none(), drive.unknown.is_some());
+    let on = drive.on.as_ref()?;
+    assert!(on.laps_uncertainty > 0.004, "{card}");
+    Some((&on.track, on.reversed, on.laps))
+}
+
+#[test]
+fn a_real_drive_is_named_with_its_way_round_and_its_thirds_are_named_alike_or_not_at_all() {
+    let Some(folder) = shared("recordings") else { return };
+    for (name, track, reversed, rows) in REAL {
+        let log = folder.join(name);
+        let whole = scored(&log);
+        let Some((named, way, laps)) = found(&whole) else { panic!("{name}: {whole}") };
+        assert_eq!((named, way), (track, reversed), "{name}");
+        let mut known = vec![];
+        for third in 0..3 {
+            let dir = tempdir().unwrap();
+            joined(&[(&log, rows * third / 3..rows * (third + 1) / 3)], dir.path());
+            let card = scored(dir.path());
+            let found = found(&card);
+            assert!(found.is_none_or(|(named, way, _)| (named, way) == (track, reversed)), "{name}, {third}: {card}");
+            known.extend(found.map(|(.., laps)| laps));
+        }
+        if known.len() == 3 {
+            let parts: f64 = known.iter().sum();
+            assert!((parts - laps).abs() < 0.06, "{name}: {laps} laps, its thirds {known:?}");
+        }
+    }
+}
+
+#[test]
+fn the_real_mountain_is_taken_for_no_other_road() {
+    let Some(folder) = shared("recordings/mountain") else { return };
+    let card = scored(&folder);
+    assert!(found(&card).is_none_or(|(named, ..)| named == "mountain"), "{card}");
+}
+
+#[test]
+fn drives_joined_in_one_log_are_counted_apart_and_added_up() {
+    let Some(folder) = shared("recordings") else { return };
+    let dir = tempdir().unwrap();
+    let (clockwise, lake) = (folder.join("lake-clockwise"), folder.join("lake"));
+    joined(&[(&clockwise, 0..700), (&lake, 0..2200), (&clockwise, 0..700)], dir.path());
+    let card = scored(dir.path());
+    println!("{card}");
+    let ways: Vec<_> =
+        card.drives.iter().map(|drive| drive.on.as_ref().map(|on| (on.track.as_str(), on.reversed))).collect();
+    assert_eq!(ways, [Some(("lake", true)), Some(("lake", false)), Some(("lake", true))], "{card}");
+    let each: u32 = card.drives.iter().map(|drive| drive.on.as_ref().unwrap().laps as u32).sum();
+    assert_eq!((card.value(Figure::Laps), card.road().unwrap()), (Some(each.into()), "lake, both ways round".into()));
+    assert!(card.to_string().contains("drives            3\n"), "{card}");
+    let json = serde_json::to_value(&card).unwrap();
+    assert_eq!(json["drives"][1]["moments"], serde_json::json!([700, 2899]));
+}
