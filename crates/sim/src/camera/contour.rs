@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::{
     Renderer,
     raster::{COLOURED, FaceSetup, Paint, SKY},
+    road::is_of_the_road,
     section::STRIPES_PER_M,
     viewpoint::Viewpoint,
 };
@@ -86,7 +87,7 @@ impl Renderer {
                 if steep(i) < CLEAR * CLEAR / 4.0 || steep(i - across) > steep(i) || steep(i + across) >= steep(i) {
                     continue;
                 }
-                let is_road = |setup: &&FaceSetup| matches!(setup.paint, Paint::Road { .. } | Paint::Flat(_));
+                let is_road = |setup: &&FaceSetup| is_of_the_road(setup.paint);
                 let Some(setup) = self.shown(i).filter(is_road) else { continue };
                 // Two pixels on, along the edge.
                 let along = 2.0 / steep(i).sqrt();
@@ -115,7 +116,7 @@ impl Renderer {
             let Some(setup) = self.shown(i) else { return [f32::NAN; 3] };
             match setup.paint {
                 Paint::Ground => GROUND,
-                Paint::Flat(colour) => colour.map(f32::from),
+                Paint::Flat(colour) if is_of_the_road(setup.paint) => colour.map(f32::from),
                 Paint::Road { section, .. } => {
                     let (x, y) = ((i % view.width) as f32, i / view.width);
                     let offset = |x: f32| (setup.v.row(y) + setup.v.x * x) / (setup.w.row(y) + setup.w.x * x);

@@ -162,8 +162,13 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band::plain(0.0, 0.5, [80.0, 78.0, 80.0], 1.0),
                 Band::plain(half * 0.20, half * 0.32, track, 1.0),
                 Band::plain(half * 0.58, half * 0.68, track, 1.0),
-                leaves(half - 0.7, half - 0.3, 0.4),
-                leaves(half - 0.3, far, 1.0),
+                // The real road, unrolled and averaged over a thousand pictures: leaves from 0.7 m inside the edge on, most
+                // of them on a yellow line; then dead ones, and from 0.6 m outside it concrete.
+                leaves(half - 0.8, half - 0.45, 0.35),
+                leaves(half - 0.45, half + 0.3, 1.0),
+                Band::plain(half - 0.16, half - 0.02, [176.0, 148.0, 76.0], 0.5),
+                Band { colour: [74.0, 66.0, 54.0], ..leaves(half + 0.3, half + 0.6, 0.4) },
+                Band::plain(half + 0.6, far, [67.0, 66.0, 64.0], 0.5),
             ];
             (0..4).map(|_| Section::new(0, Pattern::Flecks, &road)).collect()
         }

@@ -26,6 +26,11 @@ const DECK_M: f32 = 0.9;
 const BLACK: Paint = Paint::Flat([13, 13, 15]);
 const BLACK_TOP: Paint = Paint::Flat([24, 24, 26]);
 const DECK: Paint = Paint::Flat([120, 118, 112]);
+/// Whether a surface belongs to the road: not what stands beside it, which stands elsewhere beside a real one.
+pub(super) fn is_of_the_road(paint: Paint) -> bool {
+    matches!(paint, Paint::Road { .. }) || [BLACK, BLACK_TOP, DECK, DECK_BELOW].contains(&paint)
+}
+
 const DECK_BELOW: Paint = Paint::Flat([52, 52, 54]);
 
 /// Lays meshes along a road.

@@ -44,7 +44,9 @@ pub struct Trust {
     pub flat_m: f64,
     /// Of its height.
     pub height_m: f64,
-    /// Of the third difference of four neighbours' moves, on the ground plane: neighbours move alike.
+    /// Whether its bends are known: then neighbours move alike, otherwise they bend alike.
+    pub bends_known: bool,
+    /// Of the third difference of four neighbours' moves, or of their places, on the ground plane.
     pub smooth_m: f64,
     /// The same in height.
     pub smooth_height_m: f64,
@@ -83,8 +85,6 @@ pub struct Fit<'a> {
     pub trust: Trust,
     /// Where on the road the car usually is, if that is to guide the fit: metres to the right of the middle.
     pub lane_m: Option<f64>,
-    /// How the body usually stands, in radians nose up.
-    pub pitch_rad: f64,
     /// How far ahead lines are searched for, in metres.
     pub far_m: f64,
 }
@@ -155,7 +155,8 @@ impl Fit<'_> {
                 let slope = Slope { stand: Some((i, one)), ..Slope::default() };
                 equations.add(residual, deviation.powi(-2), &slope);
             };
-            expect(3, stand[3] - self.pitch_rad, PITCH_RAD);
+            // A narrower road seen from a nose that is lower looks the same: on average it is not lower.
+            expect(3, stand[3], PITCH_RAD);
             expect(4, stand[4], ROLL_RAD);
             if let Some(lane_m) = self.lane_m {
                 expect(1, stand[1] - lane_m, LANE_M);
@@ -188,7 +189,8 @@ impl Fit<'_> {
             let four = [0, 1, 2, 3].map(|j| (k + j) % n);
             let weights = [-1.0, 3.0, -3.0, 1.0];
             for (axis, deviation) in [(0, trust.smooth_m), (1, trust.smooth_height_m), (2, trust.smooth_m)] {
-                let moved = |j: usize| self.course.points[j][axis] - self.given.points[j][axis];
+                let given = |j: usize| if trust.bends_known { self.given.points[j][axis] } else { 0.0 };
+                let moved = |j: usize| self.course.points[j][axis] - given(j);
                 let residual: f64 = four.iter().zip(weights).map(|(&j, w)| w * moved(j)).sum();
                 let road = four.iter().zip(weights).filter_map(|(&j, w)| Some((columns[j]? + axis, w))).collect();
                 equations.add(residual, deviation.powi(-2), &Slope { road, ..Slope::default() });

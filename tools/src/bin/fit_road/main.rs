@@ -80,6 +80,9 @@ struct Args {
     /// Radians clockwise from the road's direction that the car heads at first.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     heading: f64,
+    /// The bends are not known: the track is no more than the way that the car went.
+    #[arg(long)]
+    unknown: bool,
     /// How far the road may climb from how it is known, in metres: a standard deviation.
     #[arg(long, default_value_t = 3.0)]
     hills: f64,
@@ -119,8 +122,10 @@ const SAVED: usize = 100;
 const EDGE_IN_M: f64 = 0.15;
 const EDGE_M: f64 = 0.14;
 const DASH_M: f64 = 0.16;
-/// How wide the band of leaves at the edge of the mountain's asphalt is.
-const LEAVES_M: f64 = 0.8;
+/// Where leaves begin on the mountain, in metres from the road's middle, and how wide they lie: so wide that the car's nose
+/// points neither up nor down on average.
+const LEAVES_AT_M: f64 = 4.55;
+const LEAVES_M: f64 = 0.6;
 /// Drivers keep a little closer to the road's middle than to the middle of their lane.
 const LEFT_OF_LANE_M: f64 = 0.2;
 /// Pictures on the sheet.
@@ -152,15 +157,17 @@ fn main() -> Result<()> {
 fn begun<'a>(args: &Args, track: &Track, drive: &'a Drive) -> Fit<'a> {
     let file = track.file();
     let mut given = Course { points: file.control_points.iter().copied().map(DVec3::from_array).collect() };
-    let (mut smooth_m, mut smooth_height_m) = (1.5, 1.5);
+    let (mut flat_m, mut smooth_m, mut smooth_height_m) = (1.5, 1.5, 1.5);
+    if args.unknown {
+        (flat_m, smooth_m, smooth_height_m) = (20.0, 0.5, 0.15);
+    }
     if args.finer {
         given = given.finer();
         (smooth_m, smooth_height_m) = (0.3, 0.3);
     }
     let line = |offset_m, width_m, mark| Line { offset_m, width_m, mark };
     let lines = if file.theme == Theme::Mountain {
-        let edge_m = track.half_width();
-        vec![line(edge_m, LEAVES_M, Mark::Leaves(1.0)), line(-edge_m, LEAVES_M, Mark::Leaves(-1.0))]
+        vec![line(LEAVES_AT_M, LEAVES_M, Mark::Leaves(1.0)), line(-LEAVES_AT_M, LEAVES_M, Mark::Leaves(-1.0))]
     } else {
         let edge_m = track.half_width() - EDGE_IN_M;
         vec![
@@ -176,9 +183,8 @@ fn begun<'a>(args: &Args, track: &Track, drive: &'a Drive) -> Fit<'a> {
         course: given.clone(),
         given,
         stands: Vec::new(),
-        trust: Trust { flat_m: 1.5, height_m: args.hills, smooth_m, smooth_height_m },
+        trust: Trust { flat_m, height_m: args.hills, bends_known: !args.unknown, smooth_m, smooth_height_m },
         lane_m: Some(file.driving_line_m - LEFT_OF_LANE_M),
-        pitch_rad: 0.0,
         far_m: NEAR_M,
     }
 }
@@ -219,9 +225,6 @@ fn backwards(fit: &mut Fit<'_>, from: usize, to: usize) {
 fn whole(fit: &mut Fit<'_>, rounds: usize, state: &Path) -> Result<()> {
     (fit.far_m, fit.lane_m) = (FAR_M, None);
     for round in 0..rounds {
-        let mut pitch: Vec<f64> = fit.stands.iter().map(|stand| stand[3]).collect();
-        pitch.sort_by(f64::total_cmp);
-        fit.pitch_rad = pitch[pitch.len() / 2];
         if round == rounds / 3 {
             println!("{} pictures placed anew", fit.search_again());
         }
@@ -277,6 +280,17 @@ fn write(fit: &Fit<'_>, track: &Track, args: &Args) -> Result<()> {
     }
     fs::write(args.out.join("poses.csv"), poses)?;
     println!("{found} of {expected} pieces of lines found; {:.1} m long, was {:.1} m", fitted.length(), track.length());
+
+    let outwards: Vec<(f64, f64)> = (0..fit.stands.len()).flat_map(|i| fit.outwards(i)).collect();
+    for (from, to) in [(0.0, 6.0), (6.0, 10.0), (10.0, 16.0), (16.0, 30.0)] {
+        let mut here: Vec<f64> =
+            outwards.iter().filter(|(_, away_m)| (from..to).contains(away_m)).map(|(out_m, _)| *out_m).collect();
+        here.sort_by(f64::total_cmp);
+        let median = here.get(here.len() / 2).copied().unwrap_or_default();
+        println!(
+            "{from} to {to} m away, lines at the edges are found {median:+.2} m further out than expected (median)"
+        );
+    }
 
     let every = args.every.unwrap_or(fit.stands.len() / SHOWN).max(1);
     let shown: Vec<usize> = (args.look..fit.stands.len()).step_by(every).take(SHOWN).collect();

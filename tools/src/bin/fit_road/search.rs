@@ -39,8 +39,8 @@ impl Fit<'_> {
         }
         let spot = self.course.at(t);
         let offset = (to - spot.position).dot(spot.right());
-        let pitch = self.pitch_rad + SETTLING * (from[3] - self.pitch_rad);
-        [t, offset, turn(yaw + motion.turn_rad - spot.yaw()), pitch, SETTLING * from[4]]
+        let heading = turn(yaw + motion.turn_rad - spot.yaw());
+        [t, offset, heading, SETTLING * from[3], SETTLING * from[4]]
     }
 
     /// Adds stands for the next pictures.

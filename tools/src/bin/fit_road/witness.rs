@@ -185,6 +185,19 @@ impl Fit<'_> {
         Some((here - expected, CLIMB.powi(-2), slope))
     }
 
+    /// How far from where they are expected lines are found, in metres outwards from the road's middle, and how far away
+    /// they are.
+    pub fn outwards(&self, i: usize) -> Vec<(f64, f64)> {
+        let pieces = pieces(&self.course, &self.stands[i], &self.lines, self.far_m);
+        let beside = pieces.iter().filter(|piece| piece.line.offset_m != 0.0);
+        let found = beside.filter_map(|piece| {
+            let (d, _) = find(&self.drive.frames[i], piece, SHOWN_PX)?;
+            let line = &piece.line;
+            Some((d * line.offset_m.signum() * line.width_m / piece.width_px, piece.away_m))
+        });
+        found.collect()
+    }
+
     /// How well a picture is explained.
     pub fn explained(&self, i: usize) -> Explained {
         let pieces = pieces(&self.course, &self.stands[i], &self.lines, self.far_m);
