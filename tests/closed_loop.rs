@@ -6,7 +6,7 @@ use lapwing_core::{
     config::{ControlSettings, Thresholds},
     drive::Eventful,
     driver::Driver,
-    pilot::{ConstantPilot, Pilot},
+    pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::{Answer, Command, Dialect, Observation, Sight, World},
     recording::udacity::DrivingLogWriter,
     recording::{EventRecord, Recorder, RecorderOptions, Recording, RunHeader, RunKind},
@@ -43,14 +43,19 @@ fn recorded(seconds: f64) -> (TempDir, Vec<f64>) {
     let mut world = simulation(seconds);
     let log = DrivingLogWriter::create(&folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0)).unwrap();
     let mut yaws = vec![world.car().yaw];
-    record::record(&mut world, log, RecordOptions::at(Mph::constant(20.0)), |world| yaws.push(world.car().yaw))
-        .unwrap();
+    let options = RecordOptions::at(Mph::constant(20.0));
+    record::record(&mut world, &mut expert(), log, options, |world| yaws.push(world.car().yaw)).unwrap();
     yaws.pop();
     (dir, yaws)
 }
 
 fn open(dir: &TempDir, yaw: Yaw) -> RecordedWorld {
     RecordedWorld::open(&dir.path().join("lake"), Some(METRE), yaw, None).unwrap()
+}
+
+/// Nobody whose answers count: the expert in the simulation drives.
+fn expert() -> Driver {
+    Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now)
 }
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Judged {

@@ -7,7 +7,7 @@ use lapwing_core::{
     config::ControlSettings,
     drive::Eventful,
     driver::Driver,
-    pilot::{ConstantPilot, Pilot},
+    pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::{Answer, Command, Observation, Sight, World},
     recording::{EventRecord, udacity::DrivingLogWriter},
     turn::{LimitEdge, MeasuredLine},
@@ -50,7 +50,10 @@ impl Weaving {
         let log = DrivingLogWriter::create(dir.path().join("lake"), began).unwrap();
         let options = RecordOptions { weave_m: WEAVES_M, ..RecordOptions::at(Mph::constant(20.0)) };
         let mut places = vec![Some(Located::known(Pose::of(&world)))];
-        record::record(&mut world, log, options, |world| places.push(Some(Located::known(Pose::of(world))))).unwrap();
+        record::record(&mut world, &mut expert(), log, options, |world| {
+            places.push(Some(Located::known(Pose::of(world))))
+        })
+        .unwrap();
         places.pop(); // the car has arrived there, but no picture was taken
         let located = LocatedDrive { track, places };
         let weaved = located.places.iter().flatten().map(|place| place.pose.offset_m.abs()).fold(0.0, f64::max);
@@ -61,6 +64,11 @@ impl Weaving {
     fn open(&self, limit: Option<Limit>, located: Option<LocatedDrive>) -> RecordedWorld {
         RecordedWorld::open(&self.dir.path().join("lake"), limit, Yaw::Pictures, located).unwrap()
     }
+}
+
+/// Nobody whose answers count: the expert in the simulation drives.
+fn expert() -> Driver {
+    Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now)
 }
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Scorecard {

@@ -18,6 +18,7 @@ mod recorded_world;
 mod recording;
 mod replay;
 mod results;
+mod rounds;
 mod serve;
 mod simulator;
 mod support;

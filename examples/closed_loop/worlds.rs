@@ -1,11 +1,18 @@
 //! The road: a lap of it recorded, and driven with the replay's interventions.
 
-use std::{convert::Infallible, path::Path, sync::Arc, time::Duration};
+use std::{
+    convert::Infallible,
+    path::Path,
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use anyhow::Result;
 use lapwing_core::{
-    config::OnCrash,
+    config::{ControlSettings, OnCrash},
     drive::Eventful,
+    driver::Driver,
+    pilot::PurePursuit,
     protocol::{Answer, Observation, World},
     recording::udacity::DrivingLogWriter,
     turn::EventRecord,
@@ -33,7 +40,9 @@ pub fn record(track: &Track, seconds: Option<f64>, options: RecordOptions, folde
     let mut world = simulation(track, seconds)?;
     let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
     let mut places = vec![Some(Located::known(Pose::of(&world)))];
-    record::record(&mut world, log, options, |world| places.push(Some(Located::known(Pose::of(world)))))?;
+    // The expert in the simulation drives: this driver's answers do not count.
+    let mut driver = Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now);
+    record::record(&mut world, &mut driver, log, options, |world| places.push(Some(Located::known(Pose::of(world)))))?;
     places.pop(); // the car has arrived there, but no picture was taken
     Ok(LocatedDrive { track: Arc::new(track.clone()), places })
 }

@@ -105,6 +105,14 @@ pub struct Train {
     /// Augmentations to use: flip, translate, brightness, shadow, erase, or none [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub augment: Option<Vec<String>>,
+    /// Where in its lane the car was, as locate --csv writes it, one file for each --data: labels lead back to the lane's
+    /// middle, whatever was steered
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "data")]
+    pub lane: Vec<PathBuf>,
+    /// After the training, let the network drive and learn from what it saw, in this many rounds [default: as the recipe
+    /// says; without a number: 3]
+    #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "3")]
+    pub closed_loop: Option<usize>,
     /// Memory for decoded pictures, in MiB [default: 1024]
     #[arg(long, value_name = "MIB")]
     pub cache_mib: Option<usize>,

@@ -1,17 +1,19 @@
 //! `lapwing record`: the expert drives, and the stock recorder's files are written.
 
-use std::path::Path;
+use std::{path::Path, time::Instant};
 
 use super::{Ended, Interrupted, world};
 use crate::cli;
-use lapwing_core::{drive::Eventful, recording::udacity::DrivingLogWriter, units::Mph, words::count};
+use lapwing_core::{
+    drive::Eventful, driver::Driver, pilot::PurePursuit, recording::udacity::DrivingLogWriter, units::Mph, words::count,
+};
 use lapwing_sim::{
     record::{self, RecordOptions, RecordReport},
     world::Simulation,
 };
 
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let (RecordReport { rows, laps, ending }, track) = record(arguments, config, &super::interrupted())?;
+    let (RecordReport { rows, laps, ending, .. }, track) = record(arguments, config, &super::interrupted())?;
     let ended = if laps >= arguments.laps { Ended::Passed } else { Ended::Failed };
     let laps = format!("{laps} of {}", count(arguments.laps, "lap"));
     super::print(&format!("{}, {laps} of {track} ({ending}), in {}", count(rows, "row"), arguments.out.display()))?;
@@ -31,7 +33,9 @@ pub(super) fn record(
     let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
     let options = RecordOptions { recovery: arguments.recovery, ..RecordOptions::at(Mph::saturating(arguments.speed)) };
     let bar = world::ProgressLine::new();
-    let report = record::record(&mut simulation, log, options, |simulation| {
+    // The expert in the simulation drives: this driver's answers do not count.
+    let mut driver = Driver::new(Box::new(PurePursuit::default()), &settings.control, Instant::now);
+    let report = record::record(&mut simulation, &mut driver, log, options, |simulation| {
         bar.show(simulation);
         if interrupted.is_pressed() {
             simulation.interrupt();

@@ -1,6 +1,10 @@
 //! The driver that knows the road. It drives recordings and acts as the scripted human, and its path is what telemetry
 //! reports to [`PurePursuit`] as a pilot.
 
+mod lane;
+
+pub use lane::LaneExpert;
+
 use super::{
     track::{Place, Track},
     vehicle::Car,

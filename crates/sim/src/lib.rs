@@ -22,7 +22,7 @@
 //! | [`known`] | a track as a known road, on which drives are located |
 //! | [`locate`] | where a car was in each picture of a recording |
 //! | [`along`] | a recording as a closed-loop world |
-//! | [`record`] | training data by the expert |
+//! | [`record`] | training data: what the expert would do, whoever drives |
 //!
 //! No libtorch, no async runtime, no C++: this crate and `lapwing-core` are all that a simulation needs.
 //!

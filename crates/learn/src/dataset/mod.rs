@@ -13,6 +13,7 @@
 //! |---|---|
 //! | `source` | recordings as rows with a label |
 //! | `split`, `samples`, `balance` | which rows and cameras count, held out or learnt from, and how often each is drawn |
+//! | `lane` | labels from where in its lane the car was |
 //! | `strip`, `augment` | a picture at the size of the network's input, and how it is changed |
 //! | `loader` | batches of numbers, ahead of the training |
 //! | `inspect`, `sheet`, `chart`, `preview` | what is in a data set, for people |
@@ -28,6 +29,7 @@ mod divide;
 #[cfg(test)]
 mod fixture;
 mod inspect;
+mod lane;
 mod loader;
 mod preview;
 mod samples;
@@ -56,6 +58,7 @@ use lapwing_core::{
     perception::{ImageError, PreprocessError},
     recording::RecordingError,
 };
+use lapwing_sim::locate::LaneTableError;
 
 /// Why data cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -63,6 +66,9 @@ pub enum DatasetError {
     /// The driving log or the run.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// The table that says where in its lane the car was.
+    #[error(transparent)]
+    Lane(#[from] LaneTableError),
     /// A picture that is not there or cannot be read.
     #[error("{picture} cannot be read: {why}; `lapwing dataset inspect` lists every such picture")]
     Picture {

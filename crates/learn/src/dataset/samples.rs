@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Balance, Blocks, CameraPosition, DatasetError, Source};
+use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels};
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
@@ -31,6 +31,11 @@ pub struct Selection {
     /// outside the training set do not count, so that nothing that is held out leaks into a label.
     #[serde(default = "one_row")]
     pub smooth: usize,
+    /// Where in its lane the car was, as `lapwing locate --csv` writes it. The label of each picture, those of the side
+    /// cameras included, is then what the simulator's expert steers from there back to the lane's middle, at the row's
+    /// speed; `side_offset` does not count. Rows whose place is not known are left out. Default: labels as recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lane: Option<PathBuf>,
 }
 
 /// More than a minute of driving is unrelated to a picture.
@@ -62,6 +67,7 @@ impl Selection {
             cameras: all_cameras(),
             rows: None,
             smooth: one_row(),
+            lane: None,
         }
     }
 
@@ -85,6 +91,9 @@ impl Selection {
         }
         if self.smooth.is_multiple_of(2) {
             return wrong("smooth", "an odd number of rows", self.smooth.to_string());
+        }
+        if self.smooth > 1 && self.lane.is_some() {
+            return wrong("smooth", "1 with labels from the lane", self.smooth.to_string());
         }
         if self.smooth > MOST_SMOOTH {
             return wrong("smooth", "at most 999 rows", self.smooth.to_string());
@@ -159,10 +168,14 @@ impl Samples {
         // For each sample, the steering of its row.
         let mut steered = vec![];
         for selection in selections {
-            let source = Source::open(&selection.path)?;
+            let mut source = Source::open(&selection.path)?;
+            let lane = selection.lane.as_deref().map(|path| LaneLabels::open(path, &mut source)).transpose()?;
             let rows = source.rows.len();
             let before = all.samples.len();
-            all.take(source, selection, set, blocks, &mut steered);
+            if let Some(lane) = lane.as_ref().filter(|_| set == Set::Training) {
+                lane.tell(&source, selection.rows.unwrap_or((0, usize::MAX)));
+            }
+            all.take(source, selection, lane.as_ref(), set, blocks, &mut steered);
             if set == Set::Training && all.samples.len() == before {
                 return Err(DatasetError::NoneLeft { path: selection.path.clone(), rows });
             }
@@ -185,6 +198,7 @@ impl Samples {
         &mut self,
         mut source: Source,
         selection: &Selection,
+        lane: Option<&LaneLabels>,
         set: Set,
         blocks: Option<Blocks>,
         steered: &mut Vec<f64>,
@@ -208,6 +222,7 @@ impl Samples {
         let held_out = |row: usize| blocks.is_some_and(|blocks| blocks.is_validation(row));
         let wanted = |row: usize| {
             (first..end).contains(&row)
+                && lane.is_none_or(|lane| lane.knows(row))
                 && match set {
                     Set::Training => !held_out(row),
                     Set::Validation => held_out(row),
@@ -225,11 +240,12 @@ impl Samples {
             let steering = source.mean_of_stretch(row, smooth);
             for camera in cameras.iter().filter(|c| moment.pictures[**c as usize].is_some()) {
                 steered.push(steering);
+                let beside = || steering + camera.sign() * selection.side_offset;
                 self.samples.push(Sample {
                     source: self.sources.len() as u32,
                     row: row as u32,
                     camera: *camera,
-                    steering: steering + camera.sign() * selection.side_offset,
+                    steering: lane.and_then(|lane| lane.label(row, *camera)).unwrap_or_else(beside),
                     acceleration: moment.acceleration,
                     speed: moment.speed,
                     weight: selection.weight,

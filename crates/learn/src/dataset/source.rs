@@ -24,6 +24,8 @@ pub fn read(picture: &Picture) -> Result<Bytes, DatasetError> {
 /// One moment of a drive, with its label.
 #[derive(Debug, Clone)]
 pub struct Labelled {
+    /// Which moment of the recording it is, counted from 0.
+    pub moment: usize,
     /// Time since the first row.
     pub at: Duration,
     /// Pictures in the order of [`CameraPosition::ALL`].
@@ -91,6 +93,20 @@ impl Source {
         missing
     }
 
+    /// Gives its rows other labels; those without one are in no drive with those that have one.
+    pub(super) fn relabel(&mut self, mut label: impl FnMut(&Labelled) -> Option<Steering>) {
+        let mut drives = 0;
+        let mut before = None;
+        for row in &mut self.rows {
+            let steering = label(row);
+            let now = (row.drive, steering.is_some());
+            drives += u32::from(before.is_some_and(|before| before != now));
+            before = Some(now);
+            row.drive = drives;
+            row.steering = steering.unwrap_or(row.steering);
+        }
+    }
+
     /// Also ends each stretch where neighbours differ in this.
     pub(super) fn end_stretches_where<T: PartialEq>(&mut self, of: impl Fn(usize, &Labelled) -> T) {
         let mut stretch = 0;
@@ -140,7 +156,7 @@ impl Source {
 fn labelled(path: &Path) -> Result<Vec<Labelled>, DatasetError> {
     let mut rows: Vec<Labelled> = Vec::new();
     let (mut drive, mut goes_on) = (0, true);
-    for moment in Recording::open(path)? {
+    for (i, moment) in Recording::open(path)?.enumerate() {
         let moment = moment?;
         goes_on &= moment.broken.is_none();
         let Some(command) = moment.decided().filter(|_| moment.is_seen()) else {
@@ -152,6 +168,7 @@ fn labelled(path: &Path) -> Result<Vec<Labelled>, DatasetError> {
         }
         goes_on = true;
         rows.push(Labelled {
+            moment: i,
             at: moment.at,
             steering: command.steering,
             acceleration: command.throttle.get(),

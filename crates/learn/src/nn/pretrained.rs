@@ -13,8 +13,10 @@ const FIRST: &str = "conv1.weight";
 /// Copies the backbone's tensors from a file with torchvision's names into the variables that `network` was built from,
 /// and those of the layers after it if they fit; returns how many there were.
 ///
+/// PilotNet and CPS take all of a checkpoint of their own, to continue to learn.
+///
 /// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict`, or a checkpoint of this crate,
-/// whose backbones use the same names; the network is a ResNet of as many layers, with or without memory. For `-stack`
+/// whose backbones use the same names; the network is then a ResNet of as many layers, with or without memory. For `-stack`
 /// the first convolution is inflated if the file's is for one frame.
 ///
 /// From a checkpoint the perceptron (`head.*`) is copied as well, and the memory (`gru.*` with `out.*`), each if the
@@ -30,7 +32,7 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
     let bytes = fs::read(path).map_err(|source| NnError::Read { path: path.to_owned(), source })?;
     let file = SafeTensors::deserialize(&bytes).map_err(NnError::NotSafetensors)?;
     if !network.architecture().is_resnet() {
-        return Err(NnError::NoneFits { path: path.to_owned(), architecture: network.architecture() });
+        return load_whole(network, path, &file);
     }
     let tensors = network.tensors();
     let (backbone, behind): (Vec<_>, Vec<_>) = tensors.into_iter().partition(|(name, _)| of_backbone(name));
@@ -82,6 +84,25 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
             variable.f_copy_(value)?;
         }
         Ok(taken.len())
+    })
+}
+
+/// Copies all tensors of a checkpoint of the same architecture: the smaller networks have no backbone of their own.
+fn load_whole(network: &Network, path: &Path, file: &SafeTensors<'_>) -> Result<usize, NnError> {
+    let none_fits = || NnError::NoneFits { path: path.to_owned(), architecture: network.architecture() };
+    if file.len() != network.tensors().len() {
+        return Err(none_fits());
+    }
+    let value = |(name, variable): (String, Tensor)| {
+        let view = file.tensor(&name).map_err(|_| none_fits())?;
+        Ok((tensor_of(&view, &name, &variable.size())?, variable))
+    };
+    let taken: Vec<_> = network.tensors().into_iter().map(value).collect::<Result<_, NnError>>()?;
+    tch::no_grad(|| {
+        for (value, mut variable) in taken {
+            variable.f_copy_(&value)?;
+        }
+        Ok(file.len())
     })
 }
 
@@ -219,6 +240,18 @@ mod tests {
         let (path, from) = checkpoint(&folder, &Design::of(Architecture::ResNet18Gru));
         assert_eq!(load_pretrained(&network, &path).unwrap(), 112);
         assert!(store.variables()["out.weight"].equal(&from.variables()["out.weight"]));
+    }
+
+    #[test]
+    fn a_pilotnet_goes_on_from_all_weights_of_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, from) = checkpoint(&folder, &Design::of(Architecture::PilotNet));
+        let (store, network) = fresh(Architecture::PilotNet);
+        assert_eq!(load_pretrained(&network, &path).unwrap(), 18);
+        let from = from.variables();
+        assert!(store.variables().iter().all(|(name, tensor)| tensor.equal(&from[name])));
+        let (_store, other) = fresh(Architecture::Cps);
+        assert!(matches!(load_pretrained(&other, &path), Err(NnError::NoneFits { .. })));
     }
 
     #[test]

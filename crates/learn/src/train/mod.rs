@@ -12,6 +12,7 @@
 //!
 //! [`measure`] computes how far a network's answers are from a data set's labels.
 
+mod closed_loop;
 mod error;
 pub mod events;
 mod log;
@@ -25,6 +26,7 @@ mod recipe;
 mod state;
 mod trainer;
 
+pub use closed_loop::{ClosedLoop, PracticeAlong, PracticeDrive};
 pub use error::TrainError;
 pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;

@@ -18,7 +18,7 @@ pub(super) struct Origin {
 
 /// Settings that may change in between: they decide when a training ends or how it is stored, and do not affect the
 /// weights.
-const FREE: [&str; 4] = ["patience", "cache_mib", "stored", "record"];
+const FREE: [&str; 5] = ["patience", "cache_mib", "stored", "record", "closed_loop"];
 
 impl Origin {
     /// Checks that this recipe would train the weights in the same way. A cosine schedule ends with the last epoch, so

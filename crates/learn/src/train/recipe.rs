@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::TrainError;
+use super::{ClosedLoop, TrainError};
 use crate::{
     dataset::{Augmentation, Balance, Blocks, Selection},
     nn::Precision,
@@ -87,6 +87,9 @@ pub struct Recipe {
     pub validation: Vec<Selection>,
     /// Simulated data that is recorded first if its folder does not exist.
     pub record: Vec<SimulatedData>,
+    /// Rounds in which the network drives and learns from what it saw, after the training; default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closed_loop: Option<ClosedLoop>,
 }
 
 impl Default for Recipe {
@@ -116,6 +119,7 @@ impl Default for Recipe {
             data: vec![],
             validation: vec![],
             record: vec![],
+            closed_loop: None,
         }
     }
 }
@@ -270,7 +274,8 @@ impl Recipe {
             return wrong("input", "1 to 4096 rows and columns", format!("{rows}x{columns}"));
         }
         // What TOML can hold.
-        let seeds = self.record.iter().map(|record| record.seed).chain([self.seed]);
+        let practice = self.closed_loop.iter().flat_map(|closed_loop| &closed_loop.drive).map(|drive| drive.seed);
+        let seeds = self.record.iter().map(|record| record.seed).chain(practice).chain([self.seed]);
         if let Some(seed) = seeds.into_iter().find(|seed| i64::try_from(*seed).is_err()) {
             return wrong("seed", "0 to 9223372036854775807", seed.to_string());
         }
@@ -301,6 +306,7 @@ impl Recipe {
         if let Some(clip) = o.clip.filter(|clip| !(clip.is_finite() && *clip > 0.0)) {
             return wrong("clip", "a number above 0", clip.to_string());
         }
+        self.closed_loop.as_ref().map_or(Ok(()), ClosedLoop::check)?;
         Ok(self.augment.check()?)
     }
 }

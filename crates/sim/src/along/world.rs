@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     camera::{JPEG_QUALITY_AGAIN, encode_jpeg},
-    locate::{InLane, LocatedDrive},
+    locate::{InLane, LocatedDrive, Pose},
     vehicle::STEP_S,
 };
 use lapwing_core::{
@@ -147,9 +147,27 @@ impl RecordedWorld {
         Measured::new(self.limit, self.in_lane(), self.abreast.beside())
     }
 
+    /// Where on its road the virtual car is, if that is known.
+    pub fn pose(&self) -> Option<Pose> {
+        let drive = self.located.as_ref()?;
+        let recorded = drive.places.get(self.picture_number()?).copied().flatten()?.pose;
+        let Measured { offset_m, heading_rad, .. } = self.measured();
+        Some(Pose::from_lane(&drive.track, recorded.s_m, recorded.direction() < 0.0, offset_m, heading_rad))
+    }
+
+    /// Where the recorded drive is known to have been.
+    pub fn located(&self) -> Option<&LocatedDrive> {
+        self.located.as_ref()
+    }
+
+    /// Which of the recording's pictures is shown, counted from 0; `None` at its end.
+    pub fn picture_number(&self) -> Option<usize> {
+        Some(self.recorded.rows.get(self.row)?.index)
+    }
+
     /// Where in its lane the recorded car is, if that is known.
     fn in_lane(&self) -> Option<InLane> {
-        self.located.as_ref()?.in_lane(self.recorded.rows.get(self.row)?.index)
+        self.located.as_ref()?.in_lane(self.picture_number()?)
     }
 
     /// The picture that was shown last, as the pilot saw it before JPEG.

@@ -71,6 +71,13 @@ impl Pose {
         self.heading_rad.cos().signum()
     }
 
+    /// The pose of a car with this offset from its lane's middle and this heading against its lane.
+    pub fn from_lane(track: &Track, s_m: f64, reversed: bool, offset_m: f64, heading_rad: f64) -> Self {
+        let (sign, turned) = if reversed { (-1.0, std::f64::consts::PI) } else { (1.0, 0.0) };
+        let offset_m = sign * (offset_m + track.file().driving_line_m);
+        Self { s_m, offset_m, heading_rad: heading_rad + turned, pitch_rad: 0.0 }
+    }
+
     /// Where in its lane the car is.
     pub fn in_lane(self, track: &Track) -> InLane {
         let (half, lane_m) = (track.half_width(), track.file().driving_line_m);
@@ -100,5 +107,10 @@ mod tests {
         assert!((there.heading_rad - 0.1).abs() < 1e-9 && (back.heading_rad - 0.1).abs() < 1e-9, "{there:?} {back:?}");
         assert_eq!(there.curvature, -back.curvature);
         assert_eq!(there.edges_m, back.edges_m);
+        for lane in [there, back] {
+            let again = Pose::from_lane(&track, 100.0, lane == back, lane.offset_m, lane.heading_rad).in_lane(&track);
+            assert!((again.offset_m - lane.offset_m).abs() < 1e-9, "{again:?} {lane:?}");
+            assert!((again.heading_rad - lane.heading_rad).abs() < 1e-9, "{again:?} {lane:?}");
+        }
     }
 }

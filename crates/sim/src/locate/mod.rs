@@ -29,6 +29,7 @@
 //! | `overlay` | [`Overlay`]: the track laid over one picture |
 //! | `follow` | [`Overlay::follow`]: over those of a drive |
 //! | `lane` | [`LocatedDrive`], [`InLane`]: the car in its lane, whichever way round it drives |
+//! | `table` | [`LaneTable`]: places of pictures, in a file |
 //! | `lines` | [`Overlay::line`]: along the road, as a located picture shows it |
 
 mod field;
@@ -36,12 +37,14 @@ mod follow;
 mod lane;
 mod lines;
 mod overlay;
+pub mod table;
 
 use glam::DVec3;
 
 pub use follow::{Deviation, FOUND, Known, Located, seen};
 pub use lane::{InLane, LocatedDrive};
 pub use overlay::{Fit, Overlay};
+pub use table::{LaneTable, LaneTableError};
 
 /// Where a car is on a road, and how it stands there.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

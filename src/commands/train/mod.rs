@@ -1,5 +1,7 @@
 //! `lapwing train`.
 
+mod rounds;
+
 use std::{
     collections::VecDeque,
     fs,
@@ -16,9 +18,9 @@ use crate::cli;
 use lapwing_core::words::count;
 use lapwing_learn::{
     dataset::{self, Augmentation, Selection},
-    train::{Go, Metrics, Progress, Recipe, SimulatedData, TimedEpoch, Trainer},
+    train::{ClosedLoop, Go, Metrics, Progress, Recipe, SimulatedData, TimedEpoch, TrainOutcome, Trainer},
 };
-use lapwing_sim::{record::RecordReport, track::Track, world::Ending};
+use lapwing_sim::{locate::LaneTable, record::RecordReport, track::Track, world::Ending};
 
 pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Result<Ended> {
     let recipe = recipe(&arguments)?;
@@ -27,8 +29,32 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
     for recording in &recipe.record {
         make(recording, config, &interrupted)?;
     }
+    let outcome = learn(recipe.clone(), &arguments.out, arguments.resume, &interrupted)?;
+    let outcome = match &recipe.closed_loop {
+        Some(closed_loop) if outcome.finished => {
+            rounds::run(&recipe, closed_loop, &arguments.out, outcome, config, &interrupted)?
+        }
+        _ => outcome,
+    };
+    if arguments.json {
+        super::print(&super::sorted_json(&outcome)?)?;
+    } else {
+        let kept = outcome.kept.as_ref().map_or_else(
+            || "no epoch was finished".to_owned(),
+            |epoch| format!("epoch {}, validation {}", epoch.number, told(&epoch.validation.raw)),
+        );
+        super::print(&format!("{} ({kept})", outcome.model.display()))?;
+        if !outcome.finished {
+            say!("stopped; to resume: lapwing train --resume --out {}", arguments.out.display());
+        }
+    }
+    Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
+}
+
+/// Follows a recipe in a folder to its end, and shows how it goes.
+fn learn(recipe: Recipe, out: &Path, resume: bool, interrupted: &Interrupted) -> anyhow::Result<TrainOutcome> {
     let epochs = recipe.epochs;
-    let mut trainer = Trainer::new(recipe, &arguments.out, arguments.resume)?;
+    let mut trainer = Trainer::new(recipe, out, resume)?;
     let (training, validation) = trainer.sizes();
     tracing::info!("{} for training, {validation} held out", count(training, "sample"));
     trainer.history().iter().for_each(|epoch| say(epoch, epochs));
@@ -44,20 +70,7 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
         if interrupted.is_pressed() { Go::Stop } else { Go::On }
     });
     bar.0.finish_and_clear();
-    let outcome = outcome?;
-    if arguments.json {
-        super::print(&super::sorted_json(&outcome)?)?;
-    } else {
-        let kept = outcome.kept.as_ref().map_or_else(
-            || "no epoch was finished".to_owned(),
-            |epoch| format!("epoch {}, validation {}", epoch.number, told(&epoch.validation.raw)),
-        );
-        super::print(&format!("{} ({kept})", outcome.model.display()))?;
-        if !outcome.finished {
-            say!("stopped; to resume: lapwing train --resume --out {}", arguments.out.display());
-        }
-    }
-    Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
+    Ok(outcome?)
 }
 
 fn say(TimedEpoch { epoch, images_per_s, .. }: &TimedEpoch, epochs: usize) {
@@ -98,6 +111,15 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
         recipe.data = arguments.data.iter().map(|text| selection(text)).collect::<Result<_, _>>()?;
         recipe.record.clear();
     }
+    if !arguments.lane.is_empty() {
+        let (lanes, data) = (arguments.lane.len(), recipe.data.len());
+        anyhow::ensure!(
+            lanes == data,
+            "--lane: expected one file for each of {}, got {lanes}",
+            count(data, "data set")
+        );
+        recipe.data.iter_mut().zip(&arguments.lane).for_each(|(data, lane)| data.lane = Some(lane.clone()));
+    }
     if !arguments.validation.is_empty() {
         recipe.validation = arguments.validation.iter().map(Selection::of).collect();
     }
@@ -130,6 +152,14 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     set(&mut recipe.cache_mib, arguments.cache_mib);
     if let Some(names) = &arguments.augment {
         only(&mut recipe.augment, names)?;
+    }
+    if let Some(rounds) = arguments.closed_loop {
+        let mut closed_loop = recipe.closed_loop.take().unwrap_or_default();
+        closed_loop.rounds = rounds;
+        if closed_loop.drive.is_empty() && closed_loop.along.is_empty() {
+            closed_loop.drive = ClosedLoop::over(&recipe);
+        }
+        recipe.closed_loop = Some(closed_loop);
     }
     Ok(recipe)
 }
@@ -181,6 +211,7 @@ fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()>
 fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
     recipe.check()?;
     outputs::check_folder(out)?;
+    recipe.closed_loop.as_ref().map_or(Ok(()), rounds::check)?;
     let made: Vec<_> = recipe.record.iter().filter(|recording| !recording.out.exists()).collect();
     if made.is_empty() {
         return Ok(()); // the rest is checked when the training begins, which is at once
@@ -188,8 +219,12 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
     Trainer::check(recipe, out, resume)?;
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     for data in recipe.data.iter().chain(&recipe.validation) {
-        if !made.iter().any(|recording| absolute(&data.path).starts_with(absolute(&recording.out))) {
+        let is_made = |path: &Path| made.iter().any(|recording| absolute(path).starts_with(absolute(&recording.out)));
+        if !is_made(&data.path) {
             dataset::check(&data.path)?;
+        }
+        if let Some(lane) = data.lane.as_ref().filter(|lane| !is_made(lane)) {
+            LaneTable::read(lane)?;
         }
     }
     for recording in made {
@@ -217,8 +252,22 @@ fn make(recording: &SimulatedData, config: Option<&Path>, interrupted: &Interrup
     }
     let laps = count(*laps, "lap");
     tracing::info!("recording {}: {laps} of {track} at {speed} mph", out.display());
-    // Under another name until it is whole.
-    let mut name = out.clone().into_os_string();
+    whole(out, |partial| {
+        let (RecordReport { ending, laps: driven, .. }, _) =
+            record::record(&arguments(recording, partial), config, interrupted)?;
+        match ending {
+            Ending::Interrupted => bail!("interrupted while {} was recorded: nothing of it is kept", out.display()),
+            _ if driven < recording.laps => {
+                bail!("{}: expected {laps}, got {driven}; the drive ended: {ending}", out.display())
+            }
+            _ => Ok(()),
+        }
+    })
+}
+
+/// Makes a folder under another name until it is whole: if that fails, nothing of it is kept.
+fn whole<T>(out: &Path, make: impl FnOnce(&Path) -> anyhow::Result<T>) -> anyhow::Result<T> {
+    let mut name = out.to_owned().into_os_string();
     name.push(".partial");
     let partial = Path::new(&name);
     let remove = || match fs::remove_dir_all(partial) {
@@ -228,19 +277,14 @@ fn make(recording: &SimulatedData, config: Option<&Path>, interrupted: &Interrup
         _ => Ok(()),
     };
     remove()?;
-    let recorded = record::record(&arguments(recording, partial), config, interrupted).and_then(
-        |(RecordReport { ending, laps: driven, .. }, _)| match ending {
-            Ending::Interrupted => bail!("interrupted while {} was recorded: nothing of it is kept", out.display()),
-            _ if driven < recording.laps => {
-                bail!("{}: expected {laps}, got {driven}; the drive ended: {ending}", out.display())
-            }
-            _ => fs::rename(partial, out).with_context(|| format!("{}: cannot be renamed", partial.display())),
-        },
-    );
-    if recorded.is_err() {
+    let made = make(partial).and_then(|made| {
+        fs::rename(partial, out).with_context(|| format!("{}: cannot be renamed", partial.display()))?;
+        Ok(made)
+    });
+    if made.is_err() {
         remove()?;
     }
-    recorded
+    made
 }
 
 /// Samples a second over the last few steps.

@@ -1,0 +1,148 @@
+//! Labels from where in its lane the car was: what the simulator's expert steers from there, not what was recorded.
+
+use std::{collections::HashMap, path::Path, sync::Arc};
+
+use super::{CameraPosition, DatasetError, Source};
+use lapwing_core::{units::Mph, words::count};
+use lapwing_sim::{
+    camera::Camera,
+    expert::LaneExpert,
+    locate::{LaneTable, Pose},
+};
+
+/// The labels of a data set's rows, one for each camera.
+#[derive(Debug)]
+pub(super) struct LaneLabels {
+    /// `None` where the car's place is not known.
+    rows: Vec<Option<[f64; 3]>>,
+    /// Pictures of another road than most.
+    elsewhere: usize,
+}
+
+impl LaneLabels {
+    /// Reads the table, and makes the centre camera's labels those of the rows.
+    pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
+        let table = LaneTable::read(path)?;
+        let mut expert = LaneExpert::new(Arc::clone(&table.track));
+        let poses: HashMap<usize, Pose> =
+            table.rows.iter().filter_map(|(moment, pose)| Some((*moment, (*pose)?))).collect();
+        let mut labels = |pose: Pose, speed: Mph| {
+            [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| {
+                // What a side camera sees is what the centre one would see from a car that far to the side.
+                let (sin, cos) = pose.heading_rad.sin_cos();
+                let right_m = camera.mount.position.x;
+                let (s_m, offset_m) = (pose.s_m - right_m * sin, pose.offset_m + right_m * cos);
+                expert.steering(Pose { s_m, offset_m, ..pose }, speed)
+            })
+        };
+        let mut rows = Vec::with_capacity(source.rows.len());
+        source.relabel(|row| {
+            let of_cameras = poses.get(&row.moment).map(|pose| labels(*pose, row.speed));
+            rows.push(of_cameras.map(|of_cameras| of_cameras.map(|steering| steering.get())));
+            of_cameras.map(|[center, ..]| center)
+        });
+        Ok(Self { rows, elsewhere: table.elsewhere })
+    }
+
+    /// Whether the car's place is known in this row.
+    pub fn knows(&self, row: usize) -> bool {
+        self.rows.get(row).is_some_and(Option::is_some)
+    }
+
+    /// What to steer where this camera is.
+    pub fn label(&self, row: usize, camera: CameraPosition) -> Option<f64> {
+        Some((*self.rows.get(row)?)?[camera as usize])
+    }
+
+    /// Says how many of the selected rows are labelled, and how many are left out.
+    pub fn tell(&self, source: &Source, (first, end): (usize, usize)) {
+        let selected = self.rows.get(first..end.min(self.rows.len())).unwrap_or_default();
+        let known = selected.iter().flatten().count();
+        let left_out = count(selected.len() - known, "row");
+        let elsewhere = match self.elsewhere {
+            0 => String::new(),
+            pictures => format!("; {} of the whole table of another road", count(pictures, "picture")),
+        };
+        let path = source.path.display();
+        tracing::info!("{path}: {} labelled from the lane, {left_out} left out{elsewhere}", count(known, "row"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, time::Instant};
+
+    use super::*;
+    use crate::dataset::{Balance, Samples, Selection, Set};
+    use lapwing_core::{
+        config::ControlSettings, driver::Driver, pilot::PurePursuit, recording::udacity::DrivingLogWriter,
+    };
+    use lapwing_sim::{
+        camera::Scenery,
+        locate::table,
+        record::{RecordOptions, record},
+        track::Track,
+        world::{Setup, Simulation},
+    };
+
+    const SPEED: Mph = Mph::constant(20.0);
+
+    /// A drive that weaves, with the table of its places but for one row in ten; returns what the expert would have
+    /// steered in each.
+    fn weaving(folder: &Path) -> Vec<f64> {
+        let track = Arc::new(Track::named("lake").unwrap());
+        let scenery = Arc::new(Scenery::new(&track));
+        let setup = Setup { laps: None, longest_s: Some(12.0), ..Setup::new(Arc::clone(&track), scenery) };
+        let mut world = Simulation::new(setup).unwrap();
+        let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0)).unwrap();
+        let (mut text, mut expert) = (table::heading(), vec![]);
+        let mut see = |world: &mut Simulation| {
+            let pose = Some(Pose::of(world)).filter(|_| expert.len() % 10 != 5);
+            text += &table::line(expert.len(), world.time_s(), &track, pose);
+            expert.push(world.expert(SPEED).steering.get());
+        };
+        see(&mut world);
+        let options = RecordOptions { weave_m: 1.6, ..RecordOptions::at(SPEED) };
+        let pilot = Box::new(PurePursuit::default());
+        let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
+        record(&mut world, &mut driver, log, options, see).unwrap();
+        fs::write(folder.join("lane.csv"), text).unwrap();
+        expert
+    }
+
+    #[test]
+    fn labels_of_a_weaving_drive_are_the_experts_whatever_was_steered() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("weaving");
+        let expert = weaving(&folder);
+        let recorded = Selection::of(&folder);
+        let from_lane = Selection { lane: Some(folder.join("lane.csv")), ..recorded.clone() };
+        let open = |selection: &Selection| {
+            Samples::open(std::slice::from_ref(selection), Set::Training, None, &Balance::default()).unwrap()
+        };
+        let (recorded, from_lane) = (open(&recorded), open(&from_lane));
+        let worst = |samples: &Samples| {
+            let centre = samples.samples.iter().filter(|sample| sample.camera == CameraPosition::Center);
+            centre.map(|sample| (sample.steering - expert[sample.row as usize]).abs()).fold(0.0, f64::max)
+        };
+        assert!(worst(&recorded) > 0.1, "the driver weaves: {:.3}", worst(&recorded));
+        assert!(worst(&from_lane) < 0.01, "{:.3} from what the expert steers", worst(&from_lane));
+        // Rows without a place are left out, with all of their cameras.
+        let rows = recorded.samples.len() / 3;
+        let unseen = (0..rows).filter(|row| row % 10 == 5).count();
+        assert_eq!(from_lane.samples.len(), 3 * (rows - unseen));
+        assert!(from_lane.samples.iter().all(|sample| sample.row % 10 != 5));
+        // The left camera sees what a car further left sees, which steers further to the right.
+        for three in from_lane.samples.chunks(3) {
+            let [center, left, right] = three else { panic!("three cameras") };
+            assert!(left.steering > center.steering && right.steering < center.steering, "{three:?}");
+        }
+    }
+
+    #[test]
+    fn labels_from_the_lane_are_not_averaged() {
+        let selection = Selection { lane: Some("lane.csv".into()), smooth: 9, ..Selection::of("lake") };
+        let error = Samples::open(&[selection], Set::Training, None, &Balance::default()).unwrap_err();
+        assert_eq!(error.to_string(), "smooth: expected 1 with labels from the lane, got 9");
+    }
+}

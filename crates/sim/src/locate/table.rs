@@ -1,0 +1,248 @@
+//! Where a car was in each picture of a recording, as a table in a file: written by whoever knows it, such as `lapwing
+//! locate`, and read to label the recording or to drive along it.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use super::{InLane, Located, LocatedDrive, Pose};
+use crate::track::{Track, TrackError};
+
+/// The first columns, which are those that are read; more may follow.
+pub const COLUMNS: [&str; 7] = ["moment", "at_s", "track", "reversed", "place_m", "offset_m", "heading_deg"];
+
+/// A table that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LaneTableError {
+    /// The file.
+    #[error("{}: expected the table that `lapwing locate --csv` writes, got an error: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A heading without one of the columns.
+    #[error("{}: expected the column {column:?}, as `lapwing locate --csv` writes it, got {got:?}", path.display())]
+    Column {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: &'static str,
+        /// The heading.
+        got: String,
+    },
+    /// A field that is not what its column says.
+    #[error("{}: line {line}: {column}: expected {expected}, got {got:?}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The column.
+        column: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        got: String,
+    },
+    /// No place at all.
+    #[error("{}: expected places in a lane, got {rows} rows without one", path.display())]
+    NoPlace {
+        /// The file.
+        path: PathBuf,
+        /// Rows of the table.
+        rows: usize,
+    },
+    /// The road that it names.
+    #[error("{}: {source}", path.display())]
+    Track {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: TrackError,
+    },
+}
+
+/// A recording's places on the road that most of its pictures show.
+#[derive(Debug, Clone)]
+pub struct LaneTable {
+    /// The road.
+    pub track: Arc<Track>,
+    /// The moment of each picture, counted from 0, and the pose in it; `None` where that is not known.
+    pub rows: Vec<(usize, Option<Pose>)>,
+    /// Pictures of another road, whose poses are left out.
+    pub elsewhere: usize,
+}
+
+/// A line of the table: moment, and road, whether it is driven against its direction, place, offset and heading.
+type Line = (usize, Option<(String, bool, [f64; 3])>);
+
+impl LaneTable {
+    /// Reads the table that `lapwing locate --csv` writes. Roads are named as for [`Track::open`].
+    ///
+    /// # Errors
+    /// [`LaneTableError`].
+    pub fn read(path: &Path) -> Result<Self, LaneTableError> {
+        let text = fs::read_to_string(path).map_err(|source| LaneTableError::Read { path: path.to_owned(), source })?;
+        let lines = lines(path, &text)?;
+        let named = |name: &str| lines.iter().filter(|(_, at)| at.as_ref().is_some_and(|at| at.0 == name)).count();
+        let names = lines.iter().filter_map(|(_, at)| at.as_ref().map(|at| at.0.as_str()));
+        let mut roads: Vec<&str> = names.collect();
+        roads.sort_unstable();
+        roads.dedup();
+        let Some(name) = roads.into_iter().max_by_key(|name| named(name)) else {
+            return Err(LaneTableError::NoPlace { path: path.to_owned(), rows: lines.len() });
+        };
+        let wrong = |source| LaneTableError::Track { path: path.to_owned(), source };
+        let track = Arc::new(Track::open(name).map_err(wrong)?);
+        let mut elsewhere = 0;
+        let rows = lines.iter().map(|(moment, at)| {
+            let here = at.as_ref().filter(|(road, ..)| road == name);
+            elsewhere += usize::from(at.is_some() && here.is_none());
+            (*moment, here.map(|(_, reversed, numbers)| pose(&track, *reversed, *numbers)))
+        });
+        let rows = rows.collect();
+        Ok(Self { track, rows, elsewhere })
+    }
+
+    /// The drive, to be driven along, as far as its moments are in `moments`.
+    pub fn drive(&self, moments: std::ops::Range<usize>) -> LocatedDrive {
+        let known = |(moment, pose): &(usize, Option<Pose>)| pose.filter(|_| moments.contains(moment));
+        let places = self.rows.iter().map(|row| known(row).map(Located::known)).collect();
+        LocatedDrive { track: Arc::clone(&self.track), places }
+    }
+}
+
+fn pose(track: &Track, reversed: bool, [place_m, offset_m, heading_deg]: [f64; 3]) -> Pose {
+    Pose::from_lane(track, place_m, reversed, offset_m, heading_deg.to_radians())
+}
+
+fn lines(path: &Path, text: &str) -> Result<Vec<Line>, LaneTableError> {
+    let mut lines = text.lines().enumerate();
+    let heading = lines.next().map_or("", |(_, heading)| heading);
+    let columns = fields(heading);
+    let column = |column: &'static str| {
+        let missing = || LaneTableError::Column { path: path.to_owned(), column, got: heading.to_owned() };
+        columns.iter().position(|name| name == column).ok_or_else(missing)
+    };
+    let [moment, _, track, reversed, place, offset, heading_deg] = {
+        let mut at = [0; 7];
+        for (at, name) in at.iter_mut().zip(COLUMNS) {
+            *at = column(name)?;
+        }
+        at
+    };
+    lines
+        .map(|(i, text)| {
+            let fields = fields(text);
+            let field = |at: usize| fields.get(at).map_or("", String::as_str);
+            let wrong = |column: usize, expected: &'static str, got: &str| LaneTableError::Field {
+                path: path.to_owned(),
+                line: i + 1,
+                column: COLUMNS[column],
+                expected,
+                got: got.to_owned(),
+            };
+            let count = field(moment).parse().map_err(|_| wrong(0, "a whole number", field(moment)))?;
+            if field(track).is_empty() {
+                return Ok((count, None));
+            }
+            let against = field(reversed).parse().map_err(|_| wrong(3, "true or false", field(reversed)))?;
+            let number = |column: usize, at: usize| {
+                let number = field(at).parse().ok().filter(|number: &f64| number.is_finite());
+                number.ok_or_else(|| wrong(column, "a number", field(at)))
+            };
+            let numbers = [number(4, place)?, number(5, offset)?, number(6, heading_deg)?];
+            Ok((count, Some((field(track).to_owned(), against, numbers))))
+        })
+        .collect()
+}
+
+/// The fields of a line; one in quotes may contain commas, and quotes written twice.
+fn fields(line: &str) -> Vec<String> {
+    let mut fields = vec![];
+    let mut field = String::new();
+    let mut quoted = false;
+    let mut chars = line.chars().peekable();
+    while let Some(c) = chars.next() {
+        match c {
+            '"' if quoted && chars.next_if_eq(&'"').is_some() => field.push('"'),
+            '"' => quoted = !quoted,
+            ',' if !quoted => fields.push(std::mem::take(&mut field)),
+            c => field.push(c),
+        }
+    }
+    fields.push(field);
+    fields
+}
+
+/// The heading of a table of [`COLUMNS`] alone.
+pub fn heading() -> String {
+    COLUMNS.join(",") + "\n"
+}
+
+/// A line of such a table: the moment, its time, and where the car is on the track, if that is known.
+pub fn line(moment: usize, at_s: f64, track: &Track, pose: Option<Pose>) -> String {
+    let Some(pose) = pose else { return format!("{moment},{at_s:.3},,,,,\n") };
+    let name = &track.file().name;
+    let name = if name.contains([',', '"']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() };
+    let InLane { offset_m, heading_rad, .. } = pose.in_lane(track);
+    let (place_m, heading_deg) = (pose.s_m.rem_euclid(track.length()), heading_rad.to_degrees());
+    format!("{moment},{at_s:.3},{name},{},{place_m:.3},{offset_m:.4},{heading_deg:.3}\n", pose.direction() < 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<LaneTable, LaneTableError> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("lane.csv");
+        fs::write(&path, text).unwrap();
+        LaneTable::read(&path)
+    }
+
+    #[test]
+    fn poses_read_back_as_they_were_written_whichever_way_round() {
+        let track = Track::named("jungle").unwrap();
+        let there = Pose { s_m: 100.0, offset_m: 1.9, heading_rad: 0.1, pitch_rad: 0.0 };
+        let back = Pose { s_m: 200.0, offset_m: -1.2, heading_rad: 3.0, pitch_rad: 0.0 };
+        let lines = [Some(there), None, Some(back)].into_iter().enumerate();
+        let text = lines.fold(heading(), |text, (i, pose)| text + &line(i, 0.1 * i as f64, &track, pose));
+        let table = read(&text).unwrap();
+        assert_eq!((table.track.file().name.as_str(), table.elsewhere), ("jungle", 0));
+        assert_eq!(table.rows.iter().map(|(moment, _)| *moment).collect::<Vec<_>>(), [0, 1, 2]);
+        assert_eq!(table.rows[1].1, None);
+        for ((_, got), expected) in [table.rows[0], table.rows[2]].into_iter().zip([there, back]) {
+            let (got, expected) = (got.unwrap().in_lane(&track), expected.in_lane(&track));
+            assert!((got.offset_m - expected.offset_m).abs() < 1e-3, "{got:?} {expected:?}");
+            assert!((got.heading_rad - expected.heading_rad).abs() < 1e-3, "{got:?} {expected:?}");
+        }
+    }
+
+    #[test]
+    fn pictures_of_another_road_are_left_out_and_counted() {
+        let text = "moment,at_s,track,reversed,place_m,offset_m,heading_deg,agreement\n\
+                    3,0.0,lake,false,10.0,0.1,1.0,0.5\n4,0.1,jungle,false,1.0,0.0,0.0,0.5\n5,0.2,lake,true,20.0,0,0,1\n";
+        let table = read(text).unwrap();
+        assert_eq!((table.elsewhere, table.rows[1].1.is_none(), table.rows[2].0), (1, true, 5));
+        assert!(table.rows[2].1.unwrap().direction() < 0.0);
+        let places = table.drive(0..5).places;
+        assert!(places[0].is_some() && places[2].is_none(), "only the moments asked for");
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let error = |text: &str| read(text).unwrap_err().to_string();
+        assert!(error("").contains("expected the column \"moment\""));
+        assert!(error("moment,at_s,track\n").contains("expected the column \"reversed\""));
+        assert!(error(&(heading() + "x,,,,,,\n")).contains("line 2: moment: expected a whole number, got \"x\""));
+        assert!(error(&(heading() + "1,0,lake,no,1,1,1\n")).contains("line 2: reversed: expected true or false"));
+        assert!(error(&(heading() + "1,0,lake,true,1,nan,1\n")).contains("line 2: offset_m: expected a number"));
+        assert!(error(&(heading() + "1,0,,,,,\n")).contains("expected places in a lane, got 1 rows without one"));
+        assert!(error(&(heading() + "1,0,moon,true,1,1,1\n")).contains("moon"));
+    }
+}

@@ -1,0 +1,223 @@
+//! Rounds in closed loop: the network drives, what it saw is labelled by the expert, and it learns from that.
+//!
+//! Each round has a folder of its own in the training's folder, `round-1` and so on: the lessons, each a data set with its
+//! table of places, and the training that goes on from the weights of the round before. A round that was broken off is
+//! resumed: lessons and epochs that are complete are not repeated.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::{Context, bail};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    super::{undriven_layers, world},
+    Interrupted, learn, whole,
+};
+use lapwing_core::{
+    config::{ControlSettings, Settings},
+    drive::Eventful,
+    driver::Driver,
+    recording::udacity::DrivingLogWriter,
+    units::Mph,
+    words::count,
+};
+use lapwing_learn::{
+    dataset,
+    models::{self, LoadedModel},
+    nn::runtime,
+    train::{ClosedLoop, PracticeAlong, PracticeDrive, Recipe, TrainOutcome},
+};
+use lapwing_sim::{
+    along::{Limit, RecordedWorld, Yaw},
+    locate::LaneTable,
+    record::{self, LANE_NAME, RecordOptions, RecordReport},
+    spec::WorldSpec,
+    track::Track,
+    world::{Ending, Simulation},
+};
+
+/// What is left of a lesson in its folder, beside the data.
+const REPORT_NAME: &str = "lesson.json";
+/// The noise on the expert's steering is as large as the network's errors, but not less or more than this: without noise
+/// nothing is learnt about recovering, and with more the car leaves the road.
+const NOISE: (f64, f64) = (0.03, 0.2);
+/// A lesson of fewer rows is left out: it may be that all of them are held out.
+const FEWEST_ROWS: u64 = 100;
+
+/// A lesson that was driven.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Driven {
+    rows: u64,
+    put_back: u32,
+    disagreement: Option<f64>,
+}
+
+/// Checks everything that the rounds need, so that no training is wasted.
+pub(super) fn check(closed_loop: &ClosedLoop) -> anyhow::Result<()> {
+    for drive in &closed_loop.drive {
+        Track::open(&drive.track)?;
+        spec(drive, 0).conditions()?;
+    }
+    for along in &closed_loop.along {
+        dataset::check(&along.path)?;
+        LaneTable::read(&along.lane)?;
+    }
+    Ok(())
+}
+
+/// All rounds, after the training that ended so; returns how the last one ended.
+pub(super) fn run(
+    recipe: &Recipe,
+    closed_loop: &ClosedLoop,
+    out: &Path,
+    mut outcome: TrainOutcome,
+    config: Option<&Path>,
+    interrupted: &Interrupted,
+) -> anyhow::Result<TrainOutcome> {
+    let settings = undriven_layers(config)?.resolve()?;
+    let mut lessons = vec![];
+    let mut noise = record::NOISE;
+    for round in 1..=closed_loop.rounds {
+        let folder = out.join(format!("round-{round}"));
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let model = models::load(&outcome.model, Instant::now)?;
+        let round_of = Round { number: round, closed_loop, model: &model, noise, settings: &settings, interrupted };
+        // libtorch rounds differently with another number of threads, and the same seed must give the same lessons.
+        let threads = runtime::libtorch().threads;
+        runtime::set_threads(1);
+        let driven = round_of.drive(&folder);
+        runtime::set_threads(u16::try_from(threads).unwrap_or(u16::MAX));
+        let driven = driven?;
+        noise = apart(driven.iter().map(|(_, driven)| driven)).unwrap_or(noise).clamp(NOISE.0, NOISE.1);
+        let long = driven.into_iter().filter(|(_, driven)| driven.rows >= FEWEST_ROWS);
+        lessons.extend(long.map(|(path, _)| (path.clone(), path.join(LANE_NAME))));
+        let next = recipe.of_round(closed_loop, &outcome.model, &lessons);
+        // If there is nothing to resume, this begins.
+        outcome = learn(next, &folder, true, interrupted)?;
+        if !outcome.finished {
+            break;
+        }
+    }
+    Ok(outcome)
+}
+
+/// The root of the mean square over all rows in which the network drove.
+fn apart<'a>(driven: impl Iterator<Item = &'a Driven>) -> Option<f64> {
+    let (squares, rows) = driven
+        .filter_map(|driven| Some((driven.disagreement?.powi(2), driven.rows as f64)))
+        .fold((0.0, 0.0), |(sum, all), (square, rows)| (sum + square * rows, all + rows));
+    (rows > 0.0).then(|| (squares / rows).sqrt())
+}
+
+/// Which world, in which round.
+fn spec(drive: &PracticeDrive, round: usize) -> WorldSpec {
+    WorldSpec {
+        track: Some(drive.track.clone()),
+        // Another one in each round, so that each shows other places and other weather.
+        seed: drive.seed.wrapping_mul(1000).wrapping_add(round as u64),
+        conditions: drive.conditions.clone(),
+        longest_s: Some(drive.seconds),
+        ..WorldSpec::default()
+    }
+}
+
+struct Round<'a> {
+    number: usize,
+    closed_loop: &'a ClosedLoop,
+    model: &'a LoadedModel,
+    noise: f64,
+    settings: &'a Settings,
+    interrupted: &'a Interrupted,
+}
+
+impl Round<'_> {
+    /// All lessons of the round, each with its folder.
+    fn drive(&self, folder: &Path) -> anyhow::Result<Vec<(PathBuf, Driven)>> {
+        let mut driven = vec![];
+        let drives = self.closed_loop.drive.iter().enumerate();
+        for (i, drive) in drives {
+            let path = folder.join(format!("drive-{}", i + 1));
+            let lesson = lesson(&path, |partial| self.on_road(drive, partial))?;
+            driven.push((path, lesson));
+        }
+        for (i, along) in self.closed_loop.along.iter().enumerate() {
+            let path = folder.join(format!("along-{}", i + 1));
+            let lesson = lesson(&path, |partial| self.along(along, partial))?;
+            driven.push((path, lesson));
+        }
+        let rows: u64 = driven.iter().map(|(_, lesson)| lesson.rows).sum();
+        let put_back: u32 = driven.iter().map(|(_, lesson)| lesson.put_back).sum();
+        let apart = apart(driven.iter().map(|(_, lesson)| lesson)).unwrap_or(0.0);
+        say!(
+            "round {:>3}/{}  {}, {}, put back {}, steering {apart:.3} from the expert's",
+            self.number,
+            self.closed_loop.rounds,
+            count(driven.len(), "drive"),
+            count(rows, "row"),
+            count(put_back, "time"),
+        );
+        Ok(driven)
+    }
+
+    fn driver(&self, speed: Mph) -> Driver {
+        let control = ControlSettings { speed_mph: speed, ..self.settings.control };
+        Driver::new(self.model.pilot(), &control, Instant::now)
+    }
+
+    fn on_road(&self, drive: &PracticeDrive, folder: &Path) -> anyhow::Result<RecordReport> {
+        let speed = Mph::saturating(drive.speed);
+        let setup = spec(drive, self.number).setup(&self.settings.simulator)?;
+        let mut simulation = Simulation::new(setup)?;
+        let log = DrivingLogWriter::create(folder, jiff::Zoned::now().datetime())?;
+        let options = RecordOptions {
+            recovery: true,
+            noise: self.noise,
+            expert: self.closed_loop.expert_share(self.number),
+            anywhere: true,
+            ..RecordOptions::at(speed)
+        };
+        let bar = world::ProgressLine::new();
+        let report = record::record(&mut simulation, &mut self.driver(speed), log, options, |simulation| {
+            bar.show(simulation);
+            if self.interrupted.is_pressed() {
+                simulation.interrupt();
+            }
+        })?;
+        bar.clear();
+        Ok(report)
+    }
+
+    fn along(&self, along: &PracticeAlong, folder: &Path) -> anyhow::Result<RecordReport> {
+        let (first, end) = along.rows.unwrap_or((0, usize::MAX));
+        let located = LaneTable::read(&along.lane)?.drive(first..end);
+        let limit = Some(Limit::Metres(along.limit_m));
+        let mut world = RecordedWorld::open(&along.path, limit, Yaw::Pictures, Some(located))?;
+        let log = DrivingLogWriter::create(folder, jiff::Zoned::now().datetime())?;
+        let mut driver = self.driver(self.settings.control.speed_mph);
+        Ok(record::along(&mut world, &mut driver, log, || self.interrupted.is_pressed())?)
+    }
+}
+
+/// Drives a lesson into a folder unless that exists.
+fn lesson(path: &Path, drive: impl FnOnce(&Path) -> anyhow::Result<RecordReport>) -> anyhow::Result<Driven> {
+    let report = path.join(REPORT_NAME);
+    if path.exists() {
+        let text = fs::read_to_string(&report).with_context(|| report.display().to_string())?;
+        return serde_json::from_str(&text).with_context(|| report.display().to_string());
+    }
+    tracing::info!("driving {}", path.display());
+    whole(path, |partial| {
+        let RecordReport { rows, put_back, disagreement, ending, .. } = drive(partial)?;
+        if ending == Ending::Interrupted {
+            bail!("interrupted while {} was driven: nothing of it is kept", path.display());
+        }
+        let driven = Driven { rows, put_back, disagreement };
+        let report = partial.join(REPORT_NAME);
+        fs::write(&report, serde_json::to_string(&driven)?).with_context(|| report.display().to_string())?;
+        Ok(driven)
+    })
+}
