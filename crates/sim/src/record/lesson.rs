@@ -74,7 +74,8 @@ impl<'a, F: FnMut(&mut Simulation)> Lesson<'a, F> {
         let now_s = self.world.time_s();
         self.cut = false;
         if let Some(disturbance) = self.disturbance.as_mut().filter(|disturbance| disturbance.is_due(now_s)) {
-            disturbance.strike(self.world);
+            // A network may come to where the expert never is, such as the other lane, and stay there.
+            disturbance.strike(self.world, self.options.expert < 1.0);
             self.cut = true;
         } else if self.options.expert < 1.0 && self.is_lost() {
             let (s, line_m) = (self.world.place().station.s, self.world.setup().track.file().driving_line_m);
