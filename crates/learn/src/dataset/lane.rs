@@ -7,7 +7,7 @@ use lapwing_core::{units::Mph, words::count};
 use lapwing_sim::{
     camera::Camera,
     expert::LaneExpert,
-    locate::{LaneTable, Pose},
+    locate::{LaneTable, LaneTableError, Pose},
 };
 
 /// The labels of a data set's rows, one for each camera.
@@ -23,7 +23,8 @@ impl LaneLabels {
     /// Reads the table, and makes the centre camera's labels those of the rows.
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
         let table = LaneTable::read(path)?;
-        let mut expert = LaneExpert::new(Arc::clone(&table.track));
+        let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
+        let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
         let poses: HashMap<usize, Pose> =
             table.rows.iter().filter_map(|(moment, pose)| Some((*moment, (*pose)?))).collect();
         let mut labels = |pose: Pose, speed: Mph| {

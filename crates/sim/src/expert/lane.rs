@@ -5,7 +5,7 @@ use std::{f64::consts::PI, sync::Arc};
 use super::path_ahead;
 use crate::{
     locate::Pose,
-    track::{Place, Track},
+    track::{Place, Track, TrackError},
     vehicle::Car,
 };
 use lapwing_core::{
@@ -24,8 +24,11 @@ pub struct LaneExpert {
 
 impl LaneExpert {
     /// The expert for the lanes of this road.
-    pub fn new(track: Arc<Track>) -> Self {
-        Self { back: track.reversed(), there: track, pursuit: PurePursuit::default(), path: vec![] }
+    ///
+    /// # Errors
+    /// Those of [`Track::reversed`].
+    pub fn new(track: Arc<Track>) -> Result<Self, TrackError> {
+        Ok(Self { back: track.reversed()?, there: track, pursuit: PurePursuit::default(), path: vec![] })
     }
 
     /// What to steer in this pose at this speed.
@@ -59,7 +62,7 @@ mod tests {
     fn it_steers_as_the_expert_that_sees_the_simulation() {
         for name in Track::NAMES {
             let track = Arc::new(Track::named(name).unwrap());
-            let (mut lane, mut expert) = (LaneExpert::new(Arc::clone(&track)), Expert::default());
+            let (mut lane, mut expert) = (LaneExpert::new(Arc::clone(&track)).unwrap(), Expert::default());
             for i in 0..300 {
                 let s_m = track.length() * f64::from(i) / 300.0;
                 let (aside, askew) = (f64::from(i % 7 - 3) * 0.4, f64::from(i % 5 - 2) * 0.06);
@@ -80,7 +83,7 @@ mod tests {
     fn the_other_way_round_it_keeps_to_its_own_lane() {
         let track = Arc::new(Track::named("jungle").unwrap());
         let lane_m = track.file().driving_line_m;
-        let mut expert = LaneExpert::new(Arc::clone(&track));
+        let mut expert = LaneExpert::new(Arc::clone(&track)).unwrap();
         // A straight stretch: there, a car on its lane's middle steers little, one to the right of it to the left.
         let straight = |i: &&crate::track::Station| track.at(i.s - 10.0).curvature.abs().max(i.curvature.abs()) < 1e-3;
         let s_m = track.stations().iter().find(straight).unwrap().s;

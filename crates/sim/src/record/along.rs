@@ -27,7 +27,7 @@ pub fn along(
     log: DrivingLogWriter,
     is_over: impl Fn() -> bool,
 ) -> Result<RecordReport, RecordError> {
-    let expert = world.located().map(|drive| LaneExpert::new(Arc::clone(&drive.track)));
+    let expert = world.located().map(|drive| LaneExpert::new(Arc::clone(&drive.track))).transpose()?;
     let last = world.located().and_then(|drive| drive.places.iter().rposition(Option::is_some));
     let mut written = AlongLog {
         rows: Rows::new(log),

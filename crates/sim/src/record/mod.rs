@@ -106,6 +106,9 @@ pub enum RecordError {
     /// The recording that is driven along.
     #[error(transparent)]
     World(#[from] crate::along::ClosedLoopError),
+    /// The road of the recording, driven the other way round.
+    #[error(transparent)]
+    Track(#[from] crate::track::TrackError),
     /// Anything else that watches the drive.
     #[error(transparent)]
     Observer(ObserverError),
