@@ -55,7 +55,7 @@ fn found(card: &Scorecard) -> Option<(&str, bool, f64)> {
     }
     assert_eq!(drive.on.is_none(), drive.unknown.is_some());
     let on = drive.on.as_ref()?;
-    assert!(on.laps_uncertainty > 0.004, "{card}");
+    assert!(on.laps_uncertainty > 0.003, "{card}");
     Some((&on.track, on.reversed, on.laps))
 }
 
@@ -84,10 +84,11 @@ fn a_real_drive_is_named_with_its_way_round_and_its_thirds_are_named_alike_or_no
 }
 
 #[test]
-fn the_real_mountain_is_taken_for_no_other_road() {
+fn the_real_mountain_is_known_up_to_its_barrier() {
     let Some(folder) = shared("recordings/mountain") else { return };
     let card = scored(&folder);
-    assert!(found(&card).is_none_or(|(named, ..)| named == "mountain"), "{card}");
+    let Some(("mountain", false, laps)) = found(&card) else { panic!("{card}") };
+    assert!((laps - 0.8).abs() < 0.02, "the rest of our lap is not there: {card}");
 }
 
 #[test]

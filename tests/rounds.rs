@@ -65,7 +65,7 @@ fn trained(folder: &Path, out: &str, more: &[&str]) -> String {
 }
 
 fn weights(path: &Path) -> String {
-    sha256(&fs::read(path).unwrap())
+    sha256(fs::read(path).unwrap())
 }
 
 #[test]

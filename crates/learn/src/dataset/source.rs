@@ -28,7 +28,7 @@ pub struct Labelled {
     pub moment: usize,
     /// Time since the first row.
     pub at: Duration,
-    /// Pictures in the order of [`CameraPosition::ALL`].
+    /// Pictures in the order of [`CameraPosition::ALL`](super::CameraPosition::ALL).
     pub pictures: [Option<Picture>; 3],
     /// What was steered: [`Moment::steering`](lapwing_core::recording::Moment::steering).
     pub steering: Steering,

@@ -15,7 +15,7 @@ const BESIDE_M: f64 = 2.0;
 const ASKEW_RAD: f64 = 0.3;
 const HABIT: f64 = 0.1;
 /// What a unit of agreement is worth as a log likelihood. Neighbouring pictures err alike, so each is worth little: on the
-/// real lake, side cameras are then found about one standard deviation from where they sit (median 0.84, 95 % within 2.1).
+/// real lake, side cameras are then found about one standard deviation from where they sit.
 const WORTH: f64 = 3.0;
 /// The share of it that it is worth for the place along the road: pictures of the same stretch ahead err alike for longer.
 const PLACE: f64 = 0.2;

@@ -5,7 +5,7 @@
 //! Simulation ─▶ Lesson ─▶ telemetry ─▶ Driver ──────┤
 //!               └─▶ what the expert would do ───────┴─▶ LessonLog ─▶ DrivingLogWriter, lane.csv
 //! ```
-//! [`drive::run`](lapwing_core::drive::run) pairs the driver with a [`Lesson`], which decides whose steering the car
+//! [`drive::run`] pairs the driver with a [`Lesson`], which decides whose steering the car
 //! obeys: the expert's, with noise, or the driver's, from which it is put back when it leaves the road. The log holds what
 //! the expert would do in either case. So a network sees where its own errors lead to and what to do there: DAgger (Ross,
 //! Gordon and Bagnell 2011); noise as large as the driver's own errors is DART (Laskey et al. 2017).
