@@ -7,9 +7,8 @@
 //!                                     └─▶ LocatedDrive
 //! ```
 //! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
-//! were taken. Drives that are joined in one recording are parts of
-//! their own. Each part is followed in stretches of bounded length, so that a drive that is lost is found again, several
-//! processors share the work, and memory stays bounded.
+//! were taken. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
+//! length, so that a drive that is lost is found again, several processors share the work, and memory stays bounded.
 
 pub mod drawn;
 mod pictures;
@@ -39,7 +38,7 @@ pub use self::{
 use crate::known::Roads;
 use lapwing_core::{
     perception::Frame,
-    recording::{CameraPosition, RecordingError},
+    recording::{CameraPosition, Moment, Recording, RecordingError},
 };
 use lapwing_score::{
     odometry::{self, Leg},
@@ -47,7 +46,7 @@ use lapwing_score::{
 };
 use lapwing_sim::{
     camera::Scenery,
-    locate::{FOUND, Located, LocatedDrive, Overlay, seen},
+    locate::{FOUND, LaneTable, LaneTableError, Located, LocatedDrive, Overlay, seen},
     track::{Track, TrackError},
 };
 
@@ -63,6 +62,25 @@ pub enum LocateError {
     /// A road that is asked for.
     #[error(transparent)]
     Track(#[from] TrackError),
+    /// A table of places.
+    #[error(transparent)]
+    Table(#[from] LaneTableError),
+    /// A table that was made of another recording.
+    #[error(
+        "{}: expected the places of the {pictures} pictures of {}, got {rows} rows of other moments: make it again with \
+         lapwing locate --csv",
+        table.display(), recording.display()
+    )]
+    OtherTable {
+        /// The recording.
+        recording: std::path::PathBuf,
+        /// The table.
+        table: std::path::PathBuf,
+        /// Moments of the recording with a picture.
+        pictures: usize,
+        /// Rows of the table.
+        rows: usize,
+    },
     /// None of its moments has a picture.
     #[error("{}: expected a recording with pictures, got {moments} moments without one", path.display())]
     NoPictures {
@@ -71,6 +89,22 @@ pub enum LocateError {
         /// How many moments it has.
         moments: usize,
     },
+}
+
+/// Where a recording's pictures were taken, by the table that [`LocatedRecording::csv`] made of it.
+///
+/// # Errors
+/// [`LocateError`]: what cannot be read, and a table of another recording.
+pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDrive, LocateError> {
+    let road = |name: &str| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() });
+    let places = LaneTable::read(table, road)?;
+    let seen = Recording::open(path)?.filter(|moment| moment.as_ref().map_or(true, Moment::is_seen));
+    let pictures: Vec<usize> = seen.map(|moment| Ok(moment?.row)).collect::<Result<_, RecordingError>>()?;
+    if !places.rows.iter().map(|(moment, _)| moment).eq(&pictures) {
+        let (recording, table) = (path.to_owned(), table.to_owned());
+        return Err(LocateError::OtherTable { recording, table, pictures: pictures.len(), rows: places.rows.len() });
+    }
+    Ok(places.drive(0..usize::MAX))
 }
 
 /// A drive of a recording: all of it, unless several were joined.

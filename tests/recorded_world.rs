@@ -117,6 +117,23 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     assert!(result["mean_abs_cte_m"].as_f64().is_none_or(|cte| cte < 0.5), "{result}");
     let (_, out, _) = run(&drive);
     assert!(out.contains("\n  recorded          ") && out.contains("% of the road shown"), "{out}");
+    // What `record` or `locate` wrote of the places is used in place of locating them again.
+    let (code, out, err) = run(&[&drive[..], &["--json", "--lane", "laps/lane.csv"]].concat());
+    assert_eq!(code, 0, "{err}");
+    let told: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(told["seen"]["drawn"], 0, "{told}");
+    assert!(told["seen"]["apart_m"].as_f64().unwrap() < 0.6, "{told}");
+    let table = std::fs::read_to_string(dir.path().join("laps/lane.csv")).unwrap();
+    std::fs::write(dir.path().join("short.csv"), table.lines().take(9).collect::<Vec<_>>().join("\n")).unwrap();
+    let (code, _, err) = run(&[&drive[..], &["--lane", "short.csv"]].concat());
+    assert!(code == 1 && err.contains("expected the places of the 150 pictures of laps, got 8 rows"), "{code}: {err}");
+    let (code, _, err) = run(&[&drive[..], &["--lane", "short.csv", "laps/lane.csv"]].concat());
+    assert!(code == 2 && err.contains("--lane: expected one file for each of 1 recording, got 2"), "{code}: {err}");
+    let along = ["replay", "laps", "--closed-loop", "--lane", "laps/lane.csv", "--json"];
+    let (code, out, err) = run(&along);
+    assert_eq!(code, 0, "{err}");
+    let along: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(along["from_lane_share"], 1.0, "{along}");
     let (code, _, err) = run(&[&drive[..], &["--conditions", "rain=1"]].concat());
     assert!(code == 2 && err.contains("expected latency_ms or dropped with --world"), "{code}: {err}");
     std::fs::write(dir.path().join("nothing.txt"), "").unwrap();

@@ -23,6 +23,10 @@ pub struct Drive {
     /// training mode. They must be of a track that comes with Lapwing, or of --track
     #[arg(long = "world", value_name = "RECORDING", num_args = 1.., conflicts_with = "scenario")]
     pub recorded: Vec<PathBuf>,
+    /// Where in its lane the car was in each picture, as locate --csv writes it, one file for each --world: they are not
+    /// located again
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "recorded")]
+    pub lane: Vec<PathBuf>,
     /// Number of laps after which the run ends [default: 1, or no limit with a scenario]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: Option<u32>,
@@ -168,6 +172,10 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub from_path: bool,
+    /// Where in its lane the car was in each picture, as locate --csv writes it: they are not located again
+    #[cfg(feature = "simulator")]
+    #[arg(long, value_name = "FILE", requires = "closed_loop", conflicts_with = "from_path")]
+    pub lane: Option<PathBuf>,
     /// Where the virtual car is put back: at the road's edge, or so many metres from the lane's middle, or from the recorded
     /// path where the lane is not known [default: road if the lane is known along most of the way, otherwise 1]
     #[cfg(feature = "simulator")]

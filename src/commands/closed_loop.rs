@@ -17,7 +17,7 @@ use crate::{
     cli,
     film::Film,
     known::Roads,
-    locating::{LocateError, locate},
+    locating::{self, LocateError, locate},
 };
 use lapwing_core::{
     config::ConfigError,
@@ -167,8 +167,12 @@ fn has_side_cameras(source: &Path) -> Result<bool, RecordingError> {
 /// Where the recording was driven, if it was on a known road.
 fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
+    let roads = Roads::with(&arguments.tracks);
+    if let Some(table) = &arguments.lane {
+        return Ok(Some(locating::from_table(&arguments.source, table, &roads)?));
+    }
     let bar = super::locate::bar();
-    let found = locate(&arguments.source, CameraPosition::Center, &Roads::with(&arguments.tracks), || bar.inc(1));
+    let found = locate(&arguments.source, CameraPosition::Center, &roads, || bar.inc(1));
     bar.finish_and_clear();
     match found {
         Ok(found) => Ok(found.drive()),

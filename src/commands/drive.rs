@@ -44,7 +44,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     setup.stock = arguments.stock;
     let mut recorded = match &arguments.recorded[..] {
         [] => None,
-        recordings => Some(Recorded::open(recordings, arguments.world.track.as_deref(), &mut setup)?),
+        recordings => Some(Recorded::open(recordings, &arguments.lane, arguments.world.track.as_deref(), &mut setup)?),
     };
     if let (None, Some(scenario)) = (arguments.driving.speed, &setup.scenario) {
         settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());

@@ -9,7 +9,7 @@ use anyhow::bail;
 
 use crate::{
     known::Roads,
-    locating::{LocatedRecording, locate},
+    locating::{LocatedRecording, from_table, locate},
 };
 use lapwing_core::{config::ConfigError, recording::CameraPosition, words::count};
 use lapwing_score::results::Seen;
@@ -34,15 +34,29 @@ pub(super) struct Recorded {
 
 impl Recorded {
     /// Locates the recordings, and makes their road that of the setup.
-    pub(super) fn open(recordings: &[PathBuf], track: Option<&str>, setup: &mut Setup) -> anyhow::Result<Self> {
+    pub(super) fn open(
+        recordings: &[PathBuf],
+        lanes: &[PathBuf],
+        track: Option<&str>,
+        setup: &mut Setup,
+    ) -> anyhow::Result<Self> {
         let Conditions { latency_ms, dropped, .. } = setup.conditions;
         if setup.conditions != (Conditions { latency_ms, dropped, ..Conditions::default() }) {
             let why = "expected latency_ms or dropped with --world: light and weather are those of the recordings";
             return Err(ConfigError::Value { layer: "--conditions".into(), why: why.into() }.into());
         }
+        if !lanes.is_empty() && lanes.len() != recordings.len() {
+            let recordings = count(recordings.len(), "recording");
+            let why = format!("expected one file for each of {recordings}, got {}", lanes.len());
+            return Err(ConfigError::Value { layer: "--lane".into(), why }.into());
+        }
         let roads = Roads::with(&track.into_iter().map(str::to_owned).collect::<Vec<_>>());
         let mut drives = vec![];
-        for path in recordings {
+        for (i, path) in recordings.iter().enumerate() {
+            if let Some(table) = lanes.get(i) {
+                drives.push((path.clone(), from_table(path, table, &roads)?));
+                continue;
+            }
             let bar = super::locate::bar();
             let found = locate(path, CameraPosition::Center, &roads, || bar.inc(1));
             bar.finish_and_clear();

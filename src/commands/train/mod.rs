@@ -224,7 +224,7 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
             dataset::check(&data.path)?;
         }
         if let Some(lane) = data.lane.as_ref().filter(|lane| !is_made(lane)) {
-            LaneTable::read(lane)?;
+            LaneTable::read(lane, Track::open)?;
         }
     }
     for recording in made {

@@ -8,6 +8,7 @@ use lapwing_sim::{
     camera::Camera,
     expert::LaneExpert,
     locate::{LaneTable, LaneTableError, Pose},
+    track::Track,
 };
 
 /// The labels of a data set's rows, one for each camera.
@@ -22,7 +23,7 @@ pub(super) struct LaneLabels {
 impl LaneLabels {
     /// Reads the table, and makes the centre camera's labels those of the rows.
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
-        let table = LaneTable::read(path)?;
+        let table = LaneTable::read(path, Track::open)?;
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
         let poses: HashMap<usize, Pose> =

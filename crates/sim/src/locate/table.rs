@@ -81,11 +81,11 @@ pub struct LaneTable {
 type Line = (usize, Option<(String, bool, [f64; 3])>);
 
 impl LaneTable {
-    /// Reads the table that `lapwing locate --csv` writes. Roads are named as for [`Track::open`].
+    /// Reads the table that `lapwing locate --csv` writes. `road` is the track of a name, as [`Track::open`] has it.
     ///
     /// # Errors
     /// [`LaneTableError`].
-    pub fn read(path: &Path) -> Result<Self, LaneTableError> {
+    pub fn read(path: &Path, road: impl Fn(&str) -> Result<Track, TrackError>) -> Result<Self, LaneTableError> {
         let text = fs::read_to_string(path).map_err(|source| LaneTableError::Read { path: path.to_owned(), source })?;
         let lines = lines(path, &text)?;
         let named = |name: &str| lines.iter().filter(|(_, at)| at.as_ref().is_some_and(|at| at.0 == name)).count();
@@ -97,7 +97,7 @@ impl LaneTable {
             return Err(LaneTableError::NoPlace { path: path.to_owned(), rows: lines.len() });
         };
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
-        let track = Arc::new(Track::open(name).map_err(wrong)?);
+        let track = Arc::new(road(name).map_err(wrong)?);
         let mut elsewhere = 0;
         let rows = lines.iter().map(|(moment, at)| {
             let here = at.as_ref().filter(|(road, ..)| road == name);
@@ -186,12 +186,18 @@ pub fn heading() -> String {
 
 /// A line of such a table: the moment, its time, and where the car is on the track, if that is known.
 pub fn line(moment: usize, at_s: f64, track: &Track, pose: Option<Pose>) -> String {
-    let Some(pose) = pose else { return format!("{moment},{at_s:.3},,,,,\n") };
+    cells(moment, at_s, track, pose) + "\n"
+}
+
+/// The same, to be followed by more cells.
+pub fn cells(moment: usize, at_s: f64, track: &Track, pose: Option<Pose>) -> String {
+    let Some(pose) = pose else { return format!("{moment},{at_s:.3},,,,,") };
     let name = &track.file().name;
-    let name = if name.contains([',', '"']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() };
+    let is_plain = !name.contains([',', '"', '\n', '\r']);
+    let name = if is_plain { name.to_owned() } else { format!("\"{}\"", name.replace('"', "\"\"")) };
     let InLane { offset_m, heading_rad, .. } = pose.in_lane(track);
     let (place_m, heading_deg) = (pose.s_m.rem_euclid(track.length()), heading_rad.to_degrees());
-    format!("{moment},{at_s:.3},{name},{},{place_m:.3},{offset_m:.4},{heading_deg:.3}\n", pose.direction() < 0.0)
+    format!("{moment},{at_s:.3},{name},{},{place_m:.3},{offset_m:.4},{heading_deg:.3}", pose.direction() < 0.0)
 }
 
 #[cfg(test)]
@@ -202,7 +208,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("lane.csv");
         fs::write(&path, text).unwrap();
-        LaneTable::read(&path)
+        LaneTable::read(&path, Track::open)
     }
 
     #[test]
