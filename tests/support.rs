@@ -101,7 +101,7 @@ impl Running {
     /// Ends all runs; returns what was said of them.
     pub async fn stop(self) -> Vec<Summary> {
         self.stop.send(()).unwrap();
-        timeout(Duration::from_secs(10), self.server).await.expect("the bridge stops").unwrap().unwrap();
+        timeout(PATIENCE, self.server).await.expect("the bridge stops").unwrap().unwrap();
         std::mem::take(&mut self.summaries.lock().unwrap())
     }
 }
@@ -110,6 +110,10 @@ impl Running {
 pub struct Wire {
     pub socket: WebSocketStream<TcpStream>,
 }
+
+/// How long a test waits for what must come: long enough for a processor that other tests keep busy. That something comes in
+/// time is for benchmarks to show.
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The user agent of the stock build.
 pub const UNITY: &str = "websocket-sharp/1.0";
@@ -132,9 +136,9 @@ impl Wire {
         self.socket.send(Message::text(text)).await.unwrap();
     }
 
-    /// The next text within some seconds.
+    /// The next text.
     pub async fn text(&mut self) -> String {
-        self.text_within(Duration::from_secs(5)).await.expect("a message within 5 s")
+        self.text_within(PATIENCE).await.expect("a message within a minute, while the connection lasts")
     }
 
     /// The next text, or `None` if none comes in this time or the connection ends.

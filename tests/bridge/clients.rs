@@ -7,7 +7,7 @@ use tempfile::tempdir;
 
 use lapwing_score::score::Figure;
 
-use crate::support::{Running, Wire, settings, steer, telemetry};
+use crate::support::{PATIENCE, Running, Wire, settings, steer, telemetry};
 
 /// The answer of a server of Engine.IO 4, whose own pings may come first.
 async fn ask(client: &mut Wire, text: &str) -> String {
@@ -50,7 +50,7 @@ async fn an_ordinary_client_of_protocol_5_is_greeted_and_steered() {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    tokio::time::timeout(Duration::from_secs(5), over).await.expect("its run ends when it leaves");
+    tokio::time::timeout(PATIENCE, over).await.expect("its run ends when it leaves");
     assert_eq!(running.summaries.lock().unwrap()[0].count(Figure::BadFrames), 0);
 }
 

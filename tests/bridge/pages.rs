@@ -9,7 +9,7 @@ use tokio::{
     net::TcpStream,
 };
 
-use crate::support::{Running, UNITY, Wire, settings, steer, telemetry};
+use crate::support::{PATIENCE, Running, UNITY, Wire, settings, steer, telemetry};
 
 /// What the bridge answers to a request with these headers: status line and body.
 async fn ask(running: &Running, request: &str, headers: &str) -> (String, String) {
@@ -17,7 +17,7 @@ async fn ask(running: &Running, request: &str, headers: &str) -> (String, String
     let text = format!("{request} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n{headers}\r\n");
     stream.write_all(text.as_bytes()).await.unwrap();
     let mut answer = String::new();
-    tokio::time::timeout(Duration::from_secs(5), stream.read_to_string(&mut answer)).await.unwrap().unwrap();
+    tokio::time::timeout(PATIENCE, stream.read_to_string(&mut answer)).await.unwrap().unwrap();
     let (head, body) = answer.split_once("\r\n\r\n").unwrap();
     (head.to_lowercase(), body.to_owned())
 }
@@ -31,7 +31,7 @@ async fn dial(running: &Running, headers: &str) -> u16 {
     );
     stream.write_all(text.as_bytes()).await.unwrap();
     let mut head = [0; 12];
-    tokio::time::timeout(Duration::from_secs(5), stream.read_exact(&mut head)).await.unwrap().unwrap();
+    tokio::time::timeout(PATIENCE, stream.read_exact(&mut head)).await.unwrap().unwrap();
     std::str::from_utf8(&head[9..]).unwrap().parse().unwrap()
 }
 

@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::{
     },
 };
 
-use crate::support::{Running, Wire, settings, steer, telemetry, telemetry_with};
+use crate::support::{PATIENCE, Running, Wire, settings, steer, telemetry, telemetry_with};
 
 /// A bridge with these limits that does not kick.
 async fn with_limits(change: impl FnOnce(&mut Settings)) -> (tempfile::TempDir, Running) {
@@ -145,12 +145,12 @@ async fn connections_beyond_the_limit_are_turned_away_and_who_leaves_makes_room(
     let idle = [connect(&running, "").await, connect(&running, "GET / HTTP/1.1\r\n").await];
     let mut fourth = connect(&running, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").await;
     let began = Instant::now();
-    assert_eq!(rest(&mut fourth, Duration::from_secs(5)).await.as_deref(), Some(""), "not even answered");
+    assert_eq!(rest(&mut fourth, PATIENCE).await.as_deref(), Some(""), "not even answered");
     assert!(began.elapsed() > Duration::from_millis(500), "at once would be an invitation: {:?}", began.elapsed());
     steer(&good.ask(&telemetry("7.0000")).await);
     drop(idle);
     let mut fifth = connect(&running, "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await;
-    assert!(rest(&mut fifth, Duration::from_secs(5)).await.unwrap().starts_with("HTTP/1.1 200"));
+    assert!(rest(&mut fifth, PATIENCE).await.unwrap().starts_with("HTTP/1.1 200"));
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -160,7 +160,7 @@ async fn a_head_that_does_not_come_and_a_connection_that_asks_no_more_are_closed
     for what in ["", "GET / HTTP/1.1\r\nHost: loc", "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"] {
         let mut stream = connect(&running, what).await;
         let began = Instant::now();
-        let answer = rest(&mut stream, Duration::from_secs(5)).await.expect(what);
+        let answer = rest(&mut stream, PATIENCE).await.expect(what);
         assert_eq!(answer.starts_with("HTTP/1.1 200"), what.ends_with("\r\n\r\n"), "{answer}");
         assert!(began.elapsed() > Duration::from_millis(300), "{what}");
     }
@@ -173,7 +173,7 @@ async fn sessions_that_polling_opens_are_limited_too() {
     let mut statuses = vec![];
     for _ in 0..8 {
         let open = "GET /socket.io/?EIO=3&transport=polling HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
-        let answer = rest(&mut connect(&running, open).await, Duration::from_secs(5)).await.unwrap();
+        let answer = rest(&mut connect(&running, open).await, PATIENCE).await.unwrap();
         statuses.push(answer[9..12].to_owned());
     }
     assert_eq!(statuses, ["200", "200", "200", "200", "200", "503", "503", "503"]);
@@ -191,7 +191,7 @@ async fn a_websocket_is_opened_only_where_its_frames_are_watched() {
         let dial = format!(
             "GET /socket.io/?{query} HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\n{upgrade}\r\n{key}\r\n\r\n"
         );
-        let answer = rest(&mut connect(&running, &dial).await, Duration::from_secs(5)).await.expect(query);
+        let answer = rest(&mut connect(&running, &dial).await, PATIENCE).await.expect(query);
         let expected = "expected Upgrade: websocket and a Sec-WebSocket-Key";
         assert!(answer.starts_with("HTTP/1.1 400") && answer.contains(expected), "{query}, {upgrade}: {answer}");
     }
@@ -212,13 +212,13 @@ async fn who_asks_and_never_reads_the_answers_loses_his_place() {
         timeout(Duration::from_secs(20), async { while deaf.write_all(requests.as_bytes()).await.is_ok() {} });
     assert!(dropped.await.is_ok(), "it is still there");
     let mut next = connect(&running, "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await;
-    assert!(rest(&mut next, Duration::from_secs(5)).await.unwrap().starts_with("HTTP/1.1 200"));
+    assert!(rest(&mut next, PATIENCE).await.unwrap().starts_with("HTTP/1.1 200"));
 }
 
 /// Opens a session by polling; its id.
 async fn session(running: &Running) -> String {
     let open = "GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
-    let answer = rest(&mut connect(running, open).await, Duration::from_secs(5)).await.unwrap();
+    let answer = rest(&mut connect(running, open).await, PATIENCE).await.unwrap();
     answer.split_once("\"sid\":\"").unwrap_or_else(|| panic!("{answer}")).1.split('"').next().unwrap().to_owned()
 }
 
@@ -230,7 +230,7 @@ async fn a_posted_body_is_limited_whether_it_says_its_length_or_not() {
     };
     let sid = session(&running).await;
     let mut announced = connect(&running, &post(&sid, "Content-Length: 66060288")).await;
-    let answer = rest(&mut announced, Duration::from_secs(5)).await.unwrap();
+    let answer = rest(&mut announced, PATIENCE).await.unwrap();
     assert!(answer.starts_with("HTTP/1.1 413") && answer.contains("at most 4096 KiB"), "{answer}");
 
     let mut chunked = connect(&running, &post(&sid, "Transfer-Encoding: chunked")).await;
@@ -246,7 +246,7 @@ async fn a_posted_body_is_limited_whether_it_says_its_length_or_not() {
     let sid = session(&running).await;
     let mut whole = connect(&running, &post(&sid, "Content-Length: 2\r\nConnection: close")).await;
     whole.write_all(b"40").await.unwrap();
-    assert!(rest(&mut whole, Duration::from_secs(5)).await.unwrap().ends_with("ok"));
+    assert!(rest(&mut whole, PATIENCE).await.unwrap().ends_with("ok"));
 }
 
 #[cfg(target_os = "linux")]
