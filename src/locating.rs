@@ -27,7 +27,7 @@ use std::{
 use rayon::prelude::*;
 
 use self::{
-    pictures::{Job, Pictures, SIZE, decoded},
+    pictures::{Job, Pictures, decoded},
     rows::Rows,
     stretch::{NEAR_M, OnRoad, Stretch, continuous, cut, parts_of},
 };
@@ -38,13 +38,14 @@ pub use self::{
 use crate::known::Roads;
 use lapwing_core::{
     perception::Frame,
-    recording::{CameraPosition, Moment, Recording, RecordingError},
+    recording::{CameraPosition, Recording, RecordingError},
 };
 use lapwing_score::{
     odometry::{self, Leg},
     score::Turned,
 };
 use lapwing_sim::{
+    along::SIZE,
     camera::Scenery,
     locate::{FOUND, LaneTable, LaneTableError, Located, LocatedDrive, Overlay, seen},
     track::{Track, TrackError},
@@ -98,7 +99,7 @@ pub enum LocateError {
 pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDrive, LocateError> {
     let road = |name: &str| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() });
     let places = LaneTable::read(table, road)?;
-    let seen = Recording::open(path)?.filter(|moment| moment.as_ref().map_or(true, Moment::is_seen));
+    let seen = Recording::open(path)?.seen();
     let pictures: Vec<usize> = seen.map(|moment| Ok(moment?.row)).collect::<Result<_, RecordingError>>()?;
     if !places.rows.iter().map(|(moment, _)| moment).eq(&pictures) {
         let (recording, table) = (path.to_owned(), table.to_owned());

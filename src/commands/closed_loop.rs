@@ -17,7 +17,7 @@ use crate::{
     cli,
     film::Film,
     known::Roads,
-    locating::{self, LocateError, locate},
+    locating::{self, LocateError},
 };
 use lapwing_core::{
     config::ConfigError,
@@ -25,7 +25,7 @@ use lapwing_core::{
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
-    recording::{CameraPosition, ModelId, Moment, Recorder, RecorderOptions, Recording, RecordingError, RunHeader},
+    recording::{CameraPosition, ModelId, Recorder, RecorderOptions, RunHeader},
     replay::{self},
     turn::Turn,
     words::count,
@@ -62,7 +62,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let mut world = RecordedWorld::open(&arguments.source, limit, yaw, located)?.by(protocol);
     let limit = world.limit();
     let (rows, read, stood) = world.rows();
-    let sides = has_side_cameras(&arguments.source)?;
+    let sides = world.has_side_cameras();
     let config = json!({
         "settings": settings,
         "world": {
@@ -157,13 +157,6 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     Ok(ended)
 }
 
-/// Whether a recording has pictures of a side camera, by the first of its moments that has any.
-fn has_side_cameras(source: &Path) -> Result<bool, RecordingError> {
-    // The world has read all of it, and told what cannot be read.
-    let seen = Recording::open(source)?.flatten().find(Moment::is_seen);
-    Ok(seen.is_some_and(|moment| moment.pictures[1..].iter().any(Option::is_some)))
-}
-
 /// Where the recording was driven, if it was on a known road.
 fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
@@ -171,10 +164,7 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     if let Some(table) = &arguments.lane {
         return Ok(Some(locating::from_table(&arguments.source, table, &roads)?));
     }
-    let bar = super::locate::bar();
-    let found = locate(&arguments.source, CameraPosition::Center, &roads, || bar.inc(1));
-    bar.finish_and_clear();
-    match found {
+    match super::locate::located(&arguments.source, CameraPosition::Center, &roads) {
         Ok(found) => Ok(found.drive()),
         // The world says the same, in the words of a drive along a recording.
         Err(LocateError::NoPictures { .. } | LocateError::Recording(_)) => Ok(None),

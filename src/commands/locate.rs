@@ -2,6 +2,7 @@
 
 use std::{
     io::{self, IsTerminal},
+    path::Path,
     time::Duration,
 };
 
@@ -11,7 +12,7 @@ use super::{Ended, outputs};
 use crate::{
     cli,
     known::Roads,
-    locating::{self, LocateError, Summary, drawn},
+    locating::{LocateError, LocatedRecording, Summary, drawn, locate},
 };
 use lapwing_core::{recording::CameraPosition, words::count};
 use lapwing_sim::track::Track;
@@ -22,10 +23,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     [&arguments.frames, &arguments.plot].into_iter().flatten().try_for_each(|path| outputs::check_drawing(path))?;
     let roads = Roads::with(&arguments.tracks);
     let of = |name: &str, camera: CameraPosition| {
-        let bar = bar();
-        let found = locating::locate(&arguments.recording, camera, &roads, || bar.inc(1));
-        bar.finish_and_clear();
-        let found = found?;
+        let found = located(&arguments.recording, camera, &roads)?;
         if let (number, Some(why)) = &found.unreadable {
             let pictures = count(*number, "picture");
             say!("{name} camera: {pictures} could not be looked at, the first: {why}");
@@ -57,8 +55,16 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     Ok(if nothing { Ended::Failed } else { Ended::Passed })
 }
 
+/// Locates a recording, with a line of progress.
+pub(super) fn located(path: &Path, camera: CameraPosition, roads: &Roads) -> Result<LocatedRecording, LocateError> {
+    let bar = bar();
+    let found = locate(path, camera, roads, || bar.inc(1));
+    bar.finish_and_clear();
+    found
+}
+
 /// A line of progress, if stderr is a terminal.
-pub(super) fn bar() -> ProgressBar {
+fn bar() -> ProgressBar {
     if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }

@@ -7,10 +7,7 @@ use std::{
 
 use anyhow::bail;
 
-use crate::{
-    known::Roads,
-    locating::{LocatedRecording, from_table, locate},
-};
+use crate::{known::Roads, locating::from_table};
 use lapwing_core::{config::ConfigError, recording::CameraPosition, words::count};
 use lapwing_score::results::Seen;
 use lapwing_sim::{
@@ -57,10 +54,7 @@ impl Recorded {
                 drives.push((path.clone(), from_table(path, table, &roads)?));
                 continue;
             }
-            let bar = super::locate::bar();
-            let found = locate(path, CameraPosition::Center, &roads, || bar.inc(1));
-            bar.finish_and_clear();
-            match found.map(|found| LocatedRecording::drive(&found))? {
+            match super::locate::located(path, CameraPosition::Center, &roads)?.drive() {
                 Some(drive) => drives.push((path.clone(), drive)),
                 None => bail!(
                     "{}: expected a drive on a known road, got none (lapwing locate says more): if it was on another \

@@ -3,10 +3,7 @@
 use std::path::Path;
 
 use super::{LocateError, LocatedRecording, On, pictures::decoded};
-use lapwing_core::{
-    perception::Frame,
-    recording::{Moment, Recording},
-};
+use lapwing_core::{perception::Frame, recording::Recording};
 use lapwing_score::drawing::{
     Colour, LINE_PX, MARGIN, Point, Shape, Sheet,
     chart::{Axis, Chart, Marks, Series, stack},
@@ -33,7 +30,7 @@ pub fn frames(path: &Path, found: &LocatedRecording) -> Result<Sheet, LocateErro
     let every = found.rows.len().div_ceil(PICTURES).max(1);
     let (mut shapes, mut frame, mut shown) = (vec![], Frame::default(), 0);
     let mut overlays: Vec<Option<Overlay>> = found.parts.iter().map(|_| None).collect();
-    let moments = Recording::open(path)?.filter(|moment| moment.as_ref().map_or(true, Moment::is_seen));
+    let moments = Recording::open(path)?.seen();
     let (mut width, mut height) = (320.0, 160.0);
     for (i, moment) in moments.enumerate().step_by(every) {
         let moment = moment?;

@@ -4,10 +4,10 @@ use std::{collections::VecDeque, path::Path, sync::Arc};
 
 use super::Stretch;
 use lapwing_core::{
-    perception::{Frame, decode_jpeg},
+    perception::Frame,
     recording::{CameraPosition, Picture, Recording, RecordingError},
 };
-use lapwing_sim::{camera::Scenery, track::Track};
+use lapwing_sim::{along::read_stock, camera::Scenery, track::Track};
 
 /// A track, and what stands beside it.
 pub(super) type Scene = (Arc<Track>, Arc<Scenery>);
@@ -70,17 +70,7 @@ impl Iterator for Pictures {
     }
 }
 
-/// The size of the stock simulator's pictures.
-pub(super) const SIZE: (usize, usize) = (320, 160);
-
 /// Reads a picture, or says why it cannot be looked at.
 pub(super) fn decoded(picture: Option<&Picture>, frame: &mut Frame) -> Result<(), String> {
-    let picture = picture.ok_or("the recording names no picture of this camera")?;
-    let jpeg = picture.read().map_err(|e| format!("{picture}: {e}"))?;
-    decode_jpeg(&jpeg, frame).map_err(|e| format!("{picture}: {e}"))?;
-    let size = (frame.width(), frame.height());
-    if size == SIZE {
-        return Ok(());
-    }
-    Err(format!("{picture}: expected {}x{} pixels, got {}x{}", SIZE.0, SIZE.1, size.0, size.1))
+    read_stock(picture.ok_or("the recording names no picture of this camera")?, frame)
 }

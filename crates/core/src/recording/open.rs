@@ -99,6 +99,11 @@ impl Recording {
         })
     }
 
+    /// Its moments whose centre camera's picture is there, and what cannot be read.
+    pub fn seen(self) -> impl Iterator<Item = Result<Moment, RecordingError>> {
+        self.filter(|moment| moment.as_ref().map_or(true, Moment::is_seen))
+    }
+
     /// What was opened.
     pub fn path(&self) -> &Path {
         &self.path

@@ -1,8 +1,7 @@
 //! Training in closed loop: the network drives, what it saw is labelled by the expert and learnt from, round after round.
 //!
 //! DAgger (Ross, Gordon and Bagnell, AISTATS 2011), with noise on the expert's steering as large as the network's own
-//! errors (DART, Laskey et al., CoRL 2017). Here stands what a round is; who drives is the caller's, as this crate knows
-//! no world.
+//! errors (DART, Laskey et al., CoRL 2017). Here stands what a round is; who drives is the caller's.
 
 use std::path::{Path, PathBuf};
 

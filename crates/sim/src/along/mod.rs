@@ -51,7 +51,7 @@ use std::{io, path::PathBuf};
 pub use flow::Pyramid;
 pub use judging::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, Limit, Measured, Protocol};
 pub use motion::{Sources, Yaw};
-pub use recorded::{GAP_S, STANDS_MPH};
+pub use recorded::{GAP_S, STANDS_MPH, read_stock};
 pub use rotation::{Rotation, turn};
 pub use views::{Sights, Views};
 pub use warp::{Beside, PILOTNET_ROWS, SIZE, Warp};

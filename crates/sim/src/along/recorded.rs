@@ -147,6 +147,20 @@ impl RecordedDrive {
     }
 }
 
+/// Reads a picture of the stock camera, or says why it cannot be used.
+///
+/// # Errors
+/// Which picture it is and what is wrong with it, in words: it cannot be read or decoded, or has another size than [`SIZE`].
+pub fn read_stock(picture: &Picture, frame: &mut Frame) -> Result<(), String> {
+    let jpeg = picture.read().map_err(|e| format!("{picture}: {e}"))?;
+    decode_jpeg(&jpeg, frame).map_err(|e| format!("{picture}: {e}"))?;
+    let size = (frame.width(), frame.height());
+    if size == SIZE {
+        return Ok(());
+    }
+    Err(format!("{picture}: expected {}x{} pixels, got {}x{}", SIZE.0, SIZE.1, size.0, size.1))
+}
+
 fn decode(place: &Path, jpeg: &[u8]) -> Result<Frame, ClosedLoopError> {
     let mut frame = Frame::default();
     decode_jpeg(jpeg, &mut frame).map_err(|why| ClosedLoopError::Picture { place: place.to_owned(), why })?;

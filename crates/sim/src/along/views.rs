@@ -10,7 +10,8 @@ use glam::DVec3;
 
 use super::{
     ClosedLoopError,
-    warp::{Beside, PILOTNET_ROWS, SIZE, Warp},
+    recorded::read_stock,
+    warp::{Beside, PILOTNET_ROWS, Warp},
 };
 use crate::{
     camera::Camera,
@@ -21,8 +22,8 @@ use crate::{
 };
 use lapwing_core::{
     motion::{around, turn},
-    perception::{Frame, decode_jpeg},
-    recording::{Moment, Picture, Recording},
+    perception::Frame,
+    recording::{Picture, Recording},
 };
 
 /// A picture that was taken farther ahead or behind than this shows another piece of road, in metres.
@@ -188,7 +189,7 @@ impl Eyes for Views {
             let mut shown = [false; 3];
             for ((picture, into), shown) in self.views[i].pictures.iter().zip(&mut self.frames).zip(&mut shown) {
                 let Some(picture) = picture else { continue };
-                match decoded(picture, into) {
+                match read_stock(picture, into) {
                     Ok(()) => *shown = true,
                     Err(why) => {
                         sights.unusable.0 += 1;
@@ -222,7 +223,7 @@ fn read(
     road: &Track,
     reversed: bool,
 ) -> Result<Vec<View>, ClosedLoopError> {
-    let seen = Recording::open(path)?.filter(|moment| moment.as_ref().map_or(true, Moment::is_seen));
+    let seen = Recording::open(path)?.seen();
     let mut views = vec![];
     for (moment, place) in seen.zip(&drive.places) {
         let (moment, Some(located)) = (moment?, place) else { continue };
@@ -240,11 +241,4 @@ fn read(
         });
     }
     Ok(views)
-}
-
-fn decoded(picture: &Picture, frame: &mut Frame) -> Result<(), String> {
-    let jpeg = picture.read().map_err(|why| format!("{picture}: {why}"))?;
-    decode_jpeg(&jpeg, frame).map_err(|why| format!("{picture}: {why}"))?;
-    let size = (frame.width(), frame.height());
-    if size == SIZE { Ok(()) } else { Err(format!("{picture}: expected {SIZE:?} pixels, got {size:?}")) }
 }

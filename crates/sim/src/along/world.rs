@@ -155,6 +155,11 @@ impl RecordedWorld {
         Some(Pose::from_lane(&drive.track, recorded.s_m, recorded.direction() < 0.0, offset_m, heading_rad))
     }
 
+    /// Whether a side camera took the place that is shown, too.
+    pub fn has_side_cameras(&self) -> bool {
+        self.shown.frames[1..].iter().any(Option::is_some)
+    }
+
     /// Where the recorded drive is known to have been.
     pub fn located(&self) -> Option<&LocatedDrive> {
         self.located.as_ref()

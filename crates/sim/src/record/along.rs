@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::{
-    RecordError, RecordReport,
+    Disagreement, RecordError, RecordReport,
     log::{Moment, Rows},
 };
 use crate::{along::RecordedWorld, expert::LaneExpert, world::Ending};
@@ -34,16 +34,20 @@ pub fn along(
         expert,
         last: last.unwrap_or(0),
         before: None,
-        squares: 0.0,
-        count: 0,
+        apart: Disagreement::default(),
         ended: false,
         is_over,
     };
     drive::run(world, driver, &mut [&mut written]).map_err(RecordError::of)?;
-    let AlongLog { rows, squares, count, is_over, .. } = written;
+    let AlongLog { rows, apart, is_over, .. } = written;
     let ending = if is_over() { Ending::Interrupted } else { Ending::LapsDone };
-    let disagreement = (count > 0).then(|| (squares / f64::from(count)).sqrt());
-    Ok(RecordReport { rows: rows.finish()?, laps: 0, ending, put_back: world.interventions(), disagreement })
+    Ok(RecordReport {
+        rows: rows.finish()?,
+        laps: 0,
+        ending,
+        put_back: world.interventions(),
+        disagreement: apart.rms(),
+    })
 }
 
 struct AlongLog<F> {
@@ -53,8 +57,7 @@ struct AlongLog<F> {
     last: usize,
     /// The picture before this one, and how often the car had been put back.
     before: Option<(usize, u32)>,
-    squares: f64,
-    count: u32,
+    apart: Disagreement,
     ended: bool,
     is_over: F,
 }
@@ -68,8 +71,7 @@ impl<F: Fn() -> bool> Observer<RecordedWorld> for AlongLog<F> {
         let CameraImage::Jpeg(jpeg) = &telemetry.image else { return Ok(()) };
         let steering = expert.steering(pose, telemetry.speed);
         if let Answer::Steer(command) = turn.answer {
-            self.squares += (command.steering.get() - steering.get()).powi(2);
-            self.count += 1;
+            self.apart.add(command.steering, steering);
         }
         let now = (picture, world.interventions());
         if self.before.replace(now).is_some_and(|(before, put_back)| (before + 1, put_back) != now) {

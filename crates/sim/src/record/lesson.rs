@@ -5,7 +5,7 @@ use std::{convert::Infallible, f64::consts::TAU, time::Duration};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{RecordOptions, disturbance::Disturbance};
+use super::{Disagreement, RecordOptions, disturbance::Disturbance};
 use crate::world::Simulation;
 use lapwing_core::{
     drive::Eventful,
@@ -41,8 +41,7 @@ pub struct Lesson<'a, F> {
     /// Whether the car was put elsewhere before this moment.
     cut: bool,
     put_back: u32,
-    /// Squares of how far the driver was from the expert, and how many.
-    apart: (f64, u32),
+    apart: Disagreement,
 }
 
 impl<'a, F: FnMut(&mut Simulation)> Lesson<'a, F> {
@@ -62,7 +61,7 @@ impl<'a, F: FnMut(&mut Simulation)> Lesson<'a, F> {
             label: Command::default(),
             cut: false,
             put_back: 0,
-            apart: (0.0, 0),
+            apart: Disagreement::default(),
             world,
             options,
             watch,
@@ -119,8 +118,7 @@ impl<F> Lesson<'_, F> {
     /// The root of the mean square of the distance between the driver's steering and the expert's, while the driver
     /// drove.
     pub fn disagreement(&self) -> Option<f64> {
-        let (squares, count) = self.apart;
-        (count > 0).then(|| (squares / f64::from(count)).sqrt())
+        self.apart.rms()
     }
 }
 
@@ -153,9 +151,7 @@ impl<F: FnMut(&mut Simulation)> World for Lesson<'_, F> {
         let (expert_drives, _) = self.stint;
         let command = match answer {
             Answer::Steer(command) if !expert_drives => {
-                let (squares, count) = self.apart;
-                let apart = command.steering.get() - self.label.steering.get();
-                self.apart = (squares + apart * apart, count + 1);
+                self.apart.add(command.steering, self.label.steering);
                 command
             }
             _ => Command { steering: Steering::saturating(self.label.steering.get() + noise), ..self.label },

@@ -36,7 +36,7 @@ use lapwing_core::{
     drive::{self, ObserverError, TurnError},
     driver::Driver,
     recording::{RecordingError, udacity::DrivingLogWriter},
-    units::Mph,
+    units::{Mph, Steering},
 };
 
 /// The name of the table of places beside a log.
@@ -87,6 +87,25 @@ pub struct RecordReport {
     /// How far the driver's steering was from the expert's: the root of the mean square, normalised steering; `None` if
     /// the driver never drove.
     pub disagreement: Option<f64>,
+}
+
+/// How far a driver's steering is from the expert's.
+#[derive(Debug, Clone, Copy, Default)]
+struct Disagreement {
+    squares: f64,
+    count: u32,
+}
+
+impl Disagreement {
+    fn add(&mut self, driver: Steering, expert: Steering) {
+        self.squares += (driver.get() - expert.get()).powi(2);
+        self.count += 1;
+    }
+
+    /// The root of the mean square; `None` without any.
+    fn rms(self) -> Option<f64> {
+        (self.count > 0).then(|| (self.squares / f64::from(self.count)).sqrt())
+    }
 }
 
 /// A drive that cannot be recorded.
