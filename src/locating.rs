@@ -10,6 +10,7 @@
 //! were taken. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
 //! length, so that a drive that is lost is found again, several processors share the work, and memory stays bounded.
 
+mod car;
 pub mod drawn;
 mod pictures;
 mod rows;
@@ -26,14 +27,15 @@ use std::{
 
 use rayon::prelude::*;
 
+pub use self::{
+    car::Car,
+    rows::{Row, RowTruth},
+    summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
+};
 use self::{
     pictures::{Job, Pictures, decoded},
     rows::Rows,
     stretch::{NEAR_M, OnRoad, Stretch, continuous, cut, parts_of},
-};
-pub use self::{
-    rows::{Row, RowTruth},
-    summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
 };
 use crate::known::Roads;
 use lapwing_core::{
@@ -142,6 +144,8 @@ pub struct LocatedRecording {
     pub parts: Vec<Part>,
     /// The moments with a picture.
     pub rows: Vec<Row>,
+    /// Whether a keyboard steered whose release is at once.
+    pub released_at_once: bool,
     /// Pictures that could not be looked at, and why not, of the first one.
     pub unreadable: (usize, Option<String>),
 }
@@ -174,7 +178,7 @@ pub fn locate(
     roads: &Roads,
     looked_at: impl Fn() + Sync,
 ) -> Result<LocatedRecording, LocateError> {
-    let Rows { rows, looks, moments } = Rows::read(path)?;
+    let Rows { rows, looks, moments, released_at_once } = Rows::read(path)?;
     if rows.is_empty() {
         return Err(LocateError::NoPictures { path: path.to_owned(), moments });
     }
@@ -228,7 +232,7 @@ pub fn locate(
         })
         .collect::<Result<_, TrackError>>()?;
     let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Ok(LocatedRecording { parts, rows, unreadable })
+    Ok(LocatedRecording { parts, rows, released_at_once, unreadable })
 }
 
 /// How the car turned from each picture of a recording to the next, by what they show; where they show nothing, and across a

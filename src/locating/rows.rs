@@ -10,7 +10,7 @@ use lapwing_core::{
     motion::Motion,
     perception::Frame,
     protocol::Truth,
-    recording::{Break, Moment, Picture, Recording, RecordingError},
+    recording::{Break, Moment, Picture, Recording, RecordingError, released_at_once},
     units::{Degrees, Metres},
 };
 use lapwing_score::odometry::{Leg, Look};
@@ -27,6 +27,8 @@ pub struct Row {
     pub apart_s: f64,
     /// How the car came from there: how it turned is as its pictures show, or where they show nothing, as it was steered.
     pub motion: Motion,
+    /// How it turned as it was steered, in radians clockwise.
+    pub steered_rad: f64,
     /// Why it does not continue from there.
     pub broken: Option<Break>,
     /// What the recording itself tells of the place.
@@ -78,12 +80,20 @@ pub(super) struct Rows {
     pub looks: HashMap<usize, Look>,
     /// How many moments there are in all.
     pub moments: usize,
+    /// Whether a keyboard steered whose release is at once.
+    pub released_at_once: bool,
 }
 
 impl Rows {
     pub(super) fn read(path: &Path) -> Result<Self, RecordingError> {
-        let mut reader =
-            Reader { recording: Recording::open(path)?, moments: 0, before: None, carried: Carried::default() };
+        let released_at_once = released_at_once(Recording::open(path)?)?;
+        let mut reader = Reader {
+            recording: Recording::open(path)?,
+            moments: 0,
+            before: None,
+            carried: Carried::default(),
+            released_at_once,
+        };
         let mut last: Option<Picture> = None;
         let blocks = std::iter::from_fn(|| {
             let block: Result<Vec<_>, _> = reader.by_ref().take(BLOCK).collect();
@@ -106,7 +116,7 @@ impl Rows {
             looks.extend(look.map(|look| (rows.len(), look)));
             rows.push(row);
         }
-        Ok(Self { rows, looks, moments: reader.moments })
+        Ok(Self { rows, looks, moments: reader.moments, released_at_once })
     }
 }
 
@@ -149,6 +159,7 @@ struct Reader {
     moments: usize,
     before: Option<Moment>,
     carried: Carried,
+    released_at_once: bool,
 }
 
 impl Iterator for Reader {
@@ -163,7 +174,7 @@ impl Iterator for Reader {
             self.moments += 1;
             let Carried { motion, broken, last_s } = &mut self.carried;
             if let Some(before) = &self.before {
-                let more = moment.motion_from(before);
+                let more = moment.motion_from(before, self.released_at_once);
                 motion.way_m += more.way_m;
                 motion.turn_rad += more.turn_rad;
             }
@@ -177,7 +188,8 @@ impl Iterator for Reader {
                     *last_s = at_s;
                     let (motion, broken) = (std::mem::take(motion), broken.take());
                     let truth = RowTruth::of(&moment.telemetry.truth);
-                    Some((Row { at_s, moment: moment.row, apart_s, motion, broken, truth }, picture))
+                    let (moment, steered_rad) = (moment.row, motion.turn_rad);
+                    Some((Row { at_s, moment, apart_s, motion, steered_rad, broken, truth }, picture))
                 }
                 _ => None,
             };

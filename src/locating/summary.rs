@@ -4,7 +4,7 @@ use std::{fmt, ops::Range};
 
 use serde::Serialize;
 
-use super::{LocatedRecording, On, Part, Row};
+use super::{Car, LocatedRecording, On, Part, Row};
 use lapwing_core::{motion::around, words::count};
 use lapwing_sim::{camera::Camera, locate::Located};
 
@@ -80,6 +80,8 @@ pub struct Placed {
     pub against_truth: Option<AgainstTruth>,
     /// If the side cameras were located.
     pub sides: Option<Sides>,
+    /// How its car went and turned, against what its speed and its steering say.
+    pub car: Option<Car>,
 }
 
 /// A drive.
@@ -105,6 +107,8 @@ pub struct Summary {
     pub drives: Vec<PartSummary>,
     /// Pictures that could not be looked at.
     pub unreadable: usize,
+    /// Whether a keyboard steered whose release is at once.
+    pub released_at_once: bool,
 }
 
 impl Summary {
@@ -122,7 +126,12 @@ impl Summary {
                 on: part.on.as_ref().map(|on| Placed { sides, ..placed(on, &found.rows[part.rows.clone()]) }),
             }
         };
-        Self { source, drives: found.parts.iter().enumerate().map(drive).collect(), unreadable: found.unreadable.0 }
+        Self {
+            source,
+            drives: found.parts.iter().enumerate().map(drive).collect(),
+            unreadable: found.unreadable.0,
+            released_at_once: found.released_at_once,
+        }
     }
 }
 
@@ -158,6 +167,7 @@ fn placed(on: &On, rows: &[Row]) -> Placed {
             .collect(),
         against_truth: against_truth(on, rows),
         sides: None,
+        car: Car::of(on, rows),
     }
 }
 
@@ -230,6 +240,9 @@ impl fmt::Display for Summary {
         for drive in &self.drives {
             write!(f, "{drive}")?;
         }
+        if self.released_at_once {
+            write!(f, "\nsteered by keyboard: when a key is released, the steering is zero at once")?;
+        }
         if self.unreadable > 0 {
             write!(f, "\n{} could not be looked at", count(self.unreadable, "picture"))?;
         }
@@ -273,6 +286,10 @@ impl fmt::Display for PartSummary {
             line("error", format!("offset: {}", errors(offset_m, " m")))?;
             heading_deg.as_ref().map_or(Ok(()), |of| line("", format!("heading: {}", errors(of, "\u{b0}"))))?;
             place_m.as_ref().map_or(Ok(()), |of| line("", format!("place: {}", errors(of, " m"))))?;
+        }
+        if let Some(Car { way, turning, late_s, r }) = on.car {
+            let turned = format!("turned {turning:.2} of what was steered, {late_s:.2} s later (r {r:.3})");
+            line("car", format!("went {way:.3} of what its speed says, {turned}"))?;
         }
         if let Some(Sides { errors_m, left_m, right_m }) = &on.sides {
             let means = format!("on average {left_m:+.2} and {right_m:+.2} m, they sit at -0.81 and +0.82");

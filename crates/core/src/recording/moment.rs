@@ -6,7 +6,7 @@ use bytes::Bytes;
 use jiff::civil::DateTime;
 use serde::{Deserialize, Serialize};
 
-use super::{By, CommandRecord, EventRecord, read_picture};
+use super::{By, CommandRecord, EventRecord, keys, read_picture};
 use crate::{
     motion::{Motion, curvature},
     protocol::Telemetry,
@@ -54,12 +54,17 @@ impl Moment {
         self.command.as_ref().filter(|command| matches!(command.by, By::Pilot | By::Human))
     }
 
-    /// How the car came here from the moment before, by its speeds and the steering that was in effect.
-    pub fn motion_from(&self, before: &Self) -> Motion {
+    /// How the car came here from the moment before, by its speeds and the steering that was in effect. `released_at_once` says
+    /// so of a keyboard's ([`released_at_once`](super::released_at_once)).
+    pub fn motion_from(&self, before: &Self, released_at_once: bool) -> Motion {
         let mps = |moment: &Self| moment.telemetry.speed.metres_per_second().get();
         let way_m = self.at.saturating_sub(before.at).as_secs_f64() * (mps(self) + mps(before)) / 2.0;
+        let steered = match (before.steering(), self.steering()) {
+            (Some(was), Some(is)) if released_at_once => Some(Steering::saturating(keys::mean(was.get(), is.get()))),
+            (was, _) => was,
+        };
         // Without an answer, what was steered is told by the next telemetry.
-        let steering_deg = before.steering().map_or(self.telemetry.steering.get(), |steering| steering.degrees().get());
+        let steering_deg = steered.map_or(self.telemetry.steering.get(), |steering| steering.degrees().get());
         Motion { way_m, turn_rad: way_m * curvature(steering_deg) }
     }
 
