@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+#[cfg(all(feature = "networks", feature = "simulator"))]
+use super::parse::range;
 #[cfg(feature = "networks")]
 use super::parse::tolerance;
 use super::{
@@ -172,6 +174,11 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub from_path: bool,
+    /// Drive along these rows with a picture alone, counted from 0, up to but without the last: such as those that a model was
+    /// not trained on [default: all]
+    #[cfg(feature = "simulator")]
+    #[arg(long, value_name = "FIRST..END", requires = "closed_loop", value_parser = range)]
+    pub rows: Option<std::ops::Range<usize>>,
     /// Where in its lane the car was in each picture, as locate --csv writes it: they are not located again
     #[cfg(feature = "simulator")]
     #[arg(long, value_name = "FILE", requires = "closed_loop", conflicts_with = "from_path")]

@@ -8,6 +8,13 @@ pub(super) fn rows_and_columns(text: &str) -> Result<(usize, usize), String> {
     parsed.ok_or_else(|| "expected rows x columns, such as 80x160".into())
 }
 
+#[cfg(all(feature = "networks", feature = "simulator"))]
+pub(super) fn range(text: &str) -> Result<std::ops::Range<usize>, String> {
+    let parsed = text.split_once("..").and_then(|(first, end)| Some(first.parse().ok()?..end.parse().ok()?));
+    let range = parsed.filter(|range: &std::ops::Range<usize>| !range.is_empty());
+    range.ok_or_else(|| "expected the first row and the one after the last, such as 1360..2040".into())
+}
+
 pub(super) fn culture(name: &str) -> Result<Culture, String> {
     let known = || Culture::ALL.map(|c| c.name).join(", ");
     Culture::named(name).ok_or_else(|| format!("expected one of {}", known()))

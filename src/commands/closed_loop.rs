@@ -59,7 +59,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let (protocol, limit) = (arguments.protocol.into(), limit(arguments)?);
     let located = if arguments.from_path { None } else { located(arguments)? };
-    let mut world = RecordedWorld::open(&arguments.source, limit, yaw, located)?.by(protocol);
+    let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
+    let mut world = RecordedWorld::within(&arguments.source, rows, limit, yaw, located)?.by(protocol);
     let limit = world.limit();
     let (rows, read, stood) = world.rows();
     let sides = world.has_side_cameras();
@@ -71,6 +72,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             "limit_m": limit.metres(),
             "protocol": protocol.key(),
             "by_steering": arguments.by_steering,
+            "rows": arguments.rows.as_ref().map(|rows| [rows.start, rows.end]),
         },
     });
     let header = RunHeader {

@@ -31,6 +31,10 @@ pub struct Selection {
     /// outside the training set do not count, so that nothing that is held out leaks into a label.
     #[serde(default = "one_row")]
     pub smooth: usize,
+    /// Whether its pictures may be mirrored, as the augmentation has it; default true. Not where cars keep to one side of the
+    /// road: a network would learn to keep to the other one as well.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub flip: bool,
     /// Where in its lane the car was, as `lapwing locate --csv` writes it. The label of each picture, those of the side
     /// cameras included, is then what the simulator's expert steers from there back to the lane's middle, at the row's
     /// speed; `side_offset` does not count. Rows whose place is not known are left out. Default: labels as recorded.
@@ -43,6 +47,14 @@ const MOST_SMOOTH: usize = 999;
 
 fn one() -> f64 {
     1.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(flip: &bool) -> bool {
+    *flip
 }
 
 fn side_offset() -> f64 {
@@ -67,6 +79,7 @@ impl Selection {
             cameras: all_cameras(),
             rows: None,
             smooth: one_row(),
+            flip: yes(),
             lane: None,
         }
     }
@@ -168,7 +181,7 @@ impl Samples {
         // For each sample, the steering of its row.
         let mut steered = vec![];
         for selection in selections {
-            let mut source = Source::open(&selection.path)?;
+            let mut source = Source { flip: selection.flip, ..Source::open(&selection.path)? };
             let lane = selection.lane.as_deref().map(|path| LaneLabels::open(path, &mut source)).transpose()?;
             let rows = source.rows.len();
             let before = all.samples.len();

@@ -52,6 +52,8 @@ pub struct Source {
     pub path: PathBuf,
     /// Its rows in order of time; at least one.
     pub rows: Vec<Labelled>,
+    /// Whether its pictures may be mirrored ([`Selection::flip`](super::Selection::flip)).
+    pub flip: bool,
 }
 
 /// Checks that there is a data set, as far as possible without reading all of it.
@@ -75,7 +77,7 @@ impl Source {
         if rows.is_empty() {
             return Err(DatasetError::Empty { path: path.to_owned() });
         }
-        let mut source = Self { path: path.to_owned(), rows };
+        let mut source = Self { path: path.to_owned(), rows, flip: true };
         source.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
         Ok(source)
     }

@@ -118,6 +118,20 @@ fn balancing_draws_the_straight_rows_less_and_the_bends_more() {
 }
 
 #[test]
+fn pictures_of_a_road_with_lanes_are_not_mirrored() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), |_| 0.5, 10);
+    let always = Augmentation { flip: 1.0, ..Augmentation::none() };
+    for (flip, expected) in [(true, -0.5), (false, 0.5)] {
+        let selection = Selection { flip, cameras: vec![CameraPosition::Center], ..Selection::of(dir.path()) };
+        let samples = Arc::new(Samples::open(&[selection], Set::Training, None, &Balance::default()).unwrap());
+        let steering =
+            batches(&samples, 1, &always, Workers::all(true), 0).into_iter().flat_map(|batch| batch.steering);
+        assert!(steering.into_iter().all(|steering| steering == expected), "{flip}");
+    }
+}
+
+#[test]
 fn batches_are_the_same_for_any_number_of_threads_and_with_or_without_a_cache() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), |row| row as f64 / 100.0, 20);

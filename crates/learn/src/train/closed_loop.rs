@@ -27,6 +27,8 @@ pub struct ClosedLoop {
     pub expert: f64,
     /// How often a row of these drives is drawn relative to a row of weight 1; default 1.
     pub weight: f64,
+    /// Whether pictures of these drives may be mirrored, as those of a data set; default true.
+    pub flip: bool,
     /// Drives along simulated roads.
     pub drive: Vec<PracticeDrive>,
     /// Drives along located recordings.
@@ -42,6 +44,7 @@ impl Default for ClosedLoop {
             learning_rate: 3e-4,
             expert: 0.5,
             weight: 1.0,
+            flip: true,
             drive: vec![],
             along: vec![],
         }
@@ -170,6 +173,7 @@ impl Recipe {
         recipe.optimiser.schedule = Schedule::Cosine;
         recipe.data.extend(drives.iter().map(|(path, lane)| Selection {
             weight: closed_loop.weight,
+            flip: closed_loop.flip,
             lane: Some(lane.clone()),
             ..Selection::of(path)
         }));

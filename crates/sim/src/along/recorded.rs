@@ -2,7 +2,7 @@
 //!
 //! A recording is read twice, first its numbers, then picture by picture during the drive: memory stays bounded.
 
-use std::{io, path::Path};
+use std::{io, ops::Range, path::Path};
 
 use bytes::Bytes;
 
@@ -93,10 +93,12 @@ impl MomentPictures {
 }
 
 impl RecordedDrive {
-    pub(super) fn open(path: &Path) -> Result<Self, ClosedLoopError> {
+    /// Of the rows with a picture, these.
+    pub(super) fn open(path: &Path, within: Range<usize>) -> Result<Self, ClosedLoopError> {
         let raw = raw(path)?;
-        let (read, rows) = (raw.len(), driven(&raw));
-        let stood = raw.iter().filter(|row| row.speed.get() < STANDS_MPH).count();
+        let rows = driven(&raw, &within);
+        let wanted = raw.get(within.start..within.end.min(raw.len())).unwrap_or_default();
+        let (read, stood) = (wanted.len(), wanted.iter().filter(|row| row.speed.get() < STANDS_MPH).count());
         if rows.len() < 2 {
             return Err(ClosedLoopError::NothingDriven { path: path.to_owned(), read, stood });
         }
@@ -216,17 +218,20 @@ fn cut(broken: Break) -> Option<PathBreak> {
     }
 }
 
-/// The rows in which the car moves, on a clock that stops while it does not.
-fn driven(raw: &[Raw]) -> Vec<PathRow> {
+/// The rows among these in which the car moves, on a clock that stops while it does not.
+fn driven(raw: &[Raw], within: &Range<usize>) -> Vec<PathRow> {
     let mut rows: Vec<PathRow> = Vec::new();
     let mut cut = Some(PathBreak::Begins);
     let mut at_s = 0.0;
     let mut last_s: Option<f64> = None;
     for (index, row) in raw.iter().enumerate() {
+        if !within.contains(&index) {
+            continue;
+        }
         let apart = last_s.map_or(0.0, |last| row.at_s - last);
         last_s = Some(row.at_s);
-        let gap =
-            (apart > GAP_S || (apart <= 0.0 && index > 0)).then_some(PathBreak::Gap((apart > 0.0).then_some(apart)));
+        let gap = (apart > GAP_S || (apart <= 0.0 && index > within.start))
+            .then_some(PathBreak::Gap((apart > 0.0).then_some(apart)));
         cut = cut.or(row.broken).or(gap);
         if row.speed.get() < STANDS_MPH {
             cut = match cut {

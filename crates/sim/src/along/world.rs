@@ -1,6 +1,6 @@
 //! The recording as a world to drive in.
 
-use std::{path::Path, time::Duration};
+use std::{ops::Range, path::Path, time::Duration};
 
 use super::{
     ClosedLoopError, DEFAULT_LIMIT_M, Limit, Measured, Protocol, Sources, Yaw,
@@ -77,7 +77,21 @@ impl RecordedWorld {
         yaw: Yaw,
         located: Option<LocatedDrive>,
     ) -> Result<Self, ClosedLoopError> {
-        let mut recorded = RecordedDrive::open(path)?;
+        Self::within(path, 0..usize::MAX, limit, yaw, located)
+    }
+
+    /// The same of a part of the recording: these of its rows with a picture, counted from 0.
+    ///
+    /// # Errors
+    /// [`ClosedLoopError`], as [`open`](Self::open).
+    pub fn within(
+        path: &Path,
+        rows: Range<usize>,
+        limit: Option<Limit>,
+        yaw: Yaw,
+        located: Option<LocatedDrive>,
+    ) -> Result<Self, ClosedLoopError> {
+        let mut recorded = RecordedDrive::open(path, rows)?;
         let in_lane = |row: &PathRow| located.as_ref().is_some_and(|drive| drive.in_lane(row.index).is_some());
         let is_mostly_known = recorded.length_m_where(in_lane) > recorded.length_m() / 2.0;
         let limit = limit.unwrap_or(if is_mostly_known { Limit::Road } else { Limit::Metres(DEFAULT_LIMIT_M) });

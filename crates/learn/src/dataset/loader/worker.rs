@@ -91,8 +91,9 @@ impl Worker {
             let mut random = ChaCha8Rng::seed_from_u64(plan.seed ^ 0xa0_6d3e_17e5);
             random.set_stream(plan.epoch);
             random.set_word_pos(place as u128 * 64);
-            let change = plan.augmentation.draw(&mut random);
             let source = &plan.samples.sources[sample.source as usize];
+            let mut change = plan.augmentation.draw(&mut random);
+            change.flip &= source.flip;
             let mut scale = 1.0;
             for (t, row) in source.sequence(sample.row as usize, plan.inputs.frames).enumerate() {
                 let at = (i * plan.inputs.frames + t) * numbers;
