@@ -1,15 +1,15 @@
 //! Driving along recordings that are located: what is measured from the lane.
 
-use std::{sync::Arc, time::Instant};
+use std::{sync::OnceLock, time::Instant};
 
 use lapwing_core::recording::CameraPosition;
 use lapwing_core::{
     config::ControlSettings,
     drive::Eventful,
     driver::Driver,
-    pilot::{ConstantPilot, Pilot, PurePursuit},
+    pilot::{ConstantPilot, Pilot},
     protocol::{Answer, Command, Observation, Sight, World},
-    recording::{EventRecord, udacity::DrivingLogWriter},
+    recording::EventRecord,
     turn::{LimitEdge, MeasuredLine},
     units::{Mph, Steering, Throttle},
 };
@@ -20,55 +20,40 @@ use lapwing_score::{
 };
 use lapwing_sim::{
     along::{Limit, Protocol, RecordedWorld, Yaw},
-    camera::Scenery,
-    locate::{Located, LocatedDrive, Pose},
-    record::{self, RecordOptions},
+    locate::LocatedDrive,
+    record::RecordOptions,
     track::Track,
-    world::{Setup, Simulation},
 };
 use tempfile::{TempDir, tempdir};
 
-use crate::{locate, support::shared};
+use crate::{controls::worlds::Road, locate, support::shared};
 
 /// How far to each side the recorded car weaves, in metres.
 const WEAVES_M: f64 = 1.6;
+/// How fast it drives.
+pub const SPEED: Mph = Mph::constant(20.0);
 
 /// A drive on the simulator's lake that weaves, as the stock recorder leaves it, and where the car was in truth.
 pub struct Weaving {
     pub dir: TempDir,
     pub located: LocatedDrive,
+    pub road: Road,
 }
 
 impl Weaving {
     pub fn drive(seconds: f64) -> Self {
-        let track = Arc::new(Track::named("lake").unwrap());
-        let scenery = Arc::new(Scenery::new(&track));
-        let setup = Setup { laps: None, longest_s: Some(seconds), ..Setup::new(track.clone(), scenery) };
-        let mut world = Simulation::new(setup).unwrap();
         let dir = tempdir().unwrap();
-        let began = jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0);
-        let log = DrivingLogWriter::create(dir.path().join("lake"), began).unwrap();
-        let options = RecordOptions { weave_m: WEAVES_M, ..RecordOptions::at(Mph::constant(20.0)) };
-        let mut places = vec![Some(Located::known(Pose::of(&world)))];
-        record::record(&mut world, &mut expert(), log, options, |world| {
-            places.push(Some(Located::known(Pose::of(world))))
-        })
-        .unwrap();
-        places.pop(); // the car has arrived there, but no picture was taken
-        let located = LocatedDrive { track, places };
+        let options = RecordOptions { weave_m: WEAVES_M, ..RecordOptions::at(SPEED) };
+        let road = Road::new(Track::named("lake").unwrap());
+        let located = road.record(Some(seconds), options, &dir.path().join("lake")).unwrap();
         let weaved = located.places.iter().flatten().map(|place| place.pose.offset_m.abs()).fold(0.0, f64::max);
         assert!((1.2..2.5).contains(&weaved), "it weaves, and stays on the road: {weaved:.2} m");
-        Self { dir, located }
+        Self { dir, located, road }
     }
 
-    fn open(&self, limit: Option<Limit>, located: Option<LocatedDrive>) -> RecordedWorld {
+    pub fn open(&self, limit: Option<Limit>, located: Option<LocatedDrive>) -> RecordedWorld {
         RecordedWorld::open(&self.dir.path().join("lake"), limit, Yaw::Pictures, located).unwrap()
     }
-}
-
-/// Nobody whose answers count: the expert in the simulation drives.
-fn expert() -> Driver {
-    Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now)
 }
 
 fn driven(world: &mut RecordedWorld, pilot: Box<dyn Pilot>) -> Scorecard {
@@ -188,12 +173,21 @@ fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
     assert_eq!(card.value(Figure::SteeringRate), Some(0.0), "{card}");
 }
 
+/// The beginning of the real lake's recording, and where in its lane the car was: located once for all tests.
+pub fn real_lake() -> Option<&'static (TempDir, Option<LocatedDrive>)> {
+    static BEGINNING: OnceLock<Option<(TempDir, Option<LocatedDrive>)>> = OnceLock::new();
+    let beginning = || {
+        let dir = locate::rows(&shared("recordings/lake")?, 0, 330);
+        let located = locate::located(dir.path(), CameraPosition::Center).drive();
+        Some((dir, located))
+    };
+    BEGINNING.get_or_init(beginning).as_ref()
+}
+
 #[test]
 fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
-    let Some(folder) = shared("recordings/lake") else { return };
-    let dir = locate::rows(&folder, 0, 330);
-    let located = locate::located(dir.path(), CameraPosition::Center).drive();
-    let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
+    let Some((dir, located)) = real_lake() else { return };
+    let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located.clone()).unwrap();
     let card = driven(&mut world, built_in());
     println!("from the lane\n{card}");
     assert_eq!(card.value(Figure::Interventions), Some(0.0), "{card}");

@@ -4,6 +4,7 @@ mod architecture;
 mod blind;
 mod bridge;
 mod closed_loop;
+mod controls;
 mod corpus;
 mod documentation;
 mod driver;

@@ -29,22 +29,36 @@ use lapwing_sim::{
 /// As the stock recorder.
 const HZ: f64 = 15.0;
 
-fn simulation(track: &Track, seconds: Option<f64>) -> Result<Simulation> {
-    let scenery = Arc::new(Scenery::new(track));
-    let fair = Setup::new(Arc::new(track.clone()), scenery);
-    Ok(Simulation::new(Setup { hz: HZ, longest_s: seconds, on_crash: OnCrash::Reset, ..fair })?)
+/// A road, and what stands beside it.
+pub struct Road {
+    /// The road.
+    pub track: Arc<Track>,
+    scenery: Arc<Scenery>,
 }
 
-/// The expert's lap in a Udacity folder, as `lapwing record` writes it, and where the car was.
-pub fn record(track: &Track, seconds: Option<f64>, options: RecordOptions, folder: &Path) -> Result<LocatedDrive> {
-    let mut world = simulation(track, seconds)?;
-    let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
-    let mut places = vec![Some(Located::known(Pose::of(&world)))];
-    // The expert in the simulation drives: this driver's answers do not count.
-    let mut driver = Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now);
-    record::record(&mut world, &mut driver, log, options, |world| places.push(Some(Located::known(Pose::of(world)))))?;
-    places.pop(); // the car has arrived there, but no picture was taken
-    Ok(LocatedDrive { track: Arc::new(track.clone()), places })
+impl Road {
+    pub fn new(track: Track) -> Self {
+        let scenery = Arc::new(Scenery::new(&track));
+        Self { track: Arc::new(track), scenery }
+    }
+
+    fn simulation(&self, seconds: Option<f64>) -> Result<Simulation> {
+        let fair = Setup::new(self.track.clone(), self.scenery.clone());
+        Ok(Simulation::new(Setup { hz: HZ, longest_s: seconds, on_crash: OnCrash::Reset, ..fair })?)
+    }
+
+    /// The expert's lap in a Udacity folder, as `lapwing record` writes it, and where the car was.
+    pub fn record(&self, seconds: Option<f64>, options: RecordOptions, folder: &Path) -> Result<LocatedDrive> {
+        let mut world = self.simulation(seconds)?;
+        let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 22).at(8, 0, 0, 0))?;
+        let mut places = vec![Some(Located::known(Pose::of(&world)))];
+        // The expert in the simulation drives: this driver's answers do not count.
+        let mut driver = Driver::new(Box::new(PurePursuit::default()), &ControlSettings::default(), Instant::now);
+        let place = |world: &mut Simulation| places.push(Some(Located::known(Pose::of(world))));
+        record::record(&mut world, &mut driver, log, options, place)?;
+        places.pop(); // the car has arrived there, but no picture was taken
+        Ok(LocatedDrive { track: self.track.clone(), places })
+    }
 }
 
 /// A simulation whose car is put back on its line as the closed loop on a recording does it: beyond the limit, at once,
@@ -56,8 +70,12 @@ pub struct Kept {
 }
 
 impl Kept {
-    pub fn new(track: &Track, limit_m: f64, seconds: Option<f64>) -> Result<Self> {
-        Ok(Self { simulation: simulation(track, seconds)?, limit_m, events: vec![] })
+    /// It begins on the line, as a drive along a recording does; tracks begin where the stock simulator puts the car.
+    pub fn new(road: &Road, limit_m: f64, seconds: Option<f64>) -> Result<Self> {
+        let mut simulation = road.simulation(seconds)?;
+        let (s, line) = (simulation.place().station.s, road.track.file().driving_line_m);
+        simulation.put(s, line, 0.0, 0.0);
+        Ok(Self { simulation, limit_m, events: vec![] })
     }
 }
 
