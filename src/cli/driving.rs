@@ -120,6 +120,10 @@ pub struct Record {
     /// Move the car off the line now and then, disturb its steering, and record how the expert corrects it
     #[arg(long)]
     pub recovery: bool,
+    /// Instead of a drive, take this many pictures of a car that stands anywhere on the road and anyhow; with
+    /// --conditions random, in many weathers
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with_all = ["laps", "speed", "recovery", "scenario", "max_time"])]
+    pub stances: Option<u64>,
 }
 
 /// `lapwing serve`

@@ -8,16 +8,37 @@ use lapwing_core::{
     drive::Eventful, driver::Driver, pilot::PurePursuit, recording::udacity::DrivingLogWriter, units::Mph, words::count,
 };
 use lapwing_sim::{
-    record::{self, RecordOptions, RecordReport},
+    record::{self, RecordOptions, RecordReport, StanceOptions},
     world::Simulation,
 };
 
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
+    if let Some(wanted) = arguments.stances {
+        let (made, track) = stances(arguments, wanted, config, &super::interrupted())?;
+        super::print(&format!("{} of {track}, in {}", count(made, "stance"), arguments.out.display()))?;
+        return Ok(if made == wanted { Ended::Passed } else { Ended::Failed });
+    }
     let (RecordReport { rows, laps, ending, .. }, track) = record(arguments, config, &super::interrupted())?;
     let ended = if laps >= arguments.laps { Ended::Passed } else { Ended::Failed };
     let laps = format!("{laps} of {}", count(arguments.laps, "lap"));
     super::print(&format!("{}, {laps} of {track} ({ending}), in {}", count(rows, "row"), arguments.out.display()))?;
     Ok(ended)
+}
+
+/// Records stances until there are as many as wanted, or Ctrl-C is pressed; returns how many there are, and the track.
+pub(super) fn stances(
+    arguments: &cli::Record,
+    count: u64,
+    config: Option<&Path>,
+    interrupted: &Interrupted,
+) -> anyhow::Result<(u64, String)> {
+    let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
+    let setup = world::spec(&arguments.world, None).setup(&settings.simulator)?;
+    let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
+    let every_weather = arguments.world.conditions.as_deref() == Some("random");
+    let options = StanceOptions { count, every_weather };
+    let made = record::stances(&setup, log, options, || !interrupted.is_pressed())?;
+    Ok((made, setup.track.file().name.clone()))
 }
 
 /// Drives and records until all laps are driven, or the drive ends; also returns the track.

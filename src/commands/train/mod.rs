@@ -238,10 +238,10 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
 
 /// The arguments of `lapwing record` for a recording into that folder.
 fn arguments(recording: &SimulatedData, out: &Path) -> cli::Record {
-    let SimulatedData { track, laps, speed, seed, recovery, conditions, .. } = recording.clone();
+    let SimulatedData { track, laps, speed, seed, recovery, conditions, stances, .. } = recording.clone();
     let track = Some(track);
     let world = cli::WorldFlags { track, seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
-    cli::Record { world, laps, out: out.to_owned(), speed, recovery }
+    cli::Record { world, laps, out: out.to_owned(), speed, recovery, stances }
 }
 
 /// Records simulated data unless it exists: completely, or nothing of it is kept.
@@ -249,6 +249,19 @@ fn make(recording: &SimulatedData, config: Option<&Path>, interrupted: &Interrup
     let SimulatedData { out, track, laps, speed, .. } = recording;
     if out.exists() {
         return Ok(());
+    }
+    if let Some(stances) = recording.stances {
+        let pictures = count(stances, "stance");
+        tracing::info!("recording {}: {pictures} on {track}", out.display());
+        return whole(out, |partial| {
+            let (made, _) = record::stances(&arguments(recording, partial), stances, config, interrupted)?;
+            match made {
+                made if made < stances => {
+                    bail!("interrupted while {} was recorded: nothing of it is kept", out.display())
+                }
+                _ => Ok(()),
+            }
+        });
     }
     let laps = count(*laps, "lap");
     tracing::info!("recording {}: {laps} of {track} at {speed} mph", out.display());

@@ -222,6 +222,10 @@ pub struct SimulatedData {
     /// As for `--conditions`; default none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<String>,
+    /// Instead of a drive, this many pictures of a car that stands anywhere on the road, anyhow: as `--stances`. Default: a
+    /// drive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stances: Option<u64>,
 }
 
 fn one_lap() -> u32 {
@@ -286,6 +290,9 @@ impl Recipe {
             return wrong("freeze_backbone", "pretrained weights that stay", "none".into());
         }
         for record in &self.record {
+            if record.stances == Some(0) {
+                return wrong("record.stances", "at least 1", "0".into());
+            }
             if record.laps == 0 {
                 return wrong("record.laps", "at least 1", "0".into());
             }
@@ -334,6 +341,7 @@ mod tests {
             seed: 1,
             recovery: true,
             conditions: None,
+            stances: None,
         });
         assert_eq!(Recipe::parse(&toml::to_string(&recipe).unwrap()).unwrap(), recipe);
     }

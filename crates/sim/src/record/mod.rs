@@ -19,16 +19,19 @@
 //! | `log` | what is written of each moment |
 //! | `disturbance` | noise, and starts beside the line |
 //! | `along` | lessons along recordings |
+//! | `stances` | [`stances()`]: pictures from anywhere on the road, without a drive |
 
 mod along;
 mod disturbance;
 mod lesson;
 mod log;
+mod stances;
 
 use std::{io, path::PathBuf};
 
 pub use along::along;
 pub use lesson::Lesson;
+pub use stances::{StanceOptions, stances};
 
 use self::log::LessonLog;
 use crate::world::{Ending, Simulation};
