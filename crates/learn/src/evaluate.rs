@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::{
     dataset::{self, Balance, Blocks, Cache, DatasetError, Inputs, Sample, Samples, Selection, Set},
     models::LoadedModel,
-    nn::Network,
+    nn::{Label, Network},
     train::{Measured, Metrics, Recipe, TrainError, measure},
 };
 use lapwing_core::{
@@ -209,7 +209,7 @@ impl Compared {
             let path = path.display();
             tracing::warn!("{path}: the network learnt from {learnt} of these {rows} rows; see --rows held-out");
         }
-        let measured = Measured::of(&answers, samples);
+        let measured = Measured::of(&answers, samples, Label::Steering);
         let answers = samples.samples.iter().map(|sample| sample.steering).zip(answers).collect();
         Ok(Self { data: path.to_owned(), learnt_from, rows, measured, answers })
     }

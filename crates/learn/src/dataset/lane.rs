@@ -1,21 +1,32 @@
-//! Labels from where in its lane the car was: what the simulator's expert steers from there, not what was recorded.
+//! Labels from where in its lane the car was: the place of each camera, and what the simulator's expert steers from there,
+//! not what was recorded.
 
 use std::{collections::HashMap, path::Path, sync::Arc};
 
-use super::{CameraPosition, DatasetError, Source};
-use lapwing_core::{units::Mph, words::count};
+use super::{CameraPosition, DatasetError, Source, samples::CameraInLane};
+use lapwing_core::{
+    units::{Mph, Steering},
+    words::count,
+};
 use lapwing_sim::{
     camera::Camera,
     expert::LaneExpert,
-    locate::{LaneTable, LaneTableError, Pose},
+    locate::{InLane, LaneTable, LaneTableError, Pose},
     track::Track,
 };
+
+/// What is known of one camera's picture.
+#[derive(Debug, Clone, Copy)]
+struct LaneLabel {
+    steering: Steering,
+    at: CameraInLane,
+}
 
 /// The labels of a data set's rows, one for each camera.
 #[derive(Debug)]
 pub(super) struct LaneLabels {
     /// `None` where the car's place is not known.
-    rows: Vec<Option<[f64; 3]>>,
+    rows: Vec<Option<[LaneLabel; 3]>>,
     /// Pictures of another road than most.
     elsewhere: usize,
 }
@@ -34,14 +45,17 @@ impl LaneLabels {
                 let (sin, cos) = pose.heading_rad.sin_cos();
                 let right_m = camera.mount.position.x;
                 let (s_m, offset_m) = (pose.s_m - right_m * sin, pose.offset_m + right_m * cos);
-                expert.steering(Pose { s_m, offset_m, ..pose }, speed)
+                let pose = Pose { s_m, offset_m, ..pose };
+                let InLane { offset_m, heading_rad, .. } = pose.in_lane(&table.track);
+                let at = CameraInLane { offset_m, heading_deg: heading_rad.to_degrees() };
+                LaneLabel { steering: expert.steering(pose, speed), at }
             })
         };
         let mut rows = Vec::with_capacity(source.rows.len());
         source.relabel(|row| {
             let of_cameras = poses.get(&row.moment).map(|pose| labels(*pose, row.speed));
-            rows.push(of_cameras.map(|of_cameras| of_cameras.map(|steering| steering.get())));
-            of_cameras.map(|[center, ..]| center)
+            rows.push(of_cameras);
+            of_cameras.map(|[center, ..]| center.steering)
         });
         Ok(Self { rows, elsewhere: table.elsewhere })
     }
@@ -52,7 +66,16 @@ impl LaneLabels {
     }
 
     /// What to steer where this camera is.
-    pub fn label(&self, row: usize, camera: CameraPosition) -> Option<f64> {
+    pub fn steering(&self, row: usize, camera: CameraPosition) -> Option<f64> {
+        Some(self.label(row, camera)?.steering.get())
+    }
+
+    /// Where in its lane this camera is.
+    pub fn in_lane(&self, row: usize, camera: CameraPosition) -> Option<CameraInLane> {
+        Some(self.label(row, camera)?.at)
+    }
+
+    fn label(&self, row: usize, camera: CameraPosition) -> Option<LaneLabel> {
         Some((*self.rows.get(row)?)?[camera as usize])
     }
 
@@ -136,8 +159,14 @@ mod tests {
         assert!(from_lane.samples.iter().all(|sample| sample.row % 10 != 5));
         // The left camera sees what a car further left sees, which steers further to the right.
         for three in from_lane.samples.chunks(3) {
-            let [center, left, right] = three else { panic!("three cameras") };
+            let three: &[_; 3] = three.try_into().unwrap();
+            let [center, left, right] = three;
             assert!(left.steering > center.steering && right.steering < center.steering, "{three:?}");
+            let [center, left, right] = three.each_ref().map(|sample| sample.in_lane.unwrap());
+            let along = center.heading_deg.to_radians().cos();
+            assert!((left.offset_m - center.offset_m + 0.806 * along).abs() < 1e-6, "{three:?}");
+            assert!((right.offset_m - center.offset_m - 0.825 * along).abs() < 1e-6, "{three:?}");
+            assert!((left.heading_deg - center.heading_deg).abs() < 0.5, "only as far as the road bends: {three:?}");
         }
     }
 

@@ -21,6 +21,7 @@ use super::{
     Augmentation, CameraPosition, DatasetError, Samples,
     strip::{Strip, StripCut},
 };
+use crate::nn::Label;
 use lapwing_core::perception::{Preprocess, Preprocessor};
 
 /// A network's inputs, and their form.
@@ -107,10 +108,26 @@ pub struct Batch {
     pub steering: Vec<f32>,
     /// (B), -1 to 1.
     pub acceleration: Vec<f32>,
+    /// (B), metres that the camera is to the right of its lane's middle; not a number where that is not known.
+    pub offset_m: Vec<f32>,
+    /// (B), degrees clockwise from the lane's direction, likewise.
+    pub heading_deg: Vec<f32>,
     /// (B).
     pub speed_mph: Vec<f32>,
     /// (B), which samples these are.
     pub samples: Vec<u32>,
+}
+
+impl Batch {
+    /// (B), what is to be learnt.
+    pub fn labels(&self, label: Label) -> &[f32] {
+        match label {
+            Label::Steering => &self.steering,
+            Label::Acceleration => &self.acceleration,
+            Label::OffsetM => &self.offset_m,
+            Label::HeadingDeg => &self.heading_deg,
+        }
+    }
 }
 
 /// Decoded pictures at the network's input size, with the rows that shifts bring in, kept as long as there is room. For

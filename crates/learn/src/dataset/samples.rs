@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels};
+use crate::nn::Label;
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
@@ -133,8 +134,31 @@ pub struct Sample {
     pub acceleration: f64,
     /// How fast the car was.
     pub speed: Mph,
+    /// Where in its lane the camera was, if the data set has labels from the lane.
+    pub in_lane: Option<CameraInLane>,
     /// How often it is drawn, beside others.
     weight: f64,
+}
+
+/// Where in its lane a camera was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraInLane {
+    /// Metres to the right of the lane's middle.
+    pub offset_m: f64,
+    /// Degrees clockwise from the lane's direction.
+    pub heading_deg: f64,
+}
+
+impl Sample {
+    /// What is to be learnt of it; not a number where that is not known.
+    pub fn label(&self, label: Label) -> f64 {
+        match label {
+            Label::Steering => self.steering,
+            Label::Acceleration => self.acceleration,
+            Label::OffsetM => self.in_lane.map_or(f64::NAN, |at| at.offset_m),
+            Label::HeadingDeg => self.in_lane.map_or(f64::NAN, |at| at.heading_deg),
+        }
+    }
 }
 
 /// Which part of the data.
@@ -258,9 +282,10 @@ impl Samples {
                     source: self.sources.len() as u32,
                     row: row as u32,
                     camera: *camera,
-                    steering: lane.and_then(|lane| lane.label(row, *camera)).unwrap_or_else(beside),
+                    steering: lane.and_then(|lane| lane.steering(row, *camera)).unwrap_or_else(beside),
                     acceleration: moment.acceleration,
                     speed: moment.speed,
+                    in_lane: lane.and_then(|lane| lane.in_lane(row, *camera)),
                     weight: selection.weight,
                 });
             }

@@ -63,6 +63,9 @@ pub enum ModelError {
     /// A network for something else.
     #[error("expected a network whose first output is steering, got {0:?}")]
     NotSteering(Vec<String>),
+    /// A network that drives where one that locates is wanted.
+    #[error("expected a network that locates the lane (lane), got outputs {0:?}")]
+    NotLane(Vec<String>),
     /// A model that cannot drive: it is made for something else, or fails even on a blank picture.
     #[error("{path}: {source}", path = path.display())]
     Unfit {

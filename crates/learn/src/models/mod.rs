@@ -1,12 +1,15 @@
 //! Models from files, and the pilots that drive with them.
 //!
 //! [`load`] reads a file, [`built_in`] the shipped one, into a [`LoadedModel`], which makes any number of independent
-//! pilots that share its weights, each on a thread of its own if need be.
+//! pilots that share its weights, each on a thread of its own if need be. A [`LaneModel`] does not drive: it says where in
+//! its lane a picture was taken.
 
 mod error;
+mod lane;
 mod model;
 pub mod network;
 pub mod torchscript;
 
 pub use error::ModelError;
+pub use lane::{LaneError, LaneFinder, LaneModel, LaneSeen};
 pub use model::{LoadedModel, built_in, is_torchscript, load};

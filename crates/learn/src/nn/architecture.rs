@@ -1,6 +1,6 @@
 //! All architectures, and the design of a network.
 
-use super::{NnError, cps::Cps, pilotnet::PilotNet, resnet};
+use super::{NnError, cps::Cps, lane::Lane, pilotnet::PilotNet, resnet};
 use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter, TensorLayout};
 
 /// A kind of network, named as in checkpoints.
@@ -22,6 +22,21 @@ pub enum Architecture {
     ResNet18Stack,
     /// `resnet50-stack`, see [`stack`](super::stack).
     ResNet50Stack,
+    /// `lane`, see [`Lane`].
+    Lane,
+}
+
+/// Something that is known of a picture and learnt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Label {
+    /// What to steer, normalised.
+    Steering,
+    /// Throttle, or brake below 0.
+    Acceleration,
+    /// Metres that the camera is to the right of the lane's middle.
+    OffsetM,
+    /// Degrees that it is turned clockwise from the lane's direction.
+    HeadingDeg,
 }
 
 /// The number of frames of a network that takes several.
@@ -29,7 +44,7 @@ pub(super) const FRAMES: usize = 5;
 
 impl Architecture {
     /// All architectures.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::PilotNet,
         Self::Cps,
         Self::ResNet18,
@@ -38,6 +53,7 @@ impl Architecture {
         Self::ResNet50Gru,
         Self::ResNet18Stack,
         Self::ResNet50Stack,
+        Self::Lane,
     ];
 
     /// Its name in a checkpoint.
@@ -51,6 +67,7 @@ impl Architecture {
             Self::ResNet50Gru => "resnet50-gru",
             Self::ResNet18Stack => "resnet18-stack",
             Self::ResNet50Stack => "resnet50-stack",
+            Self::Lane => "lane",
         }
     }
 
@@ -67,18 +84,33 @@ impl Architecture {
     /// How many frames one answer takes: 1, or 5 that follow each other, oldest first.
     pub fn frames(self) -> usize {
         match self {
-            Self::PilotNet | Self::Cps | Self::ResNet18 | Self::ResNet50 => 1,
+            Self::PilotNet | Self::Cps | Self::ResNet18 | Self::ResNet50 | Self::Lane => 1,
             Self::ResNet18Gru | Self::ResNet50Gru | Self::ResNet18Stack | Self::ResNet50Stack => FRAMES,
         }
     }
 
     /// What each of its output numbers is: normalised steering, and for `cps` the acceleration after it, both in -1..=1
-    /// if they were so in training, and not clamped.
+    /// if they were so in training, and not clamped; for `lane` [`Lane::OUTPUTS`].
     pub fn outputs(self) -> &'static [&'static str] {
         match self {
             Self::Cps => &["steering", "acceleration"],
+            Self::Lane => &Lane::OUTPUTS,
             _ => &["steering"],
         }
+    }
+
+    /// What its first outputs are trained towards.
+    pub fn labels(self) -> &'static [Label] {
+        match self {
+            Self::Cps => &[Label::Steering, Label::Acceleration],
+            Self::Lane => &[Label::OffsetM, Label::HeadingDeg],
+            _ => &[Label::Steering],
+        }
+    }
+
+    /// Whether it learns where in its lane the camera is, and not to drive.
+    pub fn locates(self) -> bool {
+        self == Self::Lane
     }
 
     /// The default preprocessing of a 320x160 picture: that of its authors, as far as they describe it.
@@ -87,6 +119,8 @@ impl Architecture {
             Self::PilotNet => ((60, 135), [66, 200], ColourSpace::Yuv, PixelScale::Signed),
             // Crops the upper 60%.
             Self::Cps => ((96, 160), [12, 40], ColourSpace::Grey, PixelScale::Unit),
+            // From above the horizon, uphill too, to the bonnet, at half the size.
+            Self::Lane => ((44, 132), [44, 160], ColourSpace::Rgb, PixelScale::Unit),
             // Crops most of the sky and the bonnet; colours as ImageNet's networks take them.
             _ => ((40, 140), [80, 160], ColourSpace::Rgb, resnet::imagenet()),
         };
@@ -104,6 +138,7 @@ impl Architecture {
         match self {
             Self::PilotNet => Some(PilotNet::INPUT_SHAPE),
             Self::Cps => Some(Cps::INPUT_SHAPE),
+            Self::Lane => Some(Lane::INPUT_SHAPE),
             _ => None,
         }
     }
@@ -115,14 +150,14 @@ impl Architecture {
     /// Those of `cps` are shorter still. A ResNet is slow and uses all threads.
     pub fn threads(self) -> Option<u16> {
         match self {
-            Self::PilotNet | Self::Cps => Some(1),
+            Self::PilotNet | Self::Cps | Self::Lane => Some(1),
             _ => None,
         }
     }
 
     /// Whether it has a ResNet's backbone.
     pub(super) fn is_resnet(self) -> bool {
-        !matches!(self, Self::PilotNet | Self::Cps)
+        !matches!(self, Self::PilotNet | Self::Cps | Self::Lane)
     }
 
     /// Whether it takes frames of this shape: channels, rows and columns.
@@ -194,7 +229,9 @@ mod tests {
             let design = Design::of(architecture);
             design.validate().unwrap();
             assert!(design.preprocess.crop.is_some_and(|crop| crop.bottom <= 160));
-            assert_eq!(architecture.outputs()[0], "steering");
+            let first = if architecture.locates() { "offset_m" } else { "steering" };
+            assert_eq!(architecture.outputs()[0], first);
+            assert!(architecture.labels().len() <= architecture.outputs().len());
         }
         assert_eq!(Architecture::Cps.default_preprocess().shape(), [1, 12, 40]);
     }

@@ -9,6 +9,7 @@ use super::{
     architecture::FRAMES,
     cps::Cps,
     gru::ResNetGru,
+    lane::Lane,
     layers::channels_last,
     pilotnet::PilotNet,
     pretrained,
@@ -36,6 +37,7 @@ enum NetworkLayers {
     ResNet(ResNet),
     Gru(ResNetGru),
     Stack(ResNet),
+    Lane(Lane),
 }
 
 /// What a network that uses several frames keeps of earlier frames of a run; empty at the run's beginning.
@@ -82,6 +84,7 @@ impl Network {
         let layers = match design.architecture {
             Architecture::PilotNet => NetworkLayers::PilotNet(PilotNet::build(speed, source)?),
             Architecture::Cps => NetworkLayers::Cps(Cps::build(speed, source)?),
+            Architecture::Lane => NetworkLayers::Lane(Lane::build(speed, source)?),
             Architecture::ResNet18 => NetworkLayers::ResNet(ResNet::build(Depth::Eighteen, channels, speed, source)?),
             Architecture::ResNet50 => NetworkLayers::ResNet(ResNet::build(Depth::Fifty, channels, speed, source)?),
             Architecture::ResNet18Gru => NetworkLayers::Gru(ResNetGru::build(Depth::Eighteen, speed, source)?),
@@ -121,6 +124,7 @@ impl Network {
             NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => Ok(()),
             NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => layers.fold(),
             NetworkLayers::Gru(layers) => layers.fold(),
+            NetworkLayers::Lane(layers) => layers.fold(),
         })?;
         Ok(network)
     }
@@ -133,7 +137,9 @@ impl Network {
     pub fn freeze_backbone(&mut self) -> Result<(), NnError> {
         let architecture = self.architecture();
         match &mut self.layers {
-            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => return Err(NnError::NoBackbone { architecture }),
+            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) | NetworkLayers::Lane(_) => {
+                return Err(NnError::NoBackbone { architecture });
+            }
             NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => layers.freeze(),
             NetworkLayers::Gru(layers) => layers.freeze(),
         }
@@ -147,6 +153,7 @@ impl Network {
     pub fn normalises_by_batch(&self) -> bool {
         match &self.layers {
             NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) => false,
+            NetworkLayers::Lane(_) => true,
             NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => !layers.is_frozen(),
             NetworkLayers::Gru(layers) => !layers.is_frozen(),
         }
@@ -183,6 +190,7 @@ impl Network {
         match &self.layers {
             NetworkLayers::PilotNet(layers) => layers.forward(frames, speed),
             NetworkLayers::Cps(layers) => layers.forward(frames, speed, train),
+            NetworkLayers::Lane(layers) => layers.forward(frames, speed, train),
             NetworkLayers::ResNet(layers) => layers.forward(frames, speed, train),
             NetworkLayers::Gru(layers) => layers.forward(frames, speed, train),
             NetworkLayers::Stack(layers) => layers.forward(&stack::stacked(frames)?, speed, train),
@@ -199,7 +207,7 @@ impl Network {
     /// [`NnError::Input`], [`NnError::Speed`], [`NnError::Torch`].
     pub fn answer(&self, frame: &Tensor, speed: Option<&Tensor>, memory: &mut Memory) -> Result<Tensor, NnError> {
         tch::no_grad(|| match &self.layers {
-            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) | NetworkLayers::ResNet(_) => {
+            NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) | NetworkLayers::ResNet(_) | NetworkLayers::Lane(_) => {
                 self.forward(frame, speed, false)
             }
             NetworkLayers::Stack(_) => {
@@ -231,6 +239,7 @@ impl Network {
         let layers = match &self.layers {
             NetworkLayers::PilotNet(layers) => NetworkLayers::PilotNet(layers.share()),
             NetworkLayers::Cps(layers) => NetworkLayers::Cps(layers.share()),
+            NetworkLayers::Lane(layers) => NetworkLayers::Lane(layers.share()),
             NetworkLayers::ResNet(layers) => NetworkLayers::ResNet(layers.share()),
             NetworkLayers::Gru(layers) => NetworkLayers::Gru(layers.share()),
             NetworkLayers::Stack(layers) => NetworkLayers::Stack(layers.share()),

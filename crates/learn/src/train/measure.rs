@@ -8,7 +8,7 @@ use tch::{Device, Kind, Tensor, no_grad};
 use super::{Metrics, TrainError};
 use crate::{
     dataset::{Augmentation, Batch, Cache, Inputs, Loader, Numbers, Samples, Workers},
-    nn::{Network, SPEED_UNIT_MPH},
+    nn::{Label, Network, SPEED_UNIT_MPH},
 };
 
 /// How far answers are from labels.
@@ -21,9 +21,13 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Measures answers to these samples, one for each, in order.
-    pub fn of(answers: &[f64], samples: &Samples) -> Self {
-        let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.steering).collect();
+    /// Measures answers to these samples, one for each, in order, by this label. Only steering is averaged.
+    pub fn of(answers: &[f64], samples: &Samples, label: Label) -> Self {
+        let labels: Vec<f64> = samples.samples.iter().map(|sample| sample.label(label)).collect();
+        if label != Label::Steering {
+            let raw = Metrics::of(answers, &labels);
+            return Self { raw, smooth: raw };
+        }
         let smooth: Vec<f64> = samples.samples.iter().map(|sample| samples.mean_steering(sample, SMOOTH)).collect();
         Self { raw: Metrics::of(answers, &labels), smooth: Metrics::of(answers, &smooth) }
     }
@@ -41,7 +45,7 @@ pub struct Tensors {
     /// (B, C, H, W) or, for a network that looks at several frames, (B, T, C, H, W), in the kind and layout of the
     /// inputs. On the CPU its numbers are those of `batch`.
     pub(super) frames: Tensor,
-    /// (B, outputs).
+    /// (B, labels), what the first outputs should be.
     pub(super) labels: Tensor,
     /// (B, 1).
     pub(super) speed: Tensor,
@@ -50,11 +54,11 @@ pub struct Tensors {
 }
 
 impl Tensors {
-    /// Moves a batch of these inputs, for a network with this many outputs, to a device.
+    /// Moves a batch of these inputs, with these labels, to a device.
     ///
     /// # Errors
     /// [`TrainError::Network`] if libtorch finds no memory.
-    pub fn new(batch: Batch, inputs: &Inputs, outputs: usize, device: Device) -> Result<Self, TrainError> {
+    pub fn new(batch: Batch, inputs: &Inputs, labels: &[Label], device: Device) -> Result<Self, TrainError> {
         let [c, h, w] = inputs.preprocess.shape();
         let (b, t) = (batch.size, inputs.frames);
         let (pointer, numbers, kind) = match &*batch.frames {
@@ -72,8 +76,8 @@ impl Tensors {
         // freed before the tensor, since `Tensors` owns both and nothing else can reach the batch's memory; and a
         // backward pass keeps nothing of the frames after it ends.
         let frames = unsafe { Tensor::f_from_blob(pointer, &shape, &strides, kind, Device::Cpu)? };
-        let columns = [&batch.steering, &batch.acceleration].map(|column| Tensor::from_slice(column));
-        let labels = Tensor::f_stack(&columns[..outputs], 1)?.f_to_device(device)?;
+        let columns = labels.iter().map(|label| Tensor::f_from_slice(batch.labels(*label)));
+        let labels = Tensor::f_stack(&columns.collect::<Result<Vec<_>, _>>()?, 1)?.f_to_device(device)?;
         let speed = Tensor::f_from_slice(&batch.speed_mph)?.f_reshape([b as i64, 1])?.f_div_scalar(SPEED_UNIT_MPH)?;
         let speed = speed.f_to_kind(kind)?.f_to_device(device)?;
         Ok(Self { frames: frames.f_to_device(device)?, labels, speed, batch })
@@ -86,7 +90,7 @@ impl Tensors {
 }
 
 /// Passes all samples through the network, in order and as a pilot would, whatever form the inputs have in training.
-/// Returns the errors, and each answer's steering.
+/// Returns the errors, and each answer's first number.
 ///
 /// # Errors
 /// [`TrainError`].
@@ -111,10 +115,10 @@ pub fn measure(
     )?;
     let mut answers = Vec::with_capacity(samples.samples.len());
     for batch in loader {
-        let tensors = Tensors::new(batch?, &inputs, 1, device)?;
+        let tensors = Tensors::new(batch?, &inputs, network.architecture().labels(), device)?;
         let answer = no_grad(|| super::trainer::forward(network, &tensors, false))?;
-        let steering = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
-        answers.extend(Vec::<f64>::try_from(&steering)?);
+        let first = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
+        answers.extend(Vec::<f64>::try_from(&first)?);
     }
-    Ok((Measured::of(&answers, samples), answers))
+    Ok((Measured::of(&answers, samples, network.architecture().labels()[0]), answers))
 }

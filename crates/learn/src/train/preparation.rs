@@ -6,7 +6,10 @@ use super::{
     Recipe, TrainError,
     state::{MODEL, STATE, Stored},
 };
-use crate::dataset::{DatasetError, Inputs, Samples, Selection, Set};
+use crate::{
+    dataset::{Augmentation, DatasetError, Inputs, Samples, Selection, Set},
+    nn::Architecture,
+};
 
 /// The state to resume from, if any.
 pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainError> {
@@ -19,12 +22,34 @@ pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainEr
     }
 }
 
+/// Checks that pictures are not changed in ways that their labels do not follow: a mirrored or shifted picture is of no
+/// place in the lane, as the cameras look and the lanes lie a little to the right.
+pub(super) fn check_labels_kept(recipe: &Recipe, architecture: Architecture) -> Result<(), TrainError> {
+    let wrong = |name, got: f64| {
+        let expected = "0 for a network that locates the lane: its labels do not follow";
+        Err(TrainError::Setting { name, expected, got: got.to_string() })
+    };
+    match recipe.augment {
+        _ if !architecture.locates() => Ok(()),
+        Augmentation { flip, .. } if flip > 0.0 => wrong("augment.flip", flip),
+        Augmentation { translate, .. } if translate > 0.0 => wrong("augment.translate", translate),
+        _ => Ok(()),
+    }
+}
+
 /// Opens the training and the validation data.
-pub(super) fn data(recipe: &Recipe) -> Result<(Samples, Samples), TrainError> {
+pub(super) fn data(recipe: &Recipe, architecture: Architecture) -> Result<(Samples, Samples), TrainError> {
     let blocks = recipe.validation.is_empty().then_some(recipe.blocks);
     if let Some(both) = recipe.validation.iter().find(|of| recipe.data.iter().any(|data| overlap(data, of))) {
         let (name, expected) = ("validation", "rows that are not in the training data");
         return Err(DatasetError::Setting { name, expected, got: format!("{} of data", both.path.display()) }.into());
+    }
+    if architecture.locates()
+        && let Some(unknown) = recipe.data.iter().chain(&recipe.validation).find(|data| data.lane.is_none())
+    {
+        let (name, expected) = ("lane", "the table of places of each data set, for a network that locates the lane");
+        let got = format!("none for {}", unknown.path.display());
+        return Err(DatasetError::Setting { name, expected, got }.into());
     }
     let training = Samples::open(&recipe.data, Set::Training, blocks, &recipe.balance)?;
     check_sides(&training, recipe.augment.flip)?;

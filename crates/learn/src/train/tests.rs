@@ -48,6 +48,60 @@ fn on(_: Progress<'_>) -> Go {
     Go::On
 }
 
+/// The recipe of a network that locates, and the table of a drive of `rows` rows whose car is the farther left the farther
+/// right the bar stands, and faces to the right there.
+fn locating(dir: &Path, rows: usize) -> Recipe {
+    let mut table = String::from("moment,at_s,track,reversed,place_m,offset_m,heading_deg\n");
+    for row in 0..rows {
+        let right = swaying(row);
+        table += &format!("{row},{row},lake,false,{},{},{}\n", 300 + row, -1.5 * right, 6.0 * right);
+    }
+    let lane = dir.join("lane.csv");
+    fs::write(&lane, table).unwrap();
+    let data = vec![Selection { lane: Some(lane), ..Selection::of(dir) }];
+    Recipe { network: "lane".into(), data, augment: Augmentation::none(), ..recipe(dir) }
+}
+
+#[test]
+fn a_network_learns_where_in_its_lane_the_car_is_to_the_left_or_to_the_right_and_how_sure_that_is() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 60, swaying);
+    let recipe = Recipe { epochs: 12, ..locating(dir.path(), 60) };
+    let mut trainer = Trainer::new(recipe, &dir.path().join("out"), false).unwrap();
+    let outcome = trainer.run(&mut on).unwrap();
+    let kept = outcome.kept.unwrap().validation.raw;
+    assert!(kept.r.unwrap() > 0.9, "{kept:?}");
+
+    let mut finder = crate::models::LaneModel::load(&outcome.model).unwrap().finder();
+    let mut look = |row: usize| {
+        let mut frame = lapwing_core::perception::Frame::default();
+        let jpeg = fs::read(dir.path().join(format!("IMG/{row}.jpg"))).unwrap();
+        lapwing_core::perception::decode_jpeg(&jpeg, &mut frame).unwrap();
+        finder.look(&frame).unwrap()
+    };
+    let (right, left) = (look(2), look(5)); // the bar is right at row 2, and left at row 5: the car is on the other side
+    assert!(swaying(2) > 0.9 && swaying(5) < -0.3);
+    assert!(right.offset_m < -0.8 && right.heading_deg > 2.0, "{right:?}");
+    assert!(left.offset_m > 0.2 && left.heading_deg < -0.5, "{left:?}");
+    for seen in [right, left] {
+        assert!(seen.offset_sd_m > 0.01 && seen.offset_sd_m < 1.0 && seen.heading_sd_deg < 5.0, "{seen:?}");
+    }
+}
+
+#[test]
+fn a_network_that_locates_wants_places_and_pictures_that_stay_where_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 20, swaying);
+    let recipe = locating(dir.path(), 20);
+    let error = |recipe: Recipe| Trainer::new(recipe, &dir.path().join("out"), false).unwrap_err().to_string();
+    let flipped = Recipe { augment: Augmentation { flip: 0.5, ..Augmentation::none() }, ..recipe.clone() };
+    assert!(error(flipped).starts_with("augment.flip: expected 0 for a network that locates the lane"));
+    let shifted = Recipe { augment: Augmentation { translate: 0.5, ..Augmentation::none() }, ..recipe.clone() };
+    assert!(error(shifted).starts_with("augment.translate: expected 0"));
+    let placeless = Recipe { data: vec![Selection::of(dir.path())], ..recipe };
+    assert!(error(placeless).starts_with("lane: expected the table of places of each data set"));
+}
+
 #[test]
 fn a_network_learns_where_a_bar_stands_and_its_checkpoint_says_how() {
     let dir = tempfile::tempdir().unwrap();

@@ -66,6 +66,7 @@ fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, A
         design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
     }
     design.validate()?;
+    preparation::check_labels_kept(recipe, architecture)?;
     if let Some(path) = recipe.pretrained.as_ref().filter(|_| stored.is_none()) {
         fs::File::open(path).map_err(|source| NnError::Read { path: path.clone(), source })?;
     }
@@ -96,7 +97,7 @@ impl Trainer {
             bf16: recipe.precision == Precision::Bf16,
             channels_last: recipe.channels_last,
         };
-        let (training, validation) = preparation::data(&recipe)?;
+        let (training, validation) = preparation::data(&recipe, architecture)?;
         let samples = (training.samples.len(), validation.samples.len());
         before.map_or(Ok(()), |origin| origin.check_samples(samples, out))?;
         preparation::check_room(&recipe, &inputs)?;
@@ -252,7 +253,8 @@ impl Trainer {
                 return Err(TrainError::NotFinite { loss, epoch: number + 1, step: self.position.step, rate });
             }
             self.position.answers.extend(answer);
-            self.position.labels.extend(batch.steering.iter().map(|x| f64::from(*x)));
+            let label = self.network.architecture().labels()[0];
+            self.position.labels.extend(batch.labels(label).iter().map(|x| f64::from(*x)));
             let progress =
                 Progress::Step { epoch: number + 1, step: self.position.step, steps, samples: batch.size, loss };
             if watch(progress) == Go::Stop && self.position.step < steps {
@@ -286,12 +288,11 @@ impl Trainer {
     /// # Errors
     /// Those of [`Tensors::new`].
     pub fn tensors(&self, batch: Batch) -> Result<Tensors, TrainError> {
-        let outputs = self.network.architecture().outputs().len();
-        Tensors::new(batch, &self.inputs, outputs, self.device)
+        Tensors::new(batch, &self.inputs, self.network.architecture().labels(), self.device)
     }
 
     /// Updates the weights by one step of the width `rate`, unless the loss is not a number. Returns the loss and the
-    /// steering answered before.
+    /// first numbers answered before.
     ///
     /// # Errors
     /// [`TrainError::Network`].
@@ -299,7 +300,10 @@ impl Trainer {
         // Dropout depends only on the step, so that a resumed training draws the same.
         tch::manual_seed((self.recipe.seed as i64).wrapping_mul(1_000_003).wrapping_add(self.position.steps));
         let answer = forward(&self.network, tensors, true)?.f_to_kind(Kind::Float)?;
-        let loss = answer.f_mse_loss(&tensors.labels, Reduction::Mean)?;
+        let loss = match self.network.architecture() {
+            Architecture::Lane => nn::lane::loss(&answer, &tensors.labels)?,
+            _ => answer.f_mse_loss(&tensors.labels, Reduction::Mean)?,
+        };
         let value = loss.f_double_value(&[])?;
         if value.is_finite() {
             self.stepper.forget_gradients();
@@ -311,8 +315,8 @@ impl Trainer {
                 copy(&self.network, average, share.min((1.0 + steps) / (10.0 + steps)))?;
             }
         }
-        let steering = answer.f_detach()?.f_select(1, 0)?.f_to_device(Device::Cpu)?.f_to_kind(Kind::Double)?;
-        Ok((value, Vec::try_from(&steering)?))
+        let first = answer.f_detach()?.f_select(1, 0)?.f_to_device(Device::Cpu)?.f_to_kind(Kind::Double)?;
+        Ok((value, Vec::try_from(&first)?))
     }
 
     fn learning_rate(&self, steps: usize) -> f64 {

@@ -20,6 +20,7 @@ use crate::dataset::{
     self, Augmentation, AugmentationDraw, CameraPosition, DatasetError, Samples,
     strip::{Strip, StripCut},
 };
+use crate::nn::Label;
 use lapwing_core::perception::{Frame, Preprocessor, decode_jpeg};
 
 /// What the threads share.
@@ -80,8 +81,8 @@ impl Worker {
 
     fn batch(&mut self, plan: &LoadPlan, range: Range<usize>) -> Result<Batch, DatasetError> {
         let size = range.len();
-        let (mut steering, mut acceleration, mut speed_mph) =
-            (Vec::with_capacity(size), Vec::with_capacity(size), Vec::with_capacity(size));
+        let [mut steering, mut acceleration, mut offset_m, mut heading_deg, mut speed_mph] =
+            std::array::from_fn(|_| Vec::with_capacity(size));
         let numbers: usize = plan.inputs.preprocess.shape().iter().product();
         let count = size * plan.inputs.frames * numbers;
         let mut frames = Frames::take(&plan.cache.spare, plan.inputs.bf16, count);
@@ -105,9 +106,11 @@ impl Worker {
             }
             steering.push(change.steering(sample.steering, scale) as f32);
             acceleration.push(sample.acceleration as f32);
+            offset_m.push(sample.label(Label::OffsetM) as f32);
+            heading_deg.push(sample.label(Label::HeadingDeg) as f32);
             speed_mph.push(sample.speed.get() as f32);
         }
-        Ok(Batch { frames, size, steering, acceleration, speed_mph, samples })
+        Ok(Batch { frames, size, steering, acceleration, offset_m, heading_deg, speed_mph, samples })
     }
 
     /// Computes the numbers of a picture; returns how many recorded pixels wide one of the network's is.

@@ -41,12 +41,13 @@ fn largest_difference(a: &Tensor, b: &Tensor) -> f64 {
 }
 
 /// The light architectures, one of each kind.
-const LIGHT: [Architecture; 5] = [
+const LIGHT: [Architecture; 6] = [
     Architecture::PilotNet,
     Architecture::Cps,
     Architecture::ResNet18,
     Architecture::ResNet18Gru,
     Architecture::ResNet18Stack,
+    Architecture::Lane,
 ];
 
 #[test]
