@@ -5,6 +5,7 @@
 //!                       │                                                         │
 //! pictures ─────────────┴─▶ Overlay::follow, stretch by stretch ◀── surest place ─┘
 //!                                     └─▶ LocatedDrive
+//! pictures ─▶ network::look ─▶ ByNetwork: what a network sees in each, on any road
 //! ```
 //! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
 //! were taken. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
@@ -12,6 +13,7 @@
 
 mod car;
 pub mod drawn;
+pub mod network;
 mod pictures;
 mod rows;
 mod stretch;
@@ -33,6 +35,7 @@ pub use self::{
     summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
 };
 use self::{
+    network::ByNetwork,
     pictures::{Job, Pictures, decoded},
     rows::Rows,
     stretch::{NEAR_M, OnRoad, Stretch, continuous, cut, parts_of},
@@ -49,7 +52,7 @@ use lapwing_score::{
 use lapwing_sim::{
     along::SIZE,
     camera::Scenery,
-    locate::{FOUND, LaneTable, LaneTableError, Located, LocatedDrive, Overlay, seen},
+    locate::{FOUND, LaneTable, LaneTableError, Located, LocatedDrive, Overlay, Pose, seen},
     track::{Track, TrackError},
 };
 
@@ -84,6 +87,10 @@ pub enum LocateError {
         /// Rows of the table.
         rows: usize,
     },
+    /// A network that does not answer.
+    #[cfg(feature = "networks")]
+    #[error(transparent)]
+    Network(#[from] lapwing_learn::models::LaneError),
     /// None of its moments has a picture.
     #[error("{}: expected a recording with pictures, got {moments} moments without one", path.display())]
     NoPictures {
@@ -146,6 +153,8 @@ pub struct LocatedRecording {
     pub rows: Vec<Row>,
     /// Whether a keyboard steered whose release is at once.
     pub released_at_once: bool,
+    /// What a network sees in the pictures, if one was asked.
+    pub network: Option<ByNetwork>,
     /// Pictures that could not be looked at, and why not, of the first one.
     pub unreadable: (usize, Option<String>),
 }
@@ -165,6 +174,17 @@ impl LocatedRecording {
             part.rows.clone().map(move |i| on.and_then(|on| on.drive.places[i - part.rows.start]))
         });
         Some(LocatedDrive { places: places.collect(), track })
+    }
+}
+
+impl LocatedRecording {
+    /// Takes a table of places as the truth, for moments of which the recording itself tells none.
+    pub fn tell(&mut self, truth: &LaneTable) {
+        let told: HashMap<usize, Pose> =
+            truth.rows.iter().filter_map(|(moment, pose)| Some((*moment, (*pose)?))).collect();
+        for row in self.rows.iter_mut().filter(|row| row.truth.is_none()) {
+            row.truth = told.get(&row.moment).map(|pose| RowTruth::of_pose(*pose, &truth.track));
+        }
     }
 }
 
@@ -232,7 +252,7 @@ pub fn locate(
         })
         .collect::<Result<_, TrackError>>()?;
     let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Ok(LocatedRecording { parts, rows, released_at_once, unreadable })
+    Ok(LocatedRecording { parts, rows, released_at_once, network: None, unreadable })
 }
 
 /// How the car turned from each picture of a recording to the next, by what they show; where they show nothing, and across a

@@ -63,6 +63,13 @@ pub struct Locate {
     /// Another road that it may have been driven on: random:SEED, or a track file (.toml)
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
+    /// A network that says where in its lane the camera is (lane, .safetensors); its answers are compared with the drawn road
+    #[cfg(feature = "networks")]
+    #[arg(long, value_name = "FILE")]
+    pub network: Option<PathBuf>,
+    /// Where the car was in each moment, as lapwing record writes it: errors are told against it
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
     /// Locate the side cameras' pictures, too, each by itself, and compare where they come out with where they sit on the car
     #[arg(long)]
     pub sides: bool,

@@ -9,26 +9,45 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, outputs};
+#[cfg(feature = "networks")]
+use crate::locating::network::look;
 use crate::{
     cli,
     known::Roads,
     locating::{LocateError, LocatedRecording, Summary, drawn, locate},
 };
 use lapwing_core::{recording::CameraPosition, words::count};
-use lapwing_sim::track::Track;
+#[cfg(feature = "networks")]
+use lapwing_learn::models::LaneModel;
+use lapwing_sim::{
+    locate::{LaneTable, LaneTableError},
+    track::{Track, TrackError},
+};
 
 pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     arguments.csv.as_deref().map_or(Ok(()), outputs::check)?;
     [&arguments.frames, &arguments.plot].into_iter().flatten().try_for_each(|path| outputs::check_drawing(path))?;
     let roads = Roads::with(&arguments.tracks);
-    let of = |name: &str, camera: CameraPosition| {
-        let found = located(&arguments.recording, camera, &roads)?;
+    #[cfg(feature = "networks")]
+    let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
+    let truth = arguments.truth.as_ref().map(|path| truth_of(path, &roads)).transpose()?;
+    let of = |name: &str, camera: CameraPosition| -> anyhow::Result<LocatedRecording> {
+        let mut found = located(&arguments.recording, camera, &roads)?;
+        #[cfg(feature = "networks")]
+        if let Some(model) = &network {
+            let bar = bar();
+            found.network = Some(look(&arguments.recording, camera, model, || bar.inc(1))?);
+            bar.finish_and_clear();
+        }
+        if let Some(truth) = &truth {
+            found.tell(truth);
+        }
         if let (number, Some(why)) = &found.unreadable {
             let pictures = count(*number, "picture");
             say!("{name} camera: {pictures} could not be looked at, the first: {why}");
         }
-        Ok::<_, LocateError>(found)
+        Ok(found)
     };
     let found = of("centre", CameraPosition::Center)?;
     let sides = if arguments.sides {
@@ -51,8 +70,16 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     };
     written.into_iter().flatten().collect::<anyhow::Result<()>>()?;
     printed?;
-    let nothing = summary.drives.iter().all(|drive| drive.on.as_ref().is_none_or(|on| on.located == 0.0));
+    let nothing = summary.drives.iter().all(|drive| {
+        let seen = drive.network.as_ref().is_some_and(|network| network.seen > 0.0);
+        !seen && drive.on.as_ref().is_none_or(|on| on.located == 0.0)
+    });
     Ok(if nothing { Ended::Failed } else { Ended::Passed })
+}
+
+/// Reads a table of places.
+fn truth_of(path: &Path, roads: &Roads) -> Result<LaneTable, LaneTableError> {
+    LaneTable::read(path, |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() }))
 }
 
 /// Locates a recording, with a line of progress.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{LocateError, LocatedRecording, On, pictures::decoded};
+use super::{LocateError, LocatedRecording, On, Part, network::ByNetwork, pictures::decoded};
 use lapwing_core::{perception::Frame, recording::Recording};
 use lapwing_score::drawing::{
     Colour, LINE_PX, MARGIN, Point, Shape, Sheet,
@@ -21,6 +21,10 @@ const BONNET: f64 = 132.0;
 /// The road's edges, the lane's middle, the line that the car would take straight on.
 const EDGE: Colour = [255, 0, 255];
 const LANE: Colour = [0, 230, 255];
+/// What a network sees.
+const NETWORK: Colour = [120, 120, 120];
+/// What is drawn from the bottom up.
+const OFFSET: &str = "metres right of the lane's middle";
 
 /// Pictures from all over a recording, with the road's edges and the lane's middle drawn in where they were found.
 ///
@@ -82,13 +86,29 @@ fn draw(on: &On, located: &Located, overlay: &Overlay, at: Point, shapes: &mut V
     }
 }
 
-/// How far from the lane's middle the car was along the road, lap by lap: a chart for each drive on a known road.
+/// How far from the lane's middle the car was along the road, lap by lap: a chart for each drive on a known road. A drive on
+/// an unknown one has a chart of what a network sees from moment to moment, if one was asked.
 pub fn weaving(found: &LocatedRecording) -> Sheet {
-    let charts = found.parts.iter().filter_map(|part| part.on.as_ref()).map(chart);
+    let charts = found.parts.iter().filter_map(|part| match (&part.on, &found.network) {
+        (Some(on), network) => Some(chart(on, part, network.as_ref())),
+        (None, Some(network)) => Some(moments(found, part, network)),
+        (None, None) => None,
+    });
     stack(&charts.collect::<Vec<_>>(), 1200, 420)
 }
 
-fn chart(on: &On) -> Chart {
+/// What a network sees from moment to moment.
+fn moments(found: &LocatedRecording, part: &Part, network: &ByNetwork) -> Chart {
+    let seen = part.rows.clone().map(|i| {
+        let offset_m = network.sure(i).map_or(f64::NAN, |lane| lane.offset_m);
+        (found.rows[i].moment as f64, offset_m)
+    });
+    let x = Axis::new("moment");
+    let series = vec![Series::new("a network", Marks::Line(seen.collect()))];
+    Chart { series, ..Chart::new("How the car weaved on no known road", x, Axis::new(OFFSET)) }
+}
+
+fn chart(on: &On, part: &Part, network: Option<&ByNetwork>) -> Chart {
     let (track, length_m) = (&on.drive.track, on.drive.track.length());
     let mut laps: Vec<Vec<Point>> = vec![vec![]];
     let mut last = None;
@@ -110,12 +130,19 @@ fn chart(on: &On) -> Chart {
     let name = |i: usize| if laps.len() > 1 { format!("round {}", i + 1) } else { String::new() };
     let lines = laps.iter().enumerate().map(|(i, lap)| Series::new(name(i), Marks::Line(lap.clone())));
     let mut series: Vec<_> = lines.collect();
+    if let Some(network) = network {
+        let point = |(i, located): (usize, &Option<Located>)| {
+            Some((located.as_ref()?.pose.s_m.rem_euclid(length_m), network.sure(part.rows.start + i)?.offset_m))
+        };
+        let points = on.drive.places.iter().enumerate().filter_map(point).collect();
+        series.push(Series { colour: Some(NETWORK), ..Series::new("a network", Marks::Points(points)) });
+    }
     for (name, edge) in [("the road's edges", left), ("", right)] {
         series
             .push(Series { colour: Some(EDGE), ..Series::new(name, Marks::Line(vec![(0.0, edge), (length_m, edge)])) });
     }
     let x = Axis::new("metres along the road").from_to(0.0, length_m);
-    let y = Axis::new("metres right of the lane's middle");
+    let y = Axis::new(OFFSET);
     let reversed = if on.reversed { ", the other way round" } else { "" };
     Chart { series, ..Chart::new(format!("How the car weaved: {}{reversed}", on.road()), x, y) }
 }

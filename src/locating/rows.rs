@@ -14,7 +14,11 @@ use lapwing_core::{
     units::{Degrees, Metres},
 };
 use lapwing_score::odometry::{Leg, Look};
-use lapwing_sim::along::{Pyramid, turn};
+use lapwing_sim::{
+    along::{Pyramid, turn},
+    locate::{InLane, Pose},
+    track::Track,
+};
 
 /// A moment with a picture.
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +58,13 @@ pub struct RowTruth {
 }
 
 impl RowTruth {
+    /// Of a car whose place on a track is known.
+    pub fn of_pose(pose: Pose, track: &Track) -> Self {
+        let InLane { offset_m, heading_rad, .. } = pose.in_lane(track);
+        let position = Some(track.point(pose.s_m, pose.offset_m));
+        Self { offset_m, heading_deg: Some(heading_rad.to_degrees()), position }
+    }
+
     fn of(truth: &Truth) -> Option<Self> {
         Some(Self {
             offset_m: truth.cte?.get(),

@@ -4,7 +4,7 @@ use std::{fmt, ops::Range};
 
 use serde::Serialize;
 
-use super::{Car, LocatedRecording, On, Part, Row};
+use super::{Car, LocatedRecording, On, Part, Row, network::NetworkSummary};
 use lapwing_core::{motion::around, words::count};
 use lapwing_sim::{camera::Camera, locate::Located};
 
@@ -96,6 +96,8 @@ pub struct PartSummary {
     /// On which road; absent if that is not known.
     #[serde(flatten)]
     pub on: Option<Placed>,
+    /// What a network sees in its pictures, if one was asked.
+    pub network: Option<NetworkSummary>,
 }
 
 /// All of it.
@@ -115,6 +117,7 @@ impl Summary {
     /// Of what was found in the centre pictures and, if they were located, in the left and the right ones.
     pub fn new(source: String, found: &LocatedRecording, sides: Option<&[LocatedRecording; 2]>) -> Self {
         let drive = |(i, part): (usize, &Part)| {
+            let network = NetworkSummary::new(found, part, sides);
             let sides = sides.and_then(|sides| {
                 let [left, right] = sides.each_ref().map(|side| side.parts.get(i).and_then(|part| part.on.as_ref()));
                 part.on.as_ref().and_then(|on| beside(on, left?, right?))
@@ -124,6 +127,7 @@ impl Summary {
                 pictures: part.rows.len(),
                 way_m: part.way_m,
                 on: part.on.as_ref().map(|on| Placed { sides, ..placed(on, &found.rows[part.rows.clone()]) }),
+                network,
             }
         };
         Self {
@@ -215,7 +219,7 @@ fn beside(center: &On, left: &On, right: &On) -> Option<Sides> {
 }
 
 impl Spread {
-    fn of(numbers: &[f64]) -> Option<Self> {
+    pub(super) fn of(numbers: &[f64]) -> Option<Self> {
         let n = numbers.len() as f64;
         let mean = numbers.iter().sum::<f64>() / n;
         let deviation = (numbers.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
@@ -223,14 +227,27 @@ impl Spread {
         let largest = numbers.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         Some(Self { mean, deviation, p95, largest })
     }
+
+    /// In words, with the unit.
+    pub(super) fn told(&self, unit: &str) -> String {
+        let Self { mean, deviation, p95, largest } = self;
+        format!(
+            "mean {mean:+.2}{unit}, standard deviation {deviation:.2}{unit}, 95 % within {p95:.2}{unit}, largest {largest:.2}{unit}"
+        )
+    }
 }
 
 impl Errors {
-    fn of(errors: Vec<f64>) -> Option<Self> {
+    pub(super) fn of(errors: Vec<f64>) -> Option<Self> {
         let mut sizes: Vec<f64> = errors.into_iter().map(f64::abs).collect();
         sizes.sort_by(f64::total_cmp);
         let at = |share: f64| sizes.get(((sizes.len() as f64 * share) as usize).min(sizes.len().saturating_sub(1)));
         Some(Self { rows: sizes.len(), median: *at(0.5)?, p95: *at(0.95)? })
+    }
+
+    /// In words, with the unit.
+    pub(super) fn told(&self, unit: &str) -> String {
+        format!("median {:.3}{unit}, 95 % within {:.3}{unit}", self.median, self.p95)
     }
 }
 
@@ -255,24 +272,19 @@ impl fmt::Display for PartSummary {
         let (first, last) = self.moments;
         let pictures = count(self.pictures, "picture");
         let Some(on) = &self.on else {
-            return write!(f, "\nmoments {first} to {last}: {pictures}, {:.0} m, on no known road", self.way_m);
+            write!(f, "\nmoments {first} to {last}: {pictures}, {:.0} m, on no known road", self.way_m)?;
+            return self.network.as_ref().map_or(Ok(()), |network| write!(f, "{network}"));
         };
         let reversed = if on.reversed { ", the other way round" } else { "" };
         write!(f, "\n{}{reversed}: moments {first} to {last}, {pictures}, {:.0} m", on.track, self.way_m)?;
         let mut line = |label: &str, what: String| write!(f, "\n  {label:<12} {what}");
         line("located", format!("{:.1} % of them, {:.2} laps", 100.0 * on.located, on.laps))?;
-        let spread = |of: &Spread, unit: &str| {
-            let Spread { mean, deviation, p95, largest } = of;
-            format!(
-                "mean {mean:+.2}{unit}, standard deviation {deviation:.2}{unit}, 95 % within {p95:.2}{unit}, largest {largest:.2}{unit}"
-            )
-        };
         if let Some(offset) = &on.offset_m {
             let [beyond_1, beyond_2] = on.beyond.map(|share| 100.0 * share);
-            line("offset", spread(offset, " m"))?;
+            line("offset", offset.told(" m"))?;
             line("", format!("{beyond_1:.1} % of the pictures beyond 1 m, {beyond_2:.1} % beyond 2 m"))?;
         }
-        on.heading_deg.as_ref().map_or(Ok(()), |heading| line("heading", spread(heading, "\u{b0}")))?;
+        on.heading_deg.as_ref().map_or(Ok(()), |heading| line("heading", heading.told("\u{b0}")))?;
         let [place, offset, heading] = on.unsure;
         line("uncertainty", format!("offset {offset:.2} m, heading {heading:.2}\u{b0}, place {place:.1} m (medians)"))?;
         if let [first, ..] = on.not_seen[..] {
@@ -280,21 +292,24 @@ impl fmt::Display for PartSummary {
             let runs = count(on.not_seen.len(), "gap");
             line("not seen", format!("{runs}, the longest from moment {} to {}", most.0, most.1))?;
         }
-        let errors =
-            |of: &Errors, unit: &str| format!("median {:.3}{unit}, 95 % within {:.3}{unit}", of.median, of.p95);
         if let Some(AgainstTruth { offset_m, heading_deg, place_m }) = &on.against_truth {
-            line("error", format!("offset: {}", errors(offset_m, " m")))?;
-            heading_deg.as_ref().map_or(Ok(()), |of| line("", format!("heading: {}", errors(of, "\u{b0}"))))?;
-            place_m.as_ref().map_or(Ok(()), |of| line("", format!("place: {}", errors(of, " m"))))?;
+            line("error", format!("offset: {}", offset_m.told(" m")))?;
+            heading_deg.as_ref().map_or(Ok(()), |of| line("", format!("heading: {}", of.told("\u{b0}"))))?;
+            place_m.as_ref().map_or(Ok(()), |of| line("", format!("place: {}", of.told(" m"))))?;
         }
         if let Some(Car { way, turning, late_s, r }) = on.car {
             let turned = format!("turned {turning:.2} of what was steered, {late_s:.2} s later (r {r:.3})");
             line("car", format!("went {way:.3} of what its speed says, {turned}"))?;
         }
-        if let Some(Sides { errors_m, left_m, right_m }) = &on.sides {
-            let means = format!("on average {left_m:+.2} and {right_m:+.2} m, they sit at -0.81 and +0.82");
-            line("side cameras", format!("{} ({means})", errors(errors_m, " m")))?;
-        }
-        Ok(())
+        on.sides.as_ref().map_or(Ok(()), |sides| line("side cameras", sides.to_string()))?;
+        self.network.as_ref().map_or(Ok(()), |network| write!(f, "{network}"))
+    }
+}
+
+impl fmt::Display for Sides {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { errors_m, left_m, right_m } = self;
+        let means = format!("on average {left_m:+.2} and {right_m:+.2} m, they sit at -0.81 and +0.82");
+        write!(f, "{} ({means})", errors_m.told(" m"))
     }
 }
