@@ -9,9 +9,9 @@ use std::{
 use serde::Serialize;
 
 use crate::{
-    dataset::{self, Balance, Blocks, Cache, DatasetError, Inputs, Sample, Samples, Selection, Set},
+    dataset::{self, Balance, Blocks, Cache, DatasetError, Inputs, Label, Sample, Samples, Selection, Set},
     models::LoadedModel,
-    nn::{Label, Network},
+    nn::Network,
     train::{Measured, Metrics, Recipe, TrainError, measure},
 };
 use lapwing_core::{

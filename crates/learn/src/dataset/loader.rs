@@ -18,10 +18,9 @@ use half::bf16;
 
 use self::worker::{LoadPlan, Worker};
 use super::{
-    Augmentation, CameraPosition, DatasetError, Samples,
+    Augmentation, CameraPosition, DatasetError, Label, Samples,
     strip::{Strip, StripCut},
 };
-use crate::nn::Label;
 use lapwing_core::perception::{Preprocess, Preprocessor};
 
 /// A network's inputs, and their form.

@@ -49,7 +49,7 @@ pub use inspect::{CameraCount, Distribution, Gap, Histogram, Inspection, Interva
 pub use lapwing_core::recording::CameraPosition;
 pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
-pub use samples::{CameraInLane, Sample, Samples, Selection, Set};
+pub use samples::{CameraInLane, Label, Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
 pub use source::{Labelled, Source, check, read};
 pub use split::Blocks;

@@ -7,7 +7,6 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels};
-use crate::nn::Label;
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
@@ -138,6 +137,19 @@ pub struct Sample {
     pub in_lane: Option<CameraInLane>,
     /// How often it is drawn, beside others.
     weight: f64,
+}
+
+/// Something that is known of a picture and learnt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Label {
+    /// What to steer, normalised.
+    Steering,
+    /// Throttle, or brake below 0.
+    Acceleration,
+    /// Metres that the camera is to the right of the lane's middle.
+    OffsetM,
+    /// Degrees that it is turned clockwise from the lane's direction.
+    HeadingDeg,
 }
 
 /// Where in its lane a camera was.

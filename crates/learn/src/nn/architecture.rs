@@ -26,19 +26,6 @@ pub enum Architecture {
     Lane,
 }
 
-/// Something that is known of a picture and learnt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Label {
-    /// What to steer, normalised.
-    Steering,
-    /// Throttle, or brake below 0.
-    Acceleration,
-    /// Metres that the camera is to the right of the lane's middle.
-    OffsetM,
-    /// Degrees that it is turned clockwise from the lane's direction.
-    HeadingDeg,
-}
-
 /// The number of frames of a network that takes several.
 pub(super) const FRAMES: usize = 5;
 
@@ -96,15 +83,6 @@ impl Architecture {
             Self::Cps => &["steering", "acceleration"],
             Self::Lane => &Lane::OUTPUTS,
             _ => &["steering"],
-        }
-    }
-
-    /// What its first outputs are trained towards.
-    pub fn labels(self) -> &'static [Label] {
-        match self {
-            Self::Cps => &[Label::Steering, Label::Acceleration],
-            Self::Lane => &[Label::OffsetM, Label::HeadingDeg],
-            _ => &[Label::Steering],
         }
     }
 
@@ -231,7 +209,6 @@ mod tests {
             assert!(design.preprocess.crop.is_some_and(|crop| crop.bottom <= 160));
             let first = if architecture.locates() { "offset_m" } else { "steering" };
             assert_eq!(architecture.outputs()[0], first);
-            assert!(architecture.labels().len() <= architecture.outputs().len());
         }
         assert_eq!(Architecture::Cps.default_preprocess().shape(), [1, 12, 40]);
     }

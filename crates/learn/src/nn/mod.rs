@@ -15,7 +15,7 @@
 //! | [`resnet18`, `resnet50`](resnet) | 1 | steering | 11.5 and 24.6 million |
 //! | [`resnet18-gru`, `resnet50-gru`](gru) | 5, one after the other | steering | 13.1 and 28.6 million |
 //! | [`resnet18-stack`, `resnet50-stack`](stack) | 5 as one picture | steering | 11.5 and 24.7 million |
-//! | [`lane`] | 1 | offset and heading in the lane, and how sure it is of either | 308,900 |
+//! | [`lane`] | 1 | offset and heading in the lane, and how sure it is of either | 309,308 |
 //!
 //! Each may take the speed as one more number. `pilot` decides which network drives, and when; `lane` does not drive.
 
@@ -34,7 +34,7 @@ pub mod runtime;
 mod source;
 pub mod stack;
 
-pub use architecture::{Architecture, Design, Label};
+pub use architecture::{Architecture, Design};
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save};
 pub use error::NnError;
 pub(crate) use error::first_line;

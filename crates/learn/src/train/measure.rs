@@ -7,9 +7,18 @@ use tch::{Device, Kind, Tensor, no_grad};
 
 use super::{Metrics, TrainError};
 use crate::{
-    dataset::{Augmentation, Batch, Cache, Inputs, Loader, Numbers, Samples, Workers},
-    nn::{Label, Network, SPEED_UNIT_MPH},
+    dataset::{Augmentation, Batch, Cache, Inputs, Label, Loader, Numbers, Samples, Workers},
+    nn::{Architecture, Network, SPEED_UNIT_MPH},
 };
+
+/// What an architecture's first outputs are trained towards.
+pub(super) fn labels(architecture: Architecture) -> &'static [Label] {
+    match architecture {
+        Architecture::Cps => &[Label::Steering, Label::Acceleration],
+        Architecture::Lane => &[Label::OffsetM, Label::HeadingDeg],
+        _ => &[Label::Steering],
+    }
+}
 
 /// How far answers are from labels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -115,10 +124,10 @@ pub fn measure(
     )?;
     let mut answers = Vec::with_capacity(samples.samples.len());
     for batch in loader {
-        let tensors = Tensors::new(batch?, &inputs, network.architecture().labels(), device)?;
+        let tensors = Tensors::new(batch?, &inputs, labels(network.architecture()), device)?;
         let answer = no_grad(|| super::trainer::forward(network, &tensors, false))?;
         let first = answer.f_select(1, 0)?.f_to_kind(Kind::Double)?.f_to_device(Device::Cpu)?;
         answers.extend(Vec::<f64>::try_from(&first)?);
     }
-    Ok((Measured::of(&answers, samples, network.architecture().labels()[0]), answers))
+    Ok((Measured::of(&answers, samples, labels(network.architecture())[0]), answers))
 }

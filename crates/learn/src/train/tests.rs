@@ -7,6 +7,7 @@ use crate::{
     dataset::{Augmentation, DatasetError, Selection},
     nn::Checkpoint,
 };
+use lapwing_core::perception::{Frame, Preprocessor, decode_jpeg};
 
 /// A drive of `rows` rows: a bright bar is as far to the side as the steering.
 fn folder(dir: &Path, rows: usize, steering: impl Fn(usize) -> f64) {
@@ -72,19 +73,24 @@ fn a_network_learns_where_in_its_lane_the_car_is_to_the_left_or_to_the_right_and
     let kept = outcome.kept.unwrap().validation.raw;
     assert!(kept.r.unwrap() > 0.9, "{kept:?}");
 
-    let mut finder = crate::models::LaneModel::load(&outcome.model).unwrap().finder();
+    let checkpoint = Checkpoint::load(&outcome.model).unwrap();
+    let mut eye = Preprocessor::new(checkpoint.metadata.preprocess.clone()).unwrap();
     let mut look = |row: usize| {
-        let mut frame = lapwing_core::perception::Frame::default();
-        let jpeg = fs::read(dir.path().join(format!("IMG/{row}.jpg"))).unwrap();
-        lapwing_core::perception::decode_jpeg(&jpeg, &mut frame).unwrap();
-        finder.look(&frame).unwrap()
+        let (mut frame, mut input) = (Frame::default(), vec![]);
+        decode_jpeg(&fs::read(dir.path().join(format!("IMG/{row}.jpg"))).unwrap(), &mut frame).unwrap();
+        eye.apply(&frame, &mut input).unwrap();
+        let input = tch::Tensor::from_slice(&input).view([1, 3, 44, 160]);
+        let answer = checkpoint.network.forward(&input, None, false).unwrap().view([-1]);
+        Vec::<f64>::try_from(answer.to_kind(tch::Kind::Double)).unwrap()
     };
-    let (right, left) = (look(2), look(5)); // the bar is right at row 2, and left at row 5: the car is on the other side
+    // The bar is right at row 2, and left at row 5: the car is on the other side.
+    let (right, left) = (look(2), look(5));
     assert!(swaying(2) > 0.9 && swaying(5) < -0.3);
-    assert!(right.offset_m < -0.8 && right.heading_deg > 2.0, "{right:?}");
-    assert!(left.offset_m > 0.2 && left.heading_deg < -0.5, "{left:?}");
-    for seen in [right, left] {
-        assert!(seen.offset_sd_m > 0.01 && seen.offset_sd_m < 1.0 && seen.heading_sd_deg < 5.0, "{seen:?}");
+    assert!(right[0] < -0.8 && right[1] > 2.0, "{right:?}");
+    assert!(left[0] > 0.2 && left[1] < -0.5, "{left:?}");
+    for [offset_log, heading_log] in [[right[2], right[3]], [left[2], left[3]]] {
+        let (offset_sd_m, heading_sd_deg) = ((offset_log / 2.0).exp(), (heading_log / 2.0).exp());
+        assert!(offset_sd_m > 0.005 && offset_sd_m < 1.0 && heading_sd_deg < 5.0, "{right:?} {left:?}");
     }
 }
 

@@ -13,7 +13,7 @@ use super::{
     Keep, Metrics, Recipe, Schedule, Tensors, TrainError,
     events::Events,
     log,
-    measure::{BATCH, measure},
+    measure::{BATCH, labels, measure},
     optimiser::Stepper,
     origin::Origin,
     preparation,
@@ -253,7 +253,7 @@ impl Trainer {
                 return Err(TrainError::NotFinite { loss, epoch: number + 1, step: self.position.step, rate });
             }
             self.position.answers.extend(answer);
-            let label = self.network.architecture().labels()[0];
+            let label = labels(self.network.architecture())[0];
             self.position.labels.extend(batch.labels(label).iter().map(|x| f64::from(*x)));
             let progress =
                 Progress::Step { epoch: number + 1, step: self.position.step, steps, samples: batch.size, loss };
@@ -288,7 +288,7 @@ impl Trainer {
     /// # Errors
     /// Those of [`Tensors::new`].
     pub fn tensors(&self, batch: Batch) -> Result<Tensors, TrainError> {
-        Tensors::new(batch, &self.inputs, self.network.architecture().labels(), self.device)
+        Tensors::new(batch, &self.inputs, labels(self.network.architecture()), self.device)
     }
 
     /// Updates the weights by one step of the width `rate`, unless the loss is not a number. Returns the loss and the

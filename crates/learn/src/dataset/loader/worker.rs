@@ -17,10 +17,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Batch, Cache, Frames, Inputs, Numbers};
 use crate::dataset::{
-    self, Augmentation, AugmentationDraw, CameraPosition, DatasetError, Samples,
+    self, Augmentation, AugmentationDraw, CameraPosition, DatasetError, Label, Samples,
     strip::{Strip, StripCut},
 };
-use crate::nn::Label;
 use lapwing_core::perception::{Frame, Preprocessor, decode_jpeg};
 
 /// What the threads share.
