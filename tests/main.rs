@@ -11,6 +11,7 @@ mod driver;
 mod driving_logs;
 mod lane_loop;
 mod locate;
+mod locate_network;
 mod model_files;
 mod models;
 mod parity;
