@@ -179,7 +179,15 @@ mod tests {
     /// A drive on no known road, of which a network sees these offsets, and is unsure of the last.
     fn seen(offsets_m: &[f64]) -> LocatedRecording {
         let truth = Some(RowTruth { offset_m: 0.5, heading_deg: Some(2.0), position: None });
-        let row = |moment| Row { at_s: 0.1, moment, apart_s: 0.1, motion: Motion::default(), broken: None, truth };
+        let row = |moment| Row {
+            at_s: 0.1,
+            moment,
+            apart_s: 0.1,
+            motion: Motion::default(),
+            steered_rad: 0.0,
+            broken: None,
+            truth,
+        };
         let lane = |(i, offset_m): (usize, &f64)| {
             let unsure = i + 1 == offsets_m.len();
             let deviation = (if unsure { 0.9 } else { 0.05 }, 0.3);
@@ -190,6 +198,7 @@ mod tests {
             parts: vec![Part { rows: 0..offsets_m.len(), way_m: 3.0, on: None }],
             rows: (0..offsets_m.len()).map(row).collect(),
             network: Some(ByNetwork { model: "lane (a file)".into(), rows }),
+            released_at_once: false,
             unreadable: (0, None),
         }
     }
