@@ -91,7 +91,8 @@ impl Room {
     pub fn run(&self, invocation: &Invocation) -> Outcome {
         let mut words = invocation.words[1..].to_owned();
         let verb = words[0].clone();
-        let shorter = SHORTER.iter().find(|(known, _)| *known == verb && invocation.shown.is_none());
+        let is_long = invocation.shown.is_none() && !words.iter().any(|word| word == "--stances");
+        let shorter = SHORTER.iter().find(|(known, _)| *known == verb && is_long);
         for (flag, value) in shorter.map_or(&[][..], |(_, flags)| flags) {
             match words.iter().position(|word| word == flag) {
                 Some(at) => words[at + 1] = (*value).to_owned(),
