@@ -76,7 +76,7 @@ pub fn draw(all: &[Compared]) -> Chart {
     };
     let axis = |label: &str| Axis::new(label).from_to(0.0, pilots as f64 + 1.0);
     let title = format!("{pilots} pilots along {} recordings: 1 is the best", all.len());
-    let mut chart = Chart::new(title, axis("mean rank in the simulator"), axis("mean rank along the recordings"));
+    let mut chart = Chart::new(title, axis("mean rank in the simulator"), axis("rank"));
     let ends = (1.0, pilots as f64);
     chart.series.push(Series::new("as in the simulator", Marks::Line(vec![(ends.0, ends.0), (ends.1, ends.1)])));
     let road = mean(Measure::Interventions, true);
