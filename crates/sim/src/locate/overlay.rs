@@ -70,7 +70,9 @@ impl Overlay {
 
     pub(super) fn view(&self, pose: Pose) -> Viewpoint {
         let (station, at) = (self.track.at(pose.s_m), self.track.point(pose.s_m, pose.offset_m));
-        let (yaw, nose_up) = (station.yaw + pose.heading_rad, station.grade.atan() + pose.pitch_rad);
+        // Against the road's direction, what climbs falls.
+        let slope = pose.direction() * station.grade.atan();
+        let (yaw, nose_up) = (station.yaw + pose.heading_rad, slope + pose.pitch_rad);
         Viewpoint::new(&self.camera.lens, &self.camera.mount, at + DVec3::Y * RIDE_M, yaw, nose_up)
     }
 

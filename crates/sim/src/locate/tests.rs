@@ -74,3 +74,20 @@ fn a_weaving_drive_is_located_in_the_pictures_it_took() {
         assert!(heading.0 < 0.5, "{from_m} {conditions}: {heading:.2?} degrees");
     }
 }
+
+#[test]
+fn a_road_is_seen_alike_as_itself_and_as_its_reverse() {
+    let (track, scenery) = scenery("mountain");
+    let back = track.reversed().unwrap();
+    let stations = (0..track.length() as usize).map(|s| s as f64);
+    let s_m = stations.max_by(|a, b| track.at(*a).grade.abs().total_cmp(&track.at(*b).grade.abs())).unwrap();
+    assert!(track.at(s_m).grade.abs() > 0.1, "a slope");
+    let against = Pose { s_m, offset_m: 0.3, heading_rad: std::f64::consts::PI + 0.05, pitch_rad: 0.0 };
+    let along = Pose { s_m: back.length() - s_m, offset_m: -0.3, heading_rad: 0.05, pitch_rad: 0.0 };
+    let seen =
+        |track: crate::track::Track, pose| Overlay::new(track.into(), scenery.clone(), (320, 160)).line(pose, 0.0);
+    let lines = seen(track, against).into_iter().zip(seen(back, along));
+    for ((x, y), (column, row)) in lines.filter(|((x, y), _)| (0.0..320.0).contains(x) && (0.0..160.0).contains(y)) {
+        assert!((x - column).abs() < 2.0 && (y - row).abs() < 2.0, "({x}, {y}) and ({column}, {row})");
+    }
+}
