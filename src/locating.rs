@@ -106,8 +106,7 @@ pub enum LocateError {
 /// # Errors
 /// [`LocateError`]: what cannot be read, and a table of another recording.
 pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDrive, LocateError> {
-    let road = |name: &str| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() });
-    let places = LaneTable::read(table, road)?;
+    let places = read_table(table, roads)?;
     let seen = Recording::open(path)?.seen();
     let pictures: Vec<usize> = seen.map(|moment| Ok(moment?.row)).collect::<Result<_, RecordingError>>()?;
     if !places.rows.iter().map(|(moment, _)| moment).eq(&pictures) {
@@ -115,6 +114,14 @@ pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDri
         return Err(LocateError::OtherTable { recording, table, pictures: pictures.len(), rows: places.rows.len() });
     }
     Ok(places.drive(0..usize::MAX))
+}
+
+/// Reads a table of places on one of these roads.
+///
+/// # Errors
+/// [`LaneTableError`]
+pub fn read_table(table: &Path, roads: &Roads) -> Result<LaneTable, LaneTableError> {
+    LaneTable::read(table, |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() }))
 }
 
 /// A drive of a recording: all of it, unless several were joined.

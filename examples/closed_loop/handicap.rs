@@ -64,8 +64,7 @@ impl Sight {
     /// Paints what is seen of a picture.
     fn paint(self, picture: &Frame, seen: &mut Frame) {
         let (width, height) = (picture.width(), picture.height());
-        seen.resize(width, height);
-        seen.rgb_mut().copy_from_slice(picture.rgb());
+        seen.clone_from(picture);
         match self {
             Self::Clear => {}
             Self::Bgr => seen.rgb_mut().chunks_exact_mut(3).for_each(|pixel| pixel.swap(0, 2)),

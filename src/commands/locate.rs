@@ -14,15 +14,12 @@ use crate::locating::network::look;
 use crate::{
     cli,
     known::Roads,
-    locating::{LocateError, LocatedRecording, Summary, drawn, locate},
+    locating::{LocateError, LocatedRecording, Summary, drawn, locate, read_table},
 };
 use lapwing_core::{recording::CameraPosition, words::count};
 #[cfg(feature = "networks")]
 use lapwing_learn::models::LaneModel;
-use lapwing_sim::{
-    locate::{LaneTable, LaneTableError},
-    track::{Track, TrackError},
-};
+use lapwing_sim::track::Track;
 
 pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
@@ -31,7 +28,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     let roads = Roads::with(&arguments.tracks);
     #[cfg(feature = "networks")]
     let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
-    let truth = arguments.truth.as_ref().map(|path| truth_of(path, &roads)).transpose()?;
+    let truth = arguments.truth.as_ref().map(|path| read_table(path, &roads)).transpose()?;
     let of = |name: &str, camera: CameraPosition| -> anyhow::Result<LocatedRecording> {
         let mut found = located(&arguments.recording, camera, &roads)?;
         #[cfg(feature = "networks")]
@@ -75,11 +72,6 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
         !seen && drive.on.as_ref().is_none_or(|on| on.located == 0.0)
     });
     Ok(if nothing { Ended::Failed } else { Ended::Passed })
-}
-
-/// Reads a table of places.
-fn truth_of(path: &Path, roads: &Roads) -> Result<LaneTable, LaneTableError> {
-    LaneTable::read(path, |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() }))
 }
 
 /// Locates a recording, with a line of progress.

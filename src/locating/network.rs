@@ -15,7 +15,6 @@ use super::{
     LocatedRecording, On, Part, RowTruth,
     summary::{AgainstTruth, Errors, Sides, Spread},
 };
-use lapwing_sim::camera::Camera;
 
 /// A network that is less sure of the offset than this, in metres (a standard deviation), does not see the lane.
 const UNSURE_M: f64 = 0.5;
@@ -61,19 +60,11 @@ impl ByNetwork {
 
     /// Where the left and the right camera are seen, against where they sit.
     pub fn beside(&self, sides: [&Self; 2], rows: Range<usize>) -> Option<Sides> {
-        let (mut errors, mut means) = (vec![], [f64::NAN; 2]);
-        for ((side, camera), mean) in sides.into_iter().zip([Camera::LEFT, Camera::RIGHT]).zip(&mut means) {
+        Sides::of(sides.map(|side| {
             let both = rows.clone().filter_map(|i| Some((self.sure(i)?, side.sure(i)?)));
-            let mut apart = vec![];
-            for (center, beside) in both {
-                let seen_m = beside.offset_m - center.offset_m;
-                errors.push(seen_m - camera.mount.position.x * center.heading_deg.to_radians().cos());
-                apart.push(seen_m);
-            }
-            *mean = Spread::of(&apart).map_or(f64::NAN, |spread| spread.mean);
-        }
-        let [left_m, right_m] = means;
-        Some(Sides { errors_m: Errors::of(errors)?, left_m, right_m })
+            both.map(|(center, beside)| (center.heading_deg.to_radians().cos(), beside.offset_m - center.offset_m))
+                .collect()
+        }))
     }
 
     /// What is seen surely enough in that row.

@@ -203,19 +203,29 @@ fn against_truth(on: &On, rows: &[Row]) -> Option<AgainstTruth> {
 }
 
 fn beside(center: &On, left: &On, right: &On) -> Option<Sides> {
-    let (mut errors, mut found) = (vec![], [vec![], vec![]]);
-    let cameras = [(left, Camera::LEFT), (right, Camera::RIGHT)];
-    for (side, (on, camera)) in cameras.into_iter().enumerate() {
-        for (center, beside) in center.drive.places.iter().zip(&on.drive.places) {
-            let (Some(center), Some(beside)) = (center, beside) else { continue };
-            let aside = camera.mount.position.x * center.pose.heading_rad.cos();
-            let found_m = beside.pose.offset_m - center.pose.offset_m;
-            errors.push(found_m - aside);
-            found[side].push(found_m * center.pose.direction());
+    Sides::of([left, right].map(|side| {
+        let both = center.drive.places.iter().zip(&side.drive.places).filter_map(|(a, b)| a.as_ref().zip(b.as_ref()));
+        let seen = |(center, beside): (&Located, &Located)| {
+            let right_m = (beside.pose.offset_m - center.pose.offset_m) * center.pose.direction();
+            (center.pose.heading_rad.cos().abs(), right_m)
+        };
+        both.map(seen).collect()
+    }))
+}
+
+impl Sides {
+    /// Of pictures in which the left camera, and the right one, are seen besides the centre one: the cosine of the car's heading
+    /// against its lane, and how far to the right of the centre one the other is seen, in metres.
+    pub(super) fn of(seen: [Vec<(f64, f64)>; 2]) -> Option<Self> {
+        let (mut errors, mut means) = (vec![], [f64::NAN; 2]);
+        for ((seen, camera), mean) in seen.iter().zip([Camera::LEFT, Camera::RIGHT]).zip(&mut means) {
+            errors.extend(seen.iter().map(|(along, right_m)| right_m - camera.mount.position.x * along));
+            let rights: Vec<f64> = seen.iter().map(|(_, right_m)| *right_m).collect();
+            *mean = Spread::of(&rights).map_or(f64::NAN, |spread| spread.mean);
         }
+        let [left_m, right_m] = means;
+        Some(Self { errors_m: Errors::of(errors)?, left_m, right_m })
     }
-    let [left_m, right_m] = found.map(|found| Spread::of(&found).map_or(f64::NAN, |spread| spread.mean));
-    Some(Sides { errors_m: Errors::of(errors)?, left_m, right_m })
 }
 
 impl Spread {

@@ -255,12 +255,10 @@ fn make(recording: &SimulatedData, config: Option<&Path>, interrupted: &Interrup
         tracing::info!("recording {}: {pictures} on {track}", out.display());
         return whole(out, |partial| {
             let (made, _) = record::stances(&arguments(recording, partial), stances, config, interrupted)?;
-            match made {
-                made if made < stances => {
-                    bail!("interrupted while {} was recorded: nothing of it is kept", out.display())
-                }
-                _ => Ok(()),
+            if made < stances {
+                bail!("interrupted while {} was recorded: nothing of it is kept", out.display());
             }
+            Ok(())
         });
     }
     let laps = count(*laps, "lap");

@@ -46,7 +46,6 @@ pub enum LaneError {
 #[derive(Debug)]
 pub struct LaneModel {
     name: String,
-    sha256: String,
     /// That from which all others are made, behind a lock because a tensor's handle belongs to one thread at a time.
     prototype: Mutex<LaneFinder>,
 }
@@ -59,12 +58,8 @@ impl LaneModel {
     pub fn load(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
         let bytes = fs::read(path).map_err(|source| ModelError::Read { path: path.to_owned(), source })?;
-        Self::of_checkpoint(path, &bytes)
-    }
-
-    fn of_checkpoint(path: &Path, bytes: &[u8]) -> Result<Self, ModelError> {
         let wrong = |source| ModelError::Checkpoint { path: path.to_owned(), source };
-        let checkpoint = Checkpoint::from_bytes(bytes).map_err(wrong)?;
+        let checkpoint = Checkpoint::from_bytes(&bytes).map_err(wrong)?;
         if !checkpoint.network.architecture().locates() || checkpoint.network.design().speed {
             let source = Box::new(ModelError::NotLane(checkpoint.metadata.outputs));
             return Err(ModelError::Unfit { path: path.to_owned(), source });
@@ -73,17 +68,12 @@ impl LaneModel {
             Preprocessor::new(checkpoint.metadata.preprocess).map_err(|source| wrong(NnError::Preprocess(source)))?;
         let finder = LaneFinder { preprocessor, network: checkpoint.network, input: vec![] };
         let name = format!("{} ({})", finder.network.architecture().name(), path.display());
-        Ok(Self { name, sha256: checkpoint.sha256, prototype: Mutex::new(finder) })
+        Ok(Self { name, prototype: Mutex::new(finder) })
     }
 
     /// Architecture and file, for people.
     pub fn name(&self) -> &str {
         &self.name
-    }
-
-    /// SHA-256 of the file in lower-case hexadecimal.
-    pub fn sha256(&self) -> &str {
-        &self.sha256
     }
 
     /// Another handle on the weights, for one thread.

@@ -224,10 +224,7 @@ fn driven(raw: &[Raw], within: &Range<usize>) -> Vec<PathRow> {
     let mut cut = Some(PathBreak::Begins);
     let mut at_s = 0.0;
     let mut last_s: Option<f64> = None;
-    for (index, row) in raw.iter().enumerate() {
-        if !within.contains(&index) {
-            continue;
-        }
+    for (index, row) in raw.iter().enumerate().take(within.end).skip(within.start) {
         let apart = last_s.map_or(0.0, |last| row.at_s - last);
         last_s = Some(row.at_s);
         let gap = (apart > GAP_S || (apart <= 0.0 && index > within.start))

@@ -7,6 +7,7 @@ use glam::DMat3;
 use super::{Deviation, Fit, Located, Pose};
 use crate::{
     track::{Place, Track},
+    vehicle::Car,
     world::Simulation,
 };
 use lapwing_core::motion::turn;
@@ -64,6 +65,17 @@ impl Pose {
         let Place { station, offset } = *world.place();
         let heading_rad = turn(world.car().yaw - station.yaw);
         Self { s_m: station.s, offset_m: offset, heading_rad, pitch_rad: 0.0 }
+    }
+
+    /// The car that stands there: against the road's direction, it looks down where the road climbs.
+    pub fn car(self, track: &Track) -> Car {
+        let station = track.at(self.s_m);
+        Car {
+            position: track.point(self.s_m, self.offset_m),
+            yaw: station.yaw + self.heading_rad,
+            pitch: self.direction() * station.grade.atan() + self.pitch_rad,
+            ..Car::default()
+        }
     }
 
     /// 1 if the car drives in the track's direction, -1 if it drives against it.

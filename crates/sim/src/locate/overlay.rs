@@ -8,6 +8,7 @@ use super::{Pose, field::Field};
 use crate::{
     camera::{Camera, Lens, RIDE_M, Renderer, Scenery, contour::Contour, viewpoint::Viewpoint},
     track::Track,
+    vehicle::Car,
 };
 use lapwing_core::perception::Frame;
 
@@ -69,11 +70,8 @@ impl Overlay {
     }
 
     pub(super) fn view(&self, pose: Pose) -> Viewpoint {
-        let (station, at) = (self.track.at(pose.s_m), self.track.point(pose.s_m, pose.offset_m));
-        // Against the road's direction, what climbs falls.
-        let slope = pose.direction() * station.grade.atan();
-        let (yaw, nose_up) = (station.yaw + pose.heading_rad, slope + pose.pitch_rad);
-        Viewpoint::new(&self.camera.lens, &self.camera.mount, at + DVec3::Y * RIDE_M, yaw, nose_up)
+        let Car { position, yaw, pitch, .. } = pose.car(&self.track);
+        Viewpoint::new(&self.camera.lens, &self.camera.mount, position + DVec3::Y * RIDE_M, yaw, pitch)
     }
 
     /// The best pose within `reach` of another: metres along the road, metres across it, radians. A picture of another

@@ -15,7 +15,6 @@ use crate::{
     conditions::Conditions,
     expert::LaneExpert,
     locate::Pose,
-    vehicle::Car,
     world::Setup,
 };
 use lapwing_core::{
@@ -76,13 +75,7 @@ pub fn stances(
             conditions = Conditions::random(random.random());
         }
         let pose = stance(setup, &mut random);
-        let station = track.at(pose.s_m);
-        let car = Car {
-            position: track.point(pose.s_m, pose.offset_m),
-            yaw: station.yaw + pose.heading_rad,
-            pitch: pose.direction() * station.grade.atan() + pose.pitch_rad,
-            ..Car::default()
-        };
+        let car = pose.car(track);
         let at = APART * u32::try_from(number).unwrap_or(u32::MAX);
         let shot = Shot { car: &car, actors: &[], conditions: &conditions, seed: setup.seed, time_s: at.as_secs_f64() };
         renderer.render(&Camera::CENTER, &shot, &mut frame);
@@ -104,9 +97,9 @@ pub fn stances(
 fn stance(setup: &Setup, random: &mut ChaCha8Rng) -> Pose {
     let track = &setup.track;
     let mut uniform = || random.random::<f64>();
-    // The sum of uniform numbers: from -1 to 1, the middle most often.
     let s_m = uniform() * track.length();
     let reversed = uniform() < 0.5;
+    // The sum of two uniform numbers: from -1 to 1, the middle most often.
     let askew_deg = (uniform() + uniform() - 1.0) * ASKEW_DEG;
     let pitch_deg = (uniform() + uniform() - 1.0) * PITCH_DEG;
     let (half, line_m) = (track.half_width() + BEYOND_M, track.file().driving_line_m);
