@@ -43,7 +43,7 @@ use self::{
 use crate::known::Roads;
 use lapwing_core::{
     perception::Frame,
-    recording::{CameraPosition, Recording, RecordingError},
+    recording::{CameraPosition, RecordingError},
 };
 use lapwing_score::{
     odometry::{self, Leg},
@@ -71,22 +71,6 @@ pub enum LocateError {
     /// A table of places.
     #[error(transparent)]
     Table(#[from] LaneTableError),
-    /// A table that was made of another recording.
-    #[error(
-        "{}: expected the places of the {pictures} pictures of {}, got {rows} rows of other moments: make it again with \
-         lapwing locate --csv",
-        table.display(), recording.display()
-    )]
-    OtherTable {
-        /// The recording.
-        recording: std::path::PathBuf,
-        /// The table.
-        table: std::path::PathBuf,
-        /// Moments of the recording with a picture.
-        pictures: usize,
-        /// Rows of the table.
-        rows: usize,
-    },
     /// A network that does not answer.
     #[cfg(feature = "networks")]
     #[error(transparent)]
@@ -106,14 +90,7 @@ pub enum LocateError {
 /// # Errors
 /// [`LocateError`]: what cannot be read, and a table of another recording.
 pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDrive, LocateError> {
-    let places = read_table(table, roads)?;
-    let seen = Recording::open(path)?.seen();
-    let pictures: Vec<usize> = seen.map(|moment| Ok(moment?.row)).collect::<Result<_, RecordingError>>()?;
-    if !places.rows.iter().map(|(moment, _)| moment).eq(&pictures) {
-        let (recording, table) = (path.to_owned(), table.to_owned());
-        return Err(LocateError::OtherTable { recording, table, pictures: pictures.len(), rows: places.rows.len() });
-    }
-    Ok(places.drive(0..usize::MAX))
+    Ok(LaneTable::of(path, table, by_name(roads))?.drive(0..usize::MAX))
 }
 
 /// Reads a table of places on one of these roads.
@@ -121,7 +98,11 @@ pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDri
 /// # Errors
 /// [`LaneTableError`]
 pub fn read_table(table: &Path, roads: &Roads) -> Result<LaneTable, LaneTableError> {
-    LaneTable::read(table, |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() }))
+    LaneTable::read(table, by_name(roads))
+}
+
+fn by_name(roads: &Roads) -> impl Fn(&str) -> Result<Track, TrackError> {
+    |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() })
 }
 
 /// A drive of a recording: all of it, unless several were joined.

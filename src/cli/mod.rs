@@ -116,7 +116,7 @@ pub struct PictureFlags {
 }
 
 /// Where a film is taken from.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum FilmView {
     /// Behind the car
     Follow,

@@ -159,7 +159,11 @@ impl World for BridgedSimulation {
         if let Some(Observation { at, sight }) = &observation {
             self.seen.pace.wait(*at);
             self.seen.judge.sight(*at, sight);
-            self.seen.pictures.take(&self.simulation)?;
+            let sent = match sight {
+                Sight::Telemetry(telemetry) => Some(&telemetry.image),
+                Sight::HumanDrives | Sight::Unreadable(_) => None,
+            };
+            self.seen.pictures.take(&self.simulation, sent)?;
         }
         Ok(observation)
     }

@@ -17,7 +17,8 @@ use crate::{
 use lapwing_core::{
     config::{ConfigError, Layers},
     drive::{Observer, ObserverError},
-    perception::Frame,
+    perception::{Frame, decode_jpeg},
+    protocol::CameraImage,
     turn::Turn,
     units::MPS_PER_MPH,
 };
@@ -55,6 +56,8 @@ pub(super) fn spec(world: &cli::WorldFlags, laps: Option<u32>) -> WorldSpec {
 /// Pictures to look at afterwards.
 pub(super) struct Pictures {
     film: Option<(Film, Renderer, Camera, Frame)>,
+    /// Whether the film shows what was sent to the pilot, where that is a picture.
+    as_sent: bool,
     video: Option<PathBuf>,
     map: Option<PathBuf>,
     line: Vec<DrivenPoint>,
@@ -80,6 +83,7 @@ impl Pictures {
         };
         Ok(Self {
             film,
+            as_sent: arguments.view == FilmView::Car,
             video: arguments.video.clone(),
             map: arguments.map.clone(),
             line: vec![],
@@ -88,10 +92,19 @@ impl Pictures {
         })
     }
 
-    /// Takes the world as it is now.
-    pub(super) fn take(&mut self, world: &Simulation) -> Result<(), FilmError> {
+    /// Takes the world as it is now, and the picture that the pilot was sent.
+    pub(super) fn take(&mut self, world: &Simulation, sent: Option<&CameraImage>) -> Result<(), FilmError> {
         if let Some((film, renderer, camera, frame)) = &mut self.film {
-            world.draw(renderer, camera, frame);
+            let shows = match sent {
+                Some(CameraImage::Jpeg(jpeg)) if self.as_sent => {
+                    let size = (camera.lens.width, camera.lens.height);
+                    decode_jpeg(jpeg, frame).is_ok() && (frame.width(), frame.height()) == size
+                }
+                _ => false,
+            };
+            if !shows {
+                world.draw(renderer, camera, frame);
+            }
             film.frame(frame)?;
         }
         if self.map.is_some() {
@@ -127,8 +140,8 @@ impl Pictures {
 }
 
 impl Observer<Simulation> for Pictures {
-    fn turn(&mut self, world: &Simulation, _: &Turn) -> Result<(), ObserverError> {
-        Ok(self.take(world)?)
+    fn turn(&mut self, world: &Simulation, turn: &Turn) -> Result<(), ObserverError> {
+        Ok(self.take(world, turn.telemetry().map(|telemetry| &telemetry.image))?)
     }
 }
 

@@ -220,11 +220,12 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     for data in recipe.data.iter().chain(&recipe.validation) {
         let is_made = |path: &Path| made.iter().any(|recording| absolute(path).starts_with(absolute(&recording.out)));
-        if !is_made(&data.path) {
-            dataset::check(&data.path)?;
+        if is_made(&data.path) {
+            continue;
         }
+        dataset::check(&data.path)?;
         if let Some(lane) = data.lane.as_ref().filter(|lane| !is_made(lane)) {
-            LaneTable::read(lane, Track::open)?;
+            LaneTable::of(&data.path, lane, Track::open)?;
         }
     }
     for recording in made {

@@ -64,7 +64,7 @@ pub(super) fn check(closed_loop: &ClosedLoop) -> anyhow::Result<()> {
     }
     for along in &closed_loop.along {
         dataset::check(&along.path)?;
-        LaneTable::read(&along.lane, Track::open)?;
+        LaneTable::of(&along.path, &along.lane, Track::open)?;
     }
     Ok(())
 }
@@ -193,7 +193,7 @@ impl Round<'_> {
 
     fn along(&self, along: &PracticeAlong, folder: &Path) -> anyhow::Result<RecordReport> {
         let (first, end) = along.rows.unwrap_or((0, usize::MAX));
-        let located = LaneTable::read(&along.lane, Track::open)?.drive(first..end);
+        let located = LaneTable::of(&along.path, &along.lane, Track::open)?.drive(first..end);
         let limit = Some(Limit::Metres(along.limit_m));
         let mut world = RecordedWorld::open(&along.path, limit, Yaw::Pictures, Some(located))?;
         let log = DrivingLogWriter::create(folder, jiff::Zoned::now().datetime())?;

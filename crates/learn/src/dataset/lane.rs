@@ -34,7 +34,7 @@ pub(super) struct LaneLabels {
 impl LaneLabels {
     /// Reads the table, and makes the centre camera's labels those of the rows.
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
-        let table = LaneTable::read(path, Track::open)?;
+        let table = LaneTable::of(&source.path, path, Track::open)?;
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
         let poses: HashMap<usize, Pose> =
@@ -130,8 +130,10 @@ mod tests {
         let options = RecordOptions { weave_m: 1.6, ..RecordOptions::at(SPEED) };
         let pilot = Box::new(PurePursuit::default());
         let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
-        record(&mut world, &mut driver, log, options, see).unwrap();
-        fs::write(folder.join("lane.csv"), text).unwrap();
+        let rows = record(&mut world, &mut driver, log, options, see).unwrap().rows as usize;
+        // What was seen last is not recorded any more.
+        let text: Vec<&str> = text.lines().take(1 + rows).collect();
+        fs::write(folder.join("lane.csv"), text.join("\n") + "\n").unwrap();
         expert
     }
 
@@ -167,6 +169,28 @@ mod tests {
             assert!((left.offset_m - center.offset_m + 0.806 * along).abs() < 1e-6, "{three:?}");
             assert!((right.offset_m - center.offset_m - 0.825 * along).abs() < 1e-6, "{three:?}");
             assert!((left.heading_deg - center.heading_deg).abs() < 0.5, "only as far as the road bends: {three:?}");
+        }
+    }
+
+    #[test]
+    fn the_table_is_of_this_recording() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("weaving");
+        weaving(&folder);
+        let lane = folder.join("lane.csv");
+        let text = fs::read_to_string(&lane).unwrap();
+        let heading = table::heading();
+        // The rows of a shorter recording, and those of one that began a row later.
+        let later: String = text.lines().skip(2).enumerate().fold(heading, |text, (moment, line)| {
+            let cells = line.split_once(',').unwrap().1;
+            text + &format!("{moment},{cells}\n")
+        });
+        let shorter = text.lines().take(40).fold(String::new(), |text, line| text + line + "\n");
+        for other in [shorter, later] {
+            fs::write(&lane, other).unwrap();
+            let selection = Selection { lane: Some(lane.clone()), ..Selection::of(&folder) };
+            let error = Samples::open(&[selection], Set::Training, None, &Balance::default()).unwrap_err().to_string();
+            assert!(error.contains("rows of other moments: make it again with lapwing locate --csv"), "{error}");
         }
     }
 

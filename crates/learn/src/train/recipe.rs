@@ -32,6 +32,10 @@ pub struct Recipe {
     /// Rows and columns of the input, for networks that take any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<(usize, usize)>,
+    /// Rows of a 320x160 picture that the network sees, from the first to before the second; default those of its authors
+    /// ([`Architecture::default_preprocess`](crate::nn::Architecture::default_preprocess)).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crop: Option<(usize, usize)>,
     /// Whether the network gets the speed as an input.
     pub speed_input: bool,
     /// Initial weights: those of a backbone, under torchvision's names, or a checkpoint of this crate (`.safetensors`);
@@ -97,6 +101,7 @@ impl Default for Recipe {
         Self {
             network: "pilotnet".into(),
             input: None,
+            crop: None,
             speed_input: false,
             pretrained: None,
             freeze_backbone: false,
@@ -277,6 +282,9 @@ impl Recipe {
         if let Some((rows, columns)) = self.input.filter(|(h, w)| !sides.contains(h) || !sides.contains(w)) {
             return wrong("input", "1 to 4096 rows and columns", format!("{rows}x{columns}"));
         }
+        if let Some((top, bottom)) = self.crop.filter(|(top, bottom)| top >= bottom || *bottom > 160) {
+            return wrong("crop", "two rows of 0 to 160, the first one above the second", format!("{top}, {bottom}"));
+        }
         // What TOML can hold.
         let practice = self.closed_loop.iter().flat_map(|closed_loop| &closed_loop.drive).map(|drive| drive.seed);
         let seeds = self.record.iter().map(|record| record.seed).chain(practice).chain([self.seed]);
@@ -363,6 +371,7 @@ mod tests {
             ("samples_per_epoch = 900000000000", "samples_per_epoch: expected 1 to 100000000, got 900000000000"),
             ("cache_mib = 17592186044416", "cache_mib: expected 0 to 1048576, got 17592186044416"),
             ("input = [0, 64]", "input: expected 1 to 4096 rows and columns, got 0x64"),
+            ("crop = [96, 96]", "crop: expected two rows of 0 to 160, the first one above the second, got 96, 96"),
             ("patience = 0", "patience: expected at least 1, got 0"),
             ("validation_samples = 1", "validation_samples: expected at least 2, got 1"),
             ("ema = 0.0", "ema: expected above 0, below 1, got 0"),

@@ -24,7 +24,11 @@ use crate::{
     dataset::{Batch, Cache, Inputs, Loader, Samples, Workers},
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
 };
-use lapwing_core::{files, hash::sha256, perception::Resize};
+use lapwing_core::{
+    files,
+    hash::sha256,
+    perception::{Crop, Resize},
+};
 
 /// Plateau: epochs without a better error, and the factor applied then.
 const PLATEAU: (usize, f64) = (3, 0.1);
@@ -64,6 +68,9 @@ fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, A
     let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };
     if let Some((height, width)) = recipe.input {
         design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
+    }
+    if let Some((top, bottom)) = recipe.crop {
+        design.preprocess.crop = Some(Crop { top, bottom });
     }
     design.validate()?;
     preparation::check_labels_kept(recipe, architecture)?;

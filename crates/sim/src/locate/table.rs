@@ -9,9 +9,13 @@ use std::{
 
 use super::{InLane, Located, LocatedDrive, Pose};
 use crate::track::{Track, TrackError};
+use lapwing_core::recording::{Recording, RecordingError};
 
 /// The first columns, which are those that are read; more may follow.
 pub const COLUMNS: [&str; 7] = ["moment", "at_s", "track", "reversed", "place_m", "offset_m", "heading_deg"];
+
+/// Times since the first row may differ by so many seconds: pictures' names and the table have milliseconds.
+const SAME_TIME_S: f64 = 0.005;
 
 /// A table that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -64,6 +68,25 @@ pub enum LaneTableError {
         /// What is wrong with it.
         source: Box<TrackError>,
     },
+    /// The recording that it should be of.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A table that was made of another recording.
+    #[error(
+        "{}: expected the places of the {pictures} pictures of {}, got {rows} rows of other moments: make it again with \
+         lapwing locate --csv",
+        path.display(), recording.display()
+    )]
+    OtherRecording {
+        /// The file.
+        path: PathBuf,
+        /// The recording.
+        recording: PathBuf,
+        /// Moments of the recording with a picture.
+        pictures: usize,
+        /// Rows of the table.
+        rows: usize,
+    },
 }
 
 /// A recording's places on the road that most of its pictures show.
@@ -75,10 +98,12 @@ pub struct LaneTable {
     pub rows: Vec<(usize, Option<Pose>)>,
     /// Pictures of another road, whose poses are left out.
     pub elsewhere: usize,
+    /// The time of each picture, in seconds.
+    times_s: Vec<f64>,
 }
 
-/// A line of the table: moment, and road, whether it is driven against its direction, place, offset and heading.
-type Line = (usize, Option<(String, bool, [f64; 3])>);
+/// A line of the table: moment, time, and road, whether it is driven against its direction, place, offset and heading.
+type Line = (usize, f64, Option<(String, bool, [f64; 3])>);
 
 impl LaneTable {
     /// Reads the table that `lapwing locate --csv` writes. `road` is the track of a name, as [`Track::open`] has it.
@@ -88,8 +113,8 @@ impl LaneTable {
     pub fn read(path: &Path, road: impl Fn(&str) -> Result<Track, TrackError>) -> Result<Self, LaneTableError> {
         let text = fs::read_to_string(path).map_err(|source| LaneTableError::Read { path: path.to_owned(), source })?;
         let lines = lines(path, &text)?;
-        let named = |name: &str| lines.iter().filter(|(_, at)| at.as_ref().is_some_and(|at| at.0 == name)).count();
-        let names = lines.iter().filter_map(|(_, at)| at.as_ref().map(|at| at.0.as_str()));
+        let named = |name: &str| lines.iter().filter(|(.., at)| at.as_ref().is_some_and(|at| at.0 == name)).count();
+        let names = lines.iter().filter_map(|(.., at)| at.as_ref().map(|at| at.0.as_str()));
         let mut roads: Vec<&str> = names.collect();
         roads.sort_unstable();
         roads.dedup();
@@ -99,13 +124,40 @@ impl LaneTable {
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let track = Arc::new(road(name).map_err(wrong)?);
         let mut elsewhere = 0;
-        let rows = lines.iter().map(|(moment, at)| {
+        let rows = lines.iter().map(|(moment, _, at)| {
             let here = at.as_ref().filter(|(road, ..)| road == name);
             elsewhere += usize::from(at.is_some() && here.is_none());
             (*moment, here.map(|(_, reversed, numbers)| pose(&track, *reversed, *numbers)))
         });
         let rows = rows.collect();
-        Ok(Self { track, rows, elsewhere })
+        let times_s = lines.iter().map(|(_, at_s, _)| *at_s).collect();
+        Ok(Self { track, rows, elsewhere, times_s })
+    }
+
+    /// The same, of this recording: a row for each moment with a picture, taken then.
+    ///
+    /// # Errors
+    /// [`LaneTableError`], [`LaneTableError::OtherRecording`] among them.
+    pub fn of(
+        recording: &Path,
+        path: &Path,
+        road: impl Fn(&str) -> Result<Track, TrackError>,
+    ) -> Result<Self, LaneTableError> {
+        let table = Self::read(path, road)?;
+        let seen = Recording::open(recording)?.seen();
+        let pictures: Vec<(usize, f64)> =
+            seen.map(|moment| moment.map(|m| (m.row, m.at.as_secs_f64()))).collect::<Result<_, _>>()?;
+        let first = |times: Option<f64>| times.unwrap_or_default();
+        let began_s = first(pictures.first().map(|(_, at_s)| *at_s)) - first(table.times_s.first().copied());
+        let is_same = table.rows.len() == pictures.len()
+            && pictures.iter().zip(table.rows.iter().zip(&table.times_s)).all(|(picture, ((moment, _), at_s))| {
+                picture.0 == *moment && (picture.1 - at_s - began_s).abs() <= SAME_TIME_S
+            });
+        if is_same {
+            return Ok(table);
+        }
+        let (path, recording, rows) = (path.to_owned(), recording.to_owned(), table.rows.len());
+        Err(LaneTableError::OtherRecording { path, recording, pictures: pictures.len(), rows })
     }
 
     /// The drive, to be driven along, as far as its moments are in `moments`.
@@ -128,7 +180,7 @@ fn lines(path: &Path, text: &str) -> Result<Vec<Line>, LaneTableError> {
         let missing = || LaneTableError::Column { path: path.to_owned(), column, got: heading.to_owned() };
         columns.iter().position(|name| name == column).ok_or_else(missing)
     };
-    let [moment, _, track, reversed, place, offset, heading_deg] = {
+    let [moment, at_s, track, reversed, place, offset, heading_deg] = {
         let mut at = [0; 7];
         for (at, name) in at.iter_mut().zip(COLUMNS) {
             *at = column(name)?;
@@ -147,16 +199,17 @@ fn lines(path: &Path, text: &str) -> Result<Vec<Line>, LaneTableError> {
                 got: got.to_owned(),
             };
             let count = field(moment).parse().map_err(|_| wrong(0, "a whole number", field(moment)))?;
-            if field(track).is_empty() {
-                return Ok((count, None));
-            }
-            let against = field(reversed).parse().map_err(|_| wrong(3, "true or false", field(reversed)))?;
             let number = |column: usize, at: usize| {
                 let number = field(at).parse().ok().filter(|number: &f64| number.is_finite());
                 number.ok_or_else(|| wrong(column, "a number", field(at)))
             };
+            let at_s = number(1, at_s)?;
+            if field(track).is_empty() {
+                return Ok((count, at_s, None));
+            }
+            let against = field(reversed).parse().map_err(|_| wrong(3, "true or false", field(reversed)))?;
             let numbers = [number(4, place)?, number(5, offset)?, number(6, heading_deg)?];
-            Ok((count, Some((field(track).to_owned(), against, numbers))))
+            Ok((count, at_s, Some((field(track).to_owned(), against, numbers))))
         })
         .collect()
 }
