@@ -24,6 +24,9 @@ pub(crate) struct Contour {
 
 /// The gradient, in grey levels over two pixels, at which the clearness is a half. The grain of asphalt reaches 8 to 15.
 const CLEAR: f32 = 24.0;
+/// Asphalt in the light, in grey levels; and in shade so deep that a camera's noise weighs as much as a line.
+const LIT: f32 = 120.0;
+const DARK: f32 = 40.0;
 /// Edges farther away than this, in metres, are too small to be seen.
 const FAR_M: f32 = 60.0;
 /// Nearer than this, in metres, nothing is seen of the road.
@@ -40,10 +43,18 @@ pub(crate) fn clearness([x, y]: Gradient) -> f32 {
     steep / (steep + CLEAR * CLEAR)
 }
 
-/// The gradient at each pixel of a picture, in the channel that changes most.
+/// The gradient at each pixel of a picture, in the channel that changes most; in the shade as clear as in the sun.
 pub(crate) fn gradients(frame: &Frame) -> Vec<Gradient> {
-    let pixels: Vec<_> = frame.rgb().as_chunks::<3>().0.iter().map(|pixel| pixel.map(f32::from)).collect();
+    let levels: [f32; 256] = std::array::from_fn(|level| in_any_light(level as f32));
+    let lit = |pixel: &[u8; 3]| pixel.map(|level| levels[usize::from(level)]);
+    let pixels: Vec<_> = frame.rgb().as_chunks::<3>().0.iter().map(lit).collect();
     steepest(&pixels, frame.width())
+}
+
+/// A grey level on a scale on which an edge is about as high in the shade as in the light, where levels keep their
+/// differences.
+fn in_any_light(level: f32) -> f32 {
+    (LIT + DARK) * (level / DARK).ln_1p()
 }
 
 /// The same by Sobel's operator; zero along the picture's border.

@@ -18,7 +18,8 @@ const HABIT: f64 = 0.1;
 /// real lake, side cameras are then found about one standard deviation from where they sit.
 const WORTH: f64 = 3.0;
 /// The share of it that it is worth for the place along the road: pictures of the same stretch ahead err alike for longer.
-const PLACE: f64 = 0.2;
+/// With 0.2, the place lags behind in the hairpins of the jungle, and the heading with it, until the car is lost.
+const PLACE: f64 = 0.6;
 /// Pictures that agree no better than the first of these tell nothing, and no better than the second less: what they agree
 /// with is not the road.
 const UNSEEN: f64 = 0.12;
@@ -33,7 +34,8 @@ const AHEAD_M: u32 = 30;
 const STRAIGHT: f64 = 0.005;
 /// A car farther than this beside the road does not see it, in metres.
 const FURTHEST_M: f64 = 2.0;
-/// What is added to the standard deviations at a picture that tells nothing: the car may be lost.
+/// What is added to the standard deviations at a picture that tells nothing, or contradicts what is believed: the car may be
+/// lost.
 const LOST: DVec3 = DVec3::new(1.0, 0.2, 0.04);
 /// Another picture tells as much as the first after this many metres; a car that stands learns nothing new.
 const NEWS_M: f64 = 0.5;
@@ -172,10 +174,14 @@ impl Belief {
         Self { covariance: self.covariance + DMat3::from_diagonal(unknown * unknown), ..self }
     }
 
+    /// How far a picture's answer is believed, 0 to 1: the less, the farther it is from what was expected.
+    fn believes(&self, fit: &Fit) -> f64 {
+        1.0 / (1.0 + (self.surprise(fit) / DOUBT).powi(2))
+    }
+
     /// After a picture.
     fn seen(&self, fit: &Fit, news: f64) -> Self {
-        let believed = 1.0 / (1.0 + (self.surprise(fit) / DOUBT).powi(2));
-        let information = told(fit) * (WORTH * news * believed);
+        let information = told(fit) * (WORTH * news * self.believes(fit));
         let covariance = (self.covariance.inverse() + information).inverse();
         Self { mean: self.mean + covariance * (information * (fit.pose.vector() - self.mean)), covariance }
     }
@@ -225,6 +231,16 @@ impl<'a> Drive<'a> {
     fn clearness(&self, fit: &Fit) -> f64 {
         let beside = fit.pose.offset_m.abs() > self.track.half_width() + FURTHEST_M;
         if beside { 0.0 } else { ((fit.agreement - UNSEEN) / (SEEN - UNSEEN)).clamp(0.0, 1.0) }
+    }
+
+    /// How far a clear picture contradicts what is believed, 0 to 1: one of them is wrong.
+    fn contradicted(&self, belief: &Belief, fit: &Fit) -> f64 {
+        self.clearness(fit) * (1.0 - belief.believes(fit))
+    }
+
+    /// How likely the car is lost while it is followed, 0 to 1: its picture tells nothing, or something else.
+    fn lost(&self, belief: &Belief, fit: &Fit) -> f64 {
+        (1.0 - self.clearness(fit)).max(self.contradicted(belief, fit))
     }
 
     /// What a picture shows; and what else is known there: cars keep to their lanes, and a place now and then.
@@ -314,7 +330,8 @@ impl Overlay {
             picture(i, &mut frame)?;
             let expected = Pose { pitch_rad, ..start.at(belief.mean) };
             let fit = self.look(&frame, expected, searched(&belief), start, &mut usual);
-            belief = drive.seen(i, &belief, &fit).doubted(1.0 - drive.clearness(&fit));
+            let lost = drive.lost(&belief, &fit);
+            belief = drive.seen(i, &belief, &fit).doubted(lost);
             pitch_rad = kept(pitch_rad, &fit);
             *kept_fit = Some(fit);
         }
@@ -336,7 +353,8 @@ impl Overlay {
                 best = before.filter(worse).or(Some(again));
             }
             if let Some(fit) = best {
-                belief = drive.seen(i, &belief, &fit).doubted(1.0 - drive.clearness(&fit));
+                let lost = drive.lost(&belief, &fit);
+                belief = drive.seen(i, &belief, &fit).doubted(lost);
             }
             fits[i] = best;
         }
@@ -365,8 +383,10 @@ fn smoothed(drive: &Drive, began: Pose, fits: &[Fit]) -> Vec<Located> {
     let mut forwards = Vec::with_capacity(fits.len());
     for (i, fit) in fits.iter().enumerate() {
         let (expected, jacobian) = if i > 0 { drive.on(i, belief) } else { (belief, DMat3::IDENTITY) };
-        belief = drive.seen(i, &expected, fit);
-        forwards.push((expected, jacobian, belief));
+        let filtered = drive.seen(i, &expected, fit);
+        forwards.push((expected, jacobian, filtered));
+        // Else a belief that has gone astray stays sure of itself, and no later picture is believed any more.
+        belief = filtered.doubted(drive.contradicted(&expected, fit));
     }
     let mut later: Option<(Belief, Belief, DMat3)> = None;
     let back = forwards.iter().zip(fits).rev().map(|(&(expected, jacobian, belief), fit)| {
