@@ -7,7 +7,8 @@
 //! | `bin/calibrate` | compares the simulator's car with recordings of the stock simulator's |
 //! | `bin/fit_road` | fits a track's control points to a real drive |
 //! | `bin/judge_road` | how well the pictures of a real drive lie on a track |
-//! | `bin/compare_camera` | real pictures beside rendered ones of the same places |
+//! | `bin/compare_camera` | do the road's edges lie in the same columns of real and rendered pictures? |
+//! | `bin/real_or_drawn` | real pictures beside drawn ones: what differs, and whether a network can tell |
 
 pub mod drive;
 pub mod survey;
