@@ -26,6 +26,22 @@ const LIGHTS_KEPT: usize = 8;
 /// The light of a sun at a height and azimuth in degrees.
 type KnownLight = ((f64, f64), Arc<Light>);
 
+/// What a road is covered with.
+#[derive(Debug)]
+pub(super) struct Surface {
+    pub(super) texture: Texture,
+    /// Repeats of the texture per metre, along the road and across it.
+    pub(super) along_per_m: f32,
+    pub(super) across_per_m: f32,
+}
+
+impl Surface {
+    /// A texture of `side_m` metres, stretched along the road.
+    fn new(texture: Texture, side_m: f32, stretched: f32) -> Self {
+        Self { texture: texture.soft(), along_per_m: 1.0 / (side_m * stretched), across_per_m: 1.0 / side_m }
+    }
+}
+
 /// A country as the camera sees it: mesh, plants, textures, light. Shared by all renderers.
 #[derive(Debug)]
 pub struct Scenery {
@@ -36,8 +52,7 @@ pub struct Scenery {
     pub(super) sprites: Vec<Sprite>,
     pub(super) pictures: Vec<Texture>,
     pub(super) sections: Vec<Section>,
-    /// Textures of roads, and their repeats per metre.
-    pub(super) surfaces: Vec<(Texture, f32)>,
+    pub(super) surfaces: Vec<Surface>,
     pub(super) tiles: Vec<Texture>,
     pub(super) detail: Texture,
     /// Repeats of the ground's fine structure per metre.
@@ -66,10 +81,10 @@ impl Scenery {
         let sprites = plants::plant(&paver);
         let mut land = ground.mesh();
         land.extend(ground.water.map(|level| water(&ground, level)));
-        let (asphalt, rough, cliff) = match theme {
-            Theme::Lake => (0.76, 0.45, 0.45),
-            Theme::Jungle => (0.22, 0.55, 0.7),
-            Theme::Mountain => (0.55, 0.75, 0.8),
+        let (asphalt, stretched, rough, cliff) = match theme {
+            Theme::Lake => (0.76, 2.4, 0.45, 0.45),
+            Theme::Jungle => (0.34, 3.0, 0.55, 0.7),
+            Theme::Mountain => (0.55, 1.0, 0.75, 0.8),
         };
         Self {
             strip,
@@ -78,7 +93,10 @@ impl Scenery {
             sprites,
             pictures: sprites::all(),
             sections: look::sections(theme, track.half_width() as f32),
-            surfaces: vec![(texture::asphalt(asphalt, seed + 1), 0.25), (texture::cobbles(seed + 2), 0.34)],
+            surfaces: vec![
+                Surface::new(texture::asphalt(asphalt, seed + 1), 4.0, stretched),
+                Surface::new(texture::cobbles(seed + 2), 2.94, 1.6),
+            ],
             tiles: vec![texture::rock(cliff, seed + 3), texture::striped_block(seed + 4)],
             detail: texture::ground(rough, seed + 5),
             detail_per_m: 1.0 / 7.0,

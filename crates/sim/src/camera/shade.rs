@@ -8,6 +8,7 @@ use super::{
     noise::{nearest, step},
     plants::Sprite,
     raster::{COLOURED, FaceSetup, Paint, Plane, Raster, SKY},
+    scenery::Surface,
     section::STRIPES_PER_M,
     texture::Texel,
     viewpoint::Viewpoint,
@@ -15,6 +16,9 @@ use super::{
 
 /// Fog hides no more than this share, in 256ths.
 const MOST_FOG: i32 = 205;
+
+/// A road's texels span at least this many pixels of what is seen of it.
+const COARSER: f32 = 1.5;
 
 /// Everything that colours depend on.
 pub(super) struct Shader<'a> {
@@ -170,14 +174,17 @@ impl Shader<'_> {
 
     fn road(&self, run: &PixelRun<'_>, section: u8, station: u16, out: &mut [u8]) {
         let section = &self.scenery.sections[section as usize];
-        let (texture, per_m) = &self.scenery.surfaces[section.texture as usize];
-        let texels = per_m * texture.width() as f32;
+        let Surface { texture, along_per_m, across_per_m } = &self.scenery.surfaces[section.texture as usize];
+        let texels = texture.width() as f32;
         let shaded = self.light.shaded[station as usize];
         let light = run.setup.light;
         let (shade, direct) = (Vec4::from_array(self.light.shade4), Vec4::from_array(self.light.direct4));
         let (sheen, fog) = (self.scenery.sheen4, self.scenery.fog4);
         for (piece, out) in run.pieces(out) {
-            let surface = texture.level(log2(piece.across.max(1e-4) * piece.along.max(1e-4) * texels * texels) / 2);
+            // As coarse as the longer side of what a pixel spans, which at a flat angle is the one along the road: real
+            // roads are smeared like this.
+            let longer = (piece.across * across_per_m).max(piece.along * along_per_m) * texels;
+            let surface = texture.level(log2(longer * COARSER));
             let stripes = section.level(log2(piece.across * (STRIPES_PER_M * 0.7)));
             let veiled = (piece.depth * self.scenery.fog_per_m * (1.0 / 256.0)).min(0.8);
             let add = fog * veiled;
@@ -186,7 +193,7 @@ impl Shader<'_> {
             let (mut s, mut offset) = (piece.u + run.setup.base, piece.v);
             for pixel in out.as_chunks_mut::<3>().0 {
                 let stripe = stripes.at(offset.abs());
-                let texel = surface.wrapped(s * per_m, (offset + 64.0) * per_m);
+                let texel = surface.wrapped(s * along_per_m, (offset + 64.0) * across_per_m);
                 let mut colour = stripe.plain;
                 if stripe.pattern > 0.0 {
                     colour += (stripe.other - colour) * section.pattern.share(s, piece.along, texel[3]);

@@ -58,6 +58,27 @@ impl Texture {
         Self { texels, levels }
     }
 
+    /// The same, its smaller copies drawn twice as finely, interpolated between their texels. A surface seen at a flat
+    /// angle is then soft across the line of sight, where a texel is wider than a pixel, as graphics cards draw it.
+    pub(super) fn soft(self) -> Self {
+        let mut soft = Self { texels: self.level(0).texels.to_vec(), levels: vec![self.levels[0]] };
+        for number in 1..self.levels.len() {
+            let copy = self.level(number);
+            let finer = Level { start: soft.texels.len(), width: copy.width * 2, height: copy.height * 2 };
+            for (y, x) in (0..finer.height).flat_map(|y| (0..finer.width).map(move |x| (y, x))) {
+                // Of the nearest texel 9 parts, of its neighbours on this side 3, 3 and 1.
+                let beside = |i: usize, n: usize| (i / 2 + n + (i % 2) * 2 - 1) % n;
+                let (near, next) = ((x / 2, y / 2), (beside(x, copy.width), beside(y, copy.height)));
+                let at = |x: usize, y: usize| copy.texels[y * copy.width + x].map(u32::from);
+                let four = [at(near.0, near.1), at(next.0, near.1), at(near.0, next.1), at(next.0, next.1)];
+                let [a, b, c, d] = four;
+                soft.texels.push(std::array::from_fn(|i| ((9 * a[i] + 3 * (b[i] + c[i]) + d[i] + 8) / 16) as u8));
+            }
+            soft.levels.push(finer);
+        }
+        soft
+    }
+
     /// One of the halvings: 0 is the full picture.
     #[inline]
     pub(super) fn level(&self, level: usize) -> Texels<'_> {
@@ -107,7 +128,7 @@ pub(super) fn asphalt(contrast: f32, seed: u32) -> Texture {
         let patches = fractal(fx * 16.0, fy * 16.0, 3, 16, seed + 9) - 0.5;
         // A few bright stones, as in the real one.
         let bright = if value(fx * 64.0, fy * 64.0, 64, seed + 3) > 0.86 { 0.35 } else { 0.0 };
-        let grey = 128.0 * (1.0 + contrast * (1.1 * stones + 0.3 * grain + 0.9 * patches + bright - 0.03));
+        let grey = 128.0 * (1.0 + contrast * (1.2 * stones + 0.8 * grain + 0.6 * patches + bright - 0.03));
         let mask = 255.0 * step(0.42, 0.62, fractal(fx * 24.0, fy * 24.0, 3, 24, seed + 31));
         [grey, grey, grey * 0.99, mask]
     })
