@@ -69,8 +69,8 @@ pub enum LaneTableError {
         source: Box<TrackError>,
     },
     /// The recording that it should be of.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
+    #[error("{0}")]
+    Recording(Box<RecordingError>),
     /// A table that was made of another recording.
     #[error(
         "{}: expected the places of the {pictures} pictures of {}, got {rows} rows of other moments: make it again with \
@@ -87,6 +87,12 @@ pub enum LaneTableError {
         /// Rows of the table.
         rows: usize,
     },
+}
+
+impl From<RecordingError> for LaneTableError {
+    fn from(error: RecordingError) -> Self {
+        Self::Recording(Box::new(error))
+    }
 }
 
 /// A recording's places on the road that most of its pictures show.
