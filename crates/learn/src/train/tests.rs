@@ -55,7 +55,7 @@ fn locating(dir: &Path, rows: usize) -> Recipe {
     let mut table = String::from("moment,at_s,track,reversed,place_m,offset_m,heading_deg\n");
     for row in 0..rows {
         let right = swaying(row);
-        table += &format!("{row},{row},lake,false,{},{},{}\n", 300 + row, -1.5 * right, 6.0 * right);
+        table += &format!("{row},{},lake,false,{},{},{}\n", 0.067 * row as f64, 300 + row, -1.5 * right, 6.0 * right);
     }
     let lane = dir.join("lane.csv");
     fs::write(&lane, table).unwrap();

@@ -14,8 +14,8 @@ use lapwing_core::recording::{Recording, RecordingError};
 /// The first columns, which are those that are read; more may follow.
 pub const COLUMNS: [&str; 7] = ["moment", "at_s", "track", "reversed", "place_m", "offset_m", "heading_deg"];
 
-/// Times since the first row may differ by so many seconds: pictures' names and the table have milliseconds.
-const SAME_TIME_S: f64 = 0.005;
+/// Times since the first row may differ by so many seconds, which is less than there is between two pictures.
+const SAME_TIME_S: f64 = 0.05;
 
 /// A table that cannot be used.
 #[derive(Debug, thiserror::Error)]
