@@ -138,16 +138,23 @@ fn center((x, y): (f32, f32), look: &ThemeLook) -> Option<[f32; 3]> {
     if y < edge {
         return None;
     }
-    let [bright, dark, pale] = look.bonnet;
-    if y < glass {
-        let end = glass.min(161.0);
-        let t = ((y - edge) / (end - edge).max(1.0)).clamp(0.0, 1.0);
-        // The gap between bonnet and windscreen is dark.
-        let gap = if y > glass - 1.0 { 0.45 } else { 1.0 };
-        return Some(mix3(bright, dark, t).map(|c| c * gap));
+    let [bright, dark, gap, pale] = look.bonnet;
+    if y < glass - 1.0 {
+        let t = ((y - edge) / (glass.min(161.0) - edge).max(1.0)).clamp(0.0, 1.0);
+        let spot = (x as i32) % 3 == 0;
+        return Some(match () {
+            // The edge of its right flank is dark, and gleams elsewhere, in spots.
+            () if y - edge < 1.0 && x > 222.0 => dark.map(|c| c * if spot { 1.0 } else { 0.2 }),
+            () if y - edge < 1.0 && spot => bright.map(|c| c * 1.25),
+            () => mix3(bright, dark, t),
+        });
     }
-    let wiper = (y - glass < 1.6) || (x - 122.0).abs() < 2.0 && y > 156.5;
-    Some(if wiper { dark.map(|c| c * 0.55) } else { pale.map(|c| c + (y - 155.0)) })
+    let wiper = (x - 122.0).abs() < 2.0 && y > 156.5;
+    Some(match () {
+        () if y - glass < 1.6 => gap,
+        () if wiper => dark.map(|c| c * 0.4),
+        () => pale.map(|c| c + (y - 155.0)),
+    })
 }
 
 fn aside((x, y): (f32, f32), left: bool, look: &ThemeLook) -> Option<[f32; 3]> {
@@ -155,7 +162,7 @@ fn aside((x, y): (f32, f32), left: bool, look: &ThemeLook) -> Option<[f32; 3]> {
     if y < edge {
         return None;
     }
-    let [bright, dark, pale] = look.bonnet;
+    let [bright, dark, _, pale] = look.bonnet;
     // From the car's flank, with the headlight, to its middle.
     let inward = if left { x - 186.0 } else { 123.0 - x };
     let lamp = (inward - 26.0).powi(2) / 210.0 + (y - edge - 4.0).powi(2) / 22.0 < 1.0;

@@ -24,8 +24,8 @@ pub(super) struct ThemeLook {
     pub(super) fog: GreyLevels,
     /// Share of fog after 100 m.
     pub(super) fog_100m: f32,
-    /// From the bonnet's near edge to its far one, and the glass below.
-    pub(super) bonnet: [GreyLevels; 3],
+    /// From the bonnet's near edge to its far one, the gap before the windscreen, and the glass below.
+    pub(super) bonnet: [GreyLevels; 4],
     /// The colour that the road approaches with distance: it shines at a flat angle.
     pub(super) sheen: GreyLevels,
     pub(super) rock: GreyLevels,
@@ -46,7 +46,7 @@ impl ThemeLook {
                 sky: [[208.0, 224.0, 238.0], [146.0, 177.0, 218.0], [108.0, 136.0, 178.0]],
                 fog: [150.0, 176.0, 205.0],
                 fog_100m: 0.13,
-                bonnet: [[150.0, 143.0, 118.0], [136.0, 124.0, 99.0], [148.0, 153.0, 140.0]],
+                bonnet: [[155.0, 150.0, 130.0], [130.0, 119.0, 95.0], [162.0, 156.0, 135.0], [146.0, 150.0, 138.0]],
                 sheen: [224.0, 217.0, 184.0],
                 rock: [190.0, 180.0, 150.0],
                 water: Some([146.0, 176.0, 208.0]),
@@ -60,7 +60,7 @@ impl ThemeLook {
                 sky: [[176.0, 196.0, 222.0], [98.0, 128.0, 176.0], [62.0, 90.0, 142.0]],
                 fog: [104.0, 120.0, 128.0],
                 fog_100m: 0.05,
-                bonnet: [[138.0, 134.0, 122.0], [96.0, 91.0, 79.0], [166.0, 173.0, 180.0]],
+                bonnet: [[138.0, 134.0, 122.0], [96.0, 91.0, 79.0], [43.0, 41.0, 36.0], [166.0, 173.0, 180.0]],
                 sheen: [172.0, 171.0, 168.0],
                 rock: [96.0, 98.0, 74.0],
                 water: None,
@@ -74,7 +74,7 @@ impl ThemeLook {
                 sky: [[206.0, 222.0, 240.0], [110.0, 150.0, 206.0], [70.0, 98.0, 164.0]],
                 fog: [120.0, 132.0, 150.0],
                 fog_100m: 0.04,
-                bonnet: [[130.0, 130.0, 132.0], [91.0, 91.0, 91.0], [146.0, 150.0, 158.0]],
+                bonnet: [[130.0, 130.0, 132.0], [91.0, 91.0, 91.0], [41.0, 41.0, 41.0], [146.0, 150.0, 158.0]],
                 sheen: [98.0, 95.0, 98.0],
                 rock: [84.0, 87.0, 92.0],
                 water: None,
@@ -102,22 +102,24 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
     let far = 20.0;
     match theme {
         Theme::Lake => {
-            // Measured in top views of real frames: two lines 0.65 m apart, the bank 1.6 m outside the inner one.
-            let asphalt = [113.0, 112.0, 98.0];
+            // Lines and verge as far from the road's edge, and of the colours, that `real_or_drawn` in `tools/` measures.
+            let asphalt = [97.0, 101.0, 90.0];
             let road = [
                 Band::plain(0.0, far, asphalt, 1.0),
-                Band::plain(half + 0.17, half + 0.64, [92.0, 86.0, 66.0], 0.3),
-                Band::plain(half + 0.04, half + 0.17, YELLOW, 0.3),
-                Band::plain(half + 0.64, half + 0.80, YELLOW, 0.3),
-                Band::plain(half + 0.80, half + 1.65, [142.0, 140.0, 124.0], 0.5),
-                Band::plain(half + 1.65, far, BANK, 0.12),
+                Band::plain(half - 1.2, far, [104.0, 105.0, 93.0], 1.0),
+                Band::plain(half + 0.30, half + 0.52, [92.0, 86.0, 66.0], 0.3),
+                Band::plain(half + 0.02, half + 0.18, YELLOW, 0.3),
+                Band::plain(half + 0.52, half + 0.64, YELLOW, 0.3),
+                Band::plain(half + 0.64, half + 1.65, [132.0, 128.0, 109.0], 0.4),
+                Band::plain(half + 1.65, half + 2.6, BANK, 0.12),
+                Band::plain(half + 2.6, far, [200.0, 197.0, 174.0], 0.12),
             ];
             let red = [216.0, 106.0, 92.0];
             let white = [238.0, 222.0, 204.0];
             let kerb = Band { from: half + 0.55, to: half + 1.6, colour: white, other: red, rough: 0.1, pattern: 1.0 };
             let mut kerbed = road.to_vec();
-            kerbed[3] = kerb;
-            kerbed[4] = Band::plain(half + 1.6, half + 1.65, BANK, 0.1);
+            kerbed[4] = kerb;
+            kerbed[5] = Band::plain(half + 1.6, half + 1.65, BANK, 0.1);
             let dirt = [
                 Band::plain(0.0, far, asphalt, 1.0),
                 Band::plain(half + 0.2, half + 1.65, [150.0, 122.0, 88.0], 0.35),
@@ -133,14 +135,14 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
             ]
         }
         Theme::Jungle => {
-            let asphalt = [131.0, 130.0, 127.0];
+            let asphalt = [137.0, 136.0, 133.0];
             let white = [226.0, 226.0, 222.0];
             let dash = Band { from: 0.0, to: 0.08, colour: asphalt, other: white, rough: 0.4, pattern: 1.0 };
             let road = [
                 Band::plain(0.0, far, asphalt, 1.0),
                 dash,
                 Band::plain(half - 0.22, half - 0.08, white, 0.3),
-                Band::plain(half - 0.02, far, [86.0, 92.0, 62.0], 0.6),
+                Band::plain(half - 0.02, far, [100.0, 106.0, 78.0], 0.6),
             ];
             let dashes = Pattern::Bars { period: 9.0, share: 0.34 };
             (0..4).map(|_| Section::new(0, dashes, &road)).collect()
@@ -206,7 +208,7 @@ pub(super) fn ground(theme: Theme, rock: GreyLevels, p: Spot, seed: u32) -> Grey
             mix3(flat, mix3(rock, [222.0, 206.0, 160.0], wide), step(0.30, 0.55, p.slope + 0.3 * (fine - 0.5)))
         }
         Theme::Jungle => {
-            let grass = mix3([112.0, 122.0, 72.0], [82.0, 90.0, 52.0], step(0.35, 0.65, fine));
+            let grass = mix3([126.0, 136.0, 86.0], [94.0, 101.0, 64.0], step(0.35, 0.65, fine));
             let rock = mix3(rock, [128.0, 128.0, 98.0], step(0.3, 0.7, fine));
             mix3(grass, rock, step(0.45, 0.9, p.slope + 0.4 * (wide - 0.5)))
         }
