@@ -58,7 +58,7 @@ impl Pair {
 /// # Errors
 /// A recording or a table that cannot be read, or that do not belong together; a picture that is not 320x160.
 pub fn read(recording: &Path, lane: &Path, places: usize, control: bool) -> Result<(Arc<Track>, Vec<Pair>)> {
-    let table = LaneTable::read(lane, Track::open)?;
+    let table = LaneTable::of(recording, lane, Track::open)?;
     let track = Arc::clone(&table.track);
     let moments: Vec<Moment> = Recording::open(recording)?.collect::<Result<_, _>>()?;
     let known: Vec<(usize, Pose)> = table.rows.iter().filter_map(|(moment, pose)| Some((*moment, (*pose)?))).collect();
