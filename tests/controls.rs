@@ -65,8 +65,9 @@ fn along_a_weaving_recording_and_in_the_simulator_negative_controls_come_out_apa
     for (good, controls) in [closed_loop, simulator] {
         assert!(good.interventions == 0.0 && good.p95_m < 0.25 && good.most_m < 0.5, "{good:?}");
         for (name, control) in controls {
-            // A crop of other rows still shows the road: that pilot may keep it, but drives beside the middle.
-            let (least, times) = if name.starts_with("cropped") { (0.0, 2.0) } else { (5.0, 5.0) };
+            // A crop of other rows still shows the road: that pilot may keep it, but drives beside the middle. How often
+            // the others are put back depends on how they fail: one may drive nearly a metre beside it all the time.
+            let (least, times) = if name.starts_with("cropped") { (0.0, 2.0) } else { (1.0, 5.0) };
             assert!(control.interventions >= least, "{name}: {control:?}");
             assert!(control.p95_m >= times * good.p95_m, "{name}: {control:?}, good: {good:?}");
         }
