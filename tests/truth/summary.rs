@@ -12,7 +12,7 @@ use crate::support::{Running, Wire, settings_with_kicks, telemetry, telemetry_wi
 async fn a_drive_with_a_takeover_kicks_and_bad_frames_is_summed_up_as_its_file_is_scored() {
     let dir = tempdir().unwrap();
     let mut settings = settings_with_kicks(dir.path());
-    settings.bridge.kick_after_s = 0.3;
+    settings.bridge.kick_after_s = 1.0; // longer than a busy machine keeps the simulator waiting
     let running = Running::start(settings).await;
     let mut simulator = Wire::simulator(running.address).await;
     simulator.text().await; // a kick before the first telemetry

@@ -50,7 +50,8 @@ const DOUBT: f64 = 12.0;
 /// radians.
 const FIRST: DVec3 = DVec3::new(20.0, 1.0, 0.2);
 /// A place is known if among so many pictures to both sides the agreement is at least this, in the mean, if they are no
-/// farther from where all of them say the car was, in metres, and if that is this sure, in metres.
+/// farther from where all of them say the car was, in metres, and if that is this sure, in metres. Between known places
+/// no further apart than so many pictures only the last counts: a mean of more pictures says nothing of fewer.
 const WINDOW: usize = 10;
 const AGREES: f64 = 0.18;
 const APART_M: f64 = 0.3;
@@ -106,14 +107,24 @@ pub struct Known {
 /// The places that are known: among those around, pictures agree with the drawn road, and with where all of them say the
 /// car was.
 pub fn seen(located: &[Located]) -> Vec<Option<Located>> {
-    let known = |i: usize| {
+    let agrees = |i: usize| {
         let around = &located[i.saturating_sub(WINDOW)..(i + WINDOW + 1).min(located.len())];
         let mean = |of: &dyn Fn(&Located) -> f64| around.iter().map(of).sum::<f64>() / around.len() as f64;
         let agreement = mean(&|located| located.fit.agreement);
         let apart_m = mean(&|located| (located.fit.pose.offset_m - located.pose.offset_m).abs());
-        agreement >= AGREES && apart_m <= APART_M && located[i].deviation.offset_m <= UNSURE_M
+        agreement >= AGREES && apart_m <= APART_M
     };
-    (0..located.len()).map(|i| Some(located[i]).filter(|_| known(i))).collect()
+    let agreeing: Vec<usize> = (0..located.len()).filter(|&i| agrees(i)).collect();
+    let mut known = vec![false; located.len()];
+    for &i in &agreeing {
+        known[i] = true;
+    }
+    for pair in agreeing.windows(2).filter(|pair| pair[1] - pair[0] <= WINDOW) {
+        known[pair[0]..pair[1]].fill(true);
+    }
+    let sure =
+        |(located, known): (&Located, bool)| Some(*located).filter(|it| known && it.deviation.offset_m <= UNSURE_M);
+    located.iter().zip(known).map(sure).collect()
 }
 
 /// What is believed of place, offset and heading: a normal distribution.

@@ -86,19 +86,19 @@ impl Overlay {
         for (blur, scale) in ROUNDS {
             best = self.refine(&blurred[blur], from, best, FINE.map(|step| step * scale));
         }
-        let contours = self.visible(best);
+        let contours = self.visible(&blurred[2], best);
         let agreement = self.agreement(&contours, &blurred[2], best);
         Fit { pose: best, agreement, sharpness: self.sharpness(&contours, &blurred[1], best) }
     }
 
     /// How well the track as it is seen from a pose agrees with a picture.
     fn redrawn(&mut self, field: &Field, pose: Pose) -> f64 {
-        let contours = self.visible(pose);
+        let contours = self.visible(field, pose);
         self.agreement(&contours, field, pose)
     }
 
     /// How fast the agreement falls from a pose on, from which these contours are seen.
-    fn sharpness(&mut self, contours: &[Contour], field: &Field, pose: Pose) -> DMat3 {
+    fn sharpness(&mut self, contours: &[Seen], field: &Field, pose: Pose) -> DMat3 {
         let around = |offset: f64, heading: f64| {
             let d = DVec3::new(0.0, offset, heading) * AROUND;
             self.agreement(contours, field, pose.moved(d))
@@ -119,7 +119,7 @@ impl Overlay {
 
     /// The best of a grid of poses.
     fn search(&mut self, field: &Field, from: Pose, reach: DVec3) -> Pose {
-        let all = self.visible(from);
+        let all = self.visible(field, from);
         let few: Vec<_> = all.iter().step_by(all.len().div_ceil(FEW).max(1)).copied().collect();
         let steps = |axis: usize| {
             let most = (reach[axis] / COARSE[axis]) as i32;
@@ -148,7 +148,7 @@ impl Overlay {
 
     /// A better pose, step by step: straight on, aside, turned about a point ahead, pitched.
     fn refine(&mut self, field: &Field, from: Pose, start: Pose, mut steps: [f64; 4]) -> Pose {
-        let contours = self.visible(start);
+        let contours = self.visible(field, start);
         let ahead_m = PIVOT_M * start.heading_rad.cos();
         let worth = |pose: Pose| self.agreement(&contours, field, pose) - unlikely(pose, from);
         let (mut best, mut most) = (start, worth(start));
@@ -176,38 +176,50 @@ impl Overlay {
     }
 
     /// The contours that are seen from a pose.
-    fn visible(&mut self, pose: Pose) -> Vec<Contour> {
+    fn visible(&mut self, field: &Field, pose: Pose) -> Vec<Seen> {
         let view = self.view(pose);
-        let mut contours = self.renderer.contours(&view);
         let (right, lowest) = (view.width as f32 - 1.0, view.height as f32 * ABOVE_BONNET);
-        contours.retain(|contour| {
+        let seen = |contour: Contour| {
             let (x, y) = view.project(view.turn(contour.at));
-            x > 1.0 && x < right && y < lowest
-        });
-        contours
+            let agrees = agrees_with(field, &view, &contour).filter(|_| x > 1.0 && x < right && y < lowest)?;
+            Some(Seen { contour, agrees })
+        };
+        self.renderer.contours(&view).into_iter().filter_map(seen).collect()
     }
 
-    /// How well contours, seen from a pose, lie along the edges of a picture.
-    fn agreement(&self, contours: &[Contour], field: &Field, pose: Pose) -> f64 {
+    /// How well contours lie along the edges of a picture, seen from a pose.
+    fn agreement(&self, contours: &[Seen], field: &Field, pose: Pose) -> f64 {
         let view = self.view(pose);
-        let lowest = view.height as f32 * ABOVE_BONNET;
         let (mut sum, mut weight) = (0.0, 0.0);
-        for contour in contours {
-            let (at, on) = (view.turn(contour.at), view.turn(contour.on));
+        for Seen { contour, agrees } in contours {
             weight += contour.clearness;
-            if at.z.min(on.z) < 0.5 {
-                continue;
-            }
-            let ((x, y), (x_on, y_on)) = (view.project(at), view.project(on));
-            let Some([cos, sin]) = field.at(x, y).filter(|_| y < lowest) else { continue };
-            // Gradients stand across the edge.
-            let (right, down) = (x_on - x, y_on - y);
-            let along = (right * right + down * down).max(1e-6);
-            let (cos_on, sin_on) = ((down * down - right * right) / along, -2.0 * right * down / along);
-            sum += contour.clearness * (cos * cos_on + sin * sin_on);
+            sum += contour.clearness * agrees_with(field, &view, contour).unwrap_or(*agrees);
         }
         f64::from(sum) / f64::from(weight).max(FEWEST)
     }
+}
+
+/// A contour and how well it agrees with a picture, -1 to 1, where it was first laid over it: that counts where it has left
+/// the picture. Else the contours alone that are seen from a pose would hold it there.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    contour: Contour,
+    agrees: f32,
+}
+
+/// How well a contour lies along the edges of a picture, -1 to 1; none outside of it.
+fn agrees_with(field: &Field, view: &Viewpoint, contour: &Contour) -> Option<f32> {
+    let (at, on) = (view.turn(contour.at), view.turn(contour.on));
+    if at.z.min(on.z) < 0.5 {
+        return None;
+    }
+    let ((x, y), (x_on, y_on)) = (view.project(at), view.project(on));
+    let [cos, sin] = field.at(x, y).filter(|_| y < view.height as f32 * ABOVE_BONNET)?;
+    // Gradients stand across the edge.
+    let (right, down) = (x_on - x, y_on - y);
+    let along = (right * right + down * down).max(1e-6);
+    let (cos_on, sin_on) = ((down * down - right * right) / along, -2.0 * right * down / along);
+    Some(cos * cos_on + sin * sin_on)
 }
 
 /// What a pose costs that is not expected.
