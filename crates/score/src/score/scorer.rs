@@ -56,6 +56,8 @@ pub struct Scorer {
     /// What the offsets of a drive along a recording are measured from now, and along how many metres it was the lane.
     line: MeasuredLine,
     from_lane_m: f64,
+    /// How often a car along a recording was put back where the lane is not known.
+    put_by_path: u32,
     wheel: Wheel,
     samples: Vec<Tick>,
     /// Whether the car was put elsewhere since the last sample.
@@ -286,6 +288,7 @@ impl Scorer {
                 if self.is_recorded() {
                     // The car is put back before a telemetry shows it there.
                     self.offsets.take(at, Metres::saturating(*offset_m).get(), true, !self.is_live);
+                    self.put_by_path += u32::from(self.line != MeasuredLine::Lane);
                 }
                 self.off_roads += 1;
                 self.off_since = Some(at);

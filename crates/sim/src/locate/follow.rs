@@ -50,11 +50,13 @@ const DOUBT: f64 = 12.0;
 /// radians.
 const FIRST: DVec3 = DVec3::new(20.0, 1.0, 0.2);
 /// A place is known if among so many pictures to both sides the agreement is at least this, in the mean, if they are no
-/// farther from where all of them say the car was, in metres, and if that is this sure, in metres. Between known places
-/// no further apart than so many pictures only the last counts: a mean of more pictures says nothing of fewer.
+/// farther from what all of them say of how far from the middle the car will be so many metres ahead, which is what a
+/// picture shows best, in metres, and if the place is this sure, in metres. Between known places no further apart than so
+/// many pictures only the last counts: a mean of more pictures says nothing of fewer.
 const WINDOW: usize = 10;
 const AGREES: f64 = 0.18;
 const APART_M: f64 = 0.3;
+const SHOWN_M: f64 = 6.0;
 const UNSURE_M: f64 = 0.3;
 /// How far the search reaches: so many standard deviations, but at least and at most so far.
 const SEARCHED: DVec3 = DVec3::new(2.0, 3.0, 3.0);
@@ -111,7 +113,8 @@ pub fn seen(located: &[Located]) -> Vec<Option<Located>> {
         let around = &located[i.saturating_sub(WINDOW)..(i + WINDOW + 1).min(located.len())];
         let mean = |of: &dyn Fn(&Located) -> f64| around.iter().map(of).sum::<f64>() / around.len() as f64;
         let agreement = mean(&|located| located.fit.agreement);
-        let apart_m = mean(&|located| (located.fit.pose.offset_m - located.pose.offset_m).abs());
+        let ahead = |pose: &Pose| pose.offset_m + SHOWN_M * pose.heading_rad.sin();
+        let apart_m = mean(&|located| (ahead(&located.fit.pose) - ahead(&located.pose)).abs());
         agreement >= AGREES && apart_m <= APART_M
     };
     let agreeing: Vec<usize> = (0..located.len()).filter(|&i| agrees(i)).collect();

@@ -18,12 +18,14 @@ const ABOVE_BONNET: f32 = 0.825;
 const FEW: usize = 500;
 /// Steps of the coarse search: metres along the road, metres across, radians.
 const COARSE: DVec3 = DVec3::new(5.0, 0.25, 0.02);
-/// Standard deviations of pitch and place around the expected ones, in radians and metres, and of the offset, in metres; and
-/// what such a deviation costs in agreement: a picture of a straight road shows neither pitch nor place.
+/// Standard deviations of pitch around the expected one, in radians, and of the offset, in metres; and what such a deviation
+/// costs in agreement: a picture of a straight road does not show the pitch.
 const PITCH_RAD: f64 = 0.02;
-const PLACE_M: f64 = 8.0;
 const BESIDE_M: f64 = 1.5;
 const COST: f64 = 0.01;
+/// What a metre along the road costs: a picture of a straight road does not show the place either, and if it wanders, the
+/// heading goes with it where the road bends.
+const COST_PER_M: f64 = 0.02;
 /// The coarse search compares pictures blurred by this many pixels; then come ever sharper ones.
 const COARSE_BLUR: usize = 6;
 const BLURS: [usize; 3] = [4, 2, 1];
@@ -224,8 +226,8 @@ fn agrees_with(field: &Field, view: &Viewpoint, contour: &Contour) -> Option<f32
 
 /// What a pose costs that is not expected.
 fn unlikely(pose: Pose, from: Pose) -> f64 {
-    let (pitch, place) = ((pose.pitch_rad - from.pitch_rad) / PITCH_RAD, (pose.s_m - from.s_m) / PLACE_M);
-    COST * (pitch * pitch + place * place + (pose.offset_m / BESIDE_M).powi(2))
+    let (pitch, aside) = ((pose.pitch_rad - from.pitch_rad) / PITCH_RAD, pose.offset_m / BESIDE_M);
+    COST * (pitch * pitch + aside * aside) + COST_PER_M * (pose.s_m - from.s_m).abs()
 }
 
 /// The nearest symmetric matrix that is negative in no direction, by Jacobi's rotations.

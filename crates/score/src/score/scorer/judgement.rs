@@ -116,6 +116,9 @@ impl Scorer {
             figures.told(F::FromLane, from_lane, NO_WAY);
             recorded::untell(&mut figures);
             self.notes.push(recorded::NOTE.to_owned());
+            if self.from_lane_m > 0.0 && self.put_by_path > 0 {
+                self.notes.push(recorded::put_by_path(self.put_by_path, self.off_roads));
+            }
         }
         let scenario = self.course.as_ref().is_some_and(|course| course.scenario.is_some());
         let known = Known { time_s, judged, counted: self.told.crashes.total().is_some(), scenario };

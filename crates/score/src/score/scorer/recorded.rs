@@ -13,6 +13,11 @@ const RECORDED_SPEED: &str = "the car goes at the recorded speed";
 /// For the figures that remain.
 pub(super) const NOTE: &str = "speed, time and distance are the recording's: the pilot only steers";
 
+/// For the interventions, if some were where the lane is not known.
+pub(super) fn put_by_path(times: u32, all: u32) -> String {
+    format!("in {times} of {all} interventions the car was too far from the recorded path, for want of a known lane")
+}
+
 /// Removes the figures that only a course with a judge can give.
 pub(super) fn untell(figures: &mut Figures) {
     use Figure as F;
@@ -133,6 +138,10 @@ mod tests {
         let lane = minute_from([1.1, -1.2, 2.3], Some(15));
         assert!((lane.value(Figure::FromLane).unwrap() - 46.0 / 60.0).abs() < 1e-9, "{lane}");
         assert!(lane.words(Figure::OffRoads).contains("see interventions"), "{lane}");
+        assert_eq!(lane.notes, [NOTE]);
+        assert_eq!(path.notes, [NOTE]);
+        let mixed = minute_from([1.1, -1.2, 2.3], Some(30));
+        assert_eq!(mixed.notes, [NOTE.to_owned(), put_by_path(1, 3)]);
         let driven = Scorer::default().finish();
         assert_eq!(driven.value(Figure::FromLane), None);
     }
