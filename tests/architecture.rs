@@ -34,6 +34,7 @@ const MAY_IMPORT: [(&str, &[&str]); 36] = [
     ("score/results", &["score"]),
     ("score/suite", &["judged", "score"]),
     ("score/drawing", &[]),
+    ("score/emergency", &["drawing"]),
     ("learn/nn", &[]),
     ("learn/models", &["nn"]),
     ("learn/dataset", &[]),

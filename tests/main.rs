@@ -2,6 +2,7 @@
 
 mod architecture;
 mod blind;
+mod brake;
 mod bridge;
 mod closed_loop;
 mod controls;

@@ -1,5 +1,6 @@
 //! The command line, as clap types. `commands` does the work of each verb.
 
+mod braking;
 mod driving;
 #[cfg(feature = "networks")]
 mod learning;
@@ -12,6 +13,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind
 
 use lapwing_core::config::{OnCrash, SpeedLaw, Takeover};
 
+pub use braking::*;
 pub use driving::*;
 #[cfg(feature = "networks")]
 pub use learning::*;
@@ -61,6 +63,8 @@ pub enum Verb {
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
+    /// Label when an emergency brake is due in recordings
+    Brake(Brake),
     /// Compare pilots on many drives: all combinations of tracks, conditions, speeds and seeds
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),

@@ -3,6 +3,7 @@
 #[macro_use]
 mod terminal;
 
+mod brake;
 #[cfg(all(feature = "networks", feature = "simulator"))]
 mod closed_loop;
 #[cfg(feature = "networks")]
@@ -111,6 +112,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Locate(arguments) => limit_pictures(config).and_then(|()| locate::run(&arguments)),
         #[cfg(feature = "simulator")]
         Verb::Score(arguments) => score::run(&arguments, config),
+        Verb::Brake(arguments) => brake::run(&arguments),
         #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Suite(arguments) => suite::run(&arguments, config),
         #[cfg(all(feature = "networks", feature = "simulator"))]

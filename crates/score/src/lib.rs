@@ -11,6 +11,7 @@
 //! | [`score`] | from the items of a run to its scorecard; reports and comparisons of scorecards |
 //! | [`judged`] | a drive with a scorer among its observers |
 //! | [`results`] | scored drives and replays as JSON |
+//! | [`emergency`] | emergency braking over time: a driver's pedal, and the labels that follow from it |
 //! | [`suite`] | many drives as one: the plan, the results, the statistics |
 //! | [`drawing`] | sheets of lines, words and pictures as SVG and PNG; charts |
 //!
@@ -28,6 +29,7 @@
 //! ```
 
 pub mod drawing;
+pub mod emergency;
 pub mod judged;
 pub mod odometry;
 pub mod results;

@@ -1,0 +1,22 @@
+//! Emergency braking as a signal over time: what a driver's pedal says, moment by moment.
+//!
+//! ```text
+//! run, driving log, table ─▶ pedal ─▶ label ─▶ table of labels
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`pedal`] | brake pedal and speed over time, from whatever recorded them |
+//! | [`label`] | at which moments an emergency brake is due, by how fast the pedal goes down |
+//! | [`labelled`] | a recording and its labels: as a table, drawn, in words |
+//!
+//! After Itu and Danescu, Fully Convolutional Neural Network for Vehicle Speed and Emergency-Brake Prediction, Sensors
+//! 2024, 24(1), 212. How a run was braked for obstacles is another question: see [`crate::score`].
+
+pub mod label;
+pub mod labelled;
+pub mod pedal;
+
+pub use label::{Braked, Label, LabelRule, labels};
+pub use labelled::{Found, Labelled};
+pub use pedal::{Pedal, PedalError, Pressed};

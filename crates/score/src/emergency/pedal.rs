@@ -1,0 +1,334 @@
+//! Brake pedal and speed over time: of a run, a driving log, or a table.
+//!
+//! A run and a driving log tell the brake; where they do not, it is what a pilot's throttle asked for below 0. A table is a CSV
+//! file with a heading whose names hold the units, in any order and beside other columns:
+//!
+//! | one of | is |
+//! |---|---|
+//! | `time_s`, `time_ms` | time, ascending |
+//! | `speed_kmh`, `speed_mps`, `speed_mph` | speed, 0 or more |
+//! | `brake`, `brake_percent` | the pedal, 0 to 1 or 0 to 100 |
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use lapwing_core::{
+    recording::{LONGEST_GAP, Moment, Recording, RecordingError},
+    units::MPS_PER_MPH,
+};
+
+/// A moment of a drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pressed {
+    /// Time since the recording began, in seconds.
+    pub at_s: f64,
+    /// Speed, km/h.
+    pub speed_kmh: f64,
+    /// How far the brake pedal is down, 0 to 1.
+    pub pedal: f64,
+}
+
+/// A recorded pedal.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Pedal {
+    /// Its drives: between two of them, nothing is known. Each has a moment.
+    pub drives: Vec<Vec<Pressed>>,
+}
+
+/// Why there is no pedal.
+#[derive(Debug, thiserror::Error)]
+pub enum PedalError {
+    /// The recording.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The table's file.
+    #[error("{}: expected a table of pedal and speed, got an error: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A heading without one of the columns, or with two of its kind.
+    #[error("{}: line 1: expected {expected}, got {got:?}: name the columns by what they hold and in which unit", path.display())]
+    Heading {
+        /// The file.
+        path: PathBuf,
+        /// The columns of which there must be one.
+        expected: String,
+        /// The heading.
+        got: String,
+    },
+    /// A field that is not what its column says.
+    #[error("{}: line {line}: {column}: expected {expected}, got {got:?}{help}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The column.
+        column: &'static str,
+        /// What it may be.
+        expected: String,
+        /// What it is.
+        got: String,
+        /// What to do, if it is known.
+        help: &'static str,
+    },
+    /// Nothing in it.
+    #[error("{}: expected moments of a drive, got none", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A recording of nobody's brake.
+    #[error(
+        "{}: expected a brake, got none in {moments} moments: record with a simulator that reports it, or with a pilot whose \
+         throttle goes below 0",
+        path.display()
+    )]
+    NoBrake {
+        /// The recording.
+        path: PathBuf,
+        /// How long it is.
+        moments: usize,
+    },
+}
+
+impl Pedal {
+    /// Reads a run (`.mcap`), a folder with `driving_log.csv`, or a table (`.csv` with a heading that names a time).
+    ///
+    /// # Errors
+    /// [`PedalError`].
+    pub fn open(path: &Path) -> Result<Self, PedalError> {
+        let pedal = if is_table(path)? { table(path)? } else { recorded(path)? };
+        if pedal.drives.is_empty() {
+            return Err(PedalError::Empty { path: path.to_owned() });
+        }
+        Ok(pedal)
+    }
+
+    /// Adds a moment; if it does not continue from the one before, to another drive.
+    fn add(&mut self, pressed: Pressed, continues: bool) {
+        match self.drives.last_mut().filter(|_| continues) {
+            Some(drive) => drive.push(pressed),
+            None => self.drives.push(vec![pressed]),
+        }
+    }
+}
+
+fn recorded(path: &Path) -> Result<Pedal, PedalError> {
+    let (mut pedal, mut moments, mut told, mut before) = (Pedal::default(), 0, false, None);
+    for moment in Recording::open(path)? {
+        let moment = moment?;
+        moments += 1;
+        let (at, brake) = (moment.at, brake(&moment));
+        told |= brake.is_some();
+        let pressed = Pressed {
+            at_s: at.as_secs_f64(),
+            speed_kmh: moment.telemetry.speed.metres_per_second().get() * KMH_PER_MPS,
+            pedal: brake.unwrap_or(0.0),
+        };
+        let gap = before.is_some_and(|before| at.saturating_sub(before) > LONGEST_GAP);
+        pedal.add(pressed, moment.broken.is_none() && !gap);
+        before = Some(at);
+    }
+    if moments > 0 && !told {
+        return Err(PedalError::NoBrake { path: path.to_owned(), moments });
+    }
+    Ok(pedal)
+}
+
+/// What is known of the brake at a moment: what the simulator reports, else the throttle below 0 that was asked for. A throttle
+/// of 0 or more says nothing of a brake: the stock simulator's driver has none.
+fn brake(moment: &Moment) -> Option<f64> {
+    let asked = || moment.command.as_ref().map(|command| -command.throttle.get()).filter(|brake| *brake > 0.0);
+    moment.telemetry.truth.brake.or_else(asked)
+}
+
+const KMH_PER_MPS: f64 = 3.6;
+
+/// A unit of a column: its name, and how many of the unit used here it is.
+type Unit = (&'static str, f64);
+
+/// The columns of a table.
+struct Column {
+    units: &'static [Unit],
+    /// The largest value that makes sense, in the unit used here.
+    most: f64,
+    /// What may be wrong if a value is larger.
+    help: &'static str,
+}
+
+const TIME: Column = Column { units: &[("time_s", 1.0), ("time_ms", 1e-3)], most: f64::MAX, help: "" };
+const SPEED: Column = Column {
+    units: &[("speed_kmh", 1.0), ("speed_mps", KMH_PER_MPS), ("speed_mph", MPS_PER_MPH * KMH_PER_MPS)],
+    most: 500.0,
+    help: ": is the column's unit another one, or are columns swapped?",
+};
+const BRAKE: Column = Column {
+    units: &[("brake", 1.0), ("brake_percent", 0.01)],
+    most: 1.0,
+    help: ": name the column brake_percent if it is in percent; a pressure must be divided by its largest value",
+};
+
+fn is_table(path: &Path) -> Result<bool, PedalError> {
+    let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    if !is_csv || !path.is_file() {
+        return Ok(false);
+    }
+    let text = read(path)?;
+    let heading = heading(&text);
+    // A driving log names its pictures, and knows no time.
+    Ok([&TIME, &SPEED, &BRAKE].iter().any(|column| column.find(&heading).is_ok()) && !heading.contains(&"center"))
+}
+
+fn read(path: &Path) -> Result<String, PedalError> {
+    let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// The names of a table's columns.
+fn heading(text: &str) -> Vec<&str> {
+    text.lines().next().unwrap_or_default().trim_start_matches('\u{feff}').split(',').map(str::trim).collect()
+}
+
+impl Column {
+    /// Where it is in a heading, and its unit.
+    fn find(&self, heading: &[&str]) -> Result<(usize, Unit), String> {
+        let here = |unit: &Unit| Some((heading.iter().position(|name| *name == unit.0)?, *unit));
+        let found: Vec<_> = self.units.iter().filter_map(here).collect();
+        match found[..] {
+            [one] => Ok(one),
+            _ => {
+                let names: Vec<_> = self.units.iter().map(|(name, _)| *name).collect();
+                Err(format!("one column of {}", names.join(", ")))
+            }
+        }
+    }
+
+    /// A value in the unit used here.
+    fn value(&self, text: &str, (name, times): Unit) -> Result<f64, (String, &'static str)> {
+        let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+        let value = number.ok_or((format!("a number for {name}"), ""))? * times;
+        if value < 0.0 {
+            return Err(("0 or more".into(), ""));
+        }
+        if value > self.most {
+            return Err((format!("at most {}", self.most / times), self.help));
+        }
+        Ok(value)
+    }
+}
+
+fn table(path: &Path) -> Result<Pedal, PedalError> {
+    let text = read(path)?;
+    let heading = heading(&text);
+    let find = |column: &Column| {
+        column.find(&heading).map_err(|expected| PedalError::Heading {
+            path: path.to_owned(),
+            expected,
+            got: heading.join(","),
+        })
+    };
+    let columns = [(&TIME, find(&TIME)?), (&SPEED, find(&SPEED)?), (&BRAKE, find(&BRAKE)?)];
+    let mut pedal = Pedal::default();
+    let mut before: Option<f64> = None;
+    for (i, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let wrong = |column: &'static str, got: &str, (expected, help): (String, &'static str)| PedalError::Field {
+            path: path.to_owned(),
+            line: i + 1,
+            column,
+            expected,
+            got: got.into(),
+            help,
+        };
+        let field = |(column, (at, unit)): (&Column, (usize, Unit))| {
+            let text = fields.get(at).copied().unwrap_or_default();
+            column.value(text, unit).map_err(|why| wrong(unit.0, text, why)).map(|value| (value, text))
+        };
+        let [(at_s, text), (speed_kmh, _), (brake, _)] = [field(columns[0])?, field(columns[1])?, field(columns[2])?];
+        if let Some(before) = before.filter(|before| at_s <= *before) {
+            let after = format!("a time after {}", before / columns[0].1.1.1);
+            return Err(wrong(columns[0].1.1.0, text, (after, ": are columns swapped?")));
+        }
+        let continues = before.is_some_and(|before| at_s - before <= LONGEST_GAP.as_secs_f64());
+        pedal.add(Pressed { at_s, speed_kmh, pedal: brake }, continues);
+        before = Some(at_s);
+    }
+    Ok(pedal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn opened(text: &str) -> Result<Pedal, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("drive.csv");
+        fs::write(&path, text).unwrap();
+        Pedal::open(&path).map_err(|error| error.to_string().replace(&path.display().to_string(), "drive.csv"))
+    }
+
+    #[test]
+    fn a_table_is_read_whatever_its_units_and_the_order_of_its_columns() {
+        let ours = opened("time_s,speed_kmh,brake\n0.0,36,0\n0.1,18,0.5\n2.5,0,1\n").unwrap();
+        assert_eq!(ours.drives.iter().map(Vec::len).collect::<Vec<_>>(), [2, 1], "a gap of two seconds");
+        assert_eq!(ours.drives[0][1], Pressed { at_s: 0.1, speed_kmh: 18.0, pedal: 0.5 });
+        let theirs =
+            opened("\u{feff}brake_percent, note,time_ms,speed_mps\r\n0,x,0,10\r\n50,,100,5\r\n\r\n100,,2500,0")
+                .unwrap();
+        for (a, b) in ours.drives.iter().flatten().zip(theirs.drives.iter().flatten()) {
+            let off = (a.at_s - b.at_s).abs() + (a.speed_kmh - b.speed_kmh).abs() + (a.pedal - b.pedal).abs();
+            assert!(off < 1e-9, "{a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_table_is_named() {
+        let header = "time_s,speed_kmh,brake";
+        for (text, expected) in [
+            (
+                "time_s,speed_kmh\n0,0\n".into(),
+                "drive.csv: line 1: expected one column of brake, brake_percent, got \"time_s,speed_kmh\": name the columns by \
+                 what they hold and in which unit",
+            ),
+            (
+                "time_s,speed_kmh,speed_mph,brake\n".into(),
+                "drive.csv: line 1: expected one column of speed_kmh, speed_mps, speed_mph, got \
+                 \"time_s,speed_kmh,speed_mph,brake\": name the columns by what they hold and in which unit",
+            ),
+            (
+                format!("{header}\n0,30,37.5\n"),
+                "drive.csv: line 2: brake: expected at most 1, got \"37.5\": name the column brake_percent if it is in percent; \
+                 a pressure must be divided by its largest value",
+            ),
+            (
+                format!("{header}\n0,1500,0\n"),
+                "drive.csv: line 2: speed_kmh: expected at most 500, got \"1500\": is the column's unit another one, or are \
+                 columns swapped?",
+            ),
+            (format!("{header}\n0,30,-0.1\n"), "drive.csv: line 2: brake: expected 0 or more, got \"-0.1\""),
+            (format!("{header}\n0,30\n"), "drive.csv: line 2: brake: expected a number for brake, got \"\""),
+            (
+                format!("{header}\n30,1,0\n29,2,0\n"),
+                "drive.csv: line 3: time_s: expected a time after 30, got \"29\": are columns swapped?",
+            ),
+            (format!("{header}\n"), "drive.csv: expected moments of a drive, got none"),
+        ] {
+            assert_eq!(opened(&text).unwrap_err(), expected);
+        }
+    }
+
+    #[test]
+    fn a_run_is_read_with_its_speeds_and_what_its_simulator_told_of_the_brake() {
+        let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings/lake.mcap");
+        let pedal = Pedal::open(&run).unwrap();
+        let [drive] = &pedal.drives[..] else { panic!("{} drives", pedal.drives.len()) };
+        assert!((drive[100].at_s - 100.0 / 15.0).abs() < 1e-3 && (30.0..35.0).contains(&drive[100].speed_kmh));
+        assert!(drive.iter().all(|pressed| pressed.pedal == 0.0));
+    }
+}
