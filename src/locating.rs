@@ -6,11 +6,13 @@
 //! pictures ─────────────┴─▶ Overlay::follow, stretch by stretch ◀── surest place ─┘
 //!                                     └─▶ LocatedDrive
 //! pictures ─▶ network::look ─▶ ByNetwork: what a network sees in each, on any road
+//! pictures of one place in different laps ─▶ again::look ─▶ Laps: whether they say the same of one another
 //! ```
 //! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
 //! were taken. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
 //! length, so that a drive that is lost is found again, several processors share the work, and memory stays bounded.
 
+pub mod again;
 mod car;
 pub mod drawn;
 pub mod network;
@@ -30,6 +32,7 @@ use std::{
 use rayon::prelude::*;
 
 pub use self::{
+    again::Laps,
     car::Car,
     rows::{Row, RowTruth},
     summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
@@ -143,6 +146,8 @@ pub struct LocatedRecording {
     pub released_at_once: bool,
     /// What a network sees in the pictures, if one was asked.
     pub network: Option<ByNetwork>,
+    /// What its laps say of one another, if they were asked.
+    pub laps: Option<Laps>,
     /// Pictures that could not be looked at, and why not, of the first one.
     pub unreadable: (usize, Option<String>),
 }
@@ -240,7 +245,7 @@ pub fn locate(
         })
         .collect::<Result<_, TrackError>>()?;
     let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Ok(LocatedRecording { parts, rows, released_at_once, network: None, unreadable })
+    Ok(LocatedRecording { parts, rows, released_at_once, network: None, laps: None, unreadable })
 }
 
 /// How the car turned from each picture of a recording to the next, by what they show; where they show nothing, and across a

@@ -14,7 +14,7 @@ use crate::locating::network::look;
 use crate::{
     cli,
     known::Roads,
-    locating::{LocateError, LocatedRecording, Summary, drawn, locate, read_table},
+    locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, read_table},
 };
 use lapwing_core::{recording::CameraPosition, words::count};
 #[cfg(feature = "networks")]
@@ -46,7 +46,12 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
         }
         Ok(found)
     };
-    let found = of("centre", CameraPosition::Center)?;
+    let mut found = of("centre", CameraPosition::Center)?;
+    if let Some(drive) = found.drive() {
+        let bar = bar();
+        found.laps = again::look(&arguments.recording, &drive, || bar.inc(1))?;
+        bar.finish_and_clear();
+    }
     let sides = if arguments.sides {
         Some([of("left", CameraPosition::Left)?, of("right", CameraPosition::Right)?])
     } else {

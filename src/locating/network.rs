@@ -190,6 +190,7 @@ mod tests {
             rows: (0..offsets_m.len()).map(row).collect(),
             network: Some(ByNetwork { model: "lane (a file)".into(), rows }),
             released_at_once: false,
+            laps: None,
             unreadable: (0, None),
         }
     }

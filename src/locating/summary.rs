@@ -4,7 +4,7 @@ use std::{fmt, ops::Range};
 
 use serde::Serialize;
 
-use super::{Car, LocatedRecording, On, Part, Row, network::NetworkSummary};
+use super::{Car, Laps, LocatedRecording, On, Part, Row, network::NetworkSummary};
 use lapwing_core::{motion::around, words::count};
 use lapwing_sim::{camera::Camera, locate::Located};
 
@@ -107,6 +107,8 @@ pub struct Summary {
     pub source: String,
     /// Its drives.
     pub drives: Vec<PartSummary>,
+    /// What its laps say of one another; absent if it shows no place twice.
+    pub laps: Option<Laps>,
     /// Pictures that could not be looked at.
     pub unreadable: usize,
     /// Whether a keyboard steered whose release is at once.
@@ -133,6 +135,7 @@ impl Summary {
         Self {
             source,
             drives: found.parts.iter().enumerate().map(drive).collect(),
+            laps: found.laps.clone(),
             unreadable: found.unreadable.0,
             released_at_once: found.released_at_once,
         }
@@ -266,6 +269,9 @@ impl fmt::Display for Summary {
         write!(f, "{}", self.source)?;
         for drive in &self.drives {
             write!(f, "{drive}")?;
+        }
+        if let Some(laps) = &self.laps {
+            write!(f, "\n  {:<12} {laps}", "laps")?;
         }
         if self.released_at_once {
             write!(f, "\nsteered by keyboard: when a key is released, the steering is zero at once")?;

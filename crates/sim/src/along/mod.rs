@@ -54,7 +54,7 @@ pub use motion::{Sources, Yaw};
 pub use recorded::{GAP_S, STANDS_MPH, read_stock};
 pub use rotation::{Rotation, turn};
 pub use views::{Sights, Views};
-pub use warp::{Beside, PILOTNET_ROWS, SIZE, Warp};
+pub use warp::{Again, Beside, PILOTNET_ROWS, SIZE, Warp};
 pub use world::RecordedWorld;
 
 use crate::track::TrackError;

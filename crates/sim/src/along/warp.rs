@@ -22,12 +22,16 @@
 //! A turned camera sees past the recorded picture's edge, and the side cameras face the same way, so that headings cost
 //! more than offsets. A car that faces back to where the recorded one is needs least: at 1 m and 5 degrees 0.9 %.
 
+mod again;
+
 use std::{cmp::Ordering, ops::Range};
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 use crate::camera::{Camera, Lens, Mount, RIDE_M, bonnet_row};
 use lapwing_core::perception::Frame;
+
+pub use again::Again;
 
 /// Width and height of the pictures.
 pub const SIZE: (usize, usize) = (Lens::STOCK.width, Lens::STOCK.height);

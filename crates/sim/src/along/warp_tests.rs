@@ -136,3 +136,36 @@ fn no_black_border_enters_a_picture_wherever_the_car_is() {
         }
     }
 }
+
+#[test]
+fn two_pictures_of_a_place_tell_where_one_was_taken_beside_the_other() {
+    let mut world = lake();
+    let warp = Warp::new();
+    for (s, first, second) in [
+        (120.0, Beside::default(), Beside { offset_m: 0.8, ahead_m: 0.0, heading_rad: 0.0 }),
+        (
+            330.0,
+            Beside { offset_m: -0.6, ahead_m: 0.0, heading_rad: 0.05 },
+            Beside { offset_m: 0.9, ..Beside::default() },
+        ),
+        (
+            560.0,
+            Beside { offset_m: 0.5, ..Beside::default() },
+            Beside { offset_m: -0.9, ahead_m: 0.0, heading_rad: -0.06 },
+        ),
+    ] {
+        let [one, other] = [first, second].map(|at| seen(&mut world, s, at, &Camera::CENTER));
+        let Again { beside, alike } = warp.again(&one, &other).unwrap();
+        // Across the road, along which the first car may have been turned.
+        let (right_m, ahead_m) = (beside.offset_m, beside.ahead_m);
+        let across_m = right_m * first.heading_rad.cos() + ahead_m * first.heading_rad.sin();
+        let expected = (second.offset_m - first.offset_m, second.heading_rad - first.heading_rad);
+        println!(
+            "{s}: {across_m:.3} of {:.3} m, {:.4} of {:.4} rad, {alike:.3}",
+            expected.0, beside.heading_rad, expected.1
+        );
+        assert!((across_m - expected.0).abs() < 0.1 && (beside.heading_rad - expected.1).abs() < 0.02, "{beside:?}");
+        assert!(alike > 0.5);
+    }
+    assert_eq!(warp.again(&Frame::default(), &Frame::default()), None);
+}
