@@ -21,6 +21,11 @@ const RETURNS: f32 = 0.5;
 #[derive(Debug)]
 pub struct Pyramid(Vec<Grey>);
 
+/// The luminance of a pixel, 0 to 255 (Rec. 709).
+pub(super) fn luminance(rgb: &[u8; 3]) -> f32 {
+    0.2126 * f32::from(rgb[0]) + 0.7152 * f32::from(rgb[1]) + 0.0722 * f32::from(rgb[2])
+}
+
 #[derive(Debug)]
 struct Grey {
     width: usize,
@@ -80,8 +85,7 @@ impl Pyramid {
         if (picture.width(), picture.height()) != SIZE {
             return None;
         }
-        let grey = |rgb: &[u8]| 0.2126 * f32::from(rgb[0]) + 0.7152 * f32::from(rgb[1]) + 0.0722 * f32::from(rgb[2]);
-        let light = picture.rgb().chunks_exact(3).take(SIZE.0 * ROWS).map(grey).collect();
+        let light = picture.rgb().as_chunks().0.iter().take(SIZE.0 * ROWS).map(luminance).collect();
         let mut levels = vec![Grey { width: SIZE.0, height: ROWS, light }];
         for level in 1..LEVELS {
             levels.push(levels[level - 1].half());

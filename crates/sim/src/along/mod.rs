@@ -32,7 +32,7 @@
 //! | `recorded` | rows and pictures of a recording, without standing and gaps |
 //! | `abreast` | two cars side by side |
 //! | `motion` | how the recorded car moved between two rows |
-//! | `warp` | the picture as seen from elsewhere |
+//! | `warp` | the picture as seen from elsewhere; from where a second one of the same place was taken |
 //! | `views` | [`Views`]: what a car of the simulator sees along a road of which pictures were recorded |
 //! | `flow`, `rotation` | how far the car turned between two pictures |
 

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::{Beside, PixelTarget, SIZE, Warp};
+use super::{super::flow::luminance, Beside, PixelTarget, SIZE, Warp};
 use lapwing_core::perception::Frame;
 
 /// The ground that is compared: these rows, no farther ahead than this, in metres, as roads are flat no farther.
@@ -34,17 +34,16 @@ const HALVINGS: u32 = 6;
 pub struct Again {
     /// Beside the other one.
     pub beside: Beside,
-    /// How alike the two are then, -1 to 1: the correlation of their grey levels above those around.
+    /// How alike the two are then, -1 to 1: the correlation of their luminance above that of the pixels around.
     pub alike: f64,
 }
 
-/// Grey levels of a picture, above those of the pixels around: lines and verges count, not how bright the ground is.
-struct Grey(Vec<f32>);
+/// The luminance of each pixel, above that of the pixels around: lines and verges count, not how bright the ground is.
+struct Relief(Vec<f32>);
 
-impl Grey {
+impl Relief {
     fn of(picture: &Frame, reach: usize) -> Self {
-        let grey = |rgb: &[u8; 3]| 0.2126 * f32::from(rgb[0]) + 0.7152 * f32::from(rgb[1]) + 0.0722 * f32::from(rgb[2]);
-        let levels: Vec<f32> = picture.rgb().as_chunks::<3>().0.iter().map(grey).collect();
+        let levels: Vec<f32> = picture.rgb().as_chunks().0.iter().map(luminance).collect();
         let near = |i: usize, k: isize, size: usize| i.checked_add_signed(k).filter(|i| *i < size);
         let blurred = |reach: usize| {
             let across = mean(&levels, reach, |x, y, k| Some(y * SIZE.0 + near(x, k, SIZE.0)?));
@@ -89,8 +88,8 @@ impl Warp {
         }
         let sharp = |(reach, step): (usize, usize)| Pair {
             warp: self,
-            first: Grey::of(first, reach),
-            second: Grey::of(second, reach),
+            first: Relief::of(first, reach),
+            second: Relief::of(second, reach),
             ground: self.ground(step),
         };
         let (coarse, fine) = (sharp(COARSE), sharp(FINE));
@@ -121,8 +120,8 @@ impl Warp {
 /// Two pictures of a place.
 struct Pair<'a> {
     warp: &'a Warp,
-    first: Grey,
-    second: Grey,
+    first: Relief,
+    second: Relief,
     ground: Vec<(usize, Vec3)>,
 }
 
