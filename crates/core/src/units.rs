@@ -12,6 +12,9 @@ use crate::car::FULL_STEERING_DEG;
 /// Metres per second in one mile per hour.
 pub const MPS_PER_MPH: f64 = 0.447_04;
 
+/// Metres per second in one kilometre per hour.
+pub const MPS_PER_KMH: f64 = 1.0 / 3.6;
+
 /// How pure code gets the time: it is handed in, as `Instant::now` in the program and as a frozen clock in tests.
 pub type Clock = fn() -> Instant;
 

@@ -11,11 +11,12 @@ use rand_chacha::{
 
 use super::{
     obstacles::FRONT_M,
-    scenario::{Draw, MPS_PER_KMH, Scenario, ScenarioError, Script},
+    scenario::{Draw, Scenario, ScenarioError, Script},
     scene::{Actor, ActorKind},
     track::{Place, Track},
     vehicle::{BODY, Car},
 };
+use lapwing_core::units::MPS_PER_KMH;
 
 /// How strongly a lead car corrects a wrong gap: metres a second for each metre. It closes 90% of an error within 5 s,
 /// calmly enough for our own speed controller to follow.

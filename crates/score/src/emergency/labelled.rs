@@ -27,7 +27,7 @@ pub struct Labelled {
 pub struct Found {
     /// The recording.
     pub source: PathBuf,
-    /// The rule, at its own rate.
+    /// The rule, at the rate at which it is written down: 15 samples a second by default.
     pub rule: LabelRule,
     /// Drives without a gap.
     pub drives: usize,

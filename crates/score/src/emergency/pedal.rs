@@ -15,8 +15,8 @@ use std::{
 };
 
 use lapwing_core::{
-    recording::{LONGEST_GAP, Moment, Recording, RecordingError},
-    units::MPS_PER_MPH,
+    recording::{Break, LONGEST_GAP, Moment, Recording, RecordingError},
+    units::{MPS_PER_KMH, MPS_PER_MPH},
 };
 
 /// A moment of a drive.
@@ -103,7 +103,10 @@ impl Pedal {
     /// # Errors
     /// [`PedalError`].
     pub fn open(path: &Path) -> Result<Self, PedalError> {
-        let pedal = if is_table(path)? { table(path)? } else { recorded(path)? };
+        let pedal = match text_of_table(path)? {
+            Some(text) => table(path, &text)?,
+            None => recorded(path)?,
+        };
         if pedal.drives.is_empty() {
             return Err(PedalError::Empty { path: path.to_owned() });
         }
@@ -120,20 +123,19 @@ impl Pedal {
 }
 
 fn recorded(path: &Path) -> Result<Pedal, PedalError> {
-    let (mut pedal, mut moments, mut told, mut before) = (Pedal::default(), 0, false, None);
+    let (mut pedal, mut moments, mut told) = (Pedal::default(), 0, false);
     for moment in Recording::open(path)? {
         let moment = moment?;
         moments += 1;
-        let (at, brake) = (moment.at, brake(&moment));
+        let brake = brake(&moment);
         told |= brake.is_some();
         let pressed = Pressed {
-            at_s: at.as_secs_f64(),
-            speed_kmh: moment.telemetry.speed.metres_per_second().get() * KMH_PER_MPS,
+            at_s: moment.at.as_secs_f64(),
+            speed_kmh: moment.telemetry.speed.metres_per_second().get() / MPS_PER_KMH,
             pedal: brake.unwrap_or(0.0),
         };
-        let gap = before.is_some_and(|before| at.saturating_sub(before) > LONGEST_GAP);
-        pedal.add(pressed, moment.broken.is_none() && !gap);
-        before = Some(at);
+        // A missing picture is no reason to cut.
+        pedal.add(pressed, matches!(moment.broken, None | Some(Break::Unseen(_))));
     }
     if moments > 0 && !told {
         return Err(PedalError::NoBrake { path: path.to_owned(), moments });
@@ -147,8 +149,6 @@ fn brake(moment: &Moment) -> Option<f64> {
     let asked = || moment.command.as_ref().map(|command| -command.throttle.get()).filter(|brake| *brake > 0.0);
     moment.telemetry.truth.brake.or_else(asked)
 }
-
-const KMH_PER_MPS: f64 = 3.6;
 
 /// A unit of a column: its name, and how many of the unit used here it is.
 type Unit = (&'static str, f64);
@@ -164,7 +164,7 @@ struct Column {
 
 const TIME: Column = Column { units: &[("time_s", 1.0), ("time_ms", 1e-3)], most: f64::MAX, help: "" };
 const SPEED: Column = Column {
-    units: &[("speed_kmh", 1.0), ("speed_mps", KMH_PER_MPS), ("speed_mph", MPS_PER_MPH * KMH_PER_MPS)],
+    units: &[("speed_kmh", 1.0), ("speed_mps", MPS_PER_KMH.recip()), ("speed_mph", MPS_PER_MPH / MPS_PER_KMH)],
     most: 500.0,
     help: ": is the column's unit another one, or are columns swapped?",
 };
@@ -174,20 +174,19 @@ const BRAKE: Column = Column {
     help: ": name the column brake_percent if it is in percent; a pressure must be divided by its largest value",
 };
 
-fn is_table(path: &Path) -> Result<bool, PedalError> {
+/// The text of a table; `None` if that is not what it is.
+fn text_of_table(path: &Path) -> Result<Option<String>, PedalError> {
     let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
     if !is_csv || !path.is_file() {
-        return Ok(false);
+        return Ok(None);
     }
-    let text = read(path)?;
+    let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
+    let text = String::from_utf8_lossy(&bytes).into_owned();
     let heading = heading(&text);
     // A driving log names its pictures, and knows no time.
-    Ok([&TIME, &SPEED, &BRAKE].iter().any(|column| column.find(&heading).is_ok()) && !heading.contains(&"center"))
-}
-
-fn read(path: &Path) -> Result<String, PedalError> {
-    let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    let is_table =
+        [&TIME, &SPEED, &BRAKE].iter().any(|column| column.find(&heading).is_ok()) && !heading.contains(&"center");
+    Ok(is_table.then_some(text))
 }
 
 /// The names of a table's columns.
@@ -223,9 +222,8 @@ impl Column {
     }
 }
 
-fn table(path: &Path) -> Result<Pedal, PedalError> {
-    let text = read(path)?;
-    let heading = heading(&text);
+fn table(path: &Path, text: &str) -> Result<Pedal, PedalError> {
+    let heading = heading(text);
     let find = |column: &Column| {
         column.find(&heading).map_err(|expected| PedalError::Heading {
             path: path.to_owned(),

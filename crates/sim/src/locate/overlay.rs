@@ -180,10 +180,10 @@ impl Overlay {
     /// The contours that are seen from a pose.
     fn visible(&mut self, field: &Field, pose: Pose) -> Vec<Seen> {
         let view = self.view(pose);
-        let (right, lowest) = (view.width as f32 - 1.0, view.height as f32 * ABOVE_BONNET);
+        let right = view.width as f32 - 1.0;
         let seen = |contour: Contour| {
-            let (x, y) = view.project(view.turn(contour.at));
-            let agrees = agrees_with(field, &view, &contour).filter(|_| x > 1.0 && x < right && y < lowest)?;
+            let (x, _) = view.project(view.turn(contour.at));
+            let agrees = agrees_with(field, &view, &contour).filter(|_| x > 1.0 && x < right)?;
             Some(Seen { contour, agrees })
         };
         self.renderer.contours(&view).into_iter().filter_map(seen).collect()

@@ -28,12 +28,9 @@ use serde::{Deserialize, Serialize};
 use super::{scene::ActorKind, track::Track};
 pub use draw::Draw;
 use lapwing_core::{
-    units::MPS_PER_MPH,
+    units::{MPS_PER_KMH, MPS_PER_MPH},
     words::{did_you_mean, suggesting},
 };
-
-/// Metres per second in one kilometre per hour.
-pub const MPS_PER_KMH: f64 = 1.0 / 3.6;
 
 /// A run's start and everything else on the road.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
