@@ -20,6 +20,7 @@ use lapwing_learn::models;
 use lapwing_learn::nn::{Architecture, Checkpoint, Design, Network, in_variable_store, runtime};
 use tch::{Device, Kind, Tensor, nn::VarStore};
 
+mod intersection;
 mod lock_step;
 mod memory;
 mod networks;

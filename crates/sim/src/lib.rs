@@ -23,6 +23,7 @@
 //! | [`locate`] | where a car was in each picture of a recording |
 //! | [`along`] | a recording as a closed-loop world |
 //! | [`record`] | training data: what the expert would do, whoever drives |
+//! | [`intersection`] | four agents at an intersection: the world of multi-agent learning |
 //!
 //! No libtorch, no async runtime, no C++: this crate and `lapwing-core` are all that a simulation needs.
 //!
@@ -47,6 +48,7 @@ pub mod camera;
 pub mod collision_course;
 pub mod conditions;
 pub mod expert;
+pub mod intersection;
 pub mod judge;
 pub mod known;
 pub mod locate;

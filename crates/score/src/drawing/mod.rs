@@ -119,6 +119,14 @@ impl Sheet {
         png::paint(self)
     }
 
+    /// As a picture, for a film.
+    ///
+    /// # Errors
+    /// [`PaintError::Size`].
+    pub fn frame(&self) -> Result<Frame, PaintError> {
+        png::pixels(self)
+    }
+
     /// Paints into a file that ends in `.svg` or `.png`, replacing an existing one.
     ///
     /// # Errors

@@ -9,6 +9,12 @@ use lapwing_core::perception::Frame;
 
 /// The whole file, or why it cannot be painted.
 pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, PaintError> {
+    let frame = pixels(sheet)?;
+    encode(frame.rgb(), frame.width() as u32, frame.height() as u32)
+}
+
+/// The pixels alone.
+pub(super) fn pixels(sheet: &Sheet) -> Result<Frame, PaintError> {
     let (width, height) = (sheet.width as u32, sheet.height as u32);
     let fits = sheet.width <= MAX_SIDE && sheet.height <= MAX_SIDE;
     let mut pixels = fits.then(|| Pixmap::new(width, height)).flatten().ok_or(PaintError::Size { width, height })?;
@@ -32,7 +38,7 @@ pub(super) fn paint(sheet: &Sheet) -> Result<Vec<u8>, PaintError> {
     }
     // The paper is opaque, so no pixel is transparent.
     let rgb: Vec<u8> = pixels.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect();
-    encode(&rgb, width, height)
+    Frame::new(width as usize, height as usize, rgb).ok_or(PaintError::Size { width, height })
 }
 
 /// Rows of red, green and blue bytes as a PNG file.

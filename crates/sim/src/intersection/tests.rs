@@ -1,0 +1,239 @@
+//! The environment as a whole.
+
+use super::{parallel::Parallel, *};
+
+/// Drives an episode; returns the last state.
+fn episode(settings: Settings, seed: u64, act: impl Fn(&Environment, usize) -> Action) -> Environment {
+    let mut environment = Environment::new(settings, seed);
+    while !environment.is_over() {
+        environment.step(std::array::from_fn(|i| act(&environment, i)));
+    }
+    environment
+}
+
+/// Mean undiscounted return of the agents.
+fn earned(environment: &Environment) -> f32 {
+    environment.tallies().iter().map(|tally| tally.reward).sum::<f32>() / AGENTS as f32
+}
+
+/// What an agent earns on the benchmark's mission if it has the roads for itself.
+fn alone(settings: Settings, agent: usize) -> f32 {
+    let mut environment = Environment::new(settings, 0);
+    environment.leave_only(agent);
+    while !environment.is_over() {
+        environment.step(std::array::from_fn(|i| scripted::act(&environment, i)));
+    }
+    assert_eq!(environment.endings()[agent], Some(Ending::Goal));
+    environment.tallies()[agent].reward
+}
+
+/// Shares of agents that crashed and that reached their goals, over so many episodes.
+fn rates(settings: Settings, episodes: u64, act: impl Fn(&Environment, usize) -> Action) -> (f64, f64) {
+    let (mut crashed, mut reached) = (0, 0);
+    for seed in 0..episodes {
+        for ending in episode(settings, seed, &act).endings() {
+            crashed += u64::from(matches!(ending, Some(Ending::Crash(_))));
+            reached += u64::from(ending == Some(Ending::Goal));
+        }
+    }
+    let all = (episodes * AGENTS as u64) as f64;
+    (crashed as f64 / all, reached as f64 / all)
+}
+
+const BUSY: Settings =
+    Settings { missions: Missions::Random, cars: CARS, reward: Reward::Corrected, axes: Axes::World };
+
+#[test]
+fn idling_earns_499_under_the_benchmarks_reward_and_driving_through_about_63() {
+    let idle = episode(Settings::default(), 0, |_, _| Action::SlowDown);
+    assert_eq!(idle.endings(), [Some(Ending::TimeUp); AGENTS]);
+    // On its way to a standstill the car comes nearer to its goal and earns some two points more.
+    assert!((499.0..503.0).contains(&earned(&idle)), "{}", earned(&idle));
+    // Each alone, so that nobody waits, which would pay, too.
+    let through: Vec<f32> = (0..AGENTS).map(|i| alone(Settings::default(), i)).collect();
+    let mean = through.iter().sum::<f32>() / AGENTS as f32;
+    assert!((60.0..66.0).contains(&mean), "{through:?}");
+    let waiting = earned(&episode(Settings::default(), 0, scripted::act));
+    assert!(waiting > mean + 10.0, "{waiting}");
+}
+
+#[test]
+fn idling_does_not_pay_under_the_corrected_reward_and_crashing_pays_less() {
+    let settings = Settings { reward: Reward::Corrected, ..Settings::default() };
+    let idle = earned(&episode(settings, 0, |_, _| Action::SlowDown));
+    let through = earned(&episode(settings, 0, scripted::act));
+    let blind = episode(settings, 0, |_, _| Action::KeepLane);
+    assert!((-20.0..-15.0).contains(&idle), "{idle} {:?}", episode(settings, 0, |_, _| Action::SlowDown).tallies());
+    assert!((20.0..35.0).contains(&through), "{through}");
+    assert!(earned(&blind) < idle, "{}, endings {:?}", earned(&blind), blind.endings());
+}
+
+#[test]
+fn known_good_and_known_bad_drivers_come_out_apart() {
+    for missions in [Missions::Benchmark, Missions::Random] {
+        let settings = Settings { missions, ..Settings::default() };
+        let (good, bad) = (rates(settings, 100, scripted::act), rates(settings, 100, |_, _| Action::KeepLane));
+        assert!(good.0 <= 0.01 && good.1 >= 0.98, "{missions:?}: crashes and goals {good:?}");
+        assert!(bad.1 < 0.6, "{missions:?}: crashes and goals {bad:?}");
+    }
+}
+
+#[test]
+fn the_same_seed_and_actions_give_the_same_episode_bit_by_bit() {
+    let drive = |seed| {
+        let mut batch = Batch::new(BUSY, 3, seed);
+        let agents = batch.agents();
+        let mut observations = vec![0.0; agents * OBSERVATION];
+        let (mut rewards, mut flags) = (vec![0.0; agents], [(); 3].map(|()| vec![false; agents]));
+        let mut all = Vec::new();
+        for step in 0..400_usize {
+            let actions: Vec<u8> = (0..agents).map(|i| ((step / 7 + i * 3) % 11 / 3) as u8).collect();
+            let [drove, terminated, truncated] = &mut flags;
+            let buffers =
+                Buffers { observations: &mut observations, rewards: &mut rewards, drove, terminated, truncated };
+            batch.step(&actions, buffers);
+            all.extend(observations.iter().chain(&rewards).map(|number| number.to_bits()));
+        }
+        all
+    };
+    assert!(drive(5) == drive(5));
+    assert!(drive(5) != drive(6));
+}
+
+/// Whoever drives, and however badly. A hundred thousand car-steps in the gate; a million in the test below.
+#[test]
+fn background_cars_never_crash_among_themselves() {
+    assert_eq!(crashes_among_traffic(100_000), 0);
+}
+
+#[test]
+#[ignore = "for when the rules of traffic change: cargo test --release -p lapwing-sim million -- --ignored"]
+fn background_cars_never_crash_among_themselves_in_a_million_steps() {
+    assert_eq!(crashes_among_traffic(1_000_000), 0);
+}
+
+/// Crashes in so many car-steps: half of the episodes with agents that obey, half with agents that do anything.
+fn crashes_among_traffic(steps: usize) -> usize {
+    let (mut car_steps, mut crashes, mut seed) = (0, 0, 0);
+    while car_steps < steps {
+        seed += 1;
+        let mut environment = Environment::new(BUSY, seed);
+        // Longer than the agents are there.
+        for step in 0..300_usize {
+            let actions = std::array::from_fn(|i| {
+                if seed % 2 == 0 {
+                    scripted::act(&environment, i)
+                } else {
+                    Action::of(((seed as usize * 31 + step / (5 + i) * 17 + i * 7) % 9 / 2) as u8)
+                }
+            });
+            environment.step(actions);
+            car_steps += environment.traffic().count();
+            crashes += environment.crashes_among_traffic();
+        }
+    }
+    crashes
+}
+
+#[test]
+fn traffic_flows_and_nobody_waits_for_ever() {
+    let mut environment = Environment::new(BUSY, 3);
+    let (mut passed, mut longest) = (0, 0);
+    let mut before = environment.traffic().present;
+    for step in 0..3000 {
+        // The agents' cars are gone within seconds, and the traffic is alone.
+        environment.step([Action::KeepLane; AGENTS]);
+        let traffic = environment.traffic();
+        passed += (0..CARS).filter(|j| before[*j] && !traffic.present[*j]).count();
+        before = traffic.present;
+        let waits = (0..CARS).filter(|j| traffic.present[*j] && traffic.right[*j] == Right::Asked);
+        longest = waits.map(|j| step - traffic.since[j].min(step)).max().unwrap_or(0).max(longest);
+    }
+    assert!(passed > 60, "{passed} cars in five minutes");
+    assert!(longest < 600, "{longest} steps");
+}
+
+#[test]
+fn an_episode_is_truncated_after_1000_steps_and_the_next_step_begins_a_new_one() {
+    let mut batch = Batch::new(Settings::default(), 1, 0);
+    let mut observations = vec![0.0; AGENTS * OBSERVATION];
+    let (mut rewards, mut flags) = (vec![0.0; AGENTS], [(); 3].map(|()| vec![false; AGENTS]));
+    let mut step = |batch: &mut Batch| {
+        let [drove, terminated, truncated] = &mut flags;
+        let buffers = Buffers { observations: &mut observations, rewards: &mut rewards, drove, terminated, truncated };
+        batch.step(&[1; AGENTS], buffers);
+        (flags.clone(), rewards.clone())
+    };
+    for _ in 0..999 {
+        step(&mut batch);
+    }
+    assert_eq!(batch.finished().count(), 0);
+    let ([drove, terminated, truncated], rewards) = step(&mut batch);
+    assert_eq!((drove, terminated, truncated), (vec![true; 4], vec![false; 4], vec![true; 4]));
+    assert!(rewards.iter().all(|reward| (reward + 0.5).abs() < 1e-3), "{rewards:?}");
+    assert!(batch.finished().flatten().all(|(ending, tally)| ending == Ending::TimeUp && tally.steps == 1000));
+    let ([drove, _, truncated], rewards) = step(&mut batch);
+    assert_eq!((drove, truncated, rewards), (vec![false; 4], vec![false; 4], vec![0.0; 4]));
+    assert_eq!(step(&mut batch).0[0], vec![true; 4]);
+}
+
+#[test]
+fn an_agent_that_drives_past_its_goal_leaves_the_road_at_its_end() {
+    // It lets the others go first, and stays in the wrong lane.
+    let environment = episode(Settings::default(), 0, |environment, i| match i {
+        1 if environment.steps() < 100 => Action::SlowDown,
+        1 => Action::KeepLane,
+        _ => scripted::act(environment, i),
+    });
+    assert_eq!(environment.endings()[1], Some(Ending::OffRoad), "{:?}", environment.endings());
+}
+
+#[test]
+fn two_agents_that_crash_agree_on_whose_fault_it_was() {
+    let (mut crashes, mut own) = (0, 0);
+    for seed in 0..200 {
+        let settings = Settings { missions: Missions::Random, ..Settings::default() };
+        let environment = episode(settings, seed, |_, _| Action::KeepLane);
+        let endings = environment.endings();
+        for ending in endings {
+            let Some(Ending::Crash(Crash { with: crash::Hit::Agent(other), fault, .. })) = ending else { continue };
+            let Some(Ending::Crash(theirs)) = endings[usize::from(other)] else { panic!("{endings:?}") };
+            // A third car in the same moment has its own story.
+            if theirs.with == crash::Hit::Agent(endings.iter().position(|e| *e == ending).unwrap() as u8) {
+                let expected = match fault {
+                    Fault::Own => Fault::Other,
+                    Fault::Other => Fault::Own,
+                    Fault::Shared => Fault::Shared,
+                };
+                assert_eq!(theirs.fault, expected, "{endings:?}");
+            }
+            crashes += 1;
+            own += usize::from(fault == Fault::Own);
+        }
+    }
+    assert!(crashes > 50 && own > crashes / 4, "{own} of {crashes}");
+}
+
+#[test]
+fn the_parallel_api_drops_agents_that_have_ended_and_refuses_their_actions() {
+    let mut world = Parallel::new(Settings::default());
+    let first = world.reset(9);
+    assert_eq!((first.len(), first["agent_0"].len()), (AGENTS, OBSERVATION));
+    assert_eq!((world.possible_agents(), world.state().len()), (parallel::NAMES, STATE));
+    let missing = world.step(&[("agent_0", Action::KeepLane)].into()).unwrap_err();
+    assert!(missing.to_string().contains("got none for agent_1"), "{missing}");
+    let mut seen = Vec::new();
+    while !world.agents().is_empty() {
+        let acts = world.agents().into_iter().map(|name| {
+            let i = parallel::NAMES.iter().position(|other| *other == name).unwrap();
+            (name, scripted::act(world.environment(), i))
+        });
+        let stepped = world.step(&acts.collect()).unwrap();
+        seen.extend(stepped.terminations.iter().filter(|(_, ended)| **ended).map(|(name, _)| *name));
+        assert_eq!(stepped.rewards.len(), stepped.infos.len());
+    }
+    seen.sort_unstable();
+    assert_eq!(seen, parallel::NAMES);
+    let unknown = world.step(&[("agent_0", Action::KeepLane)].into()).unwrap_err();
+    assert!(matches!(unknown, parallel::StepError::Unknown { .. }), "{unknown}");
+}
