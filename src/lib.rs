@@ -21,6 +21,7 @@
 //! | [`course`] | suites, driven in our simulator by our models | `core`, `sim`, `score`, `learn` |
 //! | [`film`], [`map`], [`known`] | films and maps for people; tracks as known roads, on which drives are located |
 //! `core`, `sim`, `score` |
+//! | [`top_view`] | the intersection of the agents from above | `core`, `sim`, `score` |
 //! | [`locating`] | where a recording was driven, and where each of its pictures was taken | `core`, `sim`, `score` |
 //! | [`doctor`] | whether this machine can drive: what `lapwing doctor` finds | `core`, `learn`, `live` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
@@ -50,7 +51,7 @@
 //! |---|---|---|
 //! | `bridge` | `serve`, `doctor`, and those of `networks` | libtorch |
 //! | `networks` | `replay`, `evaluate`, `dataset`; with `simulator` also `train`, `suite`, `merge`, the closed loop | libtorch |
-//! | `simulator` | `drive`, `simulate`, `record`, `score`; only the expert drives without `networks` | nothing |
+//! | `simulator` | `drive`, `simulate`, `record`, `score`, `marl`; only the expert drives without `networks` | nothing |
 //! | `films` | `--video FILE.mp4` | a C++ compiler, for OpenH264 |
 //!
 //! Each crate's `Cargo.toml` states what it may know. `tests/architecture.rs` checks what Cargo cannot see.
@@ -82,3 +83,5 @@ pub mod known;
 pub mod locating;
 #[cfg(feature = "simulator")]
 pub mod map;
+#[cfg(feature = "simulator")]
+pub mod top_view;

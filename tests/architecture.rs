@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 37] = [
+const MAY_IMPORT: [(&str, &[&str]); 39] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -39,6 +39,7 @@ const MAY_IMPORT: [(&str, &[&str]); 37] = [
     ("learn/models", &["nn"]),
     ("learn/dataset", &[]),
     ("learn/train", &["dataset", "nn"]),
+    ("learn/marl", &["nn", "train"]),
     ("learn/evaluate", &["dataset", "models", "nn", "train"]),
     ("live/bridge", &[]),
     ("lapwing/course", &[]),
@@ -46,6 +47,7 @@ const MAY_IMPORT: [(&str, &[&str]); 37] = [
     ("lapwing/film", &[]),
     ("lapwing/map", &[]),
     ("lapwing/known", &[]),
+    ("lapwing/top_view", &[]),
     ("lapwing/locating", &["known"]),
 ];
 

@@ -13,6 +13,7 @@ mod driving_logs;
 mod lane_loop;
 mod locate;
 mod locate_network;
+mod marl;
 mod model_files;
 mod models;
 mod parity;

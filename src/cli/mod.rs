@@ -4,6 +4,8 @@ mod braking;
 mod driving;
 #[cfg(feature = "networks")]
 mod learning;
+#[cfg(feature = "simulator")]
+mod marl;
 mod parse;
 mod scoring;
 
@@ -17,6 +19,8 @@ pub use braking::*;
 pub use driving::*;
 #[cfg(feature = "networks")]
 pub use learning::*;
+#[cfg(feature = "simulator")]
+pub use marl::*;
 use parse::{above_zero, number};
 pub use scoring::*;
 
@@ -65,6 +69,9 @@ pub enum Verb {
     Score(Score),
     /// Label when an emergency brake is due in recordings
     Brake(Brake),
+    /// Train, measure and watch four agents at an intersection
+    #[cfg(feature = "simulator")]
+    Marl(Marl),
     /// Compare pilots on many drives: all combinations of tracks, conditions, speeds and seeds
     #[cfg(all(feature = "networks", feature = "simulator"))]
     Suite(Suite),

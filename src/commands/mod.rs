@@ -16,6 +16,8 @@ mod drive;
 mod evaluate;
 #[cfg(feature = "simulator")]
 mod locate;
+#[cfg(feature = "simulator")]
+mod marl;
 #[cfg(feature = "networks")]
 mod model;
 mod outputs;
@@ -113,6 +115,8 @@ pub fn run(cli: Cli) -> ExitCode {
         #[cfg(feature = "simulator")]
         Verb::Score(arguments) => score::run(&arguments, config),
         Verb::Brake(arguments) => brake::run(&arguments),
+        #[cfg(feature = "simulator")]
+        Verb::Marl(arguments) => marl::run(&arguments),
         #[cfg(all(feature = "networks", feature = "simulator"))]
         Verb::Suite(arguments) => suite::run(&arguments, config),
         #[cfg(all(feature = "networks", feature = "simulator"))]

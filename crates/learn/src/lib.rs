@@ -11,6 +11,7 @@
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes |
 //! | [`models`] | models from files, and the pilots that drive with them |
 //! | [`evaluate`] | models evaluated on data sets |
+//! | [`marl`] | agents that learn to drive through an intersection |
 //!
 //! # Example
 //! The shipped PilotNet, asked for one picture's steering:
@@ -29,6 +30,7 @@
 
 pub mod dataset;
 pub mod evaluate;
+pub mod marl;
 pub mod models;
 pub mod nn;
 pub mod train;

@@ -161,7 +161,7 @@ fn read_tensor(file: &SafeTensors<'_>, name: &str, shape: &[i64]) -> Result<Tens
 }
 
 /// A tensor as f32, if it has the shape expected and floating-point numbers, all of them finite.
-pub(super) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
+pub(crate) fn tensor_of(view: &TensorView<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
     if !view.shape().iter().map(|n| *n as i64).eq(shape.iter().copied()) {
         return Err(NnError::Shape { name: name.to_owned(), expected: shape.to_vec(), got: view.shape().to_vec() });
     }

@@ -35,6 +35,7 @@ mod source;
 pub mod stack;
 
 pub use architecture::{Architecture, Design};
+pub(crate) use checkpoint::tensor_of;
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save};
 pub use error::NnError;
 pub(crate) use error::first_line;

@@ -30,6 +30,7 @@ pub use closed_loop::{ClosedLoop, PracticeAlong, PracticeDrive};
 pub use error::TrainError;
 pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;
+pub(crate) use optimiser::Stepper;
 pub use progress::{Epoch, Go, Progress, TimedEpoch, TrainOutcome};
 pub use recipe::{Keep, Optimiser, OptimiserKind, Recipe, Schedule, SimulatedData};
 pub use trainer::Trainer;

@@ -13,8 +13,10 @@ const EPSILON: f64 = 1e-8;
 /// All weights are stored together in one tensor, of which the network's weights are views; so are the moments. A step
 /// then takes a dozen operations instead of hundreds, several for each layer.
 #[derive(Debug)]
-pub(super) struct Stepper {
+pub(crate) struct Stepper {
     settings: Optimiser,
+    /// Adam's.
+    epsilon: f64,
     weights: Vec<(String, Tensor)>,
     /// (N), all of them.
     flat: Tensor,
@@ -46,8 +48,13 @@ impl Stepper {
                 of_weights.push([view(&moments[0])?, view(&moments[1])?]);
                 from += count;
             }
-            Ok(Self { settings, weights, flat, moments, of_weights, steps: 0 })
+            Ok(Self { settings, epsilon: EPSILON, weights, flat, moments, of_weights, steps: 0 })
         })
+    }
+
+    /// The same with another epsilon for Adam than 1e-8.
+    pub fn with_epsilon(self, epsilon: f64) -> Self {
+        Self { epsilon, ..self }
     }
 
     /// The state, by names.
@@ -98,7 +105,7 @@ impl Stepper {
         let _ = square.f_mul_scalar_(BETAS.1)?.f_addcmul_(&gradient.f_mul_scalar(1.0 - BETAS.1)?, gradient)?;
         // Both means begin at zero and are too small at first.
         let unbias = |beta: f64| 1.0 - beta.powi(i32::try_from(self.steps).unwrap_or(i32::MAX));
-        let spread = square.f_sqrt()?.f_mul_scalar_(1.0 / unbias(BETAS.1).sqrt())?.f_add_scalar_(EPSILON)?;
+        let spread = square.f_sqrt()?.f_mul_scalar_(1.0 / unbias(BETAS.1).sqrt())?.f_add_scalar_(self.epsilon)?;
         let _ = self.flat.f_addcdiv_(&mean.f_mul_scalar(-learning_rate / unbias(BETAS.0))?, &spread)?;
         Ok(())
     }

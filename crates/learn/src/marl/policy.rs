@@ -1,0 +1,185 @@
+//! The network that drives an agent: all agents share it.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor, no_grad};
+
+use super::{MarlError, file};
+use lapwing_sim::intersection::{
+    ACTIONS, AGENTS, Action, Axes, Environment, FRAME, OBSERVATION, Settings, observation::SCALE,
+};
+
+/// The value of the key `format`.
+const FORMAT: &str = "lapwing.marl/1";
+
+/// A multilayer perceptron with two hidden layers and tanh between them.
+#[derive(Debug)]
+pub struct Mlp {
+    /// Weight (out, in) and bias (out) of each layer, by name.
+    layers: Vec<(String, Tensor)>,
+}
+
+impl Mlp {
+    /// Orthogonal weights with a gain of the square root of 2, and another one in the last layer; biases of 0 (detail 2
+    /// of Huang et al. 2022, The 37 Implementation Details of PPO).
+    pub fn new(name: &str, sizes: [usize; 4], last_gain: f64, random: &mut ChaCha8Rng) -> Result<Self, MarlError> {
+        let mut layers = Vec::new();
+        for (i, pair) in sizes.windows(2).enumerate() {
+            let gain = if i == 2 { last_gain } else { std::f64::consts::SQRT_2 };
+            let weight = orthogonal(pair[1], pair[0], gain, random)?;
+            let bias = Tensor::f_zeros([pair[1] as i64], (Kind::Float, tch::Device::Cpu))?;
+            layers.push((format!("{name}.{}.weight", 2 * i), weight.f_set_requires_grad(true)?));
+            layers.push((format!("{name}.{}.bias", 2 * i), bias.f_set_requires_grad(true)?));
+        }
+        Ok(Self { layers })
+    }
+
+    /// (B, in) to (B, out).
+    pub fn forward(&self, input: &Tensor) -> Result<Tensor, MarlError> {
+        let mut x = input.shallow_clone();
+        for (i, layer) in self.layers.chunks_exact(2).enumerate() {
+            if i > 0 {
+                x = x.f_tanh()?;
+            }
+            x = x.f_linear(&layer[0].1, Some(&layer[1].1))?;
+        }
+        Ok(x)
+    }
+
+    /// Weights and biases by PyTorch's names.
+    pub fn weights(&self) -> Vec<(String, Tensor)> {
+        self.layers.iter().map(|(name, tensor)| (name.clone(), tensor.shallow_clone())).collect()
+    }
+}
+
+/// (rows, columns) f32 with orthogonal rows or columns, whichever are fewer (Saxe et al. 2013), as PyTorch's
+/// `orthogonal_` makes them.
+fn orthogonal(rows: usize, columns: usize, gain: f64, random: &mut ChaCha8Rng) -> Result<Tensor, MarlError> {
+    let (long, short) = (rows.max(columns), rows.min(columns));
+    // The sum of twelve uniform numbers is as good as normal here.
+    let normal = |random: &mut ChaCha8Rng| (0..12).map(|_| random.random_range(0.0..1.0_f64)).sum::<f64>() - 6.0;
+    let numbers: Vec<f64> = (0..long * short).map(|_| normal(random)).collect();
+    let (q, r) = Tensor::f_linalg_qr(&Tensor::f_from_slice(&numbers)?.f_view([long as i64, short as i64])?, "reduced")?;
+    let q = q.f_mul(&r.f_diagonal(0, 0, 1)?.f_sign()?)?; // so that all directions are as likely
+    let q = if rows < columns { q.f_transpose(0, 1)? } else { q };
+    Ok(q.f_mul_scalar(gain)?.f_to_kind(Kind::Float)?.f_contiguous()?)
+}
+
+/// (OBSERVATION): what the observation is multiplied with to be of the order of one.
+pub(super) fn scale() -> Result<Tensor, MarlError> {
+    let each: Vec<f32> = (0..OBSERVATION).map(|i| 1.0 / SCALE[i % FRAME]).collect();
+    Ok(Tensor::f_from_slice(&each)?)
+}
+
+/// What a policy's file says about it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PolicyMetadata {
+    /// `lapwing.marl/1`.
+    pub format: String,
+    /// What trained it.
+    pub algorithm: String,
+    /// Units in each hidden layer.
+    pub hidden: usize,
+    /// The intersection that it was trained on: its axes are those on which it sees.
+    pub settings: Settings,
+    /// Agent-steps that it was trained for.
+    pub agent_steps: u64,
+    /// The settings of the algorithm, for people.
+    pub training: serde_json::Value,
+}
+
+/// An actor that drives.
+#[derive(Debug)]
+pub struct Policy {
+    actor: Mlp,
+    scale: Tensor,
+    /// What its file says.
+    pub metadata: PolicyMetadata,
+    observations: Vec<f32>,
+}
+
+impl Policy {
+    /// Writes an actor's file.
+    pub(super) fn save(path: &Path, actor: &Mlp, metadata: &PolicyMetadata) -> Result<(), MarlError> {
+        let text = serde_json::to_string(metadata)
+            .map_err(|why| MarlError::File { path: path.to_owned(), why: why.to_string() })?;
+        file::save(path, HashMap::from([("lapwing.policy".to_owned(), text)]), &actor.weights())
+    }
+
+    /// What is written about an actor.
+    pub(super) fn describe(
+        hidden: usize,
+        settings: Settings,
+        agent_steps: u64,
+        training: serde_json::Value,
+    ) -> PolicyMetadata {
+        PolicyMetadata { format: FORMAT.into(), algorithm: "ppo".into(), hidden, settings, agent_steps, training }
+    }
+
+    /// Reads one.
+    ///
+    /// # Errors
+    /// [`MarlError`], if the file is not a policy's or its network another one.
+    pub fn load(path: impl Into<PathBuf>) -> Result<Self, MarlError> {
+        let path = path.into();
+        let read = file::Read::open(&path)?;
+        let metadata: PolicyMetadata = read.json("lapwing.policy")?;
+        let wrong = |why: String| Err(MarlError::File { path: path.clone(), why });
+        if metadata.format != FORMAT {
+            return wrong(format!("expected the format {FORMAT:?}, got {:?}", metadata.format));
+        }
+        if !(1..=4096).contains(&metadata.hidden) {
+            return wrong(format!("expected 1 to 4096 hidden units, got {}", metadata.hidden));
+        }
+        let actor = Mlp::blank("actor", [OBSERVATION, metadata.hidden, metadata.hidden, ACTIONS])?;
+        read.copy_to(&actor.layers)?;
+        Ok(Self { actor, scale: scale()?, metadata, observations: Vec::new() })
+    }
+
+    /// The axes on which it sees.
+    pub fn axes(&self) -> Axes {
+        self.metadata.settings.axes
+    }
+
+    /// The likeliest action of each agent of each intersection.
+    ///
+    /// # Errors
+    /// Those of libtorch.
+    pub fn act(&mut self, environments: &[Environment], actions: &mut [[Action; AGENTS]]) -> Result<(), MarlError> {
+        self.observations.clear();
+        for environment in environments {
+            (0..AGENTS).for_each(|i| self.observations.extend(environment.observation(i)));
+        }
+        let rows = (environments.len() * AGENTS) as i64;
+        let best = no_grad(|| {
+            let input = Tensor::f_from_slice(&self.observations)?.f_view([rows, OBSERVATION as i64])?;
+            let logits = self.actor.forward(&input.f_mul(&self.scale)?)?; // (B, ACTIONS)
+            Ok::<_, MarlError>(logits.f_argmax(1, false)?)
+        })?;
+        let mut numbers = vec![0_i64; rows as usize];
+        best.f_copy_data(&mut numbers, rows as usize)?;
+        for (actions, numbers) in actions.iter_mut().zip(numbers.as_chunks::<AGENTS>().0) {
+            *actions = numbers.map(|number| Action::of(number as u8));
+        }
+        Ok(())
+    }
+}
+
+impl Mlp {
+    /// Without weights, to be filled.
+    fn blank(name: &str, sizes: [usize; 4]) -> Result<Self, MarlError> {
+        let mut layers = Vec::new();
+        for (i, pair) in sizes.windows(2).enumerate() {
+            let zeros = |shape: &[i64]| Tensor::f_zeros(shape, (Kind::Float, tch::Device::Cpu));
+            layers.push((format!("{name}.{}.weight", 2 * i), zeros(&[pair[1] as i64, pair[0] as i64])?));
+            layers.push((format!("{name}.{}.bias", 2 * i), zeros(&[pair[1] as i64])?));
+        }
+        Ok(Self { layers })
+    }
+}

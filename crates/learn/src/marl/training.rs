@@ -1,0 +1,231 @@
+//! A training in a folder: it can be watched, stopped and resumed.
+
+use std::{
+    collections::HashMap,
+    fmt::Write as _,
+    fs::{self, OpenOptions},
+    io::Write as _,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+
+use super::{MarlError, Policy, Ppo, PpoSettings, Update, file};
+use crate::train::{Go, events::Events};
+use lapwing_core::files;
+use lapwing_sim::intersection::Settings;
+
+const POLICY: &str = "policy.safetensors";
+const STATE: &str = "state.safetensors";
+const LOG: &str = "log.csv";
+const SETTINGS: &str = "settings.json";
+const EVENTS: &str = "events.out.tfevents.";
+const POSITION: &str = "lapwing.training";
+/// Seconds between two saves; one more at the end.
+const SAVE_EVERY_S: f64 = 30.0;
+
+/// Everything that decides how a training goes.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingSettings {
+    /// The intersection.
+    pub intersection: Settings,
+    /// The algorithm.
+    pub ppo: PpoSettings,
+}
+
+/// Where a training is.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+struct Position {
+    agent_steps: u64,
+    updates: u64,
+    optimiser_steps: i64,
+    seconds: f64,
+    /// How often it was resumed.
+    resumed: u64,
+}
+
+/// How a training ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MarlOutcome {
+    /// The policy's file.
+    pub policy: PathBuf,
+    /// The last update; none if there was none.
+    pub last: Option<Update>,
+    /// Seconds of training.
+    pub seconds: f64,
+    /// Whether it came to its end; otherwise it can be resumed.
+    pub finished: bool,
+    /// Seconds until for the first time 80 % of the agents of a rollout reached their goals; none if they never did.
+    pub seconds_to_80: Option<f64>,
+}
+
+/// A training.
+#[derive(Debug)]
+pub struct Training {
+    out: PathBuf,
+    settings: TrainingSettings,
+    ppo: Ppo,
+    position: Position,
+}
+
+impl Training {
+    /// Begins one in a new folder, or goes on with the one in it. A resumed training has new episodes: its weights and
+    /// the optimiser's state are kept, what was on the road is not, so it is not the same as one in a go.
+    ///
+    /// # Errors
+    /// [`MarlError`], if there is a training already, none to resume, or one with other settings.
+    pub fn new(out: &Path, mut settings: TrainingSettings, resume: bool) -> Result<Self, MarlError> {
+        let there = out.join(STATE).exists();
+        let wrong = |why: &str| Err(MarlError::File { path: out.to_owned(), why: why.into() });
+        let mut position = Position::default();
+        let stored = match (there, resume) {
+            (true, false) => {
+                return wrong("expected a new folder, got one with a training; add --resume to go on with it");
+            }
+            (false, true) => return wrong("expected a training to resume, got none"),
+            (false, false) => None,
+            (true, true) => {
+                let path = out.join(SETTINGS);
+                let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
+                let agent_steps = settings.ppo.agent_steps;
+                settings = serde_json::from_str(&text).map_err(|why| MarlError::File { path, why: why.to_string() })?;
+                settings.ppo.agent_steps = agent_steps.max(settings.ppo.agent_steps);
+                let stored = file::Read::open(&out.join(STATE))?;
+                position = stored.json(POSITION)?;
+                position.resumed += 1;
+                Some(stored)
+            }
+        };
+        let seed = settings.ppo.seed.wrapping_add(position.resumed << 32);
+        let mut ppo = Ppo::new(PpoSettings { seed, ..settings.ppo.clone() }, settings.intersection)?;
+        if let Some(stored) = stored {
+            stored.copy_to(&tensors(&ppo))?;
+            (ppo.agent_steps, ppo.updates) = (position.agent_steps, position.updates);
+            ppo.stepper.steps = position.optimiser_steps;
+        }
+        fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
+        Ok(Self { out: out.to_owned(), settings, ppo, position })
+    }
+
+    /// The settings that are followed.
+    pub fn settings(&self) -> &TrainingSettings {
+        &self.settings
+    }
+
+    /// Trains to the end, or until told to stop. `told` is shown each update with the agent-steps a second that it took,
+    /// and the share of the training that is done; `wall` is the wall clock in seconds since 1970.
+    ///
+    /// # Errors
+    /// [`MarlError`]; the last state that was saved stays.
+    pub fn run(
+        &mut self,
+        wall: impl Fn() -> f64,
+        mut told: impl FnMut(&Update, f64, f64) -> Go,
+    ) -> Result<MarlOutcome, MarlError> {
+        let json = |why: serde_json::Error| MarlError::File { path: self.out.join(SETTINGS), why: why.to_string() };
+        let text = serde_json::to_string_pretty(&self.settings).map_err(json)?;
+        let path = self.out.join(SETTINGS);
+        files::write(&path, text.as_bytes()).map_err(MarlError::io("write", &path))?;
+        let named = self.out.join(EVENTS);
+        let mut events = Events::create(&self.out, wall()).map_err(MarlError::io("write", &named))?;
+        let (mut last, mut saved, mut seconds_to_80) = (None, Instant::now(), None);
+        let mut finished = self.ppo.is_done();
+        while !finished {
+            let (began, before) = (Instant::now(), self.ppo.agent_steps);
+            let update = self.ppo.update()?;
+            let seconds = began.elapsed().as_secs_f64();
+            self.position.seconds += seconds;
+            let pace = (update.agent_steps - before) as f64 / seconds.max(1e-9);
+            self.log(&update, pace)?;
+            curves(&mut events, &update, pace, wall()).map_err(MarlError::io("write", &named))?;
+            if update.completion_rate >= 0.8 && update.episodes > 0 {
+                seconds_to_80 = seconds_to_80.or(Some(self.position.seconds));
+            }
+            let stop = told(&update, pace, self.ppo.progress()) == Go::Stop;
+            last = Some(update);
+            finished = self.ppo.is_done();
+            if finished || stop || saved.elapsed().as_secs_f64() > SAVE_EVERY_S {
+                self.save()?;
+                events.flush().map_err(MarlError::io("write", &named))?;
+                saved = Instant::now();
+            }
+            if stop {
+                break;
+            }
+        }
+        let policy = self.out.join(POLICY);
+        Ok(MarlOutcome { policy, last, seconds: self.position.seconds, finished, seconds_to_80 })
+    }
+
+    fn save(&mut self) -> Result<(), MarlError> {
+        let (path, policy) = (self.out.join(STATE), self.out.join(POLICY));
+        self.position.agent_steps = self.ppo.agent_steps;
+        self.position.updates = self.ppo.updates;
+        self.position.optimiser_steps = self.ppo.stepper.steps;
+        let json = |why: serde_json::Error| MarlError::File { path: path.clone(), why: why.to_string() };
+        let position = serde_json::to_string(&self.position).map_err(json)?;
+        let training = serde_json::to_value(&self.settings.ppo).map_err(json)?;
+        let hidden = self.settings.ppo.hidden;
+        let metadata = Policy::describe(hidden, self.settings.intersection, self.ppo.agent_steps, training);
+        Policy::save(&policy, &self.ppo.actor, &metadata)?;
+        file::save(&path, HashMap::from([(POSITION.to_owned(), position)]), &tensors(&self.ppo))
+    }
+
+    /// Adds a line to the log.
+    fn log(&self, update: &Update, pace: f64) -> Result<(), MarlError> {
+        let path = self.out.join(LOG);
+        let mut text = String::new();
+        if update.number == 1 {
+            let names = columns(update).map(|(name, _)| name);
+            text = format!("update,agent_steps,seconds,agent_steps_per_s,{}\n", names.join(","));
+        }
+        let Position { seconds, .. } = self.position;
+        let _ = write!(text, "{},{},{seconds:.2},{pace:.0}", update.number, update.agent_steps);
+        for (_, value) in columns(update) {
+            let _ = write!(text, ",{value:.6}");
+        }
+        text.push('\n');
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(MarlError::io("write", &path))
+    }
+}
+
+/// All that is stored of a training: weights and moments.
+fn tensors(ppo: &Ppo) -> Vec<(String, Tensor)> {
+    let (weights, moments) = (ppo.weights(), ppo.stepper.state());
+    weights.into_iter().chain(moments.map(|(name, tensor)| (name, tensor.shallow_clone()))).collect()
+}
+
+/// The curves of an update.
+fn columns(update: &Update) -> [(&'static str, f64); 12] {
+    [
+        ("episodes", update.episodes as f64),
+        ("collision_rate", update.collision_rate),
+        ("completion_rate", update.completion_rate),
+        ("reward", update.reward),
+        ("duration_s", update.seconds),
+        ("learning_rate", update.learning_rate),
+        ("policy_loss", update.policy_loss),
+        ("value_loss", update.value_loss),
+        ("entropy", update.entropy),
+        ("divergence", update.divergence),
+        ("clipped", update.clipped),
+        ("explained", update.explained),
+    ]
+}
+
+fn curves(events: &mut Events, update: &Update, pace: f64, wall: f64) -> std::io::Result<()> {
+    let step = i64::try_from(update.agent_steps).unwrap_or(i64::MAX);
+    for (name, value) in columns(update).into_iter().chain([("agent_steps_per_s", pace)]) {
+        let group = if ["policy_loss", "value_loss", "entropy", "divergence", "clipped", "explained"].contains(&name) {
+            "losses"
+        } else {
+            "charts"
+        };
+        events.scalar(&format!("{group}/{name}"), step, wall, value as f32)?;
+    }
+    Ok(())
+}

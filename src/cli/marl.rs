@@ -1,0 +1,197 @@
+//! The verbs around many agents at an intersection.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+
+#[cfg(feature = "networks")]
+use super::parse::{above_zero, not_negative};
+use lapwing_sim::intersection::{Axes, CARS, Missions, Reward, Settings};
+
+/// `lapwing marl`
+#[derive(Debug, Args)]
+pub struct Marl {
+    #[command(subcommand)]
+    pub verb: MarlVerb,
+}
+
+/// What to do with the agents.
+#[derive(Debug, Subcommand)]
+pub enum MarlVerb {
+    /// Let the agents learn to drive
+    #[cfg(feature = "networks")]
+    Train(MarlTrain),
+    /// Watch an episode from above, in the terminal or as a film
+    Watch(MarlWatch),
+    /// Measure collision and completion rates over episodes that are not trained on
+    Evaluate(MarlEvaluate),
+}
+
+/// Which intersection; shared by all its verbs.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct IntersectionFlags {
+    /// Where the agents begin and go
+    #[arg(long, value_enum, default_value_t)]
+    pub missions: MissionsKind,
+    /// Background cars at a time, at most 12
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=CARS as i64))]
+    pub cars: u8,
+}
+
+impl IntersectionFlags {
+    /// The settings that they mean, with those that concern learning.
+    pub fn settings(self, reward: Reward, axes: Axes) -> Settings {
+        let missions = match self.missions {
+            MissionsKind::Benchmark => Missions::Benchmark,
+            MissionsKind::Random => Missions::Random,
+        };
+        Settings { missions, cars: usize::from(self.cars), reward, axes }
+    }
+}
+
+/// Where the agents begin and go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum MissionsKind {
+    /// The four of SMARTS' benchmark, the same in each episode
+    #[default]
+    Benchmark,
+    /// New ones in each episode, one from each arm
+    Random,
+}
+
+/// Who drives the agents; shared by the verbs in which they do not learn.
+#[derive(Debug, Args)]
+pub struct DriverFlags {
+    /// Who drives
+    #[arg(long, value_enum, default_value_t)]
+    pub driver: DriverKind,
+    /// Let a policy drive that lapwing marl train made: policy.safetensors
+    #[cfg(feature = "networks")]
+    #[arg(long, value_name = "FILE", conflicts_with = "driver")]
+    pub policy: Option<PathBuf>,
+}
+
+/// Who drives the agents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum DriverKind {
+    /// A script that sees everything and knows the rules
+    #[default]
+    Scripted,
+    /// Straight on at 15 m/s, whatever happens
+    KeepLane,
+    /// Brake to a standstill
+    Idle,
+}
+
+/// `lapwing marl watch`
+#[derive(Debug, Args)]
+pub struct MarlWatch {
+    #[command(flatten)]
+    pub intersection: IntersectionFlags,
+    /// Which episode
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub drivers: DriverFlags,
+    /// Write a film instead: FILE.mp4, FILE.gif, or a folder for single pictures
+    #[arg(long, value_name = "FILE")]
+    pub video: Option<PathBuf>,
+}
+
+/// `lapwing marl evaluate`
+#[derive(Debug, Args)]
+pub struct MarlEvaluate {
+    #[command(flatten)]
+    pub intersection: IntersectionFlags,
+    /// How many episodes
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub episodes: u64,
+    /// The first of the held-out episodes: others for another number
+    #[arg(long, default_value_t = 0)]
+    pub seed: u32,
+    #[command(flatten)]
+    pub drivers: DriverFlags,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing marl train`
+#[cfg(feature = "networks")]
+#[derive(Debug, Args)]
+pub struct MarlTrain {
+    #[command(flatten)]
+    pub intersection: IntersectionFlags,
+    /// Folder for the policy, its log and its resume state
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Go on with the training in that folder, with its settings; --agent-steps may be raised
+    #[arg(long)]
+    pub resume: bool,
+    /// What is rewarded
+    #[arg(long, value_enum, default_value_t)]
+    pub reward: RewardKind,
+    /// The axes on which the agents see
+    #[arg(long, value_enum, default_value_t)]
+    pub axes: AxesKind,
+    /// What the critic sees: its agent's view, or the whole situation, too (MAPPO)
+    #[arg(long, value_enum, default_value_t)]
+    pub critic: CriticKind,
+    /// Agent-steps to learn from [default: 3000000]
+    #[arg(long, value_name = "N")]
+    pub agent_steps: Option<u64>,
+    /// Intersections side by side [default: 64]
+    #[arg(long, value_name = "N")]
+    pub intersections: Option<usize>,
+    /// Units in each of the two hidden layers [default: 64]
+    #[arg(long, value_name = "N")]
+    pub hidden: Option<usize>,
+    /// Learning rate at the begin [default: 0.001]
+    #[arg(long, value_parser = above_zero)]
+    pub learning_rate: Option<f64>,
+    /// Weight of the entropy [default: 0.01]
+    #[arg(long, value_parser = not_negative)]
+    pub entropy: Option<f64>,
+    /// Discount for each step [default: 0.99]
+    #[arg(long, value_parser = not_negative)]
+    pub gamma: Option<f64>,
+    /// Random seed
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Threads of libtorch; the policy depends on them in its last bits
+    #[arg(long, default_value_t = 1)]
+    pub threads: u16,
+    /// Print the outcome as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is rewarded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum RewardKind {
+    /// As SMARTS' benchmark does, which pays for standing still
+    Smarts,
+    /// The goal, the way there, crashes, and time
+    #[default]
+    Corrected,
+}
+
+/// The axes on which the agents see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum AxesKind {
+    /// East and north, as SMARTS' benchmark has them
+    #[default]
+    World,
+    /// To the car's right and ahead of it
+    Car,
+}
+
+/// What the critic sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum CriticKind {
+    /// What its agent sees
+    #[default]
+    Own,
+    /// The whole situation, too
+    Central,
+}

@@ -1,0 +1,55 @@
+//! `lapwing marl`: four agents at an intersection, from flags to films and policies.
+
+use std::fs;
+
+use tempfile::tempdir;
+
+use crate::program::lapwing_in;
+
+#[test]
+fn an_episode_is_told_and_filmed_and_the_same_seed_gives_the_same_bytes() {
+    let folder = tempdir().unwrap();
+    let run = |arguments: &[&str]| lapwing_in(folder.path(), "", arguments);
+    let (status, out, err) = run(&["marl", "watch"]);
+    assert_eq!((status, err.as_str()), (0, ""));
+    assert!(out.starts_with("seed 0: "), "{out}");
+    assert_eq!(out.lines().filter(|line| line.contains("reached its goal")).count(), 4, "{out}");
+    let film = |name: &str| {
+        let flags = ["marl", "watch", "--cars", "12", "--driver", "keep-lane", "--seed", "3", "--video", name];
+        let (status, out, err) = run(&flags);
+        assert_eq!(status, 0, "{err}");
+        assert!(out.contains("crashed with "), "{out}");
+        fs::read(folder.path().join(name)).unwrap()
+    };
+    assert!(film("a.gif") == film("b.gif"));
+    let (status, _, err) = run(&["marl", "watch", "--video", "film.avi"]);
+    assert_eq!(status, 2);
+    assert!(err.contains("expected a film that ends in"), "{err}");
+}
+
+#[test]
+fn agents_learn_into_a_folder_and_drive_with_what_they_learnt() {
+    let folder = tempdir().unwrap();
+    let run = |arguments: &[&str]| lapwing_in(folder.path(), "", arguments);
+    let train = ["marl", "train", "--agent-steps", "2000", "--intersections", "4", "--out", "ppo"];
+    let (status, out, err) = run(&train);
+    assert_eq!(status, 0, "{err}");
+    assert!(out.starts_with("ppo/policy.safetensors ("), "{out}");
+    let made: Vec<_> =
+        fs::read_dir(folder.path().join("ppo")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(made.len(), 5, "policy, state, log, settings, events: {made:?}");
+    let (status, _, err) = run(&train);
+    assert_eq!(status, 1);
+    assert!(err.contains("add --resume"), "{err}");
+
+    let policy = ["--policy", "ppo/policy.safetensors"];
+    let (status, out, err) = run(&[&["marl", "evaluate", "--episodes", "4", "--json"], &policy[..]].concat());
+    assert_eq!((status, err.as_str()), (0, ""));
+    let found: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let rates =
+        ["collision_rate", "completion_rate", "off_road_rate", "time_up_rate"].map(|key| found[key].as_f64().unwrap());
+    assert!((rates.iter().sum::<f64>() - 1.0).abs() < 1e-9, "{out}");
+    let (status, _, err) = run(&["marl", "evaluate", "--policy", "ppo/log.csv"]);
+    assert_eq!(status, 1);
+    assert!(err.contains("expected a whole safetensors file"), "{err}");
+}
