@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 39] = [
+const MAY_IMPORT: [(&str, &[&str]); 40] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -24,7 +24,8 @@ const MAY_IMPORT: [(&str, &[&str]); 39] = [
     ("core/pilot", &["car", "motion", "perception", "units", "words"]),
     ("core/control", &["car", "units"]),
     ("core/turn", &["control", "protocol", "units"]),
-    ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "turn"]),
+    ("core/guard", &["control", "perception", "units"]),
+    ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "guard", "turn"]),
     ("core/recording", &["motion", "pilot", "units", "protocol", "turn", "words"]),
     ("core/drive", &["config", "driver", "hash", "pilot", "protocol", "recording", "turn", "units"]),
     ("core/replay", &["drive", "files", "perception", "protocol", "recording", "stats", "turn", "units", "words"]),

@@ -54,6 +54,8 @@ fn command(i: u32) -> CommandRecord {
         p: Some(0.75),
         i: None,
         saturated: false,
+        brake_due: Some(0.125),
+        guard_ns: None,
         decode_ns: 1_000_000,
         preprocess_ns: 200_000,
         forward_ns: u64::from(i),

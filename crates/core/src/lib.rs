@@ -24,7 +24,8 @@
 //! | [`client`] | plays any [`World`](protocol::World) to any bridge as the Unity build does |
 //! | [`perception`] | base64 and JPEG to `Frame`; crop, resize, colour, scale |
 //! | [`pilot`] | the trait `Pilot`, pure pursuit, constant |
-//! | [`control`] | speed controllers, standstill, hand-over |
+//! | [`control`] | speed controllers, standstill, emergency brake, hand-over |
+//! | [`guard`] | the trait `Guard`, which says when to brake; one by the time to collision |
 //! | [`turn`] | one turn of a drive, and what is recorded of it |
 //! | [`driver`] | the function above |
 //! | [`drive`] | the loop: drives a world and shows it to observers |
@@ -52,6 +53,7 @@ pub mod control;
 pub mod drive;
 pub mod driver;
 pub mod files;
+pub mod guard;
 pub mod hash;
 pub mod motion;
 pub mod perception;

@@ -1,10 +1,12 @@
 //! From steering, speed and a human's hands to throttle. Pure state machines:
 //! no clock, no settings file; time since the start of the run is handed in.
 
+mod emergency;
 mod handover;
 mod speed;
 mod standstill;
 
+pub use emergency::{BrakeChange, BrakeLimits, EmergencyBrake, Release};
 pub use handover::{Handover, HandoverChange};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
 pub use standstill::{KnownSpeed, Standstill};

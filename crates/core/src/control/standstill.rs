@@ -9,7 +9,7 @@ use crate::{
 };
 
 /// The car counts as standing below this speed.
-const STANDING_BELOW: Mph = Mph::constant(0.7);
+pub(super) const STANDING_BELOW: Mph = Mph::constant(0.7);
 
 /// A rise above the slowest speed seen by more than this is the car reversing, not noise of four decimals.
 const RISE_MPH: f64 = 0.05;

@@ -2,17 +2,24 @@
 //!
 //! ```text
 //! Observation ─▶ base64 ▶ JPEG ▶ Frame ▶ Pilot ▶ steering ─┐
-//!      └────────▶ speed ───────────────▶ SpeedController ──┴─▶ Answer + Trace
+//!      ├────────▶ speed ───────────────▶ SpeedController ──┴─▶ (Guard) ─▶ Answer + Trace
+//!      └────────▶ human, bad frame ────▶ hand-over, safe answer ──┘
 //! ```
+//! A guard, if there is one, sees the same frame as the pilot and may brake in its place.
+//!
 //! No I/O, no thread, no clock but the one handed in. The live bridge, the offline replay, the tests and the benches
 //! call [`Driver::drive`], so what is measured is what drives. It always answers: a frame that cannot be read or driven
 //! by gets a safe command.
 
+mod watch;
+
 use std::time::Duration;
 
+use self::watch::Watch;
 use crate::{
     config::{self, SpeedLaw, Takeover},
-    control::{Handover, KnownSpeed, Pi, PiGains, Quadratic, SpeedController, Standstill},
+    control::{Handover, KnownSpeed, Pi, PiGains, Quadratic, Release, SpeedController, Standstill},
+    guard::Guard,
     perception::{self, Frame, ImageError},
     pilot::{Pilot, PilotError, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
@@ -34,6 +41,7 @@ pub struct Driver {
     /// The last speed reported.
     speed_told: Option<Mph>,
     bad: BadFrames,
+    watch: Option<Watch>,
 }
 
 /// How long the driver has been without a frame that it could use.
@@ -68,7 +76,13 @@ impl Driver {
             last: Command::default(),
             speed_told: None,
             bad: BadFrames::default(),
+            watch: None,
         }
+    }
+
+    /// The same driver, watched over by this guard; by none if there is none.
+    pub fn guarded(self, guard: Option<Box<dyn Guard>>) -> Self {
+        Self { watch: guard.map(Watch::new), ..self }
     }
 
     /// Answers one observation.
@@ -81,13 +95,14 @@ impl Driver {
                 trace.events.extend(self.handover.human_drives(at).map(EventRecord::from));
                 // Pilot and integral are held, not reset: they continue when the human lets go.
                 self.bad = BadFrames::default();
+                self.rest_guard(at, &mut trace);
                 trace.by = By::Human;
                 Answer::Manual
             }
             Sight::Telemetry(telemetry) => {
                 self.speed_told = Some(telemetry.speed);
                 self.human_let_go(at, &mut trace);
-                let command = match self.steer(telemetry, &mut trace) {
+                let command = match self.steer(at, telemetry, &mut trace) {
                     Ok(command) => {
                         self.bad = BadFrames::default();
                         command
@@ -105,6 +120,10 @@ impl Driver {
             Sight::Unreadable(why) => {
                 Answer::Steer(self.safe(at, KnownSpeed::Last(self.speed_told), &why.to_string(), &mut trace))
             }
+        };
+        let answer = match answer {
+            Answer::Steer(command) => Answer::Steer(self.braked(at, &observation.sight, command)),
+            other => other,
         };
         if let Answer::Steer(command) = answer {
             self.last = command;
@@ -131,6 +150,9 @@ impl Driver {
         self.bad = BadFrames::default();
         self.last = Command::default();
         self.speed_told = None;
+        if let Some(watch) = &mut self.watch {
+            watch.reset();
+        }
     }
 
     fn human_let_go(&mut self, at: Duration, trace: &mut Trace) {
@@ -142,8 +164,25 @@ impl Driver {
         }
     }
 
+    /// The guard lets go and forgets what it saw: it is not its turn.
+    fn rest_guard(&mut self, at: Duration, trace: &mut Trace) {
+        if let Some(watch) = &mut self.watch {
+            watch.rest(at, self.speed_told, Release::HandedOver, trace);
+        }
+    }
+
+    /// The command with the guard's throttle, if it brakes.
+    fn braked(&mut self, at: Duration, sight: &Sight, command: Command) -> Command {
+        let Some(watch) = &mut self.watch else { return command };
+        let speed = match sight {
+            Sight::Telemetry(telemetry) => KnownSpeed::Now(telemetry.speed),
+            Sight::HumanDrives | Sight::Unreadable(_) => KnownSpeed::Last(self.speed_told),
+        };
+        watch.throttle(at, speed).map_or(command, |throttle| Command { throttle, ..command })
+    }
+
     /// Answers a good frame.
-    fn steer(&mut self, telemetry: &Telemetry, trace: &mut Trace) -> Result<Command, Unusable> {
+    fn steer(&mut self, at: Duration, telemetry: &Telemetry, trace: &mut Trace) -> Result<Command, Unusable> {
         let began = (self.clock)();
         let jpeg = match &telemetry.image {
             CameraImage::Jpeg(jpeg) => jpeg.clone(),
@@ -151,13 +190,17 @@ impl Driver {
         };
         trace.jpeg = Some(jpeg.clone());
         if self.handover.is_off() {
+            self.rest_guard(at, trace);
             trace.by = By::Off;
             return Ok(Command::default()); // wheels straight, the car rolls out
         }
-        if self.pilot.needs_picture() {
+        if self.pilot.needs_picture() || self.watch.as_ref().is_some_and(Watch::needs_picture) {
             perception::decode_jpeg(&jpeg, &mut self.frame)?;
         }
         trace.decode = (self.clock)() - began;
+        if let Some(watch) = &mut self.watch {
+            watch.look(at, &self.frame, telemetry, self.clock, trace);
+        }
         let view = View { frame: &self.frame, speed: telemetry.speed, path: &telemetry.truth.path };
         let prediction = self.pilot.steer(&view)?;
         trace.preprocess = prediction.preprocess;

@@ -42,6 +42,12 @@ pub struct CommandRecord {
     pub i: Option<f64>,
     /// Whether the speed controller's output was cut to the throttle's range.
     pub saturated: bool,
+    /// How much an emergency brake is due, as a guard sees it, on its own scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub brake_due: Option<f64>,
+    /// Time in the guard, if one watched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guard_ns: Option<u64>,
     /// Time to decode base64 and JPEG.
     pub decode_ns: u64,
     /// Time to crop, scale and normalise.
@@ -66,6 +72,8 @@ impl CommandRecord {
             p: None,
             i: None,
             saturated: false,
+            brake_due: None,
+            guard_ns: None,
             decode_ns: 0,
             preprocess_ns: 0,
             forward_ns: 0,

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::control::HandoverChange;
+use crate::control::{HandoverChange, Release};
 
 /// What happens in a run besides telemetry and commands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -25,6 +25,27 @@ pub enum EventRecord {
     },
     /// Too many bad frames in a row: the car is being stopped.
     BrakingToStandstill,
+    /// A guard brakes from here on, in place of the pilot.
+    GuardBrakes {
+        /// Which guard.
+        guard: String,
+        /// How much an emergency brake is due, on the guard's own scale, …
+        value: f64,
+        /// … and where that begins to be an emergency.
+        fires: f64,
+        /// How fast the car is.
+        speed_mph: f64,
+    },
+    /// It no longer does: the pilot has the throttle again.
+    GuardReleases {
+        /// How long it braked.
+        after_s: f64,
+        /// Why it stopped.
+        why: Release,
+        /// How fast the car is; absent if that was not told.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        speed_mph: Option<f64>,
+    },
     /// The disk was too slow; written by the recorder itself once there was room again.
     FramesNotRecorded {
         /// How many frames are missing before this.
@@ -185,6 +206,7 @@ impl EventRecord {
             Self::BadFrame { why: text, .. }
             | Self::PilotOff { why: text }
             | Self::RunEnded { why: text }
+            | Self::GuardBrakes { guard: text, .. }
             | Self::Note { text } => cut(text),
             Self::Simulator { name, payload } => {
                 cut(name);
@@ -193,6 +215,7 @@ impl EventRecord {
             Self::TakeoverBegan
             | Self::TakeoverEnded { .. }
             | Self::BrakingToStandstill
+            | Self::GuardReleases { .. }
             | Self::FramesNotRecorded { .. }
             | Self::Break { .. }
             | Self::Kick

@@ -33,6 +33,10 @@ pub struct Trace {
     pub prediction: Option<f64>,
     /// The speed controller's terms.
     pub throttle: Option<ThrottleOutput>,
+    /// How much an emergency brake is due, as a guard sees it, on its own scale.
+    pub brake_due: Option<f64>,
+    /// Time of the guard, if one watched.
+    pub guard: Option<Duration>,
     /// Time from base64 to pixels.
     pub decode: Duration,
     /// Time from pixels to the network's input.
@@ -85,6 +89,8 @@ impl Turn {
             p: trace.throttle.map(|t| t.p),
             i: trace.throttle.map(|t| t.i),
             saturated: trace.throttle.is_some_and(|t| t.saturated),
+            brake_due: trace.brake_due,
+            guard_ns: trace.guard.map(ns),
             decode_ns: ns(trace.decode),
             preprocess_ns: ns(trace.preprocess),
             forward_ns: ns(trace.forward),

@@ -220,7 +220,7 @@ fn trifle(unit: Unit) -> f64 {
         Unit::PerKm | Unit::Metres | Unit::Correlation => 0.01,
         Unit::Mph | Unit::Points | Unit::Seconds | Unit::DegreesPerSecond => 0.1,
         Unit::PerMinute | Unit::PerSecond | Unit::PerHour => 0.5,
-        Unit::Jerk => 0.05,
+        Unit::Gravities | Unit::Jerk => 0.05,
     }
 }
 

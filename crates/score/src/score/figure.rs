@@ -49,6 +49,8 @@ pub enum Unit {
     Mph,
     /// Degrees a second.
     DegreesPerSecond,
+    /// Times the acceleration of gravity.
+    Gravities,
     /// Metres a second cubed.
     Jerk,
     /// Normalised steering: 1 is full lock.
@@ -73,6 +75,7 @@ impl Unit {
             Self::Seconds => "s",
             Self::Mph => "mph",
             Self::DegreesPerSecond => "deg/s",
+            Self::Gravities => "g",
             Self::Jerk => "m/s3",
             Self::Lock => "lock",
             Self::LockSquared => "lock2",
@@ -93,6 +96,7 @@ impl Unit {
             Self::Seconds => format!("{value:.1} s"),
             Self::Mph => format!("{value:.2} mph"),
             Self::DegreesPerSecond => format!("{value:.1} deg/s"),
+            Self::Gravities => format!("{value:.2} g"),
             Self::Jerk => format!("{value:.2} m/s3"),
             Self::Lock => format!("{value:.4} of full lock"),
             Self::LockSquared => format!("{value:.5} of full lock squared"),
@@ -316,6 +320,12 @@ figures! {
         "Shortest time until the car would hit other traffic ahead, should both hold speed and path: gap / closing speed while they close (Hayward), of the true boxes, the road laid out straight; 0 where it was hit.";
     FalseAlarms = "false_alarms_per_h", "false alarms", PerHour, Lower,
         "Times an hour that the pilot began emergency braking (throttle -0.8 or less above 5 mph, none in the second before) outside braking situations, that is with no collision in the next 10 s.";
+    GuardActivations = "guard_activations", "guard activations", Count, Neither,
+        "Times that the guard began to brake in place of the pilot.";
+    GuardBrakedS = "guard_braked_s", "braked by the guard", Seconds, Neither,
+        "Time for which the guard braked.";
+    GuardHardest = "guard_hardest_g", "hardest guard braking", Gravities, Neither,
+        "Largest deceleration while the guard braked, over stretches of at least 0.2 s: speed lost over the time it took (FMVSS 127 allows 0.25 g in its tests of false activation); 0 where it never did.";
     SteeringMae = "steering_mae", "steering MAE", Lock, Lower,
         "Open-loop replay: mean of |a - b| over frames, a the driver's normalised steering (-1 to 1, full lock) for a recorded picture, b the steering recorded with it (Codevilla).";
     SteeringMse = "steering_mse", "steering MSE", LockSquared, Lower,

@@ -19,12 +19,12 @@ pub struct Latency {
 /// Longest time that is told apart from longer ones: an hour, in nanoseconds.
 const LONGEST_NS: u64 = 3_600_000_000_000;
 
-/// The stages of an answer, in their order.
-pub const STAGES: [&str; 5] = ["decode", "preprocess", "forward", "driver", "answer"];
+/// The stages of an answer, in their order; then what of the driver's time is its guard's.
+pub const STAGES: [&str; 6] = ["decode", "preprocess", "forward", "driver", "answer", "guard"];
 
 /// Times of the pilot's answers.
 #[derive(Debug, Clone)]
-pub(super) struct Stages([Histogram<u64>; 5]);
+pub(super) struct Stages([Histogram<u64>; STAGES.len()]);
 
 impl Default for Stages {
     fn default() -> Self {
@@ -38,15 +38,16 @@ impl Stages {
         if command.by != By::Pilot {
             return;
         }
-        let CommandRecord { decode_ns, preprocess_ns, forward_ns, driver_ns, latency_ns, .. } = command;
-        let times = [Some(*decode_ns), Some(*preprocess_ns), Some(*forward_ns), Some(*driver_ns), *latency_ns];
+        let CommandRecord { decode_ns, preprocess_ns, forward_ns, driver_ns, latency_ns, guard_ns, .. } = command;
+        let times =
+            [Some(*decode_ns), Some(*preprocess_ns), Some(*forward_ns), Some(*driver_ns), *latency_ns, *guard_ns];
         for (histogram, ns) in self.0.iter_mut().zip(times) {
             ns.into_iter().for_each(|ns| histogram.record(ns.min(LONGEST_NS)).expect("it grows to an hour"));
         }
     }
 
     /// Latency of each stage; `None` if no time of it is known.
-    pub(super) fn latencies(&self) -> [Option<Latency>; 5] {
+    pub(super) fn latencies(&self) -> [Option<Latency>; STAGES.len()] {
         self.0.each_ref().map(|histogram| {
             let ms = |quantile| histogram.value_at_quantile(quantile) as f64 / 1e6;
             (!histogram.is_empty()).then(|| Latency { p50: ms(0.5), p95: ms(0.95), p99: ms(0.99) })

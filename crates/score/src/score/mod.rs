@@ -13,7 +13,7 @@
 //! | `told` | events from telemetry beyond the stock build's, as a judge would have reported them |
 //! | `blind` | estimates of what the stock build does not report |
 //! | `drives` | on which road each drive was, as it is told |
-//! | `infractions`, `smoothness`, `latency`, `braking`, `offline` | the figures that need a formula |
+//! | `infractions`, `smoothness`, `latency`, `braking`, `guarded`, `offline` | the figures that need a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | [`files`], [`report`] | the runs that paths stand for, and the report on all of them |
 //! | `thresholds`, [`junit`] | what a run must reach, and the report for CI |
@@ -28,6 +28,7 @@ mod clock;
 mod drives;
 pub mod figure;
 pub mod files;
+mod guarded;
 mod infractions;
 pub mod junit;
 mod latency;

@@ -16,6 +16,7 @@ use super::{
     braking::Braking,
     clock::RunClock,
     drives::{Sight, Turned},
+    guarded::Guarded,
     infractions::Struck,
     latency::Stages,
     smoothness::{GAP_S, Tick, Wheel},
@@ -91,6 +92,7 @@ pub struct Scorer {
     unanswered: bool,
     stages: Stages,
     braking: Braking,
+    guarded: Guarded,
     told: Told,
     ended: Option<String>,
     notes: Vec<String>,
@@ -186,6 +188,7 @@ impl Scorer {
             self.from_lane_m += if self.line == MeasuredLine::Lane { way } else { 0.0 };
         }
         let apart_s = self.last.map(|_| apart);
+        let goes_on_from_last = self.last.is_some() && !after_gap && !self.was_put;
         let now = Now { at_s: at, apart_s, after_gap, mps: speed_mps, driven_m: self.driven_m, is_beginning };
         let news = self.told.telemetry(truth, now);
         if self.course.is_none() {
@@ -203,6 +206,7 @@ impl Scorer {
         self.last = Some((at, speed_mps));
         self.max_mph = self.max_mph.max(mph);
         self.braking.telemetry(at, telemetry.speed, truth);
+        self.guarded.telemetry(at, speed_mps, goes_on_from_last);
         match truth.cte {
             Some(cte) => self.offsets.take(at, cte.get(), !after_gap, !self.is_live),
             None => self.offsets.last = None,
@@ -261,6 +265,7 @@ impl Scorer {
         self.blind.command(command.throttle.get());
         self.stages.take(command);
         self.braking.command(command);
+        self.guarded.command(command);
     }
 
     /// Takes an event.
@@ -323,6 +328,8 @@ impl Scorer {
                 let by_clock = since.filter(|_| self.clock.is_told()).map(|since| (at - since).max(0.0));
                 self.human_s += by_clock.unwrap_or(within(*duration_s, at));
             }
+            EventRecord::GuardBrakes { .. } => self.guarded.begins(at),
+            EventRecord::GuardReleases { .. } => self.guarded.ends(at),
             EventRecord::BadFrame { .. } => self.bad_frames += 1,
             EventRecord::Kick => self.kicks += 1,
             EventRecord::RunEnded { why } => {

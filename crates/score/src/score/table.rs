@@ -169,6 +169,18 @@ impl Scorecard {
         if self.value(F::FalseAlarms).is_some() {
             rows.push((F::FalseAlarms.label(), self.words(F::FalseAlarms)));
         }
+        if let Some(activations) = self.value(F::GuardActivations) {
+            let braked = match activations {
+                0.0 => "never braked".into(),
+                n => format!(
+                    "braked {}, {}, at most {}",
+                    times(n),
+                    self.words(F::GuardBrakedS),
+                    self.words(F::GuardHardest)
+                ),
+            };
+            rows.push(("guard", braked));
+        }
         rows.push(("steering", self.together(&[(F::SteeringRate, " RMS"), (F::SteeringReversals, " reversed")])));
         if self.value(F::SteeringMae).is_some() {
             let errors = [(F::SteeringMae, " MAE"), (F::SteeringMse, " MSE"), (F::SteeringR, " r")];

@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use super::{Figure, Scorecard, figure::Described};
 use lapwing_core::{
+    control::Release,
     recording::{EventRecord, Item},
     turn::{LimitEdge, MeasuredLine},
     words::count as counted,
@@ -188,6 +189,18 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
         EventRecord::BadFrame { why, .. } => format!("bad frame: {why}"),
         EventRecord::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
+        EventRecord::GuardBrakes { guard, value, fires, speed_mph } => {
+            format!("emergency brake at {speed_mph:.1} mph: {guard} {value:.2}, from {fires:.2} on")
+        }
+        EventRecord::GuardReleases { after_s, why, speed_mph } => {
+            let why = match why {
+                Release::Calm => "the danger is past",
+                Release::Stood => "the car has stood for a while",
+                Release::HandedOver => "others drive",
+            };
+            let at = speed_mph.map_or_else(String::new, |mph| format!(" at {mph:.1} mph"));
+            format!("the emergency brake lets go after {after_s:.1} s{at}: {why}")
+        }
         EventRecord::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
         EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
         EventRecord::PilotArmed => "the pilot was switched on".into(),

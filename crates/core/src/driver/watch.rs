@@ -1,0 +1,224 @@
+//! A driver's guard: its guard's values, the brake that they press, and what is told of both.
+
+use std::time::Duration;
+
+use crate::{
+    control::{BrakeChange, EmergencyBrake, KnownSpeed, Release},
+    guard::{Guard, Watched},
+    perception::Frame,
+    protocol::Telemetry,
+    turn::{EventRecord, Trace},
+    units::{Clock, Mph, Throttle},
+};
+
+/// A guard and its brake.
+pub(super) struct Watch {
+    guard: Box<dyn Guard>,
+    brake: EmergencyBrake,
+    /// Whether the run was told that the guard cannot watch; once is enough.
+    told_blind: bool,
+}
+
+impl Watch {
+    pub(super) fn new(guard: Box<dyn Guard>) -> Self {
+        let brake = EmergencyBrake::new(guard.limits());
+        Self { guard, brake, told_blind: false }
+    }
+
+    pub(super) fn needs_picture(&self) -> bool {
+        self.guard.needs_picture()
+    }
+
+    /// Shows the guard this moment.
+    pub(super) fn look(
+        &mut self,
+        at: Duration,
+        frame: &Frame,
+        telemetry: &Telemetry,
+        clock: Clock,
+        trace: &mut Trace,
+    ) {
+        let began = clock();
+        let Telemetry { speed, truth, .. } = telemetry;
+        let watched = Watched { at, frame, speed: *speed, time_to_collision_s: truth.time_to_collision_s };
+        trace.brake_due = self.guard.watch(&watched).unwrap_or_else(|why| {
+            if !std::mem::replace(&mut self.told_blind, true) {
+                let text = format!("the guard ({}) cannot watch: {why}", self.guard.name());
+                trace.events.push(EventRecord::Note { text });
+            }
+            None
+        });
+        trace.guard = Some(clock() - began);
+        let change = self.brake.update(at, *speed, trace.brake_due);
+        self.tell(change, Some(*speed), trace);
+    }
+
+    /// The throttle in place of the pilot's, if it brakes.
+    pub(super) fn throttle(&mut self, at: Duration, speed: KnownSpeed) -> Option<Throttle> {
+        self.brake.throttle(at, speed)
+    }
+
+    /// Lets go and forgets: others drive.
+    pub(super) fn rest(&mut self, at: Duration, speed: Option<Mph>, why: Release, trace: &mut Trace) {
+        let change = self.brake.release(at, why);
+        self.tell(change, speed, trace);
+        self.guard.reset();
+    }
+
+    /// Back to rest, between runs.
+    pub(super) fn reset(&mut self) {
+        self.guard.reset();
+        self.brake = EmergencyBrake::new(self.guard.limits());
+        self.told_blind = false;
+    }
+
+    fn tell(&self, change: Option<BrakeChange>, speed: Option<Mph>, trace: &mut Trace) {
+        trace.events.extend(change.map(|change| match change {
+            BrakeChange::Began { value } => EventRecord::GuardBrakes {
+                guard: self.guard.name().to_owned(),
+                value,
+                fires: self.guard.limits().fires,
+                speed_mph: speed.map_or(0.0, Mph::get),
+            },
+            BrakeChange::Ended(why, after) => EventRecord::GuardReleases {
+                after_s: after.as_secs_f64(),
+                why,
+                speed_mph: speed.map(Mph::get),
+            },
+        }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::{
+        config::ControlSettings,
+        control::BrakeLimits,
+        driver::Driver,
+        guard::{GuardError, TimeToCollision},
+        pilot::{Pilot, PilotError, Prediction, View},
+        protocol::{Answer, Observation, Sight, Truth},
+    };
+
+    /// Straight on, and blind.
+    struct Straight;
+
+    impl Pilot for Straight {
+        fn steer(&mut self, _: &View<'_>) -> Result<Prediction, PilotError> {
+            Ok(Prediction { steering: 0.25, ..Prediction::default() })
+        }
+
+        fn needs_picture(&self) -> bool {
+            false
+        }
+
+        fn reset(&mut self) {}
+    }
+
+    fn seen(i: u32, mph: f64, time_to_collision_s: Option<f64>) -> Observation {
+        let truth = Truth { time_to_collision_s, ..Truth::default() };
+        let told = Telemetry {
+            steering: crate::units::Degrees::ZERO,
+            throttle: Throttle::ZERO,
+            speed: Mph::new(mph).unwrap(),
+            image: Default::default(),
+            truth,
+        };
+        Observation { at: Duration::from_secs(1) * i / 15, sight: Sight::Telemetry(told) }
+    }
+
+    fn driver(guard: Option<Box<dyn Guard>>) -> Driver {
+        Driver::new(Box::new(Straight), &ControlSettings::default(), Instant::now).guarded(guard)
+    }
+
+    /// Steering and throttle.
+    fn asked(answer: Answer) -> (f64, f64) {
+        let Answer::Steer(command) = answer else { panic!("{answer:?}") };
+        (command.steering.get(), command.throttle.get())
+    }
+
+    #[test]
+    fn the_guard_brakes_on_the_second_warning_and_leaves_the_steering_to_the_pilot() {
+        let mut driver = driver(Some(Box::new(TimeToCollision)));
+        let (mut throttles, mut events) = (vec![], vec![]);
+        for i in 0..60 {
+            // It closes in, is braked for, and is gone.
+            let (mph, until_s) = if i < 5 { (8.0, 2.0) } else { (8.0 - 0.2 * f64::from(i - 5).min(30.0), 1.0) };
+            let (answer, trace) = driver.drive(&seen(i, mph, Some(if i < 20 { until_s } else { 60.0 })));
+            assert_eq!(asked(answer).0, 0.25);
+            assert!(trace.brake_due.is_some() && trace.guard.is_some());
+            throttles.push(asked(answer).1);
+            events.extend(trace.events);
+        }
+        assert!(throttles[5] > 0.0 && throttles[6] == -1.0 && throttles[19] == -1.0, "{throttles:?}");
+        assert!(throttles[30] > 0.0, "{throttles:?}");
+        let [EventRecord::GuardBrakes { guard, value, .. }, EventRecord::GuardReleases { why, .. }] = &events[..] else {
+            panic!("{events:?}")
+        };
+        assert_eq!((guard.as_str(), *value, *why), ("time to collision", 1.0, Release::Calm));
+    }
+
+    #[test]
+    fn a_guard_that_cannot_watch_says_so_once_and_the_pilot_drives() {
+        let mut driver = driver(Some(Box::new(TimeToCollision)));
+        let told: Vec<_> = (0..10).flat_map(|i| driver.drive(&seen(i, 8.0, None)).1.events).collect();
+        let [EventRecord::Note { text }] = &told[..] else { panic!("{told:?}") };
+        assert!(text.starts_with("the guard (time to collision) cannot watch: expected telemetry"), "{text}");
+        assert!(asked(driver.drive(&seen(11, 8.0, None)).0).1 > 0.0);
+    }
+
+    #[test]
+    fn a_human_has_the_brake_and_without_a_guard_nothing_is_told_of_one() {
+        let mut guarded = driver(Some(Box::new(TimeToCollision)));
+        for i in 0..3 {
+            guarded.drive(&seen(i, 20.0, Some(1.0)));
+        }
+        let (answer, trace) = guarded.drive(&Observation { at: Duration::from_secs(1), sight: Sight::HumanDrives });
+        assert_eq!(answer, Answer::Manual);
+        let released = |e: &EventRecord| matches!(e, EventRecord::GuardReleases { why: Release::HandedOver, .. });
+        assert!(trace.events.iter().any(released), "{:?}", trace.events);
+        let (_, trace) = driver(None).drive(&seen(0, 20.0, Some(1.0)));
+        assert_eq!((trace.brake_due, trace.guard), (None, None));
+    }
+
+    /// Warns of everything, until it forgets.
+    struct Afraid(u32);
+
+    impl Guard for Afraid {
+        fn name(&self) -> &str {
+            "afraid"
+        }
+
+        fn limits(&self) -> BrakeLimits {
+            BrakeLimits { fires: 0.5, releases: 0.25 }
+        }
+
+        fn watch(&mut self, _: &Watched<'_>) -> Result<Option<f64>, GuardError> {
+            self.0 += 1;
+            Ok(Some(1.0))
+        }
+
+        fn needs_picture(&self) -> bool {
+            false
+        }
+
+        fn reset(&mut self) {
+            self.0 = 0;
+        }
+    }
+
+    #[test]
+    fn the_brake_holds_through_a_telemetry_that_cannot_be_read_and_never_reverses() {
+        let mut driver = driver(Some(Box::new(Afraid(0))));
+        driver.drive(&seen(0, 20.0, None));
+        assert_eq!(asked(driver.drive(&seen(1, 19.0, None)).0).1, -1.0);
+        let why = crate::protocol::TelemetryError::Missing("speed");
+        let unreadable = Observation { at: Duration::from_millis(133), sight: Sight::Unreadable(why) };
+        assert_eq!(asked(driver.drive(&unreadable).0).1, -1.0);
+        assert_eq!(asked(driver.drive(&seen(3, 3.0, None)).0).1, -1.0);
+        assert_eq!(asked(driver.drive(&seen(4, 3.5, None)).0).1, 0.0, "its speed rises: it reverses");
+    }
+}

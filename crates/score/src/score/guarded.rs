@@ -1,0 +1,128 @@
+//! What a guard did in a run: how often and how long it braked in place of the pilot, and how hard.
+
+use std::collections::VecDeque;
+
+use super::{Figure, Measure};
+use lapwing_core::{car::GRAVITY, recording::CommandRecord};
+
+/// A deceleration is measured over at least this long, in seconds: speeds are told a frame at a time.
+const OVER_S: f64 = 0.2;
+
+const NO_GUARD: &str = "no guard watched";
+
+/// Watches what a guard does.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Guarded {
+    watched: bool,
+    activations: u32,
+    since_s: Option<f64>,
+    braked_s: f64,
+    /// Times in seconds and speeds in m/s while it brakes: the last of them, and those before within [`OVER_S`].
+    recent: VecDeque<(f64, f64)>,
+    last: Option<(f64, f64)>,
+    hardest: f64,
+}
+
+impl Guarded {
+    /// A telemetry; `goes_on` says whether the car drove here from where the last one saw it.
+    pub(super) fn telemetry(&mut self, at_s: f64, mps: f64, goes_on: bool) {
+        if !goes_on {
+            self.recent.clear();
+        }
+        self.last = Some((at_s, mps));
+        if self.since_s.is_none() {
+            return;
+        }
+        self.recent.push_back((at_s, mps));
+        // The latest that is far enough back is what the deceleration is measured from.
+        while self.recent.get(1).is_some_and(|(then, _)| at_s - then >= OVER_S - 1e-9) {
+            self.recent.pop_front();
+        }
+        if let Some((then, was)) = self.recent.front().filter(|(then, _)| at_s - then >= OVER_S - 1e-9) {
+            self.hardest = self.hardest.max((was - mps) / (at_s - then) / GRAVITY);
+        }
+    }
+
+    pub(super) fn command(&mut self, command: &CommandRecord) {
+        self.watched |= command.guard_ns.is_some();
+    }
+
+    pub(super) fn begins(&mut self, at_s: f64) {
+        self.watched = true;
+        self.activations += 1;
+        self.since_s.get_or_insert(at_s);
+        // What was seen when it began.
+        self.recent = self.last.into_iter().collect();
+    }
+
+    pub(super) fn ends(&mut self, at_s: f64) {
+        self.watched = true;
+        self.braked_s += self.since_s.take().map_or(0.0, |since| (at_s - since).max(0.0));
+    }
+
+    pub(super) fn figures(mut self, end_s: f64) -> [(Figure, Measure); 3] {
+        if self.since_s.is_some() {
+            self.ends(end_s);
+        }
+        let told = |value: f64| Measure::told(self.watched.then_some(value), NO_GUARD);
+        [
+            (Figure::GuardActivations, told(self.activations.into())),
+            (Figure::GuardBrakedS, told(self.braked_s)),
+            (Figure::GuardHardest, told(self.hardest)),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lapwing_core::units::{Steering, Throttle};
+
+    use super::*;
+
+    fn values(guarded: Guarded) -> [Option<f64>; 3] {
+        guarded.figures(10.0).map(|(_, measure)| measure.value())
+    }
+
+    #[test]
+    fn an_activation_is_counted_timed_and_measured_by_the_speed_it_takes_off() {
+        let mut guarded = Guarded::default();
+        for i in 0..30 {
+            let at_s = f64::from(i) / 15.0;
+            // 0.5 g from the tenth on, for a second.
+            let mps = 10.0 - 0.5 * GRAVITY * (at_s - 10.0 / 15.0).clamp(0.0, 1.0);
+            guarded.telemetry(at_s, mps, i > 0);
+            if i == 10 {
+                guarded.begins(at_s);
+            } else if i == 25 {
+                guarded.ends(at_s);
+            }
+        }
+        let [activations, braked_s, hardest] = values(guarded).map(Option::unwrap);
+        assert_eq!(activations, 1.0);
+        assert!((braked_s - 1.0).abs() < 1e-9 && (hardest - 0.5).abs() < 1e-9, "{braked_s} s, {hardest} g");
+    }
+
+    #[test]
+    fn a_guard_that_only_watched_braked_never_and_one_still_braking_at_the_end_braked_until_then() {
+        assert_eq!(values(Guarded::default()), [None; 3]);
+        let mut guarded = Guarded::default();
+        guarded.command(&CommandRecord {
+            guard_ns: Some(5),
+            ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO)
+        });
+        assert_eq!(values(guarded), [Some(0.0); 3]);
+        let mut guarded = Guarded::default();
+        guarded.begins(7.5);
+        assert_eq!(values(guarded), [Some(1.0), Some(2.5), Some(0.0)]);
+    }
+
+    #[test]
+    fn a_car_that_is_put_elsewhere_was_not_braked_there() {
+        let mut guarded = Guarded::default();
+        guarded.telemetry(0.0, 10.0, false);
+        guarded.begins(0.0);
+        guarded.telemetry(0.3, 0.0, false);
+        guarded.telemetry(0.6, 0.0, true);
+        assert_eq!(values(guarded)[2], Some(0.0));
+    }
+}
