@@ -3,6 +3,7 @@
 
 use std::{
     hint::black_box,
+    path::Path,
     time::{Duration, Instant},
 };
 
@@ -16,6 +17,8 @@ use lapwing_core::{
     pilot::View,
     protocol::{Observation, Sight},
 };
+use lapwing_core::guard::GuardModel;
+use lapwing_learn::braking::BrakingModel;
 use lapwing_learn::models;
 use lapwing_learn::nn::{Architecture, Checkpoint, Design, Network, in_variable_store, runtime};
 use tch::{Device, Kind, Tensor, nn::VarStore};
@@ -28,6 +31,7 @@ mod odometry;
 mod training;
 mod world;
 
+const BRAKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/brake.safetensors");
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
 
 fn main() {
@@ -128,6 +132,20 @@ fn driver(bencher: Bencher<'_, '_>) {
     let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     let observation = Observation { at: Duration::ZERO, sight: Sight::Telemetry(lock_step::telemetry()) };
     bencher.bench_local(|| driver.drive(black_box(&observation)));
+}
+
+/// The same watched over by the live braking network, at 15 frames a second: each frame is looked at.
+#[divan::bench(sample_size = 20)]
+fn driver_with_guard(bencher: Bencher<'_, '_>) {
+    tch::set_num_threads(1);
+    let pilot = models::load(MODEL, Instant::now).unwrap().pilot();
+    let guard = BrakingModel::load(Path::new(BRAKE), None).unwrap().guard();
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now).guarded(Some(guard));
+    let mut observation = Observation { at: Duration::ZERO, sight: Sight::Telemetry(lock_step::telemetry()) };
+    bencher.bench_local(|| {
+        observation.at += Duration::from_secs(1) / 15;
+        driver.drive(black_box(&observation))
+    });
 }
 
 /// What the driver cannot do without, and nothing else: decode and forward.

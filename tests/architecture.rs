@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 40] = [
+const MAY_IMPORT: [(&str, &[&str]); 41] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -37,6 +37,7 @@ const MAY_IMPORT: [(&str, &[&str]); 40] = [
     ("score/drawing", &[]),
     ("score/emergency", &["drawing"]),
     ("learn/nn", &[]),
+    ("learn/braking", &["nn"]),
     ("learn/models", &["nn"]),
     ("learn/dataset", &[]),
     ("learn/train", &["dataset", "nn"]),

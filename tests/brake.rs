@@ -1,7 +1,8 @@
-//! `lapwing brake`, from recordings to labels.
+//! `lapwing brake`, from recordings to labels and networks, and guards that brake.
 
-use std::fs;
+use std::{fs, path::Path};
 
+use serde_json::Value;
 use lapwing_score::emergency::{LabelRule, Labelled};
 use tempfile::tempdir;
 
@@ -46,4 +47,74 @@ fn recordings_are_labelled_into_a_folder_and_one_without_a_brake_stops_it_before
     let (status, _, err) = run(&["brake", "label", "drive.csv", "drive.csv", "--out", "labels"]);
     assert_eq!(status, 1);
     assert!(err.contains("expected names that differ, got \"drive\" twice"), "{err}");
+}
+
+/// Drives a scenario with the expert and these flags in a folder; the scorecard.
+fn driven(folder: &Path, scenario: &str, seed: &str, flags: &[&str]) -> Value {
+    let drive = ["drive", "--pilot", "expert", "--scenario", scenario, "--seed", seed, "--json"];
+    let (status, out, err) = lapwing_in(folder, "", &[&drive, flags].concat());
+    assert_eq!(status, 0, "{err}");
+    serde_json::from_str(&out).unwrap()
+}
+
+#[test]
+fn a_guard_that_is_told_the_time_to_collision_keeps_the_expert_from_running_into_a_standing_car() {
+    let folder = tempdir().unwrap();
+    let alone = driven(folder.path(), "ccrs", "3", &["--no-recording"]);
+    assert!(alone["collisions"].as_u64().unwrap() > 0 && alone["guard_activations"].is_null(), "{alone}");
+    let guarded = driven(folder.path(), "ccrs", "3", &["--no-recording", "--brake-guard", "ttc"]);
+    assert_eq!(guarded["collisions"], 0, "{guarded}");
+    assert!(guarded["guard_activations"].as_u64().unwrap() >= 1, "{guarded}");
+    assert!(guarded["guard_braked_s"].as_f64().unwrap() > 0.3, "{guarded}");
+    let hardest = guarded["guard_hardest_g"].as_f64().unwrap();
+    assert!((0.3..1.2).contains(&hardest), "{hardest} g");
+    assert!(guarded["latency_ms"]["guard"]["p50"].as_f64().is_some(), "{guarded}");
+}
+
+#[test]
+fn without_a_scenario_there_is_no_time_to_collision_and_the_run_says_so() {
+    let folder = tempdir().unwrap();
+    let drive = ["drive", "--pilot", "expert", "--max-time", "2", "--brake-guard", "ttc", "--recordings", "runs"];
+    let (status, out, err) = lapwing_in(folder.path(), "", &drive);
+    assert_eq!(status, 0, "{err}");
+    assert!(out.contains("guard             never braked"), "{out}");
+    let (status, _, err) = lapwing_in(folder.path(), "", &["drive", "--brake-model", "none.safetensors"]);
+    assert_eq!(status, 1);
+    assert!(err.contains("none.safetensors cannot be read"), "{err}");
+}
+
+#[test]
+fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() {
+    let folder = tempdir().unwrap();
+    let data = folder.path().join("data");
+    fs::create_dir(&data).unwrap();
+    let mut table = "name,part,scenario,kind,layer,seed,track,speed_mph,reaction_s,frames,hit\n".to_owned();
+    for (seed, part) in [("1", "train"), ("2", "train"), ("3", "validation"), ("4", "held-out")] {
+        let flags = ["--brake-guard", "ttc", "--recordings", "runs", "--max-time", "25"];
+        let card = driven(folder.path(), "ccrs", seed, &flags);
+        let run = folder.path().join(card["run"].as_str().unwrap());
+        fs::rename(run, data.join(format!("{part}-{seed}.mcap"))).unwrap();
+        table += &format!("{part}-{seed},{part},ccrs,hazard,plain,{seed},lake,20,0.9,375,0\n");
+    }
+    fs::write(data.join("episodes.csv"), table).unwrap();
+    let recipe = "network = \"brake-live\"\nepochs = 2\nwindows_per_epoch = 32\nbatch = 8\nlead = 0.5\nhold = true\n";
+    fs::write(folder.path().join("brake.toml"), recipe).unwrap();
+    let run = |arguments: &[&str]| lapwing_in(folder.path(), "", arguments);
+    let train = ["brake", "train", "--recipe", "brake.toml", "--data", "data", "--out", "brake.safetensors"];
+    let (status, out, err) = run(&train);
+    assert_eq!(status, 0, "{err}");
+    assert!(out.starts_with("brake.safetensors (threshold ") && err.contains("epoch 2 after"), "{out}{err}");
+    let evaluate = ["brake", "evaluate", "brake.safetensors", "--data", "data", "--plot", "curve.svg"];
+    let (status, out, err) = run(&evaluate);
+    assert_eq!(status, 0, "{err}");
+    assert!(out.contains("1 episode") && out.contains("no speed") && out.contains("targets"), "{out}");
+    assert!(fs::read_to_string(folder.path().join("curve.svg")).unwrap().contains("precision"));
+    let (_, out, _) = run(&[&evaluate[..], &["--json"]].concat());
+    let report: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&report["all"]["episodes"], report["speed_failed"].as_array().unwrap().len()), (&1.into(), 3));
+    let card = driven(folder.path(), "ccrs", "5", &["--no-recording", "--brake-model", "brake.safetensors"]);
+    assert!(card["guard_activations"].is_u64() && card["latency_ms"]["guard"]["p50"].is_f64(), "{card}");
+    let (status, _, err) = run(&["brake", "evaluate", "brake.safetensors", "--data", "runs"]);
+    assert_eq!(status, 1);
+    assert!(err.contains("expected the table of a data set of lapwing brake record"), "{err}");
 }

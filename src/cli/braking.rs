@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::parse::above_zero;
+#[cfg(feature = "networks")]
+use lapwing_learn::braking::Part;
 
 /// `lapwing brake`
 #[derive(Debug, Args)]
@@ -18,6 +20,69 @@ pub struct Brake {
 pub enum BrakeVerb {
     /// Label when an emergency brake is due, by how fast the driver's pedal goes down
     Label(BrakeLabel),
+    /// Train a network to say when an emergency brake is due, on the data of brake record
+    #[cfg(feature = "networks")]
+    Train(BrakeTrain),
+    /// Measure how many emergencies a network finds, and how often it is wrong
+    #[cfg(feature = "networks")]
+    Evaluate(BrakeEvaluate),
+}
+
+/// `lapwing brake train`
+#[cfg(feature = "networks")]
+#[derive(Debug, Args)]
+pub struct BrakeTrain {
+    /// Recipe of the training (.toml)
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// Data set, as brake record writes it
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// The network's file to write (.safetensors)
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Passes at most [default: the recipe's]
+    #[arg(long, value_name = "COUNT")]
+    pub epochs: Option<usize>,
+    /// End with the best pass so far once this time has gone by [default: no limit]
+    #[arg(long, value_name = "MINUTES", value_parser = above_zero)]
+    pub minutes: Option<f64>,
+    /// Random seed [default: the recipe's]
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing brake evaluate`
+#[cfg(feature = "networks")]
+#[derive(Debug, Args)]
+pub struct BrakeEvaluate {
+    /// The network's file (.safetensors)
+    #[arg(value_name = "MODEL")]
+    pub model: PathBuf,
+    /// Data set, as brake record writes it
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Which part of it
+    #[arg(long, value_enum, default_value = "held-out")]
+    pub part: Part,
+    /// Of its episodes, take so many, spread over all [default: all]
+    #[arg(long, value_name = "COUNT")]
+    pub episodes: Option<usize>,
+    /// The value from which on a brake is due [default: the one in the network's file]
+    #[arg(long, value_name = "VALUE", value_parser = above_zero)]
+    pub threshold: Option<f64>,
+    /// Draw precision over recall: FILE.svg or FILE.png
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+    /// Random seed of the intervals, and of which speeds fail
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `lapwing brake label`

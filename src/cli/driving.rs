@@ -9,7 +9,7 @@ use super::parse::range;
 #[cfg(feature = "networks")]
 use super::parse::tolerance;
 use super::{
-    Driving, PictureFlags, Thinking, ThresholdFlags, WorldFlags,
+    Driving, GuardFlags, PictureFlags, Thinking, ThresholdFlags, WorldFlags,
     parse::{above_zero, culture, not_negative},
 };
 use lapwing_core::{protocol::number::Culture, replay::Rate};
@@ -37,6 +37,8 @@ pub struct Drive {
     pub pilot: PilotKind,
     #[command(flatten)]
     pub driving: Driving,
+    #[command(flatten)]
+    pub guard: GuardFlags,
     /// Give the pilot only what the stock build sends, and record only that
     #[arg(long)]
     pub stock: bool,
@@ -131,6 +133,8 @@ pub struct Record {
 pub struct Serve {
     #[command(flatten)]
     pub driving: Driving,
+    #[command(flatten)]
+    pub guard: GuardFlags,
     #[command(flatten)]
     pub thinking: Thinking,
     /// Address to listen on; 0.0.0.0 for simulators on other machines [default: 127.0.0.1]

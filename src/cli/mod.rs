@@ -13,7 +13,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
 
-use lapwing_core::config::{OnCrash, SpeedLaw, Takeover};
+use lapwing_core::config::{GuardKind, OnCrash, SpeedLaw, Takeover};
 
 pub use braking::*;
 pub use driving::*;
@@ -67,7 +67,7 @@ pub enum Verb {
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
-    /// Label when an emergency brake is due in recordings
+    /// Emergency braking: label recordings, train networks and measure them
     Brake(Brake),
     /// Train, measure and watch four agents at an intersection
     #[cfg(feature = "simulator")]
@@ -174,6 +174,24 @@ pub struct Driving {
     /// resume]
     #[arg(long, value_enum)]
     pub takeover: Option<Takeover>,
+}
+
+/// Who may brake in place of the pilot; shared by the verbs that drive a car which may hit something.
+#[derive(Debug, Args)]
+pub struct GuardFlags {
+    /// A network that watches for what the car would hit and brakes in place of the pilot (.safetensors), as brake
+    /// train writes it [default: none]
+    #[cfg(feature = "networks")]
+    #[arg(long, value_name = "FILE", conflicts_with = "brake_guard")]
+    pub brake_model: Option<PathBuf>,
+    /// The network's value from which on it brakes [default: the one in its file]
+    #[cfg(feature = "networks")]
+    #[arg(long, value_name = "VALUE", value_parser = above_zero)]
+    pub brake_threshold: Option<f64>,
+    /// Brake without a network, by the time to collision (ttc), which only Lapwing's own simulator with a scenario tells; or not
+    /// at all, whatever the settings file says (none)
+    #[arg(long, value_enum)]
+    pub brake_guard: Option<GuardKind>,
 }
 
 /// Whose models are trusted; shared by all verbs for which a file may name a model.

@@ -1,5 +1,10 @@
 //! `lapwing brake`: emergency braking, one function per verb.
 
+#[cfg(feature = "networks")]
+mod evaluate;
+#[cfg(feature = "networks")]
+mod train;
+
 use std::{
     collections::BTreeMap,
     fs,
@@ -18,6 +23,10 @@ use lapwing_score::{
 pub(super) fn run(arguments: &Brake) -> anyhow::Result<Ended> {
     match &arguments.verb {
         BrakeVerb::Label(arguments) => label(arguments),
+        #[cfg(feature = "networks")]
+        BrakeVerb::Train(arguments) => train::run(arguments),
+        #[cfg(feature = "networks")]
+        BrakeVerb::Evaluate(arguments) => evaluate::run(arguments),
     }
 }
 

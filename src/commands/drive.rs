@@ -7,7 +7,7 @@ use std::{
 
 use serde_json::json;
 
-use super::{Ended, recorded_world::Recorded, thresholds, world};
+use super::{Ended, guards, recorded_world::Recorded, thresholds, world};
 use crate::cli::{self, PilotKind};
 use lapwing_core::{
     drive::{DriveDigest, Observer},
@@ -29,6 +29,7 @@ const EXPERT: &str = "expert (pure pursuit on the known line)";
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut interrupted = super::interrupted();
     let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
+    let layers = guards::layers(layers, &arguments.guard)?;
     let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
     if let Some(dir) = &arguments.recordings {
         layers = layers.set_path("--recordings", "recording.dir", dir)?;
@@ -59,13 +60,17 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
             (model.pilot(), model.name().to_owned(), Some(id))
         }
     };
+    let guard = guards::load(&settings.brake)?;
     let config = || {
         let world = json!({
             "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
             "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
             "recordings": recorded.as_ref().map(Recorded::sources),
         });
-        json!({ "settings": settings, "world": world })
+        match guards::told(guard.as_deref()) {
+            Some(guard) => json!({ "settings": settings, "world": world, "guard": guard }),
+            None => json!({ "settings": settings, "world": world }),
+        }
     };
     let header = settings.recording.enabled.then(|| RunHeader {
         name_hint: Some(setup.track.file().name.clone()),
@@ -75,7 +80,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         ..RunHeader::new(RunKind::Driven, config(), jiff::Timestamp::now())
     });
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
-    let mut driver = Driver::new(pilot, &settings.control, Instant::now);
+    let mut driver = Driver::new(pilot, &settings.control, Instant::now).guarded(guard.map(|guard| guard.guard()));
     let mut simulation = Simulation::new(setup)?;
     if let Some(recorded) = &mut recorded {
         simulation = recorded.show(simulation);

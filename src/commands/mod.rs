@@ -14,6 +14,8 @@ mod doctor;
 mod drive;
 #[cfg(feature = "networks")]
 mod evaluate;
+#[cfg(any(feature = "simulator", feature = "bridge"))]
+mod guards;
 #[cfg(feature = "simulator")]
 mod locate;
 #[cfg(feature = "simulator")]

@@ -12,13 +12,14 @@ use std::{
 
 use anyhow::Context;
 
-use super::{Ended, outputs::Unprinted, terminal::Asked};
+use super::{Ended, guards, outputs::Unprinted, terminal::Asked};
 use crate::cli;
 use lapwing_core::config::Settings;
 use lapwing_live::bridge::{self, Bridge, Listener, Summary};
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
+    layers = guards::layers(layers, &arguments.guard)?;
     if let Some(bind) = &arguments.bind {
         layers = layers.set("--bind", "bridge.bind", bind.as_str())?;
     }
@@ -63,6 +64,10 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
         move || {
             #[cfg(feature = "simulator")]
             bridge.roads_are_known(crate::known::Roads::default().known()?.to_vec());
+            // Before the model, with which drives begin.
+            if let Some(guard) = guards::load(&settings.brake)? {
+                bridge.guard_is_ready(guard);
+            }
             super::load_model(&settings).map(|model| bridge.model_is_ready(model))
         }
     });

@@ -12,6 +12,7 @@
 //! | [`models`] | models from files, and the pilots that drive with them |
 //! | [`evaluate`] | models evaluated on data sets |
 //! | [`marl`] | agents that learn to drive through an intersection |
+//! | [`braking`] | emergency braking: its data, training, values over episodes, and the guard that brakes by a network |
 //!
 //! # Example
 //! The shipped PilotNet, asked for one picture's steering:
@@ -28,6 +29,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod braking;
 pub mod dataset;
 pub mod evaluate;
 pub mod marl;

@@ -3,11 +3,13 @@
 //! Every layer is a TOML table of the same shape. An unknown key or an impossible value is an error that names its
 //! layer. The resolved settings are stored in every run, so that a run says how it was driven.
 
+mod brake;
 mod bridge;
 mod layers;
 mod simulator;
 mod thresholds;
 
+pub use brake::{BrakeSettings, GuardKind, Guarding};
 pub use bridge::{BridgeSettings, Limits};
 pub use layers::Layers;
 pub use simulator::{OnCrash, Rules, RulesError, SimulatorSettings};
@@ -41,6 +43,8 @@ pub struct Settings {
     pub perception: PerceptionSettings,
     /// Throttle and hand-over.
     pub control: ControlSettings,
+    /// Who may brake in place of the pilot.
+    pub brake: BrakeSettings,
     /// What is recorded of a drive.
     pub recording: RecordingSettings,
     /// The headless simulator.
@@ -199,6 +203,7 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
         }
     }
     settings.bridge.check().map_err(error)?;
+    settings.brake.check().map_err(error)?;
     let pixels = settings.perception.max_pixels;
     if !(1..=4096 * 4096).contains(&pixels) {
         return Err(error(format!("perception.max_pixels: expected 1 to 16777216 (4096x4096), got {pixels}")));
@@ -244,6 +249,8 @@ mod tests {
             error("bridge.allow_origins", list("http://localhost:3000/")).contains("got \"http://localhost:3000/\"")
         );
         assert!(error("bridge.allow_hosts", list("car:4567")).contains("without a port"));
+        assert!(error("brake.threshold", 0.into()).contains("above 0, got 0"));
+        assert!(error("brake.guard", "model".into()).contains("brake.model to be the network's file, got none"));
         assert!(error("control.takeover", "never".into()).contains("expected `resume` or `latch`"));
     }
 

@@ -30,14 +30,7 @@ impl Watch {
     }
 
     /// Shows the guard this moment.
-    pub(super) fn look(
-        &mut self,
-        at: Duration,
-        frame: &Frame,
-        telemetry: &Telemetry,
-        clock: Clock,
-        trace: &mut Trace,
-    ) {
+    pub(super) fn look(&mut self, at: Duration, frame: &Frame, telemetry: &Telemetry, clock: Clock, trace: &mut Trace) {
         let began = clock();
         let Telemetry { speed, truth, .. } = telemetry;
         let watched = Watched { at, frame, speed: *speed, time_to_collision_s: truth.time_to_collision_s };
@@ -80,11 +73,9 @@ impl Watch {
                 fires: self.guard.limits().fires,
                 speed_mph: speed.map_or(0.0, Mph::get),
             },
-            BrakeChange::Ended(why, after) => EventRecord::GuardReleases {
-                after_s: after.as_secs_f64(),
-                why,
-                speed_mph: speed.map(Mph::get),
-            },
+            BrakeChange::Ended(why, after) => {
+                EventRecord::GuardReleases { after_s: after.as_secs_f64(), why, speed_mph: speed.map(Mph::get) }
+            }
         }));
     }
 }
@@ -155,7 +146,8 @@ mod tests {
         }
         assert!(throttles[5] > 0.0 && throttles[6] == -1.0 && throttles[19] == -1.0, "{throttles:?}");
         assert!(throttles[30] > 0.0, "{throttles:?}");
-        let [EventRecord::GuardBrakes { guard, value, .. }, EventRecord::GuardReleases { why, .. }] = &events[..] else {
+        let [EventRecord::GuardBrakes { guard, value, .. }, EventRecord::GuardReleases { why, .. }] = &events[..]
+        else {
             panic!("{events:?}")
         };
         assert_eq!((guard.as_str(), *value, *why), ("time to collision", 1.0, Release::Calm));

@@ -76,7 +76,7 @@ pub trait GuardModel: Send + Sync {
 pub enum GuardError {
     /// A guard that brakes by the time to collision needs to be told it.
     #[error(
-        "expected telemetry with a time to collision, got telemetry without it: this guard works with lapwing drive and a scenario"
+        "expected telemetry with a time to collision, got telemetry without it: this guard works with Lapwing's own simulator and a scenario"
     )]
     NoTimeToCollision,
     /// The frame does not fit the preprocessing.

@@ -149,12 +149,12 @@ impl Metadata {
     }
 }
 
-fn json<T: DeserializeOwned>(key: &'static str, text: &str) -> Result<T, NnError> {
+pub(super) fn json<T: DeserializeOwned>(key: &'static str, text: &str) -> Result<T, NnError> {
     serde_json::from_str(text).map_err(|why| NnError::Metadata { key, why })
 }
 
 /// A tensor of the file as f32, if it is the one expected.
-fn read_tensor(file: &SafeTensors<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
+pub(super) fn read_tensor(file: &SafeTensors<'_>, name: &str, shape: &[i64]) -> Result<Tensor, NnError> {
     let view =
         file.tensor(name).map_err(|_| NnError::MissingTensor { name: name.to_owned(), expected: shape.to_vec() })?;
     tensor_of(&view, name, shape)
@@ -195,9 +195,31 @@ struct CheckpointHeader<'a> {
 pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> Result<Vec<u8>, NnError> {
     let architecture = network.architecture();
     metadata.check(network.design())?;
+    let preprocess = serde_json::to_string(&metadata.preprocess).expect("preprocessing is valid JSON");
+    let outputs = serde_json::to_string(&metadata.outputs).expect("a list of text is valid JSON");
+    let inputs = CheckpointInputs { frames: architecture.frames(), speed: network.design().speed };
+    let inputs = serde_json::to_string(&inputs).expect("a number and a truth are valid JSON");
+    let header = BTreeMap::from([
+        ("format", FORMAT),
+        ("architecture", architecture.name()),
+        ("preprocess", &preprocess),
+        ("inputs", &inputs),
+        ("outputs", &outputs),
+        ("training", &metadata.training),
+        ("result", &metadata.result),
+    ]);
+    encode_tensors(header, network.tensors(), precision)
+}
+
+/// The bytes of a file with this header and these tensors.
+pub(super) fn encode_tensors(
+    metadata: BTreeMap<&str, &str>,
+    tensors: Vec<(String, Tensor)>,
+    precision: Precision,
+) -> Result<Vec<u8>, NnError> {
     let mut infos = Vec::new();
     let mut data = Vec::new();
-    for (name, tensor) in network.tensors() {
+    for (name, tensor) in tensors {
         let shape: Vec<usize> = tensor.size().into_iter().map(|n| n as usize).collect();
         let dtype = if precision == Precision::Bf16 && shape.len() > 1 { Dtype::BF16 } else { Dtype::F32 };
         let mut tensor = tensor.f_detach()?.f_to_device(Device::Cpu)?;
@@ -215,23 +237,8 @@ pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> R
         }
         infos.push((name, TensorInfo { dtype, shape, data_offsets: (begin, data.len()) }));
     }
-    let preprocess = serde_json::to_string(&metadata.preprocess).expect("preprocessing is valid JSON");
-    let outputs = serde_json::to_string(&metadata.outputs).expect("a list of text is valid JSON");
-    let inputs = CheckpointInputs { frames: architecture.frames(), speed: network.design().speed };
-    let inputs = serde_json::to_string(&inputs).expect("a number and a truth are valid JSON");
-    let header = CheckpointHeader {
-        metadata: BTreeMap::from([
-            ("format", FORMAT),
-            ("architecture", architecture.name()),
-            ("preprocess", &preprocess),
-            ("inputs", &inputs),
-            ("outputs", &outputs),
-            ("training", &metadata.training),
-            ("result", &metadata.result),
-        ]),
-        tensors: TensorTable::new(None, infos).map_err(NnError::NotSafetensors)?,
-    };
-    let mut header = serde_json::to_vec(&header).expect("a header is valid JSON");
+    let tensors = TensorTable::new(None, infos).map_err(NnError::NotSafetensors)?;
+    let mut header = serde_json::to_vec(&CheckpointHeader { metadata, tensors }).expect("a header is valid JSON");
     // The format requires the data to begin at a multiple of eight bytes.
     header.resize(header.len().next_multiple_of(8), b' ');
     Ok([&(header.len() as u64).to_le_bytes()[..], &header, &data].concat())

@@ -66,7 +66,7 @@ use load::InFlight;
 use tokio::sync::{Notify, watch};
 use tower::ServiceExt;
 
-use lapwing_core::{config::Settings, pilot::Model, protocol::Dialect, words::count};
+use lapwing_core::{config::Settings, guard::GuardModel, pilot::Model, protocol::Dialect, words::count};
 use lapwing_score::odometry::Road;
 
 /// How many simulators may be introduced in the log within ten seconds.
@@ -82,6 +82,7 @@ const HEAD: usize = 32 << 10;
 pub struct Bridge {
     settings: Settings,
     model: OnceLock<Box<dyn Model>>,
+    guard: OnceLock<Box<dyn GuardModel>>,
     roads: OnceLock<Vec<Arc<Road>>>,
     on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
     connections: Mutex<HashMap<u64, Connection>>,
@@ -144,6 +145,7 @@ impl Bridge {
             in_flight: InFlight::new(limits),
             settings,
             model: OnceLock::new(),
+            guard: OnceLock::new(),
             roads: OnceLock::new(),
             on_summary: Box::new(on_summary),
             connections: Mutex::default(),
@@ -163,6 +165,12 @@ impl Bridge {
     /// Hands the model to all connections, present and future. A second one is ignored.
     pub fn model_is_ready(&self, model: impl Model + 'static) {
         let _ = self.model.set(Box::new(model));
+    }
+
+    /// Sets the guard that may brake in place of the pilot, for drives that begin from now on: those that should have it
+    /// begin with the model, so hand it over before that. A second one is ignored.
+    pub fn guard_is_ready(&self, guard: Box<dyn GuardModel>) {
+        let _ = self.guard.set(guard);
     }
 
     /// Sets the known roads, whose lengths show where laps end, for drives that begin from now on. A second call is

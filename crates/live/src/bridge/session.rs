@@ -8,7 +8,7 @@ use std::{
 };
 
 use bytes::Bytes;
-use serde_json::value::RawValue;
+use serde_json::{json, value::RawValue};
 
 use super::{Bridge, Presence, Signals, account::Account, throttled::Throttled, waiting::Waiting};
 use lapwing_core::{
@@ -338,14 +338,19 @@ impl Session {
         let settings = &bridge.settings;
         let started = jiff::Timestamp::now();
         let started = started.checked_sub(began.elapsed()).unwrap_or(started);
-        let config = serde_json::to_value(settings).expect("settings are plain data");
+        let guard = bridge.guard.get();
+        let mut config = serde_json::to_value(settings).expect("settings are plain data");
+        if let (Some(guard), Some(config)) = (guard, config.as_object_mut()) {
+            config.insert("guard".into(), json!({ "name": guard.name(), "sha256": guard.sha256() }));
+        }
         let header = RunHeader {
             dialect: self.dialect,
             model: Some(ModelId::of(model.as_ref())),
             ..RunHeader::new(RunKind::Driven, config, started)
         };
         let mut drive = Underway {
-            driver: Driver::new(model.pilot(), &settings.control, Instant::now),
+            driver: Driver::new(model.pilot(), &settings.control, Instant::now)
+                .guarded(guard.map(|guard| guard.guard())),
             began,
             took: Duration::MAX,
             account: Account::new(&self.peer, header, &settings.recording, bridge.roads()),
@@ -394,6 +399,12 @@ fn tell(peer: &str, events: &[EventRecord], bad: &Throttled, now: Instant) {
             }
             EventRecord::BrakingToStandstill => {
                 tracing::error!("{peer}: too many bad frames in a row: stopping the car");
+            }
+            EventRecord::GuardBrakes { guard, value, speed_mph, .. } => {
+                tracing::warn!("{peer}: emergency brake at {speed_mph:.1} mph ({guard}: {value:.2})");
+            }
+            EventRecord::GuardReleases { after_s, .. } => {
+                tracing::info!("{peer}: the emergency brake lets go after {after_s:.1} s");
             }
             // Logged with the takeover's end.
             EventRecord::PilotOff { .. } => {}

@@ -145,7 +145,7 @@ fn recorded(path: &Path) -> Result<Pedal, PedalError> {
 
 /// What is known of the brake at a moment: what the simulator reports, else the throttle below 0 that was asked for. A throttle
 /// of 0 or more says nothing of a brake: the stock simulator's driver has none.
-fn brake(moment: &Moment) -> Option<f64> {
+pub fn brake(moment: &Moment) -> Option<f64> {
     let asked = || moment.command.as_ref().map(|command| -command.throttle.get()).filter(|brake| *brake > 0.0);
     moment.telemetry.truth.brake.or_else(asked)
 }

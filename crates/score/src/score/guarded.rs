@@ -106,10 +106,8 @@ mod tests {
     fn a_guard_that_only_watched_braked_never_and_one_still_braking_at_the_end_braked_until_then() {
         assert_eq!(values(Guarded::default()), [None; 3]);
         let mut guarded = Guarded::default();
-        guarded.command(&CommandRecord {
-            guard_ns: Some(5),
-            ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO)
-        });
+        guarded
+            .command(&CommandRecord { guard_ns: Some(5), ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) });
         assert_eq!(values(guarded), [Some(0.0); 3]);
         let mut guarded = Guarded::default();
         guarded.begins(7.5);

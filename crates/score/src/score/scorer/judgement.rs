@@ -124,7 +124,11 @@ impl Scorer {
         let known = Known { time_s, judged, counted: self.told.crashes.total().is_some(), scenario };
         let braking = std::mem::take(&mut self.braking).figures(known);
         let guarded = std::mem::take(&mut self.guarded).figures(span.end_s);
-        braking.into_iter().chain(guarded).chain(not_replayed()).for_each(|(figure, measure)| figures.set(figure, measure));
+        braking
+            .into_iter()
+            .chain(guarded)
+            .chain(not_replayed())
+            .for_each(|(figure, measure)| figures.set(figure, measure));
         figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / told_s), NO_TIME);
         let (why, answered) = if by_human { (NO_PILOT, false) } else { (NO_ANSWERS, self.answers.all > 0) };
         figures.told(F::MissedFrames, answered.then_some(self.missed_frames as f64), why);

@@ -1,0 +1,446 @@
+//! The data set that `lapwing brake record` writes, read back.
+//!
+//! Labels are not stored: they follow from the pedal ([`labels`]), so that the same runs serve another rule.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use bytes::Bytes;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::nn::braking::{BrakingArchitecture, HZ};
+use lapwing_core::{
+    perception::{self, Frame, ImageError, Preprocess, PreprocessError, Preprocessor},
+    recording::{Break, EventRecord, Picture, Recording, RecordingError},
+    units::MPS_PER_KMH,
+};
+use lapwing_score::emergency::{LabelRule, Pressed, labels, pedal::brake};
+
+/// The table of a data set's episodes, in its folder.
+pub const EPISODES_NAME: &str = "episodes.csv";
+
+/// The columns that are needed; others may stand beside them, in any order.
+const COLUMNS: [&str; 6] = ["name", "part", "scenario", "kind", "layer", "reaction_s"];
+
+/// A network with more numbers in a frame than this decodes pictures when it needs them: all of them would fill the memory.
+const MOST_PIXELS: usize = 20_000;
+
+/// What an episode is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+pub enum Part {
+    /// To learn from.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
+    Train,
+    /// To choose by.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
+    Validation,
+    /// To judge by.
+    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
+    HeldOut,
+}
+
+impl Part {
+    fn named(name: &str) -> Option<Self> {
+        match name {
+            "train" => Some(Self::Train),
+            "validation" => Some(Self::Validation),
+            "held-out" => Some(Self::HeldOut),
+            _ => None,
+        }
+    }
+}
+
+/// What the table says about an episode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Story {
+    /// Its name, and that of its run without the ending.
+    pub name: String,
+    /// What it is for.
+    pub part: Part,
+    /// What happens.
+    pub scenario: String,
+    /// Whether something is hit unless the car brakes.
+    pub hazard: bool,
+    /// Weather, light, or what hides the danger.
+    pub layer: String,
+    /// From noticing to the foot, in seconds.
+    pub reaction_s: f64,
+}
+
+/// An episode with its frames.
+#[derive(Debug)]
+pub struct Drive {
+    /// What the table says.
+    pub story: Story,
+    /// Time of each frame, in seconds.
+    pub at_s: Vec<f64>,
+    /// Speed at it, in km/h.
+    pub speed_kmh: Vec<f32>,
+    /// The driver's pedal, 0 to 1.
+    pub pedal: Vec<f64>,
+    /// Whether an emergency brake is due.
+    pub due: Vec<bool>,
+    /// At which frames the driver's foot goes down.
+    pub onsets: Vec<usize>,
+    /// When the car hit something, in seconds.
+    pub impact_s: Option<f64>,
+    pictures: Pictures,
+}
+
+#[derive(Debug)]
+enum Pictures {
+    /// As the network takes them, one after the other.
+    Grey(Vec<u8>),
+    /// As they were recorded.
+    Jpeg(Vec<Bytes>),
+}
+
+/// Why a data set of braking cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum BrakingDataError {
+    /// The table cannot be read.
+    #[error("{}: expected the table of a data set of lapwing brake record, got an error: {source}", path.display())]
+    Table {
+        /// The table.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A heading without a column.
+    #[error("{}: line 1: expected the columns {}, got {got:?}", path.display(), COLUMNS.join(", "))]
+    Heading {
+        /// The table.
+        path: PathBuf,
+        /// The heading.
+        got: String,
+    },
+    /// A field that is not what its column says.
+    #[error("{}: line {line}: {column}: expected {expected}, got {got:?}", path.display())]
+    Field {
+        /// The table.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+        /// Which column.
+        column: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        got: String,
+    },
+    /// No episode of a part.
+    #[error("{}: expected episodes of the part {part:?}, got none", path.display())]
+    NoEpisodes {
+        /// The table.
+        path: PathBuf,
+        /// The part that is wanted.
+        part: Part,
+    },
+    /// A run.
+    #[error(transparent)]
+    Run(#[from] RecordingError),
+    /// A moment of a run.
+    #[error("{}: moment {moment}: {why}", path.display())]
+    Moment {
+        /// The run.
+        path: PathBuf,
+        /// Which, from 0.
+        moment: usize,
+        /// What was expected, and what is there.
+        why: String,
+    },
+    /// A run at another rate.
+    #[error("{}: expected about {HZ} frames a second, got {got:.1}", path.display())]
+    Rate {
+        /// The run.
+        path: PathBuf,
+        /// Its own.
+        got: f64,
+    },
+}
+
+/// Reads the table of a data set's folder.
+///
+/// # Errors
+/// [`BrakingDataError::Table`], [`BrakingDataError::Heading`], [`BrakingDataError::Field`].
+pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
+    let path = folder.join(EPISODES_NAME);
+    let text = fs::read_to_string(&path).map_err(|source| BrakingDataError::Table { path: path.clone(), source })?;
+    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let heading = lines.next().map_or("", |(_, line)| line);
+    let names: Vec<&str> = heading.split(',').map(str::trim).collect();
+    let column = |name: &str| names.iter().position(|n| *n == name);
+    let found: Option<Vec<usize>> = COLUMNS.iter().map(|name| column(name)).collect();
+    let found = found.ok_or_else(|| BrakingDataError::Heading { path: path.clone(), got: heading.to_owned() })?;
+    let story = |(i, line): (usize, &str)| {
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let field = |column: usize| fields.get(found[column]).copied().unwrap_or_default();
+        let wrong = |column: usize, expected| BrakingDataError::Field {
+            path: path.clone(),
+            line: i + 1,
+            column: COLUMNS[column],
+            expected,
+            got: field(column).to_owned(),
+        };
+        let name = field(0);
+        if name.is_empty() || name.contains(['/', '\\']) || name.starts_with('.') {
+            return Err(wrong(0, "the name of a run in this folder, without .mcap"));
+        }
+        let reaction_s = field(5).parse::<f64>().ok().filter(|s| (0.0..=10.0).contains(s));
+        Ok(Story {
+            name: name.to_owned(),
+            part: Part::named(field(1)).ok_or_else(|| wrong(1, "train, validation or held-out"))?,
+            scenario: field(2).to_owned(),
+            hazard: match field(3) {
+                "hazard" => true,
+                "negative" => false,
+                _ => return Err(wrong(3, "hazard or negative")),
+            },
+            layer: field(4).to_owned(),
+            reaction_s: reaction_s.ok_or_else(|| wrong(5, "seconds, 0 to 10"))?,
+        })
+    };
+    lines.map(story).collect()
+}
+
+/// Reads the episodes of a part, several at a time, at most so many, spread over all of them.
+///
+/// # Errors
+/// [`BrakingDataError`].
+pub fn load(
+    folder: &Path,
+    part: Part,
+    most: usize,
+    architecture: BrakingArchitecture,
+) -> Result<Vec<Drive>, BrakingDataError> {
+    let stories: Vec<Story> = stories(folder)?.into_iter().filter(|story| story.part == part).collect();
+    if stories.is_empty() {
+        return Err(BrakingDataError::NoEpisodes { path: folder.join(EPISODES_NAME), part });
+    }
+    let every = stories.len() as f64 / most.clamp(1, stories.len()) as f64;
+    let taken: Vec<Story> =
+        (0..most.clamp(1, stories.len())).map(|i| stories[(i as f64 * every) as usize].clone()).collect();
+    taken.into_par_iter().map(|story| Drive::open(folder, story, &architecture.preprocess())).collect()
+}
+
+impl Drive {
+    /// Reads an episode's run.
+    fn open(folder: &Path, story: Story, preprocess: &Preprocess) -> Result<Self, BrakingDataError> {
+        let path = folder.join(format!("{}.mcap", story.name));
+        let [channels, height, width] = preprocess.shape();
+        let mut reader = Reader::new(preprocess.clone()).map_err(|why| wrong(&path, 0, why.to_string()))?;
+        let keeps_grey = channels * height * width <= MOST_PIXELS;
+        let mut drive = Self {
+            story,
+            at_s: vec![],
+            speed_kmh: vec![],
+            pedal: vec![],
+            due: vec![],
+            onsets: vec![],
+            impact_s: None,
+            pictures: if keeps_grey { Pictures::Grey(vec![]) } else { Pictures::Jpeg(vec![]) },
+        };
+        for (i, moment) in Recording::open(&path)?.enumerate() {
+            let moment = moment?;
+            let hit = moment.before.iter().find(|(_, event)| matches!(event, EventRecord::Collision { .. }));
+            if let (None, Some((at, _))) = (drive.impact_s, hit) {
+                drive.impact_s = Some(at.as_secs_f64());
+            }
+            // Only the first of several drives: what comes after a break is another one.
+            if i > 0 && !matches!(moment.broken, None | Some(Break::Unseen(_))) {
+                break;
+            }
+            let Some(Picture::Jpeg(jpeg)) = &moment.pictures[0] else {
+                return Err(wrong(&path, i, "expected a picture, got none".into()));
+            };
+            match &mut drive.pictures {
+                Pictures::Grey(bytes) => {
+                    reader.read(jpeg, bytes).map_err(|why| wrong(&path, i, why.to_string()))?;
+                }
+                Pictures::Jpeg(kept) => kept.push(jpeg.clone()),
+            }
+            drive.at_s.push(moment.at.as_secs_f64());
+            drive.speed_kmh.push((moment.telemetry.speed.metres_per_second().get() / MPS_PER_KMH) as f32);
+            drive.pedal.push(brake(&moment).unwrap_or(0.0));
+        }
+        drive.check_rate(&path)?;
+        drive.label(LabelRule::default());
+        Ok(drive)
+    }
+
+    fn check_rate(&self, path: &Path) -> Result<(), BrakingDataError> {
+        let (Some(first), Some(last)) = (self.at_s.first(), self.at_s.last()) else { return Ok(()) };
+        let got = (self.at_s.len() - 1) as f64 / (last - first);
+        if self.at_s.len() > 1 && !(0.9 * HZ..=1.1 * HZ).contains(&got) {
+            return Err(BrakingDataError::Rate { path: path.to_owned(), got });
+        }
+        Ok(())
+    }
+
+    fn label(&mut self, rule: LabelRule) {
+        let pressed =
+            |i: usize| Pressed { at_s: self.at_s[i], speed_kmh: f64::from(self.speed_kmh[i]), pedal: self.pedal[i] };
+        let pressed: Vec<Pressed> = (0..self.frames()).map(pressed).collect();
+        let braked = labels(&pressed, rule);
+        self.due = braked.labels.iter().map(|label| label.due).collect();
+        self.onsets = braked.events;
+    }
+
+    /// How many frames it has.
+    pub fn frames(&self) -> usize {
+        self.at_s.len()
+    }
+
+    /// Adds frames, as the network takes them, to `out`: each of the network's rows and columns, one byte a pixel.
+    ///
+    /// # Errors
+    /// [`BrakingDataError::Moment`] if a picture cannot be decoded.
+    pub fn pictures(
+        &self,
+        from: usize,
+        count: usize,
+        reader: &mut Reader,
+        out: &mut Vec<u8>,
+    ) -> Result<(), BrakingDataError> {
+        match &self.pictures {
+            Pictures::Grey(bytes) => {
+                let pixels = bytes.len() / self.frames().max(1);
+                out.extend_from_slice(&bytes[from * pixels..(from + count) * pixels]);
+            }
+            Pictures::Jpeg(kept) => {
+                for (i, jpeg) in kept.iter().enumerate().skip(from).take(count) {
+                    let name = PathBuf::from(&self.story.name);
+                    reader.read(jpeg, out).map_err(|why| wrong(&name, i, why.to_string()))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A drive of these speeds and labels whose frames are all of one shade, for tests.
+    #[cfg(test)]
+    pub(super) fn made(story: Story, speed_kmh: Vec<f32>, pedal: Vec<f64>, pixels: usize, shade: u8) -> Self {
+        let frames = pedal.len();
+        let mut drive = Self {
+            story,
+            at_s: (0..frames).map(|i| i as f64 / HZ).collect(),
+            speed_kmh,
+            pedal,
+            due: vec![],
+            onsets: vec![],
+            impact_s: None,
+            pictures: Pictures::Grey(vec![shade; frames * pixels]),
+        };
+        drive.label(LabelRule::default());
+        drive
+    }
+}
+
+fn wrong(path: &Path, moment: usize, why: String) -> BrakingDataError {
+    BrakingDataError::Moment { path: path.to_owned(), moment, why }
+}
+
+/// Turns pictures into what a braking network takes, with its scratch memory.
+#[derive(Debug, Clone)]
+pub struct Reader {
+    preprocessor: Preprocessor,
+    frame: Frame,
+    scaled: Vec<f32>,
+}
+
+/// Why a picture cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum Unreadable {
+    #[error("{0}")]
+    Image(#[from] ImageError),
+    #[error("{0}")]
+    Preprocess(#[from] PreprocessError),
+}
+
+impl Reader {
+    /// A reader for this preprocessing, whose pixels go from 0 to 1.
+    ///
+    /// # Errors
+    /// That of an invalid preprocessing.
+    pub fn new(preprocess: Preprocess) -> Result<Self, PreprocessError> {
+        Ok(Self { preprocessor: Preprocessor::new(preprocess)?, frame: Frame::default(), scaled: vec![] })
+    }
+
+    /// Adds a picture's pixels, rounded to bytes, so that learning and driving see the same.
+    pub(super) fn read(&mut self, jpeg: &[u8], out: &mut Vec<u8>) -> Result<(), Unreadable> {
+        perception::decode_jpeg(jpeg, &mut self.frame)?;
+        self.preprocessor.apply(&self.frame, &mut self.scaled)?;
+        out.extend(self.scaled.iter().map(|x| (x * 255.0).round() as u8));
+        Ok(())
+    }
+
+    /// A decoded frame's pixels, whole numbers from 0 to 255.
+    pub(super) fn see(&mut self, frame: &Frame) -> Result<&[f32], PreprocessError> {
+        self.preprocessor.apply(frame, &mut self.scaled)?;
+        self.scaled.iter_mut().for_each(|x| *x = (*x * 255.0).round());
+        Ok(&self.scaled)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(table: &str) -> Result<Vec<Story>, String> {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join(EPISODES_NAME), table).unwrap();
+        stories(dir.path()).map_err(|e| e.to_string().replace(&dir.path().display().to_string(), "DIR"))
+    }
+
+    #[test]
+    fn the_table_is_read_whatever_the_order_of_its_columns() {
+        let stories = read(
+            "name,part,scenario,kind,layer,seed,track,speed_mph,reaction_s,frames,hit\n\
+             a,train,ccrs,hazard,plain,1,lake,20,0.9,300,0\nb,held-out,bend,negative,night,2,lake,20,1.1,300,0\n",
+        )
+        .unwrap();
+        assert_eq!((stories[0].part, stories[0].hazard, stories[0].reaction_s), (Part::Train, true, 0.9));
+        assert_eq!((stories[1].part, stories[1].hazard, stories[1].layer.as_str()), (Part::HeldOut, false, "night"));
+    }
+
+    #[test]
+    fn what_is_wrong_with_the_table_is_named() {
+        let error = read("name,part\na,train\n").unwrap_err();
+        assert!(error.contains("expected the columns name, part, scenario, kind, layer, reaction_s"), "{error}");
+        let heading = "name,part,scenario,kind,layer,reaction_s\n";
+        for (line, expected) in [
+            ("a,test,x,hazard,plain,1", "line 2: part: expected train, validation or held-out, got \"test\""),
+            ("a,train,x,danger,plain,1", "line 2: kind: expected hazard or negative, got \"danger\""),
+            ("../a,train,x,hazard,plain,1", "line 2: name: expected the name of a run in this folder"),
+            ("a,train,x,hazard,plain,soon", "line 2: reaction_s: expected seconds, 0 to 10, got \"soon\""),
+        ] {
+            let error = read(&format!("{heading}{line}\n")).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_run_is_read_with_its_frames_and_labels() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings");
+        let story = Story {
+            name: "lake".into(),
+            part: Part::Train,
+            scenario: String::new(),
+            hazard: false,
+            layer: String::new(),
+            reaction_s: 1.0,
+        };
+        let preprocess = BrakingArchitecture::Live.preprocess();
+        let drive = Drive::open(&folder, story, &preprocess).unwrap();
+        assert_eq!((drive.frames(), drive.due.iter().any(|due| *due)), (225, false));
+        let mut pixels = vec![];
+        drive.pictures(3, 2, &mut Reader::new(preprocess).unwrap(), &mut pixels).unwrap();
+        assert_eq!(pixels.len(), 2 * 50 * 160);
+        assert!(pixels.iter().any(|pixel| *pixel != pixels[0]), "a picture of the road");
+    }
+}

@@ -1,0 +1,227 @@
+//! A braking network from its file, as a guard.
+
+use std::{
+    path::Path,
+    sync::{Mutex, PoisonError},
+    time::Duration,
+};
+
+use tch::Tensor;
+
+use super::episodes::Reader;
+use crate::nn::{
+    NnError,
+    braking::{BrakingCheckpoint, BrakingError, BrakingNetwork, HZ, NO_SPEED, Seen},
+};
+use lapwing_core::{
+    control::BrakeLimits,
+    guard::{Guard, GuardError, GuardModel, Watched},
+    perception::Frame,
+    recording::LONGEST_GAP,
+    units::MPS_PER_KMH,
+};
+
+/// It looks this often, as it learnt …
+const APART: Duration = Duration::from_nanos((1e9 / HZ) as u64);
+/// … and takes a frame that is due within this time.
+const EARLY: Duration = Duration::from_nanos((0.2e9 / HZ) as u64);
+
+/// A braking network in memory, whose weights any number of guards share. Several threads may use it.
+#[derive(Debug)]
+pub struct BrakingModel {
+    name: String,
+    sha256: String,
+    limits: BrakeLimits,
+    training: String,
+    result: String,
+    /// That from which all others are made, behind a lock because a tensor's handle belongs to one thread at a time.
+    prototype: Mutex<(BrakingNetwork, Reader)>,
+}
+
+impl BrakingModel {
+    /// Reads a checkpoint. `threshold` replaces the value from which on its guards brake.
+    ///
+    /// The network answers a few times before this returns, so that the first frame is as fast as any.
+    ///
+    /// # Errors
+    /// [`BrakingError`].
+    pub fn load(path: &Path, threshold: Option<f64>) -> Result<Self, BrakingError> {
+        let BrakingCheckpoint { metadata, network, sha256 } = BrakingCheckpoint::load(path)?;
+        let wrong = |source: NnError| BrakingError::Content { path: path.to_owned(), source };
+        let reader = Reader::new(metadata.preprocess.clone()).map_err(|source| wrong(source.into()))?;
+        let name = format!("{} ({})", network.architecture().name(), path.display());
+        let limits = threshold.map_or(metadata.limits, |fires| BrakeLimits {
+            fires,
+            // As far apart as the file has them, by their ratio.
+            releases: fires * metadata.limits.releases / metadata.limits.fires,
+        });
+        let [_, height, width] = network.architecture().preprocess().shape().map(|n| n as i64);
+        let warm_up = || {
+            let (blank, mut seen) = (Tensor::f_zeros([1, height, width], tch::kind::FLOAT_CPU)?, Seen::default());
+            (0..25).try_for_each(|_| network.answer(&blank, 0.0, &mut seen).map(drop))
+        };
+        warm_up().map_err(wrong)?;
+        let (training, result) = (metadata.training, metadata.result);
+        Ok(Self { name, sha256, limits, training, result, prototype: Mutex::new((network, reader)) })
+    }
+
+    /// Its network, with the same weights.
+    pub fn network(&self) -> BrakingNetwork {
+        self.prototype.lock().unwrap_or_else(PoisonError::into_inner).0.share()
+    }
+
+    /// Between which values its guards brake and rest.
+    pub fn limits(&self) -> BrakeLimits {
+        self.limits
+    }
+
+    /// How it was trained and on what, as its file says.
+    pub fn training(&self) -> &str {
+        &self.training
+    }
+
+    /// How good it was found to be, as its file says.
+    pub fn result(&self) -> &str {
+        &self.result
+    }
+}
+
+impl GuardModel for BrakingModel {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn sha256(&self) -> Option<&str> {
+        Some(&self.sha256)
+    }
+
+    fn guard(&self) -> Box<dyn Guard> {
+        let prototype = self.prototype.lock().unwrap_or_else(PoisonError::into_inner);
+        Box::new(NetworkGuard {
+            name: prototype.0.architecture().name(),
+            limits: self.limits,
+            network: prototype.0.share(),
+            reader: prototype.1.clone(),
+            seen: Seen::default(),
+            last: None,
+            due: Duration::ZERO,
+        })
+    }
+}
+
+/// A network that watches over one car.
+struct NetworkGuard {
+    name: &'static str,
+    limits: BrakeLimits,
+    network: BrakingNetwork,
+    reader: Reader,
+    seen: Seen,
+    /// When a frame came last, and when it looks next.
+    last: Option<Duration>,
+    due: Duration,
+}
+
+impl NetworkGuard {
+    fn look(&mut self, frame: &Frame, speed_kmh: f64) -> Result<Option<f64>, GuardError> {
+        let failed = |error: NnError| GuardError::Network(Box::new(error));
+        let [_, height, width] = self.network.architecture().preprocess().shape().map(|n| n as i64);
+        let pixels = self.reader.see(frame)?;
+        let frame =
+            Tensor::f_from_slice(pixels).and_then(|t| t.f_view([1, height, width])).map_err(|e| failed(e.into()))?;
+        match self.network.answer(&frame, speed_kmh, &mut self.seen).map_err(failed)? {
+            Some(value) if !value.is_finite() => Err(GuardError::NotFinite(value)),
+            value => Ok(value),
+        }
+    }
+}
+
+impl Guard for NetworkGuard {
+    fn name(&self) -> &str {
+        self.name
+    }
+
+    fn limits(&self) -> BrakeLimits {
+        self.limits
+    }
+
+    fn watch(&mut self, now: &Watched<'_>) -> Result<Option<f64>, GuardError> {
+        let last = self.last.replace(now.at);
+        let is_new = last.is_none_or(|last| now.at < last || now.at - last > LONGEST_GAP);
+        if is_new {
+            self.seen.clear();
+        } else if now.at + EARLY < self.due {
+            // Frames come faster than those that it learnt from: it looks at as many a second.
+            return Ok(None);
+        }
+        self.due = if is_new { now.at + APART } else { (self.due + APART).max(now.at + APART / 2) };
+        let speed_kmh = now.speed.metres_per_second().get() / MPS_PER_KMH;
+        self.look(now.frame, if speed_kmh.is_finite() { speed_kmh } else { NO_SPEED })
+    }
+
+    fn reset(&mut self) {
+        self.seen.clear();
+        self.last = None; // and so the next frame is due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, nn::VarStore};
+
+    use super::*;
+    use crate::nn::{
+        Precision,
+        braking::{BrakingArchitecture, BrakingMetadata, save_braking},
+        in_variable_store,
+    };
+    use lapwing_core::units::Mph;
+
+    fn model(threshold: Option<f64>) -> (tempfile::TempDir, BrakingModel) {
+        tch::manual_seed(5);
+        let store = VarStore::new(Device::Cpu);
+        let architecture = BrakingArchitecture::Live;
+        let network = BrakingNetwork::build(architecture, &mut in_variable_store(store.root())).unwrap();
+        let limits = BrakeLimits { fires: 0.5, releases: 0.2 };
+        let (training, result) = ("none".to_owned(), "none".to_owned());
+        let metadata = BrakingMetadata { preprocess: architecture.preprocess(), limits, training, result };
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("brake.safetensors");
+        save_braking(&path, &metadata, &network, Precision::F32).unwrap();
+        let model = BrakingModel::load(&path, threshold).unwrap();
+        (dir, model)
+    }
+
+    /// At which of so many frames at a rate it has something to say.
+    fn says(guard: &mut dyn Guard, hz: f64, frames: u32, from: Duration) -> Vec<u32> {
+        let frame = Frame::new(320, 160, vec![90; 320 * 160 * 3]).unwrap();
+        let mut at = |i: &u32| {
+            let at = from + Duration::from_secs_f64(f64::from(*i) / hz);
+            let now = Watched { at, frame: &frame, speed: Mph::new(20.0).unwrap(), time_to_collision_s: None };
+            guard.watch(&now).unwrap().is_some()
+        };
+        (0..frames).filter(|i| at(i)).collect()
+    }
+
+    #[test]
+    fn it_speaks_from_the_twentieth_frame_on_and_again_after_a_gap_or_a_reset() {
+        let (_dir, model) = model(None);
+        let mut guard = model.guard();
+        assert_eq!(says(&mut *guard, 15.0, 22, Duration::ZERO), [19, 20, 21]);
+        assert_eq!(says(&mut *guard, 15.0, 20, Duration::from_secs(10)), [19], "the gap is forgotten");
+        guard.reset();
+        assert_eq!(says(&mut *guard, 15.0, 19, Duration::from_secs(11)), [0; 0]);
+    }
+
+    #[test]
+    fn of_faster_frames_it_looks_at_as_many_as_it_learnt_from() {
+        let (_dir, model) = model(None);
+        assert_eq!(says(&mut *model.guard(), 60.0, 85, Duration::ZERO), [76, 80, 84]);
+    }
+
+    #[test]
+    fn a_threshold_of_ones_own_keeps_the_ratio_of_the_limits() {
+        let (_dir, model) = model(Some(0.8));
+        let BrakeLimits { fires, releases } = model.limits();
+        assert!((fires - 0.8).abs() < 1e-12 && (releases - 0.32).abs() < 1e-12, "{fires} {releases}");
+    }
+}

@@ -1,0 +1,33 @@
+//! Emergency braking: networks that say when one is due, how they are trained, and the guard that brakes by one.
+//!
+//! ```text
+//! episodes.csv, runs ─▶ Episodes ─▶ windows ─▶ train ─▶ checkpoint ─▶ BrakingModel ─▶ Guard
+//!                          └──────────▶ values ─▶ lapwing_score::emergency::Evaluation
+//! ```
+//!
+//! | file | holds |
+//! |---|---|
+//! | `episodes` | the data set that `lapwing brake record` writes, read back: frames, speeds, labels |
+//! | `recipe` | how a network is trained, as a file |
+//! | `windows` | what a network learns from: windows and their targets, drawn and balanced |
+//! | `train` | the training loop |
+//! | `values` | what a network says over whole episodes, with and without speed |
+//! | `report` | how good a network is on a part of the data set |
+//! | `guard` | a network from its file, as a [`GuardModel`](lapwing_core::guard::GuardModel) |
+//!
+//! The networks are in [`nn::braking`](crate::nn::braking).
+
+mod episodes;
+mod guard;
+mod recipe;
+mod report;
+mod train;
+mod values;
+mod windows;
+
+pub use episodes::{BrakingDataError, Drive, EPISODES_NAME, Part, Story, load, stories};
+pub use guard::BrakingModel;
+pub use recipe::BrakingRecipe;
+pub use report::{BrakingReport, Row, Target};
+pub use train::{BrakingTrainError, Epoch, Trained, train};
+pub use values::{SpeedFailure, episodes};

@@ -1,0 +1,155 @@
+//! How a braking network is trained, as a file.
+
+use serde::{Deserialize, Serialize};
+
+use super::BrakingTrainError;
+use crate::nn::braking::BrakingArchitecture;
+
+/// How a braking network is trained: a TOML file, all of whose keys have defaults but `network`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BrakingRecipe {
+    /// Which network.
+    pub network: BrakingArchitecture,
+    /// Passes at most.
+    #[serde(default = "defaults::epochs")]
+    pub epochs: usize,
+    /// Windows drawn for each. The live network's are longer and have eight answers each.
+    #[serde(default = "defaults::windows")]
+    pub windows_per_epoch: usize,
+    /// Windows in a step.
+    #[serde(default = "defaults::batch")]
+    pub batch: usize,
+    /// Adam's, at the beginning.
+    #[serde(default = "defaults::learning_rate")]
+    pub learning_rate: f64,
+    /// Epochs without a lower validation loss after which the learning rate falls …
+    #[serde(default = "defaults::patience")]
+    pub patience: usize,
+    /// … to this share of itself.
+    #[serde(default = "defaults::falls_to")]
+    pub falls_to: f64,
+    /// Share of the drawn windows that end with a standing car. In the loss standing and moving windows weigh the same in
+    /// all, whatever their share.
+    #[serde(default = "defaults::standing")]
+    pub standing: f64,
+    /// How much earlier than the paper's a label begins, as a share of the driver's reaction time: 0 is the paper's, 1 the
+    /// moment at which the driver noticed.
+    #[serde(default)]
+    pub lead: f64,
+    /// Whether a label lasts until the pedal is let go or the car stands, and not only the paper's 10 frames.
+    #[serde(default)]
+    pub hold: bool,
+    /// How much a frame at which a brake is due weighs in the loss, beside one at which none is.
+    #[serde(default = "defaults::due_weight")]
+    pub due_weight: f64,
+    /// Share of the windows in which half, four fifths or all of the speeds are unknown.
+    #[serde(default)]
+    pub speed_dropout: f64,
+    /// Share of the steps with mirrored pictures.
+    #[serde(default)]
+    pub flip: f64,
+    /// Random seed.
+    #[serde(default)]
+    pub seed: u64,
+    /// Episodes of each part that are read at most, spread over all. Default all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub episodes: Option<usize>,
+    /// Windows by which the validation loss is measured at most.
+    #[serde(default = "defaults::validation_windows")]
+    pub validation_windows: usize,
+}
+
+mod defaults {
+    pub fn epochs() -> usize {
+        20
+    }
+    pub fn windows() -> usize {
+        4000
+    }
+    pub fn batch() -> usize {
+        16
+    }
+    pub fn learning_rate() -> f64 {
+        1e-3
+    }
+    pub fn patience() -> usize {
+        2
+    }
+    pub fn falls_to() -> f64 {
+        0.3
+    }
+    pub fn standing() -> f64 {
+        0.5
+    }
+    pub fn due_weight() -> f64 {
+        1.0
+    }
+    pub fn validation_windows() -> usize {
+        1000
+    }
+}
+
+impl BrakingRecipe {
+    /// Reads a recipe.
+    ///
+    /// # Errors
+    /// [`BrakingTrainError::Recipe`], [`BrakingTrainError::Setting`].
+    pub fn read(text: &str) -> Result<Self, BrakingTrainError> {
+        let recipe: Self = toml::from_str(text).map_err(|e| BrakingTrainError::Recipe(e.to_string()))?;
+        recipe.check()?;
+        Ok(recipe)
+    }
+
+    /// Checks that all values are possible.
+    ///
+    /// # Errors
+    /// [`BrakingTrainError::Setting`].
+    pub fn check(&self) -> Result<(), BrakingTrainError> {
+        let wrong = |name, expected, got: String| Err(BrakingTrainError::Setting { name, expected, got });
+        for (name, value) in [
+            ("epochs", self.epochs),
+            ("windows_per_epoch", self.windows_per_epoch),
+            ("batch", self.batch),
+            ("patience", self.patience),
+            ("episodes", self.episodes.unwrap_or(1)),
+            ("validation_windows", self.validation_windows),
+        ] {
+            if value == 0 {
+                return wrong(name, "at least 1", value.to_string());
+            }
+        }
+        for (name, value) in [("lead", self.lead), ("speed_dropout", self.speed_dropout), ("flip", self.flip)] {
+            if !(0.0..=1.0).contains(&value) {
+                return wrong(name, "a share from 0 to 1", value.to_string());
+            }
+        }
+        for (name, value) in [("standing", self.standing), ("falls_to", self.falls_to)] {
+            if !(value > 0.0 && value < 1.0) {
+                return wrong(name, "a share above 0 and below 1", value.to_string());
+            }
+        }
+        for (name, value) in [("learning_rate", self.learning_rate), ("due_weight", self.due_weight)] {
+            if !(value > 0.0 && value <= 1000.0) {
+                return wrong(name, "a number above 0, up to 1000", value.to_string());
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recipe_needs_only_its_network_and_refuses_what_cannot_be() {
+        let recipe = BrakingRecipe::read("network = \"brake-stacked\"").unwrap();
+        assert_eq!((recipe.learning_rate, recipe.standing, recipe.lead, recipe.hold), (1e-3, 0.5, 0.0, false));
+        let error =
+            |line: &str| BrakingRecipe::read(&format!("network = \"brake-live\"\n{line}")).unwrap_err().to_string();
+        assert_eq!(error("lead = 1.5"), "lead: expected a share from 0 to 1, got 1.5");
+        assert_eq!(error("batch = 0"), "batch: expected at least 1, got 0");
+        assert!(error("leed = 1").contains("unknown field `leed`"));
+    }
+}

@@ -1,0 +1,262 @@
+//! Whether an emergency brake is due: two networks that look at the last [`FRAMES`] grey frames and speeds.
+//!
+//! | architecture | frames | parameters | looks |
+//! |---|---|---|---|
+//! | [`brake-stacked`](stacked) | 300 x 300 | 5,909,219 | at all frames at once, as 20 channels: Itu and Danescu's |
+//! | [`brake-live`](live) | 50 x 160 | 78,161 | at each frame once, and keeps what it saw: for driving on a CPU |
+//!
+//! Both take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
+//! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere, and not clamped.
+
+mod checkpoint;
+pub mod live;
+pub mod stacked;
+
+use tch::Tensor;
+
+use self::{live::Live, stacked::Stacked};
+use super::{NnError, TensorSource};
+use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter, TensorLayout};
+
+pub use checkpoint::{BrakingCheckpoint, BrakingError, BrakingMetadata, save_braking};
+pub use live::Seen;
+
+/// How many frames and speeds an answer takes.
+pub const FRAMES: usize = 20;
+
+/// Samples per second at which the networks learn and look.
+pub const HZ: f64 = 15.0;
+
+/// What a speed is where none is known.
+pub const NO_SPEED: f64 = -1.0;
+
+/// Which of the two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum BrakingArchitecture {
+    /// Itu and Danescu's.
+    #[serde(rename = "brake-stacked")]
+    Stacked,
+    /// The small one.
+    #[serde(rename = "brake-live")]
+    Live,
+}
+
+impl BrakingArchitecture {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Stacked, Self::Live];
+
+    /// Its name in a checkpoint.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stacked => "brake-stacked",
+            Self::Live => "brake-live",
+        }
+    }
+
+    /// The one of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|a| a.name() == name)
+    }
+
+    /// What is done to a 320x160 picture before the network sees it.
+    pub fn preprocess(self) -> Preprocess {
+        let (crop, [height, width]) = match self {
+            // The whole picture, whose sides become equal.
+            Self::Stacked => (None, stacked::SIZE),
+            // Without most of the sky and the bonnet, at half the size: a child 12 m ahead is 3 pixels wide.
+            Self::Live => (Some(Crop { top: 40, bottom: 140 }), live::SIZE),
+        };
+        Preprocess {
+            crop,
+            resize: Resize { height, width, filter: ResizeFilter::BilinearAntialiased },
+            colour: ColourSpace::Grey,
+            scale: PixelScale::Unit,
+            layout: TensorLayout::Nchw,
+        }
+    }
+}
+
+/// A braking network.
+#[derive(Debug)]
+pub struct BrakingNetwork {
+    architecture: BrakingArchitecture,
+    layers: Layers,
+    tensors: Vec<(String, Tensor)>,
+}
+
+#[derive(Debug)]
+enum Layers {
+    Stacked(Box<Stacked>),
+    Live(Box<Live>),
+}
+
+impl BrakingNetwork {
+    /// Builds it from a source's tensors.
+    ///
+    /// # Errors
+    /// The source's, and [`NnError::Torch`].
+    pub fn build(architecture: BrakingArchitecture, source: &mut TensorSource<'_>) -> Result<Self, NnError> {
+        let mut tensors = vec![];
+        let source: &mut TensorSource<'_> = &mut |name, shape, init| {
+            let tensor = source(name, shape, init)?;
+            tensors.push((name.to_owned(), tensor.shallow_clone()));
+            Ok(tensor)
+        };
+        let layers = match architecture {
+            BrakingArchitecture::Stacked => Layers::Stacked(Box::new(Stacked::build(source)?)),
+            BrakingArchitecture::Live => Layers::Live(Box::new(Live::build(source)?)),
+        };
+        Ok(Self { architecture, layers, tensors })
+    }
+
+    /// Which one it is.
+    pub fn architecture(&self) -> BrakingArchitecture {
+        self.architecture
+    }
+
+    /// Answers (B, 1) to the windows of `frames` (B, 20, H, W) in f32, 0 to 255, and `speeds` (B, 20) in km/h. The live
+    /// network also takes an even number of frames more, and then answers each second window: (B, 1 + more / 2).
+    ///
+    /// # Errors
+    /// [`NnError::Input`], [`NnError::Torch`].
+    pub fn forward(&self, frames: &Tensor, speeds: &Tensor, train: bool) -> Result<Tensor, NnError> {
+        let [_, height, width] = self.architecture.preprocess().shape().map(|n| n as i64);
+        let size = frames.size();
+        let fits = match size[..] {
+            [batch, steps, h, w] => {
+                let more = steps - FRAMES as i64;
+                let suits = match self.layers {
+                    Layers::Stacked(_) => more == 0,
+                    Layers::Live(_) => more >= 0 && more % 2 == 0,
+                };
+                suits && (h, w) == (height, width) && speeds.size() == [batch, steps]
+            }
+            _ => false,
+        };
+        if !fits {
+            let expected = format!("(B, {FRAMES}, {height}, {width}) with (B, {FRAMES}) speeds");
+            return Err(NnError::Input { expected, got: size });
+        }
+        match &self.layers {
+            Layers::Stacked(layers) => layers.forward(frames, speeds, train),
+            Layers::Live(layers) => layers.forward(frames, speeds, train),
+        }
+    }
+
+    /// Answers the newest of a drive's frames, (1, H, W) in f32, 0 to 255, with its speed in km/h. `seen` belongs to one
+    /// drive of this network; `None` until 20 frames were seen. No gradients are tracked.
+    ///
+    /// # Errors
+    /// [`NnError::Torch`].
+    pub fn answer(&self, frame: &Tensor, speed_kmh: f64, seen: &mut Seen) -> Result<Option<f64>, NnError> {
+        tch::no_grad(|| match &self.layers {
+            Layers::Live(layers) => layers.answer(frame, speed_kmh, seen),
+            Layers::Stacked(layers) => {
+                let Some((frames, speeds)) = seen.remember(frame, speed_kmh)? else { return Ok(None) };
+                Ok(Some(layers.forward(&frames, &speeds, false)?.f_double_value(&[0, 0])?))
+            }
+        })
+    }
+
+    /// Another handle on the same weights.
+    pub fn share(&self) -> Self {
+        let layers = match &self.layers {
+            Layers::Stacked(layers) => Layers::Stacked(Box::new(layers.share())),
+            Layers::Live(layers) => Layers::Live(Box::new(layers.share())),
+        };
+        Self { architecture: self.architecture, layers, tensors: self.tensors() }
+    }
+
+    /// Folds batch norm into the convolutions: for inference only.
+    pub(super) fn fold(&mut self) -> Result<(), NnError> {
+        match &mut self.layers {
+            Layers::Stacked(_) => Ok(()),
+            Layers::Live(layers) => tch::no_grad(|| layers.fold()),
+        }
+    }
+
+    /// All tensors under their names in a checkpoint, including running statistics; handles, not copies.
+    pub fn tensors(&self) -> Vec<(String, Tensor)> {
+        self.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.shallow_clone())).collect()
+    }
+
+    /// How many numbers it learns.
+    pub fn parameters(&self) -> usize {
+        self.tensors.iter().filter(|(name, _)| !name.contains("running_")).map(|(_, tensor)| tensor.numel()).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind, nn::VarStore};
+
+    use super::*;
+    use crate::nn::in_variable_store;
+
+    fn network(architecture: BrakingArchitecture) -> (BrakingNetwork, VarStore) {
+        tch::manual_seed(11);
+        let store = VarStore::new(Device::Cpu);
+        let network = BrakingNetwork::build(architecture, &mut in_variable_store(store.root())).unwrap();
+        (network, store)
+    }
+
+    fn frames(steps: i64, architecture: BrakingArchitecture) -> (Tensor, Tensor) {
+        let [_, height, width] = architecture.preprocess().shape().map(|n| n as i64);
+        let float = (Kind::Float, Device::Cpu);
+        (Tensor::rand([1, steps, height, width], float) * 255.0, Tensor::rand([1, steps], float) * 40.0)
+    }
+
+    #[test]
+    fn they_have_the_parameters_that_the_documentation_says() {
+        for (architecture, parameters) in
+            [(BrakingArchitecture::Stacked, 5_909_219), (BrakingArchitecture::Live, live::PARAMETERS)]
+        {
+            assert_eq!(network(architecture).0.parameters(), parameters, "{}", architecture.name());
+            assert_eq!(BrakingArchitecture::named(architecture.name()), Some(architecture));
+        }
+    }
+
+    #[test]
+    fn frame_by_frame_the_answer_is_that_to_the_whole_window() {
+        for architecture in BrakingArchitecture::ALL {
+            let (network, _store) = network(architecture);
+            let (frames, speeds) = frames(22, architecture);
+            let mut seen = Seen::default();
+            let mut answers = vec![];
+            for i in 0..22 {
+                let frame = frames.select(0, 0).narrow(0, i, 1);
+                answers.push(network.answer(&frame, speeds.double_value(&[0, i]), &mut seen).unwrap());
+            }
+            assert!(answers[..19].iter().all(Option::is_none) && answers[19..].iter().all(Option::is_some));
+            for end in 19..22 {
+                let window = |x: &Tensor| x.narrow(1, end - 19, 20);
+                let whole = network.forward(&window(&frames), &window(&speeds), false).unwrap().double_value(&[0, 0]);
+                let got = answers[end as usize].unwrap();
+                assert!((whole - got).abs() < 1e-3, "{}: {whole} {got}", architecture.name());
+            }
+        }
+    }
+
+    #[test]
+    fn windows_of_another_size_are_refused_and_longer_ones_are_answered_twice() {
+        let (live, _store) = network(BrakingArchitecture::Live);
+        let (frames, speeds) = frames(22, BrakingArchitecture::Live);
+        let both = live.forward(&frames, &speeds, false).unwrap();
+        assert_eq!(both.size(), [1, 2]);
+        let last = live.forward(&frames.narrow(1, 2, 20), &speeds.narrow(1, 2, 20), false).unwrap();
+        assert!((both.double_value(&[0, 1]) - last.double_value(&[0, 0])).abs() < 1e-4);
+        let error = live.forward(&frames.narrow(1, 0, 21), &speeds.narrow(1, 0, 21), false).unwrap_err().to_string();
+        assert!(error.contains("(B, 20, 50, 160)"), "{error}");
+    }
+
+    #[test]
+    fn an_unknown_speed_is_no_standing_car_to_the_live_network() {
+        let (live, _store) = network(BrakingArchitecture::Live);
+        let (frames, _) = frames(20, BrakingArchitecture::Live);
+        let answer = |speed: f64| {
+            let speeds = Tensor::full([1, 20], speed, (Kind::Float, Device::Cpu));
+            live.forward(&frames, &speeds, false).unwrap().double_value(&[0, 0])
+        };
+        assert!((answer(NO_SPEED) - answer(0.0)).abs() > 1e-4);
+    }
+}

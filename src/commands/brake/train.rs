@@ -1,0 +1,53 @@
+//! `lapwing brake train`.
+
+use std::{fs, time::Duration};
+
+use anyhow::Context;
+use serde_json::json;
+
+use crate::{
+    cli::BrakeTrain,
+    commands::{Ended, outputs, print, sorted_json},
+};
+use lapwing_learn::{
+    braking::{self, BrakingRecipe, Epoch},
+    nn::runtime,
+};
+
+pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
+    let BrakeTrain { recipe: file, data, out, epochs, minutes, seed, json } = arguments;
+    outputs::check(out)?;
+    let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
+    let mut recipe = BrakingRecipe::read(&text).with_context(|| file.display().to_string())?;
+    recipe.epochs = epochs.unwrap_or(recipe.epochs);
+    recipe.seed = seed.unwrap_or(recipe.seed);
+    // Other numbers of threads round differently.
+    runtime::set_threads(1);
+    let most = minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes));
+    let told = |epoch: &Epoch| {
+        let Epoch { epoch, windows, loss, validation, learning_rate, seconds, best } = epoch;
+        let best = if *best { ", the best so far" } else { "" };
+        say!(
+            "epoch {epoch} after {seconds:.0} s: {windows} windows, loss {loss:.5}, validation {validation:.5}{best}, \
+             learning rate {learning_rate}"
+        );
+    };
+    let trained = braking::train(&recipe, data, out, most, told)?;
+    if *json {
+        print(&sorted_json(&json!({
+            "model": trained.path, "sha256": trained.sha256, "epochs": trained.epochs, "limits": trained.limits,
+            "validation": trained.validation,
+        }))?)?;
+    } else {
+        let rate = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+        let found = &trained.validation;
+        print(&format!(
+            "{} (threshold {:.3}; on validation episodes recall {}, precision {})",
+            trained.path.display(),
+            trained.limits.fires,
+            rate(found.recall.value),
+            rate(found.precision.value)
+        ))?;
+    }
+    Ok(Ended::Passed)
+}
