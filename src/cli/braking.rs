@@ -20,12 +20,33 @@ pub struct Brake {
 pub enum BrakeVerb {
     /// Label when an emergency brake is due, by how fast the driver's pedal goes down
     Label(BrakeLabel),
+    /// Record data to learn emergency braking from: hazards and harmless drives, with a driver who brakes as people do
+    #[cfg(feature = "simulator")]
+    Record(BrakeRecord),
     /// Train a network to say when an emergency brake is due, on the data of brake record
     #[cfg(feature = "networks")]
     Train(BrakeTrain),
     /// Measure how many emergencies a network finds, and how often it is wrong
     #[cfg(feature = "networks")]
     Evaluate(BrakeEvaluate),
+}
+
+/// `lapwing brake record`
+#[cfg(feature = "simulator")]
+#[derive(Debug, Args)]
+pub struct BrakeRecord {
+    /// Folder for a run of each episode and episodes.csv; episodes that are there already are kept
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Hours of driving, at least
+    #[arg(long, value_name = "HOURS", default_value_t = 3.0, value_parser = above_zero)]
+    pub hours: f64,
+    /// Random seed
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Print what was recorded as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `lapwing brake train`

@@ -67,7 +67,7 @@ pub enum Verb {
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
-    /// Emergency braking: label recordings, train networks and measure them
+    /// Emergency braking: label it in recordings, record data for it, train networks and measure them
     Brake(Brake),
     /// Train, measure and watch four agents at an intersection
     #[cfg(feature = "simulator")]
@@ -98,7 +98,8 @@ pub struct WorldFlags {
     /// Light, weather and camera faults: a list such as rain=0.5,night=1,noise=4, random, or a file (.toml)
     #[arg(long, value_name = "LIST")]
     pub conditions: Option<String>,
-    /// Other traffic: ccrs, ccrm, ccrb, cpna (after Euro NCAP), child, or a scenario file (.toml)
+    /// Other traffic: ccrs, ccrm, ccrb, cpna, cpfa, cpla, child, cbna, cbla (after Euro NCAP), gentle-stop, parked, turn-off,
+    /// oncoming, steel-plate, pass-through, bystanders, or a scenario file (.toml)
     #[arg(long, value_name = "NAME")]
     pub scenario: Option<String>,
     /// Telemetries per second of simulated time [default: 15]

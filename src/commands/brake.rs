@@ -2,6 +2,8 @@
 
 #[cfg(feature = "networks")]
 mod evaluate;
+#[cfg(feature = "simulator")]
+mod recorded;
 #[cfg(feature = "networks")]
 mod train;
 
@@ -23,6 +25,8 @@ use lapwing_score::{
 pub(super) fn run(arguments: &Brake) -> anyhow::Result<Ended> {
     match &arguments.verb {
         BrakeVerb::Label(arguments) => label(arguments),
+        #[cfg(feature = "simulator")]
+        BrakeVerb::Record(arguments) => recorded::run(arguments),
         #[cfg(feature = "networks")]
         BrakeVerb::Train(arguments) => train::run(arguments),
         #[cfg(feature = "networks")]

@@ -1,4 +1,4 @@
-//! Time to collision with what is ahead, if nobody changes speed or path.
+//! Time to collision with what is ahead, if nobody changes speed or path, and the gap to it.
 //!
 //! The time to collision of Hayward, Near miss determination through use of a scale of danger (1972), from the true
 //! places and sizes. The road is straightened for it: our car continues along the road at its present offset, and
@@ -20,19 +20,63 @@ const BENDS: usize = 8;
 
 /// Seconds until the car hits the first of the actors ahead of it, 0 if it touches one now; infinite if it hits none.
 pub fn time_to_collision(track: &Track, car: &Car, place: &Place, actors: &[Actor]) -> f64 {
-    let straight = |right: f64, along: f64| DVec3::new(right, 0.0, along);
-    let yaw = car.yaw - place.station.yaw;
-    let body = Box2::of_car(&Car { position: straight(place.offset, 0.0), yaw, ..*car });
-    let velocity = DVec2::new(0.0, car.speed * yaw.cos());
+    let (body, velocity) = straightened(car, place);
     let until = |actor: &Actor| {
-        let there = track.locate(actor.position, None);
-        let position = straight(there.offset, way(track, place, there.station.s));
-        let actor = Actor { position, yaw: actor.yaw - there.station.yaw, ..*actor };
+        let actor = beside_straight_road(track, place, actor);
         let other = Box2::of_actor(&actor);
         let is_ahead = other.centre.y > body.centre.y;
         is_ahead.then(|| body.meets(&other, ahead(actor.yaw) * actor.speed - velocity)).flatten()
     };
-    actors.iter().filter_map(until).fold(f64::INFINITY, f64::min)
+    obstacles(actors).filter_map(until).fold(f64::INFINITY, f64::min)
+}
+
+/// What is in the car's way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InTheWay {
+    /// From the front bumper to it, in metres; below 0 where it is touched.
+    pub gap_m: f64,
+    /// How fast it moves along the road, in m/s; below 0 towards the car.
+    pub speed_mps: f64,
+}
+
+/// The nearest of the actors that stands in the car's way now or moves along it, with so many metres to spare on each
+/// side: our car continues along the road at its present offset.
+pub fn in_the_way(track: &Track, car: &Car, place: &Place, actors: &[Actor], spare_m: f64) -> Option<InTheWay> {
+    let (body, _) = straightened(car, place);
+    let (front_m, reach_m) = (body.centre.y + body.half.y, body.half.x + spare_m);
+    let found = |actor: &Actor| {
+        let actor = beside_straight_road(track, place, actor);
+        let other = Box2::of_actor(&actor);
+        let corners = other.corners();
+        let least = |number: fn(&DVec2) -> f64| corners.iter().map(number).fold(f64::INFINITY, f64::min);
+        let (left_m, right_m, rear_m) = (least(|c| c.x), -least(|c| -c.x), least(|c| c.y));
+        let middle_m = body.centre.x;
+        let is_in_it = left_m < middle_m + reach_m && right_m > middle_m - reach_m && other.centre.y > body.centre.y;
+        is_in_it.then(|| InTheWay { gap_m: rear_m - front_m, speed_mps: actor.speed * actor.yaw.cos() })
+    };
+    obstacles(actors).filter_map(found).min_by(|a, b| a.gap_m.total_cmp(&b.gap_m))
+}
+
+fn obstacles(actors: &[Actor]) -> impl Iterator<Item = &Actor> {
+    actors.iter().filter(|actor| actor.kind.is_obstacle())
+}
+
+const fn straight(right: f64, along: f64) -> DVec3 {
+    DVec3::new(right, 0.0, along)
+}
+
+/// The car's body on the straightened road, and its velocity.
+fn straightened(car: &Car, place: &Place) -> (Box2, DVec2) {
+    let yaw = car.yaw - place.station.yaw;
+    let body = Box2::of_car(&Car { position: straight(place.offset, 0.0), yaw, ..*car });
+    (body, DVec2::new(0.0, car.speed * yaw.cos()))
+}
+
+/// Something on the straightened road.
+fn beside_straight_road(track: &Track, from: &Place, actor: &Actor) -> Actor {
+    let there = track.locate(actor.position, None);
+    let position = straight(there.offset, way(track, from, there.station.s));
+    Actor { position, yaw: actor.yaw - there.station.yaw, ..*actor }
 }
 
 /// Metres from the car to `s` along its own line, which in a bend is longer or shorter than the road's middle.
@@ -75,6 +119,22 @@ mod tests {
             let parked_beside = until(beside(&track, ActorKind::Car, s + 30.0, 3.115, 0.0, 0.0));
             assert_eq!(parked_beside, f64::INFINITY, "at {s} m");
         }
+    }
+
+    #[test]
+    fn in_the_way_is_what_would_be_touched_and_nothing_beside_it_or_driven_over() {
+        let track = Track::named("lake").unwrap();
+        let (car, place) = on(&track, 20.0, 10.0);
+        let found = |actors: &[Actor]| in_the_way(&track, &car, &place, actors, 0.0);
+        let ahead = beside(&track, ActorKind::Car, 50.0, 0.0, 0.0, 4.0);
+        let parked = beside(&track, ActorKind::Car, 40.0, 3.115, 0.0, 0.0);
+        let plate = beside(&track, ActorKind::SteelPlate, 30.0, 0.0, 0.0, 0.0);
+        let InTheWay { gap_m, speed_mps } = found(&[parked, plate, ahead]).unwrap();
+        assert!((gap_m - (30.0 - FRONT_M - 2.2)).abs() < 0.3, "{gap_m} m");
+        assert!((speed_mps - 4.0).abs() < 0.05, "{speed_mps} m/s");
+        assert_eq!(found(&[parked, plate]), None);
+        assert!(in_the_way(&track, &car, &place, &[parked], 2.0).is_some(), "two metres to spare are asked for");
+        assert_eq!(time_to_collision(&track, &car, &place, &[plate]), f64::INFINITY);
     }
 
     #[test]

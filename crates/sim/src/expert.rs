@@ -22,9 +22,9 @@ const POINTS: usize = 41;
 /// Throttle per m/s below the set speed.
 const THROTTLE_GAIN: f64 = 0.6;
 /// What full throttle gives, in m/s²: 2000 Nm on wheels of 0.35 m and 1000 kg.
-const FULL_THROTTLE_MPS2: f64 = 5.7;
+pub(super) const FULL_THROTTLE_MPS2: f64 = 5.7;
 /// What drag takes, in m/s² for each m/s.
-const DRAG_PER_S: f64 = 0.1;
+pub(super) const DRAG_PER_S: f64 = 0.1;
 /// Throttle taken off per m/s above the set speed: brakes of 20000 Nm a wheel lock at 0.04 of full command.
 const BRAKE_GAIN: f64 = 0.06;
 

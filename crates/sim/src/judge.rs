@@ -256,7 +256,7 @@ impl Judge {
         let body = Box2::of_car(car);
         for (index, actor) in actors.iter().enumerate() {
             let same_level = (actor.position.y - car.position.y).abs() < LEVEL_M;
-            if same_level && body.touches(&Box2::of_actor(actor)) {
+            if same_level && actor.kind.is_obstacle() && body.touches(&Box2::of_actor(actor)) {
                 let speed = (velocity - ahead(actor.yaw) * actor.speed).length();
                 self.touch(t, Hit::Actor { kind: actor.kind, index }, speed, out);
             }

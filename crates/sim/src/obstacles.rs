@@ -46,7 +46,7 @@ pub(super) fn flat(point: DVec3) -> DVec2 {
 impl Box2 {
     /// The footprint of something beside the road.
     pub fn of_actor(actor: &Actor) -> Self {
-        let size = actor.kind.size();
+        let size = actor.size();
         Self { centre: flat(actor.position), half: DVec2::new(size.x, size.z) / 2.0, yaw: actor.yaw }
     }
 

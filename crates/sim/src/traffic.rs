@@ -12,7 +12,7 @@ use rand_chacha::{
 use super::{
     obstacles::FRONT_M,
     scenario::{Draw, Scenario, ScenarioError, Script},
-    scene::{Actor, ActorKind},
+    scene::Actor,
     track::{Place, Track},
     vehicle::{BODY, Car},
 };
@@ -27,6 +27,10 @@ const GAP_ACCELERATION: f64 = 4.0;
 const TOP_SPEED: f64 = 130.0 * MPS_PER_KMH;
 /// Below this speed, in m/s, our car meets nobody.
 const STANDING: f64 = 0.1;
+/// The tightest that something turns off the road, in metres: the turning circle of a car is about 11 m across.
+const TURNING_RADIUS_M: f64 = 6.0;
+/// How strongly something that turns off steers for where it wants to be: radians for each metre.
+const TURNING_GAIN: f64 = 0.25;
 /// Pieces in which our car's way to a crossing is measured, in metres.
 const PIECE_M: f64 = 2.0;
 
@@ -54,9 +58,26 @@ struct Mover {
 /// How it moves.
 #[derive(Debug, Clone)]
 enum Way {
-    Lead { gap: f64, onset: f64, deceleration: f64, build_up: f64, end: f64 },
+    Lead { hold: Hold, deceleration: f64, build_up: f64, end: f64 },
+    /// `hold` is the lead's way until the onset; `turned` in radians, clockwise from the road.
+    TurnOff { hold: Hold, deceleration: f64, end: f64, angle: f64, to: f64, turned: f64 },
     Cruise { oncoming: bool },
     Cross { from: f64, to: f64, walk: Walk, set_off: SetOff },
+}
+
+/// Keeps a gap to our car until the onset, in seconds.
+#[derive(Debug, Clone, Copy)]
+struct Hold {
+    gap: f64,
+    onset: f64,
+}
+
+impl Hold {
+    /// The speed after this step.
+    fn speed(self, now: f64, between: f64, ego: &Car, dt: f64) -> f64 {
+        let wanted = (ego.speed + GAP_GAIN * (self.gap - between)).clamp(0.0, TOP_SPEED);
+        now + (wanted - now).clamp(-GAP_ACCELERATION * dt, GAP_ACCELERATION * dt)
+    }
 }
 
 /// When a crosser sets off.
@@ -127,8 +148,10 @@ impl Traffic {
         let ego_speed = scenario.ego.speed_kmh.value() * MPS_PER_KMH;
         let mut traffic = Self { actors: vec![], movers: vec![] };
         for script in &scenario.actors {
-            let look = looks.next_u32();
+            let look = scenario.looks.look(looks.next_u32());
             let number = |draw: &Draw| draw.value();
+            let size = |kind| Actor { kind, position: DVec3::ZERO, yaw: 0.0, speed: 0.0, look }.size();
+            let ahead_of_us = |kind, gap_m: &Draw| FRONT_M + number(gap_m) + size(kind).z / 2.0;
             let actor = traffic.actors.len();
             let (kind, ahead, offset, turned, mover) = match script {
                 Script::Parked { kind, ahead_m, offset_m, yaw_deg } => {
@@ -136,15 +159,24 @@ impl Traffic {
                 }
                 Script::Lead { kind, gap_m, offset_m, speed_kmh, onset_s, deceleration, build_up_s, final_kmh } => {
                     let way = Way::Lead {
-                        gap: number(gap_m),
-                        onset: number(onset_s),
+                        hold: Hold { gap: number(gap_m), onset: number(onset_s) },
                         deceleration: number(deceleration),
                         build_up: number(build_up_s),
                         end: number(final_kmh) * MPS_PER_KMH,
                     };
                     let speed = speed_kmh.as_ref().map_or(ego_speed, |draw| number(draw) * MPS_PER_KMH);
-                    let ahead = FRONT_M + number(gap_m) + kind.size().z / 2.0;
-                    (*kind, ahead, number(offset_m), 0.0, Some((speed, way)))
+                    (*kind, ahead_of_us(*kind, gap_m), number(offset_m), 0.0, Some((speed, way)))
+                }
+                Script::TurnOff { kind, gap_m, onset_s, deceleration, final_kmh, angle_deg, to_m } => {
+                    let way = Way::TurnOff {
+                        hold: Hold { gap: number(gap_m), onset: number(onset_s) },
+                        deceleration: number(deceleration),
+                        end: number(final_kmh) * MPS_PER_KMH,
+                        angle: number(angle_deg).to_radians(),
+                        to: line + number(to_m),
+                        turned: 0.0,
+                    };
+                    (*kind, ahead_of_us(*kind, gap_m), 0.0, 0.0, Some((ego_speed, way)))
                 }
                 Script::Cruise { kind, ahead_m, offset_m, speed_kmh, oncoming } => {
                     let turned = if *oncoming { std::f64::consts::PI } else { 0.0 };
@@ -182,8 +214,8 @@ impl Traffic {
         let ego = Car { speed: scenario.ego.speed_kmh.value() * MPS_PER_KMH, ..Car::default() };
         for mover in &self.movers {
             let Way::Cross { from, to, walk, set_off: SetOff::ToMeet(share) } = mover.way else { continue };
-            let kind = self.actors[mover.actor].kind;
-            if let Some(at) = meeting(0.0, track, mover.s, from, to, walk, share, kind, &ego, &place)
+            let width = self.actors[mover.actor].size().x;
+            if let Some(at) = meeting(0.0, track, mover.s, from, to, walk, share, width, &ego, &place)
                 && at < 0.0
             {
                 let ahead = signed(track, s, mover.s);
@@ -208,7 +240,7 @@ impl Traffic {
     pub fn step(&mut self, t: f64, dt: f64, track: &Track, ego: &Car, ego_place: &Place) {
         for mover in &mut self.movers {
             let actor = &mut self.actors[mover.actor];
-            let turned = mover.step(t, dt, track, actor.kind, ego, ego_place);
+            let turned = mover.step(t, dt, track, actor.size(), ego, ego_place);
             place(actor, track, mover, turned);
         }
     }
@@ -224,15 +256,16 @@ fn place(actor: &mut Actor, track: &Track, mover: &Mover, turned: f64) {
 
 impl Mover {
     /// Advances; returns how far it is turned from the road's direction, in radians.
-    fn step(&mut self, t: f64, dt: f64, track: &Track, kind: ActorKind, ego: &Car, ego_place: &Place) -> f64 {
+    fn step(&mut self, t: f64, dt: f64, track: &Track, size: DVec3, ego: &Car, ego_place: &Place) -> f64 {
+        // Where our car has moved already, it will have moved, too.
+        let between = |s: f64, speed: f64| {
+            signed(track, ego_place.station.s, s + speed * dt) - FRONT_M - size.z / 2.0
+        };
         match &mut self.way {
-            Way::Lead { gap, onset, deceleration, build_up, end } => {
+            Way::Lead { hold, deceleration, build_up, end } => {
                 let before = self.speed;
-                if t <= *onset {
-                    let own = self.s + before * dt; // where it will be, as our car has already moved
-                    let between = signed(track, ego_place.station.s, own) - FRONT_M - kind.size().z / 2.0;
-                    let wanted = (ego.speed + GAP_GAIN * (*gap - between)).clamp(0.0, TOP_SPEED);
-                    self.speed += (wanted - self.speed).clamp(-GAP_ACCELERATION * dt, GAP_ACCELERATION * dt);
+                if t <= hold.onset {
+                    self.speed = hold.speed(before, between(self.s, before), ego, dt);
                 } else {
                     // The speed lost at a time after the onset; exact for any step.
                     let lost = |since: f64| match since {
@@ -240,11 +273,28 @@ impl Mover {
                         s if s < *build_up => *deceleration * s * s / (2.0 * *build_up),
                         s => *deceleration * (s - *build_up / 2.0),
                     };
-                    let loses = lost(t - *onset) - lost(t - dt - *onset);
+                    let loses = lost(t - hold.onset) - lost(t - dt - hold.onset);
                     self.speed = (self.speed - loses).max(end.min(self.speed));
                 }
                 self.s = forward(track, self.s, self.offset, (before + self.speed) / 2.0 * dt);
                 0.0
+            }
+            Way::TurnOff { hold, deceleration, end, angle, to, turned } => {
+                let before = self.speed;
+                if t <= hold.onset {
+                    self.speed = hold.speed(before, between(self.s, before), ego, dt);
+                } else {
+                    self.speed = (before - *deceleration * dt).max(end.min(before));
+                    if self.speed <= *end + 0.5 {
+                        let wanted = (TURNING_GAIN * (*to - self.offset)).clamp(-*angle, *angle);
+                        let most = self.speed / TURNING_RADIUS_M * dt;
+                        *turned += (wanted - *turned).clamp(-most, most);
+                    }
+                }
+                let moved = (before + self.speed) / 2.0 * dt;
+                self.s = forward(track, self.s, self.offset, moved * turned.cos());
+                self.offset += moved * turned.sin();
+                *turned
             }
             Way::Cruise { oncoming } => {
                 let (sign, turned) = if *oncoming { (-1.0, std::f64::consts::PI) } else { (1.0, 0.0) };
@@ -253,7 +303,7 @@ impl Mover {
             }
             Way::Cross { from, to, walk, set_off } => {
                 if let SetOff::ToMeet(share) = *set_off
-                    && let Some(at) = meeting(t, track, self.s, *from, *to, *walk, share, kind, ego, ego_place)
+                    && let Some(at) = meeting(t, track, self.s, *from, *to, *walk, share, size.x, ego, ego_place)
                     && at <= t
                 {
                     *set_off = SetOff::At(at.max(t - dt));
@@ -283,7 +333,7 @@ fn forward(track: &Track, s: f64, offset: f64, metres: f64) -> f64 {
 }
 
 /// When a crosser at `s` has to set off so that our car's front meets it with the given share of the car's width
-/// between the crosser's middle and the side it comes from. Assumes that the car keeps its speed, as Euro NCAP does to
+/// between the crosser's middle and the side it comes from; `width` is the crosser's. Assumes that the car keeps its speed, as Euro NCAP does to
 /// synchronise its targets. None if the car does not come.
 #[expect(clippy::too_many_arguments, reason = "the geometry of a meeting has that many parts")]
 fn meeting(
@@ -294,7 +344,7 @@ fn meeting(
     to: f64,
     walk: Walk,
     share: f64,
-    kind: ActorKind,
+    width: f64,
     ego: &Car,
     ego_place: &Place,
 ) -> Option<f64> {
@@ -312,7 +362,7 @@ fn meeting(
     let metres: f64 = (0..pieces as usize)
         .map(|i| piece * (1.0 - track.at(ego_place.station.s + (i as f64 + 0.5) * piece).curvature * ego_place.offset))
         .sum();
-    let until = (metres - FRONT_M - kind.size().x / 2.0) / ego.speed;
+    let until = (metres - FRONT_M - width / 2.0) / ego.speed;
     let side = (from - to).signum(); // 1 where it comes from the right
     let meets = ego_place.offset + side * BODY.x * (0.5 - share);
     let walks = walk.seconds(((meets - from) * -side).max(0.0));

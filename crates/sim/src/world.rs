@@ -18,10 +18,11 @@ use glam::DVec3;
 use self::sensor::Sensor;
 use super::{
     camera::{Camera, JPEG_QUALITY, JPEG_QUALITY_AGAIN, Renderer, Shot, encode_jpeg},
-    collision_course::time_to_collision,
+    collision_course::{in_the_way, time_to_collision},
     expert::{Expert, path_ahead},
     judge::{Judge, Verdict},
     scenario::ScenarioError,
+    scene::Actor,
     track::Place,
     traffic::Traffic,
     vehicle::{self, Car, Ground},
@@ -159,6 +160,11 @@ impl Simulation {
         self.judge.put(self.steps as f64 * vehicle::STEP_S);
     }
 
+    /// Everything else on the road.
+    pub fn actors(&self) -> &[Actor] {
+        self.traffic.as_ref().map_or(&[], Traffic::actors)
+    }
+
     /// The judgement of the drive so far.
     pub fn judge(&self) -> &Judge {
         &self.judge
@@ -285,6 +291,10 @@ impl Simulation {
                 sim_time_s: Some(self.time_s()),
                 time_to_collision_s: self.traffic.as_ref().map(|traffic| {
                     time_to_collision(track, &self.car, &self.place, traffic.actors()).min(Truth::CLEAR_S)
+                }),
+                gap: self.traffic.as_ref().map(|traffic| {
+                    let found = in_the_way(track, &self.car, &self.place, traffic.actors(), 0.0);
+                    Metres::saturating(found.map_or(Truth::CLEAR_M, |found| found.gap_m.clamp(0.0, Truth::CLEAR_M)))
                 }),
                 heading_error: Some(Degrees::saturating(error.to_degrees())),
                 position: Some([position.x, position.y, position.z].map(Metres::saturating)),

@@ -76,6 +76,13 @@ pub trait Observer<W: ?Sized> {
     fn end(&mut self) {}
 }
 
+/// What a run holds of a turn, in the order in which a reader joins it.
+pub fn items(turn: &Turn) -> impl Iterator<Item = Item> {
+    let parts = turn.telemetry().cloned().map(Item::Telemetry).into_iter();
+    let parts = parts.chain(turn.trace.jpeg.clone().map(Item::Frame)).chain(turn.command().map(Item::Command));
+    parts.chain(turn.trace.events.iter().cloned().map(Item::Event))
+}
+
 /// Records: waits for the disk if the world can wait, and hands over each part of a turn with the turn's time, in the
 /// order in which a reader joins them.
 impl<W: ?Sized> Observer<W> for &Recorder {
@@ -84,10 +91,7 @@ impl<W: ?Sized> Observer<W> for &Recorder {
     }
 
     fn turn(&mut self, _world: &W, turn: &Turn) -> Result<(), ObserverError> {
-        let parts = turn.telemetry().cloned().map(Item::Telemetry).into_iter();
-        let parts = parts.chain(turn.trace.jpeg.clone().map(Item::Frame)).chain(turn.command().map(Item::Command));
-        let events = turn.trace.events.iter().cloned().map(Item::Event);
-        parts.chain(events).for_each(|item| self.record(turn.at(), item));
+        items(turn).for_each(|item| self.record(turn.at(), item));
         Ok(())
     }
 

@@ -81,6 +81,7 @@ impl<'a> Payload<'a> {
                     .ok()
                     .filter(Truth::is_time),
                 time_to_collision_s: fields.number("ttc").ok().filter(Truth::is_time),
+                gap: fields.optional("gap"),
                 heading_error: fields.optional("ang_diff"),
                 position: position(),
                 hit: fields.text("hit").filter(|hit| hit != "none"),

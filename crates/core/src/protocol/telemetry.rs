@@ -98,6 +98,10 @@ pub struct Truth {
     /// or never. Worlds without a scenario do not report it.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "a_time")]
     pub time_to_collision_s: Option<f64>,
+    /// Distance from the front bumper to what is ahead in the car's way, standing or moving: 0 to [`Truth::CLEAR_M`],
+    /// which also means that there is nothing. Worlds without a scenario do not report it.
+    #[serde(rename = "gap_m", skip_serializing_if = "Option::is_none")]
+    pub gap: Option<Metres>,
     /// Angle between the car's heading and the road's.
     #[serde(rename = "heading_error_deg", skip_serializing_if = "Option::is_none")]
     pub heading_error: Option<Degrees>,
@@ -122,6 +126,9 @@ pub struct Truth {
 impl Truth {
     /// The longest time to collision that is reported, in seconds.
     pub const CLEAR_S: f64 = 60.0;
+
+    /// The longest gap that is reported, in metres.
+    pub const CLEAR_M: f64 = 200.0;
 
     /// The longest time that means anything, in seconds: thirty years, and exact to a tenth of a microsecond.
     pub const LONGEST_S: f64 = 1e9;
@@ -208,8 +215,8 @@ pub fn encode_telemetry(telemetry: &Telemetry, image: &str, culture: Culture) ->
 ///
 /// Keys come in the order of that family's `CommandServer.cs`, the picture last. Its bridges read counts and `sim_time`
 /// with Python's `int()` and the rest with `float()`. So `sim_time` is in whole seconds, and `distance`, which soon
-/// exceeds a thousand, has no grouping. Lapwing adds two keys that others ignore: `sim_time_us`, the time in full, and,
-/// if a scenario is played, `ttc`, the time to collision in seconds.
+/// exceeds a thousand, has no grouping. Lapwing adds keys that others ignore: `sim_time_us`, the time in full, and,
+/// if a scenario is played, `ttc`, the time to collision in seconds, and `gap`, the metres to what is ahead.
 pub fn encode_superset(telemetry: &Telemetry, image: &str, culture: Culture) -> String {
     let truth = &telemetry.truth;
     if truth.lap.is_none() {
@@ -238,6 +245,7 @@ pub fn encode_superset(telemetry: &Telemetry, image: &str, culture: Culture) -> 
     field("sim_time", truth.sim_time_s.map(|s| format!("{:.0}", s.floor())));
     field("ang_diff", truth.heading_error.and_then(|error| n4(error.get())));
     field("ttc", truth.time_to_collision_s.and_then(n4));
+    field("gap", truth.gap.and_then(|gap| n4(gap.get())));
     field("sim_time_us", truth.sim_time_s.map(|s| format!("{:.0}", s * 1e6)));
     text.push_str(r#""image":""#);
     text.push_str(image);

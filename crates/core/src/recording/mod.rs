@@ -10,7 +10,8 @@
 //!                                                               ├▶ Recording: moments
 //! folder, CSV ─▶ DrivingLog: rows ──────────────────────────────┘
 //! ```
-//! A [`Recorder`] takes [`Item`]s from the driving loop and never blocks it; its own thread writes them. A
+//! A [`Recorder`] takes [`Item`]s from the driving loop and never blocks it; its own thread writes them. A [`RunFile`]
+//! takes them from a world that can wait, and gives the same bytes for the same items. A
 //! [`RunReader`] yields the same items again; of a file cut off by a crash, those up to the last whole chunk.
 //! [`Entries`] joins each telemetry with its picture and its answer. [`udacity`] reads `driving_log.csv` in all the
 //! shapes that simulators, locales and scripts leave it in, and writes it as the simulator's own recorder does.
@@ -69,6 +70,7 @@ mod open;
 mod queue;
 mod reader;
 mod recorder;
+mod run_file;
 mod schema;
 pub mod udacity;
 mod writer;
@@ -81,6 +83,7 @@ pub use moment::{Break, CameraPosition, LONGEST_GAP, Moment, Picture};
 pub use open::{Recording, is_run_name, recordings_in};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
+pub use run_file::RunFile;
 
 pub use crate::turn::{By, CommandRecord, EventRecord};
 

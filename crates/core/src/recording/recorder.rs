@@ -247,7 +247,7 @@ fn write_all<W: Write + Seek>(mut writer: RunWriter<W>, queue: &RecordingQueue) 
     writer.flush()?;
     queue.flushed();
     let summary = queue.lock().summary();
-    writer.finish(summary)
+    writer.finish(summary).map(drop)
 }
 
 #[cfg(test)]

@@ -105,13 +105,13 @@ impl<W: Write + Seek> RunWriter<W> {
         self.mcap.flush().map_err(io_error)
     }
 
-    /// Ends the file, with what was counted and with indexes.
-    pub(super) fn finish(mut self, summary: BTreeMap<String, String>) -> io::Result<()> {
+    /// Ends the file, with what was counted and with indexes; returns the sink.
+    pub(super) fn finish(mut self, summary: BTreeMap<String, String>) -> io::Result<W> {
         self.mcap
             .write_metadata(&mcap::records::Metadata { name: SUMMARY.into(), metadata: summary })
             .map_err(io_error)?;
         self.mcap.finish().map_err(io_error)?;
-        Ok(())
+        Ok(self.mcap.into_inner())
     }
 }
 

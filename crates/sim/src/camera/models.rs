@@ -1,17 +1,88 @@
-//! Cars, people, cones and barriers: a few boxes each.
+//! Cars, people, bicycles, cones, barriers and steel plates: a few boxes each.
 
 use glam::Vec3;
 
 use super::raster::{Cluster, Paint};
 use crate::{
-    scene::{Actor, ActorKind},
+    scene::{Actor, ActorKind, Looks},
     vehicle::BODY,
 };
 
-const CARS: [[u8; 3]; 6] = [[186, 40, 36], [50, 80, 150], [212, 212, 208], [60, 62, 66], [206, 166, 52], [58, 112, 74]];
-const CLOTHES: [[u8; 3]; 5] = [[170, 50, 44], [56, 84, 140], [196, 180, 60], [80, 128, 84], [122, 84, 136]];
-const TROUSERS: [[u8; 3]; 3] = [[48, 52, 66], [84, 72, 58], [36, 36, 38]];
-const SKIN: [u8; 3] = [206, 162, 132];
+type Colour = [u8; 3];
+
+const CARS: [Colour; 6] = [[186, 40, 36], [50, 80, 150], [212, 212, 208], [60, 62, 66], [206, 166, 52], [58, 112, 74]];
+const CLOTHES: [Colour; 5] = [[170, 50, 44], [56, 84, 140], [196, 180, 60], [80, 128, 84], [122, 84, 136]];
+const TROUSERS: [Colour; 3] = [[48, 52, 66], [84, 72, 58], [36, 36, 38]];
+const SKIN: Colour = [206, 162, 132];
+
+/// The colours of a wardrobe: cars, clothes, trousers, skin, hair.
+struct Wardrobe {
+    cars: &'static [Colour],
+    clothes: &'static [Colour],
+    trousers: &'static [Colour],
+    skin: &'static [Colour],
+    hair: &'static [Colour],
+}
+
+const PLAIN: Wardrobe =
+    Wardrobe { cars: &CARS, clothes: &CLOTHES, trousers: &TROUSERS, skin: &[SKIN], hair: &[[52, 40, 30]] };
+
+const LEARNT: Wardrobe = Wardrobe {
+    cars: &[
+        [186, 40, 36],
+        [50, 80, 150],
+        [212, 212, 208],
+        [60, 62, 66],
+        [206, 166, 52],
+        [58, 112, 74],
+        [22, 24, 28],
+        [140, 146, 152],
+        [96, 40, 48],
+        [232, 232, 232],
+        [96, 128, 160],
+    ],
+    clothes: &[
+        [170, 50, 44],
+        [56, 84, 140],
+        [196, 180, 60],
+        [80, 128, 84],
+        [122, 84, 136],
+        [30, 32, 40],
+        [226, 226, 220],
+        [120, 120, 124],
+        [176, 112, 64],
+    ],
+    trousers: &[[48, 52, 66], [84, 72, 58], [36, 36, 38], [110, 118, 136]],
+    skin: &[SKIN, [150, 104, 78], [228, 190, 164]],
+    hair: &[[52, 40, 30], [24, 20, 18], [150, 116, 66]],
+};
+
+const HELD_OUT: Wardrobe = Wardrobe {
+    cars: &[[214, 104, 36], [44, 132, 140], [170, 156, 128], [118, 68, 132], [156, 190, 204], [74, 58, 44], [110, 130, 60]],
+    clothes: &[[220, 112, 40], [40, 140, 140], [206, 120, 150], [146, 170, 70], [90, 60, 44], [170, 190, 214]],
+    trousers: &[[64, 84, 60], [130, 104, 84], [70, 40, 48], [160, 156, 146]],
+    skin: &[[96, 66, 50], [188, 140, 104], [240, 208, 186]],
+    hair: &[[90, 44, 28], [120, 118, 116], [14, 12, 12]],
+};
+
+impl Wardrobe {
+    fn of(look: u32) -> &'static Self {
+        match Looks::of(look) {
+            Looks::Plain => &PLAIN,
+            Looks::Learnt => &LEARNT,
+            Looks::HeldOut => &HELD_OUT,
+        }
+    }
+}
+
+/// What someone has on, and is.
+#[derive(Clone, Copy)]
+struct Dress {
+    clothes: Colour,
+    trousers: Colour,
+    skin: Colour,
+    hair: Colour,
+}
 const GLASS: [u8; 3] = [36, 44, 54];
 const TYRE: [u8; 3] = [24, 24, 26];
 
@@ -35,24 +106,34 @@ impl Part {
 
 /// An actor as triangles in the world.
 pub(super) fn actor(actor: &Actor, time_s: f64) -> Cluster {
-    let size = actor.kind.size().as_vec3();
-    let pick = |colours: &[[u8; 3]]| colours[actor.look as usize % colours.len()];
+    let size = actor.size().as_vec3();
+    let (wardrobe, look) = (Wardrobe::of(actor.look), actor.look as usize);
+    let pick = |colours: &[Colour], of: usize| colours[of % colours.len()];
+    let dress = Dress {
+        clothes: pick(wardrobe.clothes, look),
+        trousers: pick(wardrobe.trousers, look / 5),
+        skin: pick(wardrobe.skin, look / 7),
+        hair: pick(wardrobe.hair, look / 11),
+    };
+    // Legs swing with the walking speed: about 1.4 m per double step.
+    let swing = if actor.speed.abs() > 0.05 { (time_s * actor.speed * 4.5).sin() as f32 } else { 0.0 };
     let parts = match actor.kind {
-        ActorKind::Car => car(size, pick(&CARS)),
-        ActorKind::Pedestrian | ActorKind::Child => {
-            // Legs swing with the walking speed: about 1.4 m per double step.
-            let swing = if actor.speed.abs() > 0.05 { (time_s * actor.speed * 4.5).sin() as f32 } else { 0.0 };
-            person(size, swing, pick(&CLOTHES), TROUSERS[(actor.look / 5) as usize % 3])
-        }
+        ActorKind::Car if Looks::of(actor.look) == Looks::Plain => car(size, pick(wardrobe.cars, look), CABINS[0]),
+        ActorKind::Car => car(size, pick(wardrobe.cars, look), CABINS[Looks::shape(actor.look)]),
+        ActorKind::Pedestrian | ActorKind::Child => person(size, swing, dress),
+        ActorKind::Bicycle => bicycle(size, swing, dress, pick(wardrobe.cars, look / 3)),
         ActorKind::Cone => cone(size),
         ActorKind::Barrier => barrier(size),
+        ActorKind::SteelPlate => {
+            vec![Part::straight(0.0, size.x, (0.0, size.y), (-size.z / 2.0, size.z / 2.0), [104, 98, 92])]
+        }
     };
     place(&parts, actor.position.as_vec3(), actor.yaw as f32, 0.0)
 }
 
 /// The car that is driven, as others see it.
 pub(super) fn own_car(position: Vec3, yaw: f32, nose_up: f32) -> Cluster {
-    place(&car(BODY.as_vec3(), [150, 142, 116]), position, yaw, nose_up)
+    place(&car(BODY.as_vec3(), [150, 142, 116], CABINS[0]), position, yaw, nose_up)
 }
 
 fn place(parts: &[Part], position: Vec3, yaw: f32, nose_up: f32) -> Cluster {
@@ -82,7 +163,13 @@ fn place(parts: &[Part], position: Vec3, yaw: f32, nose_up: f32) -> Cluster {
     chunk.bound()
 }
 
-fn car(size: Vec3, colour: [u8; 3]) -> Vec<Part> {
+/// Where a car's cabin is, in halves of its length: its rear and front, below and above.
+type Cabin = [(f32, f32); 2];
+
+/// Of a saloon, a hatchback and a van.
+const CABINS: [Cabin; 3] = [[(-0.82, 0.42), (-0.56, 0.08)], [(-0.97, 0.36), (-0.84, 0.06)], [(-0.98, 0.74), (-0.95, 0.44)]];
+
+fn car(size: Vec3, colour: [u8; 3], [below, above]: Cabin) -> Vec<Part> {
     let (w, h, l) = (size.x, size.y, size.z / 2.0);
     let mut parts = Vec::new();
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
@@ -101,12 +188,12 @@ fn car(size: Vec3, colour: [u8; 3]) -> Vec<Part> {
         x: 0.0,
         wide: (w * (0.92 - inset), w * 0.72),
         up,
-        low: (-0.82 * l, 0.42 * l),
-        high: (-0.56 * l, 0.08 * l),
+        low: (below.0 * l, below.1 * l),
+        high: (above.0 * l, above.1 * l),
         colour,
     };
     parts.push(cabin((0.60 * h, 0.96 * h), 0.0, GLASS));
-    parts.push(Part::straight(0.0, w * 0.72, (0.94 * h, h), (-0.56 * l, 0.08 * l), colour));
+    parts.push(Part::straight(0.0, w * 0.72, (0.94 * h, h), (above.0 * l, above.1 * l), colour));
     for x in [-1.0, 1.0] {
         let x = x * w * 0.37;
         parts.push(Part::straight(x, w * 0.18, (0.42 * h, 0.54 * h), (-1.01 * l, -0.99 * l), [170, 24, 22]));
@@ -116,7 +203,7 @@ fn car(size: Vec3, colour: [u8; 3]) -> Vec<Part> {
     parts
 }
 
-fn person(size: Vec3, swing: f32, clothes: [u8; 3], trousers: [u8; 3]) -> Vec<Part> {
+fn person(size: Vec3, swing: f32, Dress { clothes, trousers, skin, hair }: Dress) -> Vec<Part> {
     let (w, h) = (size.x, size.y);
     let leg = |side: f32| {
         let step = side * swing * 0.16 * h;
@@ -148,9 +235,57 @@ fn person(size: Vec3, swing: f32, clothes: [u8; 3], trousers: [u8; 3]) -> Vec<Pa
         high: (-0.12, 0.12),
         colour: clothes,
     };
-    let head = Part::straight(0.0, 0.09 * h, (0.85 * h, 0.97 * h), (-0.06 * h, 0.06 * h), SKIN);
-    let hair = Part::straight(0.0, 0.10 * h, (0.95 * h, h), (-0.065 * h, 0.05 * h), [52, 40, 30]);
+    let head = Part::straight(0.0, 0.09 * h, (0.85 * h, 0.97 * h), (-0.06 * h, 0.06 * h), skin);
+    let hair = Part::straight(0.0, 0.10 * h, (0.95 * h, h), (-0.065 * h, 0.05 * h), hair);
     vec![leg(-1.0), leg(1.0), arm(-1.0), arm(1.0), torso, head, hair]
+}
+
+/// A rider on two wheels, each of three boards that make an octagon; the knees go up and down as the pedals turn.
+fn bicycle(size: Vec3, swing: f32, Dress { clothes, trousers, skin, hair }: Dress, frame: Colour) -> Vec<Part> {
+    let (w, h, l) = (size.x, size.y, size.z / 2.0);
+    let mut parts = Vec::new();
+    let radius = 0.18 * h;
+    for middle in [radius - l, l - radius] {
+        for (half, up) in [(0.42, (0.0, 2.0)), (0.78, (0.2, 1.8)), (1.0, (0.58, 1.42))] {
+            let (half, up) = (half * radius, (up.0 * radius, up.1 * radius));
+            parts.push(Part::straight(0.0, 0.05, up, (middle - half, middle + half), TYRE));
+        }
+    }
+    parts.push(Part::straight(0.0, 0.05, (0.30 * h, 0.36 * h), (-0.5 * l, 0.45 * l), frame));
+    parts.push(Part::straight(0.0, 0.05, (0.30 * h, 0.50 * h), (-0.30 * l, -0.22 * l), frame));
+    parts.push(Part::straight(0.0, w * 0.9, (0.54 * h, 0.57 * h), (0.42 * l, 0.48 * l), [40, 40, 42]));
+    for side in [-1.0, 1.0] {
+        let knee = 0.40 * h + side * swing * 0.05 * h;
+        let leg = |up: (f32, f32), low: (f32, f32), high: (f32, f32)| Part {
+            x: side * w * 0.2,
+            wide: (w * 0.22, w * 0.26),
+            up,
+            low,
+            high,
+            colour: trousers,
+        };
+        parts.push(leg((0.12 * h, knee), (-0.10 * l, 0.08 * l), (0.04 * l, 0.22 * l)));
+        parts.push(leg((knee - 0.03 * h, 0.53 * h), (-0.02 * l, 0.22 * l), (-0.34 * l, -0.08 * l)));
+        parts.push(Part {
+            x: side * w * 0.38,
+            wide: (w * 0.14, w * 0.16),
+            up: (0.56 * h, 0.80 * h),
+            low: (0.30 * l, 0.46 * l),
+            high: (-0.10 * l, 0.06 * l),
+            colour: clothes,
+        });
+    }
+    parts.push(Part {
+        x: 0.0,
+        wide: (w * 0.6, w * 0.8),
+        up: (0.50 * h, 0.84 * h),
+        low: (-0.36 * l, -0.10 * l),
+        high: (-0.14 * l, 0.12 * l),
+        colour: clothes,
+    });
+    parts.push(Part::straight(0.0, 0.09 * h, (0.86 * h, 0.97 * h), (-0.04 * l, 0.16 * l), skin));
+    parts.push(Part::straight(0.0, 0.10 * h, (0.95 * h, h), (-0.05 * l, 0.15 * l), hair));
+    parts
 }
 
 fn cone(size: Vec3) -> Vec<Part> {
@@ -194,12 +329,15 @@ mod tests {
 
     #[test]
     fn a_model_fills_its_box_and_no_more() {
-        for kind in [ActorKind::Car, ActorKind::Pedestrian, ActorKind::Child, ActorKind::Cone, ActorKind::Barrier] {
-            let chunk = actor(&Actor { kind, position: DVec3::ZERO, yaw: 0.0, speed: 0.0, look: 0 }, 0.0);
-            let size = kind.size().as_vec3();
-            let most = chunk.points.iter().fold(Vec3::ZERO, |m, p| m.max(p.at.abs()));
-            assert!(most.x <= size.x / 2.0 + 0.03 && most.z <= size.z / 2.0 + 0.03, "{kind:?}: {most}");
-            assert!((most.y - size.y).abs() < 0.01 && most.x > size.x * 0.4, "{kind:?}: {most}");
+        for (kind, random) in ActorKind::ALL.into_iter().flat_map(|kind| [0, 32, 64].map(|random| (kind, random))) {
+            for looks in [Looks::Plain, Looks::Learnt, Looks::HeldOut] {
+                let look = looks.look(random);
+                let shown = Actor { kind, position: DVec3::ZERO, yaw: 0.0, speed: 0.0, look };
+                let (chunk, size) = (actor(&shown, 0.0), shown.size().as_vec3());
+                let most = chunk.points.iter().fold(Vec3::ZERO, |m, p| m.max(p.at.abs()));
+                assert!(most.x <= size.x / 2.0 + 0.03 && most.z <= size.z / 2.0 + 0.06, "{kind:?}: {most} of {size}");
+                assert!((most.y - size.y).abs() < 0.01 && most.x > size.x * 0.4, "{kind:?}: {most} of {size}");
+            }
         }
     }
 }

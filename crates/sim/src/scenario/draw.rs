@@ -205,6 +205,14 @@ impl Script {
                 visit("build_up_s", 0.0..=10.0, build_up_s);
                 visit("final_kmh", SPEED_KMH, final_kmh);
             }
+            Self::TurnOff { kind: _, gap_m, onset_s, deceleration, final_kmh, angle_deg, to_m } => {
+                visit("gap_m", 0.5..=500.0, gap_m);
+                visit("onset_s", TIME_S, onset_s);
+                visit("deceleration", 0.1..=12.0, deceleration);
+                visit("final_kmh", MOVING_KMH, final_kmh);
+                visit("angle_deg", 1.0..=90.0, angle_deg);
+                visit("to_m", OFFSET_M, to_m);
+            }
             Self::Cruise { kind: _, ahead_m, offset_m, speed_kmh, oncoming: _ } => {
                 visit("ahead_m", AHEAD_M, ahead_m);
                 visit("offset_m", OFFSET_M, offset_m);

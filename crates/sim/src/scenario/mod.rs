@@ -25,7 +25,10 @@ mod draw;
 
 use serde::{Deserialize, Serialize};
 
-use super::{scene::ActorKind, track::Track};
+use super::{
+    scene::{ActorKind, Looks},
+    track::Track,
+};
 pub use draw::Draw;
 use lapwing_core::{
     units::{MPS_PER_KMH, MPS_PER_MPH},
@@ -50,6 +53,9 @@ pub struct Scenario {
     pub seed: u64,
     /// When it is over, in seconds.
     pub duration_s: f64,
+    /// From which wardrobe everything is drawn. Plain by default.
+    #[serde(default, skip_serializing_if = "is_plain")]
+    pub looks: Looks,
     /// Everything else, in the order in which hits name it.
     #[serde(default, rename = "actor")]
     pub actors: Vec<Script>,
@@ -157,6 +163,24 @@ pub enum Script {
         #[serde(default)]
         oncoming: bool,
     },
+    /// Drives ahead of our car at a constant gap, then slows down and leaves the lane sideways.
+    TurnOff {
+        /// What it is. A car by default.
+        #[serde(default = "a_car")]
+        kind: ActorKind,
+        /// From our front bumper to its rear, in metres, at the start and held until the onset.
+        gap_m: Draw,
+        /// When it slows down, in seconds from the start.
+        onset_s: Draw,
+        /// How hard it slows down, in m/s2, positive.
+        deceleration: Draw,
+        /// The speed down to which it slows, and at which it turns, km/h.
+        final_kmh: Draw,
+        /// The steepest angle at which it leaves, in degrees from the road: 90 turns into a side road, 10 changes lane.
+        angle_deg: Draw,
+        /// Where it is at last, metres to the right of our car's line: it follows the road again there.
+        to_m: Draw,
+    },
     /// Crosses the road and stops on the other side.
     Cross {
         /// What it is. An adult by default.
@@ -182,6 +206,10 @@ pub enum Script {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         share: Option<Draw>,
     },
+}
+
+fn is_plain(looks: &Looks) -> bool {
+    *looks == Looks::Plain
 }
 
 fn a_car() -> ActorKind {
@@ -224,7 +252,24 @@ pub enum ScenarioError {
 
 impl Scenario {
     /// Names of the scenarios that come with Lapwing.
-    pub const NAMES: [&str; 5] = ["ccrs", "ccrm", "ccrb", "cpna", "child"];
+    pub const NAMES: [&str; 16] = [
+        "ccrs",
+        "ccrm",
+        "ccrb",
+        "cpna",
+        "cpfa",
+        "cpla",
+        "child",
+        "cbna",
+        "cbla",
+        "gentle-stop",
+        "parked",
+        "turn-off",
+        "oncoming",
+        "steel-plate",
+        "pass-through",
+        "bystanders",
+    ];
 
     /// A scenario that comes with Lapwing.
     ///
@@ -236,7 +281,18 @@ impl Scenario {
             "ccrm" => include_str!("ccrm.toml"),
             "ccrb" => include_str!("ccrb.toml"),
             "cpna" => include_str!("cpna.toml"),
+            "cpfa" => include_str!("cpfa.toml"),
+            "cpla" => include_str!("cpla.toml"),
             "child" => include_str!("child.toml"),
+            "cbna" => include_str!("cbna.toml"),
+            "cbla" => include_str!("cbla.toml"),
+            "gentle-stop" => include_str!("gentle-stop.toml"),
+            "parked" => include_str!("parked.toml"),
+            "turn-off" => include_str!("turn-off.toml"),
+            "oncoming" => include_str!("oncoming.toml"),
+            "steel-plate" => include_str!("steel-plate.toml"),
+            "pass-through" => include_str!("pass-through.toml"),
+            "bystanders" => include_str!("bystanders.toml"),
             _ => return Err(ScenarioError::Unknown { got: name.to_owned() }),
         })
     }

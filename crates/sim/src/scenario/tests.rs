@@ -8,17 +8,29 @@ fn with_actor(lines: &str) -> Result<Scenario, ScenarioError> {
 
 #[test]
 fn every_scenario_that_comes_along_is_whole_and_called_as_its_file() {
-    for (name, cases) in [("ccrs", 9), ("ccrm", 5), ("ccrb", 4), ("cpna", 18), ("child", 9)] {
+    let hazards = [
+        ("ccrs", 9),
+        ("ccrm", 5),
+        ("ccrb", 4),
+        ("cpna", 18),
+        ("cpfa", 9),
+        ("cpla", 14),
+        ("child", 9),
+        ("cbna", 7),
+        ("cbla", 12),
+    ];
+    let harmless = ["gentle-stop", "parked", "turn-off", "oncoming", "steel-plate", "pass-through", "bystanders"];
+    for (name, cases) in hazards.into_iter().chain(harmless.map(|name| (name, 1))) {
         let scenario = Scenario::named(name).unwrap();
         assert_eq!(scenario.name, name);
         assert_eq!(scenario.cases().len(), cases, "{name}");
         assert!(scenario.cases().iter().all(|case| case.ego.speed_mph() < 30.0), "{name} is faster than our car");
     }
-    assert_eq!(Scenario::NAMES.len(), 5);
+    assert_eq!(Scenario::NAMES.len(), hazards.len() + harmless.len());
     let error = Scenario::named("ccrss").unwrap_err().to_string();
     assert_eq!(
         error,
-        "unknown scenario: expected ccrs, ccrm, ccrb, cpna, child, or a file ending in .toml, got \"ccrss\"; did you mean \"ccrs\"?"
+        "unknown scenario: expected ccrs, ccrm, ccrb, cpna, cpfa, cpla, child, cbna, cbla, gentle-stop, parked, turn-off, oncoming, steel-plate, pass-through, bystanders, or a file ending in .toml, got \"ccrss\"; did you mean \"ccrs\"?"
     );
 }
 

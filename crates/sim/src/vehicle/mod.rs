@@ -18,7 +18,7 @@ use lapwing_core::{
         WHEELBASE_M, WIDTH_M,
     },
     protocol::Command,
-    units::{MPS_PER_MPH, Mph},
+    units::{MPS_PER_MPH, Mph, Throttle},
 };
 
 /// One step of the physics, in seconds (Unity's fixed timestep).
@@ -68,6 +68,18 @@ const SLEEP_BELOW: f64 = 0.1;
 /// Rolling drag of loose ground that has no grip at all, as a share of the weight; on asphalt none. A choice: the
 /// recordings hold no drive across dirt. With a verge's grip of 0.6 it costs 0.8 m/s2.
 const LOOSE_GROUND_DRAG: f64 = 0.2;
+
+/// How hard full brake slows the car at a crawl, in m/s2: its wheels lock and slide. Downforce adds a tenth at 20 mph.
+pub const HARDEST_BRAKING: f64 = tyre::SLIDING * GRAVITY * MASS_KG / INERTIAL_MASS_KG;
+
+/// The throttle under which the brakes give a share, 0 to 1, of [`HARDEST_BRAKING`] at a speed in m/s. The stock car's brakes
+/// lock the wheels at a 25th of their torque, so a foot that asks for a share needs this; below 5 mph the brake is the
+/// reverse gear, which gives a quarter of it at most.
+pub fn braking_throttle(share: f64, speed: f64) -> Throttle {
+    let newton = share * HARDEST_BRAKING * INERTIAL_MASS_KG;
+    let most = if speed > REVERSE_BELOW { BRAKE_NM } else { REVERSE_NM };
+    Throttle::saturating(-(newton / (most * WHEELS_PER_M)).clamp(0.0, 1.0))
+}
 
 /// The ground under the car.
 #[derive(Debug, Clone, Copy, PartialEq)]

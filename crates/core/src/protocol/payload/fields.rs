@@ -21,7 +21,7 @@ pub(super) enum Scalar<'a> {
 }
 
 /// The known fields, in the order of `values`.
-const FIELDS: [&str; 31] = [
+const FIELDS: [&str; 32] = [
     "steering_angle",
     "throttle",
     "speed",
@@ -40,6 +40,7 @@ const FIELDS: [&str; 31] = [
     "sim_time",
     "sim_time_us",
     "ttc",
+    "gap",
     "ang_diff",
     "pos_x",
     "pos_y",

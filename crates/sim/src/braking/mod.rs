@@ -1,0 +1,34 @@
+//! Emergency braking: what there is to be braked for, a driver who brakes as people do, and what is recorded of it.
+//!
+//! ```text
+//! Case, Layer, speed, seed ─▶ Staging ─▶ Setup ─▶ Simulation ◀─▶ Human ─▶ runs and episodes.csv
+//! ```
+//!
+//! | file | holds |
+//! |---|---|
+//! | `case` | [`Case`]s, hazards and negatives, and [`Layer`]s of robustness |
+//! | `stage` | [`Staging`]: a case as a world, on a road, in some weather |
+//! | `stretch` | where on a road it is played |
+//! | `sight` | [`Sight`]: what can be seen from the car |
+//! | `human` | [`Human`]: the driver |
+//! | `play` | a drive with that driver |
+//! | `plan` | the [`Episode`]s of a data set |
+//! | `record` | [`record()`]: the data set |
+
+mod case;
+mod human;
+mod plan;
+mod play;
+mod record;
+mod sight;
+mod stage;
+mod stretch;
+
+pub use case::{Case, Kind, Layer, Part};
+pub use human::{Attention, Human, Temper};
+pub use plan::{Episode, SPEEDS_MPH, episodes, tracks};
+pub use play::{Blind, Played, Shown, play};
+pub use record::{DataError, DataOptions, DataReport, EPISODES_NAME, HEADING, Places, Recorded, record};
+pub use sight::Sight;
+pub use stage::{Place, Staging};
+

@@ -1,0 +1,173 @@
+//! The episodes of a data set, from a seed.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    case::{Case, Kind, Layer, Part},
+    human::{Attention, Temper},
+    stage::Staging,
+};
+use lapwing_core::units::MPS_PER_MPH;
+
+/// The speeds of the trial, which the data set lies around, in mph.
+pub const SPEEDS_MPH: [f64; 5] = [10.0, 15.0, 20.0, 25.0, 30.0];
+/// How far around them, and the fastest, which our car can hold.
+const AROUND_MPH: f64 = 2.5;
+const FASTEST_MPH: f64 = 29.5;
+/// The driver's reaction time: mean, standard deviation, and where it is cut off, in seconds.
+const REACTION_S: (f64, f64) = (1.0, 0.3);
+const REACTION_WITHIN_S: (f64, f64) = (0.4, 1.6);
+/// How long the car is kept standing after an emergency, in seconds.
+const REST_S: (f64, f64) = (2.0, 5.0);
+/// Of ten episodes of a kind: seven to learn from, one to choose by, two to judge by.
+const PARTS: [Part; 10] = [
+    Part::Train,
+    Part::HeldOut,
+    Part::Train,
+    Part::Train,
+    Part::Train,
+    Part::Validation,
+    Part::Train,
+    Part::HeldOut,
+    Part::Train,
+    Part::Train,
+];
+
+/// The roads of a part. What is held out is played on roads of its own.
+pub fn tracks(part: Part) -> &'static [&'static str] {
+    match part {
+        Part::Train => &[
+            "lake", "jungle", "mountain", "random:1", "random:2", "random:3", "random:4", "random:5", "random:6",
+        ],
+        Part::Validation => &["random:7", "random:8"],
+        Part::HeldOut => &["random:9", "random:10", "random:11", "random:12"],
+    }
+}
+
+/// An episode: a drive of its own.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Episode {
+    /// Its name, and that of its file without the ending.
+    pub name: String,
+    /// For what it is recorded.
+    pub part: Part,
+    /// What happens.
+    pub case: Case,
+    /// In which layer.
+    pub layer: Layer,
+    /// On which road.
+    pub track: String,
+    /// How fast our car goes, mph.
+    pub speed_mph: f64,
+    /// From noticing to the foot, in seconds.
+    pub reaction_s: f64,
+    /// Everything else that is random.
+    pub seed: u64,
+}
+
+impl Episode {
+    /// What is to be staged for it.
+    pub fn staging(&self) -> Staging {
+        let Self { case, layer, part, speed_mph, seed, .. } = *self;
+        Staging { case, layer, part, speed_mph, seed }
+    }
+
+    /// Its driver: away with the eyes where there is a hazard, or there would be no emergency.
+    pub fn temper(&self) -> Temper {
+        let share = ChaCha8Rng::seed_from_u64(self.seed ^ 0x7e57).random::<f64>();
+        Temper {
+            reaction_s: self.reaction_s,
+            speed_mps: self.speed_mph * MPS_PER_MPH,
+            attention: if self.case.kind() == Kind::Hazard { Attention::Away } else { Attention::Ahead },
+            rest_s: REST_S.0 + (REST_S.1 - REST_S.0) * share,
+        }
+    }
+
+    /// The same with another draw: of speed, reaction and all else.
+    pub fn redrawn(&self, times: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(times);
+        let seed = rng.random::<u64>() >> 11; // a number that JSON carries exactly
+        Self { seed, reaction_s: reaction_s(&mut rng), ..self.clone() }
+    }
+}
+
+/// Episodes without end: hazards and negatives in turn, and every case in every layer before the first comes again, so that
+/// any beginning is as balanced as can be.
+pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
+    let cells = |kind| Case::of(kind).flat_map(|case| case.layers().map(move |layer| (case, layer))).collect::<Vec<_>>();
+    let [hazards, negatives] = [Kind::Hazard, Kind::Negative].map(cells);
+    (0_usize..).map(move |i| {
+        let cells = if i % 2 == 0 { &hazards } else { &negatives };
+        let (turn, count) = (i / 2, cells.len());
+        // A step that is prime to their numbers mixes cases and layers.
+        let (round, cell) = (turn / count, turn * 7 % count);
+        let (case, layer) = cells[cell];
+        let part = PARTS[(round + 3 * cell) % PARTS.len()];
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(i as u64 + 1);
+        let around = SPEEDS_MPH[(round + cell) % SPEEDS_MPH.len()] + AROUND_MPH * (2.0 * rng.random::<f64>() - 1.0);
+        let roads = tracks(part);
+        let road = (rng.random::<f64>() * roads.len() as f64) as usize;
+        Episode {
+            name: format!("{i:04}-{part}-{case}-{layer}"),
+            part,
+            case,
+            layer,
+            track: roads[road.min(roads.len() - 1)].to_owned(),
+            speed_mph: (around.clamp(SPEEDS_MPH[0], FASTEST_MPH) * 10.0).round() / 10.0,
+            reaction_s: reaction_s(&mut rng),
+            seed: rng.random::<u64>() >> 11,
+        }
+    })
+}
+
+/// A reaction time: normal (Box and Muller), drawn again until it is within its limits.
+fn reaction_s(rng: &mut ChaCha8Rng) -> f64 {
+    loop {
+        let (u, v) = (rng.random::<f64>().max(f64::MIN_POSITIVE), rng.random::<f64>());
+        let normal = (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos();
+        let drawn = REACTION_S.0 + REACTION_S.1 * normal;
+        if (REACTION_WITHIN_S.0..=REACTION_WITHIN_S.1).contains(&drawn) {
+            return (drawn * 1000.0).round() / 1000.0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn reaction_times_are_about_a_second_and_never_beyond_their_limits() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let drawn: Vec<f64> = (0..4000).map(|_| reaction_s(&mut rng)).collect();
+        let mean = drawn.iter().sum::<f64>() / 4000.0;
+        let deviation = (drawn.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / 4000.0).sqrt();
+        assert!((mean - 1.0).abs() < 0.02 && (0.22..0.3).contains(&deviation), "{mean} {deviation}");
+        assert!(drawn.iter().all(|s| (0.4..=1.6).contains(s)));
+    }
+
+    #[test]
+    fn every_case_in_every_layer_comes_before_the_first_comes_again_and_each_part_has_its_own_roads() {
+        let first: Vec<Episode> = episodes(1).take(180).collect();
+        let cells: BTreeSet<_> = first.iter().take(90).map(|episode| (episode.case, episode.layer)).collect();
+        assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Hazard).count(), 45);
+        assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Negative).count(), 37);
+        let names: BTreeSet<_> = first.iter().map(|episode| &episode.name).collect();
+        assert_eq!(names.len(), first.len());
+        for episode in &first {
+            assert!(tracks(episode.part).contains(&&*episode.track));
+            assert!((10.0..=29.5).contains(&episode.speed_mph), "{episode:?}");
+        }
+        let elsewhere = |part| tracks(Part::Train).iter().all(|track| !tracks(part).contains(track));
+        assert!(elsewhere(Part::Validation) && elsewhere(Part::HeldOut));
+        let again: Vec<Episode> = episodes(1).take(180).collect();
+        assert_eq!(again, first);
+        assert_ne!(episodes(2).next().map(|episode| episode.seed), Some(first[0].seed));
+    }
+}

@@ -1,0 +1,260 @@
+//! Records a data set for emergency braking: one run an episode, and a table of them.
+//!
+//! Each episode is driven without pictures first. That takes a hundredth of the time and shows whether its draw is of use: in a
+//! hazard the driver's foot must be down for [`PRESSED_BEFORE_S`] before anything is hit, or the run would show a danger
+//! without the label for it; in a negative nothing may be hit, nor braked for in an emergency. If it is not, it is
+//! drawn anew. Then the episodes that have no file yet are driven with pictures. The same seed gives the same bytes.
+
+use std::{
+    collections::BTreeMap,
+    fmt::Write,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use rayon::prelude::*;
+
+use super::{
+    case::{Kind, Part},
+    human::Human,
+    plan::{Episode, episodes, tracks},
+    play::{Blind, Played, Shown, play},
+    stage::Place,
+};
+use crate::{scenario::ScenarioError, track::TrackError, world::Simulation};
+use lapwing_core::{
+    drive,
+    files,
+    protocol::Dialect,
+    recording::{Item, RecordingError, RunFile, RunHeader, RunKind},
+};
+
+/// The table of the episodes.
+pub const EPISODES_NAME: &str = "episodes.csv";
+/// Its heading.
+pub const HEADING: &str = "name,part,scenario,kind,layer,seed,track,speed_mph,reaction_s,frames,hit";
+
+/// So long before an impact the foot must be down, in seconds: a label is 0.67 s long and begins 0.2 s before the foot.
+const PRESSED_BEFORE_S: f64 = 0.45;
+/// Draws of one episode before it is given up.
+const DRAWS: u64 = 24;
+/// So many episodes are rehearsed, and recorded, before it is looked whether there are enough, and the table is written.
+const AT_ONCE: usize = 32;
+
+/// How much is recorded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DataOptions {
+    /// Hours of driving, at least.
+    pub hours: f64,
+    /// The seed of everything random.
+    pub seed: u64,
+    /// Telemetries a second. 15 by default.
+    pub hz: f64,
+}
+
+impl Default for DataOptions {
+    fn default() -> Self {
+        Self { hours: 3.0, seed: 0, hz: 15.0 }
+    }
+}
+
+/// An episode of a data set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recorded {
+    /// What was drawn.
+    pub episode: Episode,
+    /// Telemetries.
+    pub frames: u64,
+    /// Whether the car hit something.
+    pub hit: bool,
+}
+
+/// What was recorded.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DataReport {
+    /// All episodes, those that were there before included.
+    pub episodes: Vec<Recorded>,
+    /// How many were there before.
+    pub kept: usize,
+    /// Episodes of which no draw was of use.
+    pub given_up: usize,
+    /// Whether it was interrupted before all were recorded.
+    pub interrupted: bool,
+}
+
+/// A data set that cannot be recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum DataError {
+    /// A road.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+    /// A scenario that cannot be played on its road.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// A run.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The folder or the table.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+impl From<std::convert::Infallible> for DataError {
+    fn from(never: std::convert::Infallible) -> Self {
+        match never {}
+    }
+}
+
+/// Roads by name, opened once.
+#[derive(Debug, Default)]
+pub struct Places(BTreeMap<String, Place>);
+
+impl Places {
+    /// Opens those that are not open yet.
+    ///
+    /// # Errors
+    /// [`TrackError`].
+    pub fn open<'a>(&mut self, names: impl IntoIterator<Item = &'a str>) -> Result<(), TrackError> {
+        let missing: Vec<&str> = names.into_iter().filter(|name| !self.0.contains_key(*name)).collect();
+        let opened = missing.into_par_iter().map(|name| Ok((name.to_owned(), Place::open(name)?)));
+        self.0.extend(opened.collect::<Result<Vec<_>, TrackError>>()?);
+        Ok(())
+    }
+
+    /// One of them.
+    pub fn get(&self, name: &str) -> Result<&Place, TrackError> {
+        self.0.get(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() })
+    }
+}
+
+/// Records a data set into a folder, where episodes that are whole are kept. `watch` is told how many episodes there are so far
+/// and of how many, and says whether to go on.
+///
+/// # Errors
+/// [`DataError`]. What was recorded before it is kept.
+pub fn record(
+    folder: &Path,
+    options: DataOptions,
+    watch: impl Fn(usize, usize) -> bool + Sync,
+) -> Result<DataReport, DataError> {
+    fs::create_dir_all(folder).map_err(|source| DataError::Write { path: folder.to_owned(), source })?;
+    let mut places = Places::default();
+    places.open(Part::ALL.into_iter().flat_map(tracks).copied())?;
+    let (mut report, drawn) = rehearse(&places, options)?;
+    let path = |recorded: &Recorded| folder.join(format!("{}.mcap", recorded.episode.name));
+    report.kept = drawn.iter().filter(|recorded| path(recorded).is_file()).count();
+    let total = drawn.len();
+    for some in drawn.chunks(AT_ONCE) {
+        let record = |recorded: &Recorded| {
+            let path = path(recorded);
+            if path.is_file() { Ok(()) } else { write(&places, &recorded.episode, options, &path) }
+        };
+        some.par_iter().map(record).collect::<Result<(), DataError>>()?;
+        report.episodes.extend_from_slice(some);
+        let table = folder.join(EPISODES_NAME);
+        files::write(&table, csv(&report.episodes).as_bytes()).map_err(|source| DataError::Write { path: table, source })?;
+        if !watch(report.episodes.len(), total) {
+            report.interrupted = report.episodes.len() < total;
+            break;
+        }
+    }
+    Ok(report)
+}
+
+/// Draws episodes until they are long enough.
+fn rehearse(places: &Places, options: DataOptions) -> Result<(DataReport, Vec<Recorded>), DataError> {
+    let (mut report, mut drawn, mut frames) = (DataReport::default(), vec![], 0);
+    let mut planned = episodes(options.seed);
+    while (frames as f64) < options.hours * 3600.0 * options.hz {
+        let some: Vec<Episode> = planned.by_ref().take(AT_ONCE).collect();
+        let rehearsed = some.par_iter().map(|episode| of_use(places, episode, options));
+        for recorded in rehearsed.collect::<Result<Vec<_>, DataError>>()? {
+            match recorded {
+                Some(recorded) if (frames as f64) < options.hours * 3600.0 * options.hz => {
+                    frames += recorded.frames;
+                    drawn.push(recorded);
+                }
+                Some(_) => {}
+                None => report.given_up += 1,
+            }
+        }
+        if drawn.is_empty() {
+            break; // nothing at all is of use
+        }
+    }
+    Ok((report, drawn))
+}
+
+/// The first draw of an episode that is of use.
+fn of_use(places: &Places, episode: &Episode, options: DataOptions) -> Result<Option<Recorded>, DataError> {
+    for times in 0..DRAWS {
+        let drawn = if times == 0 { episode.clone() } else { episode.redrawn(times) };
+        let played = drive(places, &drawn, options, false, |_| Ok(()))?;
+        if is_of_use(drawn.case.kind(), &played) {
+            return Ok(Some(Recorded { episode: drawn, frames: played.frames, hit: played.hit_s.is_some() }));
+        }
+    }
+    Ok(None)
+}
+
+fn is_of_use(kind: Kind, played: &Played) -> bool {
+    match (kind, played.pressed_s) {
+        (Kind::Hazard, Some(pressed_s)) => played.hit_s.is_none_or(|hit_s| hit_s - pressed_s >= PRESSED_BEFORE_S),
+        (Kind::Hazard, None) => false,
+        (Kind::Negative, pressed_s) => pressed_s.is_none() && played.hit_s.is_none(),
+    }
+}
+
+/// Drives an episode with pictures and records it.
+fn write(places: &Places, episode: &Episode, options: DataOptions, path: &Path) -> Result<(), DataError> {
+    // A fixed time, as the same seed gives the same bytes.
+    let started = jiff::Timestamp::UNIX_EPOCH;
+    let config = serde_json::json!({ "brake": episode, "hz": options.hz });
+    let header = RunHeader {
+        name_hint: Some(episode.name.clone()),
+        dialect: Some(Dialect::SelfOracle),
+        seed: Some(episode.seed),
+        ..RunHeader::new(RunKind::Driven, config, started)
+    };
+    let mut run = RunFile::create(path, &header)?;
+    drive(places, episode, options, true, |shown| match shown {
+        Shown::Turn(turn) => drive::items(turn).try_for_each(|item| run.write(turn.at(), item)),
+        Shown::Event(at, event) => run.write(at, Item::Event(event)),
+    })?;
+    Ok(run.finish()?)
+}
+
+fn drive(
+    places: &Places,
+    episode: &Episode,
+    options: DataOptions,
+    pictures: bool,
+    show: impl FnMut(Shown<'_>) -> Result<(), RecordingError>,
+) -> Result<Played, DataError> {
+    let mut setup = episode.staging().setup(places.get(&episode.track)?)?;
+    setup.hz = options.hz;
+    let world = Simulation::new(setup)?;
+    let mut world = if pictures { world } else { world.seen_by(Blind) };
+    Ok(play(&mut world, &mut Human::new(episode.temper()), show)?)
+}
+
+/// The table of episodes.
+fn csv(episodes: &[Recorded]) -> String {
+    let mut text = format!("{HEADING}\n");
+    for Recorded { episode, frames, hit } in episodes {
+        let Episode { name, part, case, layer, track, speed_mph, reaction_s, seed } = episode;
+        let kind = match case.kind() {
+            Kind::Hazard => "hazard",
+            Kind::Negative => "negative",
+        };
+        let hit = u8::from(*hit);
+        writeln!(text, "{name},{part},{case},{kind},{layer},{seed},{track},{speed_mph},{reaction_s},{frames},{hit}")
+            .expect("writing to a String cannot fail");
+    }
+    text
+}
