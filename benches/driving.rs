@@ -10,6 +10,7 @@ use std::{
 use base64::{Engine, prelude::BASE64_STANDARD};
 use divan::{Bencher, counter::BytesCount};
 use image::{ColorType, codecs::jpeg::JpegEncoder};
+use lapwing_core::guard::GuardModel;
 use lapwing_core::{
     config::ControlSettings,
     driver::Driver,
@@ -17,7 +18,6 @@ use lapwing_core::{
     pilot::View,
     protocol::{Observation, Sight},
 };
-use lapwing_core::guard::GuardModel;
 use lapwing_learn::braking::BrakingModel;
 use lapwing_learn::models;
 use lapwing_learn::nn::{Architecture, Checkpoint, Design, Network, in_variable_store, runtime};

@@ -2,8 +2,8 @@
 
 use std::{fs, path::Path};
 
-use serde_json::Value;
 use lapwing_score::emergency::{LabelRule, Labelled};
+use serde_json::Value;
 use tempfile::tempdir;
 
 use crate::{program::lapwing_in, support::shared};

@@ -58,11 +58,30 @@ struct Mover {
 /// How it moves.
 #[derive(Debug, Clone)]
 enum Way {
-    Lead { hold: Hold, deceleration: f64, build_up: f64, end: f64 },
+    Lead {
+        hold: Hold,
+        deceleration: f64,
+        build_up: f64,
+        end: f64,
+    },
     /// `hold` is the lead's way until the onset; `turned` in radians, clockwise from the road.
-    TurnOff { hold: Hold, deceleration: f64, end: f64, angle: f64, to: f64, turned: f64 },
-    Cruise { oncoming: bool },
-    Cross { from: f64, to: f64, walk: Walk, set_off: SetOff },
+    TurnOff {
+        hold: Hold,
+        deceleration: f64,
+        end: f64,
+        angle: f64,
+        to: f64,
+        turned: f64,
+    },
+    Cruise {
+        oncoming: bool,
+    },
+    Cross {
+        from: f64,
+        to: f64,
+        walk: Walk,
+        set_off: SetOff,
+    },
 }
 
 /// Keeps a gap to our car until the onset, in seconds.
@@ -258,9 +277,7 @@ impl Mover {
     /// Advances; returns how far it is turned from the road's direction, in radians.
     fn step(&mut self, t: f64, dt: f64, track: &Track, size: DVec3, ego: &Car, ego_place: &Place) -> f64 {
         // Where our car has moved already, it will have moved, too.
-        let between = |s: f64, speed: f64| {
-            signed(track, ego_place.station.s, s + speed * dt) - FRONT_M - size.z / 2.0
-        };
+        let between = |s: f64, speed: f64| signed(track, ego_place.station.s, s + speed * dt) - FRONT_M - size.z / 2.0;
         match &mut self.way {
             Way::Lead { hold, deceleration, build_up, end } => {
                 let before = self.speed;

@@ -31,4 +31,3 @@ pub use play::{Blind, Played, Shown, play};
 pub use record::{DataError, DataOptions, DataReport, EPISODES_NAME, HEADING, Places, Recorded, record};
 pub use sight::Sight;
 pub use stage::{Place, Staging};
-

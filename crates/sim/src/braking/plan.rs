@@ -38,9 +38,9 @@ const PARTS: [Part; 10] = [
 /// The roads of a part. What is held out is played on roads of its own.
 pub fn tracks(part: Part) -> &'static [&'static str] {
     match part {
-        Part::Train => &[
-            "lake", "jungle", "mountain", "random:1", "random:2", "random:3", "random:4", "random:5", "random:6",
-        ],
+        Part::Train => {
+            &["lake", "jungle", "mountain", "random:1", "random:2", "random:3", "random:4", "random:5", "random:6"]
+        }
         Part::Validation => &["random:7", "random:8"],
         Part::HeldOut => &["random:9", "random:10", "random:11", "random:12"],
     }
@@ -97,7 +97,8 @@ impl Episode {
 /// Episodes without end: hazards and negatives in turn, and every case in every layer before the first comes again, so that
 /// any beginning is as balanced as can be.
 pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
-    let cells = |kind| Case::of(kind).flat_map(|case| case.layers().map(move |layer| (case, layer))).collect::<Vec<_>>();
+    let cells =
+        |kind| Case::of(kind).flat_map(|case| case.layers().map(move |layer| (case, layer))).collect::<Vec<_>>();
     let [hazards, negatives] = [Kind::Hazard, Kind::Negative].map(cells);
     (0_usize..).map(move |i| {
         let cells = if i % 2 == 0 { &hazards } else { &negatives };

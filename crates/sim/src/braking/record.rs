@@ -23,8 +23,7 @@ use super::{
 };
 use crate::{scenario::ScenarioError, track::TrackError, world::Simulation};
 use lapwing_core::{
-    drive,
-    files,
+    drive, files,
     protocol::Dialect,
     recording::{Item, RecordingError, RunFile, RunHeader, RunKind},
 };
@@ -157,7 +156,8 @@ pub fn record(
         some.par_iter().map(record).collect::<Result<(), DataError>>()?;
         report.episodes.extend_from_slice(some);
         let table = folder.join(EPISODES_NAME);
-        files::write(&table, csv(&report.episodes).as_bytes()).map_err(|source| DataError::Write { path: table, source })?;
+        files::write(&table, csv(&report.episodes).as_bytes())
+            .map_err(|source| DataError::Write { path: table, source })?;
         if !watch(report.episodes.len(), total) {
             report.interrupted = report.episodes.len() < total;
             break;

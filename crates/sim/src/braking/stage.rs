@@ -242,7 +242,9 @@ fn vary(scenario: &mut Scenario, case: Case, layer: Layer, speed: f64, rng: &mut
     }
     if let Some(moved) = moved {
         for other in others {
-            if let Script::Parked { ahead_m, .. } | Script::Cruise { ahead_m, .. } | Script::Cross { ahead_m, .. } = other {
+            if let Script::Parked { ahead_m, .. } | Script::Cruise { ahead_m, .. } | Script::Cross { ahead_m, .. } =
+                other
+            {
                 nudge(ahead_m, moved);
             }
         }
@@ -275,7 +277,12 @@ fn aside_at(gap_m: f64, speed: f64, onset_s: f64) -> Script {
 
 fn parked(ahead_m: f64, offset_m: f64) -> Script {
     let exactly = Draw::Exactly;
-    Script::Parked { kind: ActorKind::Car, ahead_m: exactly(ahead_m), offset_m: exactly(offset_m), yaw_deg: exactly(0.0) }
+    Script::Parked {
+        kind: ActorKind::Car,
+        ahead_m: exactly(ahead_m),
+        offset_m: exactly(offset_m),
+        yaw_deg: exactly(0.0),
+    }
 }
 
 /// Moves a number by `by`.

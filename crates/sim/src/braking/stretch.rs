@@ -27,7 +27,9 @@ pub struct Stretches {
 impl Stretches {
     /// Of a road.
     pub fn of(track: &Track) -> Self {
-        let bend = |s: f64| (0..(WAY_M / 2.0) as usize).map(|i| track.at(s + 2.0 * i as f64).curvature.abs()).fold(0.0, f64::max);
+        let bend = |s: f64| {
+            (0..(WAY_M / 2.0) as usize).map(|i| track.at(s + 2.0 * i as f64).curvature.abs()).fold(0.0, f64::max)
+        };
         let mut places: Vec<(f64, f64)> = (0..(track.length() / STEP_M) as usize)
             .map(|i| {
                 let s = i as f64 * STEP_M;
@@ -90,8 +92,8 @@ impl Reach {
     fn suits(&self, track: &Track, s: f64) -> bool {
         let has = |side, at: f64| WALLS.iter().any(|edge| track.file().has(*edge, side, at.rem_euclid(track.length())));
         let steps = (self.ahead_m / STEP_M) as usize;
-        (0..=steps).map(|i| s + i as f64 * STEP_M).all(|at| {
-            !(self.left && has(Side::Left, at) || self.right && has(Side::Right, at))
-        })
+        (0..=steps)
+            .map(|i| s + i as f64 * STEP_M)
+            .all(|at| !(self.left && has(Side::Left, at) || self.right && has(Side::Right, at)))
     }
 }
