@@ -3,8 +3,8 @@
 //! ```text
 //! value ─▶ over the upper limit twice in a row ─▶ brakes (standstill's rule) ─▶ calm, stood, handed over ─▶ rests
 //! ```
-//! It never latches: whatever the guard goes on saying, the pilot has the throttle back once the car has stood for
-//! [`STANDS_S`].
+//! It never latches: once the car has stood for [`STANDS_S`] and no emergency brake is due, or for [`HELD_S`] whatever the
+//! guard goes on saying, the pilot has the throttle back.
 
 use std::time::Duration;
 
@@ -24,8 +24,11 @@ pub const TO_RELEASE: u32 = 5;
 /// It brakes for at least this long, in seconds: the 10 frames that Itu and Danescu label.
 pub const LEAST_S: f64 = 0.67;
 
-/// A car that has stood for this long, in seconds, is the pilot's again.
+/// A car that has stood for this long, in seconds, is the pilot's again, unless an emergency brake is still due …
 pub const STANDS_S: f64 = 1.5;
+
+/// … and after this long in any case, in seconds: a guard may be wrong for good.
+pub const HELD_S: f64 = 30.0;
 
 /// A car slower than this is not braked anew: its brake would be the reverse gear, and the pilot must be able to leave.
 pub const SLOWEST: Mph = Mph::constant(1.5);
@@ -77,6 +80,8 @@ struct Pressed {
     since: Duration,
     /// Values in a row below the lower limit.
     low: u32,
+    /// Whether the last value was below the upper one.
+    is_past: bool,
     stands_since: Option<Duration>,
     standstill: Standstill,
 }
@@ -105,10 +110,12 @@ impl EmergencyBrake {
         };
         if let Some(value) = value {
             pressed.low = if value < self.limits.releases { pressed.low + 1 } else { 0 };
+            pressed.is_past = value < self.limits.fires;
         }
         pressed.stands_since = (speed < STANDING_BELOW).then(|| pressed.stands_since.unwrap_or(at));
         let after = |since: Duration| at.saturating_sub(since).as_secs_f64();
-        if pressed.stands_since.is_some_and(|since| after(since) >= STANDS_S) {
+        let most = if pressed.is_past { STANDS_S } else { HELD_S };
+        if pressed.stands_since.is_some_and(|since| after(since) >= most) {
             return self.release(at, Release::Stood);
         }
         let is_calm = pressed.low >= TO_RELEASE && after(pressed.since) >= LEAST_S;
@@ -168,11 +175,14 @@ mod tests {
     #[test]
     fn a_standing_car_is_the_pilots_again_whatever_the_guard_says_and_is_not_held_for_good() {
         let mut moments = vec![(0.9, 20.0); 2];
-        moments.extend([(0.9, 0.0); 60]);
+        let mut calmer = moments.clone();
+        calmer.extend([(0.4, 0.0); 30]);
         // 1.5 s after the first moment at rest.
-        assert_eq!(changes(&moments), [(1, None), (25, Some(Release::Stood))]);
+        assert_eq!(changes(&calmer), [(1, None), (25, Some(Release::Stood))]);
+        moments.extend([(0.9, 0.0); 460]);
+        assert_eq!(changes(&moments), [(1, None), (452, Some(Release::Stood))], "30 s after it");
         moments.extend([(0.9, 1.0), (0.9, 1.6), (0.9, 2.0)]);
-        assert_eq!(changes(&moments).last(), Some(&(64, None)), "moving on into it is braked again");
+        assert_eq!(changes(&moments).last(), Some(&(464, None)), "moving on into it is braked again");
     }
 
     #[test]
@@ -183,8 +193,8 @@ mod tests {
         assert_eq!(brake.update(at(0), fast, Some(0.9)), None);
         assert_eq!(brake.update(at(1), fast, Some(0.9)), Some(BrakeChange::Began { value: 0.9 }));
         assert_eq!(brake.throttle(at(1), KnownSpeed::Now(fast)), Some(Throttle::MIN));
-        let ended = (2..60).find_map(|i| brake.update(at(i), Mph::ZERO, None));
+        let ended = (2..500).find_map(|i| brake.update(at(i), Mph::ZERO, None));
         assert!(matches!(ended, Some(BrakeChange::Ended(Release::Stood, _))), "{ended:?}");
-        assert_eq!(brake.throttle(at(60), KnownSpeed::Now(fast)), None);
+        assert_eq!(brake.throttle(at(500), KnownSpeed::Now(fast)), None);
     }
 }

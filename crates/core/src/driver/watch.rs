@@ -6,9 +6,9 @@ use crate::{
     control::{BrakeChange, EmergencyBrake, KnownSpeed, Release},
     guard::{Guard, Watched},
     perception::Frame,
-    protocol::Telemetry,
+    protocol::{Telemetry, Truth},
     turn::{EventRecord, Trace},
-    units::{Clock, Mph, Throttle},
+    units::{Clock, Metres, Mph, Throttle},
 };
 
 /// A guard and its brake.
@@ -33,7 +33,8 @@ impl Watch {
     pub(super) fn look(&mut self, at: Duration, frame: &Frame, telemetry: &Telemetry, clock: Clock, trace: &mut Trace) {
         let began = clock();
         let Telemetry { speed, truth, .. } = telemetry;
-        let watched = Watched { at, frame, speed: *speed, time_to_collision_s: truth.time_to_collision_s };
+        let Truth { time_to_collision_s, gap, .. } = *truth;
+        let watched = Watched { at, frame, speed: *speed, time_to_collision_s, gap_m: gap.map(Metres::get) };
         trace.brake_due = self.guard.watch(&watched).unwrap_or_else(|why| {
             if !std::mem::replace(&mut self.told_blind, true) {
                 let text = format!("the guard ({}) cannot watch: {why}", self.guard.name());
@@ -91,7 +92,7 @@ mod tests {
         driver::Driver,
         guard::{GuardError, TimeToCollision},
         pilot::{Pilot, PilotError, Prediction, View},
-        protocol::{Answer, Observation, Sight, Truth},
+        protocol::{Answer, Observation, Sight},
     };
 
     /// Straight on, and blind.

@@ -31,6 +31,8 @@ pub struct Watched<'a> {
     pub speed: Mph,
     /// Seconds until the car would hit something, where the world reports it.
     pub time_to_collision_s: Option<f64>,
+    /// Metres to what is ahead in the car's way, where the world reports it.
+    pub gap_m: Option<f64>,
 }
 
 /// Says how much an emergency brake is due.

@@ -3,9 +3,13 @@
 use super::{Guard, GuardError, GuardModel, Watched};
 use crate::control::BrakeLimits;
 
-/// It brakes where a collision is this near, in seconds. At the car's top speed of 30 mph full brake takes 0.7 s of
-/// that, the two frames that make an emergency and the car's answer to them 0.2 s; the rest is margin on a wet road.
+/// It brakes where a collision is this near, in seconds. At the car's top speed of 30 mph full brake on a dry road (7.1 m/s²)
+/// takes 0.95 s of that, the two frames that make an emergency and the car's answer to them 0.2 s; the rest is margin.
 const FIRES_S: f64 = 1.4;
+
+/// What is this close ahead, in metres, is braked for whatever the time. A car that sets off before something has no time
+/// left to be braked in; and one that is let go of at 0.7 mph, as the rule of a standstill has it, rolls on for 3 m and more.
+const CLOSE_M: f64 = 6.0;
 
 /// It no longer does once a collision is this far, in seconds: where Euro NCAP's tests of emergency braking begin.
 const RELEASES_S: f64 = 4.0;
@@ -34,6 +38,8 @@ impl Guard for TimeToCollision {
         if until_s.is_nan() {
             return Err(GuardError::NotFinite(until_s));
         }
+        let is_close = now.gap_m.is_some_and(|gap_m| gap_m < CLOSE_M);
+        let until_s = if is_close { until_s.min(FIRES_S) } else { until_s };
         Ok(Some(until_s.max(NEAREST_S).recip()))
     }
 
@@ -69,9 +75,12 @@ mod tests {
     fn it_warns_of_a_near_collision_rests_at_a_far_one_and_needs_to_be_told() {
         let frame = Frame::default();
         let mut guard = TimeToCollision;
-        let mut value = |time_to_collision_s| {
-            guard.watch(&Watched { at: Duration::ZERO, frame: &frame, speed: Mph::ZERO, time_to_collision_s })
+        let mut watch = |time_to_collision_s, gap_m| {
+            guard.watch(&Watched { at: Duration::ZERO, frame: &frame, speed: Mph::ZERO, time_to_collision_s, gap_m })
         };
+        assert_eq!(watch(Some(60.0), Some(1.0)).unwrap(), Some(FIRES_S.recip()), "it stands right before something");
+        assert_eq!(watch(Some(60.0), Some(7.0)).unwrap(), Some(60f64.recip()));
+        let mut value = |until_s| watch(until_s, None);
         let BrakeLimits { fires, releases } = TimeToCollision.limits();
         for (until_s, warns, rests) in
             [(0.0, true, false), (1.3, true, false), (1.5, false, false), (4.1, false, true), (60.0, false, true)]

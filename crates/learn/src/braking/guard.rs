@@ -196,7 +196,8 @@ mod tests {
         let frame = Frame::new(320, 160, vec![90; 320 * 160 * 3]).unwrap();
         let mut at = |i: &u32| {
             let at = from + Duration::from_secs_f64(f64::from(*i) / hz);
-            let now = Watched { at, frame: &frame, speed: Mph::new(20.0).unwrap(), time_to_collision_s: None };
+            let now =
+                Watched { at, frame: &frame, speed: Mph::new(20.0).unwrap(), time_to_collision_s: None, gap_m: None };
             guard.watch(&now).unwrap().is_some()
         };
         (0..frames).filter(|i| at(i)).collect()
