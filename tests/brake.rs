@@ -119,3 +119,45 @@ fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() 
     assert_eq!(status, 1);
     assert!(err.contains("expected the table of a data set of lapwing brake record"), "{err}");
 }
+
+#[test]
+fn each_recorded_hazard_is_labelled_as_one_emergency_and_nothing_harmless_is() {
+    let folder = tempdir().unwrap();
+    let record = ["brake", "record", "--out", "data", "--hours", "0.02", "--seed", "3"];
+    let (status, out, err) = lapwing_in(folder.path(), "", &record);
+    assert_eq!((status, err.as_str()), (0, ""));
+    assert!(out.contains(" (0 kept), 0.02 hours, in data"), "{out}");
+    let table = fs::read_to_string(folder.path().join("data/episodes.csv")).unwrap();
+    for row in table.lines().skip(1) {
+        let fields: Vec<_> = row.split(',').collect();
+        let run = folder.path().join("data").join(format!("{}.mcap", fields[0]));
+        let found = Labelled::open(&run, LabelRule::default()).unwrap().found();
+        assert_eq!(found.emergencies_s.len(), usize::from(fields[3] == "hazard"), "{row}: {found:?}");
+        assert_eq!(found.moments.to_string(), fields[9], "{row}");
+    }
+    assert!(table.lines().count() > 4, "{table}");
+}
+
+#[test]
+fn a_trial_tells_what_a_guard_avoids_in_a_table_a_file_and_a_page_with_films() {
+    let folder = tempdir().unwrap();
+    let run = |arguments: &[&str]| lapwing_in(folder.path(), "", arguments);
+    let less = ["--cases", "ccrs,steel-plate", "--speeds", "20", "--seeds", "2", "--laps", "0"];
+    let trial = |more: &[&str]| run(&[&["brake", "trial"], &less[..], more].concat());
+    let (status, out, err) = trial(&[]);
+    assert_eq!((status, err.as_str()), (0, ""));
+    assert!(out.ends_with("guard: none; speeds in mph\n"), "{out}");
+    let (status, out, err) = trial(&["--brake-guard", "ttc", "--out", "runs", "--json"]);
+    assert_eq!(status, 0, "{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let row = &result["hazards"][0];
+    assert_eq!((row["hit_without"].as_u64(), row["avoidable"].as_u64()), (Some(2), Some(2)), "{row}");
+    assert_eq!((row["hit_with"].as_u64(), row["avoided"].as_u64()), (Some(0), Some(2)), "{row}");
+    assert_eq!(result["harmless"][0]["activations"].as_u64(), Some(0), "{out}");
+    let page = fs::read_to_string(folder.path().join("runs/trial.html")).unwrap();
+    assert_eq!(page.matches("data:video/mp4;base64,").count(), 2);
+    assert!(folder.path().join("runs/films/ccrs.mp4").is_file());
+    let (status, _, err) = trial(&["--layers", "fog"]);
+    assert_eq!(status, 2);
+    assert!(err.contains("expected one of plain, hidden, rain, low-sun, night"), "{err}");
+}

@@ -4,9 +4,15 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+#[cfg(feature = "simulator")]
+use super::GuardFlags;
 use super::parse::above_zero;
+#[cfg(feature = "simulator")]
+use lapwing_core::words::did_you_mean;
 #[cfg(feature = "networks")]
 use lapwing_learn::braking::Part;
+#[cfg(feature = "simulator")]
+use lapwing_sim::braking::{Case, Layer};
 
 /// `lapwing brake`
 #[derive(Debug, Args)]
@@ -23,6 +29,9 @@ pub enum BrakeVerb {
     /// Record data to learn emergency braking from: hazards and harmless drives, with a driver who brakes as people do
     #[cfg(feature = "simulator")]
     Record(BrakeRecord),
+    /// Drive every hazard and every harmless situation, without and with a guard, and count what is avoided
+    #[cfg(feature = "simulator")]
+    Trial(BrakeTrial),
     /// Train a network to say when an emergency brake is due, on the data of brake record
     #[cfg(feature = "networks")]
     Train(BrakeTrain),
@@ -104,6 +113,57 @@ pub struct BrakeEvaluate {
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// `lapwing brake trial`
+#[cfg(feature = "simulator")]
+#[derive(Debug, Args)]
+pub struct BrakeTrial {
+    #[command(flatten)]
+    pub guard: GuardFlags,
+    /// What to play, such as ccrs,cpna,parked [default: all hazards and all that is harmless]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = case)]
+    pub cases: Vec<Case>,
+    /// The layers that the seeds take turns in: plain, hidden, rain, low-sun, night [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = layer)]
+    pub layers: Vec<Layer>,
+    /// Speeds of the car, in mph [default: 10,15,20,25,30]
+    #[arg(long, value_name = "MPH", value_delimiter = ',', value_parser = speed_in_trial)]
+    pub speeds: Vec<f64>,
+    /// Drives of each case at each speed
+    #[arg(long, value_name = "COUNT", default_value_t = 20)]
+    pub seeds: u64,
+    /// Laps of each of lake, jungle and mountain, without traffic
+    #[arg(long, value_name = "COUNT", default_value_t = 10)]
+    pub laps: u32,
+    /// Folder for trial.json, trial.html, and films/ of the worst drive of each
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[cfg(feature = "simulator")]
+fn case(text: &str) -> Result<Case, String> {
+    Case::named(text).filter(|case| *case != Case::Lap).ok_or_else(|| {
+        let names: Vec<_> = Case::ALL.into_iter().filter(|case| *case != Case::Lap).map(Case::name).collect();
+        format!("expected one of {}{}", names.join(", "), did_you_mean(text, names.iter().copied()))
+    })
+}
+
+#[cfg(feature = "simulator")]
+fn layer(text: &str) -> Result<Layer, String> {
+    let names = || Layer::ALL.into_iter().map(Layer::name);
+    Layer::named(text).ok_or_else(|| {
+        format!("expected one of {}{}", names().collect::<Vec<_>>().join(", "), did_you_mean(text, names()))
+    })
+}
+
+#[cfg(feature = "simulator")]
+fn speed_in_trial(text: &str) -> Result<f64, String> {
+    let within = |mph: &f64| (5.0..=30.0).contains(mph);
+    text.parse().ok().filter(within).ok_or_else(|| "expected 5 to 30 mph".to_owned())
 }
 
 /// `lapwing brake label`

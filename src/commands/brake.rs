@@ -6,6 +6,8 @@ mod evaluate;
 mod recorded;
 #[cfg(feature = "networks")]
 mod train;
+#[cfg(feature = "simulator")]
+mod tried;
 
 use std::{
     collections::BTreeMap,
@@ -22,11 +24,13 @@ use lapwing_score::{
     emergency::{LabelRule, Labelled},
 };
 
-pub(super) fn run(arguments: &Brake) -> anyhow::Result<Ended> {
+pub(super) fn run(arguments: &Brake, config: Option<&Path>) -> anyhow::Result<Ended> {
     match &arguments.verb {
         BrakeVerb::Label(arguments) => label(arguments),
         #[cfg(feature = "simulator")]
         BrakeVerb::Record(arguments) => recorded::run(arguments),
+        #[cfg(feature = "simulator")]
+        BrakeVerb::Trial(arguments) => tried::run(arguments, config),
         #[cfg(feature = "networks")]
         BrakeVerb::Train(arguments) => train::run(arguments),
         #[cfg(feature = "networks")]

@@ -116,7 +116,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Locate(arguments) => limit_pictures(config).and_then(|()| locate::run(&arguments)),
         #[cfg(feature = "simulator")]
         Verb::Score(arguments) => score::run(&arguments, config),
-        Verb::Brake(arguments) => brake::run(&arguments),
+        Verb::Brake(arguments) => brake::run(&arguments, config),
         #[cfg(feature = "simulator")]
         Verb::Marl(arguments) => marl::run(&arguments),
         #[cfg(all(feature = "networks", feature = "simulator"))]

@@ -19,10 +19,12 @@ use super::{
 const FROM_NOTHING: [&str; 2] = ["README.md", "docs/tutorial/first-drive.md"];
 
 /// How verbs are made short: flags that are added, or whose value is replaced. Commands whose output is shown are not.
-const SHORTER: [(&str, &[(&str, &str)]); 4] = [
+const SHORTER: [(&str, &[(&str, &str)]); 6] = [
     ("drive", &[("--max-time", "1")]),
     ("simulate", &[("--max-time", "1")]),
     ("record", &[("--max-time", "8")]),
+    ("brake record", &[("--hours", "0.005")]),
+    ("brake trial", &[("--cases", "ccrs,parked"), ("--speeds", "20"), ("--seeds", "1"), ("--laps", "0")]),
     ("train", &[("--epochs", "1"), ("--batch", "8"), ("--samples-per-epoch", "8"), ("--validation-samples", "4")]),
 ];
 
@@ -90,7 +92,7 @@ impl Room {
     /// Runs a command of `lapwing`, shortened unless its output is shown.
     pub fn run(&self, invocation: &Invocation) -> Outcome {
         let mut words = invocation.words[1..].to_owned();
-        let verb = words[0].clone();
+        let verb = if words[0] == "brake" { words[..2].join(" ") } else { words[0].clone() };
         let is_long = invocation.shown.is_none() && !words.iter().any(|word| word == "--stances");
         let shorter = SHORTER.iter().find(|(known, _)| *known == verb && is_long);
         for (flag, value) in shorter.map_or(&[][..], |(_, flags)| flags) {

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`pedal`] | brake pedal and speed over time, from whatever recorded them |
 //! | [`label`] | at which moments an emergency brake is due, by how fast the pedal goes down |
+//! | [`trial`] | what a guard is worth in the closed loop |
 //! | [`labelled`] | a recording and its labels: as a table, drawn, in words |
 //! | [`counting`] | how the paper counts a predictor, and the rates |
 //! | [`evaluation`] | how good a predictor is on episodes: that, activations, lead times, intervals |
@@ -20,6 +21,7 @@ pub mod evaluation;
 pub mod label;
 pub mod labelled;
 pub mod pedal;
+pub mod trial;
 
 pub use counting::{CountingRule, Counts};
 pub use evaluation::{Episode, Evaluation};

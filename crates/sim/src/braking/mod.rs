@@ -1,7 +1,9 @@
-//! Emergency braking: what there is to be braked for, a driver who brakes as people do, and what is recorded of it.
+//! Emergency braking: what there is to be braked for, a driver who brakes as people do, what is recorded of it, and how well a
+//! guard does.
 //!
 //! ```text
-//! Case, Layer, speed, seed ─▶ Staging ─▶ Setup ─▶ Simulation ◀─▶ Human ─▶ runs and episodes.csv
+//! Case, Layer, speed, seed ─▶ Staging ─▶ Simulation ◀─▶ Human ─▶ runs and episodes.csv
+//!                                            ◀─▶ Driver and its guard ─▶ what is avoided
 //! ```
 //!
 //! | file | holds |
@@ -14,6 +16,7 @@
 //! | `play` | a drive with that driver |
 //! | `plan` | the [`Episode`]s of a data set |
 //! | `record` | [`record()`]: the data set |
+//! | `trial` | [`Trial`]: the closed loop, without and with a guard |
 
 mod case;
 mod human;
@@ -23,6 +26,7 @@ mod record;
 mod sight;
 mod stage;
 mod stretch;
+mod trial;
 
 pub use case::{Case, Kind, Layer, Part};
 pub use human::{Attention, Human, Temper};
@@ -31,3 +35,7 @@ pub use play::{Blind, Played, Shown, play};
 pub use record::{DataError, DataOptions, DataReport, EPISODES_NAME, HEADING, Places, Recorded, record};
 pub use sight::Sight;
 pub use stage::{Place, Staging};
+pub use trial::{Braker, Outcome, Trial, TrialError, TrialOptions, Tried, trials, try_all};
+
+#[cfg(test)]
+mod tests;

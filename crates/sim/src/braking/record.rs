@@ -6,7 +6,7 @@
 //! drawn anew. Then the episodes that have no file yet are driven with pictures. The same seed gives the same bytes.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fmt::Write,
     fs, io,
     path::{Path, PathBuf},
@@ -15,9 +15,9 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    case::{Kind, Part},
+    case::Kind,
     human::Human,
-    plan::{Episode, episodes, tracks},
+    plan::{Episode, episodes},
     play::{Blind, Played, Shown, play},
     stage::Place,
 };
@@ -37,6 +37,8 @@ pub const HEADING: &str = "name,part,scenario,kind,layer,seed,track,speed_mph,re
 const PRESSED_BEFORE_S: f64 = 0.45;
 /// Draws of one episode before it is given up.
 const DRAWS: u64 = 24;
+/// No episode is much shorter, in seconds: the target is reached later.
+const SHORTEST_S: f64 = 5.0;
 /// So many episodes are rehearsed, and recorded, before it is looked whether there are enough, and the table is written.
 const AT_ONCE: usize = 32;
 
@@ -143,8 +145,7 @@ pub fn record(
 ) -> Result<DataReport, DataError> {
     fs::create_dir_all(folder).map_err(|source| DataError::Write { path: folder.to_owned(), source })?;
     let mut places = Places::default();
-    places.open(Part::ALL.into_iter().flat_map(tracks).copied())?;
-    let (mut report, drawn) = rehearse(&places, options)?;
+    let (mut report, drawn) = rehearse(&mut places, options)?;
     let path = |recorded: &Recorded| folder.join(format!("{}.mcap", recorded.episode.name));
     report.kept = drawn.iter().filter(|recorded| path(recorded).is_file()).count();
     let total = drawn.len();
@@ -167,24 +168,26 @@ pub fn record(
 }
 
 /// Draws episodes until they are long enough.
-fn rehearse(places: &Places, options: DataOptions) -> Result<(DataReport, Vec<Recorded>), DataError> {
+fn rehearse(places: &mut Places, options: DataOptions) -> Result<(DataReport, Vec<Recorded>), DataError> {
     let (mut report, mut drawn, mut frames) = (DataReport::default(), vec![], 0);
     let mut planned = episodes(options.seed);
-    while (frames as f64) < options.hours * 3600.0 * options.hz {
-        let some: Vec<Episode> = planned.by_ref().take(AT_ONCE).collect();
+    let wanted = options.hours * 3600.0 * options.hz;
+    while (frames as f64) < wanted {
+        // No more than may be needed: each road that is opened takes a second.
+        let missing = (wanted - frames as f64) / (SHORTEST_S * options.hz);
+        let some: Vec<Episode> = planned.by_ref().take((missing.ceil() as usize).clamp(1, AT_ONCE)).collect();
+        places.open(some.iter().map(|episode| &*episode.track).collect::<BTreeSet<_>>())?;
+        let places = &*places;
         let rehearsed = some.par_iter().map(|episode| of_use(places, episode, options));
         for recorded in rehearsed.collect::<Result<Vec<_>, DataError>>()? {
             match recorded {
-                Some(recorded) if (frames as f64) < options.hours * 3600.0 * options.hz => {
+                Some(recorded) if (frames as f64) < wanted => {
                     frames += recorded.frames;
                     drawn.push(recorded);
                 }
                 Some(_) => {}
                 None => report.given_up += 1,
             }
-        }
-        if drawn.is_empty() {
-            break; // nothing at all is of use
         }
     }
     Ok((report, drawn))

@@ -1,0 +1,140 @@
+use std::{convert::Infallible, fs};
+
+use super::*;
+use crate::{
+    camera::{Camera, Renderer},
+    scene::Looks,
+    world::Simulation,
+};
+use lapwing_core::{perception::Frame, recording::Recording};
+
+fn lake() -> Places {
+    let mut places = Places::default();
+    places.open(["lake", "random:9"]).unwrap();
+    places
+}
+
+/// A drive by a human, and the pedal at each telemetry.
+fn driven(places: &Places, episode: &Episode) -> (Played, Vec<f64>) {
+    let setup = episode.staging().setup(places.get(&episode.track).unwrap()).unwrap();
+    let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
+    let mut pedal = vec![];
+    let played = play(&mut world, &mut Human::new(episode.temper()), |shown| {
+        if let Shown::Turn(turn) = shown {
+            pedal.push(turn.telemetry().and_then(|telemetry| telemetry.truth.brake).unwrap());
+        }
+        Ok::<(), Infallible>(())
+    });
+    (played.unwrap(), pedal)
+}
+
+fn episode(case: Case, layer: Layer, speed_mph: f64, seed: u64) -> Episode {
+    let (part, track) = if seed % 2 == 0 { (Part::Train, "lake") } else { (Part::HeldOut, "random:9") };
+    Episode { name: "x".into(), part, case, layer, track: track.into(), speed_mph, reaction_s: 1.0, seed }
+}
+
+#[test]
+fn every_hazard_is_hit_in_every_layer_if_nobody_brakes() {
+    let places = lake();
+    for case in Case::of(Kind::Hazard) {
+        for (i, layer) in case.layers().enumerate() {
+            for (k, speed_mph) in [10.0, 20.0, 30.0].into_iter().enumerate() {
+                let (seed, track) = ((i * 3 + k) as u64, ["lake", "random:9"][k % 2].to_owned());
+                let trial = Trial { case, layer, track, speed_mph, seed, laps: None };
+                let outcome = trial.drive(&places, Braker::Nobody, &mut |_| Ok(())).unwrap();
+                assert!(outcome.impact_mph.is_some(), "{trial:?}: {outcome:?}");
+                assert!(outcome.reduction_mph < 1.5, "{trial:?}: {outcome:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn with_the_eyes_on_the_road_nothing_harmless_is_hit_or_braked_for_in_an_emergency() {
+    let places = lake();
+    for case in Case::of(Kind::Negative) {
+        for (i, layer) in case.layers().enumerate() {
+            for speed_mph in [10.0, 20.0, 29.5] {
+                let episode = episode(case, layer, speed_mph, i as u64);
+                let (played, pedal) = driven(&places, &episode);
+                assert_eq!((played.hit_s, played.pressed_s), (None, None), "{episode:?}");
+                let quickest = pedal.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max) * 15.0;
+                assert!(quickest < 0.35, "{episode:?}: {quickest} pedals per second");
+            }
+        }
+    }
+}
+
+#[test]
+fn in_a_hazard_the_foot_goes_all_the_way_down_and_a_gentle_stop_takes_a_third_of_the_pedal() {
+    let places = lake();
+    let (played, pedal) = driven(&places, &episode(Case::Ccrs, Layer::Plain, 20.0, 4));
+    let quickest = pedal.windows(5).map(|part| part[4] - part[0]).fold(0.0, f64::max);
+    assert!(played.pressed_s.is_some() && played.hit_s.is_none(), "{played:?}");
+    assert!(quickest > 0.6 && pedal.contains(&1.0), "{quickest}");
+    let (_, pedal) = driven(&places, &episode(Case::GentleStop, Layer::Plain, 25.0, 4));
+    let most = pedal.iter().copied().fold(0.0, f64::max);
+    assert!((0.1..0.5).contains(&most), "{most}");
+}
+
+#[test]
+fn a_slower_reaction_presses_later() {
+    let places = lake();
+    let at = |reaction_s| {
+        let quick = Episode { reaction_s, ..episode(Case::Ccrs, Layer::Plain, 25.0, 2) };
+        driven(&places, &quick).0.pressed_s.unwrap()
+    };
+    assert!((at(1.3) - at(0.6) - 0.7).abs() < 0.14, "{} {}", at(1.3), at(0.6));
+}
+
+#[test]
+fn each_layer_changes_the_picture_and_what_is_held_out_looks_different() {
+    let places = lake();
+    let mut pictures: Vec<(String, Vec<u8>)> = vec![];
+    for (part, layer) in Layer::ALL.map(|layer| (Part::Train, layer)).into_iter().chain([(Part::HeldOut, Layer::Plain)])
+    {
+        let staging = Staging { case: Case::Cpna, layer, part, speed_mph: 20.0, seed: 6 };
+        let setup = staging.setup(places.get("lake").unwrap()).unwrap();
+        let (mut renderer, mut frame) = (Renderer::new(setup.scenery.clone()), Frame::default());
+        let world = Simulation::new(setup).unwrap().seen_by(Blind);
+        world.draw(&mut renderer, &Camera::CENTER, &mut frame);
+        pictures.push((format!("{part} {layer}"), frame.rgb().to_vec()));
+    }
+    for (i, (one, a)) in pictures.iter().enumerate() {
+        for (other, b) in &pictures[i + 1..] {
+            let apart = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 12).count() as f64 / a.len() as f64;
+            assert!(apart > 0.001, "{one} and {other}: {apart}");
+        }
+    }
+    let staging = Staging { case: Case::Ccrs, layer: Layer::Plain, part: Part::HeldOut, speed_mph: 20.0, seed: 6 };
+    let world = Simulation::new(staging.setup(places.get("random:9").unwrap()).unwrap()).unwrap();
+    assert!(world.actors().iter().all(|actor| Looks::of(actor.look) == Looks::HeldOut));
+}
+
+#[test]
+fn a_data_set_is_read_back_is_the_same_again_and_goes_on_where_it_was_broken_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = DataOptions { hours: 0.01, seed: 3, ..DataOptions::default() };
+    let first = record(folder.path(), options, |_, _| true).unwrap();
+    assert!(first.kept == 0 && !first.interrupted && first.episodes.len() >= 2, "{first:?}");
+    let table = fs::read_to_string(folder.path().join(EPISODES_NAME)).unwrap();
+    assert_eq!((table.lines().next(), table.lines().count()), (Some(HEADING), first.episodes.len() + 1));
+    let path = |recorded: &Recorded| folder.path().join(format!("{}.mcap", recorded.episode.name));
+    for recorded in &first.episodes {
+        let moments: Vec<_> = Recording::open(&path(recorded)).unwrap().map(Result::unwrap).collect();
+        assert_eq!(moments.len() as u64, recorded.frames);
+        for moment in &moments {
+            let truth = &moment.telemetry.truth;
+            assert!(truth.brake.is_some() && truth.gap.is_some() && truth.time_to_collision_s.is_some());
+        }
+        let pressed = moments.iter().any(|moment| moment.telemetry.truth.brake == Some(1.0));
+        assert_eq!(pressed, recorded.episode.case.kind() == Kind::Hazard && !recorded.hit, "{recorded:?}");
+    }
+    let bytes: Vec<_> = first.episodes.iter().map(|recorded| fs::read(path(recorded)).unwrap()).collect();
+    fs::remove_file(path(&first.episodes[0])).unwrap();
+    let again = record(folder.path(), options, |_, _| true).unwrap();
+    assert_eq!((again.kept, &again.episodes), (first.episodes.len() - 1, &first.episodes));
+    for (recorded, bytes) in first.episodes.iter().zip(&bytes) {
+        assert!(fs::read(path(recorded)).unwrap() == *bytes, "{recorded:?}");
+    }
+}

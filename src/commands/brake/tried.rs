@@ -1,0 +1,155 @@
+//! `lapwing brake trial`: the closed loop, without and with a guard.
+
+use std::{
+    fs,
+    io::{self, IsTerminal},
+    path::Path,
+};
+
+use anyhow::Context;
+use base64::{Engine, prelude::BASE64_STANDARD};
+use indicatif::ProgressBar;
+
+use super::super::{Ended, guards, interrupted, outputs, print, undriven_layers};
+use crate::{
+    cli::BrakeTrial,
+    film::{Film, FilmError},
+};
+use lapwing_core::{guard::GuardModel, perception::Frame};
+use lapwing_score::emergency::trial::{self, TrialDrive, TrialOutcome, TrialResult};
+use lapwing_sim::{
+    braking::{Braker, Case, Kind, Outcome, Places, Trial, TrialOptions, Tried, trials, try_all},
+    camera::{Camera, Renderer},
+};
+
+/// The size of a film, and how many pictures a second it has.
+const FILM: (usize, usize) = (480, 270);
+const HZ: f64 = 15.0;
+/// Pictures of a film, at most: a minute, as of laps.
+const MOST_PICTURES: u32 = 900;
+
+pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Result<Ended> {
+    arguments.out.as_deref().map_or(Ok(()), outputs::check_folder)?;
+    let settings = guards::layers(undriven_layers(config)?, &arguments.guard)?.resolve()?;
+    // Other numbers of threads round differently, and the drives are on all processors as it is.
+    #[cfg(feature = "networks")]
+    lapwing_learn::nn::runtime::set_threads(1);
+    let guard = guards::load(&settings.brake)?;
+    let guard = guard.as_deref();
+    let interrupted = interrupted();
+    let defaults = TrialOptions::default();
+    let options = TrialOptions {
+        cases: if arguments.cases.is_empty() { defaults.cases } else { arguments.cases.clone() },
+        layers: if arguments.layers.is_empty() { defaults.layers } else { arguments.layers.clone() },
+        speeds_mph: if arguments.speeds.is_empty() { defaults.speeds_mph } else { arguments.speeds.clone() },
+        seeds: arguments.seeds,
+        laps: arguments.laps,
+    };
+    let (planned, mut places) = (trials(&options), Places::default());
+    let bar = if io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
+    let tried = try_all(&planned, guard, &mut places, |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+        !interrupted.is_pressed()
+    })?;
+    bar.finish_and_clear();
+    let result = TrialResult::of(guard.map(|guard| guard.name().to_owned()), tried.iter().map(driven).collect());
+    let json = serde_json::to_string_pretty(&result)?;
+    if let Some(folder) = &arguments.out {
+        fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+        outputs::write(&folder.join("trial.json"), &json)?;
+        let films = films(&result, &tried, guard, &places, folder)?;
+        outputs::write(&folder.join("trial.html"), &trial::render(&result, &films))?;
+    }
+    print(&if arguments.json { json } else { result.to_string() })?;
+    Ok(if tried.len() == planned.len() { Ended::Passed } else { Ended::Failed })
+}
+
+/// A drive, as it is counted.
+fn driven(tried: &Tried) -> TrialDrive {
+    let Tried { trial, without, perfect, with } = tried;
+    let told = |outcome: &Outcome| TrialOutcome {
+        impact_mph: outcome.impact_mph,
+        reduction_mph: outcome.reduction_mph,
+        activations: outcome.activations,
+        braked_s: outcome.braked_s,
+        hardest_g: outcome.hardest_g,
+        time_s: outcome.frames as f64 / HZ,
+    };
+    TrialDrive {
+        case: trial.case.to_string(),
+        hazard: trial.case.kind() == Kind::Hazard,
+        layer: trial.layer.to_string(),
+        track: trial.track.clone(),
+        speed_mph: trial.speed_mph,
+        seed: trial.seed,
+        laps: trial.laps,
+        without: told(without),
+        avoidable: perfect.as_ref().map(|perfect| perfect.impact_mph.is_none()),
+        with: with.as_ref().map(told),
+    }
+}
+
+/// The film of the worst drive of each case, in `FOLDER/films` and as text.
+fn films(
+    result: &TrialResult,
+    tried: &[Tried],
+    guard: Option<&dyn GuardModel>,
+    places: &Places,
+    folder: &Path,
+) -> anyhow::Result<Vec<trial::Film>> {
+    let (media, ending) = if cfg!(feature = "films") { ("video/mp4", "mp4") } else { ("image/gif", "gif") };
+    let folder = folder.join("films");
+    fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    let mut made = vec![];
+    for case in Case::ALL {
+        let Some(worst) = result.worst(case.name()) else { continue };
+        let same = |tried: &&Tried| {
+            let Trial { case, seed, track, .. } = &tried.trial;
+            (case.name(), *seed, track) == (worst.case.as_str(), worst.seed, &worst.track)
+        };
+        let Some(Tried { trial, .. }) = tried.iter().find(same) else { continue };
+        let path = folder.join(format!("{case}.{ending}"));
+        film(trial, guard, places, &path)?;
+        let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
+        made.push(trial::Film {
+            title: format!("{case}, {}, {} mph, {}, seed {}", worst.layer, worst.speed_mph, worst.track, worst.seed),
+            told: told(worst),
+            media,
+            base64: BASE64_STANDARD.encode(bytes),
+        });
+    }
+    Ok(made)
+}
+
+/// What came of a drive, in words.
+fn told(drive: &TrialDrive) -> String {
+    let TrialOutcome { impact_mph, activations, hardest_g, .. } = drive.with.unwrap_or(drive.without);
+    let hit = impact_mph.map_or("nothing was hit".into(), |mph| format!("hit at {mph:.1} mph"));
+    let avoidable = match drive.avoidable {
+        Some(false) => ", which could not be avoided",
+        _ => "",
+    };
+    let braked = if activations > 0 {
+        format!("; the guard braked {activations} times, {hardest_g:.2} g")
+    } else {
+        String::new()
+    };
+    format!("{hit}{avoidable}{braked}")
+}
+
+fn film(trial: &Trial, guard: Option<&dyn GuardModel>, places: &Places, path: &Path) -> anyhow::Result<()> {
+    let braker = guard.map_or(Braker::Nobody, Braker::Guard);
+    let (mut film, mut drawn, mut pictures) = (Film::create(path, FILM.0, FILM.1, HZ)?, None, 0);
+    let (camera, mut frame) = (Camera::follow(FILM.0, FILM.1), Frame::default());
+    trial.drive(places, braker, &mut |world| {
+        let renderer = drawn.get_or_insert_with(|| Renderer::new(world.setup().scenery.clone()));
+        pictures += 1;
+        if pictures > MOST_PICTURES {
+            return Ok(());
+        }
+        world.draw(renderer, &camera, &mut frame);
+        film.frame(&frame).map_err(|error: FilmError| error.into())
+    })?;
+    Ok(film.finish()?)
+}
