@@ -15,18 +15,20 @@ use crate::{
     cli::BrakeTrial,
     film::{Film, FilmError},
 };
-use lapwing_core::{guard::GuardModel, perception::Frame};
+use lapwing_core::{guard::GuardModel, perception::Frame, words::count};
 use lapwing_score::emergency::trial::{self, TrialDrive, TrialOutcome, TrialResult};
 use lapwing_sim::{
     braking::{Braker, Case, Kind, Outcome, Places, Trial, TrialOptions, Tried, trials, try_all},
     camera::{Camera, Renderer},
 };
 
-/// The size of a film, and how many pictures a second it has.
-const FILM: (usize, usize) = (480, 270);
+/// Telemetries a second.
 const HZ: f64 = 15.0;
-/// Pictures of a film, at most: a minute, as of laps.
-const MOST_PICTURES: u32 = 900;
+/// The size of a film, in pixels, and which of the telemetries it shows: one in two, and no more than 40 s of laps. So a page with
+/// all films is a few megabytes.
+const FILM: (usize, usize) = (320, 180);
+const SHOWN: u32 = 2;
+const MOST_SHOWN: u32 = 300;
 
 pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Result<Ended> {
     arguments.out.as_deref().map_or(Ok(()), outputs::check_folder)?;
@@ -131,7 +133,7 @@ fn told(drive: &TrialDrive) -> String {
         _ => "",
     };
     let braked = if activations > 0 {
-        format!("; the guard braked {activations} times, {hardest_g:.2} g")
+        format!("; the guard braked {}, {hardest_g:.2} g", count(activations, "time"))
     } else {
         String::new()
     };
@@ -140,12 +142,12 @@ fn told(drive: &TrialDrive) -> String {
 
 fn film(trial: &Trial, guard: Option<&dyn GuardModel>, places: &Places, path: &Path) -> anyhow::Result<()> {
     let braker = guard.map_or(Braker::Nobody, Braker::Guard);
-    let (mut film, mut drawn, mut pictures) = (Film::create(path, FILM.0, FILM.1, HZ)?, None, 0);
+    let (mut film, mut drawn, mut telemetries) = (Film::create(path, FILM.0, FILM.1, HZ / f64::from(SHOWN))?, None, 0);
     let (camera, mut frame) = (Camera::follow(FILM.0, FILM.1), Frame::default());
     trial.drive(places, braker, &mut |world| {
         let renderer = drawn.get_or_insert_with(|| Renderer::new(world.setup().scenery.clone()));
-        pictures += 1;
-        if pictures > MOST_PICTURES {
+        telemetries += 1;
+        if telemetries % SHOWN != 1 || telemetries / SHOWN >= MOST_SHOWN {
             return Ok(());
         }
         world.draw(renderer, &camera, &mut frame);

@@ -103,7 +103,8 @@ fn each_layer_changes_the_picture_and_what_is_held_out_looks_different() {
     for (i, (one, a)) in pictures.iter().enumerate() {
         for (other, b) in &pictures[i + 1..] {
             let apart = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 12).count() as f64 / a.len() as f64;
-            assert!(apart > 0.001, "{one} and {other}: {apart}");
+            // Cars that are parked 50 m ahead are a hundred pixels.
+            assert!(apart > 0.0004, "{one} and {other}: {apart}");
         }
     }
     let staging = Staging { case: Case::Ccrs, layer: Layer::Plain, part: Part::HeldOut, speed_mph: 20.0, seed: 6 };

@@ -46,8 +46,12 @@ use lapwing_core::{
 
 /// Laps are driven at this speed, in mph.
 const LAP_MPH: f64 = 20.0;
-/// A drive is over once the car has stood for so long, in seconds.
+/// A drive is over once the car has stood for so long, in seconds. In a hazard that is at once, as in Euro NCAP's tests: a pilot
+/// that brakes for nothing would drive on into what it stands before.
+const STOOD_HAZARD_S: f64 = 0.5;
 const STOOD_S: f64 = 3.0;
+/// Slower than this the car stands, in m/s.
+const STANDING: f64 = 0.3;
 /// A throttle of this or less is the guard's: no pilot's speed controller asks for it near its speed.
 const GUARDS: f64 = -0.99;
 
@@ -248,7 +252,7 @@ impl Trial {
         };
         let settings = ControlSettings { speed_mph: Mph::saturating(speed_mph), ..ControlSettings::default() };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &settings, Instant::now).guarded(guard);
-        let mut watched = Watched::new(speed_mph, show);
+        let mut watched = Watched::new(speed_mph, case.kind(), show);
         let mut driven = Driven { world, foot };
         drive::run(&mut driven, &mut driver, &mut [&mut watched]).map_err(|error| match error {
             TurnError::World(never) => match never {},
@@ -327,13 +331,15 @@ struct Watched<'a> {
     /// The last telemetry at which the car moved, in seconds.
     moved_s: f64,
     stood: bool,
+    longest_stand_s: f64,
     show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>,
 }
 
 impl<'a> Watched<'a> {
-    fn new(speed_mph: f64, show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>) -> Self {
+    fn new(speed_mph: f64, kind: Kind, show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>) -> Self {
         let outcome = Outcome { least_gap_m: f64::INFINITY, ..Outcome::default() };
-        Self { outcome, speed_mph, before_mph: speed_mph, moved_s: 0.0, stood: false, show }
+        let longest_stand_s = if kind == Kind::Hazard { STOOD_HAZARD_S } else { STOOD_S };
+        Self { outcome, speed_mph, before_mph: speed_mph, moved_s: 0.0, stood: false, longest_stand_s, show }
     }
 }
 
@@ -359,10 +365,10 @@ impl Observer<Driven> for Watched<'_> {
         }
         self.before_mph = mph;
         let now_s = turn.at().as_secs_f64();
-        if driven.world.car().speed.abs() > 0.3 {
+        if driven.world.car().speed.abs() > STANDING {
             self.moved_s = now_s;
         }
-        self.stood = now_s - self.moved_s > STOOD_S;
+        self.stood = now_s - self.moved_s > self.longest_stand_s;
         Ok(())
     }
 

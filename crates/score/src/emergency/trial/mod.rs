@@ -342,6 +342,6 @@ mod tests {
         let drives = vec![TrialDrive { with: None, ..drive(true, 20.0, Some(20.0), true, None) }];
         let result = TrialResult::of(None, drives);
         assert_eq!((result.hazards[0].hit_with, result.hazards[0].avoided), (None, None));
-        assert!(!serde_json::to_string(&result).unwrap().contains("hit_with"));
+        assert!(!serde_json::to_string(&result).unwrap().contains("\"hit_with\""));
     }
 }
