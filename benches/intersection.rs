@@ -16,13 +16,12 @@ const STEPS: usize = 300;
 #[divan::bench(args = [0, CARS], sample_count = 20, sample_size = 1)]
 fn agent_steps(bencher: Bencher<'_, '_>, cars: usize) {
     let settings = Settings { missions: Missions::Random, cars, ..Settings::default() };
-    let mut counted = 0;
-    let mut drive = |batch: &mut Batch| {
+    let drive = |batch: &mut Batch| {
         let agents = batch.agents();
         let mut observations = vec![0.0; agents * OBSERVATION];
         let (mut rewards, mut flags) = (vec![0.0; agents], [(); 3].map(|()| vec![false; agents]));
         let mut actions = vec![0; agents];
-        counted = 0;
+        let mut counted = 0;
         for step in 0..STEPS {
             if step % 5 == 0 {
                 let act = |i: usize| ((step * 7 + i * 31) % 13 % ACTIONS) as u8;
@@ -35,10 +34,10 @@ fn agent_steps(bencher: Bencher<'_, '_>, cars: usize) {
             counted += flags[0].iter().filter(|drove| **drove).count();
         }
         black_box(&observations);
+        counted
     };
     // The same episodes each time, so as many agent-steps.
-    drive(&mut Batch::new(settings, COUNT, 1));
-    let items = counted;
+    let items: usize = drive(&mut Batch::new(settings, COUNT, 1));
     bencher
         .counter(ItemsCount::new(items))
         .with_inputs(|| Batch::new(settings, COUNT, 1))
