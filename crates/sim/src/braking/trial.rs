@@ -46,12 +46,12 @@ use lapwing_core::{
 
 /// Laps are driven at this speed, in mph.
 const LAP_MPH: f64 = 20.0;
-/// A drive is over once the car has stood for so long, in seconds. In a hazard that is at once, as in Euro NCAP's tests: a pilot
-/// that brakes for nothing would drive on into what it stands before.
-const STOOD_HAZARD_S: f64 = 0.5;
+/// A drive in which nothing is to be braked for is over once the car has stood for so long, in seconds. A hazard is over as soon
+/// as it stands, as in Euro NCAP's tests: the stock car has no brake that holds it on a slope, and a pilot that brakes for
+/// nothing would drive on into what it stands before.
 const STOOD_S: f64 = 3.0;
 /// Slower than this the car stands, in m/s.
-const STANDING: f64 = 0.3;
+const STANDING: f64 = 0.4;
 /// A throttle of this or less is the guard's: no pilot's speed controller asks for it near its speed.
 const GUARDS: f64 = -0.99;
 
@@ -338,7 +338,7 @@ struct Watched<'a> {
 impl<'a> Watched<'a> {
     fn new(speed_mph: f64, kind: Kind, show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>) -> Self {
         let outcome = Outcome { least_gap_m: f64::INFINITY, ..Outcome::default() };
-        let longest_stand_s = if kind == Kind::Hazard { STOOD_HAZARD_S } else { STOOD_S };
+        let longest_stand_s = if kind == Kind::Hazard { 0.0 } else { STOOD_S };
         Self { outcome, speed_mph, before_mph: speed_mph, moved_s: 0.0, stood: false, longest_stand_s, show }
     }
 }
