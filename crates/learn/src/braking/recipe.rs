@@ -49,6 +49,9 @@ pub struct BrakingRecipe {
     /// Share of the steps with mirrored pictures.
     #[serde(default)]
     pub flip: f64,
+    /// Pictures are moved by up to so many pixels, as the network sees them, to each side and half as many up and down.
+    #[serde(default)]
+    pub shift_px: i64,
     /// Random seed.
     #[serde(default)]
     pub seed: u64,
@@ -123,6 +126,9 @@ impl BrakingRecipe {
             if !(0.0..=1.0).contains(&value) {
                 return wrong(name, "a share from 0 to 1", value.to_string());
             }
+        }
+        if !(0..=40).contains(&self.shift_px) {
+            return wrong("shift_px", "0 to 40 pixels", self.shift_px.to_string());
         }
         for (name, value) in [("standing", self.standing), ("falls_to", self.falls_to)] {
             if !(value > 0.0 && value < 1.0) {

@@ -164,6 +164,13 @@ impl Draw {
         if self.random.random::<f64>() < recipe.flip {
             batch.frames = batch.frames.flip([3]);
         }
+        if recipe.shift_px > 0 {
+            let (across, down) = (recipe.shift_px, (recipe.shift_px + 1) / 2);
+            let [height, width] = [batch.frames.size()[2], batch.frames.size()[3]];
+            let wider = batch.frames.replication_pad2d([across, across, down, down]);
+            let (right, below) = (self.random.random_range(0..=2 * across), self.random.random_range(0..=2 * down));
+            batch.frames = wider.narrow(3, right, width).narrow(2, below, height).contiguous();
+        }
         Ok(Some(batch))
     }
 }
@@ -263,7 +270,7 @@ mod tests {
     #[test]
     fn standing_and_moving_windows_weigh_the_same_whatever_their_share() {
         let drives = [drive()];
-        let recipe = recipe("standing = 0.2\nspeed_dropout = 1.0");
+        let recipe = recipe("standing = 0.2\nspeed_dropout = 1.0\nshift_px = 3");
         let targets: Vec<_> = drives.iter().map(|drive| targets(drive, &recipe)).collect();
         let mut draw = Draw::new(Windows::of(&drives, length(recipe.network)), recipe.standing, 3);
         let mut reader = Reader::new(recipe.network.preprocess()).unwrap();

@@ -4,8 +4,9 @@
 //! labels, values of each episode ─▶ Counts (paper) + activations (guard) ─▶ Evaluation, with intervals
 //! ```
 //! A guard's *activation* is a run of at least two frames at or above the threshold, whatever its length, as the bridge
-//! would brake. It is right if it touches a labelled signal, or begins at most [`EARLY_S`] before one does, and begins
-//! before that ends. Each signal needs one.
+//! would brake. It is right if it begins at most [`EARLY_S`] before a labelled signal does, and before that ends. Each signal
+//! needs one. So a predictor that fires all the time is wrong, though by the paper's counting its one run touches every
+//! signal and is no false positive.
 
 use std::ops::Range;
 
@@ -140,7 +141,7 @@ impl Episode {
     fn is_for(&self, activation: &Range<usize>, signal: &Range<usize>) -> bool {
         let at = |i: usize| self.at_s.get(i).copied().unwrap_or(f64::NAN);
         let began = activation.start + 1;
-        began < signal.end && (activation.end > signal.start || at(began) >= at(signal.start) - EARLY_S)
+        began < signal.end && at(began) >= at(signal.start) - EARLY_S
     }
 
     fn tally(&self, threshold: f64, rule: CountingRule) -> Tally {
@@ -308,9 +309,12 @@ mod tests {
         // Held until the label, it is both.
         let held = judged(&[episode(Some(135..155), true)]);
         assert_eq!((held.counts.true_positives, held.activations.true_positives), (1, 1));
-        // Far too early it is neither.
+        // Far too early it is neither, and it is right by the paper's counting alone if it never ends.
         let far = judged(&[episode(Some(80..85), true)]);
         assert_eq!((far.activations.true_positives, far.activations.false_positives), (0, 1));
+        let always = judged(&[episode(Some(19..300), true)]);
+        assert_eq!((always.counts.true_positives, always.counts.false_positives), (1, 0));
+        assert_eq!((always.activations.true_positives, always.activations.false_positives), (0, 1));
     }
 
     #[test]
