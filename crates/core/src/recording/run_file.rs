@@ -97,7 +97,7 @@ mod tests {
         let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
         assert!(read("one.mcap") == read("other.mcap"));
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
-        let items = RunReader::open(&dir.path().join("one.mcap")).unwrap();
+        let items = RunReader::open(dir.path().join("one.mcap")).unwrap();
         assert_eq!(items.map(Result::unwrap).count(), 41);
     }
 }

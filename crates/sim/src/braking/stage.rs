@@ -230,7 +230,8 @@ fn vary(scenario: &mut Scenario, case: Case, layer: Layer, speed: f64, rng: &mut
                 // It has its parked cars: they stand nearer.
                 for other in others.iter_mut() {
                     if let Script::Parked { ahead_m, offset_m, .. } = other {
-                        (nudge(ahead_m, 0.7), nudge(offset_m, -0.3));
+                        nudge(ahead_m, 0.7);
+                        nudge(offset_m, -0.3);
                     }
                 }
             } else if hidden {
