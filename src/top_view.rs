@@ -194,7 +194,7 @@ mod tests {
             assert_eq!(boot, colour, "{i}");
         }
         assert_eq!(at(30.0, 30.0), GRASS);
-        assert_eq!(at(8.0, -8.0), ASPHALT, "the corner is round");
+        assert_eq!(at(7.2, -7.2), ASPHALT, "the corner is round");
         assert_eq!(at(9.8, -9.8), GRASS);
     }
 }

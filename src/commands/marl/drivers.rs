@@ -2,7 +2,7 @@
 
 use crate::cli::{DriverFlags, DriverKind, IntersectionFlags};
 #[cfg(feature = "networks")]
-use lapwing_learn::marl::Policy;
+use lapwing_learn::{marl::Policy, nn::runtime};
 use lapwing_sim::intersection::{AGENTS, Action, Axes, Environment, Reward, Settings, scripted};
 
 /// Drives all agents of many intersections.
@@ -20,6 +20,8 @@ impl Drivers {
     pub(super) fn new(flags: &DriverFlags) -> anyhow::Result<Self> {
         #[cfg(feature = "networks")]
         if let Some(path) = &flags.policy {
+            // More threads cost more than they bring for so small a network.
+            runtime::set_threads(1);
             return Ok(Self::Policy(Box::new(Policy::load(path)?)));
         }
         Ok(match flags.driver {

@@ -87,10 +87,15 @@ impl Screen {
         let mut text = String::from(if self.is_clear { "\x1b[H" } else { "\x1b[2J\x1b[H" });
         let pixel = |x, y| frame.pixel(x, y).unwrap_or_default();
         for y in (0..frame.height()).step_by(2) {
+            let mut last = None;
             for x in 0..frame.width() {
-                let ([r, g, b], [r2, g2, b2]) = (pixel(x, y), pixel(x, y + 1));
-                // Writing to a string does not fail.
-                let _ = write!(text, "\x1b[38;2;{r};{g};{b}m\x1b[48;2;{r2};{g2};{b2}m\u{2580}");
+                let both = (pixel(x, y), pixel(x, y + 1));
+                if last.replace(both) != Some(both) {
+                    let ([r, g, b], [r2, g2, b2]) = both;
+                    // Writing to a string does not fail.
+                    let _ = write!(text, "\x1b[38;2;{r};{g};{b}m\x1b[48;2;{r2};{g2};{b2}m");
+                }
+                text.push('\u{2580}');
             }
             text += "\x1b[0m\n";
         }
