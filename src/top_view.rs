@@ -102,12 +102,11 @@ fn roads(scale: &Scale, shapes: &mut Vec<Shape>) {
     // The box with its round corners, clockwise from the north-east one.
     let corner = |i: usize| {
         let (sx, sy) = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)][i];
-        let arc = (0..=8).map(move |n| {
+        (0..=8).map(move |n| {
             let (sin, cos) = (n as f32 / 8.0 * std::f32::consts::FRAC_PI_2).sin_cos();
             let (a, b) = (HALF_BOX_M - kerb * cos, HALF_BOX_M - kerb * sin);
-            if i % 2 == 0 { (sx * a, sy * b) } else { (sx * b, sy * a) }
-        });
-        arc
+            if i.is_multiple_of(2) { (sx * a, sy * b) } else { (sx * b, sy * a) }
+        })
     };
     let points = (0..4).flat_map(corner).map(|(x, y)| scale.at(x, y)).collect();
     shapes.push(Shape::Area { points, colour: ASPHALT });
