@@ -37,9 +37,6 @@ fn agent_steps(bencher: Bencher<'_, '_>, cars: usize) {
         counted
     };
     // The same episodes each time, so as many agent-steps.
-    let items: usize = drive(&mut Batch::new(settings, COUNT, 1));
-    bencher
-        .counter(ItemsCount::new(items))
-        .with_inputs(|| Batch::new(settings, COUNT, 1))
-        .bench_local_refs(|batch| drive(batch));
+    let counted = drive(&mut Batch::new(settings, COUNT, 1));
+    bencher.counter(ItemsCount::new(counted)).with_inputs(|| Batch::new(settings, COUNT, 1)).bench_local_refs(drive);
 }
