@@ -60,7 +60,7 @@
 // A build without some features has code that only those would use.
 #![cfg_attr(
     not(all(feature = "bridge", feature = "films", feature = "simulator")),
-    allow(dead_code, unused_imports, unused_mut)
+    allow(dead_code, unused_imports, unused_mut, unused_variables)
 )]
 // As the workspace's lints, but for the tests, benches and examples of this package, which may panic and print.
 #![warn(clippy::unwrap_used, clippy::panic, clippy::todo, clippy::unimplemented)]

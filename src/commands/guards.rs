@@ -30,7 +30,7 @@ pub(super) fn layers(mut layers: Layers, flags: &GuardFlags) -> Result<Layers, C
 pub(super) fn load(settings: &BrakeSettings) -> anyhow::Result<Option<Box<dyn GuardModel>>> {
     let guard: Box<dyn GuardModel> = match settings.guarding() {
         Guarding::Nobody => return Ok(None),
-        Guarding::TimeToCollision => Box::new(TimeToCollision),
+        Guarding::TimeToCollision => Box::new(TimeToCollision::default()),
         #[cfg(feature = "networks")]
         Guarding::Network(path, threshold) => Box::new(lapwing_learn::braking::BrakingModel::load(path, threshold)?),
         #[cfg(not(feature = "networks"))]

@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn the_guard_brakes_on_the_second_warning_and_leaves_the_steering_to_the_pilot() {
-        let mut driver = driver(Some(Box::new(TimeToCollision)));
+        let mut driver = driver(Some(Box::new(TimeToCollision::default())));
         let (mut throttles, mut events) = (vec![], vec![]);
         for i in 0..60 {
             // It closes in, is braked for, and is gone.
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn a_guard_that_cannot_watch_says_so_once_and_the_pilot_drives() {
-        let mut driver = driver(Some(Box::new(TimeToCollision)));
+        let mut driver = driver(Some(Box::new(TimeToCollision::default())));
         let told: Vec<_> = (0..10).flat_map(|i| driver.drive(&seen(i, 8.0, None)).1.events).collect();
         let [EventRecord::Note { text }] = &told[..] else { panic!("{told:?}") };
         assert!(text.starts_with("the guard (time to collision) cannot watch: expected telemetry"), "{text}");
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn a_human_has_the_brake_and_without_a_guard_nothing_is_told_of_one() {
-        let mut guarded = driver(Some(Box::new(TimeToCollision)));
+        let mut guarded = driver(Some(Box::new(TimeToCollision::default())));
         for i in 0..3 {
             guarded.drive(&seen(i, 20.0, Some(1.0)));
         }

@@ -7,8 +7,9 @@ use crate::control::BrakeLimits;
 /// takes 0.95 s of that, the two frames that make an emergency and the car's answer to them 0.2 s; the rest is margin.
 const FIRES_S: f64 = 1.4;
 
-/// What is this close ahead, in metres, is braked for whatever the time. A car that sets off before something has no time
-/// left to be braked in; and one that is let go of at 0.7 mph, as the rule of a standstill has it, rolls on for 3 m and more.
+/// What it braked for and is still this close ahead, in metres, is braked for whatever the time: a car that sets off before it
+/// has no time left to be braked in; and one that is let go of at 0.7 mph, as the rule of a standstill has it, rolls on for 3 m
+/// and more. Who comes this close gently is not braked.
 const CLOSE_M: f64 = 6.0;
 
 /// It no longer does once a collision is this far, in seconds: where Euro NCAP's tests of emergency braking begin.
@@ -20,7 +21,10 @@ const NEAREST_S: f64 = 0.05;
 /// Brakes by the time to collision. Its value is the inverse, per second, which grows as the danger does (Kiefer,
 /// LeBlanc and Flannagan, Developing an inverse time-to-collision crash alert timing approach, 2005).
 #[derive(Debug, Clone, Copy, Default)]
-pub struct TimeToCollision;
+pub struct TimeToCollision {
+    /// Whether it braked for what is close.
+    warned: bool,
+}
 
 const NAME: &str = "time to collision";
 
@@ -39,7 +43,8 @@ impl Guard for TimeToCollision {
             return Err(GuardError::NotFinite(until_s));
         }
         let is_close = now.gap_m.is_some_and(|gap_m| gap_m < CLOSE_M);
-        let until_s = if is_close { until_s.min(FIRES_S) } else { until_s };
+        self.warned = until_s <= FIRES_S || self.warned && is_close;
+        let until_s = if self.warned { until_s.min(FIRES_S) } else { until_s };
         Ok(Some(until_s.max(NEAREST_S).recip()))
     }
 
@@ -47,7 +52,9 @@ impl Guard for TimeToCollision {
         false
     }
 
-    fn reset(&mut self) {}
+    fn reset(&mut self) {
+        self.warned = false;
+    }
 }
 
 impl GuardModel for TimeToCollision {
@@ -60,7 +67,7 @@ impl GuardModel for TimeToCollision {
     }
 
     fn guard(&self) -> Box<dyn Guard> {
-        Box::new(*self)
+        Box::new(Self::default())
     }
 }
 
@@ -74,14 +81,22 @@ mod tests {
     #[test]
     fn it_warns_of_a_near_collision_rests_at_a_far_one_and_needs_to_be_told() {
         let frame = Frame::default();
-        let mut guard = TimeToCollision;
+        let mut guard = TimeToCollision::default();
         let mut watch = |time_to_collision_s, gap_m| {
             guard.watch(&Watched { at: Duration::ZERO, frame: &frame, speed: Mph::ZERO, time_to_collision_s, gap_m })
         };
-        assert_eq!(watch(Some(60.0), Some(1.0)).unwrap(), Some(FIRES_S.recip()), "it stands right before something");
-        assert_eq!(watch(Some(60.0), Some(7.0)).unwrap(), Some(60f64.recip()));
+        let at_rest = Some(60f64.recip());
+        assert_eq!(watch(Some(60.0), Some(1.0)).unwrap(), at_rest, "it came close gently");
+        assert_eq!(watch(Some(1.0), Some(5.0)).unwrap(), Some(1.0));
+        assert_eq!(
+            watch(Some(60.0), Some(1.0)).unwrap(),
+            Some(FIRES_S.recip()),
+            "it stands right before what it braked for"
+        );
+        assert_eq!(watch(Some(60.0), Some(7.0)).unwrap(), at_rest);
+        assert_eq!(watch(Some(60.0), Some(1.0)).unwrap(), at_rest, "something else");
         let mut value = |until_s| watch(until_s, None);
-        let BrakeLimits { fires, releases } = TimeToCollision.limits();
+        let BrakeLimits { fires, releases } = TimeToCollision::default().limits();
         for (until_s, warns, rests) in
             [(0.0, true, false), (1.3, true, false), (1.5, false, false), (4.1, false, true), (60.0, false, true)]
         {
