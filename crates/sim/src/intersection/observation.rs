@@ -154,7 +154,7 @@ fn octant(x: f32, y: f32) -> usize {
     }
 }
 
-/// Numbers of the whole situation, see [`state`].
+/// Numbers of the whole situation, see [`Environment::state`](super::Environment::state).
 pub const STATE: usize = AGENTS * 9 + super::CARS * 6;
 
 /// Writes the whole situation, for a centralised critic: for each agent whether it drives, place (by 50 m), heading,

@@ -1,7 +1,7 @@
 //! Background traffic: cars that arrive on the arms, follow one another, wait for their turn to cross, and leave.
 //!
 //! They keep to their lanes' middles. Following is the Intelligent Driver Model (Treiber, Hennecke and Helbing 2000)
-//! with SUMO's default acceleration and braking; who may enter the box is decided in [`right_of_way`]. An agent in the
+//! with SUMO's default acceleration and braking; who may enter the box is decided in `right_of_way`. An agent in the
 //! way of a car is to it as a car ahead.
 //!
 //! All state stands in arrays over the cars.
