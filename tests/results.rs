@@ -335,7 +335,7 @@ fn what_does_not_exist_is_wrong_usage_everywhere_and_what_was_meant_is_named() {
         ("--config {desk}/settings.toml drive", "did you mean \"mountain\"?"),
         ("suite {desk}/track-suite.toml --out {new}", "did you mean \"lake\"?"),
         ("drive --scenario ccrx", "did you mean \"ccr"),
-        ("simulate --scenario kid", "unknown scenario: expected ccrs, ccrm, ccrb, cpna, child"),
+        ("simulate --scenario kid", "unknown scenario: expected ccrs, ccrm, ccrb, cpna, cpfa, cpla, child"),
         ("drive --scenario {desk}/broken.toml", "unknown field `rain`"),
         ("drive --scenario {desk}/no.toml", "no.toml: cannot be read: No such file"),
         ("drive --conditions rian=1", "did you mean \"rain\"?"),

@@ -67,7 +67,7 @@ pub enum Verb {
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
     Score(Score),
-    /// Emergency braking: label it in recordings, record data for it, train networks and measure them
+    /// Emergency braking: label, record and try it, train networks and measure them
     Brake(Brake),
     /// Train, measure and watch four agents at an intersection
     #[cfg(feature = "simulator")]
