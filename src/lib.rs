@@ -15,7 +15,7 @@
 //! | [`lapwing_sim`] | the headless simulator: roads, car, traffic, camera, weather; recordings as closed-loop worlds |
 //! `core` |
 //! | [`lapwing_score`] | figures, estimates, scorecards, suites, pages, drawings | `core` |
-//! | [`lapwing_learn`] | networks, models, data sets, training: the only one that knows libtorch | `core`, `score` for its charts |
+//! | [`lapwing_learn`] | networks, models, data sets, training: the only one that knows libtorch | `core`, `sim`, `score` |
 //! | [`lapwing_live`] | the server | `core`, `score` |
 //! | here: [`cli`], [`commands`] | clap types; one file per verb | all |
 //! | [`course`] | suites, driven in our simulator by our models | `core`, `sim`, `score`, `learn` |

@@ -18,9 +18,7 @@ use lapwing_core::{
     units::MPS_PER_KMH,
 };
 use lapwing_score::emergency::{LabelRule, Pressed, labels, pedal::brake};
-
-/// The table of a data set's episodes, in its folder.
-pub const EPISODES_NAME: &str = "episodes.csv";
+use lapwing_sim::braking::EPISODES_NAME;
 
 /// The columns that are needed; others may stand beside them, in any order.
 const COLUMNS: [&str; 6] = ["name", "part", "scenario", "kind", "layer", "reaction_s"];

@@ -25,7 +25,7 @@ mod train;
 mod values;
 mod windows;
 
-pub use episodes::{BrakingDataError, Drive, EPISODES_NAME, Part, Story, load, stories};
+pub use episodes::{BrakingDataError, Drive, Part, Story, load, stories};
 pub use guard::BrakingModel;
 pub use recipe::BrakingRecipe;
 pub use report::{BrakingReport, Row, Target};

@@ -30,6 +30,8 @@ pub(super) struct RunClock {
     last: Option<TimedTelemetry>,
     /// Seconds of the run minus those that the simulator reports.
     offset_s: f64,
+    /// Seconds from the last telemetry but one to the last.
+    step_s: f64,
     /// Whether whole seconds are reported, for several telemetries each; and whether one of them has ended.
     is_coarse: bool,
     has_ticked: bool,
@@ -77,6 +79,7 @@ impl RunClock {
             None if self.is_coarse => by_stamps.clamp(exact - BEHIND_S, exact + 1.0).max(last.run_s),
             None => exact.max(last.run_s),
         };
+        self.step_s = run_s - last.run_s;
         let told = TimedTelemetry { stamp_s, sim_s, run_s };
         if anew {
             (self.offset_s, self.first, self.has_ticked) = (run_s - sim_s, Some(told), step_s > 0.0);
@@ -91,6 +94,14 @@ impl RunClock {
     /// The time of anything else with this stamp.
     pub fn at(&self, stamp_s: f64) -> f64 {
         self.last.map_or(stamp_s, |last| last.run_s + (stamp_s - last.stamp_s).max(0.0) * self.pace())
+    }
+
+    /// The time of a message with this stamp that comes in place of the next telemetry. As fast as it is answered, a world is one
+    /// telemetry further on then, however long that one took to compute.
+    pub fn next(&self, stamp_s: f64) -> f64 {
+        let at = self.at(stamp_s);
+        let in_turn = self.last.filter(|_| !self.is_real_time() && !self.is_coarse);
+        in_turn.map_or(at, |last| at.min(last.run_s + self.step_s))
     }
 
     /// Whether the simulator reports the time.
@@ -128,6 +139,8 @@ mod tests {
         let (clock, times) = times((0..=600).map(|i| (2.0 + f64::from(i) / 165.0, f64::from(i) / 15.0)));
         assert!((times[600] - 42.0).abs() < 1e-9 && times[0] == 2.0, "{times:?}");
         assert!(!clock.is_real_time());
+        // A message in place of the next telemetry is not late, however long it took.
+        assert!((clock.next(4.0 + 601.0 / 165.0) - 42.0 - 1.0 / 15.0).abs() < 1e-9);
         // An item right after a telemetry is off by about as much.
         assert!((clock.at(2.0 + 601.0 / 165.0) - 42.0 - 1.0 / 15.0).abs() < 1e-9);
     }

@@ -270,7 +270,11 @@ impl Scorer {
 
     /// Takes an event.
     pub fn event(&mut self, at: Duration, event: &EventRecord) {
-        let at = self.clock.at(at.as_secs_f64());
+        let stamp_s = at.as_secs_f64();
+        let at = match event {
+            EventRecord::TakeoverBegan => self.clock.next(stamp_s),
+            _ => self.clock.at(stamp_s),
+        };
         self.latest_s = self.latest_s.max(at);
         match event {
             EventRecord::Course { track, waypoints, laps, scenario, .. } => {
