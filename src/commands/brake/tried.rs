@@ -107,8 +107,8 @@ fn films(
     for case in Case::ALL {
         let Some(worst) = result.worst(case.name()) else { continue };
         let same = |tried: &&Tried| {
-            let Trial { case, seed, track, .. } = &tried.trial;
-            (case.name(), *seed, track) == (worst.case.as_str(), worst.seed, &worst.track)
+            let Trial { case, seed, track, speed_mph, .. } = &tried.trial;
+            (case.name(), *seed, track, *speed_mph) == (worst.case.as_str(), worst.seed, &worst.track, worst.speed_mph)
         };
         let Some(Tried { trial, .. }) = tried.iter().find(same) else { continue };
         let path = folder.join(format!("{case}.{ending}"));
