@@ -21,7 +21,7 @@ const COARSE: DVec3 = DVec3::new(5.0, 0.25, 0.02);
 /// Standard deviations of pitch around the expected one, in radians, and of the offset, in metres; and what such a deviation
 /// costs in agreement: a picture of a straight road does not show the pitch.
 const PITCH_RAD: f64 = 0.02;
-const BESIDE_M: f64 = 1.5;
+const BESIDE_M: f64 = 4.0;
 const COST: f64 = 0.01;
 /// What a metre along the road costs: a picture of a straight road does not show the place either, and if it wanders, the
 /// heading goes with it where the road bends.
