@@ -10,6 +10,7 @@ mod corpus;
 mod documentation;
 mod driver;
 mod driving_logs;
+mod explain;
 mod lane_loop;
 mod locate;
 mod locate_network;

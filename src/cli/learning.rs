@@ -144,6 +144,22 @@ pub struct Evaluate {
     pub json: bool,
 }
 
+/// `lapwing explain`
+#[derive(Debug, Args)]
+pub struct Explain {
+    /// A run (.mcap), or a folder with driving_log.csv and IMG/
+    pub recording: PathBuf,
+    /// Which picture: its number in the recording, counted from 0, as other verbs print it
+    #[arg(long, value_name = "MOMENT", default_value_t = 0)]
+    pub frame: usize,
+    /// Checkpoint (.safetensors) of a network that steers by one picture [default: the built-in PilotNet]
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Draw the picture and what the steering comes from: FILE.png or FILE.svg
+    #[arg(long, value_name = "FILE", default_value = "explained.png")]
+    pub out: PathBuf,
+}
+
 /// `lapwing dataset`
 #[derive(Debug, Args)]
 pub struct Dataset {

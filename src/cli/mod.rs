@@ -58,6 +58,9 @@ pub enum Verb {
     /// Measure a model's steering error on data sets
     #[cfg(feature = "networks")]
     Evaluate(Evaluate),
+    /// Draw which parts of a recorded picture a network's steering comes from
+    #[cfg(feature = "networks")]
+    Explain(Explain),
     /// Replay a recording to a model or a bridge and compare the steering, or drive along it
     #[cfg(feature = "networks")]
     Replay(Replay),

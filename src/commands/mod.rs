@@ -14,6 +14,8 @@ mod doctor;
 mod drive;
 #[cfg(feature = "networks")]
 mod evaluate;
+#[cfg(feature = "networks")]
+mod explain;
 #[cfg(any(feature = "simulator", feature = "bridge"))]
 mod guards;
 #[cfg(feature = "simulator")]
@@ -106,6 +108,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Train(arguments) => limit_pictures(config).and_then(|()| train::run(arguments, config)),
         #[cfg(feature = "networks")]
         Verb::Evaluate(arguments) => limit_pictures(config).and_then(|()| evaluate::run(arguments)),
+        #[cfg(feature = "networks")]
+        Verb::Explain(arguments) => limit_pictures(config).and_then(|()| explain::run(&arguments)),
         #[cfg(feature = "bridge")]
         Verb::Serve(arguments) => serve::run(arguments, config),
         #[cfg(all(feature = "networks", feature = "simulator"))]

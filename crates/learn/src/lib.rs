@@ -11,6 +11,7 @@
 //! | [`train`] | the supervised training loop, its log, checkpoints and recipes |
 //! | [`models`] | models from files, and the pilots that drive with them |
 //! | [`evaluate`] | models evaluated on data sets |
+//! | [`explain`] | which parts of a picture a network's steering comes from |
 //! | [`marl`] | agents that learn to drive through an intersection |
 //! | [`braking`] | emergency braking: its data, training, values over episodes, and the guard that brakes by a network |
 //!
@@ -32,6 +33,7 @@
 pub mod braking;
 pub mod dataset;
 pub mod evaluate;
+pub mod explain;
 pub mod marl;
 pub mod models;
 pub mod nn;

@@ -10,7 +10,7 @@ use tch::Tensor;
 
 use super::{
     Init, NnError, TensorSource,
-    layers::{Convolution, Linear, beside},
+    layers::{Convolution, Linear, Reach, Watch, beside},
 };
 
 /// Inputs of each convolution of 32 outputs and 3 x 3; pooling follows the second and the fifth.
@@ -57,12 +57,20 @@ impl Cps {
     }
 
     /// (B, 1, 12, 40) and (B, 1) to (B, 2): steering and acceleration.
-    pub(super) fn forward(&self, frames: &Tensor, speed: Option<&Tensor>, train: bool) -> Result<Tensor, NnError> {
+    pub(super) fn forward(
+        &self,
+        frames: &Tensor,
+        speed: Option<&Tensor>,
+        train: bool,
+        watch: &mut Watch<'_>,
+    ) -> Result<Tensor, NnError> {
         let mut x = frames.shallow_clone(); // (B, 1, 12, 40)
         for (i, convolution) in self.convolutions.iter().enumerate() {
             x = convolution.forward(&x)?.f_relu()?;
+            watch(&x, convolution.reach());
             if POOLED.contains(&i) {
                 x = x.f_max_pool2d([2, 2], [2, 2], [0, 0], [1, 1], false)?;
+                watch(&x, Reach { kernel: 2, stride: 2, padding: 0 });
             }
         }
         // (B, 32, 3, 10) to (B, 960): by channel, whatever the layout in memory.

@@ -60,7 +60,7 @@ impl ResNetGru {
 
     /// What is kept of a frame: (B, 3, H, W) to (B, features + 1), the features and the steering from this frame alone.
     pub(super) fn see(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
-        let features = self.backbone.forward(frames, train)?;
+        let features = self.backbone.forward(frames, train, &mut |_, _| {})?;
         let steering = self.head.forward(&features)?; // (B, 1)
         beside(features, Some(&steering))
     }

@@ -8,6 +8,17 @@ use tch::Tensor;
 
 use super::{Init, NnError, TensorSource};
 
+/// Which neighbourhood of its input a convolution or a pooling looks at: a square.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Reach {
+    pub(crate) kernel: i64,
+    pub(crate) stride: i64,
+    pub(crate) padding: i64,
+}
+
+/// Is shown the output of each convolution and pooling, (B, C, H, W), after its activation.
+pub(super) type Watch<'a> = dyn FnMut(&Tensor, Reach) + 'a;
+
 /// The tensor in the kind of `x`; itself if it has that kind.
 pub(super) fn in_kind_of(x: &Tensor, tensor: &Tensor) -> Result<Tensor, NnError> {
     let kind = x.kind();
@@ -84,6 +95,10 @@ impl Convolution {
         Ok(x.f_conv2d(&weight, Some(&bias), [self.stride; 2], [self.padding; 2], [1, 1], 1)?)
     }
 
+    pub(super) fn reach(&self) -> Reach {
+        Reach { kernel: self.weight.size()[2], stride: self.stride, padding: self.padding }
+    }
+
     pub(super) fn share(&self) -> Self {
         Self { weight: self.weight.shallow_clone(), bias: self.bias.shallow_clone(), ..*self }
     }
@@ -151,6 +166,10 @@ impl NormedConvolution {
             )?,
             Norm::Folded(bias) => convolve(Some(&in_kind_of(x, bias)?))?,
         })
+    }
+
+    pub(super) fn reach(&self) -> Reach {
+        Reach { kernel: self.weight.size()[2], stride: self.stride, padding: self.padding }
     }
 
     /// Folds the batch norm into the convolution, by the running statistics: for inference only.

@@ -43,6 +43,7 @@ pub(crate) use checkpoint::tensor_of;
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save};
 pub use error::NnError;
 pub(crate) use error::first_line;
+pub(crate) use layers::Reach;
 pub use network::{Memory, Network, SPEED_UNIT_MPH};
 pub use pretrained::load_pretrained;
 pub use source::{Init, TensorSource, in_variable_store};

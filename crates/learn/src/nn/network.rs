@@ -10,7 +10,7 @@ use super::{
     cps::Cps,
     gru::ResNetGru,
     lane::Lane,
-    layers::channels_last,
+    layers::{Reach, Watch, channels_last},
     pilotnet::PilotNet,
     pretrained,
     resnet::{self, Depth, ResNet},
@@ -179,6 +179,29 @@ impl Network {
     /// # Errors
     /// [`NnError::Input`], [`NnError::Speed`], [`NnError::Torch`].
     pub fn forward(&self, frames: &Tensor, speed: Option<&Tensor>, train: bool) -> Result<Tensor, NnError> {
+        self.watched(frames, speed, train, &mut |_, _| {})
+    }
+
+    /// The outputs of its convolutions and poolings for one-frame batches (B, C, H, W), from the first to the last, each
+    /// after its activation function, and where each looks in the one before; a block of a ResNet counts as one convolution.
+    /// None for networks of several frames and `lane`. No gradients are tracked.
+    ///
+    /// # Errors
+    /// As [`Network::forward`].
+    pub(crate) fn activations(&self, frames: &Tensor, speed: Option<&Tensor>) -> Result<Vec<(Tensor, Reach)>, NnError> {
+        let mut seen = Vec::new();
+        tch::no_grad(|| self.watched(frames, speed, false, &mut |map, reach| seen.push((map.shallow_clone(), reach))))
+            .map(drop)?;
+        Ok(seen)
+    }
+
+    fn watched(
+        &self,
+        frames: &Tensor,
+        speed: Option<&Tensor>,
+        train: bool,
+        watch: &mut Watch<'_>,
+    ) -> Result<Tensor, NnError> {
         let size = frames.size();
         let frame_size = match (self.architecture().frames(), &size[..]) {
             (1, [_, frame @ ..]) => frame,
@@ -188,12 +211,12 @@ impl Network {
         self.check_frame(frame_size, &size)?;
         self.check_speed(speed, size[0])?;
         match &self.layers {
-            NetworkLayers::PilotNet(layers) => layers.forward(frames, speed),
-            NetworkLayers::Cps(layers) => layers.forward(frames, speed, train),
+            NetworkLayers::PilotNet(layers) => layers.forward(frames, speed, watch),
+            NetworkLayers::Cps(layers) => layers.forward(frames, speed, train, watch),
             NetworkLayers::Lane(layers) => layers.forward(frames, speed, train),
-            NetworkLayers::ResNet(layers) => layers.forward(frames, speed, train),
+            NetworkLayers::ResNet(layers) => layers.forward(frames, speed, train, watch),
             NetworkLayers::Gru(layers) => layers.forward(frames, speed, train),
-            NetworkLayers::Stack(layers) => layers.forward(&stack::stacked(frames)?, speed, train),
+            NetworkLayers::Stack(layers) => layers.forward(&stack::stacked(frames)?, speed, train, &mut |_, _| {}),
         }
     }
 

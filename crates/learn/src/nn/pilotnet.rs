@@ -9,7 +9,7 @@ use tch::Tensor;
 
 use super::{
     NnError, TensorSource,
-    layers::{Convolution, Linear, beside},
+    layers::{Convolution, Linear, Watch, beside},
 };
 
 /// Outputs, inputs, kernel and stride of each convolution; none is padded.
@@ -45,10 +45,16 @@ impl PilotNet {
     }
 
     /// (B, 3, 66, 200) and (B, 1) to (B, 1): the steering.
-    pub(super) fn forward(&self, frames: &Tensor, speed: Option<&Tensor>) -> Result<Tensor, NnError> {
+    pub(super) fn forward(
+        &self,
+        frames: &Tensor,
+        speed: Option<&Tensor>,
+        watch: &mut Watch<'_>,
+    ) -> Result<Tensor, NnError> {
         let mut x = frames.shallow_clone(); // (B, 3, 66, 200)
         for convolution in &self.convolutions {
             x = convolution.forward(&x)?.f_elu()?;
+            watch(&x, convolution.reach());
         }
         // (B, 64, 1, 18) to (B, 1152): by channel, whatever the layout in memory.
         x = beside(x.f_flatten(1, -1)?, speed)?;

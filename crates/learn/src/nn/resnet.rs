@@ -11,7 +11,7 @@ use tch::Tensor;
 
 use super::{
     NnError, TensorSource,
-    layers::{Linear, NormedConvolution, beside},
+    layers::{Linear, NormedConvolution, Reach, Watch, beside},
 };
 use lapwing_core::perception::PixelScale;
 
@@ -106,6 +106,12 @@ impl Block {
         Ok(x.f_add(&by)?.f_relu()?)
     }
 
+    /// As if it were one convolution: its 3 x 3 with the stride of all.
+    fn reach(&self) -> Reach {
+        let stride = self.convolutions.iter().map(|convolution| convolution.reach().stride).product();
+        Reach { kernel: 3, stride, padding: 1 }
+    }
+
     fn fold(&mut self) -> Result<(), NnError> {
         self.convolutions.iter_mut().chain(&mut self.downsample).try_for_each(NormedConvolution::fold)
     }
@@ -145,15 +151,18 @@ impl Backbone {
     }
 
     /// (B, channels, H, W) to (B, features). If it is frozen, no gradient is tracked and `train` has no effect.
-    pub(super) fn forward(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
-        if self.frozen { tch::no_grad(|| self.pass(frames, false)) } else { self.pass(frames, train) }
+    pub(super) fn forward(&self, frames: &Tensor, train: bool, watch: &mut Watch<'_>) -> Result<Tensor, NnError> {
+        if self.frozen { tch::no_grad(|| self.pass(frames, false, watch)) } else { self.pass(frames, train, watch) }
     }
 
-    fn pass(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
+    fn pass(&self, frames: &Tensor, train: bool, watch: &mut Watch<'_>) -> Result<Tensor, NnError> {
         let x = self.first.forward(frames, train)?.f_relu()?; // (B, 64, H / 2, W / 2)
+        watch(&x, self.first.reach());
         let mut x = x.f_max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false)?;
+        watch(&x, Reach { kernel: 3, stride: 2, padding: 1 });
         for block in &self.blocks {
             x = block.forward(&x, train)?;
+            watch(&x, block.reach());
         }
         // (B, features, H / 32, W / 32) to (B, features)
         Ok(x.f_adaptive_avg_pool2d([1, 1])?.f_flatten(1, -1)?)
@@ -212,13 +221,19 @@ impl ResNet {
     }
 
     /// (B, channels, H, W) and (B, 1) to (B, 1): the steering.
-    pub(super) fn forward(&self, frames: &Tensor, speed: Option<&Tensor>, train: bool) -> Result<Tensor, NnError> {
-        self.head.forward(&beside(self.features(frames, train)?, speed)?)
+    pub(super) fn forward(
+        &self,
+        frames: &Tensor,
+        speed: Option<&Tensor>,
+        train: bool,
+        watch: &mut Watch<'_>,
+    ) -> Result<Tensor, NnError> {
+        self.head.forward(&beside(self.backbone.forward(frames, train, watch)?, speed)?)
     }
 
     /// (B, channels, H, W) to (B, features).
     pub(super) fn features(&self, frames: &Tensor, train: bool) -> Result<Tensor, NnError> {
-        self.backbone.forward(frames, train)
+        self.backbone.forward(frames, train, &mut |_, _| {})
     }
 
     pub(super) fn freeze(&mut self) {

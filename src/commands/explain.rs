@@ -1,0 +1,74 @@
+//! `lapwing explain`: which parts of a picture a steering comes from.
+
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+
+use super::{Ended, outputs};
+use crate::cli;
+use lapwing_core::{
+    perception::{Frame, decode_jpeg},
+    recording::{Moment, Recording},
+};
+use lapwing_learn::{
+    explain::{Explainer, Method},
+    models,
+};
+use lapwing_score::drawing::{LINE_PX, MARGIN, Shape, Sheet};
+
+pub(super) fn run(arguments: &cli::Explain) -> anyhow::Result<Ended> {
+    outputs::check_drawing(&arguments.out)?;
+    let model = match &arguments.model {
+        Some(path) => models::load(path, Instant::now)?,
+        None => models::built_in(Instant::now)?,
+    };
+    let mut explainer = Explainer::of(&model)?;
+    let moment = moment(arguments)?;
+    let mut frame = Frame::default();
+    let place = || format!("{}: moment {}", arguments.recording.display(), moment.row);
+    let picture = moment.pictures[0].as_ref().with_context(|| format!("{}: no picture", place()))?;
+    decode_jpeg(&picture.read().with_context(place)?, &mut frame).with_context(place)?;
+    let explained = |explainer: &mut Explainer, method| explainer.explain(&frame, moment.telemetry.speed, method);
+    let visual = explained(&mut explainer, Method::VisualBackProp)?;
+    let gradients = explained(&mut explainer, Method::IntegratedGradients)?;
+    let recorded = moment.steering().map_or(String::new(), |steering| format!(", recorded {:+.3}", steering.get()));
+    let told = format!("moment {}: steering {:+.3}{recorded}", moment.row, visual.steering);
+    let pictures = [
+        (told.clone(), frame.clone()),
+        ("what the convolutions react to".into(), visual.over(&frame)),
+        ("what turns right (red) and left (blue)".into(), gradients.over(&frame)),
+    ];
+    sheet(pictures).write(&arguments.out)?;
+    outputs::print(&format!("{}\n{told} ({})", arguments.recording.display(), model.name()))?;
+    Ok(Ended::Passed)
+}
+
+/// The one that is asked for.
+fn moment(arguments: &cli::Explain) -> anyhow::Result<Moment> {
+    let mut last = None;
+    for moment in Recording::open(&arguments.recording)? {
+        let moment = moment?;
+        if moment.row == arguments.frame {
+            return Ok(moment);
+        }
+        last = Some(moment.row);
+    }
+    let (recording, got) = (arguments.recording.display(), arguments.frame);
+    match last {
+        Some(last) => bail!("{recording}: expected a moment from 0 to {last} (--frame), got {got}"),
+        None => bail!("{recording}: expected moments, got none"),
+    }
+}
+
+/// Pictures one below the other, each with a line above it.
+fn sheet(pictures: [(String, Frame); 3]) -> Sheet {
+    let (mut shapes, mut y, mut width) = (vec![], MARGIN, 0.0);
+    for (line, frame) in pictures {
+        width = f64::max(width, frame.width() as f64);
+        shapes.push(Shape::text((MARGIN, y + LINE_PX / 2.0), 0.0, line));
+        let height = frame.height() as f64;
+        shapes.push(Shape::Picture { at: (MARGIN, y + LINE_PX), frame });
+        y += LINE_PX + height + MARGIN;
+    }
+    Sheet { width: width + 2.0 * MARGIN, height: y, title: "What the steering comes from".into(), shapes }
+}
