@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 41] = [
+const MAY_IMPORT: [(&str, &[&str]); 42] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -43,6 +43,7 @@ const MAY_IMPORT: [(&str, &[&str]); 41] = [
     ("learn/train", &["dataset", "nn"]),
     ("learn/marl", &["nn", "train"]),
     ("learn/evaluate", &["dataset", "models", "nn", "train"]),
+    ("learn/explain", &["models", "nn"]),
     ("live/bridge", &[]),
     ("lapwing/course", &[]),
     ("lapwing/doctor", &[]),

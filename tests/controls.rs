@@ -82,8 +82,8 @@ fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
         judge_all(|| RecordedWorld::open(dir.path(), metre, Yaw::Pictures, located.clone()).unwrap());
     assert!(good.interventions == 0.0, "{good:?}");
     for (name, control) in controls {
-        // On real pictures the good pilot is not that good, and a crop that is a little too low costs it least.
-        let (least, times) = if name == "cropped 20 rows too low" { (0.0, 1.2) } else { (8.0, 2.0) };
+        // On real pictures the good pilot is not that good; a crop of other rows costs it least, as above.
+        let (least, times) = if name.starts_with("cropped") { (0.0, 1.8) } else { (8.0, 2.0) };
         assert!(control.interventions >= least, "{name}: {control:?}");
         assert!(control.p95_m >= times * good.p95_m, "{name}: {control:?}, good: {good:?}");
     }
