@@ -40,8 +40,13 @@ fn rates(settings: Settings, episodes: u64, act: impl Fn(&Environment, usize) ->
     (crashed as f64 / all, reached as f64 / all)
 }
 
-const BUSY: Settings =
-    Settings { missions: Missions::Random, cars: CARS, reward: Reward::Corrected, axes: Axes::World };
+const BUSY: Settings = Settings {
+    missions: Missions::Random,
+    cars: CARS,
+    reward: Reward::Corrected,
+    axes: Axes::World,
+    sight: Sight::Sectors,
+};
 
 #[test]
 fn idling_earns_499_under_the_benchmarks_reward_and_driving_through_about_63() {
