@@ -131,6 +131,9 @@ pub struct MarlTrain {
     /// Go on with the training in that folder, with its settings; --agent-steps may be raised
     #[arg(long)]
     pub resume: bool,
+    /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "entropy", "gamma", "batch", "replay", "every", "memory", "learners"])]
+    pub recipe: Option<PathBuf>,
     /// How they learn
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: AlgorithmKind,
@@ -182,9 +185,9 @@ pub struct MarlTrain {
     /// MADDPG's learner threads beside a collector thread; 0 is one after the other, the same each time
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub learners: u16,
-    /// Random seed
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
+    /// Random seed [default: 0, or the recipe's]
+    #[arg(long)]
+    pub seed: Option<u64>,
     /// Threads of libtorch; the policy depends on them in its last bits
     #[arg(long, default_value_t = 1)]
     pub threads: u16,
@@ -212,12 +215,28 @@ pub struct MarlStudy {
     /// Joint transitions for each of MADDPG's gradient steps
     #[arg(long, value_name = "N", default_value_t = 100.0, value_parser = above_zero)]
     pub every: f64,
+    /// What is learnt: a reward, and how much traffic [default: all four]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub tasks: Vec<TaskKind>,
     /// Stop after so many trainings, to go on later
     #[arg(long, value_name = "N", value_parser = count)]
     pub most: Option<u32>,
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// A reward, and an amount of traffic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TaskKind {
+    /// SMARTS' reward, no traffic
+    Smarts,
+    /// The corrected reward, no traffic
+    Corrected,
+    /// SMARTS' reward, 12 background cars
+    SmartsTraffic,
+    /// The corrected reward, 12 background cars
+    CorrectedTraffic,
 }
 
 /// How agents learn.

@@ -10,12 +10,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, print};
 use crate::{
-    cli::MarlStudy,
+    cli::{MarlStudy, TaskKind},
     commands::{interrupted, outputs},
 };
 use lapwing_learn::{
     marl::study::{
-        CellResult, StudySettings, Variant,
+        CellResult, StudySettings, TASKS, Variant,
         findings::{Estimate, Finding, Findings, Row, Verdict},
         plan,
     },
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     };
     runtime::set_threads(1);
     fs::create_dir_all(&arguments.out)?;
-    let (cells, stop) = (plan(&study), interrupted());
+    let (cells, stop) = (plan(&study, &tasks(arguments)), interrupted());
     let bar = if io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     bar.set_style(ProgressStyle::with_template("{wide_bar} {msg}, {elapsed}")?);
     let wall = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64();
@@ -80,6 +80,19 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     Ok(if finished || arguments.most.is_some() { Ended::Passed } else { Ended::Failed })
 }
 
+fn tasks(arguments: &MarlStudy) -> Vec<(Reward, usize)> {
+    if arguments.tasks.is_empty() {
+        return TASKS.to_vec();
+    }
+    let task = |kind: &TaskKind| match kind {
+        TaskKind::Smarts => (Reward::Smarts, 0),
+        TaskKind::Corrected => (Reward::Corrected, 0),
+        TaskKind::SmartsTraffic => (Reward::Smarts, CARS),
+        TaskKind::CorrectedTraffic => (Reward::Corrected, CARS),
+    };
+    arguments.tasks.iter().map(task).collect()
+}
+
 fn reward(reward: Reward) -> &'static str {
     match reward {
         Reward::Smarts => "smarts",
@@ -109,7 +122,7 @@ const HEADS: [&str; 15] = [
 /// A row's cells; rates are collision / completion.
 fn cells(row: &Row) -> [String; 15] {
     let pair = |[collision, completion]: [f64; 2]| format!("{collision:.2} / {completion:.2}");
-    let Estimate { value, interval: [low, high] } = row.completion;
+    let Estimate { value, interval: [low, high], .. } = row.completion;
     [
         row.variant.name().into(),
         reward(row.reward).into(),
@@ -150,7 +163,7 @@ fn verdict(finding: &Finding) -> String {
     };
     match finding.found {
         None => format!("{verdict}: no runs"),
-        Some(Estimate { value, interval: [low, high] }) => {
+        Some(Estimate { value, interval: [low, high], .. }) => {
             format!("{verdict}: {} {value:.2} ({low:.2} to {high:.2})", finding.measure)
         }
     }
@@ -186,7 +199,7 @@ fn csv(rows: &[Row]) -> String {
     );
     for row in rows {
         let [few, many, traffic_few, traffic] = row.rates;
-        let Estimate { value, interval: [low, high] } = row.completion;
+        let Estimate { value, interval: [low, high], .. } = row.completion;
         let numbers = [
             row.agent_steps,
             row.gradient_steps,

@@ -28,7 +28,7 @@ const LINE_EVERY: u64 = 10;
 pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     outputs::check_folder(&arguments.out)?;
     runtime::set_threads(arguments.threads);
-    let mut training = Training::new(&arguments.out, settings(arguments), arguments.resume)?;
+    let mut training = Training::new(&arguments.out, settings(arguments)?, arguments.resume)?;
     let stop = interrupted();
     let is_terminal = io::stderr().is_terminal();
     let bar = if is_terminal { ProgressBar::new(1000) } else { ProgressBar::hidden() };
@@ -51,7 +51,14 @@ pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
 }
 
-fn settings(arguments: &MarlTrain) -> TrainingSettings {
+fn settings(arguments: &MarlTrain) -> anyhow::Result<TrainingSettings> {
+    if let Some(path) = &arguments.recipe {
+        let mut settings = TrainingSettings::read(path)?;
+        if let Some(seed) = arguments.seed {
+            *settings.algorithm.seed() = seed;
+        }
+        return Ok(settings);
+    }
     let reward = match arguments.reward {
         RewardKind::Smarts => Reward::Smarts,
         RewardKind::Corrected => Reward::Corrected,
@@ -70,7 +77,7 @@ fn settings(arguments: &MarlTrain) -> TrainingSettings {
         AlgorithmKind::Ppo => Algorithm::Ppo(ppo(arguments)),
         AlgorithmKind::Maddpg => Algorithm::Maddpg(maddpg(arguments)),
     };
-    TrainingSettings { world, algorithm }
+    Ok(TrainingSettings { world, algorithm })
 }
 
 fn ppo(arguments: &MarlTrain) -> PpoSettings {
@@ -87,7 +94,7 @@ fn ppo(arguments: &MarlTrain) -> PpoSettings {
         learning_rate: arguments.learning_rate.unwrap_or(usual.learning_rate),
         entropy: arguments.entropy.unwrap_or(usual.entropy),
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
-        seed: arguments.seed,
+        seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
     }
 }
@@ -110,7 +117,7 @@ fn maddpg(arguments: &MarlTrain) -> MaddpgSettings {
         actor_rate: arguments.learning_rate.map_or(usual.actor_rate, |rate| rate / 10.0),
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
         learners: usize::from(arguments.learners),
-        seed: arguments.seed,
+        seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
     }
 }

@@ -39,6 +39,17 @@ pub struct TrainingSettings {
     pub algorithm: Algorithm,
 }
 
+impl TrainingSettings {
+    /// A recipe: the settings as TOML. What is not told of an algorithm is its default.
+    ///
+    /// # Errors
+    /// [`MarlError`], if the file cannot be read or is not a recipe.
+    pub fn read(path: &Path) -> Result<Self, MarlError> {
+        let text = fs::read_to_string(path).map_err(MarlError::io("read", path))?;
+        toml::from_str(&text).map_err(|why| MarlError::File { path: path.to_owned(), why: why.to_string() })
+    }
+}
+
 /// Where a training is.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 struct Position {

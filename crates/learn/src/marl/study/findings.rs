@@ -18,6 +18,9 @@ const SAMPLES: usize = 2000;
 /// Points of a curve that are averaged before it is looked at for falls and ends.
 const SMOOTH: usize = 5;
 
+/// With fewer runs of each task than these, an interval says nothing of other seeds.
+const ENOUGH: usize = 3;
+
 /// A number with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
@@ -25,6 +28,8 @@ pub struct Estimate {
     pub value: f64,
     /// 95 % interval.
     pub interval: [f64; 2],
+    /// Runs of the task that has the fewest.
+    pub runs: usize,
 }
 
 /// Whether something holds.
@@ -35,7 +40,7 @@ pub enum Verdict {
     Holds,
     /// It lies on the other.
     Fails,
-    /// It lies on both: more seeds would tell.
+    /// It lies on both, or there are fewer than three seeds: more would tell.
     Open,
 }
 
@@ -135,9 +140,8 @@ type Strata = Vec<Vec<f64>>;
 
 /// A statistic of the runs of some variants, each in strata that are drawn anew on their own.
 fn estimate(groups: &[Strata], statistic: impl Fn(&[Strata]) -> f64) -> Option<Estimate> {
-    if groups.iter().any(|strata| strata.is_empty() || strata.iter().any(Vec::is_empty)) {
-        return None;
-    }
+    let fewest = |strata: &Strata| strata.iter().map(Vec::len).min().unwrap_or_default();
+    let runs = groups.iter().map(fewest).min().filter(|runs| *runs > 0)?;
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut drawn = groups.to_vec();
     let mut found: Vec<f64> = (0..SAMPLES)
@@ -150,7 +154,7 @@ fn estimate(groups: &[Strata], statistic: impl Fn(&[Strata]) -> f64) -> Option<E
         .collect();
     found.sort_by(f64::total_cmp);
     let at = |share: f64| found[((SAMPLES - 1) as f64 * share).round() as usize];
-    Some(Estimate { value: statistic(groups), interval: [at(0.025), at(0.975)] })
+    Some(Estimate { value: statistic(groups), interval: [at(0.025), at(0.975)], runs })
 }
 
 fn pooled(strata: &Strata) -> f64 {
@@ -198,10 +202,10 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
     let fall = |cell: &CellResult| drawdown(&cell.curve.iter().map(|point| point.completion).collect::<Vec<_>>());
     let above = |claim, says, measure, found: Option<Estimate>, bound: f64, wants_more: bool| {
         let verdict = match found {
-            Some(Estimate { interval: [low, _], .. }) if low > bound => {
+            Some(Estimate { interval: [low, _], runs, .. }) if runs >= ENOUGH && low > bound => {
                 [Verdict::Fails, Verdict::Holds][usize::from(wants_more)]
             }
-            Some(Estimate { interval: [_, high], .. }) if high < bound => {
+            Some(Estimate { interval: [_, high], runs, .. }) if runs >= ENOUGH && high < bound => {
                 [Verdict::Holds, Verdict::Fails][usize::from(wants_more)]
             }
             _ => Verdict::Open,
@@ -226,6 +230,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         found: times,
         verdict: match (claimed, times) {
             (_, None) => Verdict::Open,
+            (_, Some(times)) if times.runs < ENOUGH => Verdict::Open,
             (true, _) => Verdict::Holds,
             (false, _) => Verdict::Fails,
         },
@@ -317,7 +322,7 @@ fn row(variant: Variant, reward: Reward, cars: usize, cells: &[&CellResult]) -> 
         [mean(&|cell| of(cell).collision_rate), mean(&|cell| of(cell).completion_rate)]
     });
     let completions = all(&|cell| cell.judged().completion_rate);
-    let alone = Estimate { value: completions[0], interval: [completions[0]; 2] };
+    let alone = Estimate { value: completions[0], interval: [completions[0]; 2], runs: 1 };
     Row {
         variant,
         reward,
@@ -396,7 +401,7 @@ mod tests {
         assert_eq!(verdict("learners beat one at equal agent-steps"), Verdict::Open);
         assert_eq!(verdict("64 beat 1024 at equal samples"), Verdict::Open, "there are no runs");
         assert_eq!((rows.len(), rows[0].runs), (4, 5));
-        let Estimate { value, interval: [low, high] } = rows[0].completion;
+        let Estimate { value, interval: [low, high], .. } = rows[0].completion;
         assert!(low <= value && value <= high && low < high, "{:?}", rows[0]);
     }
 }

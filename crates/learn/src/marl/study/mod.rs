@@ -166,14 +166,16 @@ impl CellResult {
     }
 }
 
-/// All cells, those of the first seed first, so that a study that is stopped is balanced.
-pub fn plan(study: &StudySettings) -> Vec<Cell> {
+/// What is learnt: a reward, and an amount of traffic.
+pub const TASKS: [(Reward, usize); 4] =
+    [(Reward::Smarts, 0), (Reward::Corrected, 0), (Reward::Smarts, CARS), (Reward::Corrected, CARS)];
+
+/// All cells of some tasks, those of the first seed first, so that a study that is stopped is balanced.
+pub fn plan(study: &StudySettings, tasks: &[(Reward, usize)]) -> Vec<Cell> {
     let mut cells = Vec::new();
     for seed in 0..study.seeds {
-        for cars in [0, CARS] {
-            for reward in [Reward::Smarts, Reward::Corrected] {
-                cells.extend(Variant::ALL.map(|variant| Cell { variant, reward, cars, seed }));
-            }
+        for (reward, cars) in tasks.iter().copied() {
+            cells.extend(Variant::ALL.map(|variant| Cell { variant, reward, cars, seed }));
         }
     }
     cells
@@ -260,7 +262,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let study = StudySettings { seeds: 1, agent_steps: 2000, episodes: 2, every: 100.0 };
         let cell = Cell { variant: Variant::Ppo, reward: Reward::Corrected, cars: 0, seed: 0 };
-        assert!(plan(&study).contains(&cell) && plan(&study).len() == 28);
+        let all = plan(&study, &TASKS);
+        assert!(all.contains(&cell) && all.len() == 28);
         let mut updates = 0;
         let mut run = |study: &StudySettings| {
             cell.run(
