@@ -5,7 +5,7 @@
 //! | [`ppo`] | the on-policy algorithm, top to bottom |
 //! | [`maddpg`] | the off-policy one |
 //! | `asynchronous` | the same with learner threads |
-//! | [`replay`] | what it learns from: a memory of joint transitions, with [`priorities`] |
+//! | [`replay`] | what it learns from: a memory of joint transitions, with [`priorities`] kept in [`trees`] |
 //! | [`learner`] | what both are to a training |
 //! | [`policy`] | the network, its checkpoint, and how it drives |
 //! | [`study`] | many trainings, and what they say of both |
@@ -32,6 +32,7 @@ pub mod priorities;
 pub mod replay;
 pub mod study;
 pub mod training;
+pub mod trees;
 
 pub use error::MarlError;
 pub use learner::{Algorithm, Update, World};

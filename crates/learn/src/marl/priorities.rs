@@ -12,10 +12,10 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use super::trees::{Heap, SumTree};
+
 /// What is added to an error, so that no row is lost for good.
 const EPSILON: f32 = 1e-3;
-/// The heap is sorted after as many changes as it has rows, times this.
-const SORT_EVERY: f32 = 1.0;
 
 /// How rows are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -160,12 +160,10 @@ impl Priorities {
 /// The rank, from 0, at which a share of the probability lies, and how likely that rank is. The probability of rank r, from
 /// 1, is the integral of `x^-alpha` from r to r + 1: as good as `r^-alpha`, and its sum can be inverted.
 fn ranked(share: f64, rows: usize, alpha: f64) -> (usize, f64) {
-    let power = 1.0 - alpha;
-    let (until, back): (Box<dyn Fn(f64) -> f64>, Box<dyn Fn(f64) -> f64>) = if power.abs() < 1e-6 {
-        (Box::new(f64::ln), Box::new(f64::exp))
-    } else {
-        (Box::new(move |x| (x.powf(power) - 1.0) / power), Box::new(move |y| (y * power + 1.0).powf(1.0 / power)))
-    };
+    // With an alpha of 1 the integral is a logarithm; a power this small is as good.
+    let power = (1.0 - alpha).max(1e-6);
+    let until = |x: f64| (x.powf(power) - 1.0) / power;
+    let back = |y: f64| (y * power + 1.0).powf(1.0 / power);
     let total = until(rows as f64 + 1.0);
     let rank = (back(share * total) as usize).clamp(1, rows);
     (rank - 1, (until(rank as f64 + 1.0) - until(rank as f64)) / total)
@@ -198,145 +196,6 @@ impl Members {
             if let Some(moved) = self.rows.get(at) {
                 self.at[*moved as usize] = at as u32;
             }
-        }
-    }
-}
-
-/// A binary tree in which each node holds the sum of its two children; priorities are the leaves.
-#[derive(Debug, Clone)]
-pub struct SumTree {
-    /// The root is at 1, the children of i at 2i and 2i + 1, the leaves in the second half. Sums are f64: a million small
-    /// changes to f32 would add up to nonsense.
-    nodes: Vec<f64>,
-}
-
-impl SumTree {
-    /// With so many leaves, all 0.
-    pub fn new(leaves: usize) -> Self {
-        Self { nodes: vec![0.0; 2 * leaves.max(1).next_power_of_two()] }
-    }
-
-    fn leaves(&self) -> usize {
-        self.nodes.len() / 2
-    }
-
-    /// The sum of all leaves.
-    pub fn total(&self) -> f64 {
-        self.nodes[1]
-    }
-
-    /// A leaf.
-    pub fn get(&self, leaf: usize) -> f32 {
-        self.nodes[self.leaves() + leaf] as f32
-    }
-
-    /// Changes a leaf.
-    pub fn set(&mut self, leaf: usize, value: f32) {
-        let mut node = self.leaves() + leaf;
-        self.nodes[node] = f64::from(value);
-        while node > 1 {
-            node /= 2;
-            self.nodes[node] = self.nodes[2 * node] + self.nodes[2 * node + 1];
-        }
-    }
-
-    /// The leaf in which a prefix of the sum ends: one that is not 0.
-    pub fn find(&self, prefix: f64) -> usize {
-        let (mut node, mut left) = (1, prefix);
-        while node < self.leaves() {
-            node *= 2;
-            // Rounding must not lead into an empty half.
-            if left >= self.nodes[node] && self.nodes[node + 1] > 0.0 {
-                left -= self.nodes[node];
-                node += 1;
-            }
-        }
-        node - self.leaves()
-    }
-}
-
-/// A binary heap with the largest error first, in which rows can be found.
-#[derive(Debug)]
-pub struct Heap {
-    rows: Vec<u32>,
-    at: Vec<u32>,
-    errors: Vec<f32>,
-    /// Since it was sorted.
-    changes: usize,
-}
-
-impl Heap {
-    fn new(rows: usize) -> Self {
-        Self { rows: Vec::new(), at: vec![u32::MAX; rows], errors: vec![0.0; rows], changes: 0 }
-    }
-
-    fn contains(&self, row: usize) -> bool {
-        self.at[row] != u32::MAX
-    }
-
-    fn set(&mut self, row: usize, error: f32) {
-        if !self.contains(row) {
-            self.at[row] = self.rows.len() as u32;
-            self.rows.push(row as u32);
-        }
-        self.errors[row] = error;
-        let at = self.up(self.at[row] as usize);
-        self.down(at);
-        self.changes += 1;
-        if self.changes as f32 > SORT_EVERY * self.rows.len() as f32 {
-            self.sort();
-        }
-    }
-
-    fn remove(&mut self, row: usize) {
-        let at = std::mem::replace(&mut self.at[row], u32::MAX) as usize;
-        if at == u32::MAX as usize {
-            return;
-        }
-        self.rows.swap_remove(at);
-        if let Some(moved) = self.rows.get(at) {
-            self.at[*moved as usize] = at as u32;
-            let at = self.up(at);
-            self.down(at);
-        }
-    }
-
-    /// A sorted array is a heap.
-    fn sort(&mut self) {
-        self.changes = 0;
-        let errors = &self.errors;
-        self.rows.sort_unstable_by(|a, b| errors[*b as usize].total_cmp(&errors[*a as usize]).then(a.cmp(b)));
-        for (at, row) in self.rows.iter().enumerate() {
-            self.at[*row as usize] = at as u32;
-        }
-    }
-
-    fn error(&self, at: usize) -> f32 {
-        self.errors[self.rows[at] as usize]
-    }
-
-    fn swap(&mut self, a: usize, b: usize) {
-        self.rows.swap(a, b);
-        (self.at[self.rows[a] as usize], self.at[self.rows[b] as usize]) = (a as u32, b as u32);
-    }
-
-    fn up(&mut self, mut at: usize) -> usize {
-        while at > 0 && self.error(at) > self.error((at - 1) / 2) {
-            self.swap(at, (at - 1) / 2);
-            at = (at - 1) / 2;
-        }
-        at
-    }
-
-    fn down(&mut self, mut at: usize) {
-        loop {
-            let children = [2 * at + 1, 2 * at + 2].into_iter().filter(|child| *child < self.rows.len());
-            let Some(child) = children.max_by(|a, b| self.error(*a).total_cmp(&self.error(*b))) else { return };
-            if self.error(child) <= self.error(at) {
-                return;
-            }
-            self.swap(at, child);
-            at = child;
         }
     }
 }
@@ -412,45 +271,6 @@ mod tests {
             priorities.add(1);
             let (counts, _) = frequencies(&mut priorities);
             assert!(counts[1] > 0.2 && priorities.count() == 4, "{replay:?}: {counts:?}");
-        }
-    }
-
-    #[test]
-    fn the_sum_tree_holds_its_sum_through_a_million_changes_and_finds_each_leaf() {
-        let mut tree = SumTree::new(1000);
-        let mut random = ChaCha8Rng::seed_from_u64(2);
-        let mut values = vec![0.0_f32; 1000];
-        for _ in 0..1_000_000 {
-            let (leaf, value) = (random.random_range(0..1000), random.random_range(0.0..3.0));
-            values[leaf] = value;
-            tree.set(leaf, value);
-        }
-        let sum: f64 = values.iter().map(|value| f64::from(*value)).sum();
-        assert!((tree.total() - sum).abs() < 1e-6, "{} {sum}", tree.total());
-        let mut before = 0.0;
-        for (leaf, value) in values.iter().enumerate().filter(|(_, value)| **value > 0.0) {
-            assert_eq!(tree.find(before + f64::from(*value) / 2.0), leaf);
-            before += f64::from(*value);
-        }
-        tree.set(999, 0.0);
-        assert!(tree.find(tree.total() + 1.0) < 999, "never a leaf that is 0");
-    }
-
-    #[test]
-    fn the_heap_is_one_whatever_is_changed_and_removed() {
-        let mut heap = Heap::new(100);
-        let mut random = ChaCha8Rng::seed_from_u64(3);
-        for _ in 0..10_000 {
-            let row = random.random_range(0..100);
-            if random.random_bool(0.3) {
-                heap.remove(row);
-            } else {
-                heap.set(row, random.random_range(0.0..1.0));
-            }
-            for at in 1..heap.rows.len() {
-                assert!(heap.error((at - 1) / 2) >= heap.error(at));
-                assert_eq!(heap.at[heap.rows[at] as usize] as usize, at);
-            }
         }
     }
 

@@ -44,8 +44,8 @@ impl Batch {
     pub fn mixed(settings: Settings, count: usize, seed: u64) -> Self {
         let mut seeds = ChaCha8Rng::seed_from_u64(seed);
         let kind = |e: usize| {
-            let missions = if e % 2 == 0 { Missions::Benchmark } else { Missions::Random };
-            Settings { missions, cars: if e / 2 % 2 == 0 { 0 } else { settings.cars }, ..settings }
+            let missions = if e.is_multiple_of(2) { Missions::Benchmark } else { Missions::Random };
+            Settings { missions, cars: if (e / 2).is_multiple_of(2) { 0 } else { settings.cars }, ..settings }
         };
         let environments = (0..count).map(|e| Environment::new(kind(e), seeds.next_u64())).collect();
         Self { environments, numbers: settings.sight.numbers() }
