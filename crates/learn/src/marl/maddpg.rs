@@ -19,7 +19,7 @@
 //! the losses; a truncated episode is bootstrapped; observations and rewards are divided by the same constants as for PPO;
 //! both gradients are taken at the same weights, before either is followed.
 //!
-//! With [`learners`](MaddpgSettings::learners) above 0 it is asynchronous: see [`asynchronous`](super::asynchronous).
+//! With [`learners`](MaddpgSettings::learners) above 0 it is asynchronous: `asynchronous.rs` says how.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
