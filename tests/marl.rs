@@ -54,3 +54,26 @@ fn agents_learn_into_a_folder_and_drive_with_what_they_learnt() {
     assert_eq!(status, 1);
     assert!(err.contains("expected a whole safetensors file"), "{err}");
 }
+
+#[test]
+fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
+    let folder = tempdir().unwrap();
+    let run = |most: &str| {
+        let study = ["marl", "study", "--out", "study", "--seeds", "1", "--agent-steps", "1000", "--episodes", "10"];
+        lapwing_in(folder.path(), "", &[&study[..], &["--most", most]].concat())
+    };
+    let (status, out, err) = run("1");
+    assert_eq!(status, 0, "{err}");
+    assert!(out.contains("PPO ends better: open: no runs") && err.contains("1 of 28 trainings are done"), "{out}{err}");
+    let cell = folder.path().join("study/cells/ppo-smarts-0-0/cell.json");
+    let first = fs::read(&cell).unwrap();
+    let (status, out, err) = run("2");
+    assert_eq!(status, 0, "{err}");
+    assert!(fs::read(&cell).unwrap() == first, "what is done is kept");
+    assert!(out.contains("PPO takes 3 to 3.5 times MADDPG's time: "), "{out}");
+    assert_eq!(out.lines().filter(|line| line.starts_with("ppo ") || line.starts_with("maddpg ")).count(), 2, "{out}");
+    let rows = fs::read_to_string(folder.path().join("study/study.csv")).unwrap();
+    assert!(rows.lines().count() == 3 && rows.lines().nth(2).unwrap().starts_with("maddpg,smarts,0,1,"), "{rows}");
+    let page = fs::read_to_string(folder.path().join("study/study.html")).unwrap();
+    assert!(page.contains("<svg") && page.contains("SMARTS PPO") && !page.contains("/*"), "{page}");
+}

@@ -4,24 +4,30 @@ use std::{fs, path::PathBuf};
 
 use lapwing_learn::{
     braking::BrakingRecipe,
+    marl::{Policy, training::TrainingSettings},
     nn::{Checkpoint, braking::BrakingCheckpoint},
     train::Recipe,
 };
 
-/// Those that drive or find the lane, and those that brake.
-fn models(extension: &str) -> [Vec<PathBuf>; 2] {
+/// Those that drive or find the lane, those that brake, and the intersection's.
+fn models(extension: &str) -> [Vec<PathBuf>; 3] {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/models");
     let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.retain(|path| path.extension().is_some_and(|of| of == extension));
-    let brakes = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with("brake");
-    let (braking, others): (Vec<_>, Vec<_>) = paths.into_iter().partition(brakes);
-    assert!(!others.is_empty() && !braking.is_empty());
-    [others, braking]
+    let named =
+        |start: &'static str| move |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with(start);
+    let (braking, others): (Vec<_>, Vec<_>) = paths.into_iter().partition(named("brake"));
+    let (crossing, others): (Vec<_>, Vec<_>) = others.into_iter().partition(named("intersection"));
+    assert!(!others.is_empty() && !braking.is_empty() && !crossing.is_empty());
+    [others, braking, crossing]
 }
 
 #[test]
 fn every_recipe_can_be_followed() {
-    let [others, braking] = models("toml");
+    let [others, braking, crossing] = models("toml");
+    for path in crossing {
+        TrainingSettings::read(&path).unwrap_or_else(|error| panic!("{error}"));
+    }
     for path in braking {
         let recipe = BrakingRecipe::read(&fs::read_to_string(&path).unwrap()).unwrap();
         recipe.check().unwrap_or_else(|error| panic!("{}: {error}", path.display()));
@@ -38,7 +44,12 @@ fn every_recipe_can_be_followed() {
 
 #[test]
 fn every_shipped_model_is_read_and_tells_the_recipe_beside_it() {
-    let [others, braking] = models("safetensors");
+    let [others, braking, crossing] = models("safetensors");
+    for path in crossing {
+        let told = Policy::load(&path).unwrap().metadata.training;
+        let beside = TrainingSettings::read(&path.with_extension("toml")).unwrap();
+        assert_eq!(serde_json::from_value::<TrainingSettings>(told).unwrap(), beside, "{}", path.display());
+    }
     for path in braking {
         let checkpoint = BrakingCheckpoint::load(&path).unwrap();
         let told: serde_json::Value = serde_json::from_str(&checkpoint.metadata.training).unwrap();

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 #[cfg(feature = "networks")]
-use super::parse::{above_zero, not_negative};
-use lapwing_sim::intersection::{Axes, CARS, Missions, Reward, Settings};
+use super::parse::{above_zero, count, not_negative};
+use lapwing_sim::intersection::{CARS, Missions, Settings};
 
 /// `lapwing marl`
 #[derive(Debug, Args)]
@@ -21,6 +21,9 @@ pub enum MarlVerb {
     /// Let the agents learn to drive
     #[cfg(feature = "networks")]
     Train(MarlTrain),
+    /// Compare PPO and MADDPG, with several seeds, and say which claims about them hold
+    #[cfg(feature = "networks")]
+    Study(MarlStudy),
     /// Watch an episode from above, in the terminal or as a film
     Watch(MarlWatch),
     /// Measure collision and completion rates over episodes that are not trained on
@@ -39,13 +42,13 @@ pub struct IntersectionFlags {
 }
 
 impl IntersectionFlags {
-    /// The settings that they mean, with those that concern learning.
-    pub fn settings(self, reward: Reward, axes: Axes) -> Settings {
+    /// The settings that they mean; what concerns learning is as in others.
+    pub fn settings(self, learning: Settings) -> Settings {
         let missions = match self.missions {
             MissionsKind::Benchmark => Missions::Benchmark,
             MissionsKind::Random => Missions::Random,
         };
-        Settings { missions, cars: usize::from(self.cars), reward, axes }
+        Settings { missions, cars: usize::from(self.cars), ..learning }
     }
 }
 
@@ -128,42 +131,134 @@ pub struct MarlTrain {
     /// Go on with the training in that folder, with its settings; --agent-steps may be raised
     #[arg(long)]
     pub resume: bool,
+    /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "entropy", "gamma", "batch", "replay", "every", "memory", "learners"])]
+    pub recipe: Option<PathBuf>,
+    /// How they learn
+    #[arg(long, value_enum, default_value_t)]
+    pub algorithm: AlgorithmKind,
+    /// Half of the intersections have the benchmark's missions, the others random ones; half have no traffic
+    #[arg(long)]
+    pub mixed: bool,
     /// What is rewarded
     #[arg(long, value_enum, default_value_t)]
     pub reward: RewardKind,
     /// The axes on which the agents see
     #[arg(long, value_enum, default_value_t)]
     pub axes: AxesKind,
-    /// What the critic sees: its agent's view, or the whole situation, too (MAPPO)
+    /// What the agents see
+    #[arg(long, value_enum, default_value_t)]
+    pub observation: ObservationKind,
+    /// What PPO's critic sees: its agent's view, or the whole situation, too (MAPPO)
     #[arg(long, value_enum, default_value_t)]
     pub critic: CriticKind,
     /// Agent-steps to learn from [default: 3000000]
     #[arg(long, value_name = "N")]
     pub agent_steps: Option<u64>,
-    /// Intersections side by side [default: 64]
+    /// Intersections side by side [default: 64, MADDPG 16]
     #[arg(long, value_name = "N")]
     pub intersections: Option<usize>,
     /// Units in each of the two hidden layers [default: 64]
     #[arg(long, value_name = "N")]
     pub hidden: Option<usize>,
-    /// Learning rate at the begin [default: 0.001]
+    /// PPO's learning rate at the begin, and MADDPG's for its critic, its actor having a tenth [default: 0.001]
     #[arg(long, value_parser = above_zero)]
     pub learning_rate: Option<f64>,
-    /// Weight of the entropy [default: 0.01]
+    /// PPO's weight of the entropy at the begin [default: 0.01]
     #[arg(long, value_parser = not_negative)]
     pub entropy: Option<f64>,
-    /// Discount for each step [default: 0.99]
+    /// Discount for each step [default: 0.99, MADDPG 0.95]
     #[arg(long, value_parser = not_negative)]
     pub gamma: Option<f64>,
-    /// Random seed
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
+    /// Agent-steps in PPO's minibatches, joint transitions in MADDPG's batches [default: 1024]
+    #[arg(long, value_name = "N")]
+    pub batch: Option<usize>,
+    /// How MADDPG draws from its memory [default: uniform]
+    #[arg(long, value_enum, default_value_t)]
+    pub replay: ReplayKind,
+    /// Joint transitions for each of MADDPG's gradient steps [default: 100]
+    #[arg(long, value_name = "N", value_parser = above_zero)]
+    pub every: Option<f64>,
+    /// Joint transitions that MADDPG remembers [default: 1000000]
+    #[arg(long, value_name = "N")]
+    pub memory: Option<usize>,
+    /// MADDPG's learner threads beside a collector thread; 0 is one after the other, the same each time
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub learners: u16,
+    /// Random seed [default: 0, or the recipe's]
+    #[arg(long)]
+    pub seed: Option<u64>,
     /// Threads of libtorch; the policy depends on them in its last bits
     #[arg(long, default_value_t = 1)]
     pub threads: u16,
     /// Print the outcome as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// `lapwing marl study`
+#[cfg(feature = "networks")]
+#[derive(Debug, Args)]
+pub struct MarlStudy {
+    /// Folder for the trainings, study.json, study.csv, the curves and study.html; what is done in it is kept
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Random seeds of each training
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub seeds: u64,
+    /// Agent-steps of each training
+    #[arg(long, value_name = "N", default_value_t = 500_000)]
+    pub agent_steps: u64,
+    /// Held-out episodes in which each policy is judged
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(10..=1_000_000))]
+    pub episodes: u64,
+    /// Joint transitions for each of MADDPG's gradient steps
+    #[arg(long, value_name = "N", default_value_t = 100.0, value_parser = above_zero)]
+    pub every: f64,
+    /// What is learnt: a reward, and how much traffic [default: all four]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub tasks: Vec<TaskKind>,
+    /// Stop after so many trainings, to go on later
+    #[arg(long, value_name = "N", value_parser = count)]
+    pub most: Option<u32>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A reward, and an amount of traffic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TaskKind {
+    /// SMARTS' reward, no traffic
+    Smarts,
+    /// The corrected reward, no traffic
+    Corrected,
+    /// SMARTS' reward, 12 background cars
+    SmartsTraffic,
+    /// The corrected reward, 12 background cars
+    CorrectedTraffic,
+}
+
+/// How agents learn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum AlgorithmKind {
+    /// Proximal policy optimisation, on policy
+    #[default]
+    Ppo,
+    /// Multi-agent deep deterministic policy gradient, from a replay memory
+    Maddpg,
+}
+
+/// How rows are drawn from a replay memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum ReplayKind {
+    /// All as often
+    #[default]
+    Uniform,
+    /// In proportion to their errors
+    Proportional,
+    /// By the rank of their errors
+    Rank,
 }
 
 /// What is rewarded.
@@ -184,6 +279,16 @@ pub enum AxesKind {
     World,
     /// To the car's right and ahead of it
     Car,
+}
+
+/// What the agents see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum ObservationKind {
+    /// As in SMARTS' benchmark: the nearest car in each of eight sectors, three frames
+    #[default]
+    Sectors,
+    /// The cars in its lanes, and those whose ways conflict with its own
+    Routes,
 }
 
 /// What the critic sees.

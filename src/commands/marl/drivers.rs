@@ -3,7 +3,7 @@
 use crate::cli::{DriverFlags, DriverKind, IntersectionFlags};
 #[cfg(feature = "networks")]
 use lapwing_learn::{marl::Policy, nn::runtime};
-use lapwing_sim::intersection::{AGENTS, Action, Axes, Environment, Reward, Settings, scripted};
+use lapwing_sim::intersection::{AGENTS, Action, Environment, Reward, Settings, scripted};
 
 /// Drives all agents of many intersections.
 pub(super) enum Drivers {
@@ -33,12 +33,12 @@ impl Drivers {
 
     /// The intersection of the flags, as these drivers see it. Rewards are the benchmark's.
     pub(super) fn settings(&self, flags: IntersectionFlags) -> Settings {
-        let axes = match self {
+        let learning = match self {
             #[cfg(feature = "networks")]
-            Self::Policy(policy) => policy.axes(),
-            _ => Axes::World,
+            Self::Policy(policy) => policy.settings(),
+            _ => Settings::default(),
         };
-        flags.settings(Reward::Smarts, axes)
+        flags.settings(Settings { reward: Reward::Smarts, ..learning })
     }
 
     /// What they do now.

@@ -2,6 +2,8 @@
 
 mod drivers;
 #[cfg(feature = "networks")]
+mod study;
+#[cfg(feature = "networks")]
 mod train;
 mod watch;
 
@@ -17,6 +19,8 @@ pub(super) fn run(arguments: &Marl) -> anyhow::Result<Ended> {
     match &arguments.verb {
         #[cfg(feature = "networks")]
         MarlVerb::Train(arguments) => train::run(arguments),
+        #[cfg(feature = "networks")]
+        MarlVerb::Study(arguments) => study::run(arguments),
         MarlVerb::Watch(arguments) => watch::run(arguments),
         MarlVerb::Evaluate(arguments) => evaluate(arguments),
     }

@@ -9,15 +9,18 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, print};
 use crate::{
-    cli::{AxesKind, CriticKind, MarlTrain, RewardKind},
+    cli::{AlgorithmKind, AxesKind, CriticKind, MarlTrain, ObservationKind, ReplayKind, RewardKind},
     commands::{interrupted, outputs},
 };
 use lapwing_learn::{
-    marl::{MarlOutcome, PpoSettings, Training, Update, ppo::Critic, training::TrainingSettings},
+    marl::{
+        Algorithm, MaddpgSettings, MarlOutcome, PpoSettings, Training, Update, World, ppo::Critic, priorities::Replay,
+        training::TrainingSettings,
+    },
     nn::runtime,
     train::Go,
 };
-use lapwing_sim::intersection::{Axes, Reward};
+use lapwing_sim::intersection::{Axes, Reward, Settings, Sight};
 
 /// Updates for which a line is printed where there is no terminal: one of so many.
 const LINE_EVERY: u64 = 10;
@@ -25,7 +28,7 @@ const LINE_EVERY: u64 = 10;
 pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     outputs::check_folder(&arguments.out)?;
     runtime::set_threads(arguments.threads);
-    let mut training = Training::new(&arguments.out, settings(arguments), arguments.resume)?;
+    let mut training = Training::new(&arguments.out, settings(arguments)?, arguments.resume)?;
     let stop = interrupted();
     let is_terminal = io::stderr().is_terminal();
     let bar = if is_terminal { ProgressBar::new(1000) } else { ProgressBar::hidden() };
@@ -48,7 +51,14 @@ pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
 }
 
-fn settings(arguments: &MarlTrain) -> TrainingSettings {
+fn settings(arguments: &MarlTrain) -> anyhow::Result<TrainingSettings> {
+    if let Some(path) = &arguments.recipe {
+        let mut settings = TrainingSettings::read(path)?;
+        if let Some(seed) = arguments.seed {
+            *settings.algorithm.seed() = seed;
+        }
+        return Ok(settings);
+    }
     let reward = match arguments.reward {
         RewardKind::Smarts => Reward::Smarts,
         RewardKind::Corrected => Reward::Corrected,
@@ -57,32 +67,67 @@ fn settings(arguments: &MarlTrain) -> TrainingSettings {
         AxesKind::World => Axes::World,
         AxesKind::Car => Axes::Car,
     };
-    let critic = match arguments.critic {
-        CriticKind::Own => Critic::Own,
-        CriticKind::Central => Critic::Central,
+    let sight = match arguments.observation {
+        ObservationKind::Sectors => Sight::Sectors,
+        ObservationKind::Routes => Sight::Routes,
     };
+    let learning = Settings { reward, axes, sight, ..Settings::default() };
+    let world = World { intersection: arguments.intersection.settings(learning), mixed: arguments.mixed };
+    let algorithm = match arguments.algorithm {
+        AlgorithmKind::Ppo => Algorithm::Ppo(ppo(arguments)),
+        AlgorithmKind::Maddpg => Algorithm::Maddpg(maddpg(arguments)),
+    };
+    Ok(TrainingSettings { world, algorithm })
+}
+
+fn ppo(arguments: &MarlTrain) -> PpoSettings {
     let usual = PpoSettings::default();
-    let ppo = PpoSettings {
-        critic,
+    PpoSettings {
+        critic: match arguments.critic {
+            CriticKind::Own => Critic::Own,
+            CriticKind::Central => Critic::Central,
+        },
         agent_steps: arguments.agent_steps.unwrap_or(usual.agent_steps),
         intersections: arguments.intersections.unwrap_or(usual.intersections),
+        minibatch: arguments.batch.unwrap_or(usual.minibatch),
         hidden: arguments.hidden.unwrap_or(usual.hidden),
         learning_rate: arguments.learning_rate.unwrap_or(usual.learning_rate),
         entropy: arguments.entropy.unwrap_or(usual.entropy),
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
-        seed: arguments.seed,
+        seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
-    };
-    TrainingSettings { intersection: arguments.intersection.settings(reward, axes), ppo }
+    }
+}
+
+fn maddpg(arguments: &MarlTrain) -> MaddpgSettings {
+    let usual = MaddpgSettings::default();
+    MaddpgSettings {
+        agent_steps: arguments.agent_steps.unwrap_or(usual.agent_steps),
+        intersections: arguments.intersections.unwrap_or(usual.intersections),
+        batch: arguments.batch.unwrap_or(usual.batch),
+        every: arguments.every.unwrap_or(usual.every),
+        memory: arguments.memory.unwrap_or(usual.memory),
+        replay: match arguments.replay {
+            ReplayKind::Uniform => Replay::Uniform,
+            ReplayKind::Proportional => Replay::Proportional,
+            ReplayKind::Rank => Replay::Rank,
+        },
+        hidden: arguments.hidden.unwrap_or(usual.hidden),
+        critic_rate: arguments.learning_rate.unwrap_or(usual.critic_rate),
+        actor_rate: arguments.learning_rate.map_or(usual.actor_rate, |rate| rate / 10.0),
+        gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
+        learners: usize::from(arguments.learners),
+        seed: arguments.seed.unwrap_or(usual.seed),
+        ..usual
+    }
 }
 
 fn line(update: &Update, pace: f64) -> String {
     format!(
-        "{:.2} M agent-steps  collisions {:5.1} %  completed {:5.1} %  entropy {:.2}  {pace:.0} agent-steps/s",
+        "{:.2} M agent-steps  collisions {:5.1} %  completed {:5.1} %  {pace:.0} agent-steps/s",
         update.agent_steps as f64 / 1e6,
         update.collision_rate * 100.0,
         update.completion_rate * 100.0,
-        update.entropy,
     )
 }
 

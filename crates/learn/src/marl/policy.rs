@@ -12,15 +12,27 @@ use tch::{Kind, Tensor, no_grad};
 
 use super::{MarlError, file};
 use lapwing_sim::intersection::{
-    ACTIONS, AGENTS, Action, Axes, Environment, FRAME, OBSERVATION, Settings, observation::SCALE,
+    ACTIONS, AGENTS, Action, Environment, FRAME, OBSERVATION, Settings, Sight, observation::SCALE,
 };
 
 /// The value of the key `format`.
-const FORMAT: &str = "lapwing.marl/1";
+pub(super) const FORMAT: &str = "lapwing.marl/1";
 
-/// A multilayer perceptron with two hidden layers and tanh between them.
+/// What stands between the layers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Activation {
+    /// cleanrl's PPO.
+    #[default]
+    Tanh,
+    /// MADDPG (Lowe et al. 2017).
+    Relu,
+}
+
+/// A multilayer perceptron with two hidden layers.
 #[derive(Debug)]
 pub struct Mlp {
+    activation: Activation,
     /// Weight (out, in) and bias (out) of each layer, by name.
     layers: Vec<(String, Tensor)>,
 }
@@ -37,7 +49,40 @@ impl Mlp {
             layers.push((format!("{name}.{}.weight", 2 * i), weight.f_set_requires_grad(true)?));
             layers.push((format!("{name}.{}.bias", 2 * i), bias.f_set_requires_grad(true)?));
         }
-        Ok(Self { layers })
+        Ok(Self { activation: Activation::Tanh, layers })
+    }
+
+    /// What stands between its layers.
+    pub fn activation(&self) -> Activation {
+        self.activation
+    }
+
+    /// The same weights with another activation.
+    pub fn with(self, activation: Activation) -> Self {
+        Self { activation, ..self }
+    }
+
+    /// A network of the same shape and weights with memory of its own.
+    pub fn copy(&self) -> Result<Self, MarlError> {
+        let copy = |(name, tensor): &(String, Tensor)| -> Result<_, MarlError> {
+            Ok((name.clone(), copied(tensor)?.f_set_requires_grad(true)?))
+        };
+        Ok(Self { activation: self.activation, layers: self.layers.iter().map(copy).collect::<Result<_, _>>()? })
+    }
+
+    /// Takes over another network's weights, or moves towards them by a share.
+    pub fn follow(&self, other: &Self, share: f64) -> Result<(), MarlError> {
+        no_grad(|| {
+            for ((_, own), (_, other)) in self.layers.iter().zip(&other.layers) {
+                let mut own = own.f_detach()?; // the same memory
+                if share < 1.0 {
+                    let _ = own.f_lerp_(&other.f_detach()?, share)?;
+                } else {
+                    own.f_copy_(other)?;
+                }
+            }
+            Ok(())
+        })
     }
 
     /// (B, in) to (B, out).
@@ -45,7 +90,10 @@ impl Mlp {
         let mut x = input.shallow_clone();
         for (i, layer) in self.layers.chunks_exact(2).enumerate() {
             if i > 0 {
-                x = x.f_tanh()?;
+                x = match self.activation {
+                    Activation::Tanh => x.f_tanh()?,
+                    Activation::Relu => x.f_relu()?,
+                };
             }
             x = x.f_linear(&layer[0].1, Some(&layer[1].1))?;
         }
@@ -56,6 +104,13 @@ impl Mlp {
     pub fn weights(&self) -> Vec<(String, Tensor)> {
         self.layers.iter().map(|(name, tensor)| (name.clone(), tensor.shallow_clone())).collect()
     }
+}
+
+/// The same numbers in memory of their own.
+pub(super) fn copied(tensor: &Tensor) -> Result<Tensor, MarlError> {
+    let mut copy = tensor.f_detach()?.f_empty_like()?;
+    no_grad(|| copy.f_copy_(tensor))?;
+    Ok(copy)
 }
 
 /// (rows, columns) f32 with orthogonal rows or columns, whichever are fewer (Saxe et al. 2013), as PyTorch's
@@ -71,9 +126,12 @@ fn orthogonal(rows: usize, columns: usize, gain: f64, random: &mut ChaCha8Rng) -
     Ok(q.f_mul_scalar(gain)?.f_to_kind(Kind::Float)?.f_contiguous()?)
 }
 
-/// (OBSERVATION): what the observation is multiplied with to be of the order of one.
-pub(super) fn scale() -> Result<Tensor, MarlError> {
-    let each: Vec<f32> = (0..OBSERVATION).map(|i| 1.0 / SCALE[i % FRAME]).collect();
+/// (numbers of the observation): what it is multiplied with to be of the order of one.
+pub(super) fn scale(sight: Sight) -> Result<Tensor, MarlError> {
+    let each: Vec<f32> = match sight {
+        Sight::Sectors => (0..OBSERVATION).map(|i| 1.0 / SCALE[i % FRAME]).collect(),
+        Sight::Routes => vec![1.0; sight.numbers()],
+    };
     Ok(Tensor::f_from_slice(&each)?)
 }
 
@@ -86,6 +144,9 @@ pub struct PolicyMetadata {
     pub algorithm: String,
     /// Units in each hidden layer.
     pub hidden: usize,
+    /// What stands between the layers.
+    #[serde(default)]
+    pub activation: Activation,
     /// The intersection that it was trained on: its axes are those on which it sees.
     pub settings: Settings,
     /// Agent-steps that it was trained for.
@@ -112,16 +173,6 @@ impl Policy {
         file::save(path, HashMap::from([("lapwing.policy".to_owned(), text)]), &actor.weights())
     }
 
-    /// What is written about an actor.
-    pub(super) fn describe(
-        hidden: usize,
-        settings: Settings,
-        agent_steps: u64,
-        training: serde_json::Value,
-    ) -> PolicyMetadata {
-        PolicyMetadata { format: FORMAT.into(), algorithm: "ppo".into(), hidden, settings, agent_steps, training }
-    }
-
     /// Reads one.
     ///
     /// # Errors
@@ -137,14 +188,16 @@ impl Policy {
         if !(1..=4096).contains(&metadata.hidden) {
             return wrong(format!("expected 1 to 4096 hidden units, got {}", metadata.hidden));
         }
-        let actor = Mlp::blank("actor", [OBSERVATION, metadata.hidden, metadata.hidden, ACTIONS])?;
+        let sight = metadata.settings.sight;
+        let actor = Mlp::blank("actor", [sight.numbers(), metadata.hidden, metadata.hidden, ACTIONS])?
+            .with(metadata.activation);
         read.copy_to(&actor.layers)?;
-        Ok(Self { actor, scale: scale()?, metadata, observations: Vec::new() })
+        Ok(Self { actor, scale: scale(sight)?, metadata, observations: Vec::new() })
     }
 
-    /// The axes on which it sees.
-    pub fn axes(&self) -> Axes {
-        self.metadata.settings.axes
+    /// The intersection that it was trained on. It drives where what it sees and on which axes are the same.
+    pub fn settings(&self) -> Settings {
+        self.metadata.settings
     }
 
     /// The likeliest action of each agent of each intersection.
@@ -158,7 +211,7 @@ impl Policy {
         }
         let rows = (environments.len() * AGENTS) as i64;
         let best = no_grad(|| {
-            let input = Tensor::f_from_slice(&self.observations)?.f_view([rows, OBSERVATION as i64])?;
+            let input = Tensor::f_from_slice(&self.observations)?.f_view([rows, -1])?;
             let logits = self.actor.forward(&input.f_mul(&self.scale)?)?; // (B, ACTIONS)
             Ok::<_, MarlError>(logits.f_argmax(1, false)?)
         })?;
@@ -180,6 +233,6 @@ impl Mlp {
             layers.push((format!("{name}.{}.weight", 2 * i), zeros(&[pair[1] as i64, pair[0] as i64])?));
             layers.push((format!("{name}.{}.bias", 2 * i), zeros(&[pair[1] as i64])?));
         }
-        Ok(Self { layers })
+        Ok(Self { activation: Activation::Tanh, layers })
     }
 }

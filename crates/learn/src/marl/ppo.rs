@@ -9,7 +9,7 @@
 //!
 //! What differs: agents that have ended are masked out of the batch; a truncated episode is bootstrapped with the value
 //! of its last observation (Pardo et al. 2018, Time Limits in Reinforcement Learning), where cleanrl takes it for a
-//! terminal one; the inputs and rewards are divided by constants; and the batch is cut into minibatches of a given size.
+//! terminal one; the entropy's weight falls to 0 with the learning rate; the inputs and rewards are divided by constants; and the batch is cut into minibatches of a given size.
 //! With [`Critic::Central`] the value is that of the whole situation together with the agent's own view (MAPPO's
 //! agent-specific global state); the actor is the same.
 
@@ -20,11 +20,12 @@ use tch::{Kind, Tensor, no_grad};
 
 use super::{
     MarlError,
+    learner::{Counters, Learner, Update, World},
     policy::{Mlp, scale},
 };
 use crate::train::{Optimiser, Stepper};
 use lapwing_sim::intersection::{
-    ACTIONS, AGENTS, Batch, Buffers, OBSERVATION, STATE, Settings,
+    ACTIONS, AGENTS, Batch, Buffers, STATE,
     evaluation::{Evaluation, Sums},
 };
 
@@ -63,7 +64,8 @@ pub struct PpoSettings {
     pub lambda: f32,
     /// How far the policy's ratio and the value may move; 0.2.
     pub clip: f64,
-    /// Weight of the entropy; 0.01.
+    /// Weight of the entropy at the begin; it falls to 0 with the learning rate, as the likeliest actions are what drives
+    /// in the end. 0.01.
     pub entropy: f64,
     /// Weight of the value loss; 0.5.
     pub value: f64,
@@ -130,52 +132,53 @@ impl PpoSettings {
     }
 }
 
-/// What an update found.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Update {
-    /// From 1.
-    pub number: u64,
-    /// Agent-steps so far.
-    pub agent_steps: u64,
-    /// Episodes that ended in this update's rollout.
-    pub episodes: u64,
-    /// Share of their agents that crashed.
-    pub collision_rate: f64,
-    /// Share that reached their goals.
-    pub completion_rate: f64,
-    /// Mean undiscounted sum of rewards.
-    pub reward: f64,
-    /// Mean duration of an agent's episode, in seconds.
-    pub seconds: f64,
-    /// Learning rate.
-    pub learning_rate: f64,
-    /// Losses, means over the minibatches.
-    pub policy_loss: f64,
-    /// Of the value.
-    pub value_loss: f64,
-    /// Of the policy, in nats: at most ln 4.
-    pub entropy: f64,
-    /// How far the policy moved: Schulman's estimator `(r - 1) - ln r` of the KL divergence.
-    pub divergence: f64,
-    /// Share of the ratios that were clipped.
-    pub clipped: f64,
-    /// Share of the returns' variance that the value explains.
-    pub explained: f64,
-}
+/// What is logged of an update (detail 12): policy loss, value loss, the policy's entropy in nats (at most ln 4), how far
+/// the policy moved (Schulman's estimator `(r - 1) - ln r` of the KL divergence), and the share of the ratios that were
+/// clipped, all means over the minibatches.
+const LOSSES: [&str; 5] = ["policy_loss", "value_loss", "entropy", "divergence", "clipped"];
 
 /// A training between two updates.
 #[derive(Debug)]
 pub struct Ppo {
     settings: PpoSettings,
-    pub(super) actor: Mlp,
+    actor: Mlp,
     critic: Mlp,
-    pub(super) stepper: Stepper,
+    stepper: Stepper,
     scale: Tensor,
     world: Batch,
     random: ChaCha8Rng,
     rollout: Rollout,
-    pub(super) agent_steps: u64,
-    pub(super) updates: u64,
+    agent_steps: u64,
+    updates: u64,
+}
+
+impl Learner for Ppo {
+    fn update(&mut self) -> Result<Update, MarlError> {
+        self.rollout_and_learn()
+    }
+
+    fn progress(&self) -> f64 {
+        (self.agent_steps as f64 / self.settings.agent_steps.max(1) as f64).min(1.0)
+    }
+
+    fn actor(&self) -> &Mlp {
+        &self.actor
+    }
+
+    fn tensors(&self) -> Vec<(String, Tensor)> {
+        let moments = self.stepper.state().map(|(name, tensor)| (name, tensor.shallow_clone()));
+        self.actor.weights().into_iter().chain(self.critic.weights()).chain(moments).collect()
+    }
+
+    fn counters(&self) -> Counters {
+        let Self { agent_steps, updates, .. } = *self;
+        Counters { agent_steps, updates, optimiser_steps: self.stepper.steps, transitions: 0 }
+    }
+
+    fn go_on_at(&mut self, counters: Counters) {
+        (self.agent_steps, self.updates) = (counters.agent_steps, counters.updates);
+        self.stepper.steps = counters.optimiser_steps;
+    }
 }
 
 /// What a number of steps gave: for each step, each agent of each intersection in turn.
@@ -200,22 +203,24 @@ impl Ppo {
     ///
     /// # Errors
     /// [`MarlError::Setting`], and those of libtorch.
-    pub fn new(settings: PpoSettings, world: Settings) -> Result<Self, MarlError> {
+    pub fn new(settings: PpoSettings, world: World) -> Result<Self, MarlError> {
         settings.check()?;
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
         // Detail 2, with 0.01 for the policy, so that all actions are as likely at first, and 1 for the value. Detail 13.
         let hidden = settings.hidden;
-        let actor = Mlp::new("actor", [OBSERVATION, hidden, hidden, ACTIONS], 0.01, &mut random)?;
-        let sees = OBSERVATION + if settings.critic == Critic::Central { STATE } else { 0 };
+        let sight = world.intersection.sight;
+        let numbers = sight.numbers();
+        let actor = Mlp::new("actor", [numbers, hidden, hidden, ACTIONS], 0.01, &mut random)?;
+        let sees = numbers + if settings.critic == Critic::Central { STATE } else { 0 };
         let critic = Mlp::new("critic", [sees, hidden, hidden, 1], 1.0, &mut random)?;
         let weights = actor.weights().into_iter().chain(critic.weights()).collect();
         let optimiser = Optimiser { clip: Some(settings.largest_gradient), ..Optimiser::default() }; // detail 11
         let stepper = Stepper::new(optimiser, weights)?.with_epsilon(1e-5); // detail 3
-        let world = Batch::new(world, settings.intersections, random.random());
+        let world = world.batch(settings.intersections, random.random());
         let agents = world.agents();
         let rows = settings.steps * agents;
         let mut rollout = Rollout {
-            observations: vec![0.0; (rows + agents) * OBSERVATION],
+            observations: vec![0.0; (rows + agents) * numbers],
             states: Vec::new(),
             actions: vec![0; rows],
             log_probabilities: vec![0.0; rows],
@@ -229,13 +234,13 @@ impl Ppo {
         if settings.critic == Critic::Central {
             rollout.states = vec![0.0; (settings.steps + 1) * settings.intersections * STATE];
         }
-        world.observe(&mut rollout.observations[rows * OBSERVATION..]);
+        world.observe(&mut rollout.observations[rows * numbers..]);
         Ok(Self {
             settings,
             actor,
             critic,
             stepper,
-            scale: scale()?,
+            scale: scale(sight)?,
             world,
             random,
             rollout,
@@ -244,38 +249,16 @@ impl Ppo {
         })
     }
 
-    /// The weights of both networks, by name.
-    pub(super) fn weights(&self) -> Vec<(String, Tensor)> {
-        self.actor.weights().into_iter().chain(self.critic.weights()).collect()
-    }
-
-    /// The settings that are followed.
-    pub fn settings(&self) -> &PpoSettings {
-        &self.settings
-    }
-
-    /// Whether all agent-steps are done.
-    pub fn is_done(&self) -> bool {
-        self.agent_steps >= self.settings.agent_steps
-    }
-
-    /// The share of the training that is done.
-    pub fn progress(&self) -> f64 {
-        (self.agent_steps as f64 / self.settings.agent_steps.max(1) as f64).min(1.0)
-    }
-
     /// Drives a number of steps, and learns from them.
-    ///
-    /// # Errors
-    /// [`MarlError::NotFinite`], and those of libtorch.
-    pub fn update(&mut self) -> Result<Update, MarlError> {
-        let learning_rate = self.settings.learning_rate * (1.0 - self.progress()).max(1e-3); // detail 4
+    fn rollout_and_learn(&mut self) -> Result<Update, MarlError> {
+        let left = (1.0 - self.progress()).max(1e-3);
+        let learning_rate = self.settings.learning_rate * left; // detail 4
         let drove = self.collect()?;
         self.estimate_advantages();
         let explained = self.explained();
         self.updates += 1;
         self.agent_steps += self.rollout.drove.iter().filter(|drove| **drove).count() as u64;
-        let losses = self.learn(learning_rate)?;
+        let losses = self.learn(learning_rate, self.settings.entropy * left)?;
         Ok(Update {
             number: self.updates,
             agent_steps: self.agent_steps,
@@ -285,12 +268,8 @@ impl Ppo {
             reward: drove.reward,
             seconds: drove.seconds,
             learning_rate,
-            policy_loss: losses[0],
-            value_loss: losses[1],
-            entropy: losses[2],
-            divergence: losses[3],
-            clipped: losses[4],
-            explained,
+            gradient_steps: self.stepper.steps as u64,
+            losses: LOSSES.into_iter().zip(losses).chain([("explained", explained)]).collect(),
         })
     }
 
@@ -298,7 +277,7 @@ impl Ppo {
     fn collect(&mut self) -> Result<Evaluation, MarlError> {
         let (agents, mut sums) = (self.world.agents(), Sums::default());
         // What was seen after the last step of the last rollout comes first.
-        let each = agents * OBSERVATION;
+        let each = agents * self.world.numbers();
         let last = self.settings.steps * each;
         self.rollout.observations.copy_within(last.., 0);
         for step in 0..self.settings.steps {
@@ -354,10 +333,11 @@ impl Ppo {
         Ok(())
     }
 
-    /// (count, OBSERVATION): scaled observations of rows of the rollout.
+    /// (count, numbers of an observation): scaled observations of rows of the rollout.
     fn observations(&self, from: usize, count: usize) -> Result<Tensor, MarlError> {
-        let numbers = &self.rollout.observations[from * OBSERVATION..(from + count) * OBSERVATION];
-        Ok(Tensor::f_from_slice(numbers)?.f_view([count as i64, OBSERVATION as i64])?.f_mul(&self.scale)?)
+        let numbers = self.world.numbers();
+        let seen = &self.rollout.observations[from * numbers..(from + count) * numbers];
+        Ok(Tensor::f_from_slice(seen)?.f_view([count as i64, numbers as i64])?.f_mul(&self.scale)?)
     }
 
     /// (count): values of rows of the rollout that begin with an intersection's first agent.
@@ -412,9 +392,8 @@ impl Ppo {
         1.0 - variance(&|row| rollout.advantages[row]) / returns.max(1e-12)
     }
 
-    /// Several passes over the rollout. Returns the means over the minibatches of policy loss, value loss, entropy,
-    /// divergence and clipped share.
-    fn learn(&mut self, learning_rate: f64) -> Result<[f64; 5], MarlError> {
+    /// Several passes over the rollout. Returns the means of [`LOSSES`].
+    fn learn(&mut self, learning_rate: f64, entropy_weight: f64) -> Result<[f64; 5], MarlError> {
         let all = self.rollout.drove.len();
         let mut rows: Vec<i64> = (0..all).filter(|row| self.rollout.drove[*row]).map(|row| row as i64).collect();
         let seen = self.observations(0, all)?;
@@ -436,7 +415,7 @@ impl Ppo {
             for rows in rows.chunks(self.settings.minibatch).filter(|rows| rows.len() > 1) {
                 let rows = Tensor::f_from_slice(rows)?; // (B)
                 let pick = |from: &Tensor| from.f_index_select(0, &rows);
-                let seen = pick(&seen)?; // (B, OBSERVATION)
+                let seen = pick(&seen)?; // (B, numbers)
                 let logs = self.actor.forward(&seen)?.f_log_softmax(1, Kind::Float)?; // (B, ACTIONS)
                 let log = logs.f_gather(1, &pick(&actions)?, false)?.f_flatten(0, -1)?; // (B)
                 let log_ratio = log.f_sub(&pick(&old)?)?;
@@ -462,7 +441,7 @@ impl Ppo {
                 let entropy = logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist(1, false, Kind::Float)?;
                 let entropy = entropy.f_mean(Kind::Float)?.f_neg()?;
                 let loss = policy_loss
-                    .f_sub(&entropy.f_mul_scalar(self.settings.entropy)?)? // detail 10
+                    .f_sub(&entropy.f_mul_scalar(entropy_weight)?)? // detail 10
                     .f_add(&value_loss.f_mul_scalar(self.settings.value)?)?;
                 self.stepper.forget_gradients();
                 loss.f_backward()?;

@@ -4,8 +4,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
-use super::{policy::Mlp, ppo::Critic, training::TrainingSettings, *};
-use crate::train::Go;
+use super::{policy::Mlp, ppo::Critic, priorities::Replay, training::TrainingSettings, *};
+use crate::{nn::runtime, train::Go};
 use lapwing_sim::intersection::{Axes, Environment, Reward, Settings, evaluation};
 
 fn small(critic: Critic) -> TrainingSettings {
@@ -17,10 +17,17 @@ fn small(critic: Critic) -> TrainingSettings {
         minibatch: 256,
         ..PpoSettings::default()
     };
-    TrainingSettings { intersection: Settings { reward: Reward::Corrected, ..Settings::default() }, ppo }
+    let intersection = Settings { reward: Reward::Corrected, ..Settings::default() };
+    TrainingSettings { world: World { intersection, mixed: false }, algorithm: Algorithm::Ppo(ppo) }
+}
+
+/// Small networks are the slower on more threads, the more so where others use the processor, too.
+fn one_thread() {
+    runtime::set_threads(1);
 }
 
 fn run(folder: &std::path::Path, settings: TrainingSettings, resume: bool) -> Result<MarlOutcome, MarlError> {
+    one_thread();
     Training::new(folder, settings, resume)?.run(|| 0.0, |_, _, _| Go::On)
 }
 
@@ -30,7 +37,7 @@ fn the_same_seed_gives_the_same_policy_with_either_critic_and_another_seed_anoth
         let train = |seed| {
             let folder = tempfile::tempdir().unwrap();
             let mut settings = small(critic);
-            settings.ppo.seed = seed;
+            *settings.algorithm.seed() = seed;
             let outcome = run(folder.path(), settings, false).unwrap();
             assert!(outcome.finished && outcome.last.unwrap().agent_steps >= 4000);
             std::fs::read(outcome.policy).unwrap()
@@ -38,6 +45,54 @@ fn the_same_seed_gives_the_same_policy_with_either_critic_and_another_seed_anoth
         assert!(train(1) == train(1), "{critic:?}");
         assert!(train(1) != train(2), "{critic:?}");
     }
+}
+
+fn small_maddpg(learners: usize, replay: Replay) -> TrainingSettings {
+    let maddpg = MaddpgSettings {
+        agent_steps: 20_000,
+        intersections: 8,
+        batch: 64,
+        warm_up: 500,
+        memory: 5000,
+        hidden: 16,
+        replay,
+        learners,
+        ..MaddpgSettings::default()
+    };
+    TrainingSettings { algorithm: Algorithm::Maddpg(maddpg), ..small(Critic::Own) }
+}
+
+#[test]
+fn maddpg_is_the_same_for_the_same_seed_with_each_kind_of_replay() {
+    for replay in [Replay::Uniform, Replay::Proportional, Replay::Rank] {
+        let train = || {
+            let folder = tempfile::tempdir().unwrap();
+            let outcome = run(folder.path(), small_maddpg(0, replay), false).unwrap();
+            let last = outcome.last.unwrap();
+            assert!(outcome.finished && last.gradient_steps >= 70, "{last:?}");
+            assert_eq!(last.losses["staleness"], 0.0);
+            assert_eq!(Policy::load(&outcome.policy).unwrap().metadata.algorithm, "maddpg");
+            std::fs::read(outcome.policy).unwrap()
+        };
+        assert!(train() == train(), "{replay:?}");
+    }
+}
+
+#[test]
+fn two_learners_beside_a_collector_take_as_many_gradient_steps_as_one_after_the_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let stop = |_: &Update, _, _| Go::Stop;
+    let settings = small_maddpg(2, Replay::Proportional);
+    one_thread();
+    let first = Training::new(folder.path(), settings.clone(), false).unwrap().run(|| 0.0, stop).unwrap();
+    let alone = tempfile::tempdir().unwrap();
+    let other = Training::new(alone.path(), small_maddpg(0, Replay::Proportional), false).unwrap();
+    let other = { other }.run(|| 0.0, stop).unwrap();
+    let (first, other) = (first.last.unwrap(), other.last.unwrap());
+    assert_eq!(first.gradient_steps, other.gradient_steps);
+    assert!((0.0..=2.0).contains(&first.losses["staleness"]), "{first:?}");
+    let resumed = run(folder.path(), settings, true).unwrap();
+    assert!(resumed.finished && resumed.last.unwrap().gradient_steps > first.gradient_steps);
 }
 
 #[test]
@@ -56,10 +111,10 @@ fn weights_are_orthogonal_at_first_and_the_policy_prefers_no_action() {
 fn a_policy_is_read_as_it_was_written_and_anything_else_is_refused_with_its_reason() {
     let folder = tempfile::tempdir().unwrap();
     let mut settings = small(Critic::Own);
-    settings.intersection.axes = Axes::Car;
+    settings.world.intersection.axes = Axes::Car;
     let outcome = run(folder.path(), settings, false).unwrap();
     let mut policy = Policy::load(&outcome.policy).unwrap();
-    assert_eq!((policy.axes(), policy.metadata.agent_steps >= 4000), (Axes::Car, true));
+    assert_eq!((policy.settings().axes, policy.metadata.agent_steps >= 4000), (Axes::Car, true));
     let act = |environments: &[Environment], actions: &mut [_]| policy.act(environments, actions);
     let found = evaluation::evaluate(settings_of(Axes::Car), 0..3, 2, act).unwrap();
     assert_eq!(found.episodes, 3);
@@ -103,7 +158,7 @@ fn settings_that_cannot_be_followed_are_refused() {
         (PpoSettings { gamma: 1.5, ..PpoSettings::default() }, "gamma and lambda: expected 0 to 1, got 1.5"),
         (PpoSettings { learning_rate: f64::NAN, ..PpoSettings::default() }, "learning_rate: expected a number above 0"),
     ] {
-        let error = Ppo::new(settings, Settings::default()).unwrap_err().to_string();
+        let error = Ppo::new(settings, World::default()).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
 }

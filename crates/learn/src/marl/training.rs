@@ -10,12 +10,14 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
 
-use super::{MarlError, Policy, Ppo, PpoSettings, Update, file};
+use super::{
+    MarlError, Policy, Update, file,
+    learner::{Algorithm, Counters, Learner, World},
+    policy::{FORMAT, PolicyMetadata},
+};
 use crate::train::{Go, events::Events};
 use lapwing_core::files;
-use lapwing_sim::intersection::Settings;
 
 const POLICY: &str = "policy.safetensors";
 const STATE: &str = "state.safetensors";
@@ -28,21 +30,35 @@ const SAVE_EVERY_S: f64 = 30.0;
 
 /// Everything that decides how a training goes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct TrainingSettings {
-    /// The intersection.
-    pub intersection: Settings,
-    /// The algorithm.
-    pub ppo: PpoSettings,
+    /// Where it takes place.
+    #[serde(flatten)]
+    pub world: World,
+    /// How they learn.
+    #[serde(flatten)]
+    pub algorithm: Algorithm,
+}
+
+impl TrainingSettings {
+    /// A recipe: the settings as TOML. What is not told of an algorithm is its default.
+    ///
+    /// # Errors
+    /// [`MarlError`], if the file cannot be read or is not a recipe.
+    pub fn read(path: &Path) -> Result<Self, MarlError> {
+        let text = fs::read_to_string(path).map_err(MarlError::io("read", path))?;
+        toml::from_str(&text).map_err(|why| MarlError::File { path: path.to_owned(), why: why.to_string() })
+    }
 }
 
 /// Where a training is.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 struct Position {
-    agent_steps: u64,
-    updates: u64,
-    optimiser_steps: i64,
+    #[serde(flatten)]
+    counters: Counters,
     seconds: f64,
+    /// See [`MarlOutcome::seconds_to_80`].
+    #[serde(default)]
+    seconds_to_80: Option<f64>,
     /// How often it was resumed.
     resumed: u64,
 }
@@ -67,7 +83,7 @@ pub struct MarlOutcome {
 pub struct Training {
     out: PathBuf,
     settings: TrainingSettings,
-    ppo: Ppo,
+    learner: Box<dyn Learner>,
     position: Position,
 }
 
@@ -90,24 +106,26 @@ impl Training {
             (true, true) => {
                 let path = out.join(SETTINGS);
                 let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
-                let agent_steps = settings.ppo.agent_steps;
+                let agent_steps = *settings.algorithm.agent_steps();
                 settings = serde_json::from_str(&text).map_err(|why| MarlError::File { path, why: why.to_string() })?;
-                settings.ppo.agent_steps = agent_steps.max(settings.ppo.agent_steps);
+                let stored_steps = settings.algorithm.agent_steps();
+                *stored_steps = agent_steps.max(*stored_steps);
                 let stored = file::Read::open(&out.join(STATE))?;
                 position = stored.json(POSITION)?;
                 position.resumed += 1;
                 Some(stored)
             }
         };
-        let seed = settings.ppo.seed.wrapping_add(position.resumed << 32);
-        let mut ppo = Ppo::new(PpoSettings { seed, ..settings.ppo.clone() }, settings.intersection)?;
+        let mut algorithm = settings.algorithm.clone();
+        let seed = algorithm.seed();
+        *seed = seed.wrapping_add(position.resumed << 32);
+        let mut learner = algorithm.begin(settings.world)?;
         if let Some(stored) = stored {
-            stored.copy_to(&tensors(&ppo))?;
-            (ppo.agent_steps, ppo.updates) = (position.agent_steps, position.updates);
-            ppo.stepper.steps = position.optimiser_steps;
+            stored.copy_to(&learner.tensors())?;
+            learner.go_on_at(position.counters);
         }
         fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
-        Ok(Self { out: out.to_owned(), settings, ppo, position })
+        Ok(Self { out: out.to_owned(), settings, learner, position })
     }
 
     /// The settings that are followed.
@@ -131,22 +149,22 @@ impl Training {
         files::write(&path, text.as_bytes()).map_err(MarlError::io("write", &path))?;
         let named = self.out.join(EVENTS);
         let mut events = Events::create(&self.out, wall()).map_err(MarlError::io("write", &named))?;
-        let (mut last, mut saved, mut seconds_to_80) = (None, Instant::now(), None);
-        let mut finished = self.ppo.is_done();
+        let (mut last, mut saved) = (None, Instant::now());
+        let mut finished = self.learner.progress() >= 1.0;
         while !finished {
-            let (began, before) = (Instant::now(), self.ppo.agent_steps);
-            let update = self.ppo.update()?;
+            let (began, before) = (Instant::now(), self.learner.counters().agent_steps);
+            let update = self.learner.update()?;
             let seconds = began.elapsed().as_secs_f64();
             self.position.seconds += seconds;
             let pace = (update.agent_steps - before) as f64 / seconds.max(1e-9);
             self.log(&update, pace)?;
             curves(&mut events, &update, pace, wall()).map_err(MarlError::io("write", &named))?;
             if update.completion_rate >= 0.8 && update.episodes > 0 {
-                seconds_to_80 = seconds_to_80.or(Some(self.position.seconds));
+                self.position.seconds_to_80 = self.position.seconds_to_80.or(Some(self.position.seconds));
             }
-            let stop = told(&update, pace, self.ppo.progress()) == Go::Stop;
+            let stop = told(&update, pace, self.learner.progress()) == Go::Stop;
             last = Some(update);
-            finished = self.ppo.is_done();
+            finished = self.learner.progress() >= 1.0;
             if finished || stop || saved.elapsed().as_secs_f64() > SAVE_EVERY_S {
                 self.save()?;
                 events.flush().map_err(MarlError::io("write", &named))?;
@@ -157,21 +175,27 @@ impl Training {
             }
         }
         let policy = self.out.join(POLICY);
-        Ok(MarlOutcome { policy, last, seconds: self.position.seconds, finished, seconds_to_80 })
+        let Position { seconds, seconds_to_80, .. } = self.position;
+        Ok(MarlOutcome { policy, last, seconds, finished, seconds_to_80 })
     }
 
     fn save(&mut self) -> Result<(), MarlError> {
         let (path, policy) = (self.out.join(STATE), self.out.join(POLICY));
-        self.position.agent_steps = self.ppo.agent_steps;
-        self.position.updates = self.ppo.updates;
-        self.position.optimiser_steps = self.ppo.stepper.steps;
+        self.position.counters = self.learner.counters();
         let json = |why: serde_json::Error| MarlError::File { path: path.clone(), why: why.to_string() };
         let position = serde_json::to_string(&self.position).map_err(json)?;
-        let training = serde_json::to_value(&self.settings.ppo).map_err(json)?;
-        let hidden = self.settings.ppo.hidden;
-        let metadata = Policy::describe(hidden, self.settings.intersection, self.ppo.agent_steps, training);
-        Policy::save(&policy, &self.ppo.actor, &metadata)?;
-        file::save(&path, HashMap::from([(POSITION.to_owned(), position)]), &tensors(&self.ppo))
+        let (actor, algorithm) = (self.learner.actor(), &self.settings.algorithm);
+        let metadata = PolicyMetadata {
+            format: FORMAT.into(),
+            algorithm: algorithm.name().into(),
+            hidden: algorithm.hidden(),
+            activation: actor.activation(),
+            settings: self.settings.world.intersection,
+            agent_steps: self.position.counters.agent_steps,
+            training: serde_json::to_value(&self.settings).map_err(json)?,
+        };
+        Policy::save(&policy, actor, &metadata)?;
+        file::save(&path, HashMap::from([(POSITION.to_owned(), position)]), &self.learner.tensors())
     }
 
     /// Adds a line to the log.
@@ -179,7 +203,7 @@ impl Training {
         let path = self.out.join(LOG);
         let mut text = String::new();
         if update.number == 1 {
-            let names = columns(update).map(|(name, _)| name);
+            let names: Vec<_> = columns(update).map(|(name, _)| name).collect();
             text = format!("update,agent_steps,seconds,agent_steps_per_s,{}\n", names.join(","));
         }
         let Position { seconds, .. } = self.position;
@@ -193,38 +217,24 @@ impl Training {
     }
 }
 
-/// All that is stored of a training: weights and moments.
-fn tensors(ppo: &Ppo) -> Vec<(String, Tensor)> {
-    let (weights, moments) = (ppo.weights(), ppo.stepper.state());
-    weights.into_iter().chain(moments.map(|(name, tensor)| (name, tensor.shallow_clone()))).collect()
-}
-
 /// The curves of an update.
-fn columns(update: &Update) -> [(&'static str, f64); 12] {
-    [
+fn columns(update: &Update) -> impl Iterator<Item = (&'static str, f64)> {
+    let charts = [
+        ("gradient_steps", update.gradient_steps as f64),
         ("episodes", update.episodes as f64),
         ("collision_rate", update.collision_rate),
         ("completion_rate", update.completion_rate),
         ("reward", update.reward),
         ("duration_s", update.seconds),
         ("learning_rate", update.learning_rate),
-        ("policy_loss", update.policy_loss),
-        ("value_loss", update.value_loss),
-        ("entropy", update.entropy),
-        ("divergence", update.divergence),
-        ("clipped", update.clipped),
-        ("explained", update.explained),
-    ]
+    ];
+    charts.into_iter().chain(update.losses.iter().map(|(name, value)| (*name, *value)))
 }
 
 fn curves(events: &mut Events, update: &Update, pace: f64, wall: f64) -> std::io::Result<()> {
     let step = i64::try_from(update.agent_steps).unwrap_or(i64::MAX);
-    for (name, value) in columns(update).into_iter().chain([("agent_steps_per_s", pace)]) {
-        let group = if ["policy_loss", "value_loss", "entropy", "divergence", "clipped", "explained"].contains(&name) {
-            "losses"
-        } else {
-            "charts"
-        };
+    for (name, value) in columns(update).chain([("agent_steps_per_s", pace)]) {
+        let group = if update.losses.contains_key(name) { "losses" } else { "charts" };
         events.scalar(&format!("{group}/{name}"), step, wall, value as f32)?;
     }
     Ok(())

@@ -75,13 +75,20 @@ impl Stepper {
 
     /// Takes one step of this width. Returns the norm of the gradient before clipping, if it is clipped at all.
     pub fn step(&mut self, learning_rate: f64) -> Result<Option<f64>, TrainError> {
+        let gradients = self.weights.iter().map(|(_, weight)| match weight.grad() {
+            gradient if gradient.defined() => Ok(gradient),
+            _ => weight.f_detach()?.f_zeros_like(), // a layer that took no part in this step
+        });
+        let gradients = gradients.collect::<Result<Vec<_>, _>>()?;
+        self.step_along(&gradients, learning_rate)
+    }
+
+    /// The same along gradients that were computed elsewhere, one for each weight.
+    pub fn step_along(&mut self, gradients: &[Tensor], learning_rate: f64) -> Result<Option<f64>, TrainError> {
         self.steps += 1;
         no_grad(|| {
-            let gradients = self.weights.iter().map(|(_, weight)| match weight.grad() {
-                gradient if gradient.defined() => gradient.f_reshape([-1]),
-                _ => weight.f_detach()?.f_zeros_like()?.f_reshape([-1]), // a layer that took no part in this step
-            });
-            let mut gradient = Tensor::f_cat(&gradients.collect::<Result<Vec<_>, _>>()?, 0)?; // (N)
+            let rows = gradients.iter().map(|gradient| gradient.f_reshape([-1]));
+            let mut gradient = Tensor::f_cat(&rows.collect::<Result<Vec<_>, _>>()?, 0)?; // (N)
             let mut norm = None;
             if let Some(most) = self.settings.clip {
                 let length = gradient.f_norm()?.f_double_value(&[])?;

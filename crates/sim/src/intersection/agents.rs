@@ -88,6 +88,8 @@ pub struct Agents {
     pub hy: [f32; AGENTS],
     /// In m/s.
     pub speed: [f32; AGENTS],
+    /// In m/s2, in the last half step.
+    pub acceleration: [f32; AGENTS],
     /// The tangent of the front wheels' angle, positive to the right. Kinematics need no other form of it.
     pub steering: [f32; AGENTS],
     /// What it is to do.
@@ -113,6 +115,7 @@ impl Default for Agents {
             hx: none,
             hy: none,
             speed: none,
+            acceleration: none,
             steering: none,
             missions: BENCHMARK,
             goals: [(0.0, 0.0); AGENTS],
@@ -134,6 +137,7 @@ impl Agents {
             let pose = roads::ALL[mission.way(mission.from_lane)].at(mission.from_m);
             (self.x[i], self.y[i], self.hx[i], self.hy[i]) = (pose.x, pose.y, pose.hx, pose.hy);
             (self.speed[i], self.steering[i], self.driven[i]) = (mission.speed(), 0.0, 0.0);
+            self.acceleration[i] = 0.0;
             (self.lane[i], self.along[i], self.offset[i]) = (mission.from_lane, mission.from_m, 0.0);
             self.goals[i] = mission.goal();
         }
@@ -164,6 +168,7 @@ impl Agents {
         let acceleration = (SPEED_GAIN * (target - speed)).clamp(-BRAKING, ACCELERATION);
         let after = (speed + acceleration * SUBSTEP_S).max(0.0);
         self.roll(i, steering, (speed + after) / 2.0 * SUBSTEP_S);
+        self.acceleration[i] = (after - speed) / SUBSTEP_S;
         (self.speed[i], self.steering[i]) = (after, steering);
         self.locate(i);
     }

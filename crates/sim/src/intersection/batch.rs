@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::{ChaCha8Rng, rand_core::Rng};
 
-use super::{AGENTS, Action, Environment, OBSERVATION, STATE, Settings, environment::Ending, environment::Tally};
+use super::{AGENTS, Action, Environment, Missions, STATE, Settings, environment::Ending, environment::Tally};
 
 /// Intersections that are stepped together.
 ///
@@ -13,12 +13,14 @@ use super::{AGENTS, Action, Environment, OBSERVATION, STATE, Settings, environme
 #[derive(Debug, Clone)]
 pub struct Batch {
     environments: Vec<Environment>,
+    /// Numbers in an observation.
+    numbers: usize,
 }
 
 /// What a step gives, for each agent of each intersection in turn.
 #[derive(Debug)]
 pub struct Buffers<'a> {
-    /// [`OBSERVATION`] numbers each, after the step; those of agents that have ended before are left as they are.
+    /// As many numbers each as its [`Sight`](super::Sight) has, after the step; those of agents that have ended before are left as they are.
     pub observations: &'a mut [f32],
     /// One each.
     pub rewards: &'a mut [f32],
@@ -34,7 +36,19 @@ impl Batch {
     /// So many intersections; each has a stream of random numbers of its own, drawn from the seed.
     pub fn new(settings: Settings, count: usize, seed: u64) -> Self {
         let mut seeds = ChaCha8Rng::seed_from_u64(seed);
-        Self { environments: (0..count).map(|_| Environment::new(settings, seeds.next_u64())).collect() }
+        let environments = (0..count).map(|_| Environment::new(settings, seeds.next_u64())).collect();
+        Self { environments, numbers: settings.sight.numbers() }
+    }
+
+    /// The same with four kinds in turn: the benchmark's missions and random ones, without traffic and with it.
+    pub fn mixed(settings: Settings, count: usize, seed: u64) -> Self {
+        let mut seeds = ChaCha8Rng::seed_from_u64(seed);
+        let kind = |e: usize| {
+            let missions = if e.is_multiple_of(2) { Missions::Benchmark } else { Missions::Random };
+            Settings { missions, cars: if (e / 2).is_multiple_of(2) { 0 } else { settings.cars }, ..settings }
+        };
+        let environments = (0..count).map(|e| Environment::new(kind(e), seeds.next_u64())).collect();
+        Self { environments, numbers: settings.sight.numbers() }
     }
 
     /// Number of agents in all intersections.
@@ -47,9 +61,14 @@ impl Batch {
         &self.environments
     }
 
-    /// Writes all present observations, [`OBSERVATION`] numbers for each agent.
+    /// Numbers in each agent's observation.
+    pub fn numbers(&self) -> usize {
+        self.numbers
+    }
+
+    /// Writes all present observations, [`numbers`](Self::numbers) for each agent.
     pub fn observe(&self, observations: &mut [f32]) {
-        let each = observations.chunks_exact_mut(AGENTS * OBSERVATION);
+        let each = observations.chunks_exact_mut(AGENTS * self.numbers);
         for (environment, out) in self.environments.iter().zip(each) {
             write(environment, [true; AGENTS], out);
         }
@@ -68,15 +87,15 @@ impl Batch {
     /// If a buffer is not as long as the agents need.
     pub fn step(&mut self, actions: &[u8], buffers: Buffers<'_>) {
         let Buffers { observations, rewards, drove, terminated, truncated } = buffers;
-        let agents = self.agents();
+        let (agents, numbers) = (self.agents(), self.numbers);
         assert_eq!(
             [actions.len(), observations.len(), rewards.len(), drove.len(), terminated.len(), truncated.len()],
-            [agents, agents * OBSERVATION, agents, agents, agents, agents],
+            [agents, agents * numbers, agents, agents, agents, agents],
             "one of each for each agent"
         );
         for (e, environment) in self.environments.iter_mut().enumerate() {
             let at = e * AGENTS..(e + 1) * AGENTS;
-            let out = &mut observations[at.start * OBSERVATION..at.end * OBSERVATION];
+            let out = &mut observations[at.start * numbers..at.end * numbers];
             if environment.is_over() {
                 environment.begin();
                 write(environment, [true; AGENTS], out);
@@ -103,7 +122,8 @@ impl Batch {
 
 /// Writes what some of the agents see.
 fn write(environment: &Environment, whose: [bool; AGENTS], out: &mut [f32]) {
-    for (i, out) in out.chunks_exact_mut(OBSERVATION).enumerate().filter(|(i, _)| whose[*i]) {
+    let numbers = environment.settings().sight.numbers();
+    for (i, out) in out.chunks_exact_mut(numbers).enumerate().filter(|(i, _)| whose[*i]) {
         out.copy_from_slice(environment.observation(i));
     }
 }

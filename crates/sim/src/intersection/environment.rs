@@ -12,6 +12,7 @@ use super::{
     observation::{self, Axes, FRAME, OBSERVATION, STATE},
     reward::{Event, Reward},
     roads,
+    sight::{self, ROUTES, Sight},
     traffic::Traffic,
 };
 
@@ -38,8 +39,11 @@ pub struct Settings {
     pub cars: usize,
     /// What they are rewarded for.
     pub reward: Reward,
-    /// The axes on which they see.
+    /// The axes on which they see, if they see sectors.
     pub axes: Axes,
+    /// What they see.
+    #[serde(default)]
+    pub sight: Sight,
 }
 
 /// How an agent's episode ended.
@@ -106,7 +110,10 @@ pub struct Environment {
     changed: [Option<u32>; AGENTS],
     endings: [Option<Ending>; AGENTS],
     tallies: [Tally; AGENTS],
+    /// The benchmark's observations, which its reward is computed from, too.
     stacks: [[f32; OBSERVATION]; AGENTS],
+    /// Those with [`Sight::Routes`].
+    routes: [[f32; ROUTES]; AGENTS],
 }
 
 impl Environment {
@@ -124,6 +131,7 @@ impl Environment {
             endings: [None; AGENTS],
             tallies: [Tally::default(); AGENTS],
             stacks: [[0.0; OBSERVATION]; AGENTS],
+            routes: [[0.0; ROUTES]; AGENTS],
         };
         environment.begin();
         environment
@@ -151,6 +159,7 @@ impl Environment {
             observation::observe(&self.agents, i, self.alive, &self.traffic, self.settings.axes, &mut frame);
             // The first frame fills the stack, as in SMARTS' `FrameStack.reset`.
             self.stacks[i].as_chunks_mut().0.fill(frame);
+            self.see_routes(i);
         }
     }
 
@@ -183,6 +192,7 @@ impl Environment {
         }
         self.traffic.arrivals(&self.agents, self.alive, &mut self.random);
         for i in (0..AGENTS).filter(|i| step.drove[*i]) {
+            self.see_routes(i);
             let mut before = [0.0; FRAME];
             let stack = &mut self.stacks[i];
             before.copy_from_slice(&stack[OBSERVATION - FRAME..]);
@@ -210,6 +220,12 @@ impl Environment {
             self.alive[i] &= self.endings[i].is_none();
         }
         step
+    }
+
+    fn see_routes(&mut self, i: usize) {
+        if self.settings.sight == Sight::Routes {
+            sight::routes(&self.agents, i, self.alive, &self.traffic, &mut self.routes[i]);
+        }
     }
 
     /// Ends the agents that crashed, reached their goals, or left the road since the last half step. Their cars are gone
@@ -350,9 +366,12 @@ impl Environment {
         std::array::from_fn(|i| (self.endings[i].unwrap_or(Ending::TimeUp), self.tallies[i]))
     }
 
-    /// What an agent sees; once it has ended, what it saw last. [`OBSERVATION`] numbers.
-    pub fn observation(&self, i: usize) -> &[f32; OBSERVATION] {
-        &self.stacks[i]
+    /// What an agent sees; once it has ended, what it saw last. As many numbers as its [`Sight`] has.
+    pub fn observation(&self, i: usize) -> &[f32] {
+        match self.settings.sight {
+            Sight::Sectors => &self.stacks[i],
+            Sight::Routes => &self.routes[i],
+        }
     }
 
     /// The whole situation, see [`observation`].

@@ -2,7 +2,7 @@
 
 use std::{fmt, ops::Range};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{AGENTS, Action, Crash, Ending, Environment, Fault, SUBSTEP_S, Settings, Tally, crash::Hit};
 use lapwing_core::{stats::share_interval, words::count};
@@ -11,7 +11,7 @@ use lapwing_core::{stats::share_interval, words::count};
 pub const HELD_OUT: u64 = 1 << 32;
 
 /// What agents did in a number of episodes. Rates are shares of the agents, as in SMARTS' metrics.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Episodes.
     pub episodes: u64,

@@ -15,7 +15,7 @@
 //! | [`agents`] | the agents' cars and what an action makes them do |
 //! | [`traffic`] | background cars, and who of them may enter the box |
 //! | [`crash`] | contacts, and whose fault they are |
-//! | [`observation`], [`reward`] | what agents see and earn |
+//! | [`observation`], [`sight`], [`reward`] | what agents see and earn |
 //! | [`Environment`] | one intersection, step by step |
 //! | [`Batch`] | many at once, into the caller's buffers |
 //! | [`parallel`] | one in the manner of PettingZoo |
@@ -51,6 +51,7 @@ pub mod reward;
 mod right_of_way;
 pub mod roads;
 pub mod scripted;
+pub mod sight;
 pub mod traffic;
 
 pub use agents::{ACTIONS, Action};
@@ -60,6 +61,7 @@ pub use environment::{Ending, Environment, Missions, Settings, Step, Tally};
 pub use observation::{Axes, FRAME, OBSERVATION, STATE};
 pub use reward::Reward;
 pub use right_of_way::Right;
+pub use sight::Sight;
 pub use traffic::CARS;
 
 /// Number of agents.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{AGENTS, Action, Ending, Environment, OBSERVATION, STATE, Settings};
+use super::{AGENTS, Action, Ending, Environment, STATE, Settings};
 
 /// An agent's name.
 pub type Name = &'static str;
@@ -34,7 +34,7 @@ pub enum StepError {
 /// What a step gives, by agent; only those who drove are in it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Stepped {
-    /// What they see: [`OBSERVATION`] numbers.
+    /// What they see: as many numbers as their [`Sight`](super::Sight) has.
     pub observations: BTreeMap<Name, Vec<f32>>,
     /// What they earned.
     pub rewards: BTreeMap<Name, f32>,
@@ -109,7 +109,7 @@ impl Parallel {
 
     /// How many numbers an observation has, and how many actions there are: the same for all agents.
     pub fn spaces(&self) -> (usize, usize) {
-        (OBSERVATION, Action::ALL.len())
+        (self.environment.settings().sight.numbers(), Action::ALL.len())
     }
 
     /// The environment beneath.

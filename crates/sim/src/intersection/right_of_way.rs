@@ -139,6 +139,6 @@ fn agents_leave_room(traffic: &Traffic, i: usize, agents: &Agents, alive: [bool;
 }
 
 /// How long so many metres take from a speed.
-fn seconds(metres: f32, speed: f32, acceleration: f32) -> f32 {
+pub(super) fn seconds(metres: f32, speed: f32, acceleration: f32) -> f32 {
     ((speed * speed + 2.0 * acceleration * metres.max(0.0)).sqrt() - speed) / acceleration
 }

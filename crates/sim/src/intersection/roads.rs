@@ -297,19 +297,35 @@ pub fn is_on_road(x: f32, y: f32) -> bool {
     across.min(along) <= half && across.max(along) <= HALF_BOX_M + arm.length_m()
 }
 
+/// For each way, and each other in [conflict](CONFLICTS) with it, from where to where along it a car's middle is too near
+/// to the other way's middle, in metres; 0 to 0 without a conflict.
+pub static SPANS: LazyLock<[[(f32, f32); WAYS]; WAYS]> = LazyLock::new(spans);
+
+/// How close the places are that are compared, in metres.
+const SAMPLE_M: f32 = 0.25;
+
 fn conflicts() -> [u32; WAYS] {
+    SPANS.map(|spans| (0..WAYS).filter(|j| spans[*j].1 > 0.0).map(|j| 1 << j).sum())
+}
+
+fn spans() -> [[(f32, f32); WAYS]; WAYS] {
+    let begin = |way: &Way| way.approach_m - LENGTH_M / 2.0;
     let samples = |way: &Way| -> Vec<Pose> {
-        let (from, until) = (way.approach_m - LENGTH_M / 2.0, way.leaves_m() + LENGTH_M / 2.0);
-        (0..=((until - from) / 0.25) as usize).map(|i| way.at(from + i as f32 * 0.25)).collect()
+        let (from, until) = (begin(way), way.leaves_m() + LENGTH_M / 2.0);
+        (0..=((until - from) / SAMPLE_M) as usize).map(|i| way.at(from + i as f32 * SAMPLE_M)).collect()
     };
     let middles: Vec<Vec<Pose>> = ALL.iter().map(samples).collect();
     let are_near = |a: &Pose, b: &Pose| (a.x - b.x).hypot(a.y - b.y) < CONFLICT_M;
-    let mut found = [0; WAYS];
+    let mut found = [[(0.0, 0.0); WAYS]; WAYS];
     for (i, way) in ALL.iter().enumerate() {
         for (j, other) in ALL.iter().enumerate() {
             let follow = way.from == other.from && way.lane == other.lane;
-            if !follow && middles[i].iter().any(|a| middles[j].iter().any(|b| are_near(a, b))) {
-                found[i] |= 1 << j;
+            let is_near = |a: &&Pose| middles[j].iter().any(|b| are_near(a, b));
+            let place = |n: usize| begin(way) + n as f32 * SAMPLE_M;
+            let first = middles[i].iter().position(|a| is_near(&a));
+            let last = middles[i].iter().rposition(|a| is_near(&a));
+            if let (false, Some(first), Some(last)) = (follow, first, last) {
+                found[i][j] = (place(first), place(last));
             }
         }
     }
@@ -365,6 +381,18 @@ mod tests {
         ] {
             assert_eq!((conflict(a, b), conflict(b, a)), (expected, expected), "{name}");
         }
+    }
+
+    #[test]
+    fn straight_ways_cross_where_their_lanes_do() {
+        let (south, west) = (way_of(Arm::South, Turn::Straight, 1), way_of(Arm::West, Turn::Straight, 0));
+        // At (1.6, -4.8): 5.6 m into the box from the south, 12 m from the west; the ways are near for 2.57 m each way.
+        for (way, other, into) in [(south, west, 5.6), (west, south, 12.0)] {
+            let (from, until) = SPANS[way][other];
+            let middle = ALL[way].approach_m + into;
+            assert!((from - middle + CONFLICT_M).abs() < 0.3 && (until - middle - CONFLICT_M).abs() < 0.3);
+        }
+        assert_eq!(SPANS[south][way_of(Arm::North, Turn::Straight, 1)], (0.0, 0.0));
     }
 
     #[test]

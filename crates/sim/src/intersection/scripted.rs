@@ -9,6 +9,7 @@ use super::{
     agents::Agents,
     right_of_way::Right,
     roads::{self, CONFLICTS},
+    sight,
 };
 
 /// How it brakes, in m/s2: less than its car can.
@@ -23,8 +24,6 @@ const ROOM_M: f32 = 3.0;
 const HEADWAY_S: f32 = 0.7;
 /// Room that it wants in the other lane before it changes, behind and ahead, in metres.
 const GAP_M: (f32, f32) = (14.0, 12.0);
-/// A car whose middle is this far or less beside a lane's middle is in that lane, in metres.
-const IN_LANE_M: f32 = 1.9;
 
 /// What it would do in an agent's place.
 pub fn act(environment: &Environment, i: usize) -> Action {
@@ -102,20 +101,7 @@ fn is_clear(environment: &Environment, i: usize, lane: u8) -> bool {
     in_lane(environment, i, lane).all(|(along, _)| along < own - GAP_M.0 || along > own + GAP_M.1)
 }
 
-/// All other cars in a lane of its route, wherever they come from: how far along it, and their speeds along it.
+/// All other cars in a lane of its route: how far along it, and their speeds along it.
 fn in_lane(environment: &Environment, i: usize, lane: u8) -> impl Iterator<Item = (f32, f32)> {
-    let (agents, traffic, alive) = (environment.agents(), environment.traffic(), environment.alive());
-    let way = &roads::ALL[agents.missions[i].way(lane)];
-    let agents_there = (0..AGENTS)
-        .filter(move |k| *k != i && alive[*k])
-        .map(|k| (agents.x[k], agents.y[k], agents.hx[k], agents.hy[k], agents.speed[k]));
-    let cars = (0..traffic.places).filter(|j| traffic.present[*j]).map(|j| {
-        let pose = &traffic.pose[j];
-        (pose.x, pose.y, pose.hx, pose.hy, traffic.speed[j])
-    });
-    agents_there.chain(cars).filter_map(move |(x, y, hx, hy, speed)| {
-        let (along, _) = way.project_within(x, y, IN_LANE_M)?;
-        let (wx, wy) = way.heading(along);
-        Some((along, (speed * (hx * wx + hy * wy)).max(0.0)))
-    })
+    sight::in_lane(environment.agents(), i, environment.alive(), environment.traffic(), lane)
 }

@@ -40,8 +40,13 @@ fn rates(settings: Settings, episodes: u64, act: impl Fn(&Environment, usize) ->
     (crashed as f64 / all, reached as f64 / all)
 }
 
-const BUSY: Settings =
-    Settings { missions: Missions::Random, cars: CARS, reward: Reward::Corrected, axes: Axes::World };
+const BUSY: Settings = Settings {
+    missions: Missions::Random,
+    cars: CARS,
+    reward: Reward::Corrected,
+    axes: Axes::World,
+    sight: Sight::Sectors,
+};
 
 #[test]
 fn idling_earns_499_under_the_benchmarks_reward_and_driving_through_about_63() {
@@ -230,4 +235,29 @@ fn the_parallel_api_drops_agents_that_have_ended_and_refuses_their_actions() {
     assert_eq!(seen, parallel::NAMES);
     let unknown = world.step(&[("agent_0", Action::KeepLane)].into()).unwrap_err();
     assert!(matches!(unknown, parallel::StepError::Unknown { .. }), "{unknown}");
+}
+
+/// So nobody who learns is asked for what cannot be done: other first seconds, and the script's episodes end well.
+#[test]
+fn whenever_the_script_crashes_some_plan_for_the_first_seconds_would_have_avoided_it() {
+    let plans = [(Action::KeepLane, 0), (Action::KeepLane, 10), (Action::KeepLane, 20), (Action::KeepLane, 40)]
+        .into_iter()
+        .chain([(Action::SlowDown, 10), (Action::SlowDown, 20), (Action::SlowDown, 40)])
+        .collect::<Vec<_>>();
+    let mut crashed = 0;
+    for cars in [0, CARS] {
+        let settings = Settings { cars, ..BUSY };
+        let crashes = |seed, number: usize| {
+            let ended = episode(settings, seed, |environment, i| {
+                let (action, steps) = plans[number / plans.len().pow(i as u32) % plans.len()];
+                if environment.steps() < steps { action } else { scripted::act(environment, i) }
+            });
+            ended.endings().iter().any(|ending| matches!(ending, Some(Ending::Crash(_))))
+        };
+        for seed in (evaluation::HELD_OUT..evaluation::HELD_OUT + 300).filter(|seed| crashes(*seed, 0)) {
+            assert!((0..plans.len().pow(AGENTS as u32)).any(|number| !crashes(seed, number)), "{cars} cars, seed {seed}");
+            crashed += 1;
+        }
+    }
+    assert!(crashed > 0, "otherwise this shows nothing");
 }

@@ -75,7 +75,7 @@ pub struct Traffic {
     /// The speed that its driver wants, in m/s.
     wish: [f32; CARS],
     /// m/s2 in this step.
-    acceleration: [f32; CARS],
+    pub acceleration: [f32; CARS],
     /// Seconds until the next car arrives in an empty place.
     empty_s: [f32; CARS],
 }
@@ -184,7 +184,7 @@ impl Traffic {
         self.along[i] = s;
         self.speed[i] = self.wish[i].min((2.0 * 0.6 * BRAKING * room.max(0.0)).sqrt());
         self.pose[i] = way.at(s);
-        (self.right[i], self.entered[i]) = (Right::None, None);
+        (self.right[i], self.entered[i], self.acceleration[i]) = (Right::None, None, 0.0);
     }
 
     /// Fills empty places whose time has come, where there is room.

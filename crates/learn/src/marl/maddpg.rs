@@ -1,0 +1,551 @@
+//! Multi-Agent Deep Deterministic Policy Gradient (Lowe et al. 2017): decentralised actors, a centralised critic.
+//!
+//! Where the paper leaves something open, its authors' code is followed (`openai/maddpg`, `trainer/maddpg.py`):
+//!
+//! | detail | as in |
+//! |---|---|
+//! | two hidden layers of 64 units with ReLU | paper, appendix |
+//! | discrete actions as relaxed one-hots (Gumbel-softmax, temperature 1); their noise is the exploration | paper; `SoftCategoricalPd.sample` |
+//! | the relaxed action is what is remembered; its largest part is what is done | `DiscreteEnv` takes the same vector |
+//! | the target's next actions are sampled, too | `target_act` |
+//! | the agent's own action is sampled anew from its actor, the others' are those remembered | `p_train` |
+//! | 0.001 times the mean square of the actor's outputs is added to its loss | `p_reg` |
+//! | gradients clipped to 0.5; here all of a network together, there each tensor | `minimize_and_clip` |
+//! | a gradient step for each 100 joint transitions, batches of 1024, targets follow by 0.01 | paper, appendix; `update` |
+//! | learning rates 1e-4 and 1e-3, a memory of a million | Biswas and Biswas' set-up; the paper has 1e-2 for both |
+//!
+//! What differs: the agents share both networks, as with PPO here, so the critic of an agent is given its own part of the
+//! situation first and then those of the others in turn; agents that have ended are zeros to the critic and masked out of
+//! the losses; a truncated episode is bootstrapped; observations and rewards are divided by the same constants as for PPO;
+//! both gradients are taken at the same weights, before either is followed.
+//!
+//! With [`learners`](MaddpgSettings::learners) above 0 it is asynchronous: `asynchronous.rs` says how.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor, no_grad};
+
+use super::{
+    MarlError, asynchronous,
+    learner::{Counters, Learner, Update, World},
+    policy::{Activation, Mlp, scale},
+    priorities::Replay,
+    replay::{Drawing, Memory, Moment},
+};
+use crate::train::{Optimiser, Stepper};
+use lapwing_sim::intersection::{ACTIONS, AGENTS, Batch, Buffers, evaluation::Sums};
+
+/// Joint transitions between two updates that are logged: as many as PPO's defaults make in one.
+const LOGGED: u64 = 8192;
+/// Weight of the mean square of the actor's outputs.
+const OUTPUTS: f64 = 1e-3;
+
+/// The settings of the algorithm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MaddpgSettings {
+    /// Agent-steps in all: those of agents that drive.
+    pub agent_steps: u64,
+    /// Intersections side by side; 16.
+    pub intersections: usize,
+    /// Joint transitions in a batch; 1024.
+    pub batch: usize,
+    /// Joint transitions for each gradient step; 100.
+    pub every: f64,
+    /// Joint transitions before the first one; 10,000.
+    pub warm_up: u64,
+    /// Joint transitions that are remembered; a million.
+    pub memory: usize,
+    /// How they are drawn.
+    pub replay: Replay,
+    /// How much priorities matter; 0.6.
+    pub alpha: f32,
+    /// How much of their bias is undone at first; 0.4. It rises to 1.
+    pub beta: f64,
+    /// Learning rate of the actor; 1e-4.
+    pub actor_rate: f64,
+    /// And of the critic; 1e-3.
+    pub critic_rate: f64,
+    /// How far the targets follow at each gradient step; 0.01.
+    pub tau: f64,
+    /// Discount; 0.95.
+    pub gamma: f32,
+    /// Of the relaxed actions; 1.
+    pub temperature: f64,
+    /// Largest norm of a network's gradient; 0.5.
+    pub largest_gradient: f64,
+    /// Units in each hidden layer; 64.
+    pub hidden: usize,
+    /// What rewards are multiplied with: 0.05, so that a goal is worth 1.
+    pub reward_scale: f32,
+    /// Learner threads beside a collector thread; 0 is synchronous, one after the other.
+    pub learners: usize,
+    /// Of everything random.
+    pub seed: u64,
+}
+
+impl Default for MaddpgSettings {
+    fn default() -> Self {
+        Self {
+            agent_steps: 3_000_000,
+            intersections: 16,
+            batch: 1024,
+            every: 100.0,
+            warm_up: 10_000,
+            memory: 1_000_000,
+            replay: Replay::Uniform,
+            alpha: 0.6,
+            beta: 0.4,
+            actor_rate: 1e-4,
+            critic_rate: 1e-3,
+            tau: 0.01,
+            gamma: 0.95,
+            temperature: 1.0,
+            largest_gradient: 0.5,
+            hidden: 64,
+            reward_scale: 0.05,
+            learners: 0,
+            seed: 0,
+        }
+    }
+}
+
+impl MaddpgSettings {
+    fn check(&self) -> Result<(), MarlError> {
+        let wrong = |name, expected, got: String| Err(MarlError::Setting { name, expected, got });
+        let counts = [("intersections", self.intersections), ("batch", self.batch), ("hidden", self.hidden)];
+        if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
+            return wrong(name, "1 to 65536", got.to_string());
+        }
+        if !(1000..=10_000_000).contains(&self.memory) {
+            return wrong("memory", "1000 to 10000000", self.memory.to_string());
+        }
+        if self.learners > 64 {
+            return wrong("learners", "0 to 64", self.learners.to_string());
+        }
+        let above_zero = [
+            ("every", self.every),
+            ("actor_rate", self.actor_rate),
+            ("critic_rate", self.critic_rate),
+            ("temperature", self.temperature),
+            ("largest_gradient", self.largest_gradient),
+        ];
+        if let Some((name, got)) = above_zero.into_iter().find(|(_, number)| !(*number > 0.0 && number.is_finite())) {
+            return wrong(name, "a number above 0", got.to_string());
+        }
+        let shares = [self.gamma, self.alpha, self.beta as f32, self.tau as f32];
+        if let Some(got) = shares.into_iter().find(|share| !(0.0..=1.0).contains(share)) {
+            return wrong("gamma, alpha, beta and tau", "0 to 1", got.to_string());
+        }
+        Ok(())
+    }
+}
+
+/// Gradient steps and joint transitions before this process: what they were drawn from is not stored.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Origin {
+    steps: u64,
+    transitions: u64,
+}
+
+impl Origin {
+    /// Gradient steps that are due after so many joint transitions.
+    pub fn due(self, settings: &MaddpgSettings, transitions: u64) -> u64 {
+        let warm_up = settings.warm_up.max(settings.batch as u64);
+        let learnt_from = transitions.saturating_sub(self.transitions + warm_up);
+        self.steps + (learnt_from as f64 / settings.every) as u64
+    }
+}
+
+/// The four networks.
+#[derive(Debug)]
+pub(super) struct Networks {
+    pub actor: Mlp,
+    critic: Mlp,
+    target_actor: Mlp,
+    target_critic: Mlp,
+}
+
+impl Networks {
+    fn new(settings: &MaddpgSettings, numbers: usize, random: &mut ChaCha8Rng) -> Result<Self, MarlError> {
+        let hidden = settings.hidden;
+        let sees = AGENTS * (numbers + ACTIONS);
+        let actor = Mlp::new("actor", [numbers, hidden, hidden, ACTIONS], 0.01, random)?.with(Activation::Relu);
+        let critic = Mlp::new("critic", [sees, hidden, hidden, 1], 1.0, random)?.with(Activation::Relu);
+        let (target_actor, target_critic) = (actor.copy()?, critic.copy()?);
+        Ok(Self { actor, critic, target_actor, target_critic })
+    }
+
+    /// The same with memory of their own.
+    pub fn copy(&self) -> Result<Self, MarlError> {
+        Ok(Self {
+            actor: self.actor.copy()?,
+            critic: self.critic.copy()?,
+            target_actor: self.target_actor.copy()?,
+            target_critic: self.target_critic.copy()?,
+        })
+    }
+
+    /// Takes over others' weights.
+    pub fn take(&self, others: &Self) -> Result<(), MarlError> {
+        self.actor.follow(&others.actor, 1.0)?;
+        self.critic.follow(&others.critic, 1.0)?;
+        self.target_actor.follow(&others.target_actor, 1.0)?;
+        self.target_critic.follow(&others.target_critic, 1.0)
+    }
+}
+
+/// What is learnt: networks and their optimisers.
+#[derive(Debug)]
+pub(super) struct Core {
+    pub networks: Networks,
+    actor: Stepper,
+    critic: Stepper,
+    /// Gradient steps so far.
+    pub steps: u64,
+}
+
+/// What a batch says of how the weights should change.
+#[derive(Debug)]
+pub(super) struct Gradients {
+    actor: Vec<Tensor>,
+    critic: Vec<Tensor>,
+    /// (B): mean size of the agents' errors, one for each joint transition.
+    pub errors: Vec<f32>,
+    losses: [f64; 4],
+}
+
+/// What is logged of a gradient step: mean squared error of the critic, the actor's loss, mean value, mean size of the
+/// errors.
+const LOSSES: [&str; 4] = ["critic_loss", "policy_loss", "value", "error"];
+
+impl Core {
+    /// Follows gradients; the targets follow the networks.
+    pub fn apply(&mut self, gradients: &Gradients, settings: &MaddpgSettings) -> Result<(), MarlError> {
+        self.critic.step_along(&gradients.critic, settings.critic_rate)?;
+        self.actor.step_along(&gradients.actor, settings.actor_rate)?;
+        self.networks.target_critic.follow(&self.networks.critic, settings.tau)?;
+        self.networks.target_actor.follow(&self.networks.actor, settings.tau)?;
+        self.steps += 1;
+        Ok(())
+    }
+}
+
+/// Sums of losses.
+#[derive(Debug, Default)]
+pub(super) struct Losses {
+    sums: [f64; 4],
+    count: f64,
+    /// Sum over the gradient steps of how many others had been taken since its weights were read.
+    pub staleness: f64,
+}
+
+impl Losses {
+    pub fn add(&mut self, gradients: &Gradients) {
+        self.sums.iter_mut().zip(gradients.losses).for_each(|(sum, loss)| *sum += loss);
+        self.count += 1.0;
+    }
+
+    pub fn join(&mut self, other: &Self) {
+        self.sums.iter_mut().zip(other.sums).for_each(|(sum, loss)| *sum += loss);
+        self.count += other.count;
+        self.staleness += other.staleness;
+    }
+}
+
+/// The intersections, and what drives in them.
+#[derive(Debug)]
+pub(super) struct Collector {
+    world: Batch,
+    scale: Tensor,
+    random: ChaCha8Rng,
+    observations: Vec<f32>,
+    relaxed: Vec<f32>,
+    actions: Vec<u8>,
+    rewards: Vec<f32>,
+    drove: Vec<bool>,
+    terminated: Vec<bool>,
+    truncated: Vec<bool>,
+    /// Of the episodes that ended since they were last asked for.
+    pub sums: Sums,
+    /// So far.
+    pub agent_steps: u64,
+    /// Joint transitions so far.
+    pub transitions: u64,
+}
+
+impl Collector {
+    fn new(settings: &MaddpgSettings, world: World, random: &mut ChaCha8Rng) -> Result<Self, MarlError> {
+        let scale = scale(world.intersection.sight)?;
+        let world = world.batch(settings.intersections, random.random());
+        let agents = world.agents();
+        let mut observations = vec![0.0; agents * world.numbers()];
+        world.observe(&mut observations);
+        Ok(Self {
+            world,
+            scale,
+            random: ChaCha8Rng::seed_from_u64(random.random()),
+            observations,
+            relaxed: vec![0.0; agents * ACTIONS],
+            actions: vec![0; agents],
+            rewards: vec![0.0; agents],
+            drove: vec![false; agents],
+            terminated: vec![false; agents],
+            truncated: vec![false; agents],
+            sums: Sums::default(),
+            agent_steps: 0,
+            transitions: 0,
+        })
+    }
+
+    /// One step of all intersections.
+    pub fn step(&mut self, actor: &Mlp, settings: &MaddpgSettings) -> Result<(), MarlError> {
+        let (agents, numbers) = (self.world.agents(), self.world.numbers());
+        let relaxed = no_grad(|| {
+            let seen = Tensor::f_from_slice(&self.observations)?.f_view([agents as i64, numbers as i64])?;
+            relax(&actor.forward(&seen.f_mul(&self.scale)?)?, settings.temperature, &mut self.random)
+        })?; // (agents, ACTIONS)
+        relaxed.f_contiguous()?.f_copy_data(&mut self.relaxed, agents * ACTIONS)?;
+        for (action, parts) in self.actions.iter_mut().zip(self.relaxed.chunks_exact(ACTIONS)) {
+            let largest = (0..ACTIONS).max_by(|a, b| parts[*a].total_cmp(&parts[*b]));
+            *action = largest.unwrap_or_default() as u8;
+        }
+        let Self { observations, rewards, drove, terminated, truncated, .. } = self;
+        self.world.step(&self.actions, Buffers { observations, rewards, drove, terminated, truncated });
+        self.world.finished().for_each(|episode| self.sums.add(episode));
+        self.rewards.iter_mut().for_each(|reward| *reward *= settings.reward_scale);
+        self.agent_steps += self.drove.iter().filter(|drove| **drove).count() as u64;
+        self.transitions += self.drove.chunks_exact(AGENTS).filter(|drove| drove.contains(&true)).count() as u64;
+        Ok(())
+    }
+
+    /// What the last step gave.
+    pub fn moment(&self) -> Moment<'_> {
+        Moment {
+            observations: &self.observations,
+            actions: &self.relaxed,
+            rewards: &self.rewards,
+            drove: &self.drove,
+            terminated: &self.terminated,
+        }
+    }
+}
+
+/// A training between two updates.
+#[derive(Debug)]
+pub struct Maddpg {
+    pub(super) settings: MaddpgSettings,
+    pub(super) core: Core,
+    pub(super) collector: Collector,
+    pub(super) memory: Memory,
+    pub(super) scale: Tensor,
+    pub(super) random: ChaCha8Rng,
+    drawing: Drawing,
+    updates: u64,
+    origin: Origin,
+}
+
+impl Maddpg {
+    /// The begin of a training.
+    ///
+    /// # Errors
+    /// [`MarlError::Setting`], and those of libtorch.
+    pub fn new(settings: MaddpgSettings, world: World) -> Result<Self, MarlError> {
+        settings.check()?;
+        let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
+        let sight = world.intersection.sight;
+        let networks = Networks::new(&settings, sight.numbers(), &mut random)?;
+        let optimiser = Optimiser { clip: Some(settings.largest_gradient), ..Optimiser::default() };
+        let actor = Stepper::new(optimiser.clone(), networks.actor.weights())?;
+        let critic = Stepper::new(optimiser, networks.critic.weights())?;
+        let collector = Collector::new(&settings, world, &mut random)?;
+        let mut memory = Memory::new(sight, settings.intersections, settings.memory, settings.replay, settings.alpha);
+        memory.push(collector.moment());
+        let core = Core { networks, actor, critic, steps: 0 };
+        let scale = scale(sight)?;
+        let drawing = Drawing::default();
+        Ok(Self { settings, core, collector, memory, scale, random, drawing, updates: 0, origin: Origin::default() })
+    }
+
+    /// Where this process began.
+    pub(super) fn origin(&self) -> Origin {
+        self.origin
+    }
+
+    /// Drives and learns in turn.
+    fn synchronous(&mut self, until: u64) -> Result<Losses, MarlError> {
+        let mut losses = Losses::default();
+        while self.collector.transitions < until {
+            self.collector.step(&self.core.networks.actor, &self.settings)?;
+            self.memory.push(self.collector.moment());
+            while self.core.steps < self.origin.due(&self.settings, self.collector.transitions) {
+                let beta = self.beta();
+                self.memory.draw(self.settings.batch, beta, &mut self.random, &mut self.drawing);
+                let networks = &self.core.networks;
+                let gradients = learn(networks, &self.drawing, &self.scale, &self.settings, &mut self.random)?;
+                self.memory.update(&self.drawing.rows, &gradients.errors);
+                self.core.apply(&gradients, &self.settings)?;
+                losses.add(&gradients);
+            }
+        }
+        Ok(losses)
+    }
+
+    /// How much of the priorities' bias is undone now.
+    pub(super) fn beta(&self) -> f64 {
+        self.settings.beta + (1.0 - self.settings.beta) * self.progress()
+    }
+}
+
+/// (N, ACTIONS) to the same: a sample of the relaxed one-hot that the logits mean (Jang et al. 2017; Maddison et al. 2017).
+fn relax(logits: &Tensor, temperature: f64, random: &mut ChaCha8Rng) -> Result<Tensor, MarlError> {
+    let noise: Vec<f32> = (0..logits.numel()).map(|_| -(-random.random_range(f32::EPSILON..1.0).ln()).ln()).collect();
+    let noise = Tensor::f_from_slice(&noise)?.f_view_as(logits)?;
+    Ok(logits.f_add(&noise)?.f_div_scalar(temperature)?.f_softmax(-1, Kind::Float)?)
+}
+
+/// (B, AGENTS, AGENTS * n): for each agent its own part (B, AGENTS, n) and then those of the others in turn.
+fn joint(own: &Tensor, others: &Tensor) -> Result<Tensor, MarlError> {
+    let mut parts = vec![own.shallow_clone()];
+    for k in 1..AGENTS as i64 {
+        parts.push(others.f_roll([-k], [1])?);
+    }
+    Ok(Tensor::f_cat(&parts, 2)?)
+}
+
+/// The gradients of a batch.
+pub(super) fn learn(
+    networks: &Networks,
+    batch: &Drawing,
+    scale: &Tensor,
+    settings: &MaddpgSettings,
+    random: &mut ChaCha8Rng,
+) -> Result<Gradients, MarlError> {
+    let (count, agents, actions) = (batch.rows.len() as i64, AGENTS as i64, ACTIONS as i64);
+    let numbers = scale.size1()?;
+    let of = |numbers: &[f32], shape: &[i64]| Tensor::f_from_slice(numbers)?.f_view(shape);
+    let seen = of(&batch.seen, &[count, agents, numbers])?.f_mul(scale)?; // (B, AGENTS, numbers)
+    let next = of(&batch.next, &[count, agents, numbers])?.f_mul(scale)?;
+    let done = of(&batch.actions, &[count, agents, actions])?; // (B, AGENTS, ACTIONS)
+    let rewards = of(&batch.rewards, &[count, agents])?; // (B, AGENTS)
+    let drove = of(&batch.drove, &[count, agents])?;
+    let goes_on = of(&batch.goes_on, &[count, agents])?;
+    let weights = of(&batch.weights, &[count, 1])?; // (B, 1)
+    let flat = |each: &Tensor| each.f_reshape([count * agents, -1]);
+    let value = |critic: &Mlp, joint: &Tensor| -> Result<_, MarlError> {
+        Ok(critic.forward(&flat(joint)?)?.f_view([count, agents])?) // (B, AGENTS)
+    };
+    let sample = |actor: &Mlp, seen: &Tensor, random: &mut ChaCha8Rng| -> Result<_, MarlError> {
+        let logits = actor.forward(&flat(seen)?)?; // (B * AGENTS, ACTIONS)
+        let relaxed = relax(&logits, settings.temperature, random)?.f_view([count, agents, actions])?;
+        Ok((logits, relaxed))
+    };
+
+    let target = no_grad(|| -> Result<_, MarlError> {
+        let (_, then) = sample(&networks.target_actor, &next, random)?;
+        let then = then.f_mul(&goes_on.f_unsqueeze(2)?)?;
+        let then = Tensor::f_cat(&[&next, &then], 2)?;
+        let future = value(&networks.target_critic, &joint(&then, &then)?)?.f_mul(&goes_on)?;
+        Ok(rewards.f_add(&future.f_mul_scalar(f64::from(settings.gamma))?)?)
+    })?;
+    let was = Tensor::f_cat(&[&seen, &done], 2)?; // (B, AGENTS, numbers + ACTIONS)
+    let values = value(&networks.critic, &joint(&was, &was)?)?;
+    let errors = values.f_sub(&target)?.f_mul(&drove)?;
+    let drivers = drove.f_sum(Kind::Float)?.f_clamp_min(1.0)?;
+    let critic_loss = errors.f_square()?.f_mul(&weights)?.f_sum(Kind::Float)?.f_div(&drivers)?;
+
+    let (logits, own) = sample(&networks.actor, &seen, random)?;
+    let own = Tensor::f_cat(&[&seen, &own.f_mul(&drove.f_unsqueeze(2)?)?], 2)?;
+    let worth = value(&networks.critic, &joint(&own, &was)?)?.f_mul(&drove)?.f_mul(&weights)?;
+    let outputs = logits.f_square()?.f_mean(Kind::Float)?.f_mul_scalar(OUTPUTS)?;
+    let actor_loss = outputs.f_sub(&worth.f_sum(Kind::Float)?.f_div(&drivers)?)?;
+
+    let along = |loss: &Tensor, network: &Mlp| {
+        let weights: Vec<Tensor> = network.weights().into_iter().map(|(_, weight)| weight).collect();
+        Tensor::f_run_backward(&[loss], &weights, false, false)
+    };
+    let (critic, actor) = (along(&critic_loss, &networks.critic)?, along(&actor_loss, &networks.actor)?);
+
+    // One priority for each joint transition: the mean over the agents that drove.
+    let sizes = errors.f_abs()?.f_sum_dim_intlist(1, false, Kind::Float)?;
+    let sizes = sizes.f_div(&drove.f_sum_dim_intlist(1, false, Kind::Float)?.f_clamp_min(1.0)?)?;
+    let mut found = vec![0.0_f32; count as usize];
+    sizes.f_detach()?.f_copy_data(&mut found, count as usize)?;
+    let mean = values.f_mul(&drove)?.f_sum(Kind::Float)?.f_div(&drivers)?;
+    let losses = [
+        critic_loss.f_double_value(&[])?,
+        actor_loss.f_double_value(&[])?,
+        mean.f_double_value(&[])?,
+        found.iter().map(|error| f64::from(*error)).sum::<f64>() / found.len().max(1) as f64,
+    ];
+    Ok(Gradients { actor, critic, errors: found, losses })
+}
+
+impl Learner for Maddpg {
+    fn update(&mut self) -> Result<Update, MarlError> {
+        let until = self.collector.transitions + LOGGED;
+        let losses = match self.settings.learners {
+            0 => self.synchronous(until)?,
+            _ => asynchronous::run(self, until)?,
+        };
+        self.updates += 1;
+        let means = losses.sums.map(|sum| sum / losses.count.max(1.0));
+        if let Some(loss) = means.iter().find(|mean| !mean.is_finite()) {
+            let rate = self.settings.critic_rate;
+            return Err(MarlError::NotFinite { loss: *loss, update: self.updates, rate });
+        }
+        let drove = std::mem::take(&mut self.collector.sums).evaluation();
+        let staleness = losses.staleness / losses.count.max(1.0);
+        Ok(Update {
+            number: self.updates,
+            agent_steps: self.collector.agent_steps,
+            gradient_steps: self.core.steps,
+            episodes: drove.episodes,
+            collision_rate: drove.collision_rate,
+            completion_rate: drove.completion_rate,
+            reward: drove.reward,
+            seconds: drove.seconds,
+            learning_rate: self.settings.actor_rate,
+            losses: LOSSES.into_iter().zip(means).chain([("staleness", staleness)]).collect(),
+        })
+    }
+
+    fn progress(&self) -> f64 {
+        (self.collector.agent_steps as f64 / self.settings.agent_steps.max(1) as f64).min(1.0)
+    }
+
+    fn actor(&self) -> &Mlp {
+        &self.core.networks.actor
+    }
+
+    fn tensors(&self) -> Vec<(String, Tensor)> {
+        let Networks { actor, critic, target_actor, target_critic } = &self.core.networks;
+        let targets = target_actor.weights().into_iter().chain(target_critic.weights());
+        let moments = self.core.actor.state().chain(self.core.critic.state());
+        actor
+            .weights()
+            .into_iter()
+            .chain(critic.weights())
+            .chain(targets.map(|(name, tensor)| (format!("target.{name}"), tensor)))
+            .chain(moments.map(|(name, tensor)| (name, tensor.shallow_clone())))
+            .collect()
+    }
+
+    fn counters(&self) -> Counters {
+        Counters {
+            agent_steps: self.collector.agent_steps,
+            updates: self.updates,
+            optimiser_steps: self.core.steps as i64,
+            transitions: self.collector.transitions,
+        }
+    }
+
+    fn go_on_at(&mut self, counters: Counters) {
+        (self.collector.agent_steps, self.updates) = (counters.agent_steps, counters.updates);
+        self.collector.transitions = counters.transitions;
+        self.core.steps = counters.optimiser_steps.max(0) as u64;
+        (self.core.actor.steps, self.core.critic.steps) = (counters.optimiser_steps, counters.optimiser_steps);
+        self.origin = Origin { steps: self.core.steps, transitions: counters.transitions };
+    }
+}

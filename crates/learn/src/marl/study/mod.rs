@@ -1,0 +1,285 @@
+//! The study: what Biswas and Biswas say of MADDPG and PPO at this intersection, with several seeds, and judged by what
+//! counts.
+//!
+//! A [`Cell`] is one training: a variant of an algorithm, a reward, an amount of traffic, a seed. All are as long in
+//! agent-steps, and all policies are judged in the same held-out episodes. What they come to is in [`findings`].
+//!
+//! A study's folder holds `cells/NAME/`, each with the training's own files and `cell.json`. A cell that has one is done and
+//! is not trained again; one that was interrupted begins anew.
+
+pub mod findings;
+
+use std::{fs, path::Path, time::Instant};
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Algorithm, MaddpgSettings, MarlError, Policy, PpoSettings, Training, World, priorities::Replay,
+    training::TrainingSettings,
+};
+use crate::train::Go;
+use lapwing_core::files;
+use lapwing_sim::intersection::{
+    CARS, Reward, Settings,
+    evaluation::{Evaluation, HELD_OUT, evaluate},
+};
+
+/// A cell's result, in its folder.
+const RESULT: &str = "cell.json";
+/// Episodes that are driven side by side.
+const AT_ONCE: usize = 64;
+/// The few episodes with which policies are often judged, SMARTS' own among them.
+pub const FEW: u64 = 10;
+
+/// How many trainings, and how long.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct StudySettings {
+    /// Random seeds of each.
+    pub seeds: u64,
+    /// Agent-steps of each.
+    pub agent_steps: u64,
+    /// Held-out episodes in which each policy is judged.
+    pub episodes: u64,
+    /// Joint transitions for each gradient step of MADDPG.
+    pub every: f64,
+}
+
+impl Default for StudySettings {
+    fn default() -> Self {
+        Self { seeds: 5, agent_steps: 500_000, episodes: 1000, every: 100.0 }
+    }
+}
+
+/// An algorithm as it is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Variant {
+    /// PPO.
+    Ppo,
+    /// MADDPG with batches of 1024 and uniform replay.
+    Maddpg,
+    /// The same with proportional priorities.
+    Proportional,
+    /// The same with priorities by rank.
+    Rank,
+    /// Batches of 64, as many gradient steps.
+    Batch64,
+    /// Batches of 64, as many samples: 16 times the gradient steps.
+    Batch64Samples,
+    /// Batches of 1024, one collector thread and two learner threads.
+    Asynchronous,
+}
+
+impl Variant {
+    /// All, in the order of the table.
+    pub const ALL: [Self; 7] = [
+        Self::Ppo,
+        Self::Maddpg,
+        Self::Proportional,
+        Self::Rank,
+        Self::Batch64,
+        Self::Batch64Samples,
+        Self::Asynchronous,
+    ];
+
+    /// Its name in files and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ppo => "ppo",
+            Self::Maddpg => "maddpg",
+            Self::Proportional => "proportional",
+            Self::Rank => "rank",
+            Self::Batch64 => "batch-64",
+            Self::Batch64Samples => "batch-64-samples",
+            Self::Asynchronous => "asynchronous",
+        }
+    }
+
+    fn algorithm(self, study: &StudySettings, seed: u64) -> Algorithm {
+        let StudySettings { agent_steps, every, .. } = *study;
+        let usual = MaddpgSettings { agent_steps, every, seed, ..MaddpgSettings::default() };
+        Algorithm::Maddpg(match self {
+            Self::Ppo => return Algorithm::Ppo(PpoSettings { agent_steps, seed, ..PpoSettings::default() }),
+            Self::Maddpg => usual,
+            Self::Proportional => MaddpgSettings { replay: Replay::Proportional, ..usual },
+            Self::Rank => MaddpgSettings { replay: Replay::Rank, ..usual },
+            Self::Batch64 => MaddpgSettings { batch: 64, ..usual },
+            Self::Batch64Samples => MaddpgSettings { batch: 64, every: every * 64.0 / 1024.0, ..usual },
+            Self::Asynchronous => MaddpgSettings { learners: 2, ..usual },
+        })
+    }
+}
+
+/// One training of the study.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    /// The algorithm.
+    pub variant: Variant,
+    /// What is rewarded.
+    pub reward: Reward,
+    /// Background cars at a time.
+    pub cars: usize,
+    /// Random seed.
+    pub seed: u64,
+}
+
+/// A point of a learning curve.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// Agent-steps so far.
+    pub agent_steps: u64,
+    /// Seconds so far.
+    pub seconds: f64,
+    /// Mean undiscounted sum of rewards of the episodes since the last point.
+    pub reward: f64,
+    /// Share of their agents that reached their goals.
+    pub completion: f64,
+}
+
+/// What a cell came to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CellResult {
+    /// Which.
+    pub cell: Cell,
+    /// What it was a part of.
+    pub study: StudySettings,
+    /// Agent-steps.
+    pub agent_steps: u64,
+    /// Gradient steps.
+    pub gradient_steps: u64,
+    /// Seconds of training.
+    pub seconds: f64,
+    /// Seconds until 80 % of the agents reached their goals for the first time.
+    pub seconds_to_80: Option<f64>,
+    /// While it learnt.
+    pub curve: Vec<Point>,
+    /// Without traffic, over [`FEW`] episodes and over many, on the benchmark's missions.
+    pub without: [Evaluation; 2],
+    /// With traffic, likewise.
+    pub with: [Evaluation; 2],
+}
+
+impl CellResult {
+    /// Over many episodes, with as much traffic as it learnt in.
+    pub fn judged(&self) -> &Evaluation {
+        if self.cell.cars == 0 { &self.without[1] } else { &self.with[1] }
+    }
+}
+
+/// What is learnt: a reward, and an amount of traffic.
+pub const TASKS: [(Reward, usize); 4] =
+    [(Reward::Smarts, 0), (Reward::Corrected, 0), (Reward::Smarts, CARS), (Reward::Corrected, CARS)];
+
+/// All cells of some tasks, those of the first seed first, so that a study that is stopped is balanced.
+pub fn plan(study: &StudySettings, tasks: &[(Reward, usize)]) -> Vec<Cell> {
+    let mut cells = Vec::new();
+    for seed in 0..study.seeds {
+        for (reward, cars) in tasks.iter().copied() {
+            cells.extend(Variant::ALL.map(|variant| Cell { variant, reward, cars, seed }));
+        }
+    }
+    cells
+}
+
+impl Cell {
+    /// Its folder's name.
+    pub fn name(&self) -> String {
+        let reward = if self.reward == Reward::Smarts { "smarts" } else { "corrected" };
+        format!("{}-{reward}-{}-{}", self.variant.name(), self.cars, self.seed)
+    }
+
+    /// Trains and judges it in its folder, if that is not done. None if it was stopped; `told` is asked at each update, with
+    /// the share that is done.
+    ///
+    /// # Errors
+    /// [`MarlError`], also for a cell that was done with other settings.
+    pub fn run(
+        &self,
+        study: &StudySettings,
+        out: &Path,
+        wall: impl Fn() -> f64,
+        mut told: impl FnMut(f64) -> Go,
+    ) -> Result<Option<CellResult>, MarlError> {
+        let folder = out.join("cells").join(self.name());
+        let path = folder.join(RESULT);
+        let wrong = |why: String| MarlError::File { path: path.clone(), why };
+        if path.exists() {
+            let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
+            let done: CellResult = serde_json::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+            return match done.study == (StudySettings { seeds: done.study.seeds, ..*study }) {
+                true => Ok(Some(done)),
+                false => Err(wrong(format!("expected a cell of {study:?}, got one of {:?}", done.study))),
+            };
+        }
+        if folder.exists() {
+            fs::remove_dir_all(&folder).map_err(MarlError::io("remove", &folder))?;
+        }
+        let intersection = Settings { reward: self.reward, cars: self.cars, ..Settings::default() };
+        let algorithm = self.variant.algorithm(study, self.seed);
+        let settings = TrainingSettings { world: World { intersection, mixed: false }, algorithm };
+        let (mut curve, began) = (Vec::new(), Instant::now());
+        let outcome = Training::new(&folder, settings, false)?.run(wall, |update, _, done| {
+            if update.episodes > 0 {
+                curve.push(Point {
+                    agent_steps: update.agent_steps,
+                    seconds: began.elapsed().as_secs_f64(),
+                    reward: update.reward,
+                    completion: update.completion_rate,
+                });
+            }
+            told(done)
+        })?;
+        let (Some(last), true) = (outcome.last, outcome.finished) else { return Ok(None) };
+        let mut policy = Policy::load(&outcome.policy)?;
+        let mut judge = |cars, episodes| {
+            let settings = Settings { cars, ..intersection };
+            evaluate(settings, HELD_OUT..HELD_OUT + episodes, AT_ONCE, |a: &[_], b: &mut [_]| policy.act(a, b))
+        };
+        let result = CellResult {
+            cell: *self,
+            study: *study,
+            agent_steps: last.agent_steps,
+            gradient_steps: last.gradient_steps,
+            seconds: outcome.seconds,
+            seconds_to_80: outcome.seconds_to_80,
+            curve,
+            without: [judge(0, FEW)?, judge(0, study.episodes)?],
+            with: [judge(CARS, FEW)?, judge(CARS, study.episodes)?],
+        };
+        let text = serde_json::to_string(&result).map_err(|why| wrong(why.to_string()))?;
+        files::write(&path, text.as_bytes()).map_err(MarlError::io("write", &path))?;
+        Ok(Some(result))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_that_is_done_is_kept_and_one_of_another_study_is_refused() {
+        crate::nn::runtime::set_threads(1);
+        let folder = tempfile::tempdir().unwrap();
+        let study = StudySettings { seeds: 1, agent_steps: 2000, episodes: 2, every: 100.0 };
+        let cell = Cell { variant: Variant::Ppo, reward: Reward::Corrected, cars: 0, seed: 0 };
+        let all = plan(&study, &TASKS);
+        assert!(all.contains(&cell) && all.len() == 28);
+        let mut updates = 0;
+        let mut run = |study: &StudySettings| {
+            cell.run(
+                study,
+                folder.path(),
+                || 0.0,
+                |_| {
+                    updates += 1;
+                    Go::On
+                },
+            )
+        };
+        let first = run(&study).unwrap().unwrap();
+        let second = run(&StudySettings { seeds: 3, ..study }).unwrap().unwrap();
+        assert_eq!((first.agent_steps, first.judged()), (second.agent_steps, second.judged()));
+        let other = run(&StudySettings { agent_steps: 3000, ..study }).unwrap_err().to_string();
+        assert!(other.contains("expected a cell of") && updates == 1, "{other}");
+    }
+}

@@ -1,0 +1,280 @@
+//! `lapwing marl study`: many trainings, and what they say.
+
+use std::{
+    fs,
+    io::{self, IsTerminal},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{Ended, print};
+use crate::{
+    cli::{MarlStudy, TaskKind},
+    commands::{interrupted, outputs},
+};
+use lapwing_learn::{
+    marl::study::{
+        CellResult, StudySettings, TASKS, Variant,
+        findings::{Estimate, Finding, Findings, Row, Verdict},
+        plan,
+    },
+    nn::runtime,
+    train::Go,
+};
+use lapwing_score::drawing::chart::{Axis, Chart, Marks, Series, stack};
+use lapwing_sim::intersection::{CARS, Reward};
+
+/// Size of a chart, in pixels.
+const CHART: (u32, u32) = (960, 420);
+
+/// What SMARTS publishes of its own trainings at this intersection (collision / completion, 10 episodes): without traffic,
+/// and with random traffic.
+const PUBLISHED: [(&str, [[f64; 2]; 2]); 2] =
+    [("SMARTS MADDPG", [[0.0, 1.0], [0.3, 0.7]]), ("SMARTS PPO", [[0.1, 0.07], [0.5, 0.45]])];
+
+pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
+    outputs::check_folder(&arguments.out)?;
+    let study = StudySettings {
+        seeds: arguments.seeds,
+        agent_steps: arguments.agent_steps,
+        episodes: arguments.episodes,
+        every: arguments.every,
+    };
+    runtime::set_threads(1);
+    fs::create_dir_all(&arguments.out)?;
+    let (cells, stop) = (plan(&study, &tasks(arguments)), interrupted());
+    let bar = if io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
+    bar.set_style(ProgressStyle::with_template("{wide_bar} {msg}, {elapsed}")?);
+    let wall = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64();
+    let mut done: Vec<CellResult> = Vec::new();
+    for (i, cell) in cells.iter().enumerate() {
+        if stop.is_pressed() || arguments.most.is_some_and(|most| done.len() >= most as usize) {
+            break;
+        }
+        let message = format!("{} of {}: {}", i + 1, cells.len(), cell.name());
+        bar.set_message(message.clone());
+        let result = cell.run(&study, &arguments.out, wall, |share| {
+            bar.set_position((share * 1000.0) as u64);
+            if stop.is_pressed() { Go::Stop } else { Go::On }
+        })?;
+        if bar.is_hidden() {
+            say!("{message}");
+        }
+        done.extend(result);
+    }
+    bar.finish_and_clear();
+    let findings = Findings::of(&done);
+    let json = serde_json::to_string_pretty(&findings)?;
+    let told = told(&findings);
+    outputs::write(&arguments.out.join("study.json"), &json)?;
+    outputs::write(&arguments.out.join("study.csv"), &csv(&findings.rows))?;
+    let curves = stack(&charts(&done), CHART.0, CHART.1);
+    curves.write(arguments.out.join("curves.svg"))?;
+    outputs::write(&arguments.out.join("study.html"), &page(&findings, &curves.svg()?))?;
+    print(&if arguments.json { json } else { told })?;
+    let finished = done.len() == cells.len();
+    if !finished {
+        say!("{} of {} trainings are done; the same command goes on", done.len(), cells.len());
+    }
+    Ok(if finished || arguments.most.is_some() { Ended::Passed } else { Ended::Failed })
+}
+
+fn tasks(arguments: &MarlStudy) -> Vec<(Reward, usize)> {
+    if arguments.tasks.is_empty() {
+        return TASKS.to_vec();
+    }
+    let task = |kind: &TaskKind| match kind {
+        TaskKind::Smarts => (Reward::Smarts, 0),
+        TaskKind::Corrected => (Reward::Corrected, 0),
+        TaskKind::SmartsTraffic => (Reward::Smarts, CARS),
+        TaskKind::CorrectedTraffic => (Reward::Corrected, CARS),
+    };
+    arguments.tasks.iter().map(task).collect()
+}
+
+fn reward(reward: Reward) -> &'static str {
+    match reward {
+        Reward::Smarts => "smarts",
+        Reward::Corrected => "corrected",
+    }
+}
+
+/// Heads of the table's columns.
+const HEADS: [&str; 15] = [
+    "variant",
+    "reward",
+    "cars",
+    "runs",
+    "M steps",
+    "updates",
+    "s",
+    "80 %",
+    "no traffic 10",
+    "no traffic",
+    "traffic 10",
+    "traffic",
+    "completed",
+    "m/s",
+    "offset m2",
+];
+
+/// A row's cells; rates are collision / completion.
+fn cells(row: &Row) -> [String; 15] {
+    let pair = |[collision, completion]: [f64; 2]| format!("{collision:.2} / {completion:.2}");
+    let Estimate { value, interval: [low, high], .. } = row.completion;
+    [
+        row.variant.name().into(),
+        reward(row.reward).into(),
+        row.cars.to_string(),
+        row.runs.to_string(),
+        format!("{:.2}", row.agent_steps / 1e6),
+        format!("{:.0}", row.gradient_steps),
+        format!("{:.0}", row.seconds),
+        format!("{} of {}", row.reached_80, row.runs),
+        pair(row.rates[0]),
+        pair(row.rates[1]),
+        pair(row.rates[2]),
+        pair(row.rates[3]),
+        format!("{value:.2} ({low:.2} to {high:.2})"),
+        format!("{:.2}", row.speed),
+        format!("{:.3}", row.offset_variance),
+    ]
+}
+
+fn published() -> impl Iterator<Item = [String; 15]> {
+    PUBLISHED.iter().map(|(name, rates)| {
+        let mut cells: [String; 15] = std::array::from_fn(|_| String::new());
+        let pair = |[collision, completion]: [f64; 2]| format!("{collision:.2} / {completion:.2}");
+        (cells[0], cells[8], cells[10]) = ((*name).into(), pair(rates[0]), pair(rates[1]));
+        cells
+    })
+}
+
+fn table(findings: &Findings) -> Vec<[String; 15]> {
+    findings.rows.iter().map(cells).chain(published()).collect()
+}
+
+fn verdict(finding: &Finding) -> String {
+    let verdict = match finding.verdict {
+        Verdict::Holds => "holds",
+        Verdict::Fails => "does not hold",
+        Verdict::Open => "open",
+    };
+    match finding.found {
+        None => format!("{verdict}: no runs"),
+        Some(Estimate { value, interval: [low, high], .. }) => {
+            format!("{verdict}: {} {value:.2} ({low:.2} to {high:.2})", finding.measure)
+        }
+    }
+}
+
+fn told(findings: &Findings) -> String {
+    let lines = table(findings);
+    let width = |column: usize| {
+        lines.iter().map(|line| line[column].len()).chain([HEADS[column].len()]).max().unwrap_or_default()
+    };
+    let widths: [usize; 15] = std::array::from_fn(width);
+    let line = |cells: &mut dyn Iterator<Item = &str>| {
+        let padded = cells.zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
+        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    let mut told = line(&mut HEADS.into_iter());
+    for cells in &lines {
+        told += "\n";
+        told += &line(&mut cells.iter().map(String::as_str));
+    }
+    told += "\nRates are collision / completion, interquartile means over the runs.\n";
+    for finding in &findings.findings {
+        told += &format!("\n{}. {}: {}", finding.claim, finding.says, verdict(finding));
+    }
+    told
+}
+
+fn csv(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "variant,reward,cars,runs,agent_steps,gradient_steps,seconds,reached_80,collision_none_few,completion_none_few,\
+         collision_none,completion_none,collision_traffic_few,completion_traffic_few,collision_traffic,completion_traffic,\
+         completion,completion_low,completion_high,speed,offset_variance,time_up,duration,reward_earned\n",
+    );
+    for row in rows {
+        let [few, many, traffic_few, traffic] = row.rates;
+        let Estimate { value, interval: [low, high], .. } = row.completion;
+        let numbers = [
+            row.agent_steps,
+            row.gradient_steps,
+            row.seconds,
+            row.reached_80 as f64,
+            few[0],
+            few[1],
+            many[0],
+            many[1],
+            traffic_few[0],
+            traffic_few[1],
+            traffic[0],
+            traffic[1],
+            value,
+            low,
+            high,
+            row.speed,
+            row.offset_variance,
+            row.time_up,
+            row.duration,
+            row.earned,
+        ];
+        let numbers: Vec<String> = numbers.iter().map(f64::to_string).collect();
+        let (name, reward) = (row.variant.name(), reward(row.reward));
+        text += &format!("{name},{reward},{},{},{}\n", row.cars, row.runs, numbers.join(","));
+    }
+    text
+}
+
+/// A chart for each task: completion rate by agent-steps, a line for each variant, its seeds' mean.
+fn charts(cells: &[CellResult]) -> Vec<Chart> {
+    let mut charts = Vec::new();
+    for cars in [0, CARS] {
+        for rewarded in [Reward::Smarts, Reward::Corrected] {
+            let title = format!("reward {}, {cars} background cars", reward(rewarded));
+            let y = Axis::new("agents that reach their goals").from_to(0.0, 1.0);
+            let mut chart = Chart::new(title, Axis::new("agent-steps, millions"), y);
+            for variant in Variant::ALL {
+                let is_there = |cell: &&CellResult| {
+                    (cell.cell.variant, cell.cell.reward, cell.cell.cars) == (variant, rewarded, cars)
+                };
+                let curves: Vec<_> = cells.iter().filter(is_there).map(|cell| &cell.curve).collect();
+                let longest = curves.iter().map(|curve| curve.len()).max().unwrap_or_default();
+                let mean = |i: usize| {
+                    let points: Vec<_> = curves.iter().filter_map(|curve| curve.get(i)).collect();
+                    let n = points.len() as f64;
+                    let steps = points.iter().map(|point| point.agent_steps as f64).sum::<f64>() / n;
+                    (steps / 1e6, points.iter().map(|point| point.completion).sum::<f64>() / n)
+                };
+                if longest > 0 {
+                    chart.series.push(Series::new(variant.name(), Marks::Line((0..longest).map(mean).collect())));
+                }
+            }
+            charts.push(chart);
+        }
+    }
+    charts
+}
+
+fn page(findings: &Findings, curves: &str) -> String {
+    let row = |tag: &str, cells: &mut dyn Iterator<Item = String>| {
+        let cells: String = cells.map(|cell| format!("<{tag}>{cell}</{tag}>")).collect();
+        format!("<tr>{cells}</tr>")
+    };
+    let mut rows = row("th", &mut HEADS.into_iter().map(String::from));
+    for cells in table(findings) {
+        rows += &row("td", &mut cells.into_iter());
+    }
+    let claims: String = findings
+        .findings
+        .iter()
+        .map(|finding| {
+            let (class, says) = (format!("{:?}", finding.verdict).to_lowercase(), finding.says);
+            format!("<li class=\"{class}\"><b>{}. {says}</b><br>{}</li>", finding.claim, verdict(finding))
+        })
+        .collect();
+    include_str!("study.html").replace("/*CLAIMS*/", &claims).replace("/*ROWS*/", &rows).replace("/*CURVES*/", curves)
+}
