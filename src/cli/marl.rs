@@ -132,7 +132,7 @@ pub struct MarlTrain {
     #[arg(long)]
     pub resume: bool,
     /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "entropy", "gamma", "batch", "replay", "every", "memory", "learners"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "entropy", "entropy_falls", "gamma", "batch", "replay", "every", "memory", "learners"])]
     pub recipe: Option<PathBuf>,
     /// How they learn
     #[arg(long, value_enum, default_value_t)]
@@ -164,9 +164,12 @@ pub struct MarlTrain {
     /// PPO's learning rate at the begin, and MADDPG's for its critic, its actor having a tenth [default: 0.001]
     #[arg(long, value_parser = above_zero)]
     pub learning_rate: Option<f64>,
-    /// PPO's weight of the entropy at the begin [default: 0.01]
+    /// PPO's weight of the entropy [default: 0.01]
     #[arg(long, value_parser = not_negative)]
     pub entropy: Option<f64>,
+    /// Let it fall to 0 with the learning rate
+    #[arg(long)]
+    pub entropy_falls: bool,
     /// Discount for each step [default: 0.99, MADDPG 0.95]
     #[arg(long, value_parser = not_negative)]
     pub gamma: Option<f64>,

@@ -93,6 +93,7 @@ fn ppo(arguments: &MarlTrain) -> PpoSettings {
         hidden: arguments.hidden.unwrap_or(usual.hidden),
         learning_rate: arguments.learning_rate.unwrap_or(usual.learning_rate),
         entropy: arguments.entropy.unwrap_or(usual.entropy),
+        entropy_falls: arguments.entropy_falls,
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
         seed: arguments.seed.unwrap_or(usual.seed),
         ..usual

@@ -9,7 +9,7 @@
 //!
 //! What differs: agents that have ended are masked out of the batch; a truncated episode is bootstrapped with the value
 //! of its last observation (Pardo et al. 2018, Time Limits in Reinforcement Learning), where cleanrl takes it for a
-//! terminal one; the entropy's weight falls to 0 with the learning rate; the inputs and rewards are divided by constants; and the batch is cut into minibatches of a given size.
+//! terminal one; the entropy's weight may fall to 0 with the learning rate; the inputs and rewards are divided by constants; and the batch is cut into minibatches of a given size.
 //! With [`Critic::Central`] the value is that of the whole situation together with the agent's own view (MAPPO's
 //! agent-specific global state); the actor is the same.
 
@@ -64,9 +64,11 @@ pub struct PpoSettings {
     pub lambda: f32,
     /// How far the policy's ratio and the value may move; 0.2.
     pub clip: f64,
-    /// Weight of the entropy at the begin; it falls to 0 with the learning rate, as the likeliest actions are what drives
-    /// in the end. 0.01.
+    /// Weight of the entropy; 0.01.
     pub entropy: f64,
+    /// Whether it falls to 0 with the learning rate, as the likeliest actions are what drives in the end. No: with sectors
+    /// agents then learn to stand still.
+    pub entropy_falls: bool,
     /// Weight of the value loss; 0.5.
     pub value: f64,
     /// Largest norm of all gradients; 0.5.
@@ -93,6 +95,7 @@ impl Default for PpoSettings {
             lambda: 0.95,
             clip: 0.2,
             entropy: 0.01,
+            entropy_falls: false,
             value: 0.5,
             largest_gradient: 0.5,
             hidden: 64,
@@ -258,7 +261,8 @@ impl Ppo {
         let explained = self.explained();
         self.updates += 1;
         self.agent_steps += self.rollout.drove.iter().filter(|drove| **drove).count() as u64;
-        let losses = self.learn(learning_rate, self.settings.entropy * left)?;
+        let entropy = self.settings.entropy * if self.settings.entropy_falls { left } else { 1.0 };
+        let losses = self.learn(learning_rate, entropy)?;
         Ok(Update {
             number: self.updates,
             agent_steps: self.agent_steps,

@@ -62,7 +62,7 @@ impl Rows {
             brake: (-moment.label.throttle.get()).max(0.0),
             speed: moment.speed,
         })?;
-        self.table += &table::line(row, moment.at.as_secs_f64(), moment.track, Some(moment.pose));
+        self.table += &table::line(row, self.log.at().as_secs_f64(), moment.track, Some(moment.pose));
         Ok(())
     }
 

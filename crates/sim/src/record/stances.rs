@@ -155,5 +155,7 @@ mod tests {
         assert_eq!(moments.len(), 3);
         assert!(moments[1..].iter().all(|moment| moment.broken.is_some()));
         assert!(moments.iter().all(|moment| moment.pictures[0].is_some() && moment.pictures[1].is_none()));
+        let held = LaneTable::of(dir.path(), &dir.path().join("lane.csv"), Track::open).unwrap();
+        assert_eq!(held.rows, table.rows, "what reads the recording finds its table");
     }
 }

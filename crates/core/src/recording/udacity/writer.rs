@@ -16,8 +16,8 @@ use std::{
 use jiff::civil::DateTime;
 
 use super::{
-    super::{LONGEST_GAP, RecordingError},
-    LOG_NAME,
+    super::{Break, LONGEST_GAP, RecordingError},
+    FALLBACK_INTERVAL, LOG_NAME,
 };
 use crate::{
     protocol::number,
@@ -57,6 +57,8 @@ pub struct DrivingLogWriter {
     last_ms: Option<u64>,
     /// The time that cuts add to those of the rows.
     cut: Duration,
+    /// See [`DrivingLogWriter::at`].
+    at: Duration,
     rows: u64,
 }
 
@@ -74,7 +76,7 @@ impl DrivingLogWriter {
                 std::io::ErrorKind::AlreadyExists => RecordingError::LogExists { path: path.clone() },
                 _ => RecordingError::Io { doing: "create the driving log", path: path.clone(), source },
             })?;
-        Ok(Self { path, images, images_text, log, began, last_ms: None, cut: Duration::ZERO, rows: 0 })
+        Ok(Self { path, images, images_text, log, began, last_ms: None, cut: Duration::ZERO, at: Duration::ZERO, rows: 0 })
     }
 
     /// Makes the folder. Returns the paths of the log and of the pictures' folder, and the latter as the log writes it.
@@ -98,6 +100,12 @@ impl DrivingLogWriter {
     /// Rows written by this writer.
     pub fn rows(&self) -> u64 {
         self.rows
+    }
+
+    /// The time of the row written last, since the first, as whoever reads the log finds it: of a gap, a cut among them, only
+    /// [`FALLBACK_INTERVAL`] counts.
+    pub fn at(&self) -> Duration {
+        self.at
     }
 
     /// Writes a moment: its pictures, byte for byte, and a line. One less than a millisecond after the last is named by
@@ -127,6 +135,8 @@ impl DrivingLogWriter {
         line += &numbers.map(number::single).join(",");
         line.push('\n');
         self.log.write_all(line.as_bytes()).map_err(RecordingError::io("write the driving log", &self.path))?;
+        let passed = Duration::from_millis(self.last_ms.map_or(0, |last| ms - last));
+        self.at += if Break::after(passed).is_some() { FALLBACK_INTERVAL } else { passed };
         self.last_ms = Some(ms);
         self.rows += 1;
         Ok(())
