@@ -24,7 +24,7 @@
 
 mod architecture;
 pub mod braking;
-mod checkpoint;
+pub(crate) mod checkpoint;
 pub mod cps;
 mod error;
 pub mod gru;

@@ -54,6 +54,8 @@ const CROSSERS: [Case; 4] = [Case::Cpna, Case::Cpfa, Case::Child, Case::Cbna];
 const CLEAR_S: (f64, f64) = (1.0, 3.0);
 const EARLY_S: (f64, f64) = (1.0, 3.0);
 const WAITS_M: (f64, f64) = (2.0, 3.2);
+/// The share of our car's width up to which a scenario may have somebody meet it.
+const SOONEST: f64 = 6.0;
 
 /// A road with all that depends on it alone.
 #[derive(Debug)]
@@ -240,8 +242,8 @@ fn vary(scenario: &mut Scenario, case: Case, layer: Layer, speed: f64, rng: &mut
             *speed_kmh = Draw::Exactly(own_kmh);
             let sooner = |seconds: f64| own_kmh * MPS_PER_KMH * seconds / BODY.x;
             *meets = Some(Draw::Exactly(match case {
-                Case::Crosses => 1.0 + sooner(clear_s),
-                Case::Waits => 0.5 + sooner(early_s),
+                Case::Crosses => (1.0 + sooner(clear_s)).min(SOONEST),
+                Case::Waits => (0.5 + sooner(early_s)).min(SOONEST),
                 _ => share,
             }));
             if case == Case::Waits {
