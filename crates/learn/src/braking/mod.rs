@@ -11,7 +11,8 @@
 //! | `recipe` | how a network is trained, as a file |
 //! | `targets` | what a network should say at each frame |
 //! | `windows` | what a network learns from: windows, drawn and balanced |
-//! | `train` | the training loop |
+//! | `learning` | a network that learns, epoch by epoch |
+//! | `train` | a training, from a recipe and a data set to a file |
 //! | `state` | where a training is, to be resumed |
 //! | `values` | what a network says over whole episodes, with and without speed |
 //! | `report` | how good a network is on a part of the data set |
@@ -22,6 +23,7 @@
 
 mod episodes;
 mod guard;
+mod learning;
 mod recipe;
 mod report;
 mod state;

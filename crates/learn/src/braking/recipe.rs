@@ -33,6 +33,10 @@ pub struct BrakingRecipe {
     /// processors that know them.
     #[serde(default = "defaults::precision")]
     pub precision: Precision,
+    /// The network that is kept has the running mean of the weights, of which a step leaves this share: as steady as after a
+    /// learning rate that falls, at any time. 0 by default: the weights themselves.
+    #[serde(default)]
+    pub average: f64,
     /// Adam's (AdamW).
     #[serde(default)]
     pub weight_decay: f64,
@@ -170,6 +174,7 @@ impl BrakingRecipe {
             ("flip", self.flip),
             ("shade", self.shade),
             ("weight_decay", self.weight_decay),
+            ("average", self.average),
         ] {
             if !(0.0..=1.0).contains(&value) {
                 return wrong(name, "a share from 0 to 1", value.to_string());
@@ -213,7 +218,10 @@ mod tests {
             |line: &str| BrakingRecipe::read(&format!("network = \"brake-live\"\n{line}")).unwrap_err().to_string();
         assert_eq!(error("lead = 1.5"), "lead: expected a share from 0 to 1, got 1.5");
         assert_eq!(error("batch = 0"), "batch: expected at least 1, got 0");
-        assert_eq!(error("near_s = [1.0, 2.0]"), "near_s: expected two times up to 10 s, the longer one first, got 1, 2");
+        assert_eq!(
+            error("near_s = [1.0, 2.0]"),
+            "near_s: expected two times up to 10 s, the longer one first, got 1, 2"
+        );
         assert!(error("leed = 1").contains("unknown field `leed`"));
     }
 }

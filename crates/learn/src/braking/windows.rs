@@ -184,7 +184,8 @@ impl Change {
     fn draw(recipe: &BrakingRecipe, random: &mut ChaCha8Rng) -> Self {
         let (across, down) = (recipe.shift_px, (recipe.shift_px + 1) / 2);
         let mirrored = random.random::<f64>() < recipe.flip;
-        let gamma = if random.random::<f64>() < recipe.shade { GAMMA.powf(2.0 * random.random::<f64>() - 1.0) } else { 1.0 };
+        let gamma =
+            if random.random::<f64>() < recipe.shade { GAMMA.powf(2.0 * random.random::<f64>() - 1.0) } else { 1.0 };
         let shade = |i: usize| (255.0 * (i as f64 / 255.0).powf(gamma)).round() as u8;
         Self {
             mirrored,

@@ -263,7 +263,8 @@ mod tests {
             assert!(answers[..19].iter().all(Option::is_none) && answers[19..].iter().all(Option::is_some));
             for end in 19..22 {
                 let window = |x: &Tensor| x.narrow(1, end - 19, 20);
-                let whole = network.forward(&window(&frames), &window(&speeds), false).unwrap().due.double_value(&[0, 0]);
+                let whole =
+                    network.forward(&window(&frames), &window(&speeds), false).unwrap().due.double_value(&[0, 0]);
                 let got = answers[end as usize].unwrap().due;
                 assert!((whole - got).abs() < 1e-3, "{}: {whole} {got}", architecture.name());
             }
