@@ -77,6 +77,9 @@ pub struct BrakeTrain {
     /// End with the best pass so far once this time has gone by [default: no limit]
     #[arg(long, value_name = "MINUTES", value_parser = above_zero)]
     pub minutes: Option<f64>,
+    /// Go on where an earlier training with the same output ended
+    #[arg(long)]
+    pub resume: bool,
     /// Random seed [default: the recipe's]
     #[arg(long)]
     pub seed: Option<u64>,

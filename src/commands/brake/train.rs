@@ -10,12 +10,12 @@ use crate::{
     commands::{Ended, outputs, print, sorted_json},
 };
 use lapwing_learn::{
-    braking::{self, BrakingRecipe, Epoch},
+    braking::{self, BrakingRecipe, Epoch, TrainOptions},
     nn::runtime,
 };
 
 pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
-    let BrakeTrain { recipe: file, data, out, epochs, minutes, seed, json } = arguments;
+    let BrakeTrain { recipe: file, data, out, epochs, minutes, resume, seed, json } = arguments;
     outputs::check(out)?;
     let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
     let mut recipe = BrakingRecipe::read(&text).with_context(|| file.display().to_string())?;
@@ -29,10 +29,10 @@ pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
         let best = if *best { ", the best so far" } else { "" };
         say!(
             "epoch {epoch} after {seconds:.0} s: {windows} windows, loss {loss:.5}, validation {validation:.5}{best}, \
-             learning rate {learning_rate}"
+             learning rate {learning_rate:.6}"
         );
     };
-    let trained = braking::train(&recipe, data, out, most, told)?;
+    let trained = braking::train(&recipe, data, out, TrainOptions { most, resume: *resume }, told)?;
     if *json {
         print(&sorted_json(&json!({
             "model": trained.path, "sha256": trained.sha256, "epochs": trained.epochs, "limits": trained.limits,

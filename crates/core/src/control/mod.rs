@@ -6,7 +6,7 @@ mod handover;
 mod speed;
 mod standstill;
 
-pub use emergency::{BrakeChange, BrakeLimits, EmergencyBrake, Release};
+pub use emergency::{BrakeChange, BrakeLimits, EmergencyBrake, Release, TO_FIRE};
 pub use handover::{Handover, HandoverChange};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
 pub use standstill::{KnownSpeed, Standstill};

@@ -14,8 +14,9 @@ use serde::{Deserialize, Serialize};
 use crate::nn::braking::{BrakingArchitecture, HZ};
 use lapwing_core::{
     perception::{self, Frame, ImageError, Preprocess, PreprocessError, Preprocessor},
+    protocol::Truth,
     recording::{Break, EventRecord, Picture, Recording, RecordingError},
-    units::MPS_PER_KMH,
+    units::{MPS_PER_KMH, Metres},
 };
 use lapwing_score::emergency::{LabelRule, Pressed, labels, pedal::brake};
 use lapwing_sim::braking::EPISODES_NAME;
@@ -81,6 +82,10 @@ pub struct Drive {
     pub speed_kmh: Vec<f32>,
     /// The driver's pedal, 0 to 1.
     pub pedal: Vec<f64>,
+    /// Time to collision, in seconds, as the telemetry tells it; long where it does not.
+    pub until_s: Vec<f64>,
+    /// The way to what is ahead, in metres, likewise.
+    pub gap_m: Vec<f64>,
     /// Whether an emergency brake is due.
     pub due: Vec<bool>,
     /// At which frames the driver's foot goes down.
@@ -238,6 +243,8 @@ impl Drive {
             at_s: vec![],
             speed_kmh: vec![],
             pedal: vec![],
+            until_s: vec![],
+            gap_m: vec![],
             due: vec![],
             onsets: vec![],
             impact_s: None,
@@ -265,6 +272,9 @@ impl Drive {
             drive.at_s.push(moment.at.as_secs_f64());
             drive.speed_kmh.push((moment.telemetry.speed.metres_per_second().get() / MPS_PER_KMH) as f32);
             drive.pedal.push(brake(&moment).unwrap_or(0.0));
+            let truth = &moment.telemetry.truth;
+            drive.until_s.push(truth.time_to_collision_s.unwrap_or(Truth::CLEAR_S));
+            drive.gap_m.push(truth.gap.map_or(Truth::CLEAR_M, Metres::get));
         }
         drive.check_rate(&path)?;
         drive.label(LabelRule::default());
@@ -329,6 +339,8 @@ impl Drive {
             at_s: (0..frames).map(|i| i as f64 / HZ).collect(),
             speed_kmh,
             pedal,
+            until_s: vec![Truth::CLEAR_S; frames],
+            gap_m: vec![Truth::CLEAR_M; frames],
             due: vec![],
             onsets: vec![],
             impact_s: None,
@@ -438,7 +450,7 @@ mod tests {
         assert_eq!((drive.frames(), drive.due.iter().any(|due| *due)), (225, false));
         let mut pixels = vec![];
         drive.pictures(3, 2, &mut Reader::new(preprocess).unwrap(), &mut pixels).unwrap();
-        assert_eq!(pixels.len(), 2 * 50 * 160);
+        assert_eq!(pixels.len(), 2 * 48 * 192);
         assert!(pixels.iter().any(|pixel| *pixel != pixels[0]), "a picture of the road");
     }
 }

@@ -8,7 +8,7 @@ use std::{
 
 use tch::Tensor;
 
-use super::episodes::Reader;
+use super::{episodes::Reader, watch::Watch};
 use crate::nn::{
     NnError,
     braking::{BrakingCheckpoint, BrakingError, BrakingNetwork, HZ, NO_SPEED, Seen},
@@ -103,6 +103,7 @@ impl GuardModel for BrakingModel {
             network: prototype.0.share(),
             reader: prototype.1.clone(),
             seen: Seen::default(),
+            watch: Watch::default(),
             last: None,
             due: Duration::ZERO,
         })
@@ -116,19 +117,26 @@ struct NetworkGuard {
     network: BrakingNetwork,
     reader: Reader,
     seen: Seen,
+    watch: Watch,
     /// When a frame came last, and when it looks next.
     last: Option<Duration>,
     due: Duration,
 }
 
 impl NetworkGuard {
+    fn forget(&mut self) {
+        self.seen.clear();
+        self.watch = Watch::default();
+    }
+
     fn look(&mut self, frame: &Frame, speed_kmh: f64) -> Result<Option<f64>, GuardError> {
         let failed = |error: NnError| GuardError::Network(Box::new(error));
         let [_, height, width] = self.network.architecture().preprocess().shape().map(|n| n as i64);
         let pixels = self.reader.see(frame)?;
         let frame =
             Tensor::f_from_slice(pixels).and_then(|t| t.f_view([1, height, width])).map_err(|e| failed(e.into()))?;
-        match self.network.answer(&frame, speed_kmh, &mut self.seen).map_err(failed)? {
+        let said = self.network.answer(&frame, speed_kmh, &mut self.seen).map_err(failed)?;
+        match said.map(|said| self.watch.value(said, self.limits)) {
             Some(value) if !value.is_finite() => Err(GuardError::NotFinite(value)),
             value => Ok(value),
         }
@@ -148,7 +156,7 @@ impl Guard for NetworkGuard {
         let last = self.last.replace(now.at);
         let is_new = last.is_none_or(|last| now.at < last || now.at - last > LONGEST_GAP);
         if is_new {
-            self.seen.clear();
+            self.forget();
         } else if now.at + EARLY < self.due {
             // Frames come faster than those that it learnt from: it looks at as many a second.
             return Ok(None);
@@ -159,7 +167,7 @@ impl Guard for NetworkGuard {
     }
 
     fn reset(&mut self) {
-        self.seen.clear();
+        self.forget();
         self.last = None; // and so the next frame is due
     }
 }

@@ -9,25 +9,33 @@
 //! |---|---|
 //! | `episodes` | the data set that `lapwing brake record` writes, read back: frames, speeds, labels |
 //! | `recipe` | how a network is trained, as a file |
-//! | `windows` | what a network learns from: windows and their targets, drawn and balanced |
-//! | `train` | the training loop |
+//! | `targets` | what a network should say at each frame |
+//! | `windows` | what a network learns from: windows, drawn and balanced |
+//! | `learning` | a network that learns, epoch by epoch |
+//! | `train` | a training, from a recipe and a data set to a file |
+//! | `state` | where a training is, to be resumed |
 //! | `values` | what a network says over whole episodes, with and without speed |
 //! | `report` | how good a network is on a part of the data set |
+//! | `watch` | when a guard goes on braking for what is close |
 //! | `guard` | a network from its file, as a [`GuardModel`](lapwing_core::guard::GuardModel) |
 //!
 //! The networks are in [`nn::braking`](crate::nn::braking).
 
 mod episodes;
 mod guard;
+mod learning;
 mod recipe;
 mod report;
+mod state;
+mod targets;
 mod train;
 mod values;
+mod watch;
 mod windows;
 
 pub use episodes::{BrakingDataError, Drive, Part, Story, load, stories};
 pub use guard::BrakingModel;
 pub use recipe::BrakingRecipe;
 pub use report::{BrakingReport, Row, Target};
-pub use train::{BrakingTrainError, Epoch, Trained, train};
+pub use train::{BrakingTrainError, Epoch, TrainOptions, Trained, train};
 pub use values::{SpeedFailure, episodes};

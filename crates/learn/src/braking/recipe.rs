@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::BrakingTrainError;
-use crate::nn::braking::BrakingArchitecture;
+use crate::{
+    nn::{Precision, braking::BrakingArchitecture},
+    train::Schedule,
+};
 
 /// How a braking network is trained: a TOML file, all of whose keys have defaults but `network`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,16 +26,36 @@ pub struct BrakingRecipe {
     /// Adam's, at the beginning.
     #[serde(default = "defaults::learning_rate")]
     pub learning_rate: f64,
-    /// Epochs without a lower validation loss after which the learning rate falls …
+    /// How it changes: not at all, by half a cosine to zero at the last step, or where the validation loss no longer falls.
+    #[serde(default = "defaults::schedule")]
+    pub schedule: Schedule,
+    /// Numbers of the live network's convolutions while it learns: `f32` (default), or `bf16` for less than half the time on
+    /// processors that know them.
+    #[serde(default = "defaults::precision")]
+    pub precision: Precision,
+    /// The network that is kept has the running mean of the weights, of which a step leaves this share: as steady as after a
+    /// learning rate that falls, at any time. 0 by default: the weights themselves.
+    #[serde(default)]
+    pub average: f64,
+    /// Adam's (AdamW).
+    #[serde(default)]
+    pub weight_decay: f64,
+    /// Of `schedule = "plateau"`: epochs without a lower validation loss after which the learning rate falls …
     #[serde(default = "defaults::patience")]
     pub patience: usize,
     /// … to this share of itself.
     #[serde(default = "defaults::falls_to")]
     pub falls_to: f64,
     /// Share of the drawn windows that end with a standing car. In the loss standing and moving windows weigh the same in
-    /// all, whatever their share.
+    /// all, whatever their share. Not used with `emergencies`.
     #[serde(default = "defaults::standing")]
     pub standing: f64,
+    /// Share of the drawn windows in which a brake is due, in place of `standing`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emergencies: Option<f64>,
+    /// Of so many windows that are drawn, the one is taken that the network knew least when it saw it last. 1 by default.
+    #[serde(default = "defaults::rivals")]
+    pub rivals: usize,
     /// How much earlier than the paper's a label begins, as a share of the driver's reaction time: 0 is the paper's, 1 the
     /// moment at which the driver noticed.
     #[serde(default)]
@@ -40,15 +63,26 @@ pub struct BrakingRecipe {
     /// Whether a label lasts until the pedal is let go or the car stands, and not only the paper's 10 frames.
     #[serde(default)]
     pub hold: bool,
+    /// From the driver's noticing on, by `lead`, a label rises with the inverse of the time to collision: from 0 at the first of
+    /// these times, in seconds, to 1 at the second. Without it, it is 1 from there on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub near_s: Option<[f64; 2]>,
+    /// How much what a live network is to say besides counts: whether something is close ahead, and how near what comes is, which
+    /// it is told at each frame while it learns. 0 by default.
+    #[serde(default)]
+    pub besides: f64,
     /// How much a frame at which a brake is due weighs in the loss, beside one at which none is.
     #[serde(default = "defaults::due_weight")]
     pub due_weight: f64,
     /// Share of the windows in which half, four fifths or all of the speeds are unknown.
     #[serde(default)]
     pub speed_dropout: f64,
-    /// Share of the steps with mirrored pictures.
+    /// Share of the windows with mirrored pictures.
     #[serde(default)]
     pub flip: f64,
+    /// Share of the windows with darker or lighter pictures.
+    #[serde(default)]
+    pub shade: f64,
     /// Pictures are moved by up to so many pixels, as the network sees them, to each side and half as many up and down.
     #[serde(default)]
     pub shift_px: i64,
@@ -64,6 +98,17 @@ pub struct BrakingRecipe {
 }
 
 mod defaults {
+    use crate::{nn::Precision, train::Schedule};
+
+    pub fn schedule() -> Schedule {
+        Schedule::Plateau
+    }
+    pub fn precision() -> Precision {
+        Precision::F32
+    }
+    pub fn rivals() -> usize {
+        1
+    }
     pub fn epochs() -> usize {
         20
     }
@@ -115,6 +160,7 @@ impl BrakingRecipe {
             ("windows_per_epoch", self.windows_per_epoch),
             ("batch", self.batch),
             ("patience", self.patience),
+            ("rivals", self.rivals),
             ("episodes", self.episodes.unwrap_or(1)),
             ("validation_windows", self.validation_windows),
         ] {
@@ -122,7 +168,14 @@ impl BrakingRecipe {
                 return wrong(name, "at least 1", value.to_string());
             }
         }
-        for (name, value) in [("lead", self.lead), ("speed_dropout", self.speed_dropout), ("flip", self.flip)] {
+        for (name, value) in [
+            ("lead", self.lead),
+            ("speed_dropout", self.speed_dropout),
+            ("flip", self.flip),
+            ("shade", self.shade),
+            ("weight_decay", self.weight_decay),
+            ("average", self.average),
+        ] {
             if !(0.0..=1.0).contains(&value) {
                 return wrong(name, "a share from 0 to 1", value.to_string());
             }
@@ -130,7 +183,16 @@ impl BrakingRecipe {
         if !(0..=40).contains(&self.shift_px) {
             return wrong("shift_px", "0 to 40 pixels", self.shift_px.to_string());
         }
-        for (name, value) in [("standing", self.standing), ("falls_to", self.falls_to)] {
+        if let Some([far, near]) = self.near_s
+            && !(0.0 < near && near < far && far <= 10.0)
+        {
+            return wrong("near_s", "two times up to 10 s, the longer one first", format!("{far}, {near}"));
+        }
+        if !(0.0..=100.0).contains(&self.besides) {
+            return wrong("besides", "a number from 0 to 100", self.besides.to_string());
+        }
+        let emergencies = self.emergencies.unwrap_or(0.5);
+        for (name, value) in [("standing", self.standing), ("falls_to", self.falls_to), ("emergencies", emergencies)] {
             if !(value > 0.0 && value < 1.0) {
                 return wrong(name, "a share above 0 and below 1", value.to_string());
             }
@@ -156,6 +218,10 @@ mod tests {
             |line: &str| BrakingRecipe::read(&format!("network = \"brake-live\"\n{line}")).unwrap_err().to_string();
         assert_eq!(error("lead = 1.5"), "lead: expected a share from 0 to 1, got 1.5");
         assert_eq!(error("batch = 0"), "batch: expected at least 1, got 0");
+        assert_eq!(
+            error("near_s = [1.0, 2.0]"),
+            "near_s: expected two times up to 10 s, the longer one first, got 1, 2"
+        );
         assert!(error("leed = 1").contains("unknown field `leed`"));
     }
 }

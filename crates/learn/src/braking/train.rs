@@ -1,28 +1,29 @@
-//! The training loop of a braking network: mean squared error, Adam, a learning rate that falls where the loss no longer does.
+//! A training of a braking network, from a recipe and a data set to a file.
 
 use std::{
     path::{Path, PathBuf},
     time::{Duration, Instant},
 };
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tch::{Device, Kind, Tensor, nn, nn::OptimizerConfig};
 
 use super::{
     BrakingDataError, BrakingRecipe, Part, SpeedFailure, episodes,
-    episodes::{Drive, Reader, load},
-    windows::{Batch, Draw, Drawn, Windows, batch, length, targets},
+    episodes::{Drive, load},
+    learning::{Learning, Measured},
+    state,
 };
-use crate::nn::{
-    NnError, Precision,
-    braking::{BrakingMetadata, BrakingNetwork, save_braking},
-    in_variable_store,
+use crate::{
+    nn::{
+        NnError, Precision,
+        braking::{BrakingMetadata, save_braking},
+    },
+    train::TrainError,
 };
 use lapwing_core::control::BrakeLimits;
-use lapwing_score::emergency::{CountingRule, Evaluation, evaluation::best_threshold};
+use lapwing_score::emergency::{CountingRule, Evaluation, evaluation::guarding_threshold};
+use lapwing_sim::braking::Case;
 
 /// Below the upper limit of a guard, its lower one.
 const RELEASES: f64 = 0.5;
@@ -52,6 +53,23 @@ pub enum BrakingTrainError {
     /// libtorch.
     #[error(transparent)]
     Torch(#[from] tch::TchError),
+    /// The optimiser.
+    #[error(transparent)]
+    Optimiser(#[from] TrainError),
+    /// The file from which a training is resumed.
+    #[error("{}: expected the state of a training, got an error: {why}", path.display())]
+    State {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
+    /// Another training's state.
+    #[error("{}: expected the state of a training by this recipe, got that of another one", path.display())]
+    OtherRecipe {
+        /// The file.
+        path: PathBuf,
+    },
     /// No episode is long enough.
     #[error("expected episodes of at least {frames} frames in the part {part:?}, got none")]
     TooShort {
@@ -76,19 +94,19 @@ pub enum BrakingTrainError {
 }
 
 /// What an epoch came to.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Epoch {
     /// From 1.
     pub epoch: usize,
     /// Windows that were learnt from.
     pub windows: usize,
-    /// Mean squared error, weighted, on them.
+    /// The loss of how much a brake is due, weighted, on them.
     pub loss: f64,
     /// Likewise on validation windows; whole.
     pub validation: f64,
-    /// Adam's.
+    /// Adam's, at its end.
     pub learning_rate: f64,
-    /// Seconds since the training began.
+    /// Seconds since the training began, without pauses.
     pub seconds: f64,
     /// Whether it is the best so far, which is kept.
     pub best: bool,
@@ -103,15 +121,25 @@ pub struct Trained {
     pub sha256: String,
     /// All epochs.
     pub epochs: Vec<Epoch>,
-    /// Between which values its guards brake and rest: the upper one has the best F1 by activations on the validation
-    /// episodes.
+    /// Between which values its guards brake and rest: the upper one is
+    /// [`guarding_threshold`](lapwing_score::emergency::evaluation::guarding_threshold)'s on the validation episodes, among
+    /// which laps are harmless.
     pub limits: BrakeLimits,
     /// How good it is on those, at that limit.
     pub validation: Evaluation,
 }
 
-/// Trains a network on a data set and writes it to `path`. It ends early, with the best of its epochs, once `most` has
-/// passed; `told` is told of each epoch.
+/// How a training is run.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TrainOptions {
+    /// Ends it early, with the best of its epochs, once so much has passed.
+    pub most: Option<Duration>,
+    /// Goes on where an earlier one ended, if there is its state beside the network's file.
+    pub resume: bool,
+}
+
+/// Trains a network on a data set and writes it to `path`, and its own state beside it after each epoch. `told` is told of each
+/// epoch.
 ///
 /// # Errors
 /// [`BrakingTrainError`].
@@ -119,7 +147,7 @@ pub fn train(
     recipe: &BrakingRecipe,
     data: &Path,
     path: &Path,
-    most: Option<Duration>,
+    options: TrainOptions,
     mut told: impl FnMut(&Epoch),
 ) -> Result<Trained, BrakingTrainError> {
     recipe.check()?;
@@ -131,66 +159,56 @@ pub fn train(
             return Err(BrakingTrainError::NoEmergency(part));
         }
     }
-    let windows = windows_of(&drives, recipe, Part::Train)?;
-    let counted = (windows.standing.len(), windows.moving.len());
-    tch::manual_seed(recipe.seed as i64);
-    let store = nn::VarStore::new(Device::Cpu);
-    let network = BrakingNetwork::build(architecture, &mut in_variable_store(store.root()))?;
-    let mut adam = nn::Adam::default().build(&store, recipe.learning_rate)?;
-    let mut learning = Learning {
-        recipe,
-        wanted: drives.iter().map(|drive| targets(drive, recipe)).collect(),
-        drives: &drives,
-        draw: Draw::new(windows, recipe.standing, recipe.seed),
-        reader: Reader::new(architecture.preprocess()).map_err(NnError::from)?,
-    };
+    let mut learning = Learning::new(recipe, &drives)?;
+    let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
-    let (mut epochs, mut best, mut rate, mut since_best) = (vec![], None::<Vec<Tensor>>, recipe.learning_rate, 0);
-    let mut least = f64::INFINITY;
+    let state = state::path_of(path);
+    if options.resume && state.is_file() {
+        learning.resume(&state)?;
+    }
+    let before_s = learning.position.epochs.last().map_or(0.0, |epoch| epoch.seconds);
     let began = Instant::now();
-    let is_over = || most.is_some_and(|most| began.elapsed() >= most);
-    for epoch in 1..=recipe.epochs {
-        let (loss, windows) = learning.epoch(&network, &mut adam, &is_over)?;
-        let validation = measured.loss(&network)?;
+    let is_over = || options.most.is_some_and(|most| began.elapsed() >= most);
+    while learning.position.epochs.len() < recipe.epochs && !is_over() {
+        let epoch = learning.position.epochs.len() + 1;
+        let (loss, windows) = learning.epoch(epoch, &is_over)?;
+        let validation = measured.loss(&learning.mean)?;
         if !loss.is_finite() || !validation.is_finite() {
+            let rate = learning.rate(epoch, 0.0);
             return Err(BrakingTrainError::NotFinite { loss: loss + validation, epoch, rate });
         }
-        let is_best = validation < least;
-        if is_best {
-            least = validation;
-            since_best = 0;
-            best = Some(network.tensors().iter().map(|(_, tensor)| tensor.f_detach_copy()).collect::<Result<_, _>>()?);
-        } else {
-            since_best += 1;
-        }
-        let seconds = began.elapsed().as_secs_f64();
-        epochs.push(Epoch { epoch, windows, loss, validation, learning_rate: rate, seconds, best: is_best });
-        told(epochs.last().expect("one was just added"));
-        if since_best >= recipe.patience {
-            rate *= recipe.falls_to;
-            since_best = 0;
-            adam.set_lr(rate);
-        }
-        if is_over() {
-            break;
+        let seconds = before_s + began.elapsed().as_secs_f64();
+        told(learning.judge(Epoch {
+            epoch,
+            windows,
+            loss,
+            validation,
+            learning_rate: learning.rate(epoch, 1.0),
+            seconds,
+            best: false,
+        })?);
+        // An epoch that was cut short is no place to go on from.
+        if windows >= recipe.windows_per_epoch {
+            learning.save(&state)?;
         }
     }
-    if let Some(best) = best {
-        tch::no_grad(|| {
-            network.tensors().into_iter().zip(&best).for_each(|((_, mut tensor), kept)| tensor.copy_(kept));
-        });
-    }
-    let judged = episodes(&network, &held, SpeedFailure::NONE, |_| {})?;
-    let fires = best_threshold(&judged).unwrap_or(0.5);
+    learning.take_best()?;
+    let (network, epochs) = (&learning.mean, &learning.position.epochs);
+    let judged = episodes(network, &held, SpeedFailure::NONE, |_| {})?;
+    let laps: Vec<_> = held.iter().zip(&judged).filter(|(drive, _)| drive.story.scenario == Case::Lap.name()).collect();
+    let laps: Vec<_> = laps.into_iter().map(|(_, judged)| judged.clone()).collect();
+    let fires = guarding_threshold(&judged, &laps).unwrap_or(0.5);
     let limits = BrakeLimits { fires, releases: fires * RELEASES };
     let validation = Evaluation::of(&judged, fires, CountingRule::default(), recipe.seed);
+    let kinds = if recipe.emergencies.is_some() { ["emergencies", "others"] } else { ["standing", "moving"] };
     let training = json!({
         "recipe": recipe,
         "data": { "train": told_of(&drives), "validation": told_of(&held),
-                  "windows": { "standing": counted.0, "moving": counted.1 } },
+                  "windows": { kinds[0]: counted[0], kinds[1]: counted[1] } },
         "epochs": epochs.len(), "windows_learnt": epochs.iter().map(|e| e.windows).sum::<usize>(),
         "seconds": epochs.last().map(|e| e.seconds.round()),
     });
+    let least = epochs.iter().map(|epoch| epoch.validation).fold(f64::INFINITY, f64::min);
     let result = json!({
         "part": "validation", "loss": least, "threshold": fires, "precision": validation.precision.value,
         "recall": validation.recall.value, "f1": validation.f1.value, "event_f1": validation.event_f1.value,
@@ -202,8 +220,8 @@ pub fn train(
         training: training.to_string(),
         result: result.to_string(),
     };
-    let sha256 = save_braking(path, &metadata, &network, Precision::F32)?;
-    Ok(Trained { path: path.to_owned(), sha256, epochs, limits, validation })
+    let sha256 = save_braking(path, &metadata, network, Precision::F32)?;
+    Ok(Trained { path: path.to_owned(), sha256, epochs: epochs.clone(), limits, validation })
 }
 
 /// Episodes and frames, in a checkpoint.
@@ -211,88 +229,4 @@ fn told_of(drives: &[Drive]) -> serde_json::Value {
     let frames: usize = drives.iter().map(Drive::frames).sum();
     let emergencies: usize = drives.iter().map(|drive| drive.onsets.len()).sum();
     json!({ "episodes": drives.len(), "frames": frames, "emergencies": emergencies })
-}
-
-fn windows_of(drives: &[Drive], recipe: &BrakingRecipe, part: Part) -> Result<Windows, BrakingTrainError> {
-    let frames = length(recipe.network);
-    let windows = Windows::of(drives, frames);
-    if windows.len() == 0 { Err(BrakingTrainError::TooShort { frames, part }) } else { Ok(windows) }
-}
-
-/// Weighted mean squared error: the sum of errors and that of weights.
-fn errors(answers: &Tensor, batch: &Batch) -> Result<(Tensor, Tensor), tch::TchError> {
-    let squares = answers.f_sub(&batch.targets)?.f_square()?;
-    Ok((squares.f_mul(&batch.weights)?.f_sum(Kind::Float)?, batch.weights.f_sum(Kind::Float)?))
-}
-
-/// What is learnt from.
-struct Learning<'a> {
-    recipe: &'a BrakingRecipe,
-    drives: &'a [Drive],
-    wanted: Vec<Vec<bool>>,
-    draw: Draw,
-    reader: Reader,
-}
-
-impl Learning<'_> {
-    /// One epoch, or as much of it as there is time for: its mean loss, and its windows.
-    fn epoch(
-        &mut self,
-        network: &BrakingNetwork,
-        adam: &mut nn::Optimizer,
-        is_over: &dyn Fn() -> bool,
-    ) -> Result<(f64, usize), BrakingTrainError> {
-        let Self { recipe, drives, wanted, draw, reader } = self;
-        let (mut sum, mut weight, mut windows) = (0.0, 0.0, 0);
-        while windows < recipe.windows_per_epoch && (windows == 0 || !is_over()) {
-            let Some(batch) = draw.batch(drives, wanted, recipe, reader)? else { break };
-            let answers = network.forward(&batch.frames, &batch.speeds, true)?;
-            let (error, weights) = errors(&answers, &batch)?;
-            adam.backward_step(&error.f_div(&weights)?);
-            sum += error.f_double_value(&[])?;
-            weight += weights.f_double_value(&[])?;
-            windows += recipe.batch;
-        }
-        Ok((sum / weight, windows))
-    }
-}
-
-/// What is chosen by: the same windows each time, and no chance in them.
-struct Measured<'a> {
-    recipe: &'a BrakingRecipe,
-    drives: &'a [Drive],
-    wanted: Vec<Vec<bool>>,
-    drawn: Vec<Drawn>,
-}
-
-impl<'a> Measured<'a> {
-    fn new(drives: &'a [Drive], recipe: &'a BrakingRecipe) -> Result<Self, BrakingTrainError> {
-        let windows = windows_of(drives, recipe, Part::Validation)?;
-        let (standing, moving) = (windows.standing.len(), windows.moving.len());
-        // Standing and moving weigh the same in all.
-        let weight = |count: usize| (standing + moving) as f64 / (2.0 * count as f64);
-        let of = |windows: Vec<_>, weight: f64| {
-            windows.into_iter().map(move |window| Drawn { window, unknown: 0.0, weight })
-        };
-        let all: Vec<Drawn> =
-            of(windows.standing, weight(standing)).chain(of(windows.moving, weight(moving))).collect();
-        let every = all.len().div_ceil(recipe.validation_windows);
-        let drawn = all.into_iter().step_by(every).collect();
-        Ok(Self { recipe, drives, wanted: drives.iter().map(|drive| targets(drive, recipe)).collect(), drawn })
-    }
-
-    fn loss(&self, network: &BrakingNetwork) -> Result<f64, BrakingTrainError> {
-        let Self { recipe, drives, wanted, drawn } = self;
-        let mut reader = Reader::new(recipe.network.preprocess()).map_err(NnError::from)?;
-        let mut random = ChaCha8Rng::seed_from_u64(0); // no speed fails
-        let (mut sum, mut weight) = (0.0, 0.0);
-        for drawn in drawn.chunks(recipe.batch) {
-            let batch = batch(drawn, drives, wanted, recipe, &mut reader, &mut random)?;
-            let answers = tch::no_grad(|| network.forward(&batch.frames, &batch.speeds, false))?;
-            let (error, weights) = errors(&answers, &batch)?;
-            sum += error.f_double_value(&[])?;
-            weight += weights.f_double_value(&[])?;
-        }
-        Ok(sum / weight)
-    }
 }

@@ -29,7 +29,7 @@ impl SpeedFailure {
     pub const NONE: Self = Self { share: 0.0, seed: 0 };
 }
 
-/// The drives with what the network says at each frame, one after the other; `told` is told of each.
+/// The drives with how much the network says a brake to be due at each frame, one after the other; `told` is told of each.
 ///
 /// # Errors
 /// [`BrakingTrainError`].
@@ -81,7 +81,7 @@ fn values(
             drive.pictures(from, length, reader, &mut pixels)?;
             let frames = Tensor::f_from_data_size(&pixels, &[1, length as i64, height, width], Kind::Uint8)?;
             let speeds = Tensor::f_from_slice(&speeds[from..from + length])?.f_view([1, -1])?;
-            let answers = network.forward(&frames.f_to_kind(Kind::Float)?, &speeds, false)?;
+            let answers = network.forward(&frames.f_to_kind(Kind::Float)?, &speeds, false)?.due;
             let answers = Vec::<f64>::try_from(&answers.f_view([-1])?.f_to_kind(Kind::Double)?)?;
             for (end, answer) in (from + FRAMES - 1..).step_by(2).zip(&answers) {
                 values[end] = *answer;
@@ -116,19 +116,19 @@ mod tests {
             reaction_s: 1.0,
         };
         let speeds: Vec<f32> = (0..401).map(|i| (i % 40) as f32).collect();
-        let drive = Drive::made(story, speeds.clone(), vec![0.0; 401], 50 * 160, 9);
+        let drive = Drive::made(story, speeds.clone(), vec![0.0; 401], 48 * 192, 9);
         let [episode] = &episodes(&network, std::slice::from_ref(&drive), SpeedFailure::NONE, |_| {}).unwrap()[..]
         else {
             panic!("one drive is one episode")
         };
-        let frame = Tensor::full([1, 50, 160], 9.0, (Kind::Float, Device::Cpu));
+        let frame = Tensor::full([1, 48, 192], 9.0, (Kind::Float, Device::Cpu));
         let mut seen = Seen::default();
         for (i, speed) in speeds.iter().enumerate() {
             let live = network.answer(&frame, f64::from(*speed), &mut seen).unwrap();
             assert_eq!(live.is_some(), i >= 19);
             assert_eq!(live.is_some(), episode.values[i].is_finite(), "frame {i}");
             if let Some(live) = live {
-                assert!((live - episode.values[i]).abs() < 1e-4, "frame {i}: {live} {}", episode.values[i]);
+                assert!((live.due - episode.values[i]).abs() < 1e-4, "frame {i}: {live:?} {}", episode.values[i]);
             }
         }
     }

@@ -1,44 +1,46 @@
-//! What a braking network learns from: windows of an episode and their targets, drawn and balanced.
+//! What a braking network learns from: windows of an episode, drawn and balanced, and changed as long as the truth stays.
 
-use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
 use super::{
     BrakingRecipe,
     episodes::{BrakingDataError, Drive, Reader},
+    targets::{STANDING_KMH, Wanted},
 };
-use crate::nn::braking::{BrakingArchitecture, FRAMES, HZ, NO_SPEED};
-use lapwing_score::emergency::LabelRule;
+use crate::nn::braking::{BrakingArchitecture, FRAMES, NO_SPEED, live};
 
 /// A window begins every so many frames.
 pub(super) const STRIDE: usize = 15;
 
-/// The live network's windows are so many frames longer: it answers every second frame of a stride, and sees each once.
-const MORE: usize = 14;
+/// The live network's windows are so many frames longer: it answers every second of them, and sees each once.
+const MORE: usize = 44;
 
-/// A car slower than this stands, in km/h: 1 mph.
-const STANDING_KMH: f32 = 1.6;
-/// A pedal held less than this is let go.
-const LET_GO: f64 = 0.05;
-/// A label lasts at most so long, in seconds, however long the pedal is held.
-const LONGEST_S: f64 = 4.0;
+/// A window is of an emergency if a brake is due by this much in it.
+const DUE: f32 = 0.2;
 /// Shares of a window's speeds that are unknown, as the paper's table II has them.
 pub(super) const FAILURES: [f64; 3] = [0.5, 0.8, 1.0];
+/// Pictures become darker or lighter by up to this exponent.
+const GAMMA: f64 = 1.5;
 
 /// A window: which drive, and from which frame.
 pub(super) type Window = (usize, usize);
 
-/// A batch for the network.
+/// A batch for the network, of B windows of T frames, N answers and S frames that are seen.
 pub(super) struct Batch {
     /// (B, T, H, W) f32, 0 to 255.
     pub frames: Tensor,
     /// (B, T) km/h.
     pub speeds: Tensor,
-    /// (B, N) what the answers should be.
-    pub targets: Tensor,
-    /// (B, N) how much each matters.
+    /// (B, N) how much a brake is due, and how much each matters.
+    pub due: Tensor,
     pub weights: Tensor,
+    /// (B, N) whether something is close ahead.
+    pub blocked: Tensor,
+    /// (B, S, 2) how near what comes is, and (B, S, 1) whether it can be seen.
+    pub near: Tensor,
+    pub seen: Tensor,
 }
 
 /// How many frames a training window has.
@@ -49,129 +51,162 @@ pub(super) fn length(architecture: BrakingArchitecture) -> usize {
     }
 }
 
-/// At which frames of a drive the network should say 1.
-pub(super) fn targets(drive: &Drive, recipe: &BrakingRecipe) -> Vec<bool> {
-    let rule = LabelRule::default();
-    let mut targets = drive.due.clone();
-    let early = (recipe.lead * drive.story.reaction_s * HZ).round() as usize;
-    for &onset in &drive.onsets {
-        let first = onset.saturating_sub(rule.lead);
-        let mut end = (first + rule.length).min(targets.len());
-        if recipe.hold {
-            let longest = (first + (LONGEST_S * HZ) as usize).min(targets.len());
-            let brakes = |i: &usize| drive.pedal[*i] >= LET_GO && drive.speed_kmh[*i] >= STANDING_KMH;
-            // The label begins before the foot, so that the pedal is looked at after it.
-            end = (end..longest).find(|i| !brakes(i)).unwrap_or(longest.max(end));
-        }
-        targets[first.saturating_sub(early)..end].fill(true);
-    }
-    targets
-}
-
-/// The windows of all drives, the standing apart from the moving.
+/// The windows of all drives, those apart whose share is set: of a standing car, or of an emergency.
 pub(super) struct Windows {
-    pub standing: Vec<Window>,
-    pub moving: Vec<Window>,
+    pub apart: Vec<Window>,
+    pub others: Vec<Window>,
 }
 
 impl Windows {
-    pub(super) fn of(drives: &[Drive], length: usize) -> Self {
-        let (mut standing, mut moving) = (vec![], vec![]);
+    pub(super) fn of(drives: &[Drive], wanted: &[Vec<Wanted>], recipe: &BrakingRecipe) -> Self {
+        let (mut apart, mut others) = (vec![], vec![]);
+        let length = length(recipe.network);
         for (d, drive) in drives.iter().enumerate() {
             for from in (0..(drive.frames() + 1).saturating_sub(length)).step_by(STRIDE) {
-                let stands = drive.speed_kmh[from + length - 1] < STANDING_KMH;
-                if stands { &mut standing } else { &mut moving }.push((d, from));
+                let is_apart = match recipe.emergencies {
+                    Some(_) => wanted[d][from + FRAMES - 1..from + length].iter().any(|wanted| wanted.due >= DUE),
+                    None => drive.speed_kmh[from + length - 1] < STANDING_KMH,
+                };
+                if is_apart { &mut apart } else { &mut others }.push((d, from));
             }
         }
-        Self { standing, moving }
+        Self { apart, others }
     }
 
     pub(super) fn len(&self) -> usize {
-        self.standing.len() + self.moving.len()
+        self.apart.len() + self.others.len()
+    }
+
+    /// How much a window matters: standing and moving ones the same in all, whatever their share; others as they come.
+    pub(super) fn weights(recipe: &BrakingRecipe, share: f64) -> [f64; 2] {
+        if recipe.emergencies.is_some() { [1.0; 2] } else { [0.5 / share, 0.5 / (1.0 - share)] }
     }
 }
 
-/// Draws windows: of each kind all before any again.
+/// Draws windows.
+///
+/// Of several that are drawn, the one is taken of which the network knew least when it saw it last, and any that it has not
+/// seen before those: most of what is harmless is soon known (online hard example mining: Shrivastava, Gupta and Girshick,
+/// 2016).
 pub(super) struct Draw {
-    standing: Deck,
-    moving: Deck,
+    windows: [Vec<Window>; 2],
+    /// What the network got wrong in each.
+    pub losses: [Vec<f32>; 2],
     share: f64,
+    rivals: usize,
     random: ChaCha8Rng,
 }
 
-struct Deck {
-    cards: Vec<Window>,
-    next: usize,
-}
-
-impl Deck {
-    fn draw(&mut self, random: &mut ChaCha8Rng) -> Option<Window> {
-        if self.next == 0 {
-            self.cards.shuffle(random);
-        }
-        let card = self.cards.get(self.next).copied();
-        self.next = (self.next + 1) % self.cards.len().max(1);
-        card
-    }
-}
+/// A window of a draw: which of the two kinds, and which of these.
+pub(super) type Card = (usize, usize);
 
 impl Draw {
-    pub(super) fn new(windows: Windows, share: f64, seed: u64) -> Self {
-        let deck = |cards| Deck { cards, next: 0 };
-        let Windows { standing, moving } = windows;
-        Self { standing: deck(standing), moving: deck(moving), share, random: ChaCha8Rng::seed_from_u64(seed) }
-    }
-
-    /// The next window, and whether it is of a standing car.
-    fn next(&mut self) -> Option<(Window, bool)> {
-        let stands = self.random.random::<f64>() < self.share;
-        let Self { standing, moving, random, .. } = self;
-        let (wanted, other) = if stands { (standing, moving) } else { (moving, standing) };
-        match wanted.draw(random) {
-            Some(window) => Some((window, stands)),
-            // None of that kind.
-            None => other.draw(random).map(|window| (window, !stands)),
+    pub(super) fn new(windows: Windows, recipe: &BrakingRecipe) -> Self {
+        let Windows { apart, others } = windows;
+        let unseen = |windows: &Vec<Window>| vec![f32::INFINITY; windows.len()];
+        Self {
+            losses: [unseen(&apart), unseen(&others)],
+            windows: [apart, others],
+            share: recipe.emergencies.unwrap_or(recipe.standing),
+            rivals: recipe.rivals,
+            random: ChaCha8Rng::seed_from_u64(recipe.seed),
         }
     }
 
-    /// A batch to learn from.
+    /// Draws by another part of the seed's numbers from here on.
+    pub(super) fn begin(&mut self, epoch: usize) {
+        self.random.set_stream(epoch as u64);
+        self.random.set_word_pos(0);
+    }
+
+    /// What the network got wrong in these.
+    pub(super) fn learnt(&mut self, cards: &[Card], losses: &[f32]) {
+        for ((kind, i), loss) in cards.iter().zip(losses) {
+            self.losses[*kind][*i] = *loss;
+        }
+    }
+
+    fn next(&mut self) -> Option<Card> {
+        let Self { windows, losses, share, rivals, random } = self;
+        let wanted = usize::from(random.random::<f64>() >= *share);
+        let kind = if windows[wanted].is_empty() { 1 - wanted } else { wanted };
+        let count = windows[kind].len();
+        if count == 0 {
+            return None;
+        }
+        let drawn: Vec<usize> = (0..*rivals).map(|_| random.random_range(0..count)).collect();
+        let worst = drawn.into_iter().max_by(|a, b| losses[kind][*a].total_cmp(&losses[kind][*b]))?;
+        Some((kind, worst))
+    }
+
+    /// A batch to learn from, and of which windows.
     pub(super) fn batch(
         &mut self,
         drives: &[Drive],
-        targets: &[Vec<bool>],
+        wanted: &[Vec<Wanted>],
         recipe: &BrakingRecipe,
         reader: &mut Reader,
-    ) -> Result<Option<Batch>, BrakingDataError> {
-        let length = length(recipe.network);
-        let mut drawn = Vec::with_capacity(recipe.batch);
+    ) -> Result<Option<(Batch, Vec<Card>)>, BrakingDataError> {
+        let (length, weights) = (length(recipe.network), Windows::weights(recipe, self.share));
+        let (mut drawn, mut cards) = (vec![], vec![]);
         for _ in 0..recipe.batch {
-            let Some(((d, from), stands)) = self.next() else { return Ok(None) };
+            let Some((kind, i)) = self.next() else { return Ok(None) };
+            let (d, from) = self.windows[kind][i];
+            let random = &mut self.random;
             // The live network answers every second frame; which of the two, the draw says.
             let late = usize::from(
                 recipe.network == BrakingArchitecture::Live
                     && from + length < drives[d].frames()
-                    && self.random.random::<bool>(),
+                    && random.random::<bool>(),
             );
-            let unknown = if self.random.random::<f64>() < recipe.speed_dropout {
-                FAILURES[self.random.random_range(0..FAILURES.len())]
+            let unknown = if random.random::<f64>() < recipe.speed_dropout {
+                FAILURES[random.random_range(0..FAILURES.len())]
             } else {
                 0.0
             };
-            let kind = if stands { 0.5 / recipe.standing } else { 0.5 / (1.0 - recipe.standing) };
-            drawn.push(Drawn { window: (d, from + late), unknown, weight: kind });
+            let change = Some(Change::draw(recipe, random));
+            drawn.push(Drawn { window: (d, from + late), unknown, weight: weights[kind], change });
+            cards.push((kind, i));
         }
-        let mut batch = batch(&drawn, drives, targets, recipe, reader, &mut self.random)?;
-        if self.random.random::<f64>() < recipe.flip {
-            batch.frames = batch.frames.flip([3]);
+        Ok(Some((batch(&drawn, drives, wanted, recipe, reader, &mut self.random)?, cards)))
+    }
+}
+
+/// How the pictures of a window are changed.
+pub(super) struct Change {
+    mirrored: bool,
+    right: i64,
+    down: i64,
+    shades: [u8; 256],
+}
+
+impl Change {
+    fn draw(recipe: &BrakingRecipe, random: &mut ChaCha8Rng) -> Self {
+        let (across, down) = (recipe.shift_px, (recipe.shift_px + 1) / 2);
+        let mirrored = random.random::<f64>() < recipe.flip;
+        let gamma =
+            if random.random::<f64>() < recipe.shade { GAMMA.powf(2.0 * random.random::<f64>() - 1.0) } else { 1.0 };
+        let shade = |i: usize| (255.0 * (i as f64 / 255.0).powf(gamma)).round() as u8;
+        Self {
+            mirrored,
+            right: random.random_range(-across..=across),
+            down: random.random_range(-down..=down),
+            shades: std::array::from_fn(shade),
         }
-        if recipe.shift_px > 0 {
-            let (across, down) = (recipe.shift_px, (recipe.shift_px + 1) / 2);
-            let [height, width] = [batch.frames.size()[2], batch.frames.size()[3]];
-            let wider = batch.frames.replication_pad2d([across, across, down, down]);
-            let (right, below) = (self.random.random_range(0..=2 * across), self.random.random_range(0..=2 * down));
-            batch.frames = wider.narrow(3, right, width).narrow(2, below, height).contiguous();
+    }
+
+    /// Adds a picture of this height and width to `out`; beyond its edges they go on.
+    fn apply(&self, picture: &[u8], [height, width]: [usize; 2], out: &mut Vec<u8>) {
+        let clamped = |i: i64, count: usize| i.clamp(0, count as i64 - 1) as usize;
+        for y in 0..height as i64 {
+            let row = &picture[clamped(y - self.down, height) * width..][..width];
+            let at = |x: i64| self.shades[usize::from(row[clamped(x - self.right, width)])];
+            if self.mirrored {
+                out.extend((0..width as i64).rev().map(at));
+            } else {
+                out.extend((0..width as i64).map(at));
+            }
         }
-        Ok(Some(batch))
     }
 }
 
@@ -181,37 +216,55 @@ pub(super) struct Drawn {
     /// Share of its speeds that are unknown.
     pub unknown: f64,
     pub weight: f64,
+    pub change: Option<Change>,
 }
 
 /// The batch of these windows.
 pub(super) fn batch(
     drawn: &[Drawn],
     drives: &[Drive],
-    targets: &[Vec<bool>],
+    wanted: &[Vec<Wanted>],
     recipe: &BrakingRecipe,
     reader: &mut Reader,
     random: &mut ChaCha8Rng,
 ) -> Result<Batch, BrakingDataError> {
     let (length, count) = (length(recipe.network), drawn.len() as i64);
-    let (mut pixels, mut speeds, mut wanted, mut weights) = (vec![], vec![], vec![], vec![]);
-    for &Drawn { window: (d, from), unknown, weight } in drawn {
-        let drive = &drives[d];
-        drive.pictures(from, length, reader, &mut pixels)?;
-        speeds.extend(failing(&drive.speed_kmh[from..from + length], unknown, random));
-        for end in (from + FRAMES - 1..from + length).step_by(2) {
-            let due = targets[d][end];
-            wanted.push(f32::from(u8::from(due)));
-            weights.push((weight * if due { recipe.due_weight } else { 1.0 }) as f32);
+    let [_, height, width] = recipe.network.preprocess().shape();
+    let (mut pixels, mut window_pixels) = (Vec::with_capacity(drawn.len() * length * height * width), vec![]);
+    let (mut speeds, mut due, mut weights, mut blocked) = (vec![], vec![], vec![], vec![]);
+    let (mut near, mut seen) = (vec![], vec![]);
+    for Drawn { window: (d, from), unknown, weight, change } in drawn {
+        let (drive, wanted) = (&drives[*d], &wanted[*d][*from..from + length]);
+        match change {
+            None => drive.pictures(*from, length, reader, &mut pixels)?,
+            Some(change) => {
+                window_pixels.clear();
+                drive.pictures(*from, length, reader, &mut window_pixels)?;
+                let pictures = window_pixels.chunks_exact(height * width);
+                pictures.for_each(|picture| change.apply(picture, [height, width], &mut pixels));
+            }
+        }
+        speeds.extend(failing(&drive.speed_kmh[*from..from + length], *unknown, random));
+        for wanted in wanted[FRAMES - 1..].iter().step_by(2) {
+            due.push(wanted.due);
+            weights.push(*weight as f32 * wanted.weight);
+            blocked.push(wanted.blocked);
+        }
+        for wanted in wanted[live::LAG as usize..].iter().step_by(live::STEP as usize) {
+            near.extend(wanted.near);
+            seen.push(wanted.seen);
         }
     }
-    let [_, height, width] = recipe.network.preprocess().shape().map(|n| n as i64);
-    let frames = Tensor::from_data_size(&pixels, &[count, length as i64, height, width], Kind::Uint8);
+    let size = [count, length as i64, height as i64, width as i64];
     let rows = |values: &[f32]| Tensor::from_slice(values).view([count, -1]);
     Ok(Batch {
-        frames: frames.to_kind(Kind::Float),
+        frames: Tensor::from_data_size(&pixels, &size, Kind::Uint8).to_kind(Kind::Float),
         speeds: rows(&speeds),
-        targets: rows(&wanted),
+        due: rows(&due),
         weights: rows(&weights),
+        blocked: rows(&blocked),
+        near: Tensor::from_slice(&near).view([count, -1, 2]),
+        seen: Tensor::from_slice(&seen).view([count, -1, 1]),
     })
 }
 
@@ -222,12 +275,12 @@ pub(super) fn failing(speeds: &[f32], share: f64, random: &mut ChaCha8Rng) -> Ve
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
-    use crate::braking::{Part, Story};
+    use crate::braking::{Part, Story, targets::wanted};
 
     /// 20 s: drives at 30 km/h, is braked hard from frame 150 on, and stands from 170 on.
-    fn drive() -> Drive {
+    pub(in crate::braking) fn drive() -> Drive {
         let story = Story {
             name: "made".into(),
             part: Part::Train,
@@ -238,46 +291,41 @@ mod tests {
         };
         let speed = |i: i32| if i < 150 { 30.0 } else { (30.0 - 1.5 * (i - 150) as f32).max(0.0) };
         let pedal = (0..300).map(|i| f64::from(u8::from((150..200).contains(&i)))).collect();
-        Drive::made(story, (0..300).map(speed).collect(), pedal, 50 * 160, 7)
+        Drive::made(story, (0..300).map(speed).collect(), pedal, 48 * 192, 7)
     }
 
-    fn recipe(more: &str) -> BrakingRecipe {
+    pub(in crate::braking) fn recipe(more: &str) -> BrakingRecipe {
         BrakingRecipe::read(&format!("network = \"brake-live\"\nbatch = 8\n{more}")).unwrap()
     }
 
-    fn ends(set: &[bool]) -> (usize, usize) {
-        (set.iter().position(|t| *t).unwrap(), set.iter().rposition(|t| *t).unwrap())
-    }
-
     #[test]
-    fn a_target_is_the_papers_label_unless_it_begins_earlier_or_lasts_as_long_as_the_brake() {
-        let drive = drive();
-        assert_eq!(ends(&targets(&drive, &recipe(""))), ends(&drive.due));
-        assert_eq!(ends(&drive.due), (147, 156));
-        assert_eq!(ends(&targets(&drive, &recipe("lead = 1.0"))), (132, 156));
-        assert_eq!(ends(&targets(&drive, &recipe("lead = 0.4\nhold = true"))), (141, 168));
-    }
-
-    #[test]
-    fn windows_begin_every_stride_and_standing_ones_are_apart() {
-        let windows = Windows::of(&[drive()], length(BrakingArchitecture::Live));
-        assert_eq!(windows.len(), (300 - 34) / 15 + 1);
-        // The first to end at frame 169 or later begins at 136.
-        assert_eq!((windows.standing[0], windows.moving.last()), ((0, 150), Some(&(0, 135))));
-        assert_eq!(Windows::of(&[drive()], 301).len(), 0);
+    fn windows_begin_every_stride_and_standing_ones_or_emergencies_are_apart() {
+        let drives = [drive()];
+        let windows = |more: &str| {
+            let recipe = recipe(more);
+            Windows::of(&drives, &[wanted(&drives[0], &recipe)], &recipe)
+        };
+        let standing = windows("");
+        assert_eq!(standing.len(), (300 - 64) / 15 + 1);
+        // The first to end at frame 169 or later begins at 106.
+        assert_eq!((standing.apart[0], standing.others.last()), ((0, 120), Some(&(0, 105))));
+        // Labelled from 147 to 156; it answers from its twentieth frame on.
+        let emergencies = windows("emergencies = 0.5");
+        assert_eq!((emergencies.apart[0], emergencies.apart.last()), ((0, 90), Some(&(0, 135))));
     }
 
     #[test]
     fn standing_and_moving_windows_weigh_the_same_whatever_their_share() {
         let drives = [drive()];
         let recipe = recipe("standing = 0.2\nspeed_dropout = 1.0\nshift_px = 3");
-        let targets: Vec<_> = drives.iter().map(|drive| targets(drive, &recipe)).collect();
-        let mut draw = Draw::new(Windows::of(&drives, length(recipe.network)), recipe.standing, 3);
+        let wanted: Vec<_> = drives.iter().map(|drive| wanted(drive, &recipe)).collect();
+        let mut draw = Draw::new(Windows::of(&drives, &wanted, &recipe), &recipe);
         let mut reader = Reader::new(recipe.network.preprocess()).unwrap();
         let (mut standing, mut moving, mut unknown) = (0.0, 0.0, 0.0);
         for _ in 0..200 {
-            let batch = draw.batch(&drives, &targets, &recipe, &mut reader).unwrap().unwrap();
-            assert_eq!((batch.frames.size(), batch.targets.size()), (vec![8, 34, 50, 160], vec![8, 8]));
+            let (batch, _) = draw.batch(&drives, &wanted, &recipe, &mut reader).unwrap().unwrap();
+            assert_eq!((batch.frames.size(), batch.due.size()), (vec![8, 64, 48, 192], vec![8, 23]));
+            assert_eq!((batch.near.size(), batch.seen.size()), (vec![8, 31, 2], vec![8, 31, 1]));
             for i in 0..8 {
                 let weight = batch.weights.double_value(&[i, 0]);
                 if weight > 1.0 { standing += weight } else { moving += weight }
@@ -287,5 +335,33 @@ mod tests {
         let share: f64 = standing / (standing + moving);
         assert!((share - 0.5).abs() < 0.05, "{share}");
         assert!((unknown - 2.3 / 3.0).abs() < 0.05, "{unknown}");
+    }
+
+    #[test]
+    fn of_rivals_the_one_that_is_known_least_is_drawn_and_unseen_ones_first() {
+        let drives = [drive()];
+        let recipe = recipe("emergencies = 0.5\nrivals = 12");
+        let wanted = [wanted(&drives[0], &recipe)];
+        let mut draw = Draw::new(Windows::of(&drives, &wanted, &recipe), &recipe);
+        let others = draw.windows[1].len();
+        draw.learnt(&(0..others).map(|i| (1, i)).collect::<Vec<_>>(), &vec![0.1; others]);
+        draw.learnt(&[(1, 3)], &[0.9]);
+        let drawn: Vec<Card> = (0..400).filter_map(|_| draw.next()).filter(|(kind, _)| *kind == 1).collect();
+        let share = drawn.iter().filter(|(_, i)| *i == 3).count() as f64 / drawn.len() as f64;
+        assert!(drawn.len() > 150 && share > 0.5, "{share} of {}", drawn.len());
+    }
+
+    #[test]
+    fn a_changed_picture_is_mirrored_after_it_is_moved_and_goes_on_beyond_its_edges() {
+        let plain = Change { mirrored: false, right: 1, down: 0, shades: std::array::from_fn(|i| i as u8) };
+        let changed = |change: &Change| {
+            let mut out = vec![];
+            change.apply(&[1, 2, 3, 4, 5, 6], [2, 3], &mut out);
+            out
+        };
+        assert_eq!(changed(&plain), [1, 1, 2, 4, 4, 5]);
+        assert_eq!(changed(&Change { mirrored: true, ..plain }), [2, 1, 1, 5, 4, 4]);
+        let darker = Change { mirrored: false, right: 0, down: 1, shades: std::array::from_fn(|i| i as u8 / 2) };
+        assert_eq!(changed(&darker), [0, 1, 1, 0, 1, 1]);
     }
 }

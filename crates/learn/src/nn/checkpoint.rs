@@ -149,7 +149,7 @@ impl Metadata {
     }
 }
 
-pub(super) fn json<T: DeserializeOwned>(key: &'static str, text: &str) -> Result<T, NnError> {
+pub(crate) fn json<T: DeserializeOwned>(key: &'static str, text: &str) -> Result<T, NnError> {
     serde_json::from_str(text).map_err(|why| NnError::Metadata { key, why })
 }
 
@@ -212,7 +212,7 @@ pub fn encode(metadata: &Metadata, network: &Network, precision: Precision) -> R
 }
 
 /// The bytes of a file with this header and these tensors.
-pub(super) fn encode_tensors(
+pub(crate) fn encode_tensors(
     metadata: BTreeMap<&str, &str>,
     tensors: Vec<(String, Tensor)>,
     precision: Precision,

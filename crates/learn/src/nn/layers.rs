@@ -33,7 +33,7 @@ pub(super) fn beside(x: Tensor, extra: Option<&Tensor>) -> Result<Tensor, NnErro
     })
 }
 
-/// Weights of a convolution, channels last in memory.
+/// Weights of a convolution or its input, channels last in memory.
 pub(super) fn channels_last(weight: &Tensor) -> Result<Tensor, NnError> {
     Ok(weight.f_permute([0, 2, 3, 1])?.f_contiguous()?.f_permute([0, 3, 1, 2])?)
 }

@@ -214,15 +214,23 @@ impl Evaluation {
     }
 }
 
-/// The threshold with the best F1 by activations, of those of the curve; the highest of equals.
-pub fn best_threshold(episodes: &[Episode]) -> Option<f64> {
-    let f1 = |threshold: f64| {
-        let tallies: Vec<Tally> =
-            episodes.iter().map(|episode| episode.tally(threshold, CountingRule::default())).collect();
-        Some((threshold, sum(&tallies).events.f1()?))
+/// At least this share of activations should be right: the project's target for precision.
+const LEAST_RIGHT: f64 = 0.9;
+
+/// The threshold for a guard, of those of the curve: the lowest at which nine of ten activations are right and there is none in
+/// the `harmless` episodes, such as ordinary laps; if there is none, the one with the best F1 by activations, the highest of equals.
+pub fn guarding_threshold(episodes: &[Episode], harmless: &[Episode]) -> Option<f64> {
+    let counts = |threshold: f64, episodes: &[Episode]| {
+        let tally = |episode: &Episode| episode.tally(threshold, CountingRule::default());
+        sum(&episodes.iter().map(tally).collect::<Vec<_>>()).events
     };
-    let best = thresholds().filter_map(f1).max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.total_cmp(&b.0)))?;
-    Some(best.0)
+    let is_right = |threshold: &f64| {
+        let is_precise = counts(*threshold, episodes).precision().is_some_and(|precision| precision >= LEAST_RIGHT);
+        is_precise && counts(*threshold, harmless).false_positives == 0
+    };
+    let f1 = |threshold: f64| Some((threshold, counts(threshold, episodes).f1()?));
+    let best = || thresholds().filter_map(f1).max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.total_cmp(&b.0)));
+    thresholds().find(is_right).or_else(|| Some(best()?.0))
 }
 
 fn thresholds() -> impl Iterator<Item = f64> {
@@ -344,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn the_curve_falls_from_all_found_to_none_and_the_best_threshold_is_on_it() {
+    fn the_curve_falls_from_all_found_to_none_and_a_guards_threshold_is_above_the_noise() {
         let mut weak = episode(Some(150..160), true);
         weak.values.iter_mut().for_each(|value| *value *= 0.6);
         let mut noise = episode(Some(100..120), false);
@@ -353,14 +361,15 @@ mod tests {
         let curve = judged(&episodes).curve;
         assert_eq!((curve[0].recall, curve[0].precision), (Some(1.0), Some(0.5)));
         assert_eq!((curve[STEPS - 1].recall, curve[STEPS - 1].precision), (Some(0.0), None));
-        let best = best_threshold(&episodes).unwrap();
-        assert!((0.3..=0.6).contains(&best), "{best}");
+        // The noise reaches 0.3.
+        assert_eq!(guarding_threshold(&episodes, &[]), Some(0.325));
+        assert_eq!(guarding_threshold(&episodes, &episodes[..1]), Some(0.325), "its activation is right");
     }
 
     #[test]
     fn no_episodes_have_no_rates() {
         let nothing = judged(&[]);
         assert_eq!((nothing.recall.value, nothing.false_alarms_per_h.value, nothing.hours), (None, None, 0.0));
-        assert_eq!(best_threshold(&[]), None);
+        assert_eq!(guarding_threshold(&[], &[]), None);
     }
 }

@@ -87,6 +87,10 @@ named! {
         PassThrough = "pass-through",
         /// People beside the road.
         Bystanders = "bystanders",
+        /// Somebody crosses well ahead.
+        Crosses = "crosses",
+        /// Somebody comes up to the road and waits.
+        Waits = "waits",
         /// Nothing at all.
         Lap = "lap",
     }
@@ -173,6 +177,6 @@ mod tests {
     #[test]
     fn every_scenario_that_comes_along_is_a_case() {
         assert!(Scenario::NAMES.iter().all(|name| Case::named(name).is_some()));
-        assert_eq!((Case::of(Kind::Hazard).count(), Case::of(Kind::Negative).count()), (9, 10));
+        assert_eq!((Case::of(Kind::Hazard).count(), Case::of(Kind::Negative).count()), (9, 12));
     }
 }

@@ -94,6 +94,9 @@ pub struct Temper {
     pub attention: Attention,
     /// How long the car is kept standing after an emergency, in seconds, at least.
     pub rest_s: f64,
+    /// For how long the car does not answer the brake in an emergency, in seconds, and keeps its speed. 0 but in what is to be
+    /// learnt from.
+    pub fails_s: f64,
 }
 
 /// A person at the wheel.
@@ -150,7 +153,11 @@ impl Human {
         let throttle = match self.doing {
             Doing::Emergency { .. } => {
                 self.press(1.0, FOOT_DOWN_S.recip(), dt_s);
-                held(self.pedal, car.speed, uphill)
+                if self.pressed_s.is_some_and(|pressed_s| world.time_s() - pressed_s < self.temper.fails_s) {
+                    Throttle::saturating((DRAG_PER_S * car.speed + uphill) / FULL_THROTTLE_MPS2)
+                } else {
+                    held(self.pedal, car.speed, uphill)
+                }
             }
             Doing::Standing { .. } => {
                 self.press(HOLDING, FOOT_DOWN_S.recip(), dt_s);

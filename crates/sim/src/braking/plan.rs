@@ -9,6 +9,7 @@ use super::{
     human::{Attention, Temper},
     stage::Staging,
 };
+use crate::track::Track;
 use lapwing_core::units::MPS_PER_MPH;
 
 /// The speeds of the trial, which the data set lies around, in mph.
@@ -21,6 +22,14 @@ const REACTION_S: (f64, f64) = (1.0, 0.3);
 const REACTION_WITHIN_S: (f64, f64) = (0.4, 1.6);
 /// How long the car is kept standing after an emergency, in seconds.
 const REST_S: (f64, f64) = (2.0, 5.0);
+/// In this share of the hazards to learn from the brake does not answer for a while, in seconds: speeds that fall are then no
+/// sign of danger, and what comes close is seen.
+const FAILING: f64 = 0.3;
+const FAILS_S: (f64, f64) = (0.6, 3.0);
+/// Of so many episodes, the last is part of a lap.
+const LAP_EVERY: usize = 5;
+/// The layers of laps, in turn.
+const LAP_LAYERS: [Layer; 6] = [Layer::Plain, Layer::Rain, Layer::Plain, Layer::LowSun, Layer::Plain, Layer::Night];
 /// Of ten episodes of a kind: seven to learn from, one to choose by, two to judge by.
 const PARTS: [Part; 10] = [
     Part::Train,
@@ -35,7 +44,7 @@ const PARTS: [Part; 10] = [
     Part::Train,
 ];
 
-/// The roads of a part. What is held out is played on roads of its own.
+/// The roads of a part, but for laps. What is held out is played on roads of its own.
 pub fn tracks(part: Part) -> &'static [&'static str] {
     match part {
         Part::Train => {
@@ -44,6 +53,14 @@ pub fn tracks(part: Part) -> &'static [&'static str] {
         Part::Validation => &["random:7", "random:8"],
         Part::HeldOut => &["random:9", "random:10", "random:11", "random:12"],
     }
+}
+
+/// The roads of a lap of a part: the three tracks as often as its other roads. Who drives laps knows the road; what is held out
+/// is their weather, and where they begin.
+fn lap_track(part: Part, drawn: f64) -> &'static str {
+    let others = tracks(part);
+    let both = |i: f64, of: &[&'static str]| of[((i * of.len() as f64) as usize).min(of.len() - 1)];
+    if drawn < 0.5 { both(2.0 * drawn, &Track::NAMES) } else { both(2.0 * drawn - 1.0, others) }
 }
 
 /// An episode: a drive of its own.
@@ -76,12 +93,15 @@ impl Episode {
 
     /// Its driver: away with the eyes where there is a hazard, or there would be no emergency.
     pub fn temper(&self) -> Temper {
-        let share = ChaCha8Rng::seed_from_u64(self.seed ^ 0x7e57).random::<f64>();
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ 0x7e57);
+        let share = rng.random::<f64>();
+        let fails = rng.random::<f64>() < FAILING && self.part == Part::Train && self.case.kind() == Kind::Hazard;
         Temper {
             reaction_s: self.reaction_s,
             speed_mps: self.speed_mph * MPS_PER_MPH,
             attention: if self.case.kind() == Kind::Hazard { Attention::Away } else { Attention::Ahead },
             rest_s: REST_S.0 + (REST_S.1 - REST_S.0) * share,
+            fails_s: if fails { FAILS_S.0 + (FAILS_S.1 - FAILS_S.0) * rng.random::<f64>() } else { 0.0 },
         }
     }
 
@@ -94,15 +114,22 @@ impl Episode {
     }
 }
 
-/// Episodes without end: hazards and negatives in turn, and every case in every layer before the first comes again, so that
-/// any beginning is as balanced as can be.
+/// Episodes without end: two hazards and two negatives in turn, then part of a lap; and every case in every layer before the
+/// first comes again, so that any beginning is as balanced as can be.
 pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
-    let cells =
-        |kind| Case::of(kind).flat_map(|case| case.layers().map(move |layer| (case, layer))).collect::<Vec<_>>();
+    let cells = |kind| {
+        let cases = Case::of(kind).filter(|case| *case != Case::Lap);
+        cases.flat_map(|case| case.layers().map(move |layer| (case, layer))).collect::<Vec<_>>()
+    };
+    let laps: Vec<(Case, Layer)> = LAP_LAYERS.map(|layer| (Case::Lap, layer)).to_vec();
     let [hazards, negatives] = [Kind::Hazard, Kind::Negative].map(cells);
     (0_usize..).map(move |i| {
-        let cells = if i % 2 == 0 { &hazards } else { &negatives };
-        let (turn, count) = (i / 2, cells.len());
+        let (group, within) = (i / LAP_EVERY, i % LAP_EVERY);
+        let (cells, turn) = match within {
+            within if within + 1 == LAP_EVERY => (&laps, group),
+            within => (if within % 2 == 0 { &hazards } else { &negatives }, group * (LAP_EVERY / 2) + within / 2),
+        };
+        let count = cells.len();
         // A step that is prime to their numbers mixes cases and layers.
         let (round, cell) = (turn / count, turn * 7 % count);
         let (case, layer) = cells[cell];
@@ -110,14 +137,17 @@ pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(i as u64 + 1);
         let around = SPEEDS_MPH[(round + cell) % SPEEDS_MPH.len()] + AROUND_MPH * (2.0 * rng.random::<f64>() - 1.0);
-        let roads = tracks(part);
-        let road = (rng.random::<f64>() * roads.len() as f64) as usize;
+        let (roads, road) = (tracks(part), rng.random::<f64>());
+        let track = match case {
+            Case::Lap => lap_track(part, road),
+            _ => roads[((road * roads.len() as f64) as usize).min(roads.len() - 1)],
+        };
         Episode {
             name: format!("{i:04}-{part}-{case}-{layer}"),
             part,
             case,
             layer,
-            track: roads[road.min(roads.len() - 1)].to_owned(),
+            track: track.to_owned(),
             speed_mph: (around.clamp(SPEEDS_MPH[0], FASTEST_MPH) * 10.0).round() / 10.0,
             reaction_s: reaction_s(&mut rng),
             seed: rng.random::<u64>() >> 11,
@@ -155,19 +185,21 @@ mod tests {
 
     #[test]
     fn every_case_in_every_layer_comes_before_the_first_comes_again_and_each_part_has_its_own_roads() {
-        let first: Vec<Episode> = episodes(1).take(180).collect();
-        let cells: BTreeSet<_> = first.iter().take(90).map(|episode| (episode.case, episode.layer)).collect();
+        let first: Vec<Episode> = episodes(1).take(225).collect();
+        let cells: BTreeSet<_> = first.iter().take(115).map(|episode| (episode.case, episode.layer)).collect();
         assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Hazard).count(), 45);
-        assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Negative).count(), 37);
+        assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Negative).count(), 45);
         let names: BTreeSet<_> = first.iter().map(|episode| &episode.name).collect();
         assert_eq!(names.len(), first.len());
         for episode in &first {
-            assert!(tracks(episode.part).contains(&&*episode.track));
+            let is_lap = episode.case == Case::Lap && Track::NAMES.contains(&&*episode.track);
+            assert!(is_lap || tracks(episode.part).contains(&&*episode.track), "{episode:?}");
             assert!((10.0..=29.5).contains(&episode.speed_mph), "{episode:?}");
         }
         let elsewhere = |part| tracks(Part::Train).iter().all(|track| !tracks(part).contains(track));
         assert!(elsewhere(Part::Validation) && elsewhere(Part::HeldOut));
-        let again: Vec<Episode> = episodes(1).take(180).collect();
+        assert_eq!(first.iter().filter(|episode| episode.case == Case::Lap).count(), 225 / LAP_EVERY);
+        let again: Vec<Episode> = episodes(1).take(225).collect();
         assert_eq!(again, first);
         assert_ne!(episodes(2).next().map(|episode| episode.seed), Some(first[0].seed));
     }

@@ -19,6 +19,7 @@ use crate::{
     scenario::{Draw, Ego, Scenario, ScenarioError, Script},
     scene::{ActorKind, Looks},
     track::{Track, TrackError},
+    vehicle::BODY,
     world::Setup,
 };
 use lapwing_core::units::{MPS_PER_KMH, MPS_PER_MPH};
@@ -30,7 +31,7 @@ const AFTER_S: f64 = 7.5;
 /// A gentle stop takes longer.
 const GENTLE_AFTER_S: f64 = 11.0;
 /// A stretch of an ordinary lap, in seconds.
-const LAP_S: f64 = 20.0;
+const LAP_S: f64 = 30.0;
 /// Something that moves ahead goes at this share of our speed at most, so that we come up to it.
 const SLOWER: f64 = 0.5;
 /// The gap to a lead car that brakes hard, in seconds: 12 m and 40 m at 50 km/h, as in CCRb; and to one that stops gently or
@@ -47,6 +48,14 @@ const ASIDE_BEFORE_S: f64 = 1.9;
 /// Cars parked in front of someone who crosses: their offset to either side, and the room to whom they hide, in metres.
 const BESIDE_M: f64 = 3.1;
 const HIDING_M: f64 = 0.8;
+/// Where nobody is hit: by whom the crossers are played; how long before our car they have left its way, in seconds; how long
+/// before it those who wait would be in its middle, if they went on; and where these wait, in metres beside our car's line.
+const CROSSERS: [Case; 4] = [Case::Cpna, Case::Cpfa, Case::Child, Case::Cbna];
+const CLEAR_S: (f64, f64) = (1.0, 3.0);
+const EARLY_S: (f64, f64) = (1.0, 3.0);
+const WAITS_M: (f64, f64) = (2.0, 3.2);
+/// The share of our car's width up to which a scenario may have somebody meet it.
+const SOONEST: f64 = 6.0;
 
 /// A road with all that depends on it alone.
 #[derive(Debug)]
@@ -99,6 +108,7 @@ impl Staging {
         let mut scenario = match self.case {
             Case::Bends => Scenario::named(Case::Parked.name())?,
             Case::Lap | Case::Shadows => nothing(),
+            Case::Crosses | Case::Waits => Scenario::named(CROSSERS[rng.random_range(0..CROSSERS.len())].name())?,
             case => Scenario::named(case.name())?,
         };
         scenario.name = self.case.name().to_owned();
@@ -180,6 +190,12 @@ fn vary(scenario: &mut Scenario, case: Case, layer: Layer, speed: f64, rng: &mut
     let (factor, share, aside) = (between((0.85, 1.15)), between((0.2, 0.8)), between((-0.5, 0.5)));
     let headway_s = between(GENTLE_HEADWAY_S);
     let ccrb_headway_s = CCRB_HEADWAYS_S[usize::from(between((0.0, 1.0)) < 0.5)];
+    let (clear_s, early_s, waits_m) = match case {
+        Case::Crosses => (between(CLEAR_S), 0.0, 0.0),
+        Case::Waits => (0.0, between(EARLY_S), between(WAITS_M)),
+        _ => (0.0, 0.0, 0.0),
+    };
+    lead_s += clear_s + early_s;
     let (hiding_gap_m, car_m) = ((HIDING_GAP_S * speed).max(HIDING_GAP_M), ActorKind::Car.size().z);
     let Some((target, others)) = scenario.actors.split_first_mut() else { return lead_s };
     let mut hiding = vec![];
@@ -221,9 +237,18 @@ fn vary(scenario: &mut Scenario, case: Case, layer: Layer, speed: f64, rng: &mut
             *gap_m = Draw::Exactly((headway_s * speed).max(HIDING_GAP_M));
             *final_kmh = Draw::Exactly(final_kmh.value().min(0.6 * speed / MPS_PER_KMH));
         }
-        Script::Cross { ahead_m, from_m, speed_kmh, share: meets, .. } => {
-            *speed_kmh = Draw::Exactly(speed_kmh.value() * factor);
-            *meets = Some(Draw::Exactly(share));
+        Script::Cross { ahead_m, from_m, to_m, speed_kmh, share: meets, .. } => {
+            let own_kmh = speed_kmh.value() * factor;
+            *speed_kmh = Draw::Exactly(own_kmh);
+            let sooner = |seconds: f64| own_kmh * MPS_PER_KMH * seconds / BODY.x;
+            *meets = Some(Draw::Exactly(match case {
+                Case::Crosses => (1.0 + sooner(clear_s)).min(SOONEST),
+                Case::Waits => (0.5 + sooner(early_s)).min(SOONEST),
+                _ => share,
+            }));
+            if case == Case::Waits {
+                *to_m = Draw::Exactly(waits_m.copysign(from_m.value()));
+            }
             let line_m = FRONT_M + speed * lead_s;
             moved = Some(put(ahead_m, line_m));
             if hidden && case == Case::Child {

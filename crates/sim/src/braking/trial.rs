@@ -247,6 +247,7 @@ impl Trial {
                 speed_mps: speed_mph * MPS_PER_MPH,
                 attention: Attention::Ahead,
                 rest_s: 0.0,
+                fails_s: 0.0,
             }))),
             (_, Kind::Hazard) => Foot::Pilot,
         };

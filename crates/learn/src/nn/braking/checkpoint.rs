@@ -195,10 +195,12 @@ mod tests {
         let read = BrakingCheckpoint::load(&path).unwrap();
         assert_eq!((read.metadata.limits, read.metadata.training.as_str()), (limits, "not at all"));
         let float = (Kind::Float, Device::Cpu);
-        let (frames, speeds) = (Tensor::rand([2, 20, 50, 160], float) * 255.0, Tensor::rand([2, 20], float) * 40.0);
+        let (frames, speeds) = (Tensor::rand([2, 20, 48, 192], float) * 255.0, Tensor::rand([2, 20], float) * 40.0);
         let answer = |network: &BrakingNetwork| {
-            Vec::<f64>::try_from(&network.forward(&frames, &speeds, false).unwrap().view([-1]).to_kind(Kind::Double))
-                .unwrap()
+            Vec::<f64>::try_from(
+                &network.forward(&frames, &speeds, false).unwrap().due.view([-1]).to_kind(Kind::Double),
+            )
+            .unwrap()
         };
         // Batch norm is folded into the convolutions of what is read.
         for (a, b) in answer(&network).iter().zip(answer(&read.network)) {

@@ -2,10 +2,10 @@
 //! it saw; two linear layers decide by what was seen at each second of the last 20 frames, and by their speeds.
 //!
 //! ```text
-//! frame, less the one 3 before ─▶ 4 convolutions, linear ─▶ 32 numbers ┐ of frames t, t-2, … t-16
-//! speed, and whether it is known ─────────────────────────────────────┴─▶ 2 linear layers ─▶ value
+//! frame, less the one 3 before ─▶ 4 convolutions, linear ─▶ 48 numbers ┐ of frames t, t-2, … t-16
+//! speed, and whether it is known ─────────────────────────────────────┴─▶ 2 linear layers ─▶ due, blocked
 //! ```
-//! A live step so costs one frame's convolutions, 3.3 million multiplications, not those of 20 frames. With its predecessor
+//! A live step so costs one frame's convolutions, 5.4 million multiplications, not those of 20 frames. With its predecessor
 //! three frames earlier, the oldest of the nine frames reaches back to the first of the 20.
 //!
 //! Each frame is brought to a mean of 0 and a standard deviation of 1 first, as for the [`lane`](crate::nn::lane): it drives
@@ -13,29 +13,29 @@
 
 use tch::{Kind, Tensor};
 
-use super::{FRAMES, NO_SPEED};
+use super::{Answers, FRAMES, NO_SPEED, Said};
 use crate::nn::{
     NnError, TensorSource,
-    layers::{Linear, NormedConvolution},
+    layers::{Linear, NormedConvolution, channels_last},
 };
 
 /// Rows and columns that it takes.
-pub const SIZE: [usize; 2] = [50, 160];
+pub const SIZE: [usize; 2] = [48, 192];
 
 /// How many numbers it learns.
-pub const PARAMETERS: usize = 78_161;
+pub const PARAMETERS: usize = 138_724;
 
 /// Outputs, inputs, kernel and stride of each convolution.
-const CONVOLUTIONS: [[i64; 4]; 4] = [[12, 2, 5, 2], [20, 12, 3, 2], [28, 20, 3, 2], [32, 28, 3, 2]];
+const CONVOLUTIONS: [[i64; 4]; 4] = [[16, 2, 5, 2], [24, 16, 3, 2], [32, 24, 3, 2], [48, 32, 3, 2]];
 
-/// 32 channels of 4 x 10, channel by channel.
-const FLAT: i64 = 1280;
+/// 48 channels of 3 x 12, channel by channel.
+const FLAT: i64 = 1728;
 /// What is kept of a frame.
-const FEATURES: i64 = 32;
+const FEATURES: i64 = 48;
 /// A frame is seen beside the one so many before it.
-const LAG: i64 = 3;
+pub(crate) const LAG: i64 = 3;
 /// Of every so many frames, one is taken into account.
-const STEP: i64 = 2;
+pub(crate) const STEP: i64 = 2;
 /// How many those are of 20 frames.
 const TAPS: i64 = (FRAMES as i64 - LAG - 1) / STEP + 1;
 const HIDDEN: i64 = 64;
@@ -46,12 +46,16 @@ const SPEED_UNIT_KMH: f64 = 50.0;
 /// A frame of a single shade stays one; in squared shades.
 const LEAST_VARIANCE: f64 = 4.0;
 
-/// The network. Tensors are `conv1.weight`, `norm1.weight` and so on to `norm4.running_var`, and `see.weight`, `fc1.weight`
-/// to `fc2.bias`, shaped as PyTorch's.
+/// The network. Tensors are `conv1.weight`, `norm1.weight` and so on to `norm4.running_var`, and `see.weight`, `near.weight`,
+/// `fc1.weight` to `fc2.bias`, shaped as PyTorch's.
 #[derive(Debug)]
 pub(super) struct Live {
     convolutions: [NormedConvolution; 4],
+    /// Numbers of the convolutions: bf16 takes half the time in training.
+    kind: Kind,
     see: Linear,
+    /// What each frame by itself shows: for learning alone.
+    near: Linear,
     hidden: Linear,
     last: Linear,
 }
@@ -119,14 +123,16 @@ impl Live {
         let convolutions = [convolution(0)?, convolution(1)?, convolution(2)?, convolution(3)?];
         Ok(Self {
             convolutions,
+            kind: Kind::Float,
             see: Linear::build(source, "see", FEATURES, FLAT)?,
+            near: Linear::build(source, "near", 2, FEATURES)?,
             hidden: Linear::build(source, "fc1", HIDDEN, TAPS * FEATURES + 2 * FRAMES as i64)?,
-            last: Linear::build(source, "fc2", 1, HIDDEN)?,
+            last: Linear::build(source, "fc2", 2, HIDDEN)?,
         })
     }
 
-    /// (B, 20 + 2 n, H, W) and (B, 20 + 2 n) to (B, 1 + n).
-    pub(super) fn forward(&self, frames: &Tensor, speeds: &Tensor, train: bool) -> Result<Tensor, NnError> {
+    /// (B, 20 + 2 n, H, W) and (B, 20 + 2 n) to 1 + n answers.
+    pub(super) fn forward(&self, frames: &Tensor, speeds: &Tensor, train: bool) -> Result<Answers, NnError> {
         let lit = in_one_light(frames)?; // (B, T, H, W)
         let now = every(&lit, LAG, STEP)?; // (B, S, H, W): frames 3, 5, … T - 1
         let before = every(&lit.f_narrow(1, 0, lit.size()[1] - LAG)?, 0, STEP)?;
@@ -135,29 +141,31 @@ impl Live {
         let features = self.see(&pairs, train)?.f_reshape([batch, seen, FEATURES])?;
         let windows = features.f_unfold(1, TAPS, 1)?.f_flatten(2, 3)?; // (B, 1 + n, FEATURES * TAPS)
         let speeds = speeds.f_unfold(1, FRAMES as i64, STEP)?; // (B, 1 + n, 20)
-        self.decide(&windows, &speeds, train)
+        let said = self.decide(&windows, &speeds, train)?; // (B, 1 + n, 2)
+        let near = if train { Some(self.near.forward(&features)?) } else { None };
+        Ok(Answers { due: said.f_select(2, 0)?, blocked: Some(said.f_select(2, 1)?), near })
     }
 
     /// Frames and what changed in them, (N, 2, H, W), to (N, FEATURES).
     fn see(&self, pairs: &Tensor, train: bool) -> Result<Tensor, NnError> {
-        let mut x = pairs.shallow_clone();
+        let mut x = channels_last(&pairs.f_to_kind(self.kind)?)?;
         for convolution in &self.convolutions {
             x = convolution.forward(&x, train)?.f_relu()?;
         }
-        Ok(self.see.forward(&x.f_flatten(1, -1)?)?.f_relu()?)
+        Ok(self.see.forward(&x.f_flatten(1, -1)?.f_to_kind(Kind::Float)?)?.f_relu()?)
     }
 
-    /// (B, N, FEATURES * TAPS) and (B, N, 20) in km/h to (B, N).
+    /// (B, N, FEATURES * TAPS) and (B, N, 20) in km/h to (B, N, 2).
     fn decide(&self, windows: &Tensor, speeds_kmh: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let known = speeds_kmh.f_ne(NO_SPEED)?.f_to_kind(Kind::Float)?;
         let speeds = speeds_kmh.f_mul_scalar(1.0 / SPEED_UNIT_KMH)?.f_mul(&known)?;
         let x = Tensor::f_cat(&[windows, &speeds, &known], 2)?;
         let x = self.hidden.forward(&x)?.f_relu()?.f_dropout(DROPOUT, train)?;
-        Ok(self.last.forward(&x)?.f_squeeze_dim(2)?)
+        Ok(self.last.forward(&x)?.f_sigmoid()?)
     }
 
     /// Looks at the newest frame, (1, H, W), and decides once 20 were seen.
-    pub(super) fn answer(&self, frame: &Tensor, speed_kmh: f64, seen: &mut Seen) -> Result<Option<f64>, NnError> {
+    pub(super) fn answer(&self, frame: &Tensor, speed_kmh: f64, seen: &mut Seen) -> Result<Option<Said>, NnError> {
         let lit = in_one_light(&frame.f_unsqueeze(0)?)?; // (1, 1, H, W)
         push(&mut seen.frames, lit, LAG as usize + 1);
         push(&mut seen.speeds_kmh, speed_kmh as f32, FRAMES);
@@ -174,7 +182,12 @@ impl Live {
         let features: Vec<&Tensor> = seen.features.iter().step_by(STEP as usize).collect();
         let window = Tensor::f_cat(&features, 1)?.f_transpose(1, 2)?.f_reshape([1, 1, -1])?; // FEATURES by TAPS, as unfolded
         let speeds = seen.speeds()?.f_unsqueeze(0)?; // (1, 1, 20)
-        Ok(Some(self.decide(&window, &speeds, false)?.f_double_value(&[0, 0])?))
+        let said = self.decide(&window, &speeds, false)?; // (1, 1, 2)
+        Ok(Some(Said { due: said.f_double_value(&[0, 0, 0])?, blocked: said.f_double_value(&[0, 0, 1])? }))
+    }
+
+    pub(super) fn set_kind(&mut self, kind: Kind) {
+        self.kind = kind;
     }
 
     pub(super) fn fold(&mut self) -> Result<(), NnError> {
@@ -184,7 +197,9 @@ impl Live {
     pub(super) fn share(&self) -> Self {
         Self {
             convolutions: self.convolutions.each_ref().map(NormedConvolution::share),
+            kind: self.kind,
             see: self.see.share(),
+            near: self.near.share(),
             hidden: self.hidden.share(),
             last: self.last.share(),
         }

@@ -3,19 +3,20 @@
 //! | architecture | frames | parameters | looks |
 //! |---|---|---|---|
 //! | [`brake-stacked`](stacked) | 300 x 300 | 5,909,219 | at all frames at once, as 20 channels: Itu and Danescu's |
-//! | [`brake-live`](live) | 50 x 160 | 78,161 | at each frame once, and keeps what it saw: for driving on a CPU |
+//! | [`brake-live`](live) | 48 x 192 | 138,724 | at each frame once, and keeps what it saw: for driving on a CPU |
 //!
 //! Both take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
-//! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere, and not clamped.
+//! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere; the live one also whether
+//! something is close ahead, so that a guard knows when the way is free.
 
 mod checkpoint;
 pub mod live;
 pub mod stacked;
 
-use tch::Tensor;
+use tch::{Kind, Tensor};
 
 use self::{live::Live, stacked::Stacked};
-use super::{NnError, TensorSource};
+use super::{NnError, Precision, TensorSource};
 use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter, TensorLayout};
 
 pub use checkpoint::{BrakingCheckpoint, BrakingError, BrakingMetadata, save_braking};
@@ -63,8 +64,9 @@ impl BrakingArchitecture {
         let (crop, [height, width]) = match self {
             // The whole picture, whose sides become equal.
             Self::Stacked => (None, stacked::SIZE),
-            // Without most of the sky and the bonnet, at half the size: a child 12 m ahead is 3 pixels wide.
-            Self::Live => (Some(Crop { top: 40, bottom: 140 }), live::SIZE),
+            // Without most of the sky, the bonnet and the last metres of road, at three fifths of the size: a child 12 m ahead is 3
+            // pixels wide.
+            Self::Live => (Some(Crop { top: 40, bottom: 120 }), live::SIZE),
         };
         Preprocess {
             crop,
@@ -74,6 +76,27 @@ impl BrakingArchitecture {
             layout: TensorLayout::Nchw,
         }
     }
+}
+
+/// What a network says of windows.
+#[derive(Debug)]
+pub struct Answers {
+    /// (B, N): how much an emergency brake is due, trained towards 1 where it is and 0 elsewhere.
+    pub due: Tensor,
+    /// (B, N): whether something is close ahead in the car's way, 0 to 1. The live network alone says it.
+    pub blocked: Option<Tensor>,
+    /// (B, S, 2): the inverse of the time to collision, per second, and how near what is ahead is, as each frame by itself shows
+    /// them. Only the live network, only while it learns: what it is to see is told to it at each frame.
+    pub near: Option<Tensor>,
+}
+
+/// What a network says of the newest window.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Said {
+    /// How much an emergency brake is due.
+    pub due: f64,
+    /// Whether something is close ahead, 0 to 1; 0 of a network that does not say it.
+    pub blocked: f64,
 }
 
 /// A braking network.
@@ -114,12 +137,12 @@ impl BrakingNetwork {
         self.architecture
     }
 
-    /// Answers (B, 1) to the windows of `frames` (B, 20, H, W) in f32, 0 to 255, and `speeds` (B, 20) in km/h. The live
-    /// network also takes an even number of frames more, and then answers each second window: (B, 1 + more / 2).
+    /// One answer to each of the windows of `frames` (B, 20, H, W) in f32, 0 to 255, and `speeds` (B, 20) in km/h. The live
+    /// network also takes an even number of frames more, and then answers each second window: N is 1 + more / 2.
     ///
     /// # Errors
     /// [`NnError::Input`], [`NnError::Torch`].
-    pub fn forward(&self, frames: &Tensor, speeds: &Tensor, train: bool) -> Result<Tensor, NnError> {
+    pub fn forward(&self, frames: &Tensor, speeds: &Tensor, train: bool) -> Result<Answers, NnError> {
         let [_, height, width] = self.architecture.preprocess().shape().map(|n| n as i64);
         let size = frames.size();
         let fits = match size[..] {
@@ -138,7 +161,9 @@ impl BrakingNetwork {
             return Err(NnError::Input { expected, got: size });
         }
         match &self.layers {
-            Layers::Stacked(layers) => layers.forward(frames, speeds, train),
+            Layers::Stacked(layers) => {
+                Ok(Answers { due: layers.forward(frames, speeds, train)?, blocked: None, near: None })
+            }
             Layers::Live(layers) => layers.forward(frames, speeds, train),
         }
     }
@@ -148,12 +173,13 @@ impl BrakingNetwork {
     ///
     /// # Errors
     /// [`NnError::Torch`].
-    pub fn answer(&self, frame: &Tensor, speed_kmh: f64, seen: &mut Seen) -> Result<Option<f64>, NnError> {
+    pub fn answer(&self, frame: &Tensor, speed_kmh: f64, seen: &mut Seen) -> Result<Option<Said>, NnError> {
         tch::no_grad(|| match &self.layers {
             Layers::Live(layers) => layers.answer(frame, speed_kmh, seen),
             Layers::Stacked(layers) => {
                 let Some((frames, speeds)) = seen.remember(frame, speed_kmh)? else { return Ok(None) };
-                Ok(Some(layers.forward(&frames, &speeds, false)?.f_double_value(&[0, 0])?))
+                let due = layers.forward(&frames, &speeds, false)?.f_double_value(&[0, 0])?;
+                Ok(Some(Said { due, blocked: 0.0 }))
             }
         })
     }
@@ -165,6 +191,13 @@ impl BrakingNetwork {
             Layers::Live(layers) => Layers::Live(Box::new(layers.share())),
         };
         Self { architecture: self.architecture, layers, tensors: self.tensors() }
+    }
+
+    /// Computes the live network's convolutions in these numbers from here on: for training.
+    pub(crate) fn set_precision(&mut self, precision: Precision) {
+        if let Layers::Live(layers) = &mut self.layers {
+            layers.set_kind(if precision == Precision::Bf16 { Kind::BFloat16 } else { Kind::Float });
+        }
     }
 
     /// Folds batch norm into the convolutions: for inference only.
@@ -188,7 +221,7 @@ impl BrakingNetwork {
 
 #[cfg(test)]
 mod tests {
-    use tch::{Device, Kind, nn::VarStore};
+    use tch::{Device, nn::VarStore};
 
     use super::*;
     use crate::nn::in_variable_store;
@@ -230,8 +263,9 @@ mod tests {
             assert!(answers[..19].iter().all(Option::is_none) && answers[19..].iter().all(Option::is_some));
             for end in 19..22 {
                 let window = |x: &Tensor| x.narrow(1, end - 19, 20);
-                let whole = network.forward(&window(&frames), &window(&speeds), false).unwrap().double_value(&[0, 0]);
-                let got = answers[end as usize].unwrap();
+                let whole =
+                    network.forward(&window(&frames), &window(&speeds), false).unwrap().due.double_value(&[0, 0]);
+                let got = answers[end as usize].unwrap().due;
                 assert!((whole - got).abs() < 1e-3, "{}: {whole} {got}", architecture.name());
             }
         }
@@ -241,12 +275,12 @@ mod tests {
     fn windows_of_another_size_are_refused_and_longer_ones_are_answered_twice() {
         let (live, _store) = network(BrakingArchitecture::Live);
         let (frames, speeds) = frames(22, BrakingArchitecture::Live);
-        let both = live.forward(&frames, &speeds, false).unwrap();
+        let both = live.forward(&frames, &speeds, false).unwrap().due;
         assert_eq!(both.size(), [1, 2]);
-        let last = live.forward(&frames.narrow(1, 2, 20), &speeds.narrow(1, 2, 20), false).unwrap();
+        let last = live.forward(&frames.narrow(1, 2, 20), &speeds.narrow(1, 2, 20), false).unwrap().due;
         assert!((both.double_value(&[0, 1]) - last.double_value(&[0, 0])).abs() < 1e-4);
         let error = live.forward(&frames.narrow(1, 0, 21), &speeds.narrow(1, 0, 21), false).unwrap_err().to_string();
-        assert!(error.contains("(B, 20, 50, 160)"), "{error}");
+        assert!(error.contains("(B, 20, 48, 192)"), "{error}");
     }
 
     #[test]
@@ -255,7 +289,7 @@ mod tests {
         let (frames, _) = frames(20, BrakingArchitecture::Live);
         let answer = |speed: f64| {
             let speeds = Tensor::full([1, 20], speed, (Kind::Float, Device::Cpu));
-            live.forward(&frames, &speeds, false).unwrap().double_value(&[0, 0])
+            live.forward(&frames, &speeds, false).unwrap().due.double_value(&[0, 0])
         };
         assert!((answer(NO_SPEED) - answer(0.0)).abs() > 1e-4);
     }

@@ -1,0 +1,324 @@
+//! A network that learns: Adam, by the mean squared error of the paper's network and the cross-entropy of the live one, which
+//! learns besides how near what it sees is.
+
+use std::path::Path;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use tch::{Device, Kind, Reduction, Tensor, nn};
+
+use super::{
+    BrakingRecipe, BrakingTrainError, Epoch, Part,
+    episodes::{Drive, Reader},
+    state::{self, Position},
+    targets::{Wanted, wanted},
+    windows::{Batch, Draw, Drawn, Windows, batch, length},
+};
+use crate::{
+    nn::{
+        NnError, Precision,
+        braking::{Answers, BrakingNetwork},
+        in_variable_store,
+    },
+    train::{Optimiser, Schedule, Stepper},
+};
+
+/// Running means begin with as few steps as they have: after so many, they keep one half.
+const WARM_UP_STEPS: f64 = 10.0;
+
+/// The loss of a window that was not seen yet, in a file.
+const UNSEEN: f64 = 1e6;
+
+fn windows_of(
+    drives: &[Drive],
+    wanted: &[Vec<Wanted>],
+    recipe: &BrakingRecipe,
+    part: Part,
+) -> Result<Windows, BrakingTrainError> {
+    let windows = Windows::of(drives, wanted, recipe);
+    if windows.len() == 0 {
+        return Err(BrakingTrainError::TooShort { frames: length(recipe.network), part });
+    }
+    Ok(windows)
+}
+
+/// How wrong answers are about how much a brake is due: for each window the weighted sum, (B), and the weights, (B).
+fn errors(answers: &Answers, batch: &Batch) -> Result<[Tensor; 2], tch::TchError> {
+    let each = match answers.blocked {
+        Some(_) => answers.due.f_binary_cross_entropy::<Tensor>(&batch.due, None, Reduction::None)?,
+        None => answers.due.f_sub(&batch.due)?.f_square()?,
+    };
+    let summed = |x: &Tensor| x.f_sum_dim_intlist(1i64, false, Kind::Float);
+    Ok([summed(&each.f_mul(&batch.weights)?)?, summed(&batch.weights)?])
+}
+
+/// How wrong a live network is about what it says besides; none if it says nothing.
+fn besides(answers: &Answers, batch: &Batch) -> Result<Option<Tensor>, tch::TchError> {
+    let (Some(blocked), Some(near)) = (&answers.blocked, &answers.near) else { return Ok(None) };
+    let blocked = blocked.f_binary_cross_entropy::<Tensor>(&batch.blocked, None, Reduction::Mean)?;
+    let near = near.f_sub(&batch.near)?.f_square()?.f_mul(&batch.seen)?.f_mean(Kind::Float)?;
+    Ok(Some(blocked.f_add(&near)?))
+}
+
+/// A network that learns, and all that belongs to it.
+pub(super) struct Learning<'a> {
+    recipe: &'a BrakingRecipe,
+    drives: &'a [Drive],
+    wanted: Vec<Vec<Wanted>>,
+    pub(super) draw: Draw,
+    reader: Reader,
+    network: BrakingNetwork,
+    /// The network whose weights are the running means of the other's: it is the one that is judged and kept.
+    pub(super) mean: BrakingNetwork,
+    /// Its weights after the best epoch.
+    best: Vec<(String, Tensor)>,
+    stepper: Stepper,
+    pub(super) position: Position,
+    _store: nn::VarStore,
+}
+
+impl<'a> Learning<'a> {
+    pub(super) fn new(recipe: &'a BrakingRecipe, drives: &'a [Drive]) -> Result<Self, BrakingTrainError> {
+        let wanted: Vec<_> = drives.iter().map(|drive| wanted(drive, recipe)).collect();
+        let windows = windows_of(drives, &wanted, recipe, Part::Train)?;
+        tch::manual_seed(recipe.seed as i64);
+        let store = nn::VarStore::new(Device::Cpu);
+        let mut network = BrakingNetwork::build(recipe.network, &mut in_variable_store(store.root()))?;
+        let copies = &mut |name: &str, _: &[i64], _| {
+            let tensors = network.tensors();
+            let tensor = tensors.iter().find(|(own, _)| own == name).map(|(_, tensor)| tensor.f_detach_copy());
+            Ok(tensor.expect("both are of the same architecture")?)
+        };
+        let mut mean = BrakingNetwork::build(recipe.network, copies)?;
+        network.set_precision(recipe.precision);
+        mean.set_precision(recipe.precision);
+        let adam = Optimiser { weight_decay: recipe.weight_decay, ..Optimiser::default() };
+        let weights = network.tensors().into_iter().filter(|(_, tensor)| tensor.requires_grad()).collect();
+        let stepper = Stepper::new(adam, weights)?;
+        let best = network.tensors().into_iter().map(|(name, tensor)| Ok((name, tensor.f_detach_copy()?)));
+        Ok(Self {
+            recipe,
+            drives,
+            wanted,
+            draw: Draw::new(windows, recipe),
+            reader: Reader::new(recipe.network.preprocess()).map_err(NnError::from)?,
+            best: best.collect::<Result<_, tch::TchError>>()?,
+            stepper,
+            position: Position {
+                recipe: recipe.clone(),
+                epochs: vec![],
+                steps: 0,
+                rate: recipe.learning_rate,
+                since_best: 0,
+            },
+            network,
+            mean,
+            _store: store,
+        })
+    }
+
+    /// The learning rate at a share of an epoch.
+    pub(super) fn rate(&self, epoch: usize, share: f64) -> f64 {
+        let done = ((epoch - 1) as f64 + share) / self.recipe.epochs as f64;
+        match self.recipe.schedule {
+            Schedule::Constant => self.recipe.learning_rate,
+            Schedule::Cosine => self.recipe.learning_rate * 0.5 * (1.0 + (std::f64::consts::PI * done).cos()),
+            Schedule::Plateau => self.position.rate,
+        }
+    }
+
+    /// One epoch, or as much of it as there is time for: its mean loss, and its windows.
+    pub(super) fn epoch(
+        &mut self,
+        epoch: usize,
+        is_over: &dyn Fn() -> bool,
+    ) -> Result<(f64, usize), BrakingTrainError> {
+        let recipe = self.recipe;
+        // So that a training that is resumed is the same.
+        self.draw.begin(epoch);
+        tch::manual_seed((recipe.seed as i64) << 32 | epoch as i64);
+        let (mut sum, mut weight, mut windows) = (0.0, 0.0, 0);
+        while windows < recipe.windows_per_epoch && (windows == 0 || !is_over()) {
+            let Some((batch, cards)) = self.draw.batch(self.drives, &self.wanted, recipe, &mut self.reader)? else {
+                break;
+            };
+            let answers = self.network.forward(&batch.frames, &batch.speeds, true)?;
+            let [error, weights] = errors(&answers, &batch)?;
+            let (errors, weighed) = (error.f_sum(Kind::Float)?, weights.f_sum(Kind::Float)?);
+            let mut loss = errors.f_div(&weighed.f_clamp_min(1e-6)?)?;
+            if let Some(besides) = besides(&answers, &batch)? {
+                loss = loss.f_add(&besides.f_mul_scalar(recipe.besides)?)?;
+            }
+            self.stepper.forget_gradients();
+            loss.f_backward()?;
+            self.stepper.step(self.rate(epoch, windows as f64 / recipe.windows_per_epoch as f64))?;
+            self.average()?;
+            let each = error.f_detach()?.f_div(&weights.f_clamp_min(1e-6)?)?;
+            self.draw.learnt(&cards, &Vec::<f32>::try_from(&each)?);
+            sum += errors.f_double_value(&[])?;
+            weight += weighed.f_double_value(&[])?;
+            windows += recipe.batch;
+        }
+        Ok((sum / weight, windows))
+    }
+
+    /// Moves the running means towards the weights, the faster the fewer steps were taken.
+    fn average(&self) -> Result<(), tch::TchError> {
+        let steps = self.stepper.steps as f64;
+        let kept = self.recipe.average.min(steps / (steps + WARM_UP_STEPS));
+        tch::no_grad(|| {
+            let both = self.mean.tensors().into_iter().zip(self.network.tensors());
+            both.into_iter().try_for_each(|((_, mut mean), (_, now))| mean.f_lerp_(&now, 1.0 - kept).map(drop))
+        })
+    }
+
+    /// Keeps the network if it is the best so far, and lowers the learning rate if none was for a while.
+    pub(super) fn judge(&mut self, epoch: Epoch) -> Result<&Epoch, BrakingTrainError> {
+        let Self { recipe, mean, best, position, .. } = self;
+        let least = position.epochs.iter().map(|epoch| epoch.validation).fold(f64::INFINITY, f64::min);
+        let is_best = epoch.validation < least;
+        if is_best {
+            position.since_best = 0;
+            copy(best, &mean.tensors())?;
+        } else {
+            position.since_best += 1;
+        }
+        if position.since_best >= recipe.patience {
+            position.rate *= recipe.falls_to;
+            position.since_best = 0;
+        }
+        position.steps = self.stepper.steps;
+        position.epochs.push(Epoch { best: is_best, ..epoch });
+        Ok(position.epochs.last().expect("one was just added"))
+    }
+
+    /// Goes back to the best epoch, as it will drive.
+    pub(super) fn take_best(&mut self) -> Result<(), BrakingTrainError> {
+        if !self.position.epochs.is_empty() {
+            copy(&self.mean.tensors(), &self.best)?;
+        }
+        self.mean.set_precision(Precision::F32);
+        Ok(())
+    }
+
+    /// All that is stored.
+    fn tensors(&self) -> Result<Vec<(String, Tensor)>, tch::TchError> {
+        let losses = self.draw.losses.each_ref().map(|losses| Tensor::f_from_slice(losses));
+        let [apart, others] = losses;
+        let losses = [("losses.apart".to_owned(), apart?), ("losses.others".to_owned(), others?)];
+        let best = self.best.iter().map(|(name, tensor)| (format!("best.{name}"), tensor.shallow_clone()));
+        let mean = self.mean.tensors().into_iter().map(|(name, tensor)| (format!("mean.{name}"), tensor));
+        let moments = self.stepper.state().map(|(name, tensor)| (name, tensor.shallow_clone()));
+        Ok(self.network.tensors().into_iter().chain(mean).chain(best).chain(moments).chain(losses).collect())
+    }
+
+    pub(super) fn save(&self, path: &Path) -> Result<(), BrakingTrainError> {
+        let mut tensors = self.tensors()?;
+        // What was not seen has no finite loss, and a file only finite numbers.
+        for (name, tensor) in &mut tensors {
+            if name.starts_with("losses.") {
+                *tensor = tensor.f_clamp_max(UNSEEN)?;
+            }
+        }
+        state::save(path, &self.position, tensors)
+    }
+
+    pub(super) fn resume(&mut self, path: &Path) -> Result<(), BrakingTrainError> {
+        let tensors = self.tensors()?;
+        let position = state::load(path, &tensors)?;
+        // A longer training goes on from a shorter one, if its learning rate does not depend on its length.
+        let epochs = if self.recipe.schedule == Schedule::Cosine { position.recipe.epochs } else { self.recipe.epochs };
+        if (BrakingRecipe { epochs, ..position.recipe.clone() }) != *self.recipe {
+            return Err(BrakingTrainError::OtherRecipe { path: path.to_owned() });
+        }
+        for (name, tensor) in &tensors {
+            match name.as_str() {
+                "losses.apart" => self.draw.losses[0] = Vec::try_from(tensor)?,
+                "losses.others" => self.draw.losses[1] = Vec::try_from(tensor)?,
+                _ => {}
+            }
+        }
+        self.stepper.steps = position.steps;
+        self.position = position;
+        Ok(())
+    }
+}
+
+/// Copies tensors into others of the same shapes, in the same order.
+fn copy(to: &[(String, Tensor)], from: &[(String, Tensor)]) -> Result<(), tch::TchError> {
+    tch::no_grad(|| to.iter().zip(from).try_for_each(|((_, to), (_, from))| to.shallow_clone().f_copy_(from).map(drop)))
+}
+
+/// What is chosen by: the same windows each time, and no chance in them.
+pub(super) struct Measured<'a> {
+    recipe: &'a BrakingRecipe,
+    drives: &'a [Drive],
+    wanted: Vec<Vec<Wanted>>,
+    drawn: Vec<Drawn>,
+}
+
+impl<'a> Measured<'a> {
+    pub(super) fn new(drives: &'a [Drive], recipe: &'a BrakingRecipe) -> Result<Self, BrakingTrainError> {
+        let wanted: Vec<_> = drives.iter().map(|drive| wanted(drive, recipe)).collect();
+        let windows = windows_of(drives, &wanted, recipe, Part::Validation)?;
+        let [apart, others] = Windows::weights(recipe, windows.apart.len() as f64 / windows.len() as f64);
+        let of = |windows: Vec<_>, weight: f64| {
+            windows.into_iter().map(move |window| Drawn { window, unknown: 0.0, weight, change: None })
+        };
+        let all: Vec<Drawn> = of(windows.apart, apart).chain(of(windows.others, others)).collect();
+        let every = all.len().div_ceil(recipe.validation_windows);
+        let drawn = all.into_iter().step_by(every).collect();
+        Ok(Self { recipe, drives, wanted, drawn })
+    }
+
+    pub(super) fn loss(&self, network: &BrakingNetwork) -> Result<f64, BrakingTrainError> {
+        let Self { recipe, drives, wanted, drawn } = self;
+        let mut reader = Reader::new(recipe.network.preprocess()).map_err(NnError::from)?;
+        let mut random = ChaCha8Rng::seed_from_u64(0); // no speed fails
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for drawn in drawn.chunks(recipe.batch) {
+            let batch = batch(drawn, drives, wanted, recipe, &mut reader, &mut random)?;
+            let answers = tch::no_grad(|| network.forward(&batch.frames, &batch.speeds, false))?;
+            let [error, weights] = errors(&answers, &batch)?;
+            sum += error.f_sum(Kind::Float)?.f_double_value(&[])?;
+            weight += weights.f_sum(Kind::Float)?.f_double_value(&[])?;
+        }
+        Ok(sum / weight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::braking::windows::tests::{drive, recipe};
+
+    #[test]
+    fn a_training_that_is_resumed_has_all_that_it_had_and_draws_what_it_would_have_drawn() {
+        let drives = [drive()];
+        let recipe =
+            recipe("windows_per_epoch = 16\nemergencies = 0.5\nrivals = 2\nbesides = 1.0\naverage = 0.9\nflip = 0.5");
+        let dir = tempfile::tempdir().unwrap();
+        let state = dir.path().join("brake.state.safetensors");
+        let mut before = Learning::new(&recipe, &drives).unwrap();
+        let (loss, windows) = before.epoch(1, &|| false).unwrap();
+        let told = Epoch { epoch: 1, windows, loss, validation: loss, learning_rate: 0.0, seconds: 0.0, best: false };
+        before.judge(told).unwrap();
+        before.save(&state).unwrap();
+        let mut after = Learning::new(&recipe, &drives).unwrap();
+        after.resume(&state).unwrap();
+        assert_eq!((&after.position, after.stepper.steps), (&before.position, 2));
+        for ((name, a), (_, b)) in before.tensors().unwrap().iter().zip(&after.tensors().unwrap()) {
+            assert_eq!(a.clamp_max(UNSEEN), b.clamp_max(UNSEEN), "{name}");
+        }
+        let next = |learning: &mut Learning<'_>| {
+            learning.draw.begin(2);
+            let drawn = learning.draw.batch(&drives, &learning.wanted, &recipe, &mut learning.reader);
+            let (batch, cards) = drawn.unwrap().unwrap();
+            (batch.frames, batch.speeds, cards)
+        };
+        assert_eq!(next(&mut before), next(&mut after));
+        let other = BrakingRecipe { batch: 4, ..recipe.clone() };
+        let error = Learning::new(&other, &drives).unwrap().resume(&state).unwrap_err().to_string();
+        assert!(error.ends_with("expected the state of a training by this recipe, got that of another one"), "{error}");
+    }
+}
