@@ -255,7 +255,10 @@ fn whenever_the_script_crashes_some_plan_for_the_first_seconds_would_have_avoide
             ended.endings().iter().any(|ending| matches!(ending, Some(Ending::Crash(_))))
         };
         for seed in (evaluation::HELD_OUT..evaluation::HELD_OUT + 300).filter(|seed| crashes(*seed, 0)) {
-            assert!((0..plans.len().pow(AGENTS as u32)).any(|number| !crashes(seed, number)), "{cars} cars, seed {seed}");
+            assert!(
+                (0..plans.len().pow(AGENTS as u32)).any(|number| !crashes(seed, number)),
+                "{cars} cars, seed {seed}"
+            );
             crashed += 1;
         }
     }

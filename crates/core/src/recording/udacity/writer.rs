@@ -76,7 +76,17 @@ impl DrivingLogWriter {
                 std::io::ErrorKind::AlreadyExists => RecordingError::LogExists { path: path.clone() },
                 _ => RecordingError::Io { doing: "create the driving log", path: path.clone(), source },
             })?;
-        Ok(Self { path, images, images_text, log, began, last_ms: None, cut: Duration::ZERO, at: Duration::ZERO, rows: 0 })
+        Ok(Self {
+            path,
+            images,
+            images_text,
+            log,
+            began,
+            last_ms: None,
+            cut: Duration::ZERO,
+            at: Duration::ZERO,
+            rows: 0,
+        })
     }
 
     /// Makes the folder. Returns the paths of the log and of the pictures' folder, and the latter as the log writes it.
