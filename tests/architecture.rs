@@ -37,7 +37,7 @@ const MAY_IMPORT: [(&str, &[&str]); 42] = [
     ("score/drawing", &[]),
     ("score/emergency", &["drawing"]),
     ("learn/nn", &[]),
-    ("learn/braking", &["nn"]),
+    ("learn/braking", &["nn", "train"]),
     ("learn/models", &["nn"]),
     ("learn/dataset", &[]),
     ("learn/train", &["dataset", "nn"]),
