@@ -1,7 +1,7 @@
 //! The network that says where in its lane the car is: on simulated stances, whose places are told, on roads that it has not
 //! seen, and on real pictures, whose three cameras must come out where they sit on the car.
 //!
-//! `LAPWING_LANE_ROWS` looks at more pictures of each, and `-- --nocapture` prints the figures of `models/README.md`.
+//! `LAPWING_LANE_ROWS` looks at more or fewer pictures of each, and `-- --nocapture` prints the figures of `models/README.md`.
 
 use std::{env, path::Path, sync::Arc};
 
@@ -42,7 +42,7 @@ fn on_stances(road: &str) -> (f64, AgainstTruth) {
     let setup = Setup { seed: 900, ..Setup::new(Arc::clone(&track), Arc::new(Scenery::new(&track))) };
     let dir = tempdir().unwrap();
     let log = DrivingLogWriter::create(dir.path(), jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0)).unwrap();
-    let count = pictures(100) as u64;
+    let count = pictures(300) as u64;
     stances(&setup, log, StanceOptions { count, every_weather: true }, || true).unwrap();
     let table = LaneTable::read(&dir.path().join("lane.csv"), Track::open).unwrap();
     let seen = seen(dir.path(), CameraPosition::Center);
