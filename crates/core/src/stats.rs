@@ -74,9 +74,15 @@ pub fn bootstrap(
             statistic(&sample)
         })
         .collect();
+    (2 * found.len() >= samples).then(|| middle_95(&mut found))?
+}
+
+/// The interval that holds the middle 95 % of these values, such as a statistic of many bootstrap samples; they are sorted.
+/// `None` of none.
+pub fn middle_95(found: &mut [f64]) -> Option<[f64; 2]> {
     found.sort_by(f64::total_cmp);
-    let at = |share: f64| found[((found.len() - 1) as f64 * share).round() as usize];
-    (!found.is_empty() && 2 * found.len() >= samples).then(|| [at(0.025), at(0.975)])
+    let last = found.len().checked_sub(1)?;
+    Some([0.025, 0.975].map(|share| found[(last as f64 * share).round() as usize]))
 }
 
 #[cfg(test)]

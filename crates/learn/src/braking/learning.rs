@@ -121,9 +121,8 @@ impl<'a> Learning<'a> {
     pub(super) fn rate(&self, epoch: usize, share: f64) -> f64 {
         let done = ((epoch - 1) as f64 + share) / self.recipe.epochs as f64;
         match self.recipe.schedule {
-            Schedule::Constant => self.recipe.learning_rate,
-            Schedule::Cosine => self.recipe.learning_rate * 0.5 * (1.0 + (std::f64::consts::PI * done).cos()),
             Schedule::Plateau => self.position.rate,
+            schedule => self.recipe.learning_rate * schedule.factor(done, 1.0),
         }
     }
 

@@ -21,7 +21,7 @@ pub use visual::visual_back_prop;
 
 use crate::{
     models::LoadedModel,
-    nn::{Network, NnError, SPEED_UNIT_MPH},
+    nn::{Network, NnError},
 };
 use lapwing_core::{
     perception::{Frame, PreprocessError, Preprocessor},
@@ -113,8 +113,7 @@ impl Explainer {
     pub fn explain(&mut self, frame: &Frame, speed: Mph, method: Method) -> Result<Explanation, ExplainError> {
         let rows = self.preprocessor.preprocess().rows_of(frame.width(), frame.height())?;
         let input = self.input_of(frame)?; // (1, C, H, W)
-        let speed = self.network.design().speed.then(|| (speed.get() / SPEED_UNIT_MPH) as f32);
-        let speed = speed.map(|speed| Tensor::f_from_slice(&[speed]).and_then(|t| t.f_view([1, 1]))).transpose()?;
+        let speed = self.network.speed_input(speed)?;
         let steering = tch::no_grad(|| self.network.forward(&input, speed.as_ref(), false))?.f_double_value(&[0, 0])?;
         let map = match method {
             Method::VisualBackProp => visual_back_prop(&self.network, &input, speed.as_ref())?,

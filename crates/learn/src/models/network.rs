@@ -5,7 +5,7 @@ use std::fmt;
 use tch::Tensor;
 
 use super::ModelError;
-use crate::nn::{Checkpoint, Memory, Network, NnError, SPEED_UNIT_MPH};
+use crate::nn::{Checkpoint, Memory, Network, NnError};
 use lapwing_core::{
     perception::{Frame, Preprocess, Preprocessor},
     pilot::{Pilot, PilotError, Prediction, View},
@@ -63,12 +63,7 @@ impl Pilot for NetworkPilot {
 
 /// Answers one frame, with the speed for a network that takes it.
 fn answer(network: &Network, input: &Tensor, speed: Mph, memory: &mut Memory) -> Result<Tensor, NnError> {
-    let speed = if network.design().speed {
-        Some(Tensor::f_from_slice(&[(speed.get() / SPEED_UNIT_MPH) as f32])?.f_view([1, 1])?) // (1, 1)
-    } else {
-        None
-    };
-    network.answer(input, speed.as_ref(), memory)
+    network.answer(input, network.speed_input(speed)?.as_ref(), memory)
 }
 
 /// What pilots of every kind of network have in common: from a frame through any forward pass to a prediction.

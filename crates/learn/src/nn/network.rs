@@ -16,6 +16,7 @@ use super::{
     resnet::{self, Depth, ResNet},
     stack,
 };
+use lapwing_core::units::Mph;
 
 /// The speed that is 1 to a network: it is given mph / 30.
 pub const SPEED_UNIT_MPH: f64 = 30.0;
@@ -243,6 +244,15 @@ impl Network {
                 layers.steer(&memory.remember(layers.see(frame, false)?)?, speed, false)
             }
         })
+    }
+
+    /// A speed as one frame's input, (1, 1); `None` for a network that takes none.
+    ///
+    /// # Errors
+    /// [`NnError::Torch`]
+    pub fn speed_input(&self, speed: Mph) -> Result<Option<Tensor>, NnError> {
+        let input = |mph: f64| Tensor::f_from_slice(&[(mph / SPEED_UNIT_MPH) as f32])?.f_view([1, 1]);
+        Ok(self.design.speed.then(|| input(speed.get())).transpose()?)
     }
 
     /// The features that a ResNet computes from one-frame batches (B, 3, H, W): (B, 512) or (B, 2048), using the

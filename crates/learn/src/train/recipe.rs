@@ -204,6 +204,18 @@ pub enum Schedule {
     Plateau,
 }
 
+impl Schedule {
+    /// What the learning rate is multiplied with when a share of the training is done; `on_plateau` is how far it has fallen
+    /// for want of better validation errors.
+    pub(crate) fn factor(self, done: f64, on_plateau: f64) -> f64 {
+        match self {
+            Self::Constant => 1.0,
+            Self::Cosine => (1.0 + (std::f64::consts::PI * done).cos()) / 2.0,
+            Self::Plateau => on_plateau,
+        }
+    }
+}
+
 /// Simulated data, as `lapwing record` makes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

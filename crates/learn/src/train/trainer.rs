@@ -10,7 +10,7 @@ use std::{
 use tch::{Device, Kind, Reduction, Tensor, nn::VarStore, no_grad};
 
 use super::{
-    Keep, Metrics, Recipe, Schedule, Tensors, TrainError,
+    Keep, Metrics, Recipe, Tensors, TrainError,
     events::Events,
     log,
     measure::{BATCH, labels, measure},
@@ -329,12 +329,7 @@ impl Trainer {
     fn learning_rate(&self, steps: usize) -> f64 {
         let o = &self.recipe.optimiser;
         let done = self.position.steps as f64 / (steps * self.recipe.epochs) as f64;
-        o.learning_rate
-            * match o.schedule {
-                Schedule::Constant => 1.0,
-                Schedule::Cosine => (1.0 + (std::f64::consts::PI * done).cos()) / 2.0,
-                Schedule::Plateau => self.position.factor,
-            }
+        o.learning_rate * o.schedule.factor(done, self.position.factor)
     }
 
     /// Saves the results of an epoch. The state comes last: if it is not written, the epoch is repeated, and everything

@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use super::{CellResult, Variant};
+use lapwing_core::stats::middle_95;
 use lapwing_sim::intersection::Reward;
 
 /// Bootstrap samples.
@@ -152,9 +153,7 @@ fn estimate(groups: &[Strata], statistic: impl Fn(&[Strata]) -> f64) -> Option<E
             statistic(&drawn)
         })
         .collect();
-    found.sort_by(f64::total_cmp);
-    let at = |share: f64| found[((SAMPLES - 1) as f64 * share).round() as usize];
-    Some(Estimate { value: statistic(groups), interval: [at(0.025), at(0.975)], runs })
+    Some(Estimate { value: statistic(groups), interval: middle_95(&mut found)?, runs })
 }
 
 fn pooled(strata: &Strata) -> f64 {
