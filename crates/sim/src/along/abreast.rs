@@ -1,5 +1,7 @@
 //! Two cars side by side: the recorded one and the virtual one.
 
+use glam::DVec3;
+
 use super::warp::Beside;
 use crate::vehicle::{Car, Ground, STEP_S};
 use lapwing_core::{
@@ -13,6 +15,8 @@ pub(super) struct Abreast {
     recorded: Car,
     driven: Car,
     beside: Beside,
+    /// Where the recorded car has come to, from where this began.
+    place: (DVec3, f64),
 }
 
 /// What the recorded car did during a step.
@@ -34,10 +38,15 @@ impl Abreast {
         self.beside
     }
 
-    /// Puts the driven car back on the recorded path, with the motion of the recorded one.
-    pub(super) fn put_back(&mut self) {
+    /// Where the recorded car has come to, in the world in which it was at the origin at first, and its yaw.
+    pub(super) fn place(&self) -> (DVec3, f64) {
+        self.place
+    }
+
+    /// Puts the driven car beside the recorded one, with its motion.
+    pub(super) fn put_back(&mut self, beside: Beside) {
         self.driven = self.recorded;
-        self.beside = Beside::default();
+        self.beside = beside;
     }
 
     /// Puts the driven car elsewhere, in a motion of its own: it follows a bend without slipping.
@@ -54,6 +63,9 @@ impl Abreast {
         // What the pictures show overrides what the steering says; the tyres slip accordingly.
         self.recorded.yaw_rate = yaw_rate.unwrap_or(self.recorded.yaw_rate);
         let aside = aside.unwrap_or(self.recorded.lateral_speed);
+        let gone =
+            Beside { offset_m: STEP_S * aside, ahead_m: STEP_S * speed, heading_rad: STEP_S * self.recorded.yaw_rate };
+        self.place = gone.from(self.place);
         // To stay abreast, the car further out in a bend goes faster.
         let (sin, cos) = heading_rad.sin_cos();
         let forward = (speed - self.recorded.yaw_rate * offset_m + self.driven.lateral_speed * sin) / cos.max(0.3);

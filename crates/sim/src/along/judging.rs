@@ -3,7 +3,7 @@
 
 use std::{fmt, str::FromStr};
 
-use super::warp::Beside;
+use super::{recorded::PathRow, warp::Beside};
 use crate::locate::InLane;
 use lapwing_core::turn::{LimitEdge, MeasuredLine};
 
@@ -89,6 +89,61 @@ impl Protocol {
     }
 }
 
+/// Where the lane is not known, the line joins its middle, if that is known before or behind, over at most this many metres.
+const JOINS_M: f64 = 20.0;
+
+/// The line of a recorded row, from which the virtual car's place is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Line {
+    /// The lane's middle, as it is known where in its lane the recorded car is.
+    Lane(InLane),
+    /// The recorded path, or what joins it to the lane's middle.
+    Path {
+        /// Metres that the recorded car is to the right of it.
+        offset_m: f64,
+    },
+}
+
+/// The line of each row. Where the lane is not known, it is the recorded path, and goes over into the lane's middle before
+/// and behind: a car in the middle of its lane is on the line when the lane is lost, and when it is found again.
+pub(super) fn lines(rows: &[PathRow], in_lane: impl Fn(&PathRow) -> Option<InLane>) -> Vec<Line> {
+    let mut lines = Vec::with_capacity(rows.len());
+    while let Some(row) = rows.get(lines.len()) {
+        if let Some(lane) = in_lane(row) {
+            lines.push(Line::Lane(lane));
+            continue;
+        }
+        let rest = &rows[lines.len()..];
+        let is_over = |row: &PathRow| row.cut.is_some() || in_lane(row).is_some();
+        let unknown = 1 + rest[1..].iter().position(is_over).unwrap_or(rest.len() - 1);
+        let before = match lines.last() {
+            Some(Line::Lane(lane)) if row.cut.is_none() => Some(lane.offset_m),
+            _ => None,
+        };
+        let behind = rest.get(unknown).filter(|row| row.cut.is_none()).and_then(&in_lane).map(|lane| lane.offset_m);
+        // How far each of them is behind the last row that is known; the last one is the next that is.
+        let first_m = before.map_or(0.0, |_| row.mps() * (row.at_s - rows[lines.len() - 1].at_s));
+        let steps = rest[..unknown.min(rest.len() - 1) + 1]
+            .windows(2)
+            .map(|pair| pair[1].mps() * (pair[1].at_s - pair[0].at_s));
+        let mut gone_m = vec![first_m];
+        gone_m.extend(steps.scan(first_m, |gone, step| {
+            *gone += step;
+            Some(*gone)
+        }));
+        let length_m = gone_m.last().copied().unwrap_or(0.0);
+        let over_m = JOINS_M.min(match (before, behind) {
+            (Some(_), Some(_)) if length_m < 2.0 * JOINS_M => length_m,
+            _ => JOINS_M,
+        });
+        let share = |away_m: f64| (1.0 - away_m / over_m.max(1e-3)).max(0.0);
+        lines.extend(gone_m.iter().take(unknown).map(|gone| Line::Path {
+            offset_m: before.unwrap_or(0.0) * share(*gone) + behind.unwrap_or(0.0) * share(length_m - gone),
+        }));
+    }
+    lines
+}
+
 /// The virtual car's place, and how far it may be from what that is measured from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
@@ -105,13 +160,17 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// The place of a car beside the recorded one, of which it is known where in its lane it is, or not.
-    pub(super) fn new(limit: Limit, recorded: Option<InLane>, beside: Beside) -> Self {
+    /// The place of a car beside the recorded one, whose line this is.
+    pub(super) fn new(limit: Limit, line: Line, beside: Beside) -> Self {
         let metres = |limit_m: f64| (LimitEdge::Metres, (-limit_m, limit_m));
         let Beside { offset_m, heading_rad, .. } = beside;
-        let Some(lane) = recorded else {
-            let (edge, limits_m) = metres(limit.metres());
-            return Self { line: MeasuredLine::RecordedPath, edge, limits_m, offset_m, heading_rad };
+        let lane = match line {
+            Line::Lane(lane) => lane,
+            Line::Path { offset_m: recorded_m } => {
+                let (edge, limits_m) = metres(limit.metres());
+                let offset_m = recorded_m + offset_m;
+                return Self { line: MeasuredLine::RecordedPath, edge, limits_m, offset_m, heading_rad };
+            }
         };
         let (edge, limits_m) = match limit {
             Limit::Road => (LimitEdge::Road, lane.edges_m),
@@ -135,32 +194,87 @@ impl Measured {
 }
 
 /// Where a car on the line is beside the recorded one.
-pub(super) fn on_the_line(recorded: Option<InLane>) -> Beside {
-    let on_lane = |lane: InLane| Beside {
-        offset_m: -lane.offset_m / lane.heading_rad.cos().max(0.3),
-        heading_rad: -lane.heading_rad,
-        ..Beside::default()
-    };
-    recorded.map_or_else(Beside::default, on_lane)
+pub(super) fn on_the_line(recorded: Line) -> Beside {
+    match recorded {
+        Line::Lane(lane) => Beside {
+            offset_m: -lane.offset_m / lane.heading_rad.cos().max(0.3),
+            heading_rad: -lane.heading_rad,
+            ..Beside::default()
+        },
+        Line::Path { offset_m } => Beside { offset_m: 0.0 - offset_m, ..Beside::default() },
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::along::recorded::PathBreak;
+    use lapwing_core::units::{Mph, Steering, Throttle};
 
     const LANE: InLane = InLane { offset_m: 0.8, heading_rad: -0.1, curvature: 0.02, edges_m: (-6.0, 2.0) };
+    const PATH: Line = Line::Path { offset_m: 0.0 };
+
+    /// Rows a metre apart, of which it is known where in its lane the car is at some, and its offset there; new stretches
+    /// begin at `cuts`.
+    fn offsets(rows: usize, known: &[(usize, f64)], cuts: &[usize]) -> Vec<f64> {
+        let row = |index: usize| PathRow {
+            at_s: index as f64,
+            speed: Mph::saturating(1.0 / 0.44704),
+            steering: Steering::ZERO,
+            throttle: Throttle::ZERO,
+            cut: cuts.contains(&index).then_some(PathBreak::Begins),
+            index,
+        };
+        let rows: Vec<PathRow> = (0..rows).map(row).collect();
+        let known = |row: &PathRow| {
+            let (_, offset_m) = known.iter().find(|(index, _)| *index == row.index)?;
+            Some(InLane { offset_m: *offset_m, ..LANE })
+        };
+        let offset = |line: Line| match line {
+            Line::Lane(lane) => lane.offset_m,
+            Line::Path { offset_m } => offset_m,
+        };
+        lines(&rows, known).into_iter().map(offset).collect()
+    }
+
+    fn close(got: &[f64], expected: &[f64]) -> bool {
+        got.len() == expected.len() && got.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6)
+    }
+
+    #[test]
+    fn where_the_lane_is_lost_the_line_goes_over_into_the_recorded_path_and_back_without_a_jump() {
+        let short = offsets(5, &[(0, 0.8), (4, 0.4)], &[]);
+        assert!(close(&short, &[0.8, 0.7, 0.6, 0.5, 0.4]), "{short:?}");
+        let long = offsets(101, &[(0, 0.8), (100, -0.4)], &[]);
+        let places = [0, 10, 20, 50, 80, 90, 100].map(|i| long[i]);
+        assert!(close(&places, &[0.8, 0.4, 0.0, 0.0, 0.0, -0.2, -0.4]), "{places:?}");
+    }
+
+    #[test]
+    fn a_new_stretch_has_nothing_to_go_over_from() {
+        let cut = offsets(6, &[(0, 0.8), (5, 0.4)], &[3]);
+        assert!(close(&cut, &[0.8, 0.76, 0.72, 0.36, 0.38, 0.4]), "{cut:?}");
+        assert_eq!(offsets(3, &[], &[]), [0.0; 3]);
+    }
 
     #[test]
     fn a_car_on_the_line_is_in_the_lanes_middle_wherever_the_recorded_one_is() {
-        let measured = Measured::new(Limit::Road, Some(LANE), on_the_line(Some(LANE)));
-        assert!(measured.offset_m.abs() < 1e-12 && measured.heading_rad.abs() < 1e-12, "{measured:?}");
-        assert_eq!(on_the_line(None), Beside::default());
+        for line in [Line::Lane(LANE), Line::Path { offset_m: 0.4 }] {
+            let measured = Measured::new(Limit::Road, line, on_the_line(line));
+            assert!(measured.offset_m.abs() < 1e-12 && measured.heading_rad.abs() < 1e-12, "{measured:?}");
+        }
+        assert_eq!(on_the_line(PATH), Beside::default());
     }
 
     #[test]
     fn the_roads_edge_is_the_limit_where_it_is_known_and_metres_are_where_it_is_not() {
         let beyond = |limit: Limit, lane: Option<InLane>, offset_m: f64| {
-            Measured::new(limit, lane, Beside { offset_m, heading_rad: 0.0, ..Beside::default() }).is_beyond()
+            Measured::new(
+                limit,
+                lane.map_or(PATH, Line::Lane),
+                Beside { offset_m, heading_rad: 0.0, ..Beside::default() },
+            )
+            .is_beyond()
         };
         // The lane's middle is 0.8 m to the recorded car's left.
         assert!(!beyond(Limit::Road, Some(LANE), -6.7) && beyond(Limit::Road, Some(LANE), -6.9));
@@ -169,7 +283,7 @@ mod tests {
         assert!(!beyond(Limit::Road, None, 0.9) && beyond(Limit::Road, None, -1.1));
         assert!(!beyond(Limit::Metres(2.0), None, 1.9) && beyond(Limit::Metres(2.0), None, 2.1));
         let askew = Beside { offset_m: 0.0, heading_rad: 0.8, ..Beside::default() };
-        assert!(Measured::new(Limit::Road, None, askew).is_beyond(), "it faces elsewhere");
+        assert!(Measured::new(Limit::Road, PATH, askew).is_beyond(), "it faces elsewhere");
     }
 
     #[test]

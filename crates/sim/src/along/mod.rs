@@ -31,12 +31,14 @@
 //! | `judging` | what a place is measured from, limits, where a car goes on after an intervention |
 //! | `recorded` | rows and pictures of a recording, without standing and gaps |
 //! | `abreast` | two cars side by side |
+//! | `around` | which other pictures complete one; the rows around the one that is shown |
 //! | `motion` | how the recorded car moved between two rows |
 //! | `warp` | the picture as seen from elsewhere; from where a second one of the same place was taken |
 //! | `views` | [`Views`]: what a car of the simulator sees along a road of which pictures were recorded |
 //! | `flow`, `rotation` | how far the car turned between two pictures |
 
 mod abreast;
+mod around;
 mod flow;
 mod judging;
 mod motion;
@@ -54,7 +56,7 @@ pub use motion::{Sources, Yaw};
 pub use recorded::{GAP_S, STANDS_MPH, read_stock};
 pub use rotation::{Rotation, turn};
 pub use views::{Sights, Views};
-pub use warp::{Again, Beside, PILOTNET_ROWS, SIZE, Warp};
+pub use warp::{Again, Beside, Glimpse, PILOTNET_ROWS, SIZE, Warp};
 pub use world::RecordedWorld;
 
 use crate::track::TrackError;

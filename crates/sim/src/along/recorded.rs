@@ -116,12 +116,17 @@ impl RecordedDrive {
         pairs.map(|pair| (pair[0].mps() + pair[1].mps()) / 2.0 * (pair[1].at_s - pair[0].at_s)).sum()
     }
 
+    /// There are fewer rows than there were.
+    pub(super) fn changed(&self) -> ClosedLoopError {
+        ClosedLoopError::Changed { path: self.again.path().to_owned() }
+    }
+
     /// The pictures of a row; rows must be asked for in order.
     pub(super) fn show(&mut self, row: usize) -> Result<MomentPictures, ClosedLoopError> {
         let index = self.rows[row].index;
         let moment = loop {
             let Some(moment) = self.again.next().transpose()? else {
-                return Err(ClosedLoopError::Changed { path: self.again.path().to_owned() });
+                return Err(self.changed());
             };
             self.seen += usize::from(moment.is_seen());
             if self.seen == index + 1 {

@@ -2,6 +2,7 @@
 //! not a film.
 
 use std::{
+    collections::VecDeque,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -10,8 +11,9 @@ use glam::DVec3;
 
 use super::{
     ClosedLoopError,
+    around::{REACH_M, completing},
     recorded::read_stock,
-    warp::{Beside, PILOTNET_ROWS, Warp},
+    warp::{Beside, Glimpse, Warp},
 };
 use crate::{
     camera::Camera,
@@ -21,7 +23,7 @@ use crate::{
     world::Eyes,
 };
 use lapwing_core::{
-    motion::{around, turn},
+    motion::around,
     perception::Frame,
     recording::{Picture, Recording},
 };
@@ -34,6 +36,8 @@ const NEAR_M: f64 = 3.0;
 const ASIDE: f64 = 1.5;
 const ASKEW: f64 = 6.0;
 const ANOTHER: f64 = 0.5;
+/// The pictures of so many moments are kept in memory: a car at rest asks for at most a dozen again and again.
+const LOADED: usize = 48;
 
 /// A moment's pictures, and where they were taken.
 #[derive(Debug)]
@@ -41,9 +45,8 @@ struct View {
     drive: usize,
     /// Metres along the road, in the direction in which it is driven here.
     s_m: f64,
-    /// The car's position in the world, without its height, and its yaw.
-    position: DVec3,
-    yaw: f64,
+    /// The car's place in the world, without its height, and its yaw.
+    at: (DVec3, f64),
     pictures: [Option<Picture>; 3],
 }
 
@@ -56,7 +59,7 @@ pub struct Sights {
     pub drawn: u32,
     /// How far the cameras that recorded them were from where they are seen: the sum over the recorded pictures, in metres.
     pub apart_m: f64,
-    /// The share of [`PILOTNET_ROWS`] that no recorded camera showed: the sum over the recorded pictures, and the most of
+    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed: the sum over the recorded pictures, and the most of
     /// one.
     pub filled: (f64, f64),
     /// Recorded pictures that could not be used, and why not, of the first one.
@@ -70,7 +73,7 @@ pub struct Views {
     views: Vec<View>,
     warp: Warp,
     last: Option<usize>,
-    frames: [Frame; 3],
+    loaded: Loaded,
     sights: Arc<Mutex<Sights>>,
 }
 
@@ -92,7 +95,7 @@ impl Views {
         views.sort_by(|a, b| a.s_m.total_cmp(&b.s_m));
         let track = if reversed { Arc::new(road.reversed()?) } else { road.clone() };
         let (warp, sights) = (Warp::new(), Arc::default());
-        let mut views = Self { track, views, warp, last: None, frames: Default::default(), sights };
+        let mut views = Self { track, views, warp, last: None, loaded: Loaded::default(), sights };
         if let Some(start_m) = views.start() {
             views.track = Arc::new(Track::clone(&views.track).starting_at(start_m));
         }
@@ -147,37 +150,79 @@ impl Views {
         self.sights.clone()
     }
 
-    /// Those near a place, the best first: number, cost, and where the car is beside them.
-    fn near(&self, car: &Car, s_m: f64) -> Vec<(usize, f64, Beside)> {
+    /// Those this near to a place: number, and where the car is beside them.
+    fn near(&self, car: &Car, s_m: f64, reach_m: f64) -> impl Iterator<Item = (usize, Beside)> {
         let length_m = self.track.length();
-        let off = |view: &View| around(view.s_m - s_m, length_m);
-        let ranges = if s_m < NEAR_M || s_m > length_m - NEAR_M {
+        let range = if s_m < reach_m || s_m > length_m - reach_m {
             0..self.views.len() // around the start
         } else {
-            let first = self.views.partition_point(|view| view.s_m < s_m - NEAR_M);
-            first..self.views.partition_point(|view| view.s_m <= s_m + NEAR_M)
+            let first = self.views.partition_point(|view| view.s_m < s_m - reach_m);
+            first..self.views.partition_point(|view| view.s_m <= s_m + reach_m)
         };
+        let here = (car.position, car.yaw);
+        range.filter_map(move |i| {
+            let view = self.views.get(i).filter(|view| around(view.s_m - s_m, length_m).abs() <= reach_m)?;
+            Some((i, Beside::between(here, view.at)))
+        })
+    }
+
+    /// Those that show the piece of road that the car is on, the best first.
+    fn best(&self, car: &Car, s_m: f64) -> Vec<(usize, Beside)> {
         let last = self.last.and_then(|last| self.views.get(last)).map(|view| view.drive);
-        let judged = |i: usize| {
-            let view = self.views.get(i).filter(|view| off(view).abs() <= NEAR_M)?;
-            let (sin, cos) = view.yaw.sin_cos();
-            let away = car.position - view.position;
-            let beside = Beside {
-                offset_m: away.x * cos - away.z * sin,
-                ahead_m: away.x * sin + away.z * cos,
-                heading_rad: turn(car.yaw - view.yaw),
-            };
+        let judged = |(i, beside): (usize, Beside)| {
+            let view = self.views.get(i)?;
             let there = [Camera::CENTER, Camera::LEFT, Camera::RIGHT].into_iter().zip(&view.pictures);
             let asides = there
                 .filter_map(|(camera, picture)| picture.as_ref().map(|_| beside.offset_m - camera.mount.position.x));
             let aside = asides.map(f64::abs).fold(f64::INFINITY, f64::min);
             let another = if last.is_some_and(|last| last != view.drive) { ANOTHER } else { 0.0 };
             let cost = beside.ahead_m.abs() + ASIDE * aside + ASKEW * beside.heading_rad.abs() + another;
-            cost.is_finite().then_some((i, cost, beside))
+            cost.is_finite().then_some((cost, (i, beside)))
         };
-        let mut near: Vec<_> = ranges.filter_map(judged).collect();
-        near.sort_by(|a, b| a.1.total_cmp(&b.1));
-        near
+        let mut near: Vec<_> = self.near(car, s_m, NEAR_M).filter_map(judged).collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        near.into_iter().map(|(_, view)| view).collect()
+    }
+
+    /// The views that are shown to this car: the best one whose pictures can be read, and those that complete it.
+    fn shown(&mut self, car: &Car, s_m: f64, sights: &mut Sights) -> Option<Vec<(usize, Beside)>> {
+        let best = self.best(car, s_m).into_iter().find(|(i, _)| self.loaded.load(*i, &self.views, sights))?;
+        let others: Vec<_> = self.near(car, s_m, REACH_M).filter(|(i, _)| *i != best.0).collect();
+        let others =
+            completing(others.into_iter()).into_iter().filter(|(i, _)| self.loaded.load(*i, &self.views, sights));
+        Some(std::iter::once(best).chain(others).collect())
+    }
+}
+
+/// The pictures that were read last.
+#[derive(Debug, Default)]
+struct Loaded(VecDeque<(usize, [Option<Frame>; 3])>);
+
+impl Loaded {
+    /// Reads the pictures of a view, unless they were read lately. Returns whether there is one of its centre camera.
+    fn load(&mut self, i: usize, views: &[View], sights: &mut Sights) -> bool {
+        if self.frames(i).is_none() {
+            let frames = views[i].pictures.each_ref().map(|picture| {
+                let mut frame = Frame::default();
+                match read_stock(picture.as_ref()?, &mut frame) {
+                    Ok(()) => Some(frame),
+                    Err(why) => {
+                        sights.unusable.0 += 1;
+                        sights.unusable.1.get_or_insert(why);
+                        None
+                    }
+                }
+            });
+            self.0.push_back((i, frames));
+            if self.0.len() > LOADED {
+                self.0.pop_front();
+            }
+        }
+        self.frames(i).is_some_and(|frames| frames[0].is_some())
+    }
+
+    fn frames(&self, i: usize) -> Option<&[Option<Frame>; 3]> {
+        self.0.iter().find_map(|(at, frames)| (*at == i).then_some(frames))
     }
 }
 
@@ -185,33 +230,23 @@ impl Eyes for Views {
     fn see(&mut self, car: &Car, place: &Place, frame: &mut Frame) -> bool {
         let sights = self.sights.clone();
         let mut sights = sights.lock().unwrap_or_else(PoisonError::into_inner);
-        for (i, _, beside) in self.near(car, place.station.s.rem_euclid(self.track.length())) {
-            let mut shown = [false; 3];
-            for ((picture, into), shown) in self.views[i].pictures.iter().zip(&mut self.frames).zip(&mut shown) {
-                let Some(picture) = picture else { continue };
-                match read_stock(picture, into) {
-                    Ok(()) => *shown = true,
-                    Err(why) => {
-                        sights.unusable.0 += 1;
-                        sights.unusable.1.get_or_insert(why);
-                    }
-                }
-            }
-            let [center, left, right] = &self.frames;
-            let pictures = [center, left, right];
-            let pictures = std::array::from_fn(|camera| shown[camera].then_some(pictures[camera]));
-            if self.warp.render(pictures, beside, frame) {
-                let filled = self.warp.unseen(shown, beside, PILOTNET_ROWS);
-                sights.recorded += 1;
-                sights.apart_m += beside.offset_m.hypot(beside.ahead_m);
-                sights.filled = (sights.filled.0 + filled, sights.filled.1.max(filled));
-                self.last = Some(i);
-                return true;
-            }
-        }
-        sights.drawn += 1;
-        self.last = None;
-        false
+        let s_m = place.station.s.rem_euclid(self.track.length());
+        let shown = self.shown(car, s_m, &mut sights).unwrap_or_default();
+        let glimpse = |(i, beside): &(usize, Beside)| {
+            let pictures = self.loaded.frames(*i)?.each_ref().map(Option::as_ref);
+            Some(Glimpse { pictures, beside: *beside })
+        };
+        let glimpses: Vec<Glimpse<'_>> = shown.iter().filter_map(glimpse).collect();
+        let filled = self.warp.render(&glimpses, frame);
+        self.last = filled.and(shown.first()).map(|(i, _)| *i);
+        let (Some(filled), Some((_, beside))) = (filled, shown.first()) else {
+            sights.drawn += 1;
+            return false;
+        };
+        sights.recorded += 1;
+        sights.apart_m += beside.offset_m.hypot(beside.ahead_m);
+        sights.filled = (sights.filled.0 + filled, sights.filled.1.max(filled));
+        true
     }
 }
 
@@ -235,8 +270,7 @@ fn read(
         views.push(View {
             drive: number,
             s_m: s_m.rem_euclid(road.length()),
-            position: road.point(pose.s_m, pose.offset_m).with_y(0.0),
-            yaw: road.at(pose.s_m).yaw + pose.heading_rad,
+            at: pose.in_world(road),
             pictures: moment.pictures,
         });
     }

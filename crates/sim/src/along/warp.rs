@@ -6,8 +6,11 @@
 //! distorted as if they lay on the ground, and so are hills. The car's own bonnet moves with the car and is left as it
 //! is.
 //!
-//! No border is ever black: what no camera shows from there is filled with the nearest pixel that the nearest camera
-//! shows. Of rows 60 to 134, which PilotNet sees, this is filled in, at most, counted over all of their pixels:
+//! What the cameras of one moment do not show from there, pictures of the same road from some metres further back or
+//! ahead may: on the way into a bend one saw the verge that is beside the car now. They are asked in the order in which they are
+//! given. What none of them shows is filled with the nearest pixel that the nearest camera shows, so that no border is ever
+//! black. Of one moment's pictures alone, this much of rows 60 to 134, which PilotNet sees, is filled in, at most, counted
+//! over all of their pixels:
 //!
 //! | cameras | within | filled in |
 //! |---|---|---|
@@ -29,7 +32,7 @@ use std::{cmp::Ordering, ops::Range};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 use crate::camera::{Camera, Lens, Mount, RIDE_M, bonnet_row};
-use lapwing_core::perception::Frame;
+use lapwing_core::{motion::turn, perception::Frame};
 
 pub use again::Again;
 
@@ -42,7 +45,7 @@ pub const PILOTNET_ROWS: Range<usize> = 60..135;
 /// Rows above the edge of the bonnet that JPEG has mixed with it: blocks of colour are 16 pixels wide, but fade fast.
 const BONNET_MARGIN: f32 = 2.0;
 
-/// The cameras in the order in which [`Warp::render`] takes their pictures.
+/// The cameras in the order in which a [`Glimpse`] has their pictures.
 const CAMERAS: [Camera; 3] = [Camera::CENTER, Camera::LEFT, Camera::RIGHT];
 
 /// The stock cameras, ready to render views from an offset.
@@ -80,6 +83,35 @@ pub struct Beside {
     pub ahead_m: f64,
     /// How far it faces to the right of it, in radians.
     pub heading_rad: f64,
+}
+
+impl Beside {
+    /// Where `here` is beside `there`: each a place in the world, whose height does not count, and a yaw.
+    pub fn between(here: (DVec3, f64), there: (DVec3, f64)) -> Self {
+        let (away, (sin, cos)) = (here.0 - there.0, there.1.sin_cos());
+        Self {
+            offset_m: away.x * cos - away.z * sin,
+            ahead_m: away.x * sin + away.z * cos,
+            heading_rad: turn(here.1 - there.1),
+        }
+    }
+
+    /// The place and yaw of a car that is here beside one that is `there`.
+    pub fn from(self, there: (DVec3, f64)) -> (DVec3, f64) {
+        let (sin, cos) = there.1.sin_cos();
+        let Self { offset_m, ahead_m, heading_rad } = self;
+        let away = DVec3::new(offset_m * cos + ahead_m * sin, 0.0, ahead_m * cos - offset_m * sin);
+        (there.0 + away, there.1 + heading_rad)
+    }
+}
+
+/// What one moment's cameras recorded, and where the car is that is to see it.
+#[derive(Debug, Clone, Copy)]
+pub struct Glimpse<'a> {
+    /// The centre camera's picture, the left one's and the right one's, 320x160 each.
+    pub pictures: [Option<&'a Frame>; 3],
+    /// Where the seeing car is beside the one that recorded them.
+    pub beside: Beside,
 }
 
 impl Default for Warp {
@@ -128,56 +160,51 @@ impl Warp {
         Self { cameras, points }
     }
 
-    /// Paints what the centre camera of a car beside the recorded one would have seen. `pictures` are the recorded
-    /// centre camera's, left one's and right one's; nearer cameras are tried first.
+    /// Paints what the centre camera of a car elsewhere would have seen: each pixel from the first of the moments that shows
+    /// its place, and there from the nearest camera. The bonnet is the first moment's.
     ///
-    /// Every picture must be 320x160; otherwise nothing is painted and the result is `false`.
-    pub fn render(&self, pictures: [Option<&Frame>; 3], beside: Beside, out: &mut Frame) -> bool {
-        let [Some(centre), ..] = pictures else { return false };
-        if pictures.iter().flatten().any(|picture| (picture.width(), picture.height()) != SIZE) {
-            return false;
+    /// Returns the share of [`PILOTNET_ROWS`] that none of the pictures shows, which is filled in; `None`, and nothing is
+    /// painted, if the first moment has no picture of the centre camera, or if a picture is not 320x160.
+    pub fn render(&self, moments: &[Glimpse<'_>], out: &mut Frame) -> Option<f64> {
+        let mut pictures = moments.iter().flat_map(|moment| moment.pictures).flatten();
+        if pictures.any(|picture| (picture.width(), picture.height()) != SIZE) {
+            return None;
         }
-        out.clone_from(centre);
-        let views = self.views(pictures.map(|picture| picture.is_some()), beside);
-        let [nearest, ..] = views.as_slice() else { return false };
-        for (point, pixel) in self.points.iter().zip(out.rgb_mut().chunks_exact_mut(3)) {
+        out.clone_from(moments.first()?.pictures[0]?);
+        let views: Vec<(OtherView<'_>, &Frame)> = moments.iter().flat_map(|moment| self.views(moment)).collect();
+        let nearest = views.first()?;
+        let mut unseen = 0_usize;
+        for (i, (point, pixel)) in self.points.iter().zip(out.rgb_mut().chunks_exact_mut(3)).enumerate() {
             let Some((at, direct)) = point.outside() else { continue };
-            let shown = views.iter().map(|view| (view, view.find(at, direct))).find(|(view, at)| view.shows(*at));
-            let (view, column_row) = shown.unwrap_or_else(|| (nearest, nearest.rim(nearest.find(at, direct))));
-            if let Some(picture) = pictures[view.index] {
-                pixel.copy_from_slice(&colour(picture, column_row));
-            }
+            let mut found = views.iter().map(|(view, picture)| (view, picture, view.find(at, direct)));
+            let shown = found.find(|(view, _, at)| view.shows(*at));
+            unseen += usize::from(shown.is_none() && PILOTNET_ROWS.contains(&(i / SIZE.0)));
+            let (picture, column_row) = match shown {
+                Some((_, picture, column_row)) => (picture, column_row),
+                None => (&nearest.1, nearest.0.rim(nearest.0.find(at, direct))),
+            };
+            pixel.copy_from_slice(&colour(picture, column_row));
         }
-        true
+        Some(unseen as f64 / (PILOTNET_ROWS.len() * SIZE.0) as f64)
     }
 
-    /// The share of the pixels in these rows that none of the recorded cameras shows from beside the car, which are filled
-    /// with the nearest that the nearest camera shows. The cameras are the centre one, the left one and the right one.
-    pub fn unseen(&self, cameras: [bool; 3], beside: Beside, rows: Range<usize>) -> f64 {
-        let views = self.views(cameras, beside);
-        let points = self.points.get(rows.start * SIZE.0..rows.end * SIZE.0).unwrap_or_default();
-        let is_unseen = |point: &&PixelTarget| {
-            let outside = point.outside();
-            outside.is_some_and(|(at, direct)| !views.iter().any(|view| view.shows(view.find(at, direct))))
-        };
-        points.iter().filter(is_unseen).count() as f64 / points.len().max(1) as f64
-    }
-
-    /// The recorded cameras that there are, seen from beside the car, the nearest first.
-    fn views(&self, cameras: [bool; 3], beside: Beside) -> Vec<OtherView<'_>> {
-        let heading = Mat3::from_rotation_y(beside.heading_rad as f32);
-        let moved = Vec3::new(beside.offset_m as f32, 0.0, beside.ahead_m as f32);
-        let eye = heading * self.cameras[0].position + moved;
-        let there = self.cameras.iter().enumerate().filter(|(index, _)| cameras[*index]);
-        let mut views: Vec<OtherView<'_>> = there
-            .map(|(index, camera)| {
-                let &WarpCamera { position, turned, .. } = camera;
-                OtherView { index, camera, turn: turned * heading, shift: turned * (eye - position) }
-            })
-            .collect();
-        let apart = |view: &OtherView<'_>| (view.camera.position.x - eye.x).abs();
-        views.sort_by(|a, b| apart(a).partial_cmp(&apart(b)).unwrap_or(Ordering::Equal));
+    /// The cameras of a moment, the nearest first, with their pictures.
+    fn views<'a>(&'a self, moment: &Glimpse<'a>) -> Vec<(OtherView<'a>, &'a Frame)> {
+        let pictures = self.cameras.iter().zip(moment.pictures);
+        let mut views: Vec<_> =
+            pictures.filter_map(|(camera, picture)| Some((self.view(camera, moment.beside), picture?))).collect();
+        views.sort_by(|(a, _), (b, _)| a.aside_m.partial_cmp(&b.aside_m).unwrap_or(Ordering::Equal));
         views
+    }
+
+    /// What a camera of one car shows to another one beside it.
+    fn view<'a>(&self, camera: &'a WarpCamera, beside: Beside) -> OtherView<'a> {
+        let Beside { offset_m, ahead_m, heading_rad } = beside;
+        let heading = Mat3::from_rotation_y(heading_rad as f32);
+        let eye = heading * self.cameras[0].position + Vec3::new(offset_m as f32, 0.0, ahead_m as f32);
+        let &WarpCamera { position, turned, .. } = camera;
+        let aside_m = (position.x - eye.x).abs();
+        OtherView { camera, aside_m, turn: turned * heading, shift: turned * (eye - position) }
     }
 }
 
@@ -194,9 +221,9 @@ impl PixelTarget {
 
 /// One recorded camera, used for a view from elsewhere.
 struct OtherView<'a> {
-    /// Which camera it is.
-    index: usize,
     camera: &'a WarpCamera,
+    /// How far it is to the side of the virtual car's camera, in metres.
+    aside_m: f32,
     /// From the virtual car's axes to this camera's.
     turn: Mat3,
     /// From this camera to the virtual car's, in this camera's axes.

@@ -1,19 +1,22 @@
 //! The recording as a world to drive in.
 
-use std::{ops::Range, path::Path, time::Duration};
+use std::{collections::VecDeque, ops::Range, path::Path, time::Duration};
+
+use glam::DVec3;
 
 use super::{
     ClosedLoopError, DEFAULT_LIMIT_M, Limit, Measured, Protocol, Sources, Yaw,
     abreast::{Abreast, RecordedStep as Then},
+    around::{ROWS, Reel, completing},
     flow::Pyramid,
-    judging::on_the_line,
+    judging::{Line, lines, on_the_line},
     motion::{Interval, Moved},
-    recorded::{MomentPictures, PathBreak, PathRow, RecordedDrive},
-    warp::{Beside, PILOTNET_ROWS, Warp},
+    recorded::{PathBreak, PathRow, RecordedDrive},
+    warp::{Beside, Glimpse, Warp},
 };
 use crate::{
     camera::{JPEG_QUALITY_AGAIN, encode_jpeg},
-    locate::{InLane, LocatedDrive, Pose},
+    locate::{LocatedDrive, Pose},
     vehicle::STEP_S,
 };
 use lapwing_core::{
@@ -33,6 +36,8 @@ const WAYPOINT_M: f64 = 20.0;
 pub struct RecordedWorld {
     recorded: RecordedDrive,
     located: Option<LocatedDrive>,
+    /// What each row's place is measured from.
+    lines: Vec<Line>,
     name: String,
     limit: Limit,
     protocol: Protocol,
@@ -41,8 +46,10 @@ pub struct RecordedWorld {
     abreast: Abreast,
     /// The row that is shown next, or was shown last and waits for its answer.
     row: usize,
-    /// Its pictures, and the centre one prepared for the flow.
-    shown: MomentPictures,
+    /// Its pictures and those around it, and its centre one prepared for the flow.
+    reel: Reel,
+    /// Where the recorded car was in the rows before, since the path began: row, place and yaw.
+    trail: VecDeque<(usize, (DVec3, f64))>,
     pyramid: Option<Pyramid>,
     seen: Frame,
     steering: Steering,
@@ -92,15 +99,17 @@ impl RecordedWorld {
         located: Option<LocatedDrive>,
     ) -> Result<Self, ClosedLoopError> {
         let mut recorded = RecordedDrive::open(path, rows)?;
-        let in_lane = |row: &PathRow| located.as_ref().is_some_and(|drive| drive.in_lane(row.index).is_some());
-        let is_mostly_known = recorded.length_m_where(in_lane) > recorded.length_m() / 2.0;
+        let in_lane = |row: &PathRow| located.as_ref().and_then(|drive| drive.in_lane(row.index));
+        let lines = lines(&recorded.rows, in_lane);
+        let is_mostly_known = recorded.length_m_where(|row| in_lane(row).is_some()) > recorded.length_m() / 2.0;
         let limit = limit.unwrap_or(if is_mostly_known { Limit::Road } else { Limit::Metres(DEFAULT_LIMIT_M) });
         let edge_m = match (limit, &located) {
             (Limit::Road, Some(drive)) => drive.track.half_width(),
             _ => limit.metres(),
         };
         let name = path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let shown = recorded.show(0)?;
+        let mut reel = Reel::default();
+        reel.wind(&mut recorded, 0)?;
         let length_m = recorded.length_m();
         let waypoints = ((length_m / WAYPOINT_M).ceil() as u32).max(1);
         let course = EventRecord::recorded_path(&name, length_m, waypoints, edge_m);
@@ -109,7 +118,9 @@ impl RecordedWorld {
             abreast: Abreast::default(),
             row: 0,
             pyramid: None,
-            shown,
+            reel,
+            trail: VecDeque::new(),
+            lines,
             seen: Frame::default(),
             steering: Steering::ZERO,
             steps: 0,
@@ -158,7 +169,7 @@ impl RecordedWorld {
 
     /// The virtual car's place, and how far it may be from what that is measured from.
     pub fn measured(&self) -> Measured {
-        Measured::new(self.limit, self.in_lane(), self.abreast.beside())
+        Measured::new(self.limit, self.line(), self.abreast.beside())
     }
 
     /// Where on its road the virtual car is, if that is known.
@@ -171,7 +182,7 @@ impl RecordedWorld {
 
     /// Whether a side camera took the place that is shown, too.
     pub fn has_side_cameras(&self) -> bool {
-        self.shown.frames[1..].iter().any(Option::is_some)
+        self.reel.at(self.row).is_some_and(|shown| shown.frames[1..].iter().any(Option::is_some))
     }
 
     /// Where the recorded drive is known to have been.
@@ -184,9 +195,9 @@ impl RecordedWorld {
         Some(self.recorded.rows.get(self.row)?.index)
     }
 
-    /// Where in its lane the recorded car is, if that is known.
-    fn in_lane(&self) -> Option<InLane> {
-        self.located.as_ref()?.in_lane(self.picture_number()?)
+    /// What the place is measured from.
+    fn line(&self) -> Line {
+        self.lines.get(self.row).copied().unwrap_or(Line::Path { offset_m: 0.0 })
     }
 
     /// The picture that was shown last, as the pilot saw it before JPEG.
@@ -199,7 +210,7 @@ impl RecordedWorld {
         self.interventions
     }
 
-    /// The share of [`PILOTNET_ROWS`] that no recorded camera showed and that was filled in: the mean over the pictures so
+    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed and that was filled in: the mean over the pictures so
     /// far, and the most of one.
     pub fn filled(&self) -> (f64, f64) {
         let (sum, count, most) = self.filled;
@@ -237,7 +248,7 @@ impl RecordedWorld {
     /// The centre picture, ready for the flow.
     fn pyramid(&self) -> Option<Pyramid> {
         match self.yaw {
-            Yaw::Pictures => self.shown.frames[0].as_ref().and_then(Pyramid::of),
+            Yaw::Pictures => self.reel.at(self.row)?.frames[0].as_ref().and_then(Pyramid::of),
             Yaw::Steering => None,
         }
     }
@@ -247,6 +258,7 @@ impl RecordedWorld {
         let Some(row) = self.recorded.rows.get(self.row).copied() else { return };
         if std::mem::take(&mut self.restarts) || row.cut.is_some() {
             self.abreast = Abreast::default();
+            self.trail.clear();
             self.put_on_the_line();
             self.steps = (row.at_s / STEP_S) as u64;
         }
@@ -254,11 +266,41 @@ impl RecordedWorld {
             self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
         }
         self.announce();
-        let (pictures, beside) = (self.shown.frames(), self.abreast.beside());
-        self.warp.render(pictures, beside, &mut self.seen);
-        let filled = self.warp.unseen(pictures.map(|picture| picture.is_some()), beside, PILOTNET_ROWS);
-        let (sum, count, most) = self.filled;
-        self.filled = (sum + filled, count + 1, most.max(filled));
+        self.trail.push_back((self.row, self.abreast.place()));
+        if self.trail.len() > ROWS {
+            self.trail.pop_front();
+        }
+        if let Some(filled) = self.paint() {
+            let (sum, count, most) = self.filled;
+            self.filled = (sum + filled, count + 1, most.max(filled));
+        }
+    }
+
+    /// Paints what the virtual car sees, from the pictures of this row and of those around it. Returns how much had to be
+    /// filled in.
+    fn paint(&mut self) -> Option<f64> {
+        let beside = self.abreast.beside();
+        let mut moments = vec![Glimpse { pictures: self.reel.at(self.row)?.frames(), beside }];
+        // A car that is where the recorded one was sees all in its picture.
+        if beside != Beside::default() {
+            let others = self.reel.around().filter(|(row, _)| *row != self.row);
+            let others = others.filter_map(|(row, shown)| Some((shown, self.beside_row(row)?)));
+            let others = completing(others).into_iter();
+            moments.extend(others.map(|(shown, beside)| Glimpse { pictures: shown.frames(), beside }));
+        }
+        self.warp.render(&moments, &mut self.seen)
+    }
+
+    /// Where the virtual car is beside the recorded one of another row: one before, or one of which it is known where it was.
+    fn beside_row(&self, row: usize) -> Option<Beside> {
+        let beside = self.abreast.beside();
+        if let Some((_, there)) = self.trail.iter().find(|(before, _)| *before == row) {
+            return Some(Beside::between(beside.from(self.abreast.place()), *there));
+        }
+        let LocatedDrive { track, places } = self.located.as_ref()?;
+        let place =
+            |row: usize| Some(places.get(self.recorded.rows.get(row)?.index).copied().flatten()?.pose.in_world(track));
+        Some(Beside::between(beside.from(place(self.row)?), place(row)?))
     }
 
     /// Drives from a row to the next one under a steering command.
@@ -300,12 +342,12 @@ impl RecordedWorld {
 
     /// Puts the virtual car on the lane's middle if that is known, otherwise on the recorded path.
     fn put_on_the_line(&mut self) {
-        match (self.in_lane(), self.recorded.rows.get(self.row)) {
-            (Some(lane), Some(row)) => {
+        match (self.line(), self.recorded.rows.get(self.row)) {
+            (Line::Lane(lane), Some(row)) => {
                 let yaw_rate = lane.curvature * row.mps();
-                self.abreast.put(on_the_line(Some(lane)), yaw_rate);
+                self.abreast.put(on_the_line(Line::Lane(lane)), yaw_rate);
             }
-            _ => self.abreast.put_back(),
+            (line, _) => self.abreast.put_back(on_the_line(line)),
         }
     }
 
@@ -331,7 +373,7 @@ impl RecordedWorld {
 
     /// Loads the pictures of this row.
     fn show(&mut self) -> Result<(), ClosedLoopError> {
-        self.shown = self.recorded.show(self.row)?;
+        self.reel.wind(&mut self.recorded, self.row)?;
         self.pyramid = self.pyramid();
         Ok(())
     }
@@ -348,11 +390,9 @@ impl RecordedWorld {
     fn telemetry(&self, row: PathRow) -> Telemetry {
         let Measured { offset_m, heading_rad, .. } = self.measured();
         // On the path there is nothing to warp, so no second compression blurs the picture.
-        let jpeg = if self.abreast.beside() == Beside::default() {
-            self.shown.jpeg.clone()
-        } else {
-            encode_jpeg(&self.seen, JPEG_QUALITY_AGAIN).into()
-        };
+        let recorded = self.reel.at(self.row).filter(|_| self.abreast.beside() == Beside::default());
+        let jpeg = recorded.map(|shown| shown.jpeg.clone());
+        let jpeg = jpeg.unwrap_or_else(|| encode_jpeg(&self.seen, JPEG_QUALITY_AGAIN).into());
         Telemetry {
             steering: self.steering.degrees(),
             throttle: row.throttle,

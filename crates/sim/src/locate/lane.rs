@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 
 use super::{Deviation, Fit, Located, Pose};
 use crate::{
@@ -88,6 +88,11 @@ impl Pose {
         let (sign, turned) = if reversed { (-1.0, std::f64::consts::PI) } else { (1.0, 0.0) };
         let offset_m = sign * (offset_m + track.file().driving_line_m);
         Self { s_m, offset_m, heading_rad: heading_rad + turned, pitch_rad: 0.0 }
+    }
+
+    /// The place in the world, without its height, and the yaw.
+    pub fn in_world(self, track: &Track) -> (DVec3, f64) {
+        (track.point(self.s_m, self.offset_m).with_y(0.0), track.at(self.s_m).yaw + self.heading_rad)
     }
 
     /// Where in its lane the car is.

@@ -128,7 +128,7 @@ struct Pair<'a> {
 impl Pair<'_> {
     /// How alike they are if the second was taken there.
     fn alike(&self, beside: Beside) -> Option<f64> {
-        let [view, ..] = &self.warp.views([true, false, false], beside)[..] else { return None };
+        let view = self.warp.view(&self.warp.cameras[0], beside);
         let (mut n, mut sums, mut squares, mut product) = (0.0, [0.0; 2], [0.0; 2], 0.0);
         for (i, to) in &self.ground {
             let at = view.find(*to, 1.0);
