@@ -1,11 +1,12 @@
-"""The live page in real Chromium: of a bridge with two simulators, and of `lapwing drive --page`."""
+"""The live page in real Chromium: of a bridge with two simulators, of `lapwing drive --page` and `record --page`."""
+import os
 import re
 import shutil
 import signal
 import subprocess
 
-from bridge import (ENVIRONMENT, HERE, LAPWING, REQUIRE_SHARED, RUNS, Bridge, Failed, Skipped, equal, node, run_json,
-                    wait_for)
+from bridge import (ENVIRONMENT, HERE, LAPWING, REQUIRE_SHARED, RUNS, Bridge, Failed, Skipped, equal, lapwing, node,
+                    run_json, wait_for)
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 
@@ -57,8 +58,8 @@ class Program:
 def live_serve(_):
     chromium()
     node()
-    expert = HERE.parent.parent / "models" / "pilotnet.safetensors"
-    with Bridge("--speed", "12", "--also-model", expert) as bridge:
+    other = HERE.parent.parent / "models" / "pilotnet.safetensors"
+    with Bridge("--speed", "12", "--also-model", other) as bridge:
         play = ("simulate", "--connect", f"127.0.0.1:{bridge.port}", "--realtime", "--laps", "50", "--on-crash", "reset")
         with Program("live-one", *play), Program("live-two", *play, "--track", "jungle", "--stock"):
             result = look(f"http://127.0.0.1:{bridge.port}/", "serve")
@@ -77,3 +78,21 @@ def live_drive(_):
     runs = len(list((drive.dir / "runs").glob("*.mcap")))
     equal("runs: the first, after the reset, the jungle", runs, 3)
     return f"{result['events']} events shown, {runs} runs"
+
+
+def live_record(_):
+    chromium()
+    node()
+    with Program("live-record", "record", "--page", "0", "--speed", "12", "--out", "data") as recorder:
+        found = wait_for("the page's address", 60, lambda: re.search(r"Page: (http://127\.0\.0\.1:\d+/)", recorder.log))
+        result = look(found[1], "record")
+    equal("exit status after SIGINT", recorder.process.returncode, 0)
+    folder = recorder.dir / "data"
+    rows = [line.split(",") for line in (folder / "driving_log.csv").read_text().splitlines()]
+    equal("rows of the log", len(rows), result["rows"])
+    equal("rows without three pictures", [row for row in rows if not all(map(os.path.isfile, row[:3]))], [])
+    equal("a row with full throttle, one with the gamepad's half", [any(float(row[4]) == held for row in rows) for held in (1, 0.5)],
+          [True, True])
+    (found,) = lapwing("dataset", "inspect", folder, "--json")
+    equal("rows that `dataset inspect` reads", found["rows"], len(rows))
+    return f"{len(rows)} rows driven by keys and gamepad"

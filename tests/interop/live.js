@@ -1,9 +1,9 @@
 // The live page in real Chromium: values arrive, controls act, nothing complains.
 //
-//     node live.js URL serve|drive SHOTS
+//     node live.js URL serve|drive|record SHOTS
 //
-// `serve` is the page of a bridge to which two simulators play, `drive` that of the headless simulator in one process. It
-// prints one JSON object, leaves screenshots in the folder SHOTS, and exits 1 at the first thing that is not so.
+// `serve` is the page of a bridge to which two simulators play, `drive` that of the headless simulator in one process,
+// `record` the same where what is driven by hand is kept. It prints one JSON object, leaves screenshots in the folder SHOTS, and exits 1 at the first thing that is not so.
 'use strict'
 const path = require('path')
 const { createRequire } = require('module')
@@ -49,11 +49,48 @@ async function main() {
     return seen.size
   })
   const result = {}
+  // A person at the wheel is logged, one who has let go or switched the log off is not.
+  const record = async () => {
+    const rows = async () => (await api()).status.recorded
+    equal('rows before anybody drives', await rows(), 0)
+    await page.keyboard.press('h')
+    await page.keyboard.down('w')
+    await until('rows', async () => (await rows()) > 15)
+    await page.keyboard.up('w')
+    // A gamepad, as the browser would tell of one: left stick, right trigger.
+    await page.evaluate(() => {
+      const buttons = Array.from({ length: 17 }, (_, i) => ({ value: i === 7 ? 0.5 : 0, pressed: i === 7 }))
+      navigator.getGamepads = () => [{ connected: true, axes: [-0.6, 0, 0, 0], buttons }]
+    })
+    await until('a gamepad at the wheel', async () => { const { turn } = await api(); return turn.by === 'human' && turn.command[0] < -0.2 && turn.command[1] === 0.5 })
+    await page.evaluate(() => { navigator.getGamepads = () => [] })
+    await page.click('#record')
+    await until('a log that is off', async () => !(await api()).status.recording)
+    const off = await rows()
+    await page.waitForTimeout(500)
+    equal('rows while the log is off', (await rows()) - off, 0)
+    await page.click('#record')
+    await until('more rows', async () => (await rows()) > off)
+    await page.keyboard.press('h')
+    await until('the expert again', async () => (await api()).turn.by === 'pilot')
+    const kept = await rows()
+    await page.waitForTimeout(500)
+    equal('rows while the expert drives', (await rows()) - kept, 0)
+    await shot('laptop')
+    result.rows = kept
+  }
+  const finish = async () => {
+    equal('complaints in the console', complaints, [])
+    await browser.close()
+    process.stdout.write(JSON.stringify(result) + '\n')
+  }
   equal('connection', await until('a connection', async () => (await text('#link')) === 'connected' && 'connected'), 'connected')
   await until('a speed', async () => (await speed()) > 2)
   await until('a picture', async () => (result.shades = await shades()) > 20)
   await until('a score', async () => /distance/.test(await text('#score')))
   await until('a latency', async () => /answer/.test(await text('#latency')))
+
+  if (mode === 'record') { await record(); return finish() }
 
   // Controls act on the car.
   const set = async (mph) => { await page.fill('#mph', String(mph)); await page.press('#mph', 'Enter'); await page.locator('#mph').blur() }
@@ -144,9 +181,7 @@ async function main() {
   }
   const wanted = await page.evaluate(() => Object.keys(PARTS).filter((id) => { const node = document.getElementById(id); return !node.disabled && node.offsetParent }))
   equal('controls that the keyboard does not reach', wanted.filter((id) => !reached.has(id)), [])
-  equal('complaints in the console', complaints, [])
-  await browser.close()
-  process.stdout.write(JSON.stringify(result) + '\n')
+  await finish()
 }
 
 main().then(() => process.exit(0), (error) => { console.error(error.message, complaints); process.exit(1) })

@@ -130,7 +130,7 @@ pub struct Abilities(BTreeMap<&'static str, Option<&'static str>>);
 const ONLY_SIMULATED: &str =
     "only lapwing drive --page and lapwing record --page can do this: the world is in their hands";
 const ONLY_RECORD: &str = "only lapwing record --page keeps training data";
-const RUN_IS_WORLD: &str = "here a run begins with Reset and ends with the program";
+const RUN_IS_WORLD: &str = "here a run ends, and another one begins, with Reset";
 
 impl Abilities {
     /// Those of a simulator at the other end of a connection.

@@ -127,7 +127,8 @@ struct Watched {
     seen: u64,
     last: Arc<Moment>,
     happened: u64,
-    course: Option<usize>,
+    /// The name of the course that its map shows.
+    course: Option<String>,
     is_new: bool,
 }
 
@@ -248,8 +249,10 @@ impl Viewer {
             let mut located = watched.drive.located.lock().unwrap_or_else(PoisonError::into_inner);
             (located.take(&courses, &now), located.course)
         });
-        if std::mem::replace(&mut watched.course, course) != course {
-            let course = course.and_then(|course| courses.get(course));
+        let course = course.and_then(|course| courses.get(course));
+        let name = course.map(|course| &*course.name);
+        if name != watched.course.as_deref() {
+            watched.course = name.map(str::to_owned);
             texts.push(text(&json!({ "kind": "course", "course": course })));
         }
         let events: Vec<_> = now.events.iter().filter(|event| event.n > watched.happened).collect();

@@ -53,6 +53,7 @@ function showControls(drive, status, pilots) {
   const world = status ? (can.world ?? null) : "nothing drives";
   say($("world-why"), world ?? "");
   $("world-why").hidden = world === null;
+  say($("run-why"), (status && can["start-run"]) ?? "");
   $("record").hidden = Boolean(can.record);
   if (!status) return;
   put("mph", +status.set_speed_mph.toFixed(1));
@@ -84,7 +85,7 @@ function showWorld({ offered, track, scenario, run }) {
     const step = max - min > 20 ? 1 : 0.05;
     const value = el("output", {}, String(fair)), slider = el("input", { type: "range", min, max, step, value: fair, "data-fair": fair, "data-name": name, id: `weather-${name}` });
     slider.addEventListener("input", () => say(value, slider.value));
-    return el("label", { for: slider.id }, el("span", {}, name.replaceAll("_", " ")), slider, value);
+    return el("label", { for: slider.id }, el("span", {}, name.replace("_deg", " °").replaceAll("_", " ")), slider, value);
   }));
 }
 

@@ -1,12 +1,11 @@
 "use strict";
 // The track from above, and the car on it.
 const TRAIL = 4000;
-const chartOf = { course: null, trail: [], place: null, path: null };
+const chartOf = { course: null, trail: [], place: null };
 
 function showCourse(course) {
   chartOf.course = course;
   chartOf.trail.length = 0;
-  chartOf.path = null;
   say($("course"), course ? course.name : "");
 }
 
@@ -40,18 +39,19 @@ function drawMap() {
   for (const [x, z] of points) [x0, x1, z0, z1] = [Math.min(x0, x), Math.max(x1, x), Math.min(z0, z), Math.max(z1, z)];
   const scale = Math.min((width - 24) / Math.max(20, x1 - x0), (height - 24) / Math.max(20, z1 - z0));
   const at = ([x, z]) => [width / 2 + scale * (x - (x0 + x1) / 2), height / 2 - scale * (z - (z0 + z1) / 2)];
-  const trace = (line) => line.forEach((point, i) => (i ? context.lineTo(...at(point)) : context.moveTo(...at(point))));
   if (course) {
+    // As a broad line along the middle: an area between the edges would have holes where the road crosses itself.
+    const { left, right } = course, middle = left.map(([x, z], i) => [(x + right[i][0]) / 2, (z + right[i][1]) / 2]);
+    const wide = scale * Math.hypot(left[0][0] - right[0][0], left[0][1] - right[0][1]);
     context.beginPath();
-    trace(course.left);
+    middle.forEach((point, i) => (i ? context.lineTo(...at(point)) : context.moveTo(...at(point))));
     context.closePath();
-    trace(course.right);
-    context.closePath();
-    context.fillStyle = colours.road;
-    context.fill("evenodd");
-    context.strokeStyle = colours.faint;
-    context.lineWidth = 0.6;
-    context.stroke();
+    context.lineJoin = "round";
+    for (const [colour, width] of [[colours.faint, wide + 1.4], [colours.road, wide]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = Math.max(2, width);
+      context.stroke();
+    }
   }
   // A jump is a reset, or an estimate that has changed its mind: no line is drawn along it.
   context.beginPath();
@@ -63,7 +63,6 @@ function drawMap() {
   }
   context.strokeStyle = colours.a;
   context.lineWidth = 2;
-  context.lineJoin = "round";
   context.stroke();
   if (place) {
     const [x, y] = at(place.at);
