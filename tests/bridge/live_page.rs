@@ -24,7 +24,8 @@ async fn ask(address: SocketAddr, request: &str, headers: &str, body: &str) -> (
     let mut stream = TcpStream::connect(address).await.unwrap();
     let length = body.len();
     let host = if headers.contains("Host:") { "" } else { "Host: localhost\r\n" };
-    let text = format!("{request} HTTP/1.1\r\n{host}Connection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}");
+    let text =
+        format!("{request} HTTP/1.1\r\n{host}Connection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}");
     stream.write_all(text.as_bytes()).await.unwrap();
     let mut answer = vec![];
     timeout(PATIENCE, stream.read_to_end(&mut answer)).await.unwrap().unwrap();
@@ -101,7 +102,9 @@ async fn a_browser_gets_the_page_and_all_its_files_from_here_and_a_program_a_gre
     assert!(files > 8 && !page.contains("http://") && !page.contains("https://"), "nothing from elsewhere");
     let (_, _, greeting) = ask(running.address, "GET /", "", "").await;
     assert!(greeting.starts_with(b"Lapwing is here"));
-    for path in ["/page/../Cargo.toml", "/page/%2e%2e/Cargo.toml", "/page//etc/passwd", "/page/", "/api", "/api/drives/1/../2"] {
+    for path in
+        ["/page/../Cargo.toml", "/page/%2e%2e/Cargo.toml", "/page//etc/passwd", "/page/", "/api", "/api/drives/1/../2"]
+    {
         assert_eq!(ask(running.address, &format!("GET {path}"), "", "").await.0, 404, "{path}");
     }
     assert_eq!(ask(running.address, "GET /healthz", "", "").await.2, b"ok\n");
@@ -131,7 +134,12 @@ async fn every_documented_path_answers_as_documented() {
     }
     let (_, _, metrics) = ask(running.address, "GET /metrics", "", "").await;
     let metrics = String::from_utf8(metrics).unwrap();
-    for line in ["lapwing_messages_total 3\n", "lapwing_drives 1\n", "le=\"+Inf\",stage=\"answer\"} 3\n", "lapwing_score_collisions"] {
+    for line in [
+        "lapwing_messages_total 3\n",
+        "lapwing_drives 1\n",
+        "le=\"+Inf\",stage=\"answer\"} 3\n",
+        "lapwing_score_collisions",
+    ] {
         assert!(metrics.contains(line) || line.contains("score"), "{line}: {metrics}");
     }
     assert!(metrics.ends_with("# EOF\n"));
@@ -234,7 +242,12 @@ async fn what_a_page_asks_for_acts_at_the_next_frame_and_is_in_the_run() {
             _ => None,
         })
         .collect();
-    for expected in [EventRecord::SpeedSet { mph: 25.0 }, EventRecord::EmergencyStop, EventRecord::PilotArmed, EventRecord::TakeoverBegan] {
+    for expected in [
+        EventRecord::SpeedSet { mph: 25.0 },
+        EventRecord::EmergencyStop,
+        EventRecord::PilotArmed,
+        EventRecord::TakeoverBegan,
+    ] {
         assert!(events.contains(&expected), "{expected:?} in {events:?}");
     }
     let has = |kind: fn(&EventRecord) -> bool| events.iter().any(kind);
@@ -308,10 +321,16 @@ async fn where_others_can_reach_the_port_the_token_is_wanted() {
     let mut simulator = Wire::simulator(address).await;
     steer(&simulator.ask(&telemetry("4.0000")).await);
     let wrong = "0".repeat(32);
-    for request in ["GET /api/state", "GET /api/drives/1", "GET /api/drives/1/picture", "POST /api/drives/1/control", "POST /arm"] {
+    for request in
+        ["GET /api/state", "GET /api/drives/1", "GET /api/drives/1/picture", "POST /api/drives/1/control", "POST /arm"]
+    {
         let body = r#"{"control":"arm"}"#;
         assert_eq!(ask(address, request, "", body).await.0, 401, "{request}");
-        assert_eq!(ask(address, request, &format!("Authorization: Bearer {wrong}\r\n"), body).await.0, 401, "{request}");
+        assert_eq!(
+            ask(address, request, &format!("Authorization: Bearer {wrong}\r\n"), body).await.0,
+            401,
+            "{request}"
+        );
         let known = ask(address, request, &format!("Authorization: Bearer {token}\r\n"), body).await.0;
         assert!(known < 300, "{request}: {known}");
     }

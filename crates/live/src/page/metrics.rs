@@ -1,10 +1,11 @@
 //! `/metrics`: the numbers of all drives as Prometheus reads them (OpenMetrics text).
 
 use std::{
-    fmt::{self, Write},
-    sync::{Arc, PoisonError},
+    fmt,
+    sync::{Arc, PoisonError, atomic::Ordering},
 };
 
+use futures_util::future::join_all;
 use prometheus_client::{
     collector::Collector,
     encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet, text::encode},
@@ -17,29 +18,39 @@ use super::{
     counts::{BOUNDS_S, Counts, STAGES, Times},
     moment::Moment,
 };
-use lapwing_score::score::{Figure, Scorer};
+use lapwing_score::score::{Figure, Scorecard, Scorer};
 
 /// The content type of the text.
 pub(super) const TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// The text.
-pub(super) fn text(page: &Arc<Page>) -> Result<String, fmt::Error> {
+pub(super) async fn text(page: &Arc<Page>) -> Result<String, fmt::Error> {
+    let drives = page.drives();
+    let scorers = join_all(drives.iter().map(|drive| drive.scorer())).await;
+    let cards = scorers.into_iter().map(|scorer| scorer.map(|scorer| Scorer::clone(&scorer).finish()));
+    let drives = drives.iter().zip(cards).map(|(drive, card)| (drive.id.to_string(), drive.now(), card)).collect();
+    let ended = *page.ended.lock().unwrap_or_else(PoisonError::into_inner);
     let mut registry = Registry::with_prefix("lapwing");
-    registry.register_collector(Box::new(Scrape(page.clone())));
+    let pages = page.open.load(Ordering::Relaxed) as u64;
+    registry.register_collector(Box::new(Scrape { drives, ended, pages }));
     let mut text = String::new();
     encode(&mut text, &registry)?;
     Ok(text)
 }
 
+/// All that is told, as it was when it was asked for.
 #[derive(Debug)]
-struct Scrape(Arc<Page>);
+struct Scrape {
+    /// Of each drive its number, as text, its moment and its score.
+    drives: Vec<(String, Arc<Moment>, Option<Scorecard>)>,
+    ended: Counts,
+    pages: u64,
+}
 
 impl Collector for Scrape {
     fn encode(&self, mut encoder: DescriptorEncoder) -> fmt::Result {
-        let page = &self.0;
-        let drives: Vec<_> = page.drives().iter().map(|drive| (drive.id.to_string(), drive.now())).collect();
-        let mut all = *page.ended.lock().unwrap_or_else(PoisonError::into_inner);
-        drives.iter().for_each(|(_, now)| all.add(&now.counts));
+        let mut all = self.ended;
+        self.drives.iter().for_each(|(_, now, _)| all.add(&now.counts));
         let Counts { messages, bad_frames, interventions, stages } = all;
         for (name, help, count) in [
             ("messages", "Telemetries received", messages),
@@ -54,28 +65,38 @@ impl Collector for Scrape {
         for (stage, times) in STAGES.into_iter().zip(&stages) {
             histogram(metric.encode_family(&[("stage", stage)])?, times)?;
         }
-        let open = page.open.load(std::sync::atomic::Ordering::Relaxed) as u64;
-        for (name, help, count) in
-            [("drives", "Drives that are open", drives.len() as u64), ("pages", "Pages that look", open)]
+        let open = self.drives.len() as u64;
+        for (name, help, count) in [("drives", "Drives that are open", open), ("pages", "Pages that look", self.pages)]
         {
             encoder.encode_descriptor(name, help, None, MetricType::Gauge)?.encode_gauge(&count)?;
         }
-        gauge(&mut encoder, &drives, "speed_mph", "Speed, in miles an hour", |now| now.turn?.speed_mph)?;
-        gauge(&mut encoder, &drives, "telemetries_per_second", "Telemetries a second", |now| Some(now.turn?.hz))?;
-        let cards: Vec<_> = drives.iter().map(|(id, now)| (id, now.scorer.as_deref().map(Scorer::clone))).collect();
-        let cards: Vec<_> = cards.into_iter().map(|(id, scorer)| (id, scorer.map(Scorer::finish))).collect();
+        self.gauge(&mut encoder, "speed_mph", "Speed, in miles an hour", |now, _| now.turn?.speed_mph)?;
+        self.gauge(&mut encoder, "telemetries_per_second", "Telemetries a second", |now, _| Some(now.turn?.hz))?;
         for figure in Figure::ALL {
-            let known = cards.iter().filter_map(|(id, card)| Some((*id, card.as_ref()?.value(figure)?)));
-            let known: Vec<_> = known.filter(|(_, value)| value.is_finite()).collect();
-            if known.is_empty() {
-                continue; // a figure that nobody knows is no 0
-            }
-            let mut name = "score_".to_owned();
-            name.write_str(figure.key())?;
-            let mut metric = encoder.encode_descriptor(&name, figure.label(), None, MetricType::Gauge)?;
-            for (id, value) in known {
-                metric.encode_family(&[("drive", id.as_str())])?.encode_gauge(&value)?;
-            }
+            let name = format!("score_{}", figure.key());
+            self.gauge(&mut encoder, &name, figure.label(), |_, card| card?.value(figure))?;
+        }
+        Ok(())
+    }
+}
+
+impl Scrape {
+    /// A gauge for each drive that has a value; what nobody knows is no 0, and is not there.
+    fn gauge(
+        &self,
+        encoder: &mut DescriptorEncoder<'_>,
+        name: &str,
+        help: &str,
+        value: impl Fn(&Moment, Option<&Scorecard>) -> Option<f64>,
+    ) -> fmt::Result {
+        let known = self.drives.iter().filter_map(|(id, now, card)| Some((id, value(now, card.as_ref())?)));
+        let known: Vec<_> = known.filter(|(_, value)| value.is_finite()).collect();
+        if known.is_empty() {
+            return Ok(());
+        }
+        let mut metric = encoder.encode_descriptor(name, help, None, MetricType::Gauge)?;
+        for (id, value) in known {
+            metric.encode_family(&[("drive", id.as_str())])?.encode_gauge(&value)?;
         }
         Ok(())
     }
@@ -86,20 +107,4 @@ fn histogram(mut metric: MetricEncoder<'_>, times: &Times) -> fmt::Result {
     let buckets: Vec<_> = bounds.zip(times.buckets).collect();
     let count = times.buckets.iter().sum();
     metric.encode_histogram::<NoLabelSet>(times.sum_s, count, &buckets, None)
-}
-
-fn gauge(
-    encoder: &mut DescriptorEncoder<'_>,
-    drives: &[(String, Arc<Moment>)],
-    name: &str,
-    help: &str,
-    value: impl Fn(&Moment) -> Option<f64>,
-) -> fmt::Result {
-    let mut metric = encoder.encode_descriptor(name, help, None, MetricType::Gauge)?;
-    for (id, now) in drives {
-        if let Some(value) = value(now) {
-            metric.encode_family(&[("drive", id.as_str())])?.encode_gauge(&value)?;
-        }
-    }
-    Ok(())
 }

@@ -150,7 +150,7 @@ struct Shown<'a> {
 }
 
 async fn scrape(State(page): State<Arc<Page>>) -> Response {
-    match metrics::text(&page) {
+    match metrics::text(&page).await {
         Ok(text) => ([(header::CONTENT_TYPE, metrics::TYPE)], text).into_response(),
         Err(error) => {
             tracing::error!("the metrics could not be written: {error}");
@@ -180,8 +180,7 @@ pub(super) fn scored(card: &Scorecard) -> serde_json::Value {
 }
 
 async fn score(State(page): State<Arc<Page>>, Path(id): Path<u64>) -> Result<Response, Refused> {
-    let now = page.drive(id)?.now();
-    let scorer = now.scorer.clone().ok_or_else(|| Refused::Cannot("nothing has been driven yet".into()))?;
+    let scorer = page.drive(id)?.scorer().await.ok_or_else(|| Refused::Cannot("nothing has been driven yet".into()))?;
     Ok(json_of(&scored(&(*scorer).clone().finish())))
 }
 

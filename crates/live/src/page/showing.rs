@@ -35,6 +35,8 @@ const EVENTS: usize = 60;
 const SCORE: Duration = Duration::from_secs(1);
 /// A page that drives by hand and says nothing for this long has let go.
 const LET_GO: Duration = Duration::from_millis(500);
+/// How long a score is waited for that is not looked at all the time.
+const SOON: Duration = Duration::from_millis(250);
 /// Requests that may wait for the driver.
 const WAITING: usize = 32;
 
@@ -46,6 +48,8 @@ pub(super) struct Drive {
     /// For those who look alone: the driver's end never touches it.
     pub located: Mutex<Located>,
     asked: AtomicBool,
+    /// Whether somebody who does not look all the time wants the score.
+    wants_score: AtomicBool,
     inbox: Mutex<Inbox>,
 }
 
@@ -72,6 +76,20 @@ enum Wish {
 impl Drive {
     pub fn now(&self) -> Arc<Moment> {
         self.newest.borrow().clone()
+    }
+
+    /// The score as it is now, or, where the next turn does not come soon, as it was when somebody last looked.
+    pub async fn scorer(&self) -> Option<Arc<Scorer>> {
+        let mut newest = self.newest.subscribe();
+        let old = newest.borrow_and_update().scorer.clone();
+        self.wants_score.store(true, Ordering::Release);
+        let is_new = |now: &Arc<Moment>| now.scorer.as_ref().map(Arc::as_ptr) != old.as_ref().map(Arc::as_ptr);
+        let now = tokio::time::timeout(SOON, newest.wait_for(is_new)).await;
+        match now {
+            Ok(Ok(now)) => now.scorer.clone(),
+            // No turn in this time, or the drive is over.
+            Ok(Err(_)) | Err(_) => old,
+        }
     }
 
     /// Puts a request into the box. Pilots are made here.
@@ -135,6 +153,7 @@ impl Showing {
             newest,
             located: Mutex::default(),
             asked: AtomicBool::new(false),
+            wants_score: AtomicBool::new(false),
             inbox: Mutex::default(),
         });
         let began = Instant::now();
@@ -246,9 +265,11 @@ impl Showing {
         self.happens(at, event);
     }
 
-    /// Shows the score once a second.
+    /// Shows the score once a second while pages look, and whenever it is asked for: a copy takes a tenth of a millisecond.
     pub fn score(&mut self, scorer: &Scorer, now: Instant) {
-        if now.saturating_duration_since(self.scored) >= SCORE || self.now.scorer.is_none() {
+        let is_due = now.saturating_duration_since(self.scored) >= SCORE || self.now.scorer.is_none();
+        let looked_at = self.drive.newest.receiver_count() > 0;
+        if (is_due && looked_at) || self.drive.wants_score.swap(false, Ordering::AcqRel) {
             self.scored = now;
             self.now.scorer = Some(Arc::new(scorer.clone()));
         }

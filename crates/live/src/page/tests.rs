@@ -23,11 +23,8 @@ fn driver() -> Driver {
 
 fn page() -> Arc<Page> {
     let page = Page::new();
-    let choice = |name: &str, steering| PilotChoice {
-        name: name.into(),
-        sha256: None,
-        make: Box::new(move || pilot(steering)),
-    };
+    let choice =
+        |name: &str, steering| PilotChoice { name: name.into(), sha256: None, make: Box::new(move || pilot(steering)) };
     page.has_pilots(vec![choice("left", -0.5), choice("right", 0.5)]);
     page
 }
@@ -52,8 +49,8 @@ fn ask(page: &Page, drive: u64, json: &str) -> Result<(), Refused> {
     page.drive(drive)?.ask(page, Control::read(json.as_bytes())?)
 }
 
-#[test]
-fn a_drive_is_on_the_page_for_as_long_as_it_is_shown_and_its_counts_stay() {
+#[tokio::test]
+async fn a_drive_is_on_the_page_for_as_long_as_it_is_shown_and_its_counts_stay() {
     let page = page();
     let mut showing = page.show("a simulator", Abilities::of_a_connection());
     showing.run_begins(Some(Dialect::Term1), &ControlSettings::default());
@@ -62,10 +59,10 @@ fn a_drive_is_on_the_page_for_as_long_as_it_is_shown_and_its_counts_stay() {
     }
     let now = page.drive(1).unwrap().now();
     assert_eq!((now.turn.unwrap().n, now.counts.messages), (5, 5));
-    assert!(metrics::text(&page).unwrap().contains("lapwing_messages_total 5\n"));
+    assert!(metrics::text(&page).await.unwrap().contains("lapwing_messages_total 5\n"));
     drop(showing);
     assert_eq!(page.drive(1).err(), Some(Refused::Gone(1)));
-    let text = metrics::text(&page).unwrap();
+    let text = metrics::text(&page).await.unwrap();
     assert!(text.contains("lapwing_messages_total 5\n") && text.contains("lapwing_drives 0\n"), "{text}");
     assert!(text.contains("lapwing_latency_seconds_bucket{le=\"0.001\",stage=\"answer\"} 5\n"), "{text}");
     assert!(text.contains("lapwing_latency_seconds_bucket{le=\"+Inf\",stage=\"answer\"} 5\n"), "{text}");
@@ -153,17 +150,28 @@ fn a_driver_that_takes_nothing_is_not_asked_for_ever() {
     assert_eq!(refused, Some(Refused::Busy(32)));
 }
 
-#[test]
-fn the_score_is_shown_once_a_second() {
+#[tokio::test]
+async fn the_score_is_shown_once_a_second_to_those_who_look_and_to_others_when_they_ask() {
     let page = page();
     let mut showing = page.show("a simulator", Abilities::of_a_connection());
-    let began = Instant::now();
-    let mut scorers = std::collections::BTreeSet::new();
-    for tenth in 0..=20 {
-        let now = began + Duration::from_millis(100 * tenth);
-        showing.score(&Scorer::live(&[]), now);
-        showing.turn(&turn(tenth, b"jpeg"), Hands::Pilot, now);
-        scorers.insert(page.drive(1).unwrap().now().scorer.as_ref().map(|scorer| Arc::as_ptr(scorer) as usize));
-    }
-    assert!((2..=4).contains(&scorers.len()), "{scorers:?}");
+    let (began, drive) = (Instant::now(), page.drive(1).unwrap());
+    let mut tenth = 0;
+    let mut two_seconds = |showing: &mut Showing| {
+        let mut scores = std::collections::BTreeSet::new();
+        for _ in 0..20 {
+            tenth += 1;
+            let now = began + Duration::from_millis(100 * tenth);
+            showing.score(&Scorer::live(&[]), now);
+            showing.turn(&turn(tenth, b"jpeg"), Hands::Pilot, now);
+            scores.extend(drive.now().scorer.as_ref().map(|scorer| Arc::as_ptr(scorer) as usize));
+        }
+        scores.len()
+    };
+    assert_eq!(two_seconds(&mut showing), 0, "nobody looks");
+    let looks = drive.newest.subscribe();
+    assert!((2..=3).contains(&two_seconds(&mut showing)));
+    drop(looks);
+    assert_eq!(two_seconds(&mut showing), 1, "nobody looks any more");
+    let (asked, shown) = tokio::join!(drive.scorer(), async { two_seconds(&mut showing) });
+    assert!(asked.is_some() && shown == 1);
 }
