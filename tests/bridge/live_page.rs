@@ -118,12 +118,21 @@ async fn every_documented_path_answers_as_documented() {
     for _ in 0..3 {
         steer(&simulator.ask(&telemetry("4.0000")).await);
     }
+    // A run that is whole, to be looked at.
+    control(running.address, 1, json!({ "control": "end-run" })).await;
+    steer(&simulator.ask(&telemetry("4.0000")).await);
+    let (_, runs) = get(running.address, "/api/runs").await;
+    let run = runs[0]["name"].as_str().unwrap().to_owned();
     let (_, document) = get(running.address, "/api/openapi.json").await;
     let paths = document["paths"].as_object().unwrap();
-    assert_eq!(paths.len(), 8);
+    assert_eq!(paths.len(), 15);
     for (path, methods) in paths {
         for method in methods.as_object().unwrap().keys().filter(|key| *key != "parameters") {
-            let request = format!("{} {}", method.to_uppercase(), path.replace("{id}", "1"));
+            let request = format!(
+                "{} {}",
+                method.to_uppercase(),
+                path.replace("{id}", "1").replace("{name}", &run).replace("{n}", "2")
+            );
             let body = if method == "post" { r#"{"control":"arm"}"# } else { "" };
             let (status, head, answer) = ask(running.address, &request, "", body).await;
             let documented = &methods[method]["responses"][status.to_string()];
@@ -339,5 +348,41 @@ async fn where_others_can_reach_the_port_the_token_is_wanted() {
     assert!(Look::dial(address, &format!("?token={token}"), None).await.is_ok());
     for open in ["/", "/page/page.js", "/healthz", "/metrics", "/api/openapi.json"] {
         assert_eq!(ask(address, &format!("GET {open}"), "", "").await.0, 200, "{open} shows no drive");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_recorded_run_is_looked_at_and_downloaded_and_nothing_else_of_the_disk() {
+    let dir = tempdir().unwrap();
+    let runs = dir.path().join("runs");
+    std::fs::create_dir(&runs).unwrap();
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap");
+    std::fs::copy(shipped, runs.join("lake.mcap")).unwrap();
+    for other in [dir.path().join("secret.mcap"), runs.join("notes.txt")] {
+        std::fs::copy(shipped, other).unwrap();
+    }
+    let running = Running::start(settings(&runs)).await;
+    let address = running.address;
+    let (_, listed) = get(address, "/api/runs").await;
+    assert_eq!(listed.as_array().unwrap().iter().map(|run| &run["name"]).collect::<Vec<_>>(), ["lake.mcap"]);
+    let (_, run) = get(address, "/api/runs/lake.mcap").await;
+    assert_eq!(run["card"]["schema"], "lapwing.scorecard/1");
+    let frames = run["frames_s"].as_array().unwrap();
+    assert!(frames.len() > 10 && !run["drawn"]["t"].as_array().unwrap().is_empty());
+    let last = format!("GET /api/runs/lake.mcap/frames/{}", frames.len() - 1);
+    let (status, _, jpeg) = ask(address, &last, "", "").await;
+    assert!(status == 200 && jpeg.starts_with(&[0xff, 0xd8]));
+    assert_eq!(ask(address, &format!("GET /api/runs/lake.mcap/frames/{}", frames.len()), "", "").await.0, 404);
+    let (_, head, file) = ask(address, "GET /api/runs/lake.mcap/file", "", "").await;
+    assert!(head.contains("attachment; filename=\"lake.mcap\"") && file == std::fs::read(shipped).unwrap());
+    let (_, head, report) = ask(address, "GET /api/runs/lake.mcap/report", "", "").await;
+    assert!(head.contains("sandbox allow-scripts") && String::from_utf8(report).unwrap().contains("Lapwing"));
+    for name in
+        ["..%2fsecret.mcap", "%2e%2e%2fsecret.mcap", "notes.txt", "lake.mcap%00", "%2fetc%2fpasswd", "nothing.mcap"]
+    {
+        for rest in ["", "/file", "/report", "/glance", "/frames/0"] {
+            let (status, _, body) = ask(address, &format!("GET /api/runs/{name}{rest}"), "", "").await;
+            assert!(status == 404 && body.len() < 200, "{name}{rest}: {status}");
+        }
     }
 }

@@ -143,12 +143,16 @@ impl Bridge {
     /// `on_summary` is called at the end of each run.
     pub fn new(settings: Settings, on_summary: impl Fn(&Summary) + Send + Sync + 'static) -> Arc<Self> {
         let limits = &settings.bridge.limits;
+        let page = Page::new();
+        if settings.recording.enabled {
+            page.has_runs(&settings.recording.dir);
+        }
         Arc::new(Self {
             guests: Guests::new(limits.connections()),
             in_flight: InFlight::new(limits),
             settings,
             models: OnceLock::new(),
-            page: Page::new(),
+            page,
             guard: OnceLock::new(),
             roads: OnceLock::new(),
             on_summary: Box::new(on_summary),

@@ -115,7 +115,7 @@ impl Located {
 
 impl Course {
     /// The place on the line this many metres along the road, over any number of laps.
-    fn place(&self, s: f64) -> Option<[f32; 2]> {
+    pub(super) fn place(&self, s: f64) -> Option<[f32; 2]> {
         let count = self.line.len();
         let share = (s / self.road.length_m).rem_euclid(1.0) * count as f64;
         let i = share as usize;

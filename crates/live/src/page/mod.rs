@@ -11,13 +11,15 @@
 //! | `moment` | what is shown of one moment |
 //! | `control` | what may be asked for, and who can do it |
 //! | `routes` | the paths: the page's files, `/api`, `/metrics`, `/healthz` |
+//! | `runs`, `runs_routes` | recorded runs: listed, looked at, downloaded |
 //! | `socket` | `/live`: the newest moment and picture, as often as the reader keeps up |
 //! | `course` | roads from above, for the map; where on them a car without a position seems to be |
 //! | `counts`, `metrics` | numbers for Prometheus |
 //! | `token` | the secret that is wanted where others can reach the port |
 //! | `assets/` | the page's own files, as browsers get them |
 //!
-//! Who may connect at all is the bridge's business. No text of a request reaches the file system.
+//! Who may connect at all is the bridge's business. No text of a request becomes a path: names are compared with those that
+//! there are.
 
 mod control;
 mod counts;
@@ -25,12 +27,15 @@ mod course;
 mod metrics;
 mod moment;
 mod routes;
+mod runs;
+mod runs_routes;
 mod showing;
 mod socket;
 mod token;
 
 use std::{
     fmt,
+    path::Path,
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicU64, AtomicUsize, Ordering},
@@ -53,6 +58,7 @@ use lapwing_core::{
     recording::ModelId,
 };
 use moment::Status;
+use runs::Runs;
 use showing::Drive;
 
 /// Makes a pilot anew.
@@ -99,6 +105,7 @@ pub struct Page {
     pilots: OnceLock<Vec<PilotChoice>>,
     courses: watch::Sender<Arc<Vec<Course>>>,
     token: OnceLock<Token>,
+    runs: OnceLock<Runs>,
     /// Counts of the drives that are over.
     ended: Mutex<Counts>,
     /// Pages that look now.
@@ -119,6 +126,15 @@ impl Page {
     /// The roads whose maps are drawn, and on which cars without a position are looked for.
     pub fn has_courses(&self, courses: Vec<Course>) {
         self.courses.send_replace(Arc::new(courses));
+    }
+
+    /// The folder whose runs are shown. A second call is ignored.
+    pub fn has_runs(&self, dir: &Path) {
+        let _ = self.runs.set(Runs::of(dir.to_owned()));
+    }
+
+    fn runs(&self) -> Option<&Runs> {
+        self.runs.get()
     }
 
     /// The token that is wanted where others can reach the port; made at the first call.

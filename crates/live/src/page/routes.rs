@@ -19,6 +19,7 @@ use super::{
     control::{Control, Refused},
     metrics,
     moment::{Facts, Happened, Status},
+    runs_routes,
 };
 use lapwing_score::score::{
     Scorecard,
@@ -35,7 +36,7 @@ const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE: &str = "text/css; charset=utf-8";
 
 /// The page's files: path, content type, content.
-const FILES: [(&str, &str, &str); 11] = [
+const FILES: [(&str, &str, &str); 12] = [
     ("/page/colours.css", STYLE, COLOURS),
     ("/page/uplot.css", STYLE, UPLOT_STYLE),
     ("/page/page.css", STYLE, include_str!("assets/page.css")),
@@ -46,6 +47,7 @@ const FILES: [(&str, &str, &str); 11] = [
     ("/page/map.js", SCRIPT, include_str!("assets/map.js")),
     ("/page/controls.js", SCRIPT, include_str!("assets/controls.js")),
     ("/page/wheel.js", SCRIPT, include_str!("assets/wheel.js")),
+    ("/page/runs.js", SCRIPT, include_str!("assets/runs.js")),
     ("/page/page.js", SCRIPT, include_str!("assets/page.js")),
 ];
 const INDEX: &str = include_str!("assets/index.html");
@@ -70,6 +72,7 @@ pub(crate) fn router(page: Arc<Page>) -> Router {
         .route("/api/drives/{id}/score", get(score))
         .route("/api/drives/{id}/picture", get(picture))
         .route("/api/drives/{id}/control", post(control))
+        .merge(runs_routes::router())
         .with_state(page);
     files.merge(api).layer(middleware::map_response(with_policy))
 }
@@ -83,7 +86,8 @@ async fn with_policy(mut response: Response) -> Response {
         (header::CACHE_CONTROL, "no-store"),
     ];
     for (name, value) in headers {
-        response.headers_mut().insert(name, HeaderValue::from_static(value));
+        // A report has a policy of its own.
+        response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     response
 }
@@ -114,11 +118,11 @@ async fn index(request: Request) -> Response {
     }
 }
 
-fn json_text(text: String) -> Response {
+pub(super) fn json_text(text: String) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], text).into_response()
 }
 
-fn json_of(value: &impl Serialize) -> Response {
+pub(super) fn json_of(value: &impl Serialize) -> Response {
     match serde_json::to_string(value) {
         Ok(text) => json_text(text),
         Err(error) => {

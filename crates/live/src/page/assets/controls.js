@@ -118,6 +118,7 @@ $("pilot").addEventListener("change", () => { touch("pilot"); ask({ control: "pi
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   if (event.key === "Escape") ask({ control: "stop" });
+  if ($("main").hidden) return;
   const writing = event.target instanceof HTMLElement && event.target.matches("input, select, textarea");
   if (event.code === "KeyH" && !writing && !$("steer").disabled) { event.preventDefault(); takeWheel(!wheel.on); }
 });

@@ -23,17 +23,17 @@ function addToTrail(place) {
   if (chartOf.trail.length > TRAIL) chartOf.trail.splice(0, TRAIL / 4);
 }
 
-function drawMap() {
-  const { context, width, height } = sharp($("map")), { course, trail, place } = chartOf;
+// The road, the way that was driven, and the car; false where there is nothing to draw.
+function drawTrack(canvas, course, trail, place) {
+  const { context, width, height } = sharp(canvas);
   context.clearRect(0, 0, width, height);
   const points = course ? [...course.left, ...course.right] : trail;
   if (points.length < 2) {
     context.fillStyle = colours.faint;
     context.font = "13px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText("not known yet where the car is", width / 2, height / 2);
-    say($("place"), "");
-    return;
+    context.fillText("not known where the car is", width / 2, height / 2);
+    return false;
   }
   let [x0, x1, z0, z1] = [Infinity, -Infinity, Infinity, -Infinity];
   for (const [x, z] of points) [x0, x1, z0, z1] = [Math.min(x0, x), Math.max(x1, x), Math.min(z0, z), Math.max(z1, z)];
@@ -82,5 +82,11 @@ function drawMap() {
     context.lineWidth = 2;
     context.stroke();
   }
-  say($("place"), !place ? "where the car is on this track is not known yet" : known(place.off_m) ? `estimated from speed and steering, ± ${place.off_m.toFixed(0)} m along the road` : "");
+  return true;
+}
+
+function drawMap() {
+  const { course, trail, place } = chartOf;
+  const words = !place ? "where the car is on this track is not known yet" : known(place.off_m) ? `estimated from speed and steering, ± ${place.off_m.toFixed(0)} m along the road` : "";
+  say($("place"), drawTrack($("map"), course, trail, place) ? words : "");
 }
