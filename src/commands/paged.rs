@@ -9,7 +9,7 @@ use tokio::{runtime::Runtime, sync::oneshot, task::JoinHandle};
 use super::{Ended, Interrupted, drive, guards, serve, thresholds, world};
 use crate::{
     cli::{self, PilotKind},
-    known,
+    known::{self, Roads},
     staged::{self, Console, HandLog, Screen, Staged},
 };
 use lapwing_core::{
@@ -131,6 +131,7 @@ impl Stage {
         let Self { settings, mut spec, pilots, ends, has_speed, stock, json } = self;
         let mut setup = set_up(&spec, &settings, stock)?;
         let guard = guards::load(&settings.brake)?;
+        let shipped = known::courses(&Roads::default())?;
         let server = PageServer::start(&settings, port)?;
         server.page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
@@ -145,15 +146,21 @@ impl Stage {
             if let Some(control) = console.borrow().settings() {
                 settings.control = control.clone();
             }
-            let road = known::known_road(spec.track.as_deref().unwrap_or(&setup.track.file().name));
-            server.page.has_courses(road.into_iter().map(|road| known::course(&setup.track, road.into())).collect());
+            // The roads of recorded runs, and the one of this world.
+            let mut courses = shipped.clone();
+            let track = &setup.track;
+            if !courses.iter().any(|course| course.name == track.file().name) {
+                let road = known::known_road(spec.track.as_deref().unwrap_or(&settings.simulator.track))?;
+                courses.push(known::course(track, road.into()));
+            }
+            server.page.has_courses(courses);
             let run = Run { settings: &settings, guard: guard.as_deref(), page: &server.page, json };
             let (ended, asked) = run.drive(setup, &console, interrupted.clone())?;
             if interrupted.is_pressed() || (ends && !asked) {
                 break ended;
             }
             let next = loop {
-                let Some(choice) = console.borrow_mut().next() else { break None };
+                let Some(choice) = console.borrow_mut().wait_for_next() else { break None };
                 let next = staged::chosen(&spec, &choice);
                 match set_up(&next, &settings, stock) {
                     Ok(setup) => break Some((next, setup)),

@@ -125,7 +125,7 @@ impl Console {
     }
 
     /// The run is over: waits for what comes next; `None` if the program should end.
-    pub fn next(&mut self) -> Option<WorldChoice> {
+    pub fn wait_for_next(&mut self) -> Option<WorldChoice> {
         self.showing.run_ended();
         if let Some(log) = &mut self.log {
             log.cut();

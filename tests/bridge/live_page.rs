@@ -246,7 +246,7 @@ async fn what_a_page_asks_for_acts_at_the_next_frame_and_is_in_the_run() {
     let run = std::fs::read_dir(dir.path()).unwrap().next().unwrap().unwrap().path();
     let events: Vec<_> = RunReader::open(&run)
         .unwrap()
-        .filter_map(|entry| match entry.unwrap().item {
+        .filter_map(|entry| match entry.unwrap().1 {
             Item::Event(event) => Some(event),
             _ => None,
         })

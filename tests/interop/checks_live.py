@@ -77,7 +77,8 @@ def live_drive(_):
     equal("exit status after SIGINT", drive.process.returncode, 0)
     runs = len(list((drive.dir / "runs").glob("*.mcap")))
     equal("runs: the first, after the reset, the jungle", runs, 3)
-    return f"{result['events']} events shown, {runs} runs"
+    equal("what was downloaded", result["downloaded"].endswith(".mcap"), True)
+    return f"{result['events']} events shown, {runs} runs, one of them played"
 
 
 def live_record(_):

@@ -45,7 +45,7 @@ CHECKS = [
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
     ("page", checks_page.page, False, "the page of a score draws itself and answers mouse and keys"),
     ("live-serve", checks_live.live_serve, False, "the live page of a bridge in Chromium: values, controls, tabs"),
-    ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world"),
+    ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),
     ("live-record", checks_live.live_record, False, "and what is driven there by keys and gamepad is training data"),
     ("abuse", checks_server.abuse, False, "malformed messages get one safe answer each"),
     ("unknown-agent", checks_server.unknown_agent, False, "a build that talks first is a simulator"),

@@ -120,7 +120,7 @@ impl Runs {
             let (name, told) = (entry.file_name().into_string().ok()?, entry.metadata().ok()?);
             let modified = told.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
             let modified_s = modified.unwrap_or_default().as_secs();
-            (is_file && is_run_name(name.as_ref())).then(|| Listed { name, bytes: told.len(), modified_s })
+            (is_file && is_run_name(name.as_ref())).then_some(Listed { name, bytes: told.len(), modified_s })
         };
         let mut runs: Vec<_> = entries.flatten().filter_map(run).collect();
         runs.sort_by(|a, b| b.modified_s.cmp(&a.modified_s).then_with(|| b.name.cmp(&a.name)));
@@ -144,7 +144,7 @@ impl Runs {
         let mut pictures = Pictures::of(1);
         let run = judged(path, &[], |at, item| pictures.take(at, item))?;
         let picture = pictures.middle();
-        let glance = Arc::new(Glance { title: run.title(), rows: run.card.known_rows(), picture });
+        let glance = Arc::new(Glance { title: title(&run, name), rows: run.card.known_rows(), picture });
         let mut glances = self.glances.lock().unwrap_or_else(PoisonError::into_inner);
         if glances.len() >= 2 * LISTED {
             glances.clear(); // of runs that were deleted, most of them
@@ -168,7 +168,7 @@ impl Runs {
         })?;
         let (drawn, outline) = on_map(collector, &run.card, courses);
         let (frames_s, frames) = pictures.taken.into_iter().unzip();
-        let (title, rows) = (run.title(), run.card.known_rows());
+        let (title, rows) = (title(&run, name), run.card.known_rows());
         let name = name.to_owned();
         let opened = Arc::new(Opened { name, bytes, title, card: run.card, rows, drawn, outline, frames_s, frames });
         *self.opened.lock().unwrap_or_else(PoisonError::into_inner) = Some(opened.clone());
@@ -181,7 +181,7 @@ impl Runs {
         let mut collector = Collector::default();
         let run = judged(path, courses, |at, item| collector.item(at, item))?;
         let (drawn, outline) = on_map(collector, &run.card, courses);
-        let (title, card) = (run.title(), &run.card);
+        let (title, card) = (title(&run, name), &run.card);
         Ok(render(&[Shown { title, card, drawn: &drawn, outline: outline.as_ref(), missed: vec![] }])?)
     }
 }
@@ -198,6 +198,11 @@ fn judged(path: PathBuf, courses: &[Course], watch: impl FnMut(Duration, &Item))
     let roads: Vec<Arc<Road>> =
         courses.iter().flat_map(|course| [course.road.clone(), Arc::new(course.road.reversed())]).collect();
     JudgedRun::open(path, &Thresholds::default(), || Ok(Scorer::on(&roads, None)), watch)
+}
+
+/// The run, its model and its track, without the folder, which is nobody's business.
+fn title(run: &JudgedRun, name: &str) -> String {
+    run.title().replacen(&run.path.display().to_string(), name, 1)
 }
 
 /// What is drawn of a run, with its road where that is known.

@@ -146,7 +146,7 @@ fn a_page_that_falls_silent_has_let_go_of_the_wheel() {
 fn a_driver_that_takes_nothing_is_not_asked_for_ever() {
     let page = page();
     let _showing = page.show("a simulator", Abilities::of_a_connection());
-    let refused = (0..100).filter_map(|_| ask(&page, 1, r#"{"control":"stop"}"#).err()).last();
+    let refused = (0..100).rev().find_map(|_| ask(&page, 1, r#"{"control":"stop"}"#).err());
     assert_eq!(refused, Some(Refused::Busy(32)));
 }
 

@@ -25,6 +25,13 @@ function addToMinute(turn, status) {
   if (old > 200) for (const name of SERIES) minute[name].splice(0, old); // now and then: a splice moves the rest
 }
 
+// Ranges of axes that end where a line of the grid is.
+const fromZero = (_, low, high) => [0, Math.max(10, Math.ceil((1.1 * (high ?? 0)) / 10) * 10)];
+function bothWays(_, low, high) {
+  const most = Math.max(5, Math.ceil(Math.max(Math.abs(low ?? 0), Math.abs(high ?? 0)) / 5) * 5);
+  return [-most, most];
+}
+
 function curve(title, lines, range) {
   const legend = el("p", { class: "legend" }, el("strong", {}, title), ...lines.map(({ name, colour }) => {
     const key = el("i", { "data-colour": colour });
@@ -35,7 +42,7 @@ function curve(title, lines, range) {
   $("curves").append(legend, box);
   const axis = { stroke: () => colours.faint, font: "11px system-ui, sans-serif", ticks: { show: false }, gap: 4 };
   const chart = new uPlot({
-    width: 600, height: 92, padding: [6, 8, 0, 0], legend: { show: false }, cursor: { show: false },
+    width: 600, height: 92, padding: [6, 14, 0, 0], legend: { show: false }, cursor: { show: false },
     scales: { x: { time: false, range: () => [(minute.last ?? MINUTE_S) - MINUTE_S, minute.last ?? MINUTE_S] }, y: { range } },
     axes: [{ ...axis, size: 18, space: 70, grid: { show: false }, values: (_, splits) => splits.map((t) => (t < 0 ? "" : clock(t).replace(/\.0$/, ""))) },
       { ...axis, size: 36, space: 26, grid: { stroke: () => colours.line, width: 1 } }],
@@ -48,8 +55,8 @@ function curve(title, lines, range) {
 
 const drawCurves = [
   curve("Speed, mph", [{ name: "set", data: "set", colour: "b", width: 1.2, dash: [5, 4] }, { name: "speed", data: "speed", colour: "a", width: 1.8 }],
-    (_, low, high) => [0, Math.max(10, Math.ceil((1.1 * (high ?? 0)) / 5) * 5)]),
+    fromZero),
   curve("Steering, degrees", [{ name: "reported", data: "steering", colour: "faint", width: 1.2 }, { name: "commanded", data: "asked", colour: "b", width: 1.6 }],
-    (_, low, high) => { const most = Math.max(5, Math.abs(low ?? 0), Math.abs(high ?? 0)); return [-most, most]; }),
+    bothWays),
   curve("Throttle and brake", [{ name: "throttle", data: "throttle", colour: "good", width: 1.6 }], () => [-1.05, 1.05]),
 ];

@@ -83,7 +83,7 @@ function dial() {
     canvas, el("p", {}, value, el("small", {}, " mph")), set);
   const show = (mph, setMph) => {
     const { context, width, height } = sharp(canvas);
-    const most = Math.max(30, Math.ceil((1.2 * (setMph ?? 0)) / 10) * 10), r = Math.min(width / 2, height) - 8;
+    const most = Math.max(30, Math.ceil((1.2 * (setMph ?? 0)) / 10) * 10), r = Math.max(1, Math.min(width / 2, height) - 8);
     const [x, y] = [width / 2, height - 4], angle = (v) => Math.PI * (1 + Math.min(1, Math.max(0, v / most)));
     const arc = (from, to, colour, w) => {
       context.beginPath();

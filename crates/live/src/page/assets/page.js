@@ -125,6 +125,7 @@ function draw() {
   live.dirty = true;
   requestAnimationFrame((now) => {
     live.dirty = false;
+    if ($("main").hidden) return;
     drawCamera(live.turn);
     drawGauges(live.turn, live.status);
     say($("hz"), live.turn ? `${live.turn.hz.toFixed(1)} frames a second` : "");

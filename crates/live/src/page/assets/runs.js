@@ -116,17 +116,17 @@ function runCurves({ t, speed, steering }) {
     u.ctx.fillStyle = colours.b;
     u.ctx.fillRect(x - 1, top, 2, height);
   };
-  runs.charts = [["Speed, mph", speed, "a"], ["Steering, degrees", steering, "b"]].map(([title, values, colour]) => {
+  runs.charts = [["Speed, mph", speed, "a", fromZero], ["Steering, degrees", steering, "b", bothWays]].map(([title, values, colour, range]) => {
     const box = el("div", { class: "chart", role: "img", "aria-label": title });
     $("run-curves").append(el("p", { class: "legend" }, el("strong", {}, title)), box);
     const chart = new uPlot({
-      width: 600, height: 92, padding: [6, 8, 0, 0], legend: { show: false }, cursor: { drag: { x: false, y: false }, y: false },
-      scales: { x: { time: false } },
+      width: 600, height: 100, padding: [6, 18, 0, 0], legend: { show: false }, cursor: { drag: { x: false, y: false }, y: false },
+      scales: { x: { time: false }, y: { range } },
       axes: [{ ...axis, size: 18, space: 70, grid: { show: false }, values: (_, splits) => splits.map((s) => clock(s).replace(/\.0$/, "")) }, { ...axis, size: 36, space: 26, grid: { stroke: () => colours.line, width: 1 } }],
       series: [{}, { stroke: () => colours[colour], width: 1.4, points: { show: false } }], hooks: { draw: [now] },
     }, [t, values], box);
     chart.over.addEventListener("click", ({ clientX }) => seek(frameAt(chart.posToVal(clientX - chart.over.getBoundingClientRect().left, "x"))));
-    new ResizeObserver(([{ contentRect }]) => contentRect.width && chart.setSize({ width: contentRect.width, height: 92 })).observe(box);
+    new ResizeObserver(([{ contentRect }]) => contentRect.width && chart.setSize({ width: contentRect.width, height: 100 })).observe(box);
     return chart;
   });
 }
