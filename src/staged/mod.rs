@@ -300,6 +300,10 @@ impl Observer<Staged> for Screen {
     fn untold(&mut self, at: Duration, event: &EventRecord) {
         Observer::<Staged>::event(self, at, event);
     }
+
+    fn end(&mut self) {
+        self.console.borrow_mut().showing.keep_score(&self.scorer);
+    }
 }
 
 #[cfg(test)]

@@ -357,6 +357,9 @@ impl Session {
                     let why = "a person at the page ended it";
                     self.note(now, EventRecord::RunEnded { why: why.to_owned() });
                     tracing::info!("{}: {why}", self.peer);
+                    if let (Some(showing), Some(drive)) = (&mut self.showing, &self.drive) {
+                        showing.keep_score(drive.account.scorer());
+                    }
                     // Closing a file may take its time.
                     tokio::task::block_in_place(|| self.close());
                     (self.ended, self.waiting) = (true, Waiting::new(now));

@@ -275,6 +275,11 @@ impl Showing {
         }
     }
 
+    /// Keeps the score of a run that is over.
+    pub fn keep_score(&mut self, scorer: &Scorer) {
+        self.now.scorer = Some(Arc::new(scorer.clone()));
+    }
+
     /// Changes the driver as the page asks; returns what changed, as events of the run. What is not the driver's to do
     /// waits for [`Showing::others`].
     pub fn direct(&mut self, driver: &mut Driver, now: Instant) -> Vec<EventRecord> {
