@@ -213,6 +213,7 @@ async fn what_a_page_asks_for_acts_at_the_next_frame_and_is_in_the_run() {
     assert_eq!(steer(&simulator.ask(&at_9).await).1, 1.0, "full throttle");
     control(address, 1, json!({ "control": "stop" })).await;
     assert_eq!(steer(&simulator.ask(&at_9).await).1, -1.0, "full brake");
+    assert_eq!(steer(&simulator.ask(&at_9).await).1, -1.0, "until the pilot is armed");
     assert_eq!(get(address, "/api/drives/1").await.1["status"]["hands"], "stopped");
     control(address, 1, json!({ "control": "arm" })).await;
     assert_eq!(steer(&simulator.ask(&at_9).await).1, 1.0);
@@ -328,7 +329,10 @@ async fn where_others_can_reach_the_port_the_token_is_wanted() {
     let address = SocketAddr::new([127, 0, 0, 1].into(), running.address.port());
     let token = running.bridge.page().want_token().unwrap().text().to_owned();
     let mut simulator = Wire::simulator(address).await;
-    steer(&simulator.ask(&telemetry("4.0000")).await);
+    for _ in 0..2 {
+        // A turn is shown once its answer is out: that of the first is, once the second is answered.
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+    }
     let wrong = "0".repeat(32);
     for request in
         ["GET /api/state", "GET /api/drives/1", "GET /api/drives/1/picture", "POST /api/drives/1/control", "POST /arm"]
