@@ -39,7 +39,7 @@ deny:
 bench: .libtorch/build-version
 	$(CARGO) bench
 
-# Real clients against the real bridge; needs Node.js with npm, and fetches from PyPI and npm.
+# Real clients against the real bridge; needs Node.js with npm, and Chromium, and fetches from PyPI and npm.
 interop: build
 	$(PYTHON) tests/interop/run.py
 

@@ -19,6 +19,7 @@ use lapwing_core::{
     units::SpeedUnit,
 };
 use lapwing_learn::nn::Checkpoint;
+use lapwing_live::page::{Abilities, Control, FASTEST_MPH, Offered, WeatherRange, WorldChoice};
 use lapwing_sim::{
     scenario::Scenario,
     track::{Track, TrackFile},
@@ -29,7 +30,7 @@ use lapwing_sim::{
 pub type Target = fn(&[u8]);
 
 /// All of them, by the name of their corpus.
-pub const TARGETS: [(&str, Target); 10] = [
+pub const TARGETS: [(&str, Target); 11] = [
     ("packets", packets),
     ("numbers", numbers),
     ("telemetry", telemetry),
@@ -40,6 +41,7 @@ pub const TARGETS: [(&str, Target); 10] = [
     ("tracks", tracks),
     ("scenarios", scenarios),
     ("settings", settings),
+    ("controls", controls),
 ];
 
 /// Half of the last decimal that the wire carries, and what doubles add to it.
@@ -319,4 +321,23 @@ pub fn settings(data: &[u8]) {
 fn same_again(settings: &Settings) {
     let json = serde_json::to_value(settings).expect("settings are JSON: they stand in every run");
     assert_eq!(serde_json::from_value::<Settings>(json).expect("what was written"), *settings);
+}
+
+/// What a page may ask for: a speed that a car can hold, a pilot that there is, and a world by names that are offered, of
+/// which none is a path.
+pub fn controls(data: &[u8]) {
+    let rain = WeatherRange { name: "rain".into(), min: 0.0, max: 1.0, fair: 0.0 };
+    let offered = Offered { tracks: vec!["lake".into()], scenarios: vec!["ccrs".into()], weather: vec![rain] };
+    let Ok(control) = Control::read(data) else { return };
+    match (control.check(&Abilities::of_the_simulator(true), &offered, 2), control) {
+        (Err(error), _) => assert!(!error.to_string().is_empty()),
+        (Ok(()), Control::SetSpeed { mph }) => assert!(mph > 0.0 && mph <= FASTEST_MPH),
+        (Ok(()), Control::Pilot { index }) => assert!(index < 2),
+        (Ok(()), Control::World(WorldChoice { track, weather, scenario })) => {
+            assert!(track.is_none_or(|track| track == "lake" || track.starts_with("random:") && !track.contains('/')));
+            assert!(scenario.is_none_or(|scenario| scenario.is_empty() || scenario == "ccrs"));
+            assert!(weather.into_iter().flatten().all(|(name, value)| name == "rain" && (0.0..=1.0).contains(&value)));
+        }
+        (Ok(()), _) => {}
+    }
 }

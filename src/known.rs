@@ -4,6 +4,8 @@ use std::{cell::OnceCell, sync::Arc};
 
 use glam::DVec3;
 
+#[cfg(feature = "bridge")]
+use lapwing_live::page::Course;
 use lapwing_score::{
     odometry::{Look, Road},
     score::{Scorecard, page::Outline},
@@ -72,6 +74,26 @@ pub fn outline(track: &Track) -> Outline {
         (0..steps).map(|i| from_above(track.point(f64::from(i) * OUTLINE_M, offset))).collect()
     };
     Outline { left: edge(-track.half_width()), right: edge(track.half_width()) }
+}
+
+/// The known roads as the bridge's page draws them.
+///
+/// # Errors
+/// Those of [`Track::open`].
+#[cfg(feature = "bridge")]
+pub fn courses(roads: &Roads) -> Result<Vec<Course>, TrackError> {
+    let known = roads.known()?;
+    known.iter().zip(roads.names()).map(|(road, name)| Ok(course(&Track::open(name)?, road.clone()))).collect()
+}
+
+/// A track as the page draws it.
+#[cfg(feature = "bridge")]
+pub fn course(track: &Track, road: Arc<Road>) -> Course {
+    let length_m = track.driving_line_length();
+    let steps = (length_m / OUTLINE_M).ceil().max(1.0);
+    let line = |i: u32| from_above(track.on_driving_line(length_m * f64::from(i) / steps).position);
+    let line = (0..steps as u32).map(line).collect();
+    Course { name: track.file().name.clone(), outline: outline(track), line, road }
 }
 
 /// Where a run without positions seems to have been: seconds, and places on the line to drive.

@@ -70,7 +70,7 @@ fn seeds_are_written() {
 }
 
 /// Inputs that each reader accepts, or nearly does.
-fn seeds() -> [(&'static str, Vec<Vec<u8>>); 10] {
+fn seeds() -> [(&'static str, Vec<Vec<u8>>); 11] {
     let payloads = payloads();
     let bytes = |texts: &[&str]| texts.iter().map(|text| text.as_bytes().to_vec()).collect::<Vec<_>>();
     let mut packets = bytes(&[
@@ -120,12 +120,26 @@ fn seeds() -> [(&'static str, Vec<Vec<u8>>); 10] {
         ("tracks", tracks()),
         ("scenarios", scenarios.into()),
         ("settings", settings()),
+        ("controls", bytes(&CONTROLS)),
     ]
 }
 
 fn source(path: &str) -> Vec<u8> {
     fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/sim/src").join(path)).unwrap()
 }
+
+/// What a page asks for.
+const CONTROLS: [&str; 9] = [
+    r#"{"control":"set-speed","mph":12.5}"#,
+    r#"{"control":"set-speed","mph":1e309}"#,
+    r#"{"control":"speed-law","law":"quadratic"}"#,
+    r#"{"control":"pilot","index":1}"#,
+    r#"{"control":"pilot","index":18446744073709551615}"#,
+    r#"{"control":"take-over"}"#,
+    r#"{"control":"world","track":"random:7","weather":{"rain":0.5},"scenario":"ccrs"}"#,
+    r#"{"control":"world","track":"../../etc/passwd","scenario":""}"#,
+    r#"{"control":"record","on":true}"#,
+];
 
 /// Telemetry of every build and culture.
 fn payloads() -> Vec<String> {

@@ -86,7 +86,12 @@ impl Running {
     }
 
     pub async fn without_a_model(settings: Settings) -> Self {
-        let listener = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
+        Self::listening(([127, 0, 0, 1], 0).into(), settings).await
+    }
+
+    /// Without a model, at this address.
+    pub async fn listening(at: SocketAddr, settings: Settings) -> Self {
+        let listener = Listener::bind(at).await.unwrap();
         let address = listener.address();
         let summaries = Arc::<Mutex<Vec<Summary>>>::default();
         let sink = summaries.clone();

@@ -55,6 +55,22 @@ pub struct Drive {
     /// Print the scorecard as JSON
     #[arg(long)]
     pub json: bool,
+    #[cfg(feature = "bridge")]
+    #[command(flatten)]
+    pub page: PageFlags,
+}
+
+/// A page that shows and controls the headless simulator.
+#[cfg(feature = "bridge")]
+#[derive(Debug, Default, Args)]
+pub struct PageFlags {
+    /// Drive in real time, shown and controlled by a page in the browser at this port [default port: 4568]; without --laps and
+    /// --max-time until Ctrl-C
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4568")]
+    pub page: Option<u16>,
+    /// Another model that a person at the page may switch to; may be given several times
+    #[arg(long, value_name = "FILE", requires = "page")]
+    pub also_model: Vec<PathBuf>,
 }
 
 /// Who steers.
@@ -112,6 +128,7 @@ pub struct Record {
     pub world: WorldFlags,
     /// Number of laps to drive
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[cfg_attr(feature = "bridge", arg(conflicts_with = "page"))]
     pub laps: u32,
     /// New folder for driving_log.csv and IMG/
     #[arg(long, value_name = "DIR")]
@@ -121,11 +138,16 @@ pub struct Record {
     pub speed: f64,
     /// Move the car off the line now and then, disturb its steering, and record how the expert corrects it
     #[arg(long)]
+    #[cfg_attr(feature = "bridge", arg(conflicts_with = "page"))]
     pub recovery: bool,
     /// Instead of a drive, take this many pictures of a car that stands anywhere on the road and anyhow; with
     /// --conditions random, in many weathers
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with_all = ["laps", "speed", "recovery", "scenario", "max_time"])]
+    #[cfg_attr(feature = "bridge", arg(conflicts_with = "page"))]
     pub stances: Option<u64>,
+    #[cfg(feature = "bridge")]
+    #[command(flatten)]
+    pub page: PageFlags,
 }
 
 /// `lapwing serve`
@@ -143,6 +165,9 @@ pub struct Serve {
     /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
+    /// Another model that a person at the page may switch to; may be given several times
+    #[arg(long, value_name = "FILE")]
+    pub also_model: Vec<PathBuf>,
     /// Event to send to each simulator when it connects, in JSON: '["reset",{}]'; may be given several times
     #[arg(long, value_name = "EVENT")]
     pub greet: Vec<String>,

@@ -10,6 +10,7 @@ use serde_json::json;
 use super::{Ended, guards, recorded_world::Recorded, thresholds, world};
 use crate::cli::{self, PilotKind};
 use lapwing_core::{
+    config::Settings,
     drive::{DriveDigest, Observer},
     driver::Driver,
     pilot::{Pilot, PurePursuit},
@@ -24,23 +25,16 @@ use lapwing_score::score::{self, Figure};
 use lapwing_sim::world::Simulation;
 
 /// The expert's name in a run.
-const EXPERT: &str = "expert (pure pursuit on the known line)";
+pub(super) const EXPERT: &str = "expert (pure pursuit on the known line)";
 
 pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut interrupted = super::interrupted();
-    let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
-    let layers = guards::layers(layers, &arguments.guard)?;
-    let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
-    if let Some(dir) = &arguments.recordings {
-        layers = layers.set_path("--recordings", "recording.dir", dir)?;
+    let settings = settings(&arguments, config)?;
+    #[cfg(feature = "bridge")]
+    if let Some(port) = arguments.page.page {
+        return super::paged::drive(&arguments, settings, port, interrupted);
     }
-    if arguments.no_recording {
-        layers = layers.set("--no-recording", "recording.enabled", false)?;
-    }
-    let mut settings = layers.resolve()?;
-    // libtorch rounds differently with another number of threads, and the same seed must give the same bytes
-    // everywhere.
-    settings.model.threads = 1;
+    let mut settings = settings;
     let mut setup = world::spec(&arguments.world, arguments.laps).setup(&settings.simulator)?;
     setup.stock = arguments.stock;
     let mut recorded = match &arguments.recorded[..] {
@@ -130,6 +124,24 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     Ok(ended)
 }
 
+/// The settings of a drive in this process.
+pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow::Result<Settings> {
+    let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
+    let layers = guards::layers(layers, &arguments.guard)?;
+    let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
+    if let Some(dir) = &arguments.recordings {
+        layers = layers.set_path("--recordings", "recording.dir", dir)?;
+    }
+    if arguments.no_recording {
+        layers = layers.set("--no-recording", "recording.enabled", false)?;
+    }
+    let mut settings = layers.resolve()?;
+    // libtorch rounds differently with another number of threads, and the same seed must give the same bytes
+    // everywhere.
+    settings.model.threads = 1;
+    Ok(settings)
+}
+
 fn paced(wall: Duration, times: f64) -> String {
     format!("{:.1} s, {times:.0} times real time", wall.as_secs_f64())
 }
@@ -146,7 +158,7 @@ fn shown(seen: &Seen) -> String {
     )
 }
 
-fn told(report: &RecordingReport) -> String {
+pub(super) fn told(report: &RecordingReport) -> String {
     let lost = report.frames_not_recorded + report.items_not_recorded;
     let lost = if lost > 0 { format!(", {} could not be recorded", count(lost, "item")) } else { String::new() };
     format!("{} ({}{lost})", report.path.display(), count(report.frames, "frame"))

@@ -25,6 +25,8 @@ mod marl;
 #[cfg(feature = "networks")]
 mod model;
 mod outputs;
+#[cfg(all(feature = "bridge", feature = "simulator"))]
+mod paged;
 #[cfg(feature = "simulator")]
 mod record;
 #[cfg(feature = "simulator")]
@@ -59,6 +61,8 @@ use std::{
 
 use tracing_subscriber::EnvFilter;
 
+#[cfg(feature = "bridge")]
+use model::load_models;
 #[cfg(all(feature = "networks", feature = "simulator"))]
 use model::suits_our_cameras;
 #[cfg(feature = "networks")]

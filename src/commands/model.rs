@@ -1,6 +1,8 @@
 //! Models of the commands: which may be loaded, and loading them.
 
 use std::{num::NonZeroU16, path::Path, time::Instant};
+#[cfg(feature = "bridge")]
+use std::{path::PathBuf, sync::Arc};
 
 #[cfg(feature = "simulator")]
 use anyhow::Context;
@@ -78,4 +80,17 @@ pub(super) fn load_model(settings: &Settings) -> anyhow::Result<LoadedModel> {
     }
     tracing::info!("model: {}", model.name());
     Ok(model)
+}
+
+/// The model that drives first, then those that a person at the page may switch to: the built-in one, and these files.
+#[cfg(feature = "bridge")]
+pub(super) fn load_models(settings: &Settings, more: &[PathBuf]) -> anyhow::Result<Vec<Arc<LoadedModel>>> {
+    let mut all = vec![Arc::new(load_model(settings)?)];
+    if settings.model.path.is_some() {
+        all.push(Arc::new(models::built_in(Instant::now)?));
+    }
+    for path in more {
+        all.push(Arc::new(models::load(path, Instant::now)?));
+    }
+    Ok(all)
 }

@@ -13,6 +13,11 @@ use lapwing_sim::{
 };
 
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
+    #[cfg(feature = "bridge")]
+    if let Some(port) = arguments.page.page {
+        let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
+        return super::paged::record(arguments, settings, port, super::interrupted());
+    }
     if let Some(wanted) = arguments.stances {
         let (made, track) = stances(arguments, wanted, config, &super::interrupted())?;
         super::print(&format!("{} of {track}, in {}", count(made, "stance"), arguments.out.display()))?;

@@ -3,7 +3,7 @@
 use std::{
     io::{self, BufRead, IsTerminal},
     net::SocketAddr,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -14,8 +14,11 @@ use anyhow::Context;
 
 use super::{Ended, guards, outputs::Unprinted, terminal::Asked};
 use crate::cli;
-use lapwing_core::config::Settings;
-use lapwing_live::bridge::{self, Bridge, Listener, Summary};
+use lapwing_core::{config::Settings, pilot::Model};
+use lapwing_live::{
+    bridge::{self, Bridge, Listener, Summary},
+    page::Page,
+};
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
@@ -37,16 +40,15 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
     }
     let settings = layers.resolve()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("no runtime")?;
-    let result = runtime.block_on(serve(settings, arguments.json));
+    let result = runtime.block_on(serve(settings, arguments.also_model, arguments.json));
     // Do not wait for a model that is still loading.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
+async fn serve(settings: Settings, also: Vec<PathBuf>, json: bool) -> anyhow::Result<Ended> {
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot listen for Ctrl-C")?;
-    say!("{}", how_to_connect(listener.address()));
     let unprinted = Arc::new(AtomicBool::new(false));
     let bridge = Bridge::new(settings.clone(), {
         let unprinted = unprinted.clone();
@@ -58,17 +60,25 @@ async fn serve(settings: Settings, json: bool) -> anyhow::Result<Ended> {
             }
         }
     });
+    let page = page_address(listener.address(), bridge.page())?;
+    say!("{}\n  Page: {page}", how_to_connect(listener.address()));
     arm_on_enter(bridge.clone());
     let loading = tokio::task::spawn_blocking({
         let bridge = bridge.clone();
         move || {
             #[cfg(feature = "simulator")]
-            bridge.roads_are_known(crate::known::Roads::default().known()?.to_vec());
+            {
+                let roads = crate::known::Roads::default();
+                bridge.page().has_courses(crate::known::courses(&roads)?);
+                bridge.roads_are_known(roads.known()?.to_vec());
+            }
             // Before the model, with which drives begin.
             if let Some(guard) = guards::load(&settings.brake)? {
                 bridge.guard_is_ready(guard);
             }
-            super::load_model(&settings).map(|model| bridge.model_is_ready(model))
+            let models = super::load_models(&settings, &also)?;
+            bridge.models_are_ready(models.into_iter().map(|model| model as Arc<dyn Model>).collect());
+            Ok(())
         }
     });
     let (failed, failure) = tokio::sync::oneshot::channel();
@@ -122,6 +132,16 @@ fn arm_on_enter(bridge: Arc<Bridge>) {
             }
         });
     }
+}
+
+/// Where the page is; with its token where others can reach it.
+pub(super) fn page_address(address: SocketAddr, page: &Page) -> anyhow::Result<String> {
+    let (ip, port) = (address.ip(), address.port());
+    if ip.is_loopback() {
+        return Ok(format!("http://{address}/"));
+    }
+    let host = if ip.is_unspecified() { format!("ADDRESS-OF-THIS-MACHINE:{port}") } else { address.to_string() };
+    Ok(format!("http://{host}/?token={}", page.want_token()?.text()))
 }
 
 fn how_to_connect(address: SocketAddr) -> String {

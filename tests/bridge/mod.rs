@@ -4,6 +4,7 @@ mod bad_input;
 mod clients;
 mod dialects;
 mod hands;
+mod live_page;
 mod liveness;
 mod pages;
 mod port;

@@ -71,7 +71,8 @@ class Bridge:
         RUNS.mkdir(parents=True, exist_ok=True)
         self.dir = RUNS / f"{len(list(RUNS.iterdir())):02}"
         self.dir.mkdir()
-        self.command = [LAPWING, "serve", "--port", str(port), "--json", "--recordings", self.dir / "mcap", *arguments]
+        runs = () if "--no-recording" in arguments else ("--recordings", self.dir / "mcap")
+        self.command = [LAPWING, "serve", "--port", str(port), "--json", *runs, *arguments]
         self.ended = False
 
     def __enter__(self):

@@ -10,8 +10,8 @@ Python 3.9 or newer and its standard library. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
 the stand-in simulator need the shared folder (LAPWING_SHARED, by default
 `shared` beside the checkout) and are skipped without it, those of the
-JavaScript clients and of the page without Node.js; with
-LAPWING_REQUIRE_SHARED=1 they fail instead.
+JavaScript clients and of the pages without Node.js, those of the live page
+without Chromium; with LAPWING_REQUIRE_SHARED=1 they fail instead.
 """
 import argparse
 import shutil
@@ -20,6 +20,7 @@ import time
 
 import checks_clients
 import checks_drives
+import checks_live
 import checks_page
 import checks_runs
 import checks_server
@@ -43,6 +44,9 @@ CHECKS = [
     ("crash", checks_runs.crash, True, "kill -9 costs at most the last second of a run"),
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
     ("page", checks_page.page, False, "the page of a score draws itself and answers mouse and keys"),
+    ("live-serve", checks_live.live_serve, False, "the live page of a bridge in Chromium: values, controls, tabs"),
+    ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),
+    ("live-record", checks_live.live_record, False, "and what is driven there by keys and gamepad is training data"),
     ("abuse", checks_server.abuse, False, "malformed messages get one safe answer each"),
     ("unknown-agent", checks_server.unknown_agent, False, "a build that talks first is a simulator"),
     ("busy-port", checks_server.busy_port, False, "a taken port names who holds it"),

@@ -7,6 +7,8 @@
 //! | module | holds |
 //! |---|---|
 //! | [`bridge`] | the port, who may connect to it, and a session for each connection |
+//! | [`page`] | what drives, shown in a browser, and what a person there may change |
+//! | `websocket` | how a WebSocket is opened for either |
 //!
 //! Callers hand it pilots ([`Model`](lapwing_core::pilot::Model)) and roads; it knows neither networks nor a simulator.
 //!
@@ -74,3 +76,5 @@
 //! ```
 
 pub mod bridge;
+pub mod page;
+mod websocket;

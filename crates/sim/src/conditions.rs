@@ -182,6 +182,13 @@ impl Conditions {
         conditions
     }
 
+    /// Every condition by name, with its smallest and largest value, and the one that fair weather has; the track's own
+    /// sun has none.
+    pub fn ranges() -> [(&'static str, f64, f64, Option<f64>); 10] {
+        let fair = Self::default().values();
+        std::array::from_fn(|i| (NAMES[i], RANGES[i].0, RANGES[i].1, fair[i]))
+    }
+
     /// Whether a run's seed changes anything under these conditions: only rain, noise and dropped frames are random.
     pub fn left_to_chance(&self) -> bool {
         self.rain > 0.0 || self.noise > 0.0 || self.dropped > 0.0

@@ -242,7 +242,16 @@ fn arguments(recording: &SimulatedData, out: &Path) -> cli::Record {
     let SimulatedData { track, laps, speed, seed, recovery, conditions, stances, .. } = recording.clone();
     let track = Some(track);
     let world = cli::WorldFlags { track, seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
-    cli::Record { world, laps, out: out.to_owned(), speed, recovery, stances }
+    cli::Record {
+        world,
+        laps,
+        out: out.to_owned(),
+        speed,
+        recovery,
+        stances,
+        #[cfg(feature = "bridge")]
+        page: cli::PageFlags::default(),
+    }
 }
 
 /// Records simulated data unless it exists: completely, or nothing of it is kept.

@@ -48,6 +48,15 @@ impl Handover {
         Some(HandoverChange::TakeoverEnded(at.saturating_sub(since)))
     }
 
+    /// Switches the pilot off until it is armed; returns whether it drove. A human who drives keeps the wheel.
+    pub fn switch_off(&mut self) -> bool {
+        let drove = self.hands == Hands::Pilot;
+        if drove {
+            self.hands = Hands::Off;
+        }
+        drove
+    }
+
     /// Lets the pilot drive again; returns whether it was off.
     pub fn arm(&mut self) -> bool {
         let was_off = self.hands == Hands::Off;
@@ -102,5 +111,15 @@ mod tests {
         assert!(handover.is_off());
         assert!(handover.arm());
         assert!(!handover.is_off());
+    }
+
+    #[test]
+    fn a_pilot_is_switched_off_only_while_it_drives() {
+        let mut handover = Handover::new(false);
+        assert!(handover.switch_off() && handover.is_off());
+        assert!(!handover.switch_off(), "it is off already");
+        assert!(handover.arm());
+        handover.human_drives(s(1));
+        assert!(!handover.switch_off() && handover.is_human(), "the human has the wheel");
     }
 }

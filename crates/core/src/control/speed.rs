@@ -117,6 +117,14 @@ impl SpeedController {
         }
     }
 
+    /// Another set speed, or limit, from now on. What the PI controller has summed up stays.
+    pub fn set_speed(&mut self, speed: Mph) {
+        match self {
+            Self::Pi(pi) => pi.set_speed = speed,
+            Self::Quadratic(quadratic) => quadratic.limit = speed,
+        }
+    }
+
     /// Back to rest, between runs.
     pub fn reset(&mut self) {
         if let Self::Pi(pi) = self {

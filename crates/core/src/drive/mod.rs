@@ -37,6 +37,11 @@ pub trait Eventful: World {
         true
     }
 
+    /// A person at this world changes how it is driven, from the turn at this time on: returns what changed, as events.
+    fn direct(&mut self, _at: Duration, _driver: &mut Driver) -> Vec<EventRecord> {
+        vec![]
+    }
+
     /// Ends the world: there is no next observation.
     fn interrupt(&mut self);
 }
@@ -191,6 +196,9 @@ fn turns<W: Eventful>(
             });
         }
         let Some(observation) = seen else { return Ok(()) };
+        for event in world.direct(observation.at, driver) {
+            observers.iter_mut().for_each(|observer| observer.event(observation.at, &event));
+        }
         observers.iter_mut().for_each(|observer| observer.ready(observation.at));
         let mut turn = turn(driver, observation);
         // No connection lies between this driver and this world.

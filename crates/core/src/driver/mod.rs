@@ -11,14 +11,17 @@
 //! call [`Driver::drive`], so what is measured is what drives. It always answers: a frame that cannot be read or driven
 //! by gets a safe command.
 
+mod directed;
 mod watch;
 
 use std::time::Duration;
 
-use self::watch::Watch;
+pub use self::directed::Hands;
+
+use self::{directed::Directed, watch::Watch};
 use crate::{
-    config::{self, SpeedLaw, Takeover},
-    control::{Handover, KnownSpeed, Pi, PiGains, Quadratic, Release, SpeedController, Standstill},
+    config::{self, Takeover},
+    control::{Handover, KnownSpeed, Release, SpeedController, Standstill},
     guard::Guard,
     perception::{self, Frame, ImageError},
     pilot::{Pilot, PilotError, View},
@@ -42,6 +45,7 @@ pub struct Driver {
     speed_told: Option<Mph>,
     bad: BadFrames,
     watch: Option<Watch>,
+    directed: Directed,
 }
 
 /// How long the driver has been without a frame that it could use.
@@ -63,20 +67,17 @@ enum Unusable {
 impl Driver {
     /// A driver at rest.
     pub fn new(pilot: Box<dyn Pilot>, settings: &config::ControlSettings, clock: Clock) -> Self {
-        let config::ControlSettings { speed_law, speed_mph, kp, ki, takeover } = *settings;
         Self {
             pilot,
-            speed: match speed_law {
-                SpeedLaw::Pi => SpeedController::Pi(Pi::new(PiGains { kp, ki }, speed_mph)),
-                SpeedLaw::Quadratic => SpeedController::Quadratic(Quadratic::new(speed_mph)),
-            },
-            handover: Handover::new(takeover == Takeover::Latch),
+            speed: directed::controller(settings),
+            handover: Handover::new(settings.takeover == Takeover::Latch),
             clock,
             frame: Frame::default(),
             last: Command::default(),
             speed_told: None,
             bad: BadFrames::default(),
             watch: None,
+            directed: Directed::by(settings.clone()),
         }
     }
 
@@ -101,7 +102,10 @@ impl Driver {
             }
             Sight::Telemetry(telemetry) => {
                 self.speed_told = Some(telemetry.speed);
-                self.human_let_go(at, &mut trace);
+                match self.directed.by_hand {
+                    Some(_) => trace.events.extend(self.handover.human_drives(at).map(EventRecord::from)),
+                    None => self.human_let_go(at, &mut trace),
+                }
                 let command = match self.steer(at, telemetry, &mut trace) {
                     Ok(command) => {
                         self.bad = BadFrames::default();
@@ -112,7 +116,7 @@ impl Driver {
                 Answer::Steer(command)
             }
             // This does not mean that the human has let go.
-            Sight::Unreadable(why) if self.handover.is_human() => {
+            Sight::Unreadable(why) if self.handover.is_human() && self.directed.by_hand.is_none() => {
                 trace.events.push(EventRecord::BadFrame { why: why.to_string(), count_in_row: 1 });
                 trace.by = By::Human;
                 Answer::Manual
@@ -122,7 +126,10 @@ impl Driver {
             }
         };
         let answer = match answer {
-            Answer::Steer(command) => Answer::Steer(self.braked(at, &observation.sight, command)),
+            Answer::Steer(command) => {
+                let command = self.braked(at, &observation.sight, command);
+                Answer::Steer(self.stopped(at, &observation.sight, command))
+            }
             other => other,
         };
         if let Answer::Steer(command) = answer {
@@ -130,11 +137,6 @@ impl Driver {
         }
         trace.total = (self.clock)() - began;
         (answer, trace)
-    }
-
-    /// Arms a pilot that a human's takeover has switched off; returns whether it was off.
-    pub fn arm(&mut self) -> bool {
-        self.handover.arm()
     }
 
     /// Whether a human drives, as far as last reported.
@@ -150,6 +152,7 @@ impl Driver {
         self.bad = BadFrames::default();
         self.last = Command::default();
         self.speed_told = None;
+        self.directed.reset();
         if let Some(watch) = &mut self.watch {
             watch.reset();
         }
@@ -174,10 +177,7 @@ impl Driver {
     /// The command with the guard's throttle, if it brakes.
     fn braked(&mut self, at: Duration, sight: &Sight, command: Command) -> Command {
         let Some(watch) = &mut self.watch else { return command };
-        let speed = match sight {
-            Sight::Telemetry(telemetry) => KnownSpeed::Now(telemetry.speed),
-            Sight::HumanDrives | Sight::Unreadable(_) => KnownSpeed::Last(self.speed_told),
-        };
+        let speed = known_speed(sight, self.speed_told);
         watch.throttle(at, speed).map_or(command, |throttle| Command { throttle, ..command })
     }
 
@@ -193,6 +193,11 @@ impl Driver {
             self.rest_guard(at, trace);
             trace.by = By::Off;
             return Ok(Command::default()); // wheels straight, the car rolls out
+        }
+        if let Some(command) = self.directed.by_hand {
+            self.rest_guard(at, trace);
+            trace.by = By::Human;
+            return Ok(command);
         }
         if self.pilot.needs_picture() || self.watch.as_ref().is_some_and(Watch::needs_picture) {
             perception::decode_jpeg(&jpeg, &mut self.frame)?;
@@ -225,5 +230,12 @@ impl Driver {
         let throttle =
             if count_in_row < BAD_FRAMES_TO_BRAKE { Throttle::ZERO } else { self.bad.standstill.update(at, speed) };
         Command { steering: self.last.steering, throttle }
+    }
+}
+
+fn known_speed(sight: &Sight, told: Option<Mph>) -> KnownSpeed {
+    match sight {
+        Sight::Telemetry(telemetry) => KnownSpeed::Now(telemetry.speed),
+        Sight::HumanDrives | Sight::Unreadable(_) => KnownSpeed::Last(told),
     }
 }

@@ -67,6 +67,26 @@ pub enum EventRecord {
     },
     /// The pilot was switched on.
     PilotArmed,
+    /// Somebody stops the car: full brake to a standstill, until the pilot is armed.
+    EmergencyStop,
+    /// Another set speed is held from here on.
+    SpeedSet {
+        /// Which.
+        mph: f64,
+    },
+    /// Another law computes the throttle from here on.
+    SpeedLawSet {
+        /// Its name, as in the settings.
+        law: String,
+    },
+    /// Another pilot drives from here on.
+    PilotSet {
+        /// Its name.
+        name: String,
+        /// SHA-256 of its file; absent if it has none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        sha256: Option<String>,
+    },
     /// An event of the simulator that is no telemetry.
     Simulator {
         /// Its name on the wire.
@@ -207,6 +227,8 @@ impl EventRecord {
             | Self::PilotOff { why: text }
             | Self::RunEnded { why: text }
             | Self::GuardBrakes { guard: text, .. }
+            | Self::SpeedLawSet { law: text }
+            | Self::PilotSet { name: text, .. }
             | Self::Note { text } => cut(text),
             Self::Simulator { name, payload } => {
                 cut(name);
@@ -220,6 +242,8 @@ impl EventRecord {
             | Self::Break { .. }
             | Self::Kick
             | Self::PilotArmed
+            | Self::EmergencyStop
+            | Self::SpeedSet { .. }
             | Self::Course { .. }
             | Self::MeasuredFrom { .. }
             | Self::Lap { .. }

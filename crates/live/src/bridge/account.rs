@@ -37,6 +37,11 @@ impl Account {
         Self { dialect, recorder: recorder.flatten(), scorer: Scorer::live(roads), steers: 0, manuals: 0 }
     }
 
+    /// The score so far.
+    pub fn scorer(&self) -> &Scorer {
+        &self.scorer
+    }
+
     /// Closes the file and returns the summary.
     pub fn finish(self, simulator: String) -> Summary {
         let run = self.recorder.map(|recorder| {

@@ -1,7 +1,8 @@
-//! Who may connect: programs that use this machine's names, not pages in a browser.
+//! Who may connect: programs that use this machine's names, and our own page, but no other page in a browser.
 //!
 //! A browser lets any page of the web talk to this port, and says so in `Origin`. No simulator sends one, so a request
-//! with an origin is refused unless the settings allow it. A page may also point its own name at this machine's address
+//! with an origin is refused unless the settings allow it or it is this server itself: then our own page asks, or a
+//! program that names the server as its origin, as python-socketio's WebSocket does. A page may also point its own name at this machine's address
 //! (DNS rebinding) and so share this very origin; its `Host` is then that name, so `Host` must be a name of this
 //! machine. The port in it is ignored: a tunnel has another one, and a page cannot choose the address of a name like
 //! `localhost`.
@@ -90,14 +91,15 @@ fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) ->
     };
     let listed =
         settings.allow_origins.iter().any(|allowed| origin.as_bytes().eq_ignore_ascii_case(allowed.as_bytes()));
-    // python-socketio's WebSocket names the server itself as its origin. No page is served from here, so no page can
-    // have this origin.
+    // `Host` was checked above, so this is no page whose name was pointed here; and a page of another program on this
+    // machine has another port.
     let own = origin.to_str().is_ok_and(|o| o.split_once("://").is_some_and(|(_, o)| o.eq_ignore_ascii_case(host)));
     let simulator = text(headers, header::USER_AGENT.as_str()).starts_with("websocket-sharp/");
-    let ordinary = request.uri().path().starts_with("/socket.io") && !simulator;
+    let path = request.uri().path();
+    let ours = ["/live", "/socket.io", "/api/"].iter().any(|ours| path.starts_with(ours)) && !simulator;
     match () {
         () if listed => Ok(Some(origin.clone())),
-        () if !changes_something(request) || (own && ordinary) => Ok(None),
+        () if !changes_something(request) || (own && ours) => Ok(None),
         () => Err(Refused::Page(String::from_utf8_lossy(origin.as_bytes()).chars().take(100).collect())),
     }
 }
@@ -197,11 +199,22 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_names_the_bridge_as_its_origin_is_an_ordinary_one_and_nothing_else() {
+    fn who_names_the_bridge_as_its_origin_is_our_page_or_an_ordinary_client_and_no_simulator() {
         let own = [("host", "127.0.0.1:4567"), ("origin", "http://127.0.0.1:4567")];
         let bare = settings(&[], &[]);
         assert!(asked("GET", "/socket.io/", &own, &bare, "127.0.0.1"));
-        assert!(!asked("POST", "/arm", &own, &bare, "127.0.0.1"));
+        assert!(!asked("POST", "/arm", &own, &bare, "127.0.0.1"), "the page has a path of its own for this");
+        for (method, path) in [("GET", "/live"), ("POST", "/api/drives/1/control")] {
+            assert!(asked(method, path, &own, &bare, "127.0.0.1"), "{path}");
+            for (host, origin) in [
+                ("127.0.0.1:4567", "http://127.0.0.1:8000"),
+                ("127.0.0.1:4567", "http://localhost:4567"),
+                ("evil.example:4567", "http://evil.example:4567"),
+            ] {
+                let other = [("host", host), ("origin", origin)];
+                assert!(!asked(method, path, &other, &bare, "127.0.0.1"), "{path} from {origin}");
+            }
+        }
         let simulator = [own[0], own[1], ("user-agent", "websocket-sharp/1.0")];
         assert!(!asked("GET", "/socket.io/", &simulator, &bare, "127.0.0.1"));
         assert!(asked("GET", "/socket.io/", &simulator, &settings(&["http://127.0.0.1:4567"], &[]), "127.0.0.1"));

@@ -20,7 +20,7 @@ use axum::{
     Extension, Router,
     body::{Body, HttpBody},
     extract::{Request, State},
-    http::{HeaderValue, Method, StatusCode, Version, header},
+    http::{Method, StatusCode, Version, header},
     response::{IntoResponse, Response},
 };
 use bytes::{Buf, Bytes, BytesMut};
@@ -31,10 +31,7 @@ use tokio::{
 };
 use tokio_tungstenite::{
     WebSocketStream,
-    tungstenite::{
-        handshake::derive_accept_key,
-        protocol::{Role as End, WebSocketConfig},
-    },
+    tungstenite::protocol::{Role as End, WebSocketConfig},
 };
 use tower::ServiceExt;
 
@@ -45,6 +42,7 @@ use super::{
     load::{Abuse, Counted},
     simulator,
 };
+use crate::websocket::{Socket, is_asked, open};
 
 /// How long an unknown WebSocket is listened to. A simulator talks within a game frame or two; an ordinary client that
 /// connects without polling first is delayed by this much.
@@ -131,10 +129,7 @@ enum Caller {
 impl Caller {
     fn of(request: &Request) -> Self {
         let header = |name| request.headers().get(name).and_then(|v| v.to_str().ok()).unwrap_or("");
-        let dials = request.method() == Method::GET
-            && request.uri().path().starts_with("/socket.io")
-            && header(header::UPGRADE).eq_ignore_ascii_case("websocket")
-            && request.headers().contains_key(header::SEC_WEBSOCKET_KEY);
+        let dials = is_asked(request) && request.uri().path().starts_with("/socket.io");
         match () {
             () if !dials => Self::Http,
             // Polling began this client's session, which its WebSocket continues.
@@ -151,28 +146,6 @@ impl Caller {
 fn query(request: &Request) -> impl Iterator<Item = &str> {
     request.uri().query().unwrap_or("").split('&')
 }
-
-/// Answers the WebSocket handshake, offering no extension: the simulator refuses them.
-fn open<F, Fut>(mut request: Request, then: F) -> Response
-where
-    F: FnOnce(Socket) -> Fut + Send + 'static,
-    Fut: Future<Output = ()> + Send,
-{
-    let upgrade = hyper::upgrade::on(&mut request);
-    let key = request.headers().get(header::SEC_WEBSOCKET_KEY).map(HeaderValue::as_bytes).unwrap_or_default();
-    let accept = derive_accept_key(key);
-    tokio::spawn(async move {
-        match upgrade.await {
-            Ok(upgraded) => then(TokioIo::new(upgraded)).await,
-            Err(error) => tracing::debug!("a WebSocket handshake broke off: {error}"),
-        }
-    });
-    let headers =
-        [(header::UPGRADE, "websocket"), (header::CONNECTION, "Upgrade"), (header::SEC_WEBSOCKET_ACCEPT, &accept)];
-    (StatusCode::SWITCHING_PROTOCOLS, headers, Body::empty()).into_response()
-}
-
-type Socket = TokioIo<hyper::upgrade::Upgraded>;
 
 async fn websocket<S>(socket: Watched<S>, bridge: &Bridge) -> WebSocketStream<Watched<S>>
 where

@@ -30,6 +30,8 @@ pub(super) enum Role {
     Simulator,
     /// The WebSocket of an ordinary Socket.IO client.
     Client,
+    /// The WebSocket of a page that shows the drives.
+    Page,
 }
 
 impl fmt::Display for Role {
@@ -39,6 +41,7 @@ impl fmt::Display for Role {
             Self::Http => "HTTP",
             Self::Simulator => "simulator",
             Self::Client => "Socket.IO",
+            Self::Page => "page",
         })
     }
 }
@@ -159,7 +162,7 @@ impl Peer {
 impl Seat {
     /// Whether the connection has become a WebSocket.
     pub fn is_websocket(&self) -> bool {
-        matches!(self.guests.lock().guests.get(&self.id), Some((_, Role::Simulator | Role::Client)))
+        matches!(self.guests.lock().guests.get(&self.id), Some((_, Role::Simulator | Role::Client | Role::Page)))
     }
 }
 

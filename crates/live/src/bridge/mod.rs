@@ -8,7 +8,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `listener`, `guests` | the port; how many connections it has |
-//! | `door` | refuses web pages |
+//! | `door` | refuses web pages other than our own |
 //! | `gate` | tells simulators from other clients by what they send first |
 //! | `frames`, `load` | watch what arrives: its size, and the memory it takes |
 //! | `simulator`, `liveness`, `tokens` | a simulator's WebSocket, its silences, its game of tokens |
@@ -50,13 +50,14 @@ use std::{
 };
 
 use axum::{
-    Router,
-    extract::State,
-    http::Request,
+    Extension, Router,
+    extract::{self, State},
+    http::{Request, StatusCode},
     middleware,
+    response::{IntoResponse, Response},
     routing::{get, post},
 };
-use guests::Guests;
+use guests::{Guests, Peer, Role};
 use hyper::{body::Incoming, server::conn::http1};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -66,6 +67,7 @@ use load::InFlight;
 use tokio::sync::{Notify, watch};
 use tower::ServiceExt;
 
+use crate::page::{self, Page, PilotChoice};
 use lapwing_core::{config::Settings, guard::GuardModel, pilot::Model, protocol::Dialect, words::count};
 use lapwing_score::odometry::Road;
 
@@ -81,7 +83,8 @@ const HEAD: usize = 32 << 10;
 /// The state shared by all connections.
 pub struct Bridge {
     settings: Settings,
-    model: OnceLock<Box<dyn Model>>,
+    models: OnceLock<Vec<Arc<dyn Model>>>,
+    page: Arc<Page>,
     guard: OnceLock<Box<dyn GuardModel>>,
     roads: OnceLock<Vec<Arc<Road>>>,
     on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
@@ -140,11 +143,16 @@ impl Bridge {
     /// `on_summary` is called at the end of each run.
     pub fn new(settings: Settings, on_summary: impl Fn(&Summary) + Send + Sync + 'static) -> Arc<Self> {
         let limits = &settings.bridge.limits;
+        let page = Page::new();
+        if settings.recording.enabled {
+            page.has_runs(&settings.recording.dir);
+        }
         Arc::new(Self {
             guests: Guests::new(limits.connections()),
             in_flight: InFlight::new(limits),
             settings,
-            model: OnceLock::new(),
+            models: OnceLock::new(),
+            page,
             guard: OnceLock::new(),
             roads: OnceLock::new(),
             on_summary: Box::new(on_summary),
@@ -162,9 +170,20 @@ impl Bridge {
         })
     }
 
+    /// The page on which its drives are shown.
+    pub fn page(&self) -> &Arc<Page> {
+        &self.page
+    }
+
     /// Hands the model to all connections, present and future. A second one is ignored.
     pub fn model_is_ready(&self, model: impl Model + 'static) {
-        let _ = self.model.set(Box::new(model));
+        self.models_are_ready(vec![Arc::new(model)]);
+    }
+
+    /// The same with several, of which the first drives until a person at the page chooses another.
+    pub fn models_are_ready(&self, models: Vec<Arc<dyn Model>>) {
+        self.page.has_pilots(models.iter().cloned().map(PilotChoice::of).collect());
+        let _ = self.models.set(models);
     }
 
     /// Sets the guard that may brake in place of the pilot, for drives that begin from now on: those that should have it
@@ -246,21 +265,53 @@ impl Drop for Presence {
     }
 }
 
-/// Serves until `shutdown` is ready, then ends all runs and returns.
+/// Serves until `shutdown` is ready, then ends all runs and returns. On an address that others can reach, the page and
+/// all that changes something wants [a token](Page::want_token).
 ///
 /// # Errors
-/// If runs could not be closed in time because a disk does not respond. Errors of single connections are handled there.
+/// If runs could not be closed in time because a disk does not respond, or if there is no token. Errors of single connections are handled there.
 pub async fn serve(
     listener: Listener,
     bridge: Arc<Bridge>,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> io::Result<()> {
+    let simulators = gate::service(bridge.clone());
+    serve_with(listener, bridge, simulators, shutdown).await
+}
+
+/// Serves the page alone: no simulator may connect.
+///
+/// # Errors
+/// Those of [`serve`].
+pub async fn serve_page(
+    listener: Listener,
+    bridge: Arc<Bridge>,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> io::Result<()> {
+    let nobody = Router::new().fallback(|| async { StatusCode::NOT_FOUND });
+    serve_with(listener, bridge, nobody, shutdown).await
+}
+
+async fn serve_with(
+    listener: Listener,
+    bridge: Arc<Bridge>,
+    others: Router,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> io::Result<()> {
+    let address = listener.address().ip();
+    // Whoever can reach the port could steer, so it is not left to the caller.
+    let token = match address.is_loopback() {
+        true => None,
+        false => Some(bridge.page.want_token().map_err(io::Error::other)?.clone()),
+    };
     let app = Router::new()
-        .route("/", get(|| async { "Lapwing is here. Start the simulator in autonomous mode.\n" }))
         .route("/arm", post(arm))
+        .route("/live", get(live))
         .with_state(bridge.clone())
-        .fallback_service(gate::service(bridge.clone()))
-        .layer(middleware::from_fn_with_state((bridge.clone(), listener.address().ip()), door::ask));
+        .merge(page::router(bridge.page.clone()))
+        .fallback_service(others)
+        .layer(middleware::from_fn_with_state(token, page::ask_token))
+        .layer(middleware::from_fn_with_state((bridge.clone(), address), door::ask));
     let stop = bridge.clone();
     let ended = async move {
         shutdown.await;
@@ -310,6 +361,19 @@ async fn accept(listener: &Listener, app: &Router, bridge: &Bridge) -> Infallibl
             }
         });
     }
+}
+
+/// A page that looks; its connection may be as quiet as a simulator's.
+async fn live(
+    State(bridge): State<Arc<Bridge>>,
+    Extension(peer): Extension<Peer>,
+    request: extract::Request,
+) -> Response {
+    let response = page::live(bridge.page.clone(), request);
+    if response.status() == StatusCode::SWITCHING_PROTOCOLS {
+        peer.is(Role::Page);
+    }
+    response.into_response()
 }
 
 async fn arm(State(bridge): State<Arc<Bridge>>) -> &'static str {

@@ -11,6 +11,7 @@ use bytes::Bytes;
 use serde_json::{json, value::RawValue};
 
 use super::{Bridge, Presence, Signals, account::Account, throttled::Throttled, waiting::Waiting};
+use crate::page::{Abilities, Control, Showing};
 use lapwing_core::{
     drive::{self, Elsewhere, Observer},
     driver::Driver,
@@ -32,6 +33,10 @@ pub(super) struct Session {
     /// The state before there is a drive.
     waiting: Waiting,
     drive: Option<Underway>,
+    /// Its place on the page, once it is known what it is.
+    showing: Option<Showing>,
+    /// A person at the page has ended the run; none begins before they begin one.
+    ended: bool,
     last: Command,
     /// Kicks before the drive began, for its account.
     early_kicks: u32,
@@ -63,9 +68,13 @@ struct Underway {
 
 impl Underway {
     /// No observer here can stop a drive: problems with a run are reported at its end.
-    fn show(&mut self, turn: &Turn) {
+    fn show(&mut self, turn: &Turn, now: Instant, showing: &mut Option<Showing>) {
         if let Err(error) = self.account.turn(&Elsewhere, turn) {
             tracing::error!("a turn could not be shown: {error}");
+        }
+        if let Some(showing) = showing {
+            showing.score(self.account.scorer(), now);
+            showing.turn(turn, self.driver.hands(), now);
         }
     }
 }
@@ -96,6 +105,8 @@ impl Session {
             dialect: None,
             waiting: Waiting::new(Instant::now()),
             drive: None,
+            showing: None,
+            ended: false,
             last: Command::default(),
             early_kicks: 0,
             bad: Throttled::default(),
@@ -161,6 +172,8 @@ impl Session {
             self.dialect = Some(dialect);
             self.introduce(&format!("a {dialect} simulator"));
             self.place.plays(dialect);
+            let title = format!("{dialect}, {}", self.peer);
+            self.showing = Some(self.bridge().page.show(&title, Abilities::of_a_connection()));
         }
         payload.telemetry(message, self.bridge().settings.bridge.speed_unit).map(Sight::Telemetry)
     }
@@ -245,15 +258,16 @@ impl Session {
         let Some((turn, drive)) = reply.turn.zip(self.drive.as_mut()) else { return };
         let turn = Turn { latency, ..turn };
         tell(&self.peer, &turn.trace.events, &self.bad, now);
-        drive.show(&turn);
+        drive.show(&turn, now, &mut self.showing);
     }
 
     /// Ends the run: closes the file and reports the summary.
     pub fn finish(mut self, why: &str) {
         self.note(Instant::now(), EventRecord::RunEnded { why: why.to_owned() });
-        let Some(Underway { account, .. }) = self.drive.take() else {
+        if self.drive.is_none() {
             let what = match () {
                 () if self.is_refused() => "it could not be driven",
+                () if self.ended => "its run had been ended",
                 () if self.dialect.is_some() => "the model was still loading",
                 () if self.told.heard => "no telemetry showed which simulator it was",
                 () => "it never sent a telemetry",
@@ -263,10 +277,9 @@ impl Session {
                 tracing::info!("{}: {why}; {what}{more}", self.peer);
             }
             return;
-        };
+        }
         tracing::info!("{}: {why}", self.peer);
-        let summary = account.finish(self.peer.clone());
-        (self.bridge().on_summary)(&summary);
+        self.close();
     }
 
     fn reply(&mut self, received: Instant, sight: Sight) -> Reply {
@@ -276,6 +289,7 @@ impl Session {
             // every build and keeps the simulator's loop going.
             return Reply { answer: Answer::Manual, dialect, received, turn: None };
         }
+        self.heed(received);
         self.begin(received);
         let Some(drive) = &mut self.drive else {
             return Reply { answer: self.wait(received, &sight), dialect, received, turn: None };
@@ -288,6 +302,14 @@ impl Session {
             if drive.driver.arm() {
                 tracing::info!("{}: the pilot is armed", self.peer);
                 drive.account.event(at, &EventRecord::PilotArmed);
+                self.showing.iter_mut().for_each(|showing| showing.event(at, &EventRecord::PilotArmed));
+            }
+        }
+        if let Some(showing) = &mut self.showing {
+            for event in showing.direct(&mut drive.driver, received) {
+                tracing::info!("{}: the page: {event:?}", self.peer);
+                drive.account.event(at, &event);
+                showing.event(at, &event);
             }
         }
         let turn = drive::turn(&mut drive.driver, Observation { at, sight });
@@ -325,13 +347,47 @@ impl Session {
         answer
     }
 
+    /// Ends or begins a run as a person at the page asks.
+    fn heed(&mut self, now: Instant) {
+        let others = self.showing.as_mut().map(Showing::others).unwrap_or_default();
+        for control in others {
+            match control {
+                Control::StartRun => self.ended = false,
+                Control::EndRun if self.drive.is_some() => {
+                    let why = "a person at the page ended it";
+                    self.note(now, EventRecord::RunEnded { why: why.to_owned() });
+                    tracing::info!("{}: {why}", self.peer);
+                    if let (Some(showing), Some(drive)) = (&mut self.showing, &self.drive) {
+                        showing.keep_score(drive.account.scorer());
+                    }
+                    // Closing a file may take its time.
+                    tokio::task::block_in_place(|| self.close());
+                    (self.ended, self.waiting) = (true, Waiting::new(now));
+                    self.showing.iter_mut().for_each(Showing::run_ended);
+                }
+                // The page refuses what a connection cannot do.
+                _ => {}
+            }
+        }
+    }
+
+    /// Closes the run, if there is one, and reports its summary; returns whether there was one.
+    fn close(&mut self) -> bool {
+        let Some(Underway { account, .. }) = self.drive.take() else { return false };
+        let summary = account.finish(self.peer.clone());
+        (self.bridge().on_summary)(&summary);
+        true
+    }
+
     /// Begins the run once the simulator is known and the model is loaded.
     fn begin(&mut self, now: Instant) {
-        if self.drive.is_some() || self.dialect.is_none() {
+        if self.drive.is_some() || self.dialect.is_none() || self.ended {
             return;
         }
         let bridge = self.place.bridge.clone();
-        let Some(model) = bridge.model.get() else { return };
+        let Some(models) = bridge.models.get() else { return };
+        let chosen = self.showing.as_ref().map_or(0, Showing::pilot);
+        let Some(model) = models.get(chosen).or(models.first()) else { return };
         // A human who drove until now belongs to the run.
         let human_since = self.waiting.human_since();
         let began = human_since.unwrap_or(now);
@@ -339,6 +395,11 @@ impl Session {
         let started = jiff::Timestamp::now();
         let started = started.checked_sub(began.elapsed()).unwrap_or(started);
         let guard = bridge.guard.get();
+        let mut settings = settings.clone();
+        if let Some(control) = self.showing.as_ref().and_then(Showing::settings) {
+            settings.control = control.clone();
+        }
+        let settings = &settings;
         let mut config = serde_json::to_value(settings).expect("settings are plain data");
         if let (Some(guard), Some(config)) = (guard, config.as_object_mut()) {
             config.insert("guard".into(), json!({ "name": guard.name(), "sha256": guard.sha256() }));
@@ -355,10 +416,13 @@ impl Session {
             took: Duration::MAX,
             account: Account::new(&self.peer, header, &settings.recording, bridge.roads()),
         };
+        if let Some(showing) = &mut self.showing {
+            showing.run_begins(self.dialect, &settings.control);
+        }
         if human_since.is_some() {
             let observation = Observation { at: Duration::ZERO, sight: Sight::HumanDrives };
             let turn = drive::turn(&mut drive.driver, observation);
-            drive.show(&turn);
+            drive.show(&turn, now, &mut self.showing);
         }
         self.drive = Some(drive);
         for _ in 0..std::mem::take(&mut self.early_kicks) {
@@ -375,7 +439,11 @@ impl Session {
 
     fn note(&mut self, now: Instant, event: EventRecord) {
         if let Some(Underway { account, began, .. }) = &mut self.drive {
-            account.event(now.saturating_duration_since(*began), &event);
+            let at = now.saturating_duration_since(*began);
+            account.event(at, &event);
+            if let Some(showing) = &mut self.showing {
+                showing.event(at, &event);
+            }
         }
     }
 }

@@ -36,10 +36,14 @@ const APART_S: f64 = 0.1;
 const DECIMALS: i32 = 3;
 
 /// uPlot as its authors ship it: which version, and how to take a newer one, is said in `uplot/README.md`.
-const UPLOT: &str = include_str!("uplot/uPlot.iife.min.js");
-const UPLOT_STYLE: &str = include_str!("uplot/uPlot.min.css");
+pub const UPLOT: &str = include_str!("uplot/uPlot.iife.min.js");
+/// Its styles.
+pub const UPLOT_STYLE: &str = include_str!("uplot/uPlot.min.css");
 /// It asks to go with every copy, and each page is one.
-const UPLOT_LICENCE: &str = include_str!("uplot/LICENSE");
+pub const UPLOT_LICENCE: &str = include_str!("uplot/LICENSE");
+
+/// The colours of all pages, light and dark.
+pub const COLOURS: &str = include_str!("colours.css");
 
 /// Both edges of a road as seen from above: x and z in metres, in the telemetry's axes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -183,7 +187,7 @@ fn short(value: f64) -> f32 {
 }
 
 /// An event for people; none where a page has no use for it.
-fn words(event: &EventRecord) -> Option<String> {
+pub fn words(event: &EventRecord) -> Option<String> {
     Some(match event {
         EventRecord::TakeoverBegan => "a human took the wheel".into(),
         EventRecord::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
@@ -204,6 +208,10 @@ fn words(event: &EventRecord) -> Option<String> {
         EventRecord::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
         EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
         EventRecord::PilotArmed => "the pilot was switched on".into(),
+        EventRecord::EmergencyStop => "emergency stop".into(),
+        EventRecord::SpeedSet { mph } => format!("set speed {mph} mph"),
+        EventRecord::SpeedLawSet { law } => format!("speed law {law}"),
+        EventRecord::PilotSet { name, .. } => format!("{name} drives"),
         EventRecord::Break { .. } => "another drive is joined here".into(),
         EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
         EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
@@ -280,7 +288,7 @@ pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
     let uplot = format!("/*\n{UPLOT_LICENCE}*/\n{UPLOT}");
-    let style = format!("{UPLOT_STYLE}\n{}", include_str!("page.css"));
+    let style = format!("{UPLOT_STYLE}\n{COLOURS}{}", include_str!("page.css"));
     // The data last: a run may hold any text, such as the name of a place in the page.
     let parts = [
         ("/*STYLE*/", &*style),

@@ -1,0 +1,125 @@
+"use strict";
+// What a person may change. A control that the drive does not have is disabled, and says why.
+const token = new URLSearchParams(location.search).get("token") ?? sessionStorage.getItem("token");
+if (token) {
+  sessionStorage.setItem("token", token);
+  // The secret need not stand in the address, nor in the history.
+  history.replaceState(null, "", location.pathname);
+}
+const wants = { drive: null, status: null, touched: new Map() };
+// Which control each element belongs to.
+const PARTS = {
+  stop: "stop", "take-over": "take-over", arm: "arm", mph: "set-speed", "mph-slider": "set-speed", law: "speed-law", pilot: "pilot",
+  steer: "steer", "start-run": "start-run", "end-run": "end-run", record: "record", pause: "pause", step: "step", reset: "reset",
+  track: "world", seed: "world", scenario: "world", apply: "world",
+};
+
+async function ask(control) {
+  if (wants.drive === null) return;
+  try {
+    const response = await fetch(`api/drives/${wants.drive}/control`, {
+      method: "POST", body: JSON.stringify(control),
+      headers: { "Content-Type": "application/json", ...(token ? { Authorization: `Bearer ${token}` } : {}) },
+    });
+    const answer = response.ok ? "" : ((await response.json().catch(() => null))?.error ?? `refused: ${response.status}`);
+    say($("answer"), answer);
+  } catch {
+    say($("answer"), "the bridge does not answer");
+  }
+}
+
+// What a person has just set stays as they set it until the drive says so, too, or three seconds have passed.
+const touch = (id) => wants.touched.set(id, performance.now());
+const isTouched = (id) => document.activeElement === $(id) && performance.now() - (wants.touched.get(id) ?? -Infinity) < 3000;
+const put = (id, value) => { if (!isTouched(id) && $(id).value !== String(value)) $(id).value = value; };
+
+function options(select, names, values = names) {
+  const key = JSON.stringify([names, values]);
+  if (select.dataset.key === key) return;
+  select.dataset.key = key;
+  select.replaceChildren(...names.map((name, i) => el("option", { value: values[i] }, name)));
+}
+
+function showControls(drive, status, pilots) {
+  [wants.drive, wants.status] = [drive, status];
+  const can = status?.can ?? {}, running = status?.phase === "driving";
+  for (const [id, control] of Object.entries(PARTS)) {
+    let why = status ? (can[control] ?? null) : "nothing drives";
+    if (!why && id === "start-run" && running) why = "a run is under way";
+    if (!why && id === "end-run" && !running) why = "no run is under way";
+    $(id).disabled = why !== null;
+    $(id).title = why ?? "";
+  }
+  const world = status ? (can.world ?? null) : "nothing drives";
+  say($("world-why"), world ?? "");
+  $("world-why").hidden = world === null;
+  say($("run-why"), (status && can["start-run"]) ?? "");
+  $("record").hidden = Boolean(can.record);
+  if (!status) return;
+  put("mph", +status.set_speed_mph.toFixed(1));
+  put("mph-slider", status.set_speed_mph);
+  say($("mph-now"), `${+status.set_speed_mph.toFixed(1)} mph`);
+  put("law", status.speed_law);
+  options($("pilot"), pilots.length ? pilots : ["still loading"], pilots.length ? pilots.map((_, i) => i) : [0]);
+  put("pilot", status.pilot);
+  $("pause").setAttribute("aria-pressed", status.paused);
+  say($("pause"), status.paused ? "Go on" : "Pause");
+  $("record").setAttribute("aria-pressed", status.recording);
+  say($("record"), status.recording ? `Recording: ${status.recorded} rows` : `Record by hand${status.recorded ? ` (${status.recorded} rows)` : ""}`);
+  $("arm").classList.toggle("due", ["off", "stopped"].includes(status.hands) && running);
+  showWorld(status);
+}
+
+// Fields of the world are filled when the world changes, not under somebody's hands.
+function showWorld({ offered, track, scenario, run }) {
+  const key = JSON.stringify([offered, track, scenario, run]);
+  if ($("world").dataset.key === key) return;
+  $("world").dataset.key = key;
+  options($("track"), [...offered.tracks, "random"], [...offered.tracks, "random"]);
+  options($("scenario"), ["none", ...offered.scenarios], ["", ...offered.scenarios]);
+  if (track) $("track").value = offered.tracks.includes(track) ? track : "random";
+  $("scenario").value = scenario ?? "";
+  $("seed").hidden = $("track").value !== "random";
+  if ($("weather").childElementCount === offered.weather.length) return;
+  $("weather").replaceChildren(...offered.weather.map(({ name, min, max, fair }) => {
+    const step = max - min > 20 ? 1 : 0.05;
+    const value = el("output", {}, String(fair)), slider = el("input", { type: "range", min, max, step, value: fair, "data-fair": fair, "data-name": name, id: `weather-${name}` });
+    slider.addEventListener("input", () => say(value, slider.value));
+    return el("label", { for: slider.id }, el("span", {}, name.replace("_deg", " °").replaceAll("_", " ")), slider, value);
+  }));
+}
+
+const click = (id, control) => $(id).addEventListener("click", () => ask(typeof control === "function" ? control() : control));
+click("stop", { control: "stop" });
+click("take-over", { control: "take-over" });
+click("arm", { control: "arm" });
+click("start-run", { control: "start-run" });
+click("end-run", { control: "end-run" });
+click("pause", () => ({ control: wants.status?.paused ? "resume" : "pause" }));
+click("step", { control: "step" });
+click("reset", { control: "reset" });
+click("record", () => ({ control: "record", on: !wants.status?.recording }));
+click("apply", () => {
+  const track = $("track").value === "random" ? `random:${Math.max(0, Math.floor(+$("seed").value || 0))}` : $("track").value;
+  const sliders = [...$("weather").querySelectorAll("input")].filter((slider) => slider.value !== slider.dataset.fair);
+  const weather = Object.fromEntries(sliders.map((slider) => [slider.dataset.name, +slider.value]));
+  return { control: "world", track, scenario: $("scenario").value, weather };
+});
+$("track").addEventListener("change", () => { $("seed").hidden = $("track").value !== "random"; });
+$("steer").addEventListener("click", () => { takeWheel(!wheel.on); $("steer").blur(); });
+
+for (const id of ["mph", "mph-slider"]) {
+  $(id).addEventListener("input", () => { touch(id); say($("mph-now"), `${$(id).value} mph`); });
+  $(id).addEventListener("change", () => { touch(id); ask({ control: "set-speed", mph: +$(id).value }); });
+}
+$("law").addEventListener("change", () => { touch("law"); ask({ control: "speed-law", law: $("law").value }); });
+$("pilot").addEventListener("change", () => { touch("pilot"); ask({ control: "pilot", index: +$("pilot").value }); });
+
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.key === "Escape") ask({ control: "stop" });
+  if ($("main").hidden) return;
+  const writing = event.target instanceof HTMLElement && event.target.matches("input, select, textarea");
+  if (event.code === "KeyH" && !writing && !$("steer").disabled) { event.preventDefault(); takeWheel(!wheel.on); }
+});
+showControls(null, null, []);

@@ -1,0 +1,92 @@
+"use strict";
+// The track from above, and the car on it.
+const TRAIL = 4000;
+const chartOf = { course: null, trail: [], place: null };
+
+function showCourse(course) {
+  chartOf.course = course;
+  chartOf.trail.length = 0;
+  say($("course"), course ? course.name : "");
+}
+
+function forgetTrail() {
+  chartOf.trail.length = 0;
+  chartOf.place = null;
+}
+
+function addToTrail(place) {
+  chartOf.place = place;
+  if (!place) return;
+  const last = chartOf.trail.at(-1);
+  if (last && Math.hypot(last[0] - place.at[0], last[1] - place.at[1]) < 0.5) return;
+  chartOf.trail.push(place.at);
+  if (chartOf.trail.length > TRAIL) chartOf.trail.splice(0, TRAIL / 4);
+}
+
+// The road, the way that was driven, and the car; false where there is nothing to draw.
+function drawTrack(canvas, course, trail, place) {
+  const { context, width, height } = sharp(canvas);
+  context.clearRect(0, 0, width, height);
+  const points = course ? [...course.left, ...course.right] : trail;
+  if (points.length < 2) {
+    context.fillStyle = colours.faint;
+    context.font = "13px system-ui, sans-serif";
+    context.textAlign = "center";
+    context.fillText("not known where the car is", width / 2, height / 2);
+    return false;
+  }
+  let [x0, x1, z0, z1] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (const [x, z] of points) [x0, x1, z0, z1] = [Math.min(x0, x), Math.max(x1, x), Math.min(z0, z), Math.max(z1, z)];
+  const scale = Math.min((width - 24) / Math.max(20, x1 - x0), (height - 24) / Math.max(20, z1 - z0));
+  const at = ([x, z]) => [width / 2 + scale * (x - (x0 + x1) / 2), height / 2 - scale * (z - (z0 + z1) / 2)];
+  if (course) {
+    // As a broad line along the middle: an area between the edges would have holes where the road crosses itself.
+    const { left, right } = course, middle = left.map(([x, z], i) => [(x + right[i][0]) / 2, (z + right[i][1]) / 2]);
+    const wide = scale * Math.hypot(left[0][0] - right[0][0], left[0][1] - right[0][1]);
+    context.beginPath();
+    middle.forEach((point, i) => (i ? context.lineTo(...at(point)) : context.moveTo(...at(point))));
+    context.closePath();
+    context.lineJoin = "round";
+    for (const [colour, width] of [[colours.faint, wide + 1.4], [colours.road, wide]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = Math.max(2, width);
+      context.stroke();
+    }
+  }
+  // A jump is a reset, or an estimate that has changed its mind: no line is drawn along it.
+  context.beginPath();
+  let before = null;
+  for (const point of trail) {
+    const near = before && Math.hypot(before[0] - point[0], before[1] - point[1]) < 25;
+    if (near) context.lineTo(...at(point)); else context.moveTo(...at(point));
+    before = point;
+  }
+  context.strokeStyle = colours.a;
+  context.lineWidth = 2;
+  context.stroke();
+  if (place) {
+    const [x, y] = at(place.at);
+    if (known(place.off_m)) {
+      context.beginPath();
+      context.arc(x, y, Math.max(7, scale * 2 * place.off_m), 0, 2 * Math.PI);
+      context.fillStyle = colours.b;
+      context.globalAlpha = 0.22;
+      context.fill();
+      context.globalAlpha = 1;
+    }
+    context.beginPath();
+    context.arc(x, y, 5, 0, 2 * Math.PI);
+    context.fillStyle = colours.b;
+    context.fill();
+    context.strokeStyle = colours.card;
+    context.lineWidth = 2;
+    context.stroke();
+  }
+  return true;
+}
+
+function drawMap() {
+  const { course, trail, place } = chartOf;
+  const words = !place ? "where the car is on this track is not known yet" : known(place.off_m) ? `estimated from speed and steering, ± ${place.off_m.toFixed(0)} m along the road` : "";
+  say($("place"), drawTrack($("map"), course, trail, place) ? words : "");
+}

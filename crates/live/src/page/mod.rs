@@ -1,0 +1,185 @@
+//! The page: what drives, shown in a browser, and what a person there may change.
+//!
+//! ```text
+//! session, or drive's loop ─▶ Showing ─▶ newest moment ─▶ WebSocket, /api, /metrics
+//!            ▲                                                   │
+//!            └────── next frame ◀─ box of requests ◀─ checked ◀──┘
+//! ```
+//! | file | holds |
+//! |---|---|
+//! | `showing` | the driver's end: shows turns, takes requests; never waits for a page |
+//! | `moment` | what is shown of one moment |
+//! | `control` | what may be asked for, and who can do it |
+//! | `routes` | the paths: the page's files, `/api`, `/metrics`, `/healthz` |
+//! | `runs`, `runs_routes` | recorded runs: listed, looked at, downloaded |
+//! | `socket` | `/live`: the newest moment and picture, as often as the reader keeps up |
+//! | `course` | roads from above, for the map; where on them a car without a position seems to be |
+//! | `counts`, `metrics` | numbers for Prometheus |
+//! | `token` | the secret that is wanted where others can reach the port |
+//! | `assets/` | the page's own files, as browsers get them |
+//!
+//! Who may connect at all is the bridge's business. No text of a request becomes a path: names are compared with those that
+//! there are.
+
+mod control;
+mod counts;
+mod course;
+mod metrics;
+mod moment;
+mod routes;
+mod runs;
+mod runs_routes;
+mod showing;
+mod socket;
+mod token;
+
+use std::{
+    fmt,
+    path::Path,
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicU64, AtomicUsize, Ordering},
+    },
+};
+
+use tokio::sync::watch;
+
+pub use control::{Abilities, Control, FASTEST_MPH, Offered, Refused, WeatherRange, WorldChoice};
+pub use course::Course;
+pub use showing::Showing;
+pub use token::{NoToken, Token};
+
+pub(crate) use routes::{ask_token, router};
+pub(crate) use socket::live;
+
+use counts::Counts;
+use lapwing_core::{
+    pilot::{Model, Pilot},
+    recording::ModelId,
+};
+use moment::Status;
+use runs::Runs;
+use showing::Drive;
+
+/// Makes a pilot anew.
+type MakePilot = Box<dyn Fn() -> Box<dyn Pilot> + Send + Sync>;
+
+/// A pilot that pages may switch to.
+pub struct PilotChoice {
+    /// Its name.
+    pub name: String,
+    /// SHA-256 of its file, if it has one.
+    pub sha256: Option<String>,
+    /// Makes one for one car.
+    pub make: MakePilot,
+}
+
+impl PilotChoice {
+    /// As runs name their model; none if it has no file.
+    pub fn id(&self) -> Option<ModelId> {
+        let Self { name, sha256, .. } = self;
+        Some(ModelId { name: name.clone(), sha256: sha256.clone()? })
+    }
+
+    /// Pilots of a model.
+    pub fn of(model: Arc<dyn Model>) -> Self {
+        Self {
+            name: model.name().to_owned(),
+            sha256: Some(model.sha256().to_owned()),
+            make: Box::new(move || model.pilot()),
+        }
+    }
+}
+
+impl fmt::Debug for PilotChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+/// What all pages share.
+#[derive(Debug, Default)]
+pub struct Page {
+    drives: watch::Sender<Vec<Arc<Drive>>>,
+    next_id: AtomicU64,
+    pilots: OnceLock<Vec<PilotChoice>>,
+    courses: watch::Sender<Arc<Vec<Course>>>,
+    token: OnceLock<Token>,
+    runs: OnceLock<Runs>,
+    /// Counts of the drives that are over.
+    ended: Mutex<Counts>,
+    /// Pages that look now.
+    open: AtomicUsize,
+}
+
+impl Page {
+    /// A page on which nothing drives yet.
+    pub fn new() -> Arc<Self> {
+        Arc::default()
+    }
+
+    /// The pilots that pages may switch among; the first one drives unless told otherwise. A second call is ignored.
+    pub fn has_pilots(&self, pilots: Vec<PilotChoice>) {
+        let _ = self.pilots.set(pilots);
+    }
+
+    /// The roads whose maps are drawn, and on which cars without a position are looked for.
+    pub fn has_courses(&self, courses: Vec<Course>) {
+        self.courses.send_replace(Arc::new(courses));
+    }
+
+    /// The folder whose runs are shown. A second call is ignored.
+    pub fn has_runs(&self, dir: &Path) {
+        let _ = self.runs.set(Runs::of(dir.to_owned()));
+    }
+
+    fn runs(&self) -> Option<&Runs> {
+        self.runs.get()
+    }
+
+    /// The token that is wanted where others can reach the port; made at the first call.
+    ///
+    /// # Errors
+    /// [`NoToken`].
+    pub fn want_token(&self) -> Result<&Token, NoToken> {
+        if let Some(token) = self.token.get() {
+            return Ok(token);
+        }
+        let token = Token::random()?;
+        Ok(self.token.get_or_init(|| token))
+    }
+
+    /// A drive begins to be shown, as a tab of this name.
+    pub fn show(self: &Arc<Self>, title: &str, can: Abilities) -> Showing {
+        let id = self.next_id.fetch_add(1, Ordering::Relaxed) + 1;
+        let status = Status { title: title.to_owned(), can, ..Status::default() };
+        let showing = Showing::new(self.clone(), id, status);
+        self.drives.send_modify(|drives| drives.push(showing.drive().clone()));
+        showing
+    }
+
+    fn leaves(&self, drive: &Drive, counts: &Counts) {
+        self.drives.send_modify(|drives| drives.retain(|other| other.id != drive.id));
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner).add(counts);
+    }
+
+    fn drives(&self) -> Vec<Arc<Drive>> {
+        self.drives.borrow().clone()
+    }
+
+    fn drive(&self, id: u64) -> Result<Arc<Drive>, Refused> {
+        self.drives.borrow().iter().find(|drive| drive.id == id).cloned().ok_or(Refused::Gone(id))
+    }
+
+    /// The pilots that pages may switch among; none while they are loaded.
+    pub fn pilots(&self) -> &[PilotChoice] {
+        self.pilots.get().map_or(&[], Vec::as_slice)
+    }
+
+    fn courses(&self) -> Arc<Vec<Course>> {
+        self.courses.borrow().clone()
+    }
+}
+
+#[cfg(test)]
+mod tests;

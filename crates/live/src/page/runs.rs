@@ -1,0 +1,293 @@
+//! Recorded runs: which there are, and one of them opened to be looked at frame by frame.
+//!
+//! A request names a run. That name is compared with the names in the folder of runs and never made into a path, so
+//! nothing but a run in that folder can be read, and no link out of it.
+
+use std::{
+    collections::HashMap,
+    fs, io,
+    path::PathBuf,
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, UNIX_EPOCH},
+};
+
+use bytes::Bytes;
+use serde::Serialize;
+use tokio::sync::Semaphore;
+
+use super::Course;
+use lapwing_core::{
+    config::Thresholds,
+    recording::{Item, RecordingError, is_run_name},
+};
+use lapwing_score::{
+    odometry::Road,
+    score::{
+        Scorecard, Scorer,
+        page::{Collector, Drawn, Outline, Shown, render},
+        report::JudgedRun,
+    },
+};
+
+/// Runs that are listed, the newest of them.
+const LISTED: usize = 100;
+/// Bytes of pictures that are held of the run that is looked at; of a longer one every other picture is left out, and
+/// so on.
+const PICTURES: usize = 256 << 20;
+
+/// The folder of runs.
+#[derive(Debug)]
+pub(super) struct Runs {
+    dir: PathBuf,
+    /// What a list shows of each, by name; with the size that the file had.
+    glances: Mutex<HashMap<String, (u64, Arc<Glance>)>>,
+    /// The run that is looked at.
+    opened: Mutex<Option<Arc<Opened>>>,
+    /// One run is read at a time, so that a page leaves the processor to the drives.
+    pub reading: Semaphore,
+}
+
+/// A run in the list.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(super) struct Listed {
+    pub name: String,
+    pub bytes: u64,
+    /// When it was written last, in seconds since 1970.
+    pub modified_s: u64,
+}
+
+/// What a list shows of a run.
+#[derive(Debug, Serialize)]
+pub(super) struct Glance {
+    pub title: String,
+    /// The score's rows, for people.
+    pub rows: Vec<(&'static str, String)>,
+    /// A picture of its middle.
+    #[serde(skip)]
+    pub picture: Option<Bytes>,
+}
+
+/// A run that is looked at.
+#[derive(Debug, Serialize)]
+pub(super) struct Opened {
+    pub name: String,
+    #[serde(skip)]
+    bytes: u64,
+    pub title: String,
+    pub card: Scorecard,
+    pub rows: Vec<(&'static str, String)>,
+    pub drawn: Drawn,
+    pub outline: Option<Outline>,
+    /// When each picture was taken, in seconds of the run.
+    pub frames_s: Vec<f64>,
+    #[serde(skip)]
+    pub frames: Vec<Bytes>,
+}
+
+/// Why a run is not shown.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum RunsError {
+    #[error("no folder of runs is shown here")]
+    None,
+    #[error("expected the name of a run in the folder of runs, got another one")]
+    Unknown,
+    #[error("the folder of runs cannot be read: {0}")]
+    Folder(io::Error),
+    #[error("the run cannot be read: {0}")]
+    File(io::Error),
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error("the report cannot be written: {0}")]
+    Report(#[from] serde_json::Error),
+    #[error("expected a picture from 0 to {last}, got {got}")]
+    Frame { last: usize, got: usize },
+}
+
+impl Runs {
+    pub fn of(dir: PathBuf) -> Self {
+        Self { dir, glances: Mutex::default(), opened: Mutex::default(), reading: Semaphore::const_new(1) }
+    }
+
+    /// The runs, the newest first. A folder that does not exist yet has none.
+    pub fn list(&self) -> Result<Vec<Listed>, RunsError> {
+        let entries = match fs::read_dir(&self.dir) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(vec![]),
+            entries => entries.map_err(RunsError::Folder)?,
+        };
+        let run = |entry: fs::DirEntry| {
+            // Not what a link points to, which may be anywhere.
+            let is_file = entry.file_type().ok()?.is_file();
+            let (name, told) = (entry.file_name().into_string().ok()?, entry.metadata().ok()?);
+            let modified = told.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+            let modified_s = modified.unwrap_or_default().as_secs();
+            (is_file && is_run_name(name.as_ref())).then_some(Listed { name, bytes: told.len(), modified_s })
+        };
+        let mut runs: Vec<_> = entries.flatten().filter_map(run).collect();
+        runs.sort_by(|a, b| b.modified_s.cmp(&a.modified_s).then_with(|| b.name.cmp(&a.name)));
+        runs.truncate(LISTED);
+        Ok(runs)
+    }
+
+    /// The file of a listed run, and its size.
+    pub fn find(&self, name: &str) -> Result<(PathBuf, u64), RunsError> {
+        let run = self.list()?.into_iter().find(|run| run.name == name).ok_or(RunsError::Unknown)?;
+        Ok((self.dir.join(run.name), run.bytes))
+    }
+
+    /// What a list shows of a run. Reads the whole file where it was not read before or has grown.
+    pub fn glance(&self, name: &str) -> Result<Arc<Glance>, RunsError> {
+        let (path, bytes) = self.find(name)?;
+        let known = self.glances.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned();
+        if let Some((_, glance)) = known.filter(|(then, _)| *then == bytes) {
+            return Ok(glance);
+        }
+        let mut pictures = Pictures::of(1);
+        let run = judged(path, &[], |at, item| pictures.take(at, item))?;
+        let picture = pictures.middle();
+        let glance = Arc::new(Glance { title: title(&run, name), rows: run.card.known_rows(), picture });
+        let mut glances = self.glances.lock().unwrap_or_else(PoisonError::into_inner);
+        if glances.len() >= 2 * LISTED {
+            glances.clear(); // of runs that were deleted, most of them
+        }
+        glances.insert(name.to_owned(), (bytes, glance.clone()));
+        Ok(glance)
+    }
+
+    /// Opens a run to be looked at; the last one opened is kept.
+    pub fn open(&self, name: &str, courses: &[Course]) -> Result<Arc<Opened>, RunsError> {
+        let (path, bytes) = self.find(name)?;
+        if let Some(opened) = &*self.opened.lock().unwrap_or_else(PoisonError::into_inner)
+            && (opened.name == name && opened.bytes == bytes)
+        {
+            return Ok(opened.clone());
+        }
+        let (mut collector, mut pictures) = (Collector::default(), Pictures::of(PICTURES));
+        let run = judged(path, courses, |at, item| match item {
+            Item::Frame(_) => pictures.take(at, item),
+            item => collector.item(at, item),
+        })?;
+        let (drawn, outline) = on_map(collector, &run.card, courses);
+        let (frames_s, frames) = pictures.taken.into_iter().unzip();
+        let (title, rows) = (title(&run, name), run.card.known_rows());
+        let name = name.to_owned();
+        let opened = Arc::new(Opened { name, bytes, title, card: run.card, rows, drawn, outline, frames_s, frames });
+        *self.opened.lock().unwrap_or_else(PoisonError::into_inner) = Some(opened.clone());
+        Ok(opened)
+    }
+
+    /// The page that `lapwing score --html` writes of it.
+    pub fn report(&self, name: &str, courses: &[Course]) -> Result<String, RunsError> {
+        let (path, _) = self.find(name)?;
+        let mut collector = Collector::default();
+        let run = judged(path, courses, |at, item| collector.item(at, item))?;
+        let (drawn, outline) = on_map(collector, &run.card, courses);
+        let (title, card) = (title(&run, name), &run.card);
+        Ok(render(&[Shown { title, card, drawn: &drawn, outline: outline.as_ref(), missed: vec![] }])?)
+    }
+}
+
+impl Opened {
+    /// One of its pictures.
+    pub fn frame(&self, n: usize) -> Result<Bytes, RunsError> {
+        let last = self.frames.len().saturating_sub(1);
+        self.frames.get(n).cloned().ok_or(RunsError::Frame { last, got: n })
+    }
+}
+
+fn judged(path: PathBuf, courses: &[Course], watch: impl FnMut(Duration, &Item)) -> Result<JudgedRun, RunsError> {
+    let roads: Vec<Arc<Road>> =
+        courses.iter().flat_map(|course| [course.road.clone(), Arc::new(course.road.reversed())]).collect();
+    JudgedRun::open(path, &Thresholds::default(), || Ok(Scorer::on(&roads, None)), watch)
+}
+
+/// The run, its model and its track, without the folder, which is nobody's business.
+fn title(run: &JudgedRun, name: &str) -> String {
+    run.title().replacen(&run.path.display().to_string(), name, 1)
+}
+
+/// What is drawn of a run, with its road where that is known.
+fn on_map(collector: Collector, card: &Scorecard, courses: &[Course]) -> (Drawn, Option<Outline>) {
+    let mut drawn = collector.finish();
+    let course = card.track.as_deref().and_then(|name| courses.iter().find(|course| course.name == name));
+    if let Some(course) = course {
+        let places = card.whereabouts.iter().filter_map(|(at, s)| Some((*at, course.place(*s)?)));
+        drawn.locate(&places.collect::<Vec<_>>());
+    }
+    (drawn, course.map(|course| course.outline.clone()))
+}
+
+/// Pictures as they come, within a limit: where there are too many, every other one is left out from then on.
+struct Pictures {
+    most: usize,
+    bytes: usize,
+    every: usize,
+    came: usize,
+    taken: Vec<(f64, Bytes)>,
+}
+
+impl Pictures {
+    fn of(most: usize) -> Self {
+        Self { most, bytes: 0, every: 1, came: 0, taken: vec![] }
+    }
+
+    fn take(&mut self, at: Duration, item: &Item) {
+        let Item::Frame(jpeg) = item else { return };
+        if self.came.is_multiple_of(self.every) {
+            self.bytes += jpeg.len();
+            // A slice of its chunk would keep the whole chunk.
+            self.taken.push((at.as_secs_f64(), Bytes::copy_from_slice(jpeg)));
+            while self.bytes > self.most && self.taken.len() > 2 {
+                self.every *= 2;
+                let mut n = 0;
+                self.taken.retain(|_| {
+                    n += 1;
+                    n % 2 == 1
+                });
+                self.bytes = self.taken.iter().map(|(_, jpeg)| jpeg.len()).sum();
+            }
+        }
+        self.came += 1;
+    }
+
+    fn middle(self) -> Option<Bytes> {
+        let middle = self.taken.len() / 2;
+        self.taken.into_iter().nth(middle).map(|(_, jpeg)| jpeg)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_too_many_pictures_an_even_choice_is_held() {
+        let mut pictures = Pictures::of(1000);
+        for n in 0..1000u64 {
+            pictures.take(Duration::from_secs(n), &Item::Frame(Bytes::from_static(&[0; 100])));
+        }
+        assert!((4..=10).contains(&pictures.taken.len()) && pictures.bytes <= 1000);
+        let steps: Vec<_> = pictures.taken.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+        assert!(steps.iter().all(|step| *step == steps[0]), "{steps:?}");
+    }
+
+    #[test]
+    fn only_runs_in_the_folder_are_found_and_no_link_out_of_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let (folder, secret) = (dir.path().join("runs"), dir.path().join("secret.mcap"));
+        fs::create_dir_all(folder.join("inner.mcap")).unwrap();
+        for path in [&secret, &folder.join("a.mcap"), &folder.join("notes.txt")] {
+            fs::write(path, "x").unwrap();
+        }
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(&secret, folder.join("link.mcap")).unwrap();
+        let runs = Runs::of(folder);
+        let names: Vec<_> = runs.list().unwrap().into_iter().map(|run| run.name).collect();
+        assert_eq!(names, ["a.mcap"]);
+        assert!(runs.find("a.mcap").is_ok());
+        for name in ["../secret.mcap", "link.mcap", "inner.mcap", "notes.txt", "./a.mcap", "a.mcap/", "", "/etc/passwd"]
+        {
+            assert!(matches!(runs.find(name), Err(RunsError::Unknown)), "{name}");
+        }
+        assert!(Runs::of(dir.path().join("nowhere")).list().unwrap().is_empty());
+    }
+}

@@ -1,0 +1,321 @@
+//! `/live`: a drive as it happens.
+//!
+//! To the page go JSON texts, told apart by `kind`: `drives` (the tabs), `status`, `course`, `events`, `score` and
+//! `moment`; a picture follows its moment as a binary message, the JPEG bytes as they came. The page says `{"watch":id}`,
+//! `{"seen":n}` for each moment, and `{"hand":{"steering":…,"throttle":…}}` or `{"hand":null}`.
+//!
+//! A moment is sent only once the page has seen the one before the last: a slow reader gets the newest and skips the
+//! rest, and a stalled one costs nothing.
+
+use std::{
+    sync::{Arc, PoisonError, atomic::Ordering},
+    time::Duration,
+};
+
+use axum::{
+    extract::Request,
+    http::StatusCode,
+    response::{IntoResponse, Response},
+};
+use bytes::Bytes;
+use futures_util::{SinkExt, StreamExt};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use tokio::{
+    sync::watch,
+    time::{Instant, sleep_until, timeout},
+};
+use tokio_tungstenite::{
+    WebSocketStream,
+    tungstenite::{
+        self, Message,
+        protocol::{Role, WebSocketConfig},
+    },
+};
+
+use super::{
+    Page,
+    control::ByHand,
+    course::Place as CarPlace,
+    moment::{Facts, Moment},
+    routes::scored,
+    showing::Drive,
+};
+use crate::websocket::{self, Socket};
+
+/// Pages that may look at a time.
+const PAGES: usize = 16;
+/// Bytes of a page's message.
+const LARGEST: usize = 1 << 10;
+/// Messages that a page may send within a second; one that drives by hand sends about 90.
+const CHATTY: u32 = 300;
+/// Moments on their way.
+const IN_FLIGHT: u64 = 2;
+/// Time between two moments: 60 a second.
+const EVERY: Duration = Duration::from_micros(16_600);
+/// A page that takes nothing, or says nothing, for this long is gone.
+const GONE: Duration = Duration::from_secs(60);
+const TAKES: Duration = Duration::from_secs(5);
+
+/// What a page says.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Said {
+    /// A moment's number.
+    Seen(u64),
+    /// A drive's number.
+    Watch(u64),
+    Hand(Option<ByHand>),
+}
+
+/// A page's place among the others; free again when dropped.
+struct Place(Arc<Page>);
+
+impl Place {
+    fn take(page: Arc<Page>) -> Option<Self> {
+        let free = |open: usize| (open < PAGES).then_some(open + 1);
+        page.open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free).ok()?;
+        Some(Self(page))
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.open.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Answers a request for `/live`.
+pub(crate) fn live(page: Arc<Page>, request: Request) -> Response {
+    if !websocket::is_asked(&request) {
+        return (StatusCode::UPGRADE_REQUIRED, "expected Upgrade: websocket\n").into_response();
+    }
+    let Some(place) = Place::take(page) else {
+        return (StatusCode::SERVICE_UNAVAILABLE, format!("{PAGES} pages look already\n")).into_response();
+    };
+    websocket::open(request, move |socket| async move {
+        if let Err(error) = serve(socket, place).await {
+            tracing::debug!("a page is gone: {error}");
+        }
+    })
+}
+
+async fn serve(socket: Socket, place: Place) -> Result<(), tungstenite::Error> {
+    let config = WebSocketConfig::default().read_buffer_size(4 << 10).max_message_size(Some(LARGEST));
+    let socket = WebSocketStream::from_raw_socket(socket, Role::Server, Some(config)).await;
+    let page = place.0.clone();
+    let mut viewer = Viewer { socket, page: page.clone(), watched: None, steers: false };
+    let ended = viewer.run().await;
+    viewer.let_go();
+    ended
+}
+
+struct Viewer {
+    socket: WebSocketStream<Socket>,
+    page: Arc<Page>,
+    watched: Option<Watched>,
+    /// Whether it has the wheel of the drive.
+    steers: bool,
+}
+
+/// The drive that a page looks at, and what it has seen of it.
+struct Watched {
+    drive: Arc<Drive>,
+    newest: watch::Receiver<Arc<Moment>>,
+    /// The number of the last moment sent, and of the last one that the page has seen, in messages.
+    sent: u64,
+    seen: u64,
+    last: Arc<Moment>,
+    happened: u64,
+    /// The name of the course that its map shows.
+    course: Option<String>,
+    is_new: bool,
+}
+
+impl Viewer {
+    async fn run(&mut self) -> Result<(), tungstenite::Error> {
+        let mut drives = self.page.drives.subscribe();
+        drives.mark_changed();
+        let mut due = Instant::now();
+        let mut heard = Instant::now();
+        let (mut second, mut said) = (Instant::now(), 0);
+        loop {
+            let ready = self.watched.as_ref().is_some_and(|watched| watched.sent < watched.seen + IN_FLIGHT);
+            let changed = async {
+                sleep_until(due).await;
+                match &mut self.watched {
+                    Some(watched) => watched.newest.changed().await.is_ok(),
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                message = self.socket.next() => {
+                    let text = match message {
+                        None | Some(Ok(Message::Close(_))) => return Ok(()),
+                        Some(Err(error)) => return Err(error),
+                        Some(Ok(Message::Text(text))) => text,
+                        Some(Ok(_)) => continue,
+                    };
+                    heard = Instant::now();
+                    if heard - second > Duration::from_secs(1) {
+                        (second, said) = (heard, 0);
+                    }
+                    said += 1;
+                    match serde_json::from_str(&text) {
+                        Ok(said_now) if said <= CHATTY => self.hear(said_now),
+                        _ => return self.close("expected fewer messages, each of them seen, watch or hand").await,
+                    }
+                }
+                changed = drives.changed() => {
+                    if changed.is_err() {
+                        return Ok(());
+                    }
+                    drives.borrow_and_update();
+                    self.tabs().await?;
+                }
+                is_there = changed, if ready => {
+                    due = Instant::now() + EVERY;
+                    if is_there {
+                        self.moment().await?;
+                    } else {
+                        (self.watched, self.steers) = (None, false); // the drive is over
+                        self.tabs().await?;
+                    }
+                }
+                () = sleep_until(heard + GONE) => return self.close("nothing was heard for a minute").await,
+            }
+        }
+    }
+
+    fn hear(&mut self, said: Said) {
+        match (said, &mut self.watched) {
+            (Said::Seen(n), Some(watched)) => watched.seen = watched.seen.max(n.min(watched.sent)),
+            (Said::Watch(id), _) => {
+                if let Ok(drive) = self.page.drive(id) {
+                    self.let_go();
+                    self.watch(drive);
+                }
+            }
+            (Said::Hand(hand), Some(watched)) => {
+                watched.drive.by_hand(hand.map(ByHand::command));
+                self.steers = hand.is_some();
+            }
+            (Said::Seen(_) | Said::Hand(_), None) => {}
+        }
+    }
+
+    fn watch(&mut self, drive: Arc<Drive>) {
+        let mut newest = drive.newest.subscribe();
+        newest.mark_changed();
+        let last = Arc::default();
+        self.watched = Some(Watched { drive, newest, sent: 0, seen: 0, last, happened: 0, course: None, is_new: true });
+    }
+
+    /// A page that leaves takes no wheel along.
+    fn let_go(&mut self) {
+        if let (true, Some(watched)) = (std::mem::take(&mut self.steers), &self.watched) {
+            watched.drive.by_hand(None);
+        }
+    }
+
+    /// Tells which drives there are; looks at the first if at none yet.
+    async fn tabs(&mut self) -> Result<(), tungstenite::Error> {
+        let drives = self.page.drives();
+        if self.watched.is_none()
+            && let Some(drive) = drives.last()
+        {
+            self.watch(drive.clone());
+        }
+        let tabs: Vec<_> =
+            drives.iter().map(|drive| json!({ "id": drive.id, "title": drive.now().status.title })).collect();
+        let watched = self.watched.as_ref().map(|watched| watched.drive.id);
+        self.say(&json!({ "kind": "drives", "drives": tabs, "watched": watched })).await
+    }
+
+    /// Sends the newest moment, and what has changed with it.
+    async fn moment(&mut self) -> Result<(), tungstenite::Error> {
+        let Some(watched) = &mut self.watched else { return Ok(()) };
+        let now = watched.newest.borrow_and_update().clone();
+        let mut texts = vec![];
+        let id = watched.drive.id;
+        let is_new = std::mem::take(&mut watched.is_new);
+        if is_new || now.status != watched.last.status {
+            let pilots: Vec<_> = self.page.pilots().iter().map(|pilot| &*pilot.name).collect();
+            texts.push(text(&json!({ "kind": "status", "drive": id, "status": &*now.status, "pilots": pilots })));
+        }
+        let courses = self.page.courses();
+        // A road to be found takes a while, and other tasks need not wait for it.
+        let (place, course) = tokio::task::block_in_place(|| {
+            let mut located = watched.drive.located.lock().unwrap_or_else(PoisonError::into_inner);
+            (located.take(&courses, &now), located.course)
+        });
+        let course = course.and_then(|course| courses.get(course));
+        let name = course.map(|course| &*course.name);
+        if name != watched.course.as_deref() {
+            watched.course = name.map(str::to_owned);
+            texts.push(text(&json!({ "kind": "course", "course": course })));
+        }
+        let events: Vec<_> = now.events.iter().filter(|event| event.n > watched.happened).collect();
+        if let Some(last) = events.last() {
+            texts.push(text(&json!({ "kind": "events", "drive": id, "events": events })));
+            watched.happened = last.n;
+        }
+        let is_scored = |now: &Moment| now.scorer.as_ref().map(Arc::as_ptr);
+        if is_scored(&now) != is_scored(&watched.last)
+            && let Some(scorer) = &now.scorer
+        {
+            let card = (**scorer).clone().finish();
+            texts.push(text(&json!({ "kind": "score", "score": scored(&card) })));
+        }
+        let is_same = |a: &Bytes, b: &Bytes| a.as_ptr() == b.as_ptr() && a.len() == b.len();
+        let shown = watched.last.jpeg.as_ref();
+        let jpeg = now.jpeg.clone().filter(|jpeg| !shown.is_some_and(|shown| is_same(shown, jpeg)));
+        watched.sent += 1;
+        let message = Shown { kind: "moment", message: watched.sent, turn: &now.turn, place, picture: jpeg.is_some() };
+        texts.push(text(&message));
+        watched.last = now;
+        for text in texts {
+            self.send(Message::text(text)).await?;
+        }
+        match jpeg {
+            Some(jpeg) => self.send(Message::Binary(jpeg)).await,
+            None => Ok(()),
+        }
+    }
+
+    async fn say(&mut self, value: &serde_json::Value) -> Result<(), tungstenite::Error> {
+        self.send(Message::text(value.to_string())).await
+    }
+
+    async fn send(&mut self, message: Message) -> Result<(), tungstenite::Error> {
+        match timeout(TAKES, self.socket.send(message)).await {
+            Ok(sent) => sent,
+            Err(_) => Err(std::io::Error::from(std::io::ErrorKind::TimedOut).into()),
+        }
+    }
+
+    async fn close(&mut self, why: &'static str) -> Result<(), tungstenite::Error> {
+        use tungstenite::protocol::{CloseFrame, frame::coding::CloseCode};
+        let frame = CloseFrame { code: CloseCode::Policy, reason: why.into() };
+        self.socket.close(Some(frame)).await
+    }
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    kind: &'static str,
+    /// Its number on this connection.
+    message: u64,
+    turn: &'a Option<Facts>,
+    /// Where the car is, or seems to be.
+    place: Option<CarPlace>,
+    /// Whether a picture follows.
+    picture: bool,
+}
+
+fn text(value: &impl Serialize) -> String {
+    serde_json::to_string(value).unwrap_or_else(|error| {
+        tracing::error!("a page could not be told something: {error}");
+        r#"{"kind":"nothing"}"#.to_owned()
+    })
+}

@@ -1,0 +1,287 @@
+//! `lapwing drive --page` and `lapwing record --page`: the headless simulator in real time, with a person at its page.
+
+use std::{cell::RefCell, io, rc::Rc, sync::Arc, time::Instant};
+
+use anyhow::Context;
+use serde_json::json;
+use tokio::{runtime::Runtime, sync::oneshot, task::JoinHandle};
+
+use super::{Ended, Interrupted, drive, guards, serve, thresholds, world};
+use crate::{
+    cli::{self, PilotKind},
+    known::{self, Roads},
+    staged::{self, Console, HandLog, Screen, Staged},
+};
+use lapwing_core::{
+    config::{ConfigError, Settings},
+    drive::{DriveDigest, Observer},
+    driver::Driver,
+    guard::GuardModel,
+    pilot::{Model, PurePursuit},
+    protocol::Dialect,
+    recording::{Recorder, RecorderOptions, RunHeader, RunKind, udacity::DrivingLogWriter},
+    units::Mph,
+    words::count,
+};
+use lapwing_live::{
+    bridge::{self, Bridge, Listener},
+    page::{Abilities, Page, PilotChoice},
+};
+use lapwing_score::{
+    judged::{self, Judged},
+    results::{InProcess, ScoredDrive, Simulated},
+    score::{self, Figure},
+};
+use lapwing_sim::{
+    spec::WorldSpec,
+    world::{Setup, Simulation},
+};
+
+/// What its tab is called.
+const TITLE: &str = "headless simulator";
+
+pub(super) fn drive(
+    arguments: &cli::Drive,
+    settings: Settings,
+    port: u16,
+    interrupted: Interrupted,
+) -> anyhow::Result<Ended> {
+    let pictures = &arguments.pictures;
+    for (flag, given) in [
+        ("--world", !arguments.recorded.is_empty()),
+        ("--video", pictures.video.is_some()),
+        ("--map", pictures.map.is_some()),
+    ] {
+        if given {
+            let why = format!("expected no {flag} beside it, got one: worlds come and go at the page");
+            return Err(ConfigError::Value { layer: "--page".into(), why }.into());
+        }
+    }
+    let stage = Stage {
+        pilots: pilots(&settings, arguments.pilot, &arguments.page.also_model)?,
+        spec: world::spec(&arguments.world, arguments.laps),
+        ends: arguments.laps.is_some() || arguments.world.max_time.is_some(),
+        has_speed: arguments.driving.speed.is_some(),
+        stock: arguments.stock,
+        json: arguments.json,
+        settings,
+    };
+    let (ended, _) = stage.run(port, None, interrupted)?;
+    Ok(ended)
+}
+
+pub(super) fn record(
+    arguments: &cli::Record,
+    mut settings: Settings,
+    port: u16,
+    interrupted: Interrupted,
+) -> anyhow::Result<Ended> {
+    settings.control.speed_mph = Mph::saturating(arguments.speed);
+    settings.recording.enabled = false;
+    let stage = Stage {
+        pilots: pilots(&settings, PilotKind::Expert, &arguments.page.also_model)?,
+        spec: world::spec(&arguments.world, None),
+        ends: arguments.world.max_time.is_some(),
+        has_speed: true,
+        stock: false,
+        json: false,
+        settings,
+    };
+    // Last, so that an earlier failure leaves no log.
+    let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
+    let (_, log) = stage.run(port, Some(HandLog::new(log)), interrupted)?;
+    let rows = log.map_or(Ok(0), HandLog::finish)?;
+    super::print(&format!("{} driven by hand, in {}", count(rows, "row"), arguments.out.display()))?;
+    Ok(if rows > 0 { Ended::Passed } else { Ended::Failed })
+}
+
+/// Who may drive: the one that was asked for first, then the other kind, then more models.
+fn pilots(settings: &Settings, first: PilotKind, more: &[std::path::PathBuf]) -> anyhow::Result<Vec<PilotChoice>> {
+    let expert =
+        PilotChoice { name: drive::EXPERT.into(), sha256: None, make: Box::new(|| Box::new(PurePursuit::default())) };
+    let models = super::load_models(settings, more)?;
+    models.iter().try_for_each(|model| super::suits_our_cameras(model))?;
+    let models = models.into_iter().map(|model| PilotChoice::of(model as Arc<dyn Model>));
+    let mut all: Vec<_> = models.collect();
+    all.insert(if first == PilotKind::Expert { 0 } else { all.len() }, expert);
+    Ok(all)
+}
+
+/// All that does not change from world to world, and the first world.
+struct Stage {
+    settings: Settings,
+    spec: WorldSpec,
+    pilots: Vec<PilotChoice>,
+    /// Whether the program ends when a run does.
+    ends: bool,
+    /// Whether the set speed was given; else a scenario's own holds.
+    has_speed: bool,
+    stock: bool,
+    json: bool,
+}
+
+impl Stage {
+    /// Drives one world after the other; returns how the last one ended, and the log.
+    fn run(
+        self,
+        port: u16,
+        log: Option<HandLog>,
+        interrupted: Interrupted,
+    ) -> anyhow::Result<(Ended, Option<HandLog>)> {
+        let Self { settings, mut spec, pilots, ends, has_speed, stock, json } = self;
+        let mut setup = set_up(&spec, &settings, stock)?;
+        let guard = guards::load(&settings.brake)?;
+        let shipped = known::courses(&Roads::default())?;
+        let server = PageServer::start(&settings, port)?;
+        server.page.has_pilots(pilots);
+        let can = Abilities::of_the_simulator(log.is_some());
+        let pressed = interrupted.clone();
+        let console = Console::new(server.page.show(TITLE, can), log, move || pressed.is_pressed());
+        console.borrow_mut().offers(staged::offered());
+        let ended = loop {
+            let mut settings = settings.clone();
+            if let (false, Some(scenario)) = (has_speed, &setup.scenario) {
+                settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());
+            }
+            if let Some(control) = console.borrow().settings() {
+                settings.control = control.clone();
+            }
+            // The roads of recorded runs, and the one of this world.
+            let mut courses = shipped.clone();
+            let track = &setup.track;
+            if !courses.iter().any(|course| course.name == track.file().name) {
+                let road = known::known_road(spec.track.as_deref().unwrap_or(&settings.simulator.track))?;
+                courses.push(known::course(track, road.into()));
+            }
+            server.page.has_courses(courses);
+            let run = Run { settings: &settings, guard: guard.as_deref(), page: &server.page, json };
+            let (ended, asked) = run.drive(setup, &console, interrupted.clone())?;
+            if interrupted.is_pressed() || (ends && !asked) {
+                break ended;
+            }
+            let next = loop {
+                let Some(choice) = console.borrow_mut().wait_for_next() else { break None };
+                let next = staged::chosen(&spec, &choice);
+                match set_up(&next, &settings, stock) {
+                    Ok(setup) => break Some((next, setup)),
+                    // A scenario may not fit a track: something else is asked for.
+                    Err(error) => say!("this world cannot be: {}", super::told(&error)),
+                }
+            };
+            let Some(next) = next else { break ended };
+            (spec, setup) = next;
+        };
+        let log = console.borrow_mut().take_log();
+        drop(console);
+        server.end()?;
+        Ok((ended, log))
+    }
+}
+
+/// A world; without laps to drive it lasts until a person ends it.
+fn set_up(spec: &WorldSpec, settings: &Settings, stock: bool) -> anyhow::Result<Setup> {
+    let setup = spec.setup(&settings.simulator)?;
+    Ok(Setup { laps: spec.laps, stock, ..setup })
+}
+
+/// One run.
+struct Run<'a> {
+    settings: &'a Settings,
+    guard: Option<&'a dyn GuardModel>,
+    page: &'a Page,
+    json: bool,
+}
+
+impl Run<'_> {
+    /// Drives it, and prints its score; returns how it ended, and whether a person asked for another world.
+    fn drive(
+        &self,
+        setup: Setup,
+        console: &Rc<RefCell<Console>>,
+        mut interrupted: Interrupted,
+    ) -> anyhow::Result<(Ended, bool)> {
+        let Self { settings, guard, page, json } = *self;
+        let pilot = page.pilots().get(console.borrow().pilot()).context("no pilot")?;
+        let dialect = if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle };
+        let header = settings.recording.enabled.then(|| {
+            let world = json!({
+                "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
+                "conditions": setup.conditions, "scenario": setup.scenario, "pilot": pilot.name,
+            });
+            let config = json!({ "settings": settings, "world": world, "guard": guards::told(guard) });
+            RunHeader {
+                name_hint: Some(setup.track.file().name.clone()),
+                dialect: Some(dialect),
+                model: pilot.id(),
+                seed: Some(setup.seed),
+                ..RunHeader::new(RunKind::Driven, config, jiff::Timestamp::now())
+            }
+        });
+        let mut driver = Driver::new((pilot.make)(), &settings.control, Instant::now).guarded(guard.map(|g| g.guard()));
+        let simulation = Simulation::new(setup)?;
+        console.borrow_mut().run_begins(dialect, &settings.control);
+        let options = RecorderOptions { queue: settings.recording.queue };
+        let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
+        let mut staged = Staged::new(simulation, console.clone());
+        let mut screen = Screen::new(console.clone());
+        let began = Instant::now();
+        let observers: &mut [&mut dyn Observer<_>] = &mut [&mut recorder.as_ref(), &mut screen, &mut interrupted];
+        let judged = judged::run(&mut staged, &mut driver, observers);
+        let wall = began.elapsed();
+        // Whatever happened, the run is closed and can be read.
+        let report = recorder.and_then(super::close);
+        let Judged { card, driven: DriveDigest { fingerprint, frames, .. } } = judged?;
+        let missed = score::missed(&settings.thresholds, &card);
+        let setup = staged.simulation().setup();
+        let seed = setup.seed;
+        let text = if json {
+            let run = report.as_ref().map(|report| report.path.display().to_string());
+            let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
+            let how = InProcess { frames, fingerprint: &fingerprint, times_real_time, seen: None, run };
+            serde_json::to_string(&ScoredDrive {
+                who: Simulated { pilot: &pilot.name, seed },
+                card: &card,
+                how,
+                missed: &missed,
+            })?
+        } else {
+            let run = report.as_ref().map(|report| format!("\n  {:<17} {}", "run", drive::told(report)));
+            format!("{} on {}, seed {seed}\n{card}{}", pilot.name, setup.track.file().name, run.unwrap_or_default())
+        };
+        super::print(&text)?;
+        super::whole(report)?;
+        let asked = console.borrow().is_asked_on();
+        Ok((thresholds::ended(&missed), asked))
+    }
+}
+
+/// The page's server, on threads of its own.
+struct PageServer {
+    runtime: Runtime,
+    page: Arc<Page>,
+    stop: oneshot::Sender<()>,
+    task: JoinHandle<io::Result<()>>,
+}
+
+impl PageServer {
+    fn start(settings: &Settings, port: u16) -> anyhow::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("no runtime")?;
+        let listener = runtime.block_on(Listener::bind((settings.bridge.bind, port).into()))?;
+        let bridge = Bridge::new(settings.clone(), |_| ());
+        let page = bridge.page().clone();
+        say!("Page: {}", serve::page_address(listener.address(), &page)?);
+        let (stop, stopped) = oneshot::channel();
+        let shutdown = async move { stopped.await.unwrap_or_default() };
+        let task = runtime.spawn(bridge::serve_page(listener, bridge, shutdown));
+        Ok(Self { runtime, page, stop, task })
+    }
+
+    fn end(self) -> anyhow::Result<()> {
+        let Self { runtime, stop, task, .. } = self;
+        // An error means that it has ended already, of which the task tells.
+        let _ = stop.send(());
+        let served = runtime.block_on(task).context("the page's server was interrupted")?;
+        runtime.shutdown_background();
+        served.context("the page's server failed")
+    }
+}

@@ -1,0 +1,115 @@
+//! Training data of what a person drives at the page: the stock simulator's training mode.
+
+use std::{sync::Arc, time::Duration};
+
+use lapwing_core::{
+    perception::Frame,
+    recording::{
+        RecordingError,
+        udacity::{DrivingLogWriter, NewRow},
+    },
+    turn::{By, Turn},
+    units::{MPS_PER_MPH, Mph},
+};
+use lapwing_sim::{
+    camera::{Camera, JPEG_QUALITY, Renderer, Scenery, encode_jpeg},
+    world::Simulation,
+};
+
+/// Why a row could not be written.
+pub type HandLogError = RecordingError;
+
+/// A driving log of the moments in which a person has the wheel.
+pub struct HandLog {
+    log: DrivingLogWriter,
+    on: bool,
+    /// Whether the moment before was written, too.
+    goes_on: bool,
+    /// Time of the worlds before this one, and the last turn's in this one.
+    before: Duration,
+    at: Duration,
+    cameras: Option<(Arc<Scenery>, Renderer)>,
+    frame: Frame,
+}
+
+impl HandLog {
+    /// A log that adds what is driven from now on.
+    pub fn new(log: DrivingLogWriter) -> Self {
+        Self {
+            log,
+            on: true,
+            goes_on: false,
+            before: Duration::ZERO,
+            at: Duration::ZERO,
+            cameras: None,
+            frame: Frame::default(),
+        }
+    }
+
+    /// Whether it adds what is driven.
+    pub fn adds(&self) -> bool {
+        self.on
+    }
+
+    /// Switches it.
+    pub fn is_on(&mut self, on: bool) {
+        self.on = on;
+    }
+
+    /// Rows so far.
+    pub fn rows(&self) -> u64 {
+        self.log.rows()
+    }
+
+    /// What comes next does not continue from what was written.
+    pub fn cut(&mut self) {
+        self.goes_on = false;
+    }
+
+    /// Ends the log; returns its rows.
+    ///
+    /// # Errors
+    /// [`HandLogError`].
+    pub fn finish(self) -> Result<u64, HandLogError> {
+        self.log.finish()
+    }
+
+    /// Writes a turn, if a person drives it: the pictures of three cameras, and what they hold the wheel and the pedals
+    /// at.
+    pub(super) fn turn(&mut self, world: &Simulation, turn: &Turn) -> Result<(), HandLogError> {
+        // Each world begins at 0.
+        let before = std::mem::replace(&mut self.at, turn.at());
+        self.before += if turn.at() < before { before } else { Duration::ZERO };
+        let by_hand = turn.command().filter(|command| command.by == By::Human && self.on);
+        let (Some(command), Some(center)) = (by_hand, &turn.trace.jpeg) else {
+            self.goes_on = false;
+            return Ok(());
+        };
+        if !std::mem::replace(&mut self.goes_on, true) {
+            self.log.cut();
+        }
+        let [left, right] = [&Camera::LEFT, &Camera::RIGHT].map(|camera| self.picture(world, camera));
+        let throttle = command.throttle.get();
+        self.log.row(&NewRow {
+            at: self.before + self.at,
+            center,
+            left: Some(&left),
+            right: Some(&right),
+            steering: command.steering,
+            throttle: command.throttle,
+            brake: (-throttle).max(0.0),
+            speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
+        })
+    }
+
+    fn picture(&mut self, world: &Simulation, camera: &Camera) -> Vec<u8> {
+        let scenery = &world.setup().scenery;
+        if !self.cameras.as_ref().is_some_and(|(known, _)| Arc::ptr_eq(known, scenery)) {
+            self.cameras = Some((scenery.clone(), Renderer::new(scenery.clone())));
+        }
+        if let Some((_, renderer)) = &mut self.cameras {
+            world.draw(renderer, camera, &mut self.frame);
+        }
+        encode_jpeg(&self.frame, JPEG_QUALITY)
+    }
+}

@@ -1,0 +1,392 @@
+//! Our own page: what it shows, what it changes, and who may look.
+
+use std::{net::SocketAddr, time::Duration};
+
+use futures_util::{SinkExt, StreamExt};
+use lapwing_core::recording::{EventRecord, Item, RunReader};
+use lapwing_learn::models;
+use serde_json::{Value, json};
+use tempfile::tempdir;
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+    time::{Instant, timeout},
+};
+use tokio_tungstenite::{
+    WebSocketStream, client_async,
+    tungstenite::{self, Message, client::IntoClientRequest},
+};
+
+use crate::support::{PATIENCE, Running, Wire, settings, steer, telemetry};
+
+/// A request with these headers and this body; returns status, head and body.
+async fn ask(address: SocketAddr, request: &str, headers: &str, body: &str) -> (u16, String, Vec<u8>) {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    let length = body.len();
+    let host = if headers.contains("Host:") { "" } else { "Host: localhost\r\n" };
+    let text =
+        format!("{request} HTTP/1.1\r\n{host}Connection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}");
+    stream.write_all(text.as_bytes()).await.unwrap();
+    let mut answer = vec![];
+    timeout(PATIENCE, stream.read_to_end(&mut answer)).await.unwrap().unwrap();
+    let end = answer.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
+    let head = String::from_utf8(answer[..end].to_vec()).unwrap().to_lowercase();
+    (head[9..12].parse().unwrap(), head, answer[end + 4..].to_vec())
+}
+
+async fn get(address: SocketAddr, path: &str) -> (u16, Value) {
+    let (status, _, body) = ask(address, &format!("GET {path}"), "", "").await;
+    (status, serde_json::from_slice(&body).unwrap_or_default())
+}
+
+async fn control(address: SocketAddr, drive: u64, control: Value) -> (u16, Value) {
+    let path = format!("POST /api/drives/{drive}/control");
+    let (status, _, body) = ask(address, &path, "", &control.to_string()).await;
+    (status, serde_json::from_slice(&body).unwrap_or_default())
+}
+
+/// A page's end of `/live`.
+struct Look(WebSocketStream<TcpStream>);
+
+impl Look {
+    async fn dial(address: SocketAddr, query: &str, origin: Option<&str>) -> Result<Self, u16> {
+        let mut request = format!("ws://{address}/live{query}").into_client_request().unwrap();
+        if let Some(origin) = origin {
+            request.headers_mut().insert("Origin", origin.parse().unwrap());
+        }
+        let stream = TcpStream::connect(address).await.unwrap();
+        match client_async(request, stream).await {
+            Ok((socket, _)) => Ok(Self(socket)),
+            Err(tungstenite::Error::Http(response)) => Err(response.status().as_u16()),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    async fn next(&mut self) -> Option<Message> {
+        timeout(PATIENCE, self.0.next()).await.unwrap().and_then(Result::ok)
+    }
+
+    /// The next text of this kind.
+    async fn text(&mut self, kind: &str) -> Value {
+        loop {
+            let Some(Message::Text(text)) = self.next().await else { continue };
+            let value: Value = serde_json::from_str(&text).unwrap();
+            if value["kind"] == "moment" {
+                self.say(&json!({ "seen": value["message"] }).to_string()).await;
+            }
+            if value["kind"] == kind {
+                return value;
+            }
+        }
+    }
+
+    async fn say(&mut self, text: &str) {
+        self.0.send(Message::text(text)).await.unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_browser_gets_the_page_and_all_its_files_from_here_and_a_program_a_greeting() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let (status, head, body) = ask(running.address, "GET /", "Accept: text/html,*/*\r\n", "").await;
+    let page = String::from_utf8(body).unwrap();
+    assert!(status == 200 && head.contains("script-src 'self'") && head.contains("frame-ancestors 'none'"), "{head}");
+    let mut files = 0;
+    for part in page.split(['"']).filter(|part| part.starts_with("page/")) {
+        let (status, head, body) = ask(running.address, &format!("GET /{part}"), "", "").await;
+        let kind = if part.ends_with("js") { "text/javascript" } else { "text/css" };
+        assert!(status == 200 && head.contains(kind) && (!body.is_empty() || part.contains("uplot")), "{part}: {head}");
+        files += 1;
+    }
+    assert!(files > 8 && !page.contains("http://") && !page.contains("https://"), "nothing from elsewhere");
+    let (_, _, greeting) = ask(running.address, "GET /", "", "").await;
+    assert!(greeting.starts_with(b"Lapwing is here"));
+    for path in
+        ["/page/../Cargo.toml", "/page/%2e%2e/Cargo.toml", "/page//etc/passwd", "/page/", "/api", "/api/drives/1/../2"]
+    {
+        assert_eq!(ask(running.address, &format!("GET {path}"), "", "").await.0, 404, "{path}");
+    }
+    assert_eq!(ask(running.address, "GET /healthz", "", "").await.2, b"ok\n");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_documented_path_answers_as_documented() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    for _ in 0..3 {
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+    }
+    // A run that is whole, to be looked at.
+    control(running.address, 1, json!({ "control": "end-run" })).await;
+    steer(&simulator.ask(&telemetry("4.0000")).await);
+    let (_, runs) = get(running.address, "/api/runs").await;
+    let run = runs[0]["name"].as_str().unwrap().to_owned();
+    let (_, document) = get(running.address, "/api/openapi.json").await;
+    let paths = document["paths"].as_object().unwrap();
+    assert_eq!(paths.len(), 15);
+    for (path, methods) in paths {
+        for method in methods.as_object().unwrap().keys().filter(|key| *key != "parameters") {
+            let request = format!(
+                "{} {}",
+                method.to_uppercase(),
+                path.replace("{id}", "1").replace("{name}", &run).replace("{n}", "2")
+            );
+            let body = if method == "post" { r#"{"control":"arm"}"# } else { "" };
+            let (status, head, answer) = ask(running.address, &request, "", body).await;
+            let documented = &methods[method]["responses"][status.to_string()];
+            assert!(status < 300 && documented.is_object(), "{request}: {status} {}", String::from_utf8_lossy(&answer));
+            let kind = documented["content"].as_object().and_then(|content| content.keys().next());
+            assert!(kind.is_none_or(|kind| head.contains(kind.as_str())), "{request}: {head}");
+        }
+    }
+    let (_, _, metrics) = ask(running.address, "GET /metrics", "", "").await;
+    let metrics = String::from_utf8(metrics).unwrap();
+    for line in [
+        "lapwing_messages_total 3\n",
+        "lapwing_drives 1\n",
+        "le=\"+Inf\",stage=\"answer\"} 3\n",
+        "lapwing_score_collisions",
+    ] {
+        assert!(metrics.contains(line) || line.contains("score"), "{line}: {metrics}");
+    }
+    assert!(metrics.ends_with("# EOF\n"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_page_sees_each_drive_as_it_happens_and_a_stalled_one_delays_nobody() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    steer(&simulator.ask(&telemetry("4.0000")).await);
+    let mut page = Look::dial(running.address, "", Some(&format!("http://{}", running.address))).await.unwrap();
+    let mut stalled = Look::dial(running.address, "", None).await.unwrap();
+    let status = page.text("status").await;
+    assert_eq!(status["status"]["phase"], "driving");
+    assert!(status["status"]["can"]["pause"].is_string() && status["status"]["can"]["stop"].is_null());
+    let mut slowest = Duration::ZERO;
+    for _ in 0..400 {
+        let began = Instant::now();
+        steer(&simulator.ask(&telemetry("7.5000")).await);
+        slowest = slowest.max(began.elapsed());
+    }
+    assert!(slowest < Duration::from_secs(5), "{slowest:?}");
+    // Two moments were on their way; once one is seen, the newest comes, and not one that was skipped.
+    let newest = loop {
+        let moment = page.text("moment").await;
+        if moment["turn"]["n"] == 401 {
+            break moment;
+        }
+    };
+    assert_eq!(newest["turn"]["speed_mph"], 7.5);
+    let mut came = 0;
+    while let Ok(Some(Ok(message))) = timeout(Duration::from_millis(500), stalled.0.next()).await {
+        came += u32::from(message.is_binary());
+    }
+    assert!(came <= 2, "{came} pictures for a page that saw none");
+    stalled.say(r#"{"seen":2}"#).await;
+    let Some(picture) = (loop {
+        match stalled.next().await {
+            Some(Message::Binary(bytes)) => break Some(bytes),
+            Some(Message::Text(text)) if text.contains("moment") => assert!(text.contains("\"n\":401"), "{text}"),
+            Some(_) => {}
+            None => break None,
+        }
+    }) else {
+        panic!("no picture")
+    };
+    assert!(picture.starts_with(&[0xff, 0xd8]), "a JPEG");
+    let (status, head, body) = ask(running.address, "GET /api/drives/1/picture", "", "").await;
+    assert!(status == 200 && head.contains("image/jpeg") && body == picture);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_page_asks_for_acts_at_the_next_frame_and_is_in_the_run() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let address = running.address;
+    let mut simulator = Wire::simulator(address).await;
+    let at_9 = telemetry("9.0000");
+    steer(&simulator.ask(&at_9).await);
+    assert_eq!(control(address, 1, json!({ "control": "set-speed", "mph": 25 })).await.0, 202);
+    assert_eq!(steer(&simulator.ask(&at_9).await).1, 1.0, "full throttle");
+    control(address, 1, json!({ "control": "stop" })).await;
+    assert_eq!(steer(&simulator.ask(&at_9).await).1, -1.0, "full brake");
+    assert_eq!(steer(&simulator.ask(&at_9).await).1, -1.0, "until the pilot is armed");
+    assert_eq!(get(address, "/api/drives/1").await.1["status"]["hands"], "stopped");
+    control(address, 1, json!({ "control": "arm" })).await;
+    assert_eq!(steer(&simulator.ask(&at_9).await).1, 1.0);
+    control(address, 1, json!({ "control": "take-over" })).await;
+    assert_eq!(steer(&simulator.ask(&at_9).await), (0.0, 0.0), "it rolls out");
+    control(address, 1, json!({ "control": "arm" })).await;
+    control(address, 1, json!({ "control": "pilot", "index": 0 })).await;
+
+    let mut page = Look::dial(address, "", None).await.unwrap();
+    page.text("moment").await;
+    page.say(r#"{"hand":{"steering":-0.5,"throttle":0.25}}"#).await;
+    let by_hand = async { while steer(&simulator.ask(&at_9).await) != (-0.5, 0.25) {} };
+    timeout(PATIENCE, by_hand).await.expect("the page has the wheel");
+    drop(page); // and lets go as it leaves
+    let by_pilot = async { while steer(&simulator.ask(&at_9).await).0 == -0.5 {} };
+    timeout(PATIENCE, by_pilot).await.expect("the pilot drives again");
+
+    let (status, refused) = control(address, 1, json!({ "control": "pause" })).await;
+    assert!(status == 409 && refused["error"].as_str().unwrap().contains("lapwing drive --page"), "{refused}");
+    for (drive, wrong, expected) in [
+        (1, json!({ "control": "set-speed", "mph": -3 }), 400),
+        (1, json!({ "control": "pilot", "index": 7 }), 400),
+        (1, json!({ "control": "pilot", "path": "/etc/passwd" }), 400),
+        (9, json!({ "control": "stop" }), 404),
+    ] {
+        assert_eq!(control(address, drive, wrong.clone()).await.0, expected, "{wrong}");
+    }
+    let long = format!("{{\"control\":\"{}\"}}", "x".repeat(5000));
+    assert_eq!(ask(address, "POST /api/drives/1/control", "", &long).await.0, 400);
+    running.stop().await;
+    let run = std::fs::read_dir(dir.path()).unwrap().next().unwrap().unwrap().path();
+    let events: Vec<_> = RunReader::open(&run)
+        .unwrap()
+        .filter_map(|entry| match entry.unwrap().1 {
+            Item::Event(event) => Some(event),
+            _ => None,
+        })
+        .collect();
+    for expected in [
+        EventRecord::SpeedSet { mph: 25.0 },
+        EventRecord::EmergencyStop,
+        EventRecord::PilotArmed,
+        EventRecord::TakeoverBegan,
+    ] {
+        assert!(events.contains(&expected), "{expected:?} in {events:?}");
+    }
+    let has = |kind: fn(&EventRecord) -> bool| events.iter().any(kind);
+    assert!(has(|event| matches!(event, EventRecord::PilotOff { .. })));
+    assert!(has(|event| matches!(event, EventRecord::PilotSet { sha256: Some(_), .. })));
+    assert!(has(|event| matches!(event, EventRecord::TakeoverEnded { .. })));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_run_ends_and_another_begins_while_the_simulator_stays() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let address = running.address;
+    let mut simulator = Wire::simulator(address).await;
+    assert!(steer(&simulator.ask(&telemetry("4.0000")).await).1 > 0.0);
+    control(address, 1, json!({ "control": "set-speed", "mph": 20 })).await;
+    steer(&simulator.ask(&telemetry("4.0000")).await);
+    control(address, 1, json!({ "control": "end-run" })).await;
+    assert_eq!(steer(&simulator.ask(&telemetry("8.0000")).await).1, -1.0, "it is braked");
+    assert_eq!(running.summaries.lock().unwrap().len(), 1);
+    assert_eq!(get(address, "/api/drives/1").await.1["status"]["phase"], "ended");
+    control(address, 1, json!({ "control": "start-run" })).await;
+    assert!(steer(&simulator.ask(&telemetry("9.0000")).await).1 > 0.9, "20 mph, as was chosen");
+    let (_, drive) = get(address, "/api/drives/1").await;
+    assert_eq!((&drive["status"]["run"], &drive["status"]["phase"]), (&json!(2), &json!("driving")));
+    assert_eq!(running.stop().await.len(), 2);
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pages_of_others_look_at_nothing_and_no_page_takes_up_more_than_its_share() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let address = running.address;
+    for origin in ["https://evil.example", "null", "http://localhost:8000"] {
+        assert_eq!(Look::dial(address, "", Some(origin)).await.err(), Some(403), "{origin}");
+        let headers = format!("Origin: {origin}\r\n");
+        assert_eq!(ask(address, "POST /api/drives/1/control", &headers, r#"{"control":"stop"}"#).await.0, 403);
+    }
+    for path in ["/api/state", "/api/drives/1/picture", "/page/page.js", "/metrics"] {
+        let rebound = "Host: evil.example:4567\r\n";
+        assert_eq!(ask(address, &format!("GET {path}"), rebound, "").await.0, 403, "{path}, by a name pointed here");
+        let embedded = "Sec-Fetch-Site: cross-site\r\n";
+        assert_eq!(ask(address, &format!("GET {path}"), embedded, "").await.0, 403, "{path}, on another page");
+    }
+    let mut pages = vec![];
+    for _ in 0..16 {
+        pages.push(Look::dial(address, "", None).await.ok().unwrap());
+    }
+    assert_eq!(Look::dial(address, "", None).await.err(), Some(503));
+    let mut large = pages.pop().unwrap();
+    large.say(&format!("{{\"seen\":1,\"x\":\"{}\"}}", "x".repeat(2000))).await;
+    let ends = async { while large.0.next().await.is_some_and(|message| message.is_ok_and(|m| !m.is_close())) {} };
+    timeout(PATIENCE, ends).await.expect("a message that large ends it");
+    let mut chatty = pages.pop().unwrap();
+    let ends = async {
+        while chatty.0.send(Message::text("{\"seen\":0}")).await.is_ok() {
+            tokio::task::yield_now().await;
+        }
+    };
+    timeout(PATIENCE, ends).await.expect("so many messages end it");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_others_can_reach_the_port_the_token_is_wanted() {
+    let dir = tempdir().unwrap();
+    let running = Running::listening(([0, 0, 0, 0], 0).into(), settings(dir.path())).await;
+    running.bridge.model_is_ready(models::built_in(std::time::Instant::now).unwrap());
+    let address = SocketAddr::new([127, 0, 0, 1].into(), running.address.port());
+    let token = running.bridge.page().want_token().unwrap().text().to_owned();
+    let mut simulator = Wire::simulator(address).await;
+    for _ in 0..2 {
+        // A turn is shown once its answer is out: that of the first is, once the second is answered.
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+    }
+    let wrong = "0".repeat(32);
+    for request in
+        ["GET /api/state", "GET /api/drives/1", "GET /api/drives/1/picture", "POST /api/drives/1/control", "POST /arm"]
+    {
+        let body = r#"{"control":"arm"}"#;
+        assert_eq!(ask(address, request, "", body).await.0, 401, "{request}");
+        assert_eq!(
+            ask(address, request, &format!("Authorization: Bearer {wrong}\r\n"), body).await.0,
+            401,
+            "{request}"
+        );
+        let known = ask(address, request, &format!("Authorization: Bearer {token}\r\n"), body).await.0;
+        assert!(known < 300, "{request}: {known}");
+    }
+    assert_eq!(Look::dial(address, "", None).await.err(), Some(401));
+    assert_eq!(Look::dial(address, &format!("?token={wrong}"), None).await.err(), Some(401));
+    assert!(Look::dial(address, &format!("?token={token}"), None).await.is_ok());
+    for open in ["/", "/page/page.js", "/healthz", "/metrics", "/api/openapi.json"] {
+        assert_eq!(ask(address, &format!("GET {open}"), "", "").await.0, 200, "{open} shows no drive");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_recorded_run_is_looked_at_and_downloaded_and_nothing_else_of_the_disk() {
+    let dir = tempdir().unwrap();
+    let runs = dir.path().join("runs");
+    std::fs::create_dir(&runs).unwrap();
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap");
+    std::fs::copy(shipped, runs.join("lake.mcap")).unwrap();
+    for other in [dir.path().join("secret.mcap"), runs.join("notes.txt")] {
+        std::fs::copy(shipped, other).unwrap();
+    }
+    let running = Running::start(settings(&runs)).await;
+    let address = running.address;
+    let (_, listed) = get(address, "/api/runs").await;
+    assert_eq!(listed.as_array().unwrap().iter().map(|run| &run["name"]).collect::<Vec<_>>(), ["lake.mcap"]);
+    let (_, run) = get(address, "/api/runs/lake.mcap").await;
+    assert_eq!(run["card"]["schema"], "lapwing.scorecard/1");
+    let frames = run["frames_s"].as_array().unwrap();
+    assert!(frames.len() > 10 && !run["drawn"]["t"].as_array().unwrap().is_empty());
+    let last = format!("GET /api/runs/lake.mcap/frames/{}", frames.len() - 1);
+    let (status, _, jpeg) = ask(address, &last, "", "").await;
+    assert!(status == 200 && jpeg.starts_with(&[0xff, 0xd8]));
+    assert_eq!(ask(address, &format!("GET /api/runs/lake.mcap/frames/{}", frames.len()), "", "").await.0, 404);
+    let (_, head, file) = ask(address, "GET /api/runs/lake.mcap/file", "", "").await;
+    assert!(head.contains("attachment; filename=\"lake.mcap\"") && file == std::fs::read(shipped).unwrap());
+    let (_, head, report) = ask(address, "GET /api/runs/lake.mcap/report", "", "").await;
+    assert!(head.contains("sandbox allow-scripts") && String::from_utf8(report).unwrap().contains("Lapwing"));
+    for name in
+        ["..%2fsecret.mcap", "%2e%2e%2fsecret.mcap", "notes.txt", "lake.mcap%00", "%2fetc%2fpasswd", "nothing.mcap"]
+    {
+        for rest in ["", "/file", "/report", "/glance", "/frames/0"] {
+            let (status, _, body) = ask(address, &format!("GET /api/runs/{name}{rest}"), "", "").await;
+            assert!(status == 404 && body.len() < 200, "{name}{rest}: {status}");
+        }
+    }
+}

@@ -1,0 +1,99 @@
+"""The live page in real Chromium: of a bridge with two simulators, of `lapwing drive --page` and `record --page`."""
+import os
+import re
+import shutil
+import signal
+import subprocess
+
+from bridge import (ENVIRONMENT, HERE, LAPWING, REQUIRE_SHARED, RUNS, Bridge, Failed, Skipped, equal, lapwing, node,
+                    run_json, wait_for)
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+def chromium():
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if not found:
+        if REQUIRE_SHARED:
+            raise Failed(f"Chromium: expected one of {', '.join(NAMES)} on the PATH, got none")
+        raise Skipped("no Chromium is on the PATH")
+    return found
+
+
+def look(url, mode):
+    """Runs live.js against a page; its screenshots lie in `target/interop/runs/live`."""
+    program, folder = node()
+    shots = RUNS / "live"
+    shots.mkdir(parents=True, exist_ok=True)
+    ENVIRONMENT["CHROMIUM"] = chromium()
+    return run_json([program, HERE / "live.js", url, mode, shots], folder, timeout=420)
+
+
+class Program:
+    """A verb in the background as a context; SIGINT ends it."""
+
+    def __init__(self, name, *arguments):
+        self.dir = RUNS / name
+        self.dir.mkdir(parents=True, exist_ok=True)
+        self.command = [LAPWING, *map(str, arguments)]
+
+    def __enter__(self):
+        with open(self.dir / "stdout", "wb") as out, open(self.dir / "stderr", "wb") as err:
+            self.process = subprocess.Popen(self.command, cwd=self.dir, env=ENVIRONMENT, stdin=subprocess.DEVNULL,
+                                            stdout=out, stderr=err)
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(20)
+        finally:
+            self.process.kill()
+
+    @property
+    def log(self):
+        return (self.dir / "stderr").read_text(errors="replace")
+
+
+def live_serve(_):
+    chromium()
+    node()
+    other = HERE.parent.parent / "models" / "pilotnet.safetensors"
+    with Bridge("--speed", "12", "--also-model", other) as bridge:
+        play = ("simulate", "--connect", f"127.0.0.1:{bridge.port}", "--realtime", "--laps", "50", "--on-crash", "reset")
+        with Program("live-one", *play), Program("live-two", *play, "--track", "jungle", "--stock"):
+            result = look(f"http://127.0.0.1:{bridge.port}/", "serve")
+    runs = [summary for summary in bridge.summaries if summary["run"]]
+    equal("runs: two simulators, of which one had two", len(runs), 3)
+    return f"{result['events']} events shown, at most {result['behind']} turns behind"
+
+
+def live_drive(_):
+    chromium()
+    node()
+    with Program("live-drive", "drive", "--page", "0", "--track", "lake", "--on-crash", "reset", "--recordings", "runs") as drive:
+        found = wait_for("the page's address", 60, lambda: re.search(r"Page: (http://127\.0\.0\.1:\d+/)", drive.log))
+        result = look(found[1], "drive")
+    equal("exit status after SIGINT", drive.process.returncode, 0)
+    runs = len(list((drive.dir / "runs").glob("*.mcap")))
+    equal("runs: the first, after the reset, the jungle", runs, 3)
+    equal("what was downloaded", result["downloaded"].endswith(".mcap"), True)
+    return f"{result['events']} events shown, {runs} runs, one of them played"
+
+
+def live_record(_):
+    chromium()
+    node()
+    with Program("live-record", "record", "--page", "0", "--speed", "12", "--out", "data") as recorder:
+        found = wait_for("the page's address", 60, lambda: re.search(r"Page: (http://127\.0\.0\.1:\d+/)", recorder.log))
+        result = look(found[1], "record")
+    equal("exit status after SIGINT", recorder.process.returncode, 0)
+    folder = recorder.dir / "data"
+    rows = [line.split(",") for line in (folder / "driving_log.csv").read_text().splitlines()]
+    equal("rows of the log", len(rows), result["rows"])
+    equal("rows without three pictures", [row for row in rows if not all(map(os.path.isfile, row[:3]))], [])
+    equal("a row with full throttle, one with the gamepad's half", [any(float(row[4]) == held for row in rows) for held in (1, 0.5)],
+          [True, True])
+    (found,) = lapwing("dataset", "inspect", folder, "--json")
+    equal("rows that `dataset inspect` reads", found["rows"], len(rows))
+    return f"{len(rows)} rows driven by keys and gamepad"

@@ -1,0 +1,219 @@
+// The live page in real Chromium: values arrive, controls act, nothing complains.
+//
+//     node live.js URL serve|drive|record SHOTS
+//
+// `serve` is the page of a bridge to which two simulators play, `drive` that of the headless simulator in one process,
+// `record` the same where what is driven by hand is kept. It prints one JSON object, leaves screenshots in the folder SHOTS, and exits 1 at the first thing that is not so.
+'use strict'
+const path = require('path')
+const { createRequire } = require('module')
+const { chromium } = createRequire(path.join(process.cwd(), 'package.json'))('playwright-core') // run.py installs it there
+
+const [url, mode, shots] = process.argv.slice(2)
+const FLAGS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync']
+const WAIT = 30000
+const complaints = []
+
+const fail = (why) => { throw new Error(why) }
+const equal = (what, got, expected) => JSON.stringify(got) === JSON.stringify(expected) || fail(`${what}: expected ${JSON.stringify(expected)}, got ${JSON.stringify(got)}`)
+
+// Asks until it is so; the last answer says what was wrong.
+async function until(what, found) {
+  const end = Date.now() + WAIT
+  for (;;) {
+    const got = await found()
+    if (got) return got
+    if (Date.now() > end) fail(`${what}: expected within ${WAIT / 1000} s, got none`)
+    await new Promise((resolve) => setTimeout(resolve, 50))
+  }
+}
+
+async function main() {
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: FLAGS })
+  const page = await browser.newPage({ viewport: { width: 1440, height: 900 }, colorScheme: 'light' })
+  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
+  page.on('pageerror', (error) => complaints.push(error.stack))
+  page.on('request', (request) => new URL(request.url()).origin !== new URL(url).origin && !request.url().startsWith('data:') && !request.url().startsWith('blob:') && complaints.push(`asks elsewhere: ${request.url()}`))
+  await page.goto(url)
+  const text = (selector) => page.locator(selector).first().innerText()
+  const state = async () => (await page.request.get(url + 'api/state')).json()
+  const drives = (await until('drives', async () => { const { drives } = await state(); return drives.length && drives }))
+  const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
+  const shot = (name) => page.screenshot({ path: path.join(shots, `${mode}-${name}.png`), fullPage: true })
+  const speed = async () => parseFloat(await text('.dial b'))
+  // How the picture's pixels differ: a page that shows none has one colour.
+  const shades = () => page.evaluate(() => {
+    const canvas = document.getElementById('camera'), { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height)
+    const seen = new Set()
+    for (let i = 0; i < data.length; i += 4 * 97) seen.add((data[i] >> 4) + ' ' + (data[i + 1] >> 4) + ' ' + (data[i + 2] >> 4))
+    return seen.size
+  })
+  const result = {}
+  // A person at the wheel is logged, one who has let go or switched the log off is not.
+  const record = async () => {
+    const rows = async () => (await api()).status.recorded
+    equal('rows before anybody drives', await rows(), 0)
+    await page.keyboard.press('h')
+    await page.keyboard.down('w')
+    await until('rows', async () => (await rows()) > 15)
+    await page.keyboard.up('w')
+    // A gamepad, as the browser would tell of one: left stick, right trigger.
+    await page.evaluate(() => {
+      const buttons = Array.from({ length: 17 }, (_, i) => ({ value: i === 7 ? 0.5 : 0, pressed: i === 7 }))
+      navigator.getGamepads = () => [{ connected: true, axes: [-0.6, 0, 0, 0], buttons }]
+    })
+    await until('a gamepad at the wheel', async () => { const { turn } = await api(); return turn.by === 'human' && turn.command[0] < -0.2 && turn.command[1] === 0.5 })
+    await page.evaluate(() => { navigator.getGamepads = () => [] })
+    await page.click('#record')
+    await until('a log that is off', async () => !(await api()).status.recording)
+    const off = await rows()
+    await page.waitForTimeout(500)
+    equal('rows while the log is off', (await rows()) - off, 0)
+    await page.click('#record')
+    await until('more rows', async () => (await rows()) > off)
+    await page.keyboard.press('h')
+    await until('the expert again', async () => (await api()).turn.by === 'pilot')
+    const kept = await rows()
+    await page.waitForTimeout(500)
+    equal('rows while the expert drives', (await rows()) - kept, 0)
+    await shot('laptop')
+    result.rows = kept
+  }
+  const finish = async () => {
+    equal('complaints in the console', complaints, [])
+    await browser.close()
+    process.stdout.write(JSON.stringify(result) + '\n')
+  }
+  equal('connection', await until('a connection', async () => (await text('#link')) === 'connected' && 'connected'), 'connected')
+  await until('a speed', async () => (await speed()) > 2)
+  await until('a picture', async () => (result.shades = await shades()) > 20)
+  await until('a score', async () => /distance/.test(await text('#score')))
+  await until('a latency', async () => /answer/.test(await text('#latency')))
+
+  if (mode === 'record') { await record(); return finish() }
+
+  // Controls act on the car.
+  const set = async (mph) => { await page.fill('#mph', String(mph)); await page.press('#mph', 'Enter'); await page.locator('#mph').blur() }
+  await set(14)
+  await until('the set speed in the drive', async () => (await api()).status.set_speed_mph === 14)
+  await until('14 mph', async () => Math.abs((await speed()) - 14) < 1)
+  await page.selectOption('#law', 'quadratic')
+  await until('the quadratic law', async () => (await api()).status.speed_law === 'quadratic')
+  await page.selectOption('#law', 'pi')
+  await page.selectOption('#pilot', '1')
+  await until('the other pilot', async () => (await api()).status.pilot === 1)
+  await page.selectOption('#pilot', '0')
+  await page.keyboard.press('Escape')
+  await until('the emergency stop', async () => (await api()).status.hands === 'stopped')
+  await until('a car that stands', async () => (await speed()) < 1)
+  await page.click('#arm')
+  await until('a car that drives again', async () => (await speed()) > 3)
+  await page.click('#take-over')
+  await until('a pilot that is off', async () => (await api()).status.hands === 'off')
+  await page.click('#arm')
+  await page.keyboard.press('h')
+  await page.keyboard.down('ArrowRight')
+  await page.keyboard.down('ArrowUp')
+  await until('a person at the wheel', async () => { const { turn } = await api(); return turn.by === 'human' && turn.command[0] > 0.2 && turn.command[1] === 1 })
+  await page.keyboard.up('ArrowRight')
+  await page.keyboard.up('ArrowUp')
+  await page.keyboard.press('h')
+  await until('the pilot again', async () => (await api()).turn.by === 'pilot')
+  const events = await until('events', async () => { const words = await text('#events'); return /emergency stop/.test(words) && /set speed 14 mph/.test(words) && /took the wheel/.test(words) && words })
+  result.events = events.split('\n').length
+
+  if (mode === 'serve') {
+    equal('a control that a connection lacks', [await page.locator('#pause').isDisabled(), /lapwing drive --page/.test(await page.locator('#pause').getAttribute('title'))], [true, true])
+    await page.click('#end-run')
+    await until('an ended run', async () => (await api()).status.phase === 'ended')
+    await page.click('#start-run')
+    await until('another run', async () => { const { status } = await api(); return status.phase === 'driving' && status.run === 2 })
+    equal('tabs', await page.locator('#tabs button').count(), 2)
+    await page.locator('#tabs button').first().click()
+    await until('the other simulator', async () => (await page.locator('#tabs button').first().getAttribute('aria-selected')) === 'true' && (await speed()) > 2)
+    await until('where the car is, estimated', async () => /estimated/.test(await text('#place')))
+    // As long as it looks, the page keeps up: what it shows is what there is.
+    const behind = []
+    for (let i = 0; i < 20; i++) {
+      const { turn } = await api(drives[0].id), shown = await page.evaluate(() => live.turn.n)
+      behind.push(turn.n - shown)
+    }
+    result.behind = Math.max(...behind)
+    if (result.behind > 15) fail(`turns that the page is behind: expected 15 at most, got ${behind}`)
+  } else {
+    await page.click('#world summary')
+    await page.click('#pause')
+    await until('a pause', async () => (await api()).status.paused)
+    const n = (await api()).turn.n
+    await page.waitForTimeout(400)
+    equal('turns in a pause', (await api()).turn.n - n, 0)
+    await page.click('#step')
+    await until('one step', async () => (await api()).turn.n === n + 1)
+    await page.waitForTimeout(300)
+    equal('turns after one step', (await api()).turn.n - n, 1)
+    await page.click('#pause')
+    await until('it goes on', async () => (await api()).turn.n > n + 5)
+    await page.click('#reset')
+    await until('the start', async () => { const { status, turn } = await api(); return status.run === 2 && turn && turn.t < 5 })
+    await page.selectOption('#track', 'jungle')
+    await page.locator('#weather-rain').fill('0.6')
+    await page.click('#apply')
+    await until('the jungle', async () => { const { status, turn } = await api(); return status.track === 'jungle' && turn })
+    await until('a map of it', async () => /jungle/.test(await text('#course')))
+    await until('a place on the map', async () => page.evaluate(() => chartOf.place && chartOf.course.name === 'jungle' && !chartOf.place.off_m))
+    await page.waitForTimeout(3000)
+    // The first two runs are over: one of them is listed with its score, and played.
+    await page.click('#to-runs')
+    await until('runs with a score', async () => (await page.locator('#run-list button').count()) >= 2 && /distance/.test(await text('#run-list li:last-child')))
+    await page.locator('#run-list button').last().click()
+    const shown = async () => page.evaluate(() => +document.getElementById('frame').dataset.shown)
+    await until('a first frame', async () => (await shown()) === 0)
+    await page.click('#forth')
+    await until('one frame on', async () => (await shown()) === 1)
+    await page.locator('#time').fill('20')
+    await until('frame 20', async () => (await shown()) === 20)
+    await page.locator('#time').press('ArrowLeft')
+    await until('one frame back', async () => (await shown()) === 19)
+    await page.click('#play')
+    await until('a run that plays', async () => (await shown()) > 25)
+    await page.click('#play')
+    const stop = page.locator('#run-events button', { hasText: 'emergency stop' })
+    await stop.click()
+    const at = await page.evaluate(() => [runs.open.frames_s[runs.index], runs.open.drawn.events.find(({ kind }) => kind === 'emergency-stop').t])
+    if (Math.abs(at[0] - at[1]) > 0.2) fail(`the frame of an event: expected at ${at[1]} s, got ${at[0]} s`)
+    const [download] = await Promise.all([page.waitForEvent('download'), page.click('#run-file')])
+    result.downloaded = download.suggestedFilename()
+    const [report] = await Promise.all([page.waitForEvent('popup'), page.click('#run-report')])
+    await until('the report', async () => /Speed, mph/.test(await report.locator('body').innerText()))
+    await report.close()
+    for (const [name, width] of [['runs', 1440], ['runs-phone', 400]]) {
+      await page.setViewportSize({ width, height: 900 })
+      await page.waitForTimeout(400)
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+      if (wide > 0) fail(`runs at ${width} px: expected no cuts, got ${wide} px beyond the window`)
+      await shot(name)
+    }
+    await page.click('#to-live')
+  }
+  await page.evaluate(() => document.activeElement.blur())
+  for (const [name, width, colorScheme] of [['laptop', 1440, 'light'], ['laptop-dark', 1440, 'dark'], ['phone', 400, 'light'], ['phone-dark', 400, 'dark'], ['tablet', 900, 'light']]) {
+    await page.emulateMedia({ colorScheme })
+    await page.setViewportSize({ width, height: 900 })
+    await page.waitForTimeout(500)
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+    if (wide > 0) fail(`at ${width} px: expected no cuts, got ${wide} px beyond the window`)
+    await shot(name)
+  }
+  // Every control is reached by keyboard alone.
+  await page.setViewportSize({ width: 1440, height: 900 })
+  const reached = new Set()
+  for (let i = 0; i < 60; i++) {
+    await page.keyboard.press('Tab')
+    reached.add(await page.evaluate(() => document.activeElement.id))
+  }
+  const wanted = await page.evaluate(() => Object.keys(PARTS).filter((id) => { const node = document.getElementById(id); return !node.disabled && node.offsetParent }))
+  equal('controls that the keyboard does not reach', wanted.filter((id) => !reached.has(id)), [])
+  await finish()
+}
+
+main().then(() => process.exit(0), (error) => { console.error(error.message, complaints); process.exit(1) })

@@ -1,0 +1,36 @@
+// Looks at a drive until it is killed: as a reader that keeps up, as one that reads nothing, or in Chromium.
+//
+//     node watch.js URL read|stall|chromium
+//
+// Prints `ready` once it looks, and how many moments came when it is ended with SIGTERM.
+'use strict'
+const path = require('path')
+const { createRequire } = require('module')
+const installed = createRequire(path.join(process.cwd(), 'package.json')) // beside_page.py installs it there
+const [url, how] = process.argv.slice(2)
+let moments = 0
+process.on('SIGTERM', () => { console.log(moments); process.exit(0) })
+
+if (how === 'chromium') {
+  const flags = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync']
+  installed('playwright-core').chromium.launch({ executablePath: process.env.CHROMIUM, args: flags, handleSIGTERM: false }).then(async (browser) => {
+    const page = await browser.newPage()
+    page.on('websocket', (socket) => socket.on('framereceived', ({ payload }) => { moments += typeof payload === 'string' && payload.includes('"moment"') }))
+    await page.goto(url)
+    console.log('ready')
+  })
+} else {
+  const WebSocket = installed('ws') // which jsdom brings along
+  const socket = new WebSocket(url.replace('http', 'ws') + 'live')
+  socket.on('open', () => {
+    console.log('ready')
+    if (how === 'stall') socket._socket.pause()
+  })
+  socket.on('message', (data, isBinary) => {
+    if (isBinary) return
+    const message = JSON.parse(data)
+    if (message.kind !== 'moment') return
+    moments++
+    socket.send(JSON.stringify({ seen: message.message }))
+  })
+}
