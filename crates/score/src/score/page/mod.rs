@@ -183,7 +183,7 @@ fn short(value: f64) -> f32 {
 }
 
 /// An event for people; none where a page has no use for it.
-fn words(event: &EventRecord) -> Option<String> {
+pub(super) fn words(event: &EventRecord) -> Option<String> {
     Some(match event {
         EventRecord::TakeoverBegan => "a human took the wheel".into(),
         EventRecord::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
