@@ -52,7 +52,11 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     let outputs: Vec<String> = architecture.outputs().iter().map(|name| (*name).to_owned()).collect();
     let own = side.is_none();
     if let Some(side) = side {
-        anyhow::ensure!(side.outputs == outputs, "expected the outputs {outputs:?} of {network}, got {:?}", side.outputs);
+        anyhow::ensure!(
+            side.outputs == outputs,
+            "expected the outputs {outputs:?} of {network}, got {:?}",
+            side.outputs
+        );
         design.preprocess = side.preprocess;
     }
     let bytes = fs::read(input).with_context(|| format!("{} cannot be read", input.display()))?;
@@ -63,7 +67,11 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     let moved = renamed.names.iter().filter(|(old, new)| old != new);
     let mut lines: Vec<String> = moved.map(|(old, new)| format!("{old:<24} {new}")).collect();
     let tensors = count(renamed.names.len(), "tensor");
-    lines.push(format!("{}: {tensors} of {network}, which has {} between its layers", out.display(), architecture.activation()));
+    lines.push(format!(
+        "{}: {tensors} of {network}, which has {} between its layers",
+        out.display(),
+        architecture.activation()
+    ));
     lines.push(if own {
         format!("preprocessing: {network}'s own; --preprocess FILE.toml says another (docs/how-to/own-network.md)")
     } else {

@@ -78,7 +78,8 @@ impl Pictures<'_> {
 fn draw(run: &JudgedRun, watch: &WorstWatch, roads: &Roads, path: &Path) -> anyhow::Result<bool> {
     let Some(track) = run.card.track.as_deref().and_then(|name| roads.track(name)) else { return Ok(false) };
     let place = |[x, y, z]: [Metres; 3]| DVec3::new(x.get(), y.get(), z.get());
-    let told = watch.line.iter().filter_map(|(_, at, mph)| Some(DrivenPoint { position: place((*at)?), speed_mph: *mph }));
+    let told =
+        watch.line.iter().filter_map(|(_, at, mph)| Some(DrivenPoint { position: place((*at)?), speed_mph: *mph }));
     let mut line: Vec<_> = told.collect();
     if line.is_empty() {
         let estimated = whereabouts(&run.card, &track);
@@ -93,8 +94,9 @@ fn draw(run: &JudgedRun, watch: &WorstWatch, roads: &Roads, path: &Path) -> anyh
     if line.is_empty() {
         return Ok(false);
     }
-    let mark = |(hit, at): &(bool, [Metres; 3])| {
-        Mark { position: place(*at), kind: if *hit { MarkKind::Crash } else { MarkKind::OffRoad } }
+    let mark = |(hit, at): &(bool, [Metres; 3])| Mark {
+        position: place(*at),
+        kind: if *hit { MarkKind::Crash } else { MarkKind::OffRoad },
     };
     map::draw(&track, &line, &watch.marks.iter().map(mark).collect::<Vec<_>>(), path, MAP_PX)?;
     Ok(true)

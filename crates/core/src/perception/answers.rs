@@ -129,10 +129,8 @@ fn all_steps_are_taken_in_their_order() {
     };
     // Rows 2 and 3 of the frame, columns 3 to 6, blue first.
     let pixels = (2..4).flat_map(|y| (3..7).map(move |x| (x, y)));
-    let expected: Vec<f32> = pixels
-        .flat_map(|(x, y)| frame.pixel(x, y).unwrap().into_iter().rev())
-        .map(f32::from)
-        .collect();
+    let expected: Vec<f32> =
+        pixels.flat_map(|(x, y)| frame.pixel(x, y).unwrap().into_iter().rev()).map(f32::from).collect();
     assert_eq!(apply(&preprocess), expected);
     // The same numbers, channel by channel.
     let planes = apply(&Preprocess { layout: TensorLayout::Nchw, ..preprocess.clone() });
@@ -150,10 +148,8 @@ fn all_steps_are_taken_in_their_order() {
 fn one_channel_before_the_resize_is_the_saturation_of_the_63_parameter_network() {
     let frame = Frame::new(320, 160, drawn([320, 160])).unwrap();
     let resize = Resize { width: 32, height: 16, filter: ResizeFilter::Cv2Linear };
-    let preprocess = Preprocess {
-        colour_first: true,
-        ..Preprocess::of(None, resize, ColourSpace::Cv2Saturation, PixelScale::None)
-    };
+    let preprocess =
+        Preprocess { colour_first: true, ..Preprocess::of(None, resize, ColourSpace::Cv2Saturation, PixelScale::None) };
     let mut out = vec![];
     Preprocessor::new(preprocess).unwrap().apply(&frame, &mut out).unwrap();
     assert_eq!(out.len(), 32 * 16);

@@ -109,7 +109,8 @@ fn cv2_hsv(rgb: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = rgb.map(i32::from);
     let value = r.max(g).max(b);
     let span = value - r.min(g).min(b);
-    let by = |full: i32, n: i32| if n == 0 { 0 } else { (f64::from(full << SHIFT) / f64::from(n)).round_ties_even() as i32 };
+    let by =
+        |full: i32, n: i32| if n == 0 { 0 } else { (f64::from(full << SHIFT) / f64::from(n)).round_ties_even() as i32 };
     let saturation = descaled(span * by(255, value), SHIFT);
     let hue = if value == r {
         g - b

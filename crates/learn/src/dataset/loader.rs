@@ -226,7 +226,8 @@ impl Loader {
         let preprocessor = Preprocessor::new(inputs.preprocess.clone())
             .map_err(|why| DatasetError::Preprocess { picture: "the network's preprocessing".into(), why })?;
         if !inputs.preprocess.is_plain() && (augmentation != Augmentation::none() || inputs.channels_last) {
-            let (name, expected) = ("augment", "none for a network with the steps of OpenCV or Pillow in its preprocessing");
+            let (name, expected) =
+                ("augment", "none for a network with the steps of OpenCV or Pillow in its preprocessing");
             return Err(DatasetError::Setting { name, expected, got: "some".into() });
         }
         let reach_px = if augmentation.translate > 0.0 { augmentation.translate_y_px } else { 0 };

@@ -7,9 +7,7 @@ use super::{
     *,
 };
 use lapwing_core::{
-    perception::{
-        ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, decode_jpeg,
-    },
+    perception::{ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, decode_jpeg},
     recording::Picture,
 };
 

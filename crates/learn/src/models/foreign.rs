@@ -13,9 +13,13 @@ pub(super) fn advice(path: &Path) -> Option<(&'static str, &'static str)> {
     match extension.as_str() {
         "h5" | "hdf5" => Some(("a Keras model in HDF5", keras)),
         "keras" => Some(("a Keras model", keras)),
-        "pb" | "tflite" => Some(("a TensorFlow model", "tf2onnx makes an ONNX model of it (docs/how-to/own-network.md)")),
+        "pb" | "tflite" => {
+            Some(("a TensorFlow model", "tf2onnx makes an ONNX model of it (docs/how-to/own-network.md)"))
+        }
         "pth" | "ckpt" | "bin" | "pkl" => Some(("weights that PyTorch has pickled", weights)),
-        "pt2" => Some(("a program of torch.export", "torch.onnx.export(program, f=\"net.onnx\") makes an ONNX model of it")),
+        "pt2" => {
+            Some(("a program of torch.export", "torch.onnx.export(program, f=\"net.onnx\") makes an ONNX model of it"))
+        }
         #[cfg(not(feature = "onnx"))]
         "onnx" => Some((
             "an ONNX model, which this build does not read",

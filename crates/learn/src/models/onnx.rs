@@ -60,8 +60,11 @@ impl OnnxPilot {
         let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
         let environment = environment().map_err(|why| ModelError::NoOnnxRuntime { path: path.to_owned(), why })?;
         let session = session(environment, bytes).map_err(|why| ModelError::Onnx { path: path.to_owned(), why })?;
-        check_input(&session, expected)
-            .map_err(|got| ModelError::OnnxInput { path: path.to_owned(), expected, got })?;
+        check_input(&session, expected).map_err(|got| ModelError::OnnxInput {
+            path: path.to_owned(),
+            expected,
+            got,
+        })?;
         let session = Arc::new(Mutex::new(session));
         eye.warm_up(|input| answer(&session, input)).map_err(|error| unfit(error.into()))?;
         Ok(Self { eye, session })

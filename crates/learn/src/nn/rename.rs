@@ -76,9 +76,11 @@ impl std::fmt::Display for Layer {
 pub fn rename(bytes: &[u8], design: &Design) -> Result<Renamed, RenameError> {
     let file = SafeTensors::deserialize(bytes).map_err(NnError::NotSafetensors)?;
     let expected = expected_layers(design)?;
-    let given = layers(file.iter().filter(|(name, _)| !name.ends_with("num_batches_tracked")).map(|(name, view)| {
-        (name.to_owned(), view.shape().iter().map(|n| *n as i64).collect())
-    }));
+    let given = layers(
+        file.iter()
+            .filter(|(name, _)| !name.ends_with("num_batches_tracked"))
+            .map(|(name, view)| (name.to_owned(), view.shape().iter().map(|n| *n as i64).collect())),
+    );
     let mut pairs: Vec<(&Layer, &Layer)> = Vec::new();
     for layer in &expected {
         // Of the same name, or else of the same shapes, the nth of them.

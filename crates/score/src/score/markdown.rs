@@ -110,7 +110,8 @@ pub struct ShownRun<'a> {
 /// All runs as one text.
 pub fn render(report: &Report<'_>, runs: &[ShownRun<'_>], against: Option<&Comparison>) -> String {
     let mut text = String::from("## Lapwing\n\n");
-    let worse: Vec<String> = against.iter().flat_map(|against| against.worse()).map(|change| change.to_string()).collect();
+    let worse: Vec<String> =
+        against.iter().flat_map(|against| against.worse()).map(|change| change.to_string()).collect();
     let missed: usize = runs.iter().map(|run| run.missed.len()).sum();
     text += match (missed + worse.len(), report.unscored.len()) {
         (0, 0) => "**Passed.**\n",
@@ -141,7 +142,7 @@ pub fn render(report: &Report<'_>, runs: &[ShownRun<'_>], against: Option<&Compa
         }
         text += "| | |\n|---|---|\n";
         for (name, words) in run.card.known_rows() {
-            text += &format!("| {name} | {} |\n", escaped(&words));
+            text += &format!("| {} | {} |\n", escaped(name), escaped(&words));
         }
         text += "\n</details>\n";
     }

@@ -25,8 +25,7 @@ fn a_key_or_value_that_is_not_known_is_refused_by_name() {
     assert!(error("yuv", "hsv").starts_with("unknown variant `hsv`, expected one of `rgb`, `bgr`, `yuv`, `grey`"));
     assert!(error("bilinear-antialiased", "nearest").starts_with("unknown variant `nearest`"));
     assert!(
-        error(r#""x/127.5-1""#, r#"{"standardised":{"mean":[],"std":[],"var":[]}}"#)
-            .starts_with("unknown field `var`")
+        error(r#""x/127.5-1""#, r#"{"standardised":{"mean":[],"std":[],"var":[]}}"#).starts_with("unknown field `var`")
     );
     assert!(error(r#""layout""#, r#""blur":"gaussian-4x4","layout""#).starts_with("unknown variant `gaussian-4x4`"));
     assert!(error(r#","layout":"nchw""#, "").starts_with("missing field `layout`"));

@@ -166,7 +166,8 @@ fn tiles(source: Pixels<'_>, [across, down]: [usize; 2], out: &mut [u8]) {
     let share = 1.0 / (across * down) as f32;
     for (i, out) in out.iter_mut().enumerate() {
         let (channel, x, y) = (i % channels, i / channels % width, i / channels / width);
-        let line = |row| source.row(y * down + row)[x * across * channels + channel..].iter().step_by(channels).take(across);
+        let line =
+            |row| source.row(y * down + row)[x * across * channels + channel..].iter().step_by(channels).take(across);
         let sum: u32 = (0..down).flat_map(line).map(|byte| u32::from(*byte)).sum();
         *out = if (across, down) == (2, 2) {
             ((sum + 2) >> 2) as u8

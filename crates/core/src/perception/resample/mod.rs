@@ -28,7 +28,9 @@ impl Pixels<'_> {
 pub(super) fn resample(source: Pixels<'_>, filter: ResizeFilter, [width, height]: [usize; 2], out: &mut [u8]) {
     use ResizeFilter as F;
     match filter {
-        F::BilinearAntialiased | F::PillowBilinear => pillow::convolved(source, &pillow::BILINEAR, [width, height], out),
+        F::BilinearAntialiased | F::PillowBilinear => {
+            pillow::convolved(source, &pillow::BILINEAR, [width, height], out)
+        }
         F::PillowBox => pillow::convolved(source, &pillow::BOX, [width, height], out),
         F::PillowBicubic => pillow::convolved(source, &pillow::BICUBIC, [width, height], out),
         F::PillowLanczos => pillow::convolved(source, &pillow::LANCZOS, [width, height], out),

@@ -10,8 +10,7 @@ pub(super) struct Kernel {
     weight: fn(f64) -> f64,
 }
 
-pub(super) const BOX: Kernel =
-    Kernel { support: 0.5, weight: |x| if x > -0.5 && x <= 0.5 { 1.0 } else { 0.0 } };
+pub(super) const BOX: Kernel = Kernel { support: 0.5, weight: |x| if x > -0.5 && x <= 0.5 { 1.0 } else { 0.0 } };
 
 pub(super) const BILINEAR: Kernel = Kernel { support: 1.0, weight: |x| (1.0 - x.abs()).max(0.0) };
 

@@ -3,9 +3,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::dataset::strip::StripCut;
-use lapwing_core::perception::{
-    ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter,
-};
+use lapwing_core::perception::{ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter};
 
 /// A picture whose red channel is the column and whose green one is the row.
 fn map() -> Frame {
