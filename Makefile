@@ -3,7 +3,7 @@
 PYTHON ?= python3
 CARGO ?= cargo
 
-.PHONY: drive test build lint light deny bench fuzz interop soak clean
+.PHONY: drive test build lint light deny bench fuzz interop soak dist clean
 
 # A lap of the lake in the headless simulator: first by the expert, who knows the road, then by the shipped model.
 drive: build
@@ -42,6 +42,10 @@ bench: .libtorch/build-version
 # Real clients against the real bridge; needs Node.js with npm, and Chromium, and fetches from PyPI and npm.
 interop: build
 	$(PYTHON) tests/interop/run.py
+
+# One archive that starts on a machine without Rust, Python or libtorch; then tried in a root with libc alone.
+dist: build
+	$(PYTHON) scripts/dist.py --try
 
 # A million telemetries from four simulators in rough company; some twenty minutes, not part of the gate.
 soak: build

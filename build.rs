@@ -14,6 +14,8 @@ fn main() {
         println!("cargo:warning=torch-sys did not say where libtorch is; the binary may not start");
         return;
     };
+    // First beside the program: `make dist` puts the libraries there, on machines that have no other.
+    println!("cargo:rustc-link-arg=-Wl,-rpath,$ORIGIN/lib");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{lib}");
     if Path::new(&lib).join("libtorch_cuda.so").exists() {
         // Nothing names a symbol of libtorch_cuda, so the linker would leave it out.

@@ -1,6 +1,11 @@
 //! What `lapwing doctor` finds: the libtorch, the model and its speed, where runs are recorded, and what is wrong.
 
-use std::{fmt, io, net::SocketAddr, path::PathBuf, time::Instant};
+use std::{
+    fmt, fs, io,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use serde::Serialize;
 
@@ -8,7 +13,8 @@ use lapwing_core::{
     config::Settings,
     driver::Driver,
     files,
-    protocol::{CameraImage, Observation, Sight, Telemetry, Truth},
+    protocol::{CameraImage, Dialect, Observation, Sight, Telemetry, Truth},
+    recording::{Recording, recordings_in},
     units::{Degrees, Mph, Throttle},
 };
 use lapwing_learn::{models::LoadedModel, nn::runtime};
@@ -27,9 +33,27 @@ pub struct Findings {
     pub driver_ms: Option<f64>,
     /// Folder of the runs.
     pub recordings: PathBuf,
+    /// What the disk has left for runs, in MB, where the system tells it.
+    pub free_mb: Option<u64>,
+    /// The last simulator that was driven, by the newest run.
+    pub last_simulator: Option<LastSimulator>,
     /// What is wrong, in words; empty if all is well.
     pub troubles: Vec<String>,
 }
+
+/// A simulator, as its run tells it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LastSimulator {
+    /// The run.
+    pub run: PathBuf,
+    /// Which build it was.
+    pub dialect: Dialect,
+    /// When the run began, RFC 3339.
+    pub started: String,
+}
+
+/// A run takes some 13 MB a minute: below half an hour of them, the disk is nearly full.
+const SCARCE_MB: u64 = 400;
 
 /// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be.
 ///
@@ -46,7 +70,12 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
     });
     let recordings = settings.recording.dir.clone();
     if let Err(error) = files::check_folder(&recordings) {
-        troubles.push(format!("runs cannot be recorded in {}: {error}", recordings.display()));
+        let folder = recordings.display();
+        troubles.push(format!("runs cannot be recorded in {folder}: {error}; choose another folder with --recordings"));
+    }
+    let free_mb = free_mb(&recordings);
+    if let Some(free) = free_mb.filter(|free| *free < SCARCE_MB) {
+        troubles.push(format!("{free} MB are free for {}, and a run takes some 13 MB a minute", recordings.display()));
     }
     let address = SocketAddr::new(settings.bridge.bind, settings.bridge.port);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -54,18 +83,55 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
         troubles.push(error.to_string());
     }
     let model = model.map(|model| model.name().to_owned());
-    Ok(Findings { lapwing: env!("CARGO_PKG_VERSION"), libtorch, model, driver_ms, recordings, troubles })
+    let last_simulator = last_simulator(&recordings);
+    let lapwing = env!("CARGO_PKG_VERSION");
+    Ok(Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, troubles })
+}
+
+/// By the newest run in a folder that a simulator with a dialect drove.
+fn last_simulator(folder: &Path) -> Option<LastSimulator> {
+    let age = |path: &PathBuf| fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
+    let mut runs: Vec<_> = recordings_in(folder).ok()?.into_iter().filter(|path| path.extension().is_some()).collect();
+    runs.sort_by_key(age);
+    runs.into_iter().rev().find_map(|run| {
+        let header = Recording::open(&run).ok()?.header().clone();
+        Some(LastSimulator { dialect: header.dialect?, started: header.started.to_string(), run })
+    })
+}
+
+/// What is free for a user in the nearest folder that is there.
+#[cfg(unix)]
+fn free_mb(folder: &Path) -> Option<u64> {
+    use std::{ffi::CString, mem::MaybeUninit, os::unix::ffi::OsStrExt};
+    let folder = std::path::absolute(folder).ok()?;
+    let there = folder.ancestors().find(|folder| folder.is_dir())?;
+    let path = CString::new(there.as_os_str().as_bytes()).ok()?;
+    let mut found = MaybeUninit::<libc::statvfs>::uninit();
+    // SAFETY: the path ends in a zero, and the system fills the structure if it answers 0.
+    let found = unsafe { (libc::statvfs(path.as_ptr(), found.as_mut_ptr()) == 0).then(|| found.assume_init()) }?;
+    #[allow(clippy::unnecessary_cast, reason = "the fields have other widths on other systems")]
+    Some(found.f_bavail as u64 * found.f_frsize as u64 / 1_000_000)
+}
+
+#[cfg(not(unix))]
+fn free_mb(_: &Path) -> Option<u64> {
+    None
 }
 
 impl fmt::Display for Findings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Findings { lapwing, libtorch, model, driver_ms, recordings, troubles } = self;
+        let Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, troubles } = self;
         writeln!(f, "lapwing     {lapwing}\nlibtorch    {libtorch}")?;
         writeln!(f, "model       {}", model.as_deref().unwrap_or("none"))?;
         if let Some(ms) = driver_ms {
             writeln!(f, "driver      {ms:.2} ms from JPEG to command")?;
         }
-        writeln!(f, "recordings  {}", recordings.display())?;
+        let free = free_mb.map_or_else(String::new, |mb| format!(", {:.1} GB free", mb as f64 / 1e3));
+        writeln!(f, "recordings  {}{free}", recordings.display())?;
+        if let Some(LastSimulator { run, dialect, started }) = last_simulator {
+            let dialect = serde_json::to_string(dialect).unwrap_or_default();
+            writeln!(f, "simulator   {} was the last, {started} ({})", dialect.trim_matches('"'), run.display())?;
+        }
         if troubles.is_empty() {
             return f.write_str("all is well");
         }

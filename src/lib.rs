@@ -51,7 +51,8 @@
 //! | feature | verbs | needs |
 //! |---|---|---|
 //! | `bridge` | `serve`, `doctor`, and those of `networks` | libtorch |
-//! | `networks` | `replay`, `evaluate`, `dataset`; with `simulator` also `train`, `suite`, `merge`, the closed loop | libtorch |
+//! | `onnx` | models as `.onnx` in those of `networks` | ONNX Runtime, when one is loaded |
+//! | `networks` | `replay`, `evaluate`, `model`, `dataset`; with `simulator` also `train`, `suite`, `merge`, the closed loop | libtorch |
 //! | `simulator` | `drive`, `simulate`, `record`, `score`, `marl`; only the expert drives without `networks` | nothing |
 //! | `films` | `--video FILE.mp4` | a C++ compiler, for OpenH264 |
 //!

@@ -4,6 +4,7 @@ mod architecture;
 mod blind;
 mod brake;
 mod bridge;
+mod ci;
 mod closed_loop;
 mod controls;
 mod corpus;

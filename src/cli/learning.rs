@@ -124,8 +124,8 @@ pub struct Train {
 /// `lapwing evaluate`
 #[derive(Debug, Args)]
 pub struct Evaluate {
-    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), which is code: load only files that you
-    /// trust [default: the built-in PilotNet]
+    /// Checkpoint (.safetensors), ONNX (.onnx with a side .toml), or TorchScript (.pt with a side .toml), which is code: load
+    /// only files that you trust [default: the built-in PilotNet]
     pub model: Option<PathBuf>,
     /// Data sets: folders with driving_log.csv, or runs
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]

@@ -2,11 +2,15 @@
 
 mod braking;
 mod driving;
+mod examples;
 #[cfg(feature = "networks")]
 mod learning;
 #[cfg(feature = "simulator")]
 mod marl;
+#[cfg(feature = "networks")]
+mod models;
 mod parse;
+mod program;
 mod scoring;
 
 use std::{ffi::OsString, path::PathBuf};
@@ -21,12 +25,15 @@ pub use driving::*;
 pub use learning::*;
 #[cfg(feature = "simulator")]
 pub use marl::*;
+#[cfg(feature = "networks")]
+pub use models::*;
 use parse::{above_zero, number};
+pub use program::*;
 pub use scoring::*;
 
 /// Drives, simulates, records, scores and replays the Udacity self-driving-car simulator.
 #[derive(Debug, Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, about, max_term_width = 100, after_help = examples::LAPWING)]
 pub struct Cli {
     /// Settings file; it overrides your own ~/.config/lapwing/lapwing.toml [default: lapwing.toml in this folder, if it
     /// exists]
@@ -42,51 +49,80 @@ pub struct Cli {
 pub enum Verb {
     /// Drive the headless simulator and print the scorecard
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::DRIVE)]
     Drive(Drive),
     /// Wait for simulators, drive their cars and record the runs
     #[cfg(feature = "bridge")]
+    #[command(after_help = examples::SERVE)]
     Serve(Serve),
     /// Connect to a bridge as the Unity simulator does, or let the expert drive
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::SIMULATE)]
     Simulate(Simulate),
     /// Record training data: the expert drives, and driving_log.csv and IMG/ are written
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::RECORD)]
     Record(Record),
     /// Train a network on driving logs and runs
     #[cfg(all(feature = "networks", feature = "simulator"))]
+    #[command(after_help = examples::TRAIN)]
     Train(Train),
     /// Measure a model's steering error on data sets
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::EVALUATE)]
     Evaluate(Evaluate),
     /// Draw which parts of a recorded picture a network's steering comes from
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::EXPLAIN)]
     Explain(Explain),
+    /// Check a model's file, or make a checkpoint of PyTorch's tensors
+    #[cfg(feature = "networks")]
+    #[command(after_help = examples::MODEL)]
+    Model(Model),
     /// Replay a recording to a model or a bridge and compare the steering, or drive along it
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::REPLAY)]
     Replay(Replay),
     /// Find out where a recording was driven, and where in its lane the car was in each picture
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::LOCATE)]
     Locate(Locate),
     /// Score recorded runs, for people and for CI
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::SCORE)]
     Score(Score),
     /// Emergency braking: label, record and try it, train networks and measure them
+    #[command(after_help = examples::BRAKE)]
     Brake(Brake),
     /// Train, measure and watch four agents at an intersection
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::MARL)]
     Marl(Marl),
     /// Compare pilots on many drives: all combinations of tracks, conditions, speeds and seeds
     #[cfg(all(feature = "networks", feature = "simulator"))]
+    #[command(after_help = examples::SUITE)]
     Suite(Suite),
     /// Merge the results of a suite's parts
     #[cfg(all(feature = "networks", feature = "simulator"))]
+    #[command(after_help = examples::MERGE)]
     Merge(Merge),
     /// Inspect, convert, split and preview data sets
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::DATASET)]
     Dataset(Dataset),
-    /// Check the installation: libtorch, the model, the port and the folder for runs
+    /// Check the installation: libtorch, the model, the port, the folder for runs, the last simulator
     #[cfg(feature = "bridge")]
+    #[command(after_help = examples::DOCTOR)]
     Doctor(Doctor),
+    /// Print all settings, and where each comes from
+    #[command(after_help = examples::CONFIG)]
+    Config(Config),
+    /// Print a script that completes verbs and flags in a shell
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(Completions),
+    /// Print the manual page
+    #[command(after_help = examples::MAN)]
+    Man(Man),
 }
 
 /// Which world; shared by all verbs that simulate one.
@@ -160,8 +196,8 @@ impl Cli {
 /// What drives and how; shared by all verbs that drive.
 #[derive(Debug, Args)]
 pub struct Driving {
-    /// Checkpoint (.safetensors), or TorchScript (.pt with a side .toml), which is code: load only files that you
-    /// trust [default: the built-in PilotNet]
+    /// Checkpoint (.safetensors), ONNX (.onnx with a side .toml), or TorchScript (.pt with a side .toml), which is code: load
+    /// only files that you trust [default: the built-in PilotNet]
     #[cfg(feature = "networks")]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -213,4 +249,37 @@ pub struct Thinking {
     /// Threads for one forward pass [default: chosen for the network]
     #[arg(long)]
     pub threads: Option<u16>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Verbs with the examples behind their help.
+    fn examples() -> Vec<(String, String)> {
+        let command = Cli::command();
+        let own = command.get_after_help().map(ToString::to_string);
+        let of_verbs = command.get_subcommands().map(|verb| {
+            let examples = verb.get_after_help().map(ToString::to_string);
+            (verb.get_name().to_owned(), examples.unwrap_or_default())
+        });
+        std::iter::once(("lapwing".to_owned(), own.unwrap_or_default())).chain(of_verbs).collect()
+    }
+
+    #[test]
+    fn every_verb_has_examples_and_each_of_them_parses() {
+        for (verb, examples) in examples() {
+            let lines: Vec<_> = examples.lines().filter(|line| line.starts_with("  lapwing ")).collect();
+            assert!(!lines.is_empty(), "{verb} has no examples");
+            for line in lines {
+                // What stands behind three spaces is said, and what stands behind > or | is the shell's.
+                let command = line.trim_start().split("   ").next().unwrap().split(['>', '|']).next().unwrap();
+                let words = command.split_whitespace().map(OsString::from);
+                if let Err(error) = Cli::read(words) {
+                    panic!("{command}: {error}");
+                }
+                assert!(verb == "lapwing" || command.contains(&verb), "{verb}: {command}");
+            }
+        }
+    }
 }

@@ -110,6 +110,13 @@ pub struct Score {
     /// Write a page for a browser that shows the runs side by side
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
+    /// Write a summary in Markdown for a CI job or a pull request, with each run's map and worst moment as pictures beside it;
+    /// without FILE print it, without pictures
+    #[arg(long, value_name = "FILE", num_args = 0..=1, conflicts_with = "json")]
+    pub markdown: Option<Option<PathBuf>>,
+    /// Address under which the pictures of --markdown will be found [default: beside it]
+    #[arg(long, value_name = "URL", requires = "markdown")]
+    pub pictures_at: Option<String>,
     /// Print the scorecards as JSON
     #[arg(long)]
     pub json: bool,

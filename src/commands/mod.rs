@@ -24,9 +24,12 @@ mod locate;
 mod marl;
 #[cfg(feature = "networks")]
 mod model;
+#[cfg(feature = "networks")]
+mod model_files;
 mod outputs;
 #[cfg(all(feature = "bridge", feature = "simulator"))]
 mod paged;
+mod program;
 #[cfg(feature = "simulator")]
 mod record;
 #[cfg(feature = "simulator")]
@@ -97,7 +100,7 @@ pub fn run(cli: Cli) -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(log)
         .with_writer(|| terminal::Log)
-        .with_ansi(io::stderr().is_terminal())
+        .with_ansi(io::stderr().is_terminal() && !is_plain())
         .with_target(false)
         .init();
     let config = cli.config.as_deref();
@@ -135,6 +138,11 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Dataset(arguments) => limit_pictures(config).and_then(|()| dataset::run(arguments)),
         #[cfg(feature = "bridge")]
         Verb::Doctor(arguments) => doctor::run(arguments, config),
+        #[cfg(feature = "networks")]
+        Verb::Model(arguments) => limit_pictures(config).and_then(|()| model_files::run(&arguments)),
+        Verb::Config(arguments) => program::config(&arguments, config),
+        Verb::Completions(arguments) => program::completions(&arguments),
+        Verb::Man(arguments) => program::man(&arguments),
     };
     match ended {
         Ok(Ended::Passed) => ExitCode::SUCCESS,
@@ -145,6 +153,11 @@ pub fn run(cli: Cli) -> ExitCode {
             ExitCode::from(if outputs::is_usage(&error) { 2 } else { 1 })
         }
     }
+}
+
+/// Whether colours are not wanted: <https://no-color.org>. Clap and progress bars ask for themselves.
+fn is_plain() -> bool {
+    std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
 }
 
 /// An error with its causes, except those that its own message contains.
@@ -223,7 +236,12 @@ fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
         layers = layers.file(config)?;
     }
     let layers = layers.environment(std::env::vars_os())?;
-    perception::limit_pixels(layers.clone().resolve()?.perception.max_pixels as usize);
+    let settings = layers.clone().resolve()?;
+    perception::limit_pixels(settings.perception.max_pixels as usize);
+    #[cfg(feature = "onnx")]
+    if let Some(library) = &settings.model.onnxruntime {
+        lapwing_learn::models::onnx::use_library(library);
+    }
     Ok(layers)
 }
 

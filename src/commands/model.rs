@@ -63,7 +63,7 @@ pub(super) fn thinking_layers(
 #[cfg(feature = "simulator")]
 pub(super) fn suits_our_cameras(model: &LoadedModel) -> anyhow::Result<()> {
     let Lens { width, height, .. } = Camera::CENTER.lens;
-    model.preprocess().rows_of(width, height).with_context(|| model.name().to_owned())?;
+    model.preprocess().area_of(width, height).with_context(|| model.name().to_owned())?;
     Ok(())
 }
 

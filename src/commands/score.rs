@@ -1,9 +1,12 @@
 //! `lapwing score`: scores recorded runs.
 
+mod markdown;
+
 use std::{path::Path, time::Duration};
 
 use anyhow::bail;
 
+use self::markdown::Pictures;
 use super::{Ended, outputs, thresholds};
 use crate::{
     cli,
@@ -16,6 +19,7 @@ use lapwing_score::score::{
     against::{Baseline, Comparison, Trend},
     files::runs_in,
     junit,
+    markdown::WorstWatch,
     page::{self, Collector, Drawn, Outline, Shown},
     report::{JudgedRun, Report, explained},
 };
@@ -25,6 +29,8 @@ use lapwing_sim::track::Track;
 struct PagedRun {
     judged: JudgedRun,
     drawn: Option<(Drawn, Option<Outline>)>,
+    /// Of a summary, if one is asked for.
+    worst: Option<WorstWatch>,
 }
 
 pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -35,13 +41,21 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let limits = thresholds::layers(super::undriven_layers(config)?, &arguments.thresholds)?.resolve()?.thresholds;
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let baseline = arguments.against.as_deref().map(Baseline::read).transpose()?;
-    [&arguments.junit, &arguments.html].into_iter().flatten().try_for_each(|path| outputs::check(path))?;
+    let summary = arguments.markdown.as_ref().and_then(Option::as_ref);
+    [arguments.junit.as_ref(), arguments.html.as_ref(), summary]
+        .into_iter()
+        .flatten()
+        .try_for_each(|path| outputs::check(path))?;
     let roads = Roads::with(&arguments.tracks);
     let (mut runs, mut unscored) = (vec![], vec![]);
     for path in runs_in(&arguments.runs)? {
         let name = path.display().to_string();
         let mut collector = arguments.html.is_some().then(Collector::default);
-        let watch = |at: Duration, item: &Item| collector.iter_mut().for_each(|collector| collector.item(at, item));
+        let mut worst = arguments.markdown.is_some().then(WorstWatch::default);
+        let watch = |at: Duration, item: &Item| {
+            collector.iter_mut().for_each(|collector| collector.item(at, item));
+            worst.iter_mut().for_each(|worst| worst.item(at, item));
+        };
         let recording = path.clone();
         let scorer = || {
             let turns = move || turns(&recording).map_err(|error| error.to_string());
@@ -49,7 +63,8 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         };
         match JudgedRun::open(path, &limits, scorer, watch) {
             Ok(judged) => {
-                runs.push(PagedRun { drawn: collector.map(|collector| drawn(collector, &judged, &roads)), judged })
+                let drawn = collector.map(|collector| drawn(collector, &judged, &roads));
+                runs.push(PagedRun { drawn, judged, worst });
             }
             Err(error) => unscored.push((name, super::told(&error))),
         }
@@ -66,7 +81,18 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         arguments.html.as_deref().map(|path| outputs::write(path, &page(&runs)?)),
     ];
     let report = Report::new(&judged, &unscored, against.as_ref());
+    let pictures = summary.map(|file| Pictures { file, base: arguments.pictures_at.as_deref() });
+    let told = arguments.markdown.as_ref().map(|_| {
+        let runs: Vec<_> = runs.iter().filter_map(|run| Some((&run.judged, run.worst.as_ref()?))).collect();
+        markdown::summary(&report, &runs, against.as_ref(), &roads, pictures.as_ref())
+    });
+    let (told, summarised) = match told {
+        Some(Ok(told)) => (pictures.is_none().then_some(told), Ok(())),
+        Some(Err(error)) => (None, Err(error)),
+        None => (None, Ok(())),
+    };
     let result = match &judged[..] {
+        _ if told.is_some() => told,
         _ if arguments.json => Some(serde_json::to_string_pretty(&report)?),
         [] => None,
         runs if arguments.explain => {
@@ -87,6 +113,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let worse = against.iter().flat_map(Comparison::worse).map(|worse| format!("worse: {worse}"));
     let ended = thresholds::ended(&judged.iter().flat_map(named).chain(worse).collect::<Vec<_>>());
     written.into_iter().flatten().collect::<Result<(), _>>()?;
+    summarised?;
     printed?;
     match &unscored[..] {
         [] => Ok(ended),
@@ -109,7 +136,7 @@ fn drawn(collector: Collector, run: &JudgedRun, roads: &Roads) -> (Drawn, Option
 }
 
 fn page(runs: &[PagedRun]) -> Result<String, serde_json::Error> {
-    let shown = runs.iter().filter_map(|PagedRun { judged: run, drawn }| {
+    let shown = runs.iter().filter_map(|PagedRun { judged: run, drawn, .. }| {
         let (drawn, outline) = drawn.as_ref()?;
         let missed = run.missed().collect();
         Some(Shown { title: run.title(), card: &run.card, drawn, outline: outline.as_ref(), missed })

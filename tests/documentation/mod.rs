@@ -21,12 +21,20 @@ use self::{
 };
 
 /// Commands that are not run, and why. `lapwing`'s are parsed all the same.
-const NOT_RUN: [(&str, &str); 13] = [
+const NOT_RUN: [(&str, &str); 15] = [
     ("lapwing brake record", "drives for hours"),
     ("lapwing brake train", "needs the data of brake record, and takes half an hour"),
     ("lapwing brake evaluate", "needs the data of brake record"),
     ("lapwing marl train", "takes minutes; a short one is in tests/marl.rs"),
     ("lapwing marl study", "takes hours; a short one is in tests/marl.rs"),
+    (
+        "lapwing model check net.onnx",
+        "needs the reader's network, and ONNX Runtime; tests/interop/checks_models.py checks one",
+    ),
+    (
+        "lapwing model rename weights.safetensors",
+        "needs the reader's weights; tests/interop/checks_models.py renames some",
+    ),
     ("lapwing train --recipe models/", "takes half an hour, and some recipes need the team's recordings"),
     ("lapwing record --page", "waits for a person to drive"),
     ("LAPWING_LANE_ROWS=300 cargo", "is a test, with more rows than CI has time for"),

@@ -21,6 +21,7 @@ import time
 import checks_clients
 import checks_drives
 import checks_live
+import checks_models
 import checks_page
 import checks_runs
 import checks_server
@@ -43,6 +44,8 @@ CHECKS = [
     ("drive.py", checks_simulate.simulate_drive_py, False, "and against python-socketio 4 on eventlet, as drive.py"),
     ("crash", checks_runs.crash, True, "kill -9 costs at most the last second of a run"),
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
+    ("perception", checks_models.perception, False, "pictures as OpenCV and Pillow make them, to the byte"),
+    ("keras", checks_models.keras, False, "a network of tf.keras by ONNX and by safetensors answers as at home"),
     ("page", checks_page.page, False, "the page of a score draws itself and answers mouse and keys"),
     ("live-serve", checks_live.live_serve, False, "the live page of a bridge in Chromium: values, controls, tabs"),
     ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),

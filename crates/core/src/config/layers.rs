@@ -1,6 +1,7 @@
 //! Resolves settings: files, environment and flags override one another in layers, and each value keeps its origin.
 
 use std::{
+    collections::BTreeMap,
     ffi::{OsStr, OsString},
     fs, io,
     path::Path,
@@ -15,8 +16,33 @@ use super::{ConfigError, FILE, PREFIX, Settings, check};
 #[derive(Debug, Clone, Default)]
 pub struct Layers {
     merged: Table,
+    /// For each dotted key that a layer sets, the topmost one.
+    origins: BTreeMap<String, String>,
     /// See [`Layers::model_named_by_others`].
     model_named_by_others: Option<String>,
+}
+
+/// A setting, as `lapwing config` tells it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Told {
+    /// Dotted.
+    #[serde(skip)]
+    pub key: String,
+    /// As it counts.
+    pub value: Value,
+    /// Where that comes from.
+    pub origin: Origin,
+}
+
+/// Where a setting comes from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Origin {
+    /// Nobody set it.
+    Default,
+    /// A file, an environment variable or a flag, by its name.
+    #[serde(untagged)]
+    Layer(String),
 }
 
 /// Who wrote a layer.
@@ -116,6 +142,24 @@ impl Layers {
         check("settings", &self.merged)
     }
 
+    /// All settings that have a value, in the order of their sections, with where each comes from.
+    ///
+    /// # Errors
+    /// As [`Layers::resolve`].
+    pub fn told(&self) -> Result<Vec<Told>, ConfigError> {
+        let settings = self.clone().resolve()?;
+        let wrong = |why: toml::ser::Error| ConfigError::Value { layer: "settings".into(), why: why.to_string() };
+        let mut all = Table::try_from(settings).map_err(wrong)?;
+        // What is not recorded is not serialised, but may be set.
+        merge(&mut all, self.merged.clone());
+        let mut told = vec![];
+        each_leaf("", &all, &mut |key, value| {
+            let origin = self.origins.get(&key).map_or(Origin::Default, |layer| Origin::Layer(layer.clone()));
+            told.push(Told { key, value: value.clone(), origin });
+        });
+        Ok(told)
+    }
+
     fn layer(mut self, name: &str, table: Table, author: Author) -> Result<Self, ConfigError> {
         let of_model = |key: &str| table.get("model").and_then(|model| model.get(key));
         if author == Author::Anybody && of_model("allow_torchscript").is_some() {
@@ -123,11 +167,16 @@ impl Layers {
                        --allow-torchscript";
             return Err(ConfigError::Value { layer: name.into(), why: why.into() });
         }
+        if author == Author::Anybody && of_model("onnxruntime").is_some() {
+            let why = "model.onnxruntime names code, and may only be set in your own settings or the environment";
+            return Err(ConfigError::Value { layer: name.into(), why: why.into() });
+        }
         if let Some(path) = of_model("path") {
             let anywhere = path.as_str().is_some_and(|path| Path::new(path).is_absolute());
             let own = author == Author::User || (author == Author::UsersFile && anywhere);
             self.model_named_by_others = (!own).then(|| name.to_owned());
         }
+        each_leaf("", &table, &mut |key, _| drop(self.origins.insert(key, name.to_owned())));
         merge(&mut self.merged, table);
         check(name, &self.merged)?; // the layers below passed, so the fault is in this one
         Ok(self)
@@ -137,6 +186,19 @@ impl Layers {
 fn unicode<'a>(layer: &str, text: &'a OsStr) -> Result<&'a str, ConfigError> {
     let why = || format!("expected text in UTF-8, got {text:?}");
     text.to_str().ok_or_else(|| ConfigError::Value { layer: layer.into(), why: why() })
+}
+
+/// Values that are not tables, with their dotted keys; plain ones before tables, as TOML has them.
+fn each_leaf(above: &str, table: &Table, see: &mut impl FnMut(String, &Value)) {
+    let dotted = |key: &str| if above.is_empty() { key.to_owned() } else { format!("{above}.{key}") };
+    for (key, value) in table.iter().filter(|(_, value)| !value.is_table()) {
+        see(dotted(key), value);
+    }
+    for (key, value) in table {
+        if let Value::Table(inner) = value {
+            each_leaf(&dotted(key), inner, see);
+        }
+    }
 }
 
 fn merge(below: &mut Table, above: Table) {
@@ -206,6 +268,26 @@ mod tests {
                 .model
                 .allow_torchscript
         );
+    }
+
+    #[test]
+    fn each_setting_tells_where_it_comes_from() {
+        let (_dir, path) = file("[control]\nspeed_mph = 12\nkp = 0.2\n[model]\nonnxruntime = \"/lib/ort.so\"\n");
+        let error = Layers::default().file(Some(&path)).unwrap_err().to_string();
+        assert!(error.contains("model.onnxruntime names code, and may only be set in your own settings"), "{error}");
+        let layers = Layers::default().own_file(&path).unwrap().set("--speed", "control.speed_mph", 20.0).unwrap();
+        let told = layers.told().unwrap();
+        let get = |key: &str| {
+            let found = told.iter().find(|told| told.key == key).unwrap();
+            (found.value.to_string(), found.origin.clone())
+        };
+        let by_file = Origin::Layer(path.display().to_string());
+        assert_eq!(get("control.speed_mph"), ("20.0".into(), Origin::Layer("--speed".into())));
+        assert_eq!(get("control.kp"), ("0.2".into(), by_file.clone()));
+        assert_eq!(get("control.ki"), ("0.002".into(), Origin::Default));
+        assert_eq!(get("model.onnxruntime"), ("\"/lib/ort.so\"".into(), by_file));
+        assert_eq!(serde_json::to_string(&Origin::Default).unwrap(), "\"default\"");
+        assert_eq!(serde_json::to_string(&Origin::Layer("--speed".into())).unwrap(), "\"--speed\"");
     }
 
     #[test]

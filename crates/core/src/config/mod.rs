@@ -11,7 +11,7 @@ mod thresholds;
 
 pub use brake::{BrakeSettings, GuardKind, Guarding};
 pub use bridge::{BridgeSettings, Limits};
-pub use layers::Layers;
+pub use layers::{Layers, Origin, Told};
 pub use simulator::{OnCrash, Rules, RulesError, SimulatorSettings};
 pub use thresholds::{Bound, LimitUnit, Threshold, Thresholds};
 
@@ -57,7 +57,8 @@ pub struct Settings {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModelSettings {
-    /// A checkpoint (`.safetensors`) or TorchScript (`.pt` with a side `.toml`). Default: the PilotNet built in.
+    /// A checkpoint (`.safetensors`), or TorchScript (`.pt`) or ONNX (`.onnx`) with a side `.toml`. Default: the PilotNet
+    /// built in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub path: Option<PathBuf>,
     /// Threads that libtorch may use for one forward pass; 0, the default, leaves the choice to the network. `drive`
@@ -68,6 +69,10 @@ pub struct ModelSettings {
     /// drive and is not recorded.
     #[serde(skip_serializing)]
     pub allow_torchscript: bool,
+    /// ONNX Runtime's shared library, for `.onnx`, where `ORT_DYLIB_PATH` names none. It is code, so only the user's own file
+    /// may name it. It is not recorded.
+    #[serde(skip_serializing)]
+    pub onnxruntime: Option<PathBuf>,
 }
 
 /// `[perception]`

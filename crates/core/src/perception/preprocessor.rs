@@ -5,7 +5,10 @@ use fast_image_resize::{
     images::{Image, ImageRef},
 };
 
-use super::{Crop, Frame, Preprocess, PreprocessError, Resize, ResizeFilter};
+use super::{
+    Area, Crop, Frame, Preprocess, PreprocessError, Resize, ResizeFilter, TensorLayout,
+    resample::{Pixels, resample},
+};
 
 /// Pixels converted from bytes to numbers at a time.
 const BLOCK: usize = 64;
@@ -14,10 +17,13 @@ const BLOCK: usize = 64;
 #[derive(Debug, Clone)]
 pub struct Preprocessor {
     preprocess: Preprocess,
-    /// For each channel the weights of red, green and blue and a constant: colour and scale in one step.
+    /// For each channel the weights of the three bytes of a pixel and a constant: colour, where it is a sum, and scale in
+    /// one step.
     weights: Vec<[f32; 4]>,
     resizer: Resizer,
-    /// The resized RGB bytes.
+    /// What is cropped, blurred and coloured before the resize, where any of that is asked for.
+    before: Vec<u8>,
+    /// The resized bytes.
     resized: Vec<u8>,
 }
 
@@ -28,7 +34,11 @@ impl Preprocessor {
     /// As [`Preprocess::validate`].
     pub fn new(preprocess: Preprocess) -> Result<Self, PreprocessError> {
         preprocess.validate()?;
-        let weights = preprocess.colour.weights().iter().enumerate().map(|(channel, weights)| {
+        // What is coloured by the byte is already there when it is scaled.
+        const AS_IT_IS: [[f64; 4]; 3] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        let colour = if preprocess.colour_first { None } else { preprocess.colour.weights() };
+        let colour = colour.unwrap_or(&AS_IT_IS[..preprocess.colour.channels()]);
+        let weights = colour.iter().enumerate().map(|(channel, weights)| {
             let (factor, summand) = preprocess.scale.affine(channel).expect("validate checked every channel");
             let [r, g, b, constant] = *weights;
             [r * factor, g * factor, b * factor, constant * factor + summand].map(|w| w as f32)
@@ -37,6 +47,7 @@ impl Preprocessor {
         Ok(Self {
             weights: weights.collect(),
             resizer: Resizer::new(),
+            before: vec![],
             resized: vec![0; width * height * 3],
             preprocess,
         })
@@ -47,58 +58,115 @@ impl Preprocessor {
         &self.preprocess
     }
 
-    /// Turns a frame into a network's input: `out` becomes (C, H, W) numbers of [`Preprocess::shape`], channel by
-    /// channel.
+    /// Turns a frame into a network's input: `out` becomes the numbers of [`Preprocess::shape`], in the order of the layout.
     ///
-    /// Once warm, no picture is allocated; the resizer allocates a few kilobytes of weights for each.
+    /// Once warm, no picture is allocated by the filter `bilinear-antialiased`; its resizer allocates a few kilobytes of
+    /// weights for each.
     ///
     /// # Errors
-    /// [`PreprocessError::CropOutside`] and [`PreprocessError::EmptyFrame`].
+    /// [`PreprocessError::CropOutside`], [`PreprocessError::CropBeside`] and [`PreprocessError::EmptyFrame`].
     pub fn apply(&mut self, frame: &Frame, out: &mut Vec<f32>) -> Result<(), PreprocessError> {
         self.resize(frame)?;
-        let Resize { width, height, .. } = self.preprocess.resize;
+        self.finish();
+        let [channels, height, width] = self.preprocess.shape();
         let plane = width * height;
-        out.resize(self.weights.len() * plane, 0.0);
+        out.resize(channels * plane, 0.0);
         // In blocks that stay in the cache. Channels are separated first, so that the sums run over neighbours in
         // memory.
         let mut apart = [[0f32; BLOCK]; 3];
-        for (block, rgb) in self.resized.chunks(BLOCK * 3).enumerate() {
-            for (i, pixel) in rgb.chunks_exact(3).enumerate() {
+        let mut scaled = [0f32; BLOCK];
+        for (block, pixels) in self.resized[..plane * 3].chunks(BLOCK * 3).enumerate() {
+            for (i, pixel) in pixels.chunks_exact(3).enumerate() {
                 for (channel, byte) in apart.iter_mut().zip(pixel) {
                     channel[i] = f32::from(*byte);
                 }
             }
-            let count = rgb.len() / 3;
-            for (channel, plane) in out.chunks_exact_mut(plane).enumerate() {
-                self.channel(channel, apart.each_ref().map(|c| &c[..]), &mut plane[block * BLOCK..][..count]);
+            let count = pixels.len() / 3;
+            let apart = apart.each_ref().map(|c| &c[..]);
+            for channel in 0..channels {
+                match self.preprocess.layout {
+                    TensorLayout::Nchw => {
+                        self.channel(channel, apart, &mut out[channel * plane + block * BLOCK..][..count]);
+                    }
+                    TensorLayout::Nhwc => {
+                        self.channel(channel, apart, &mut scaled[..count]);
+                        let out = out[block * BLOCK * channels + channel..].iter_mut().step_by(channels);
+                        out.zip(&scaled[..count]).for_each(|(out, x)| *out = *x);
+                    }
+                }
             }
         }
         Ok(())
     }
 
-    /// The crop at the network's size: RGB bytes, not yet coloured or scaled.
+    /// The steps up to the resize: bytes, three a pixel, not yet scaled, and coloured only if that comes first.
     ///
     /// # Errors
     /// As [`Preprocessor::apply`].
     pub fn resize(&mut self, frame: &Frame) -> Result<&[u8], PreprocessError> {
         let (width, height) = (frame.width(), frame.height());
-        let Crop { top, bottom } = self.preprocess.rows_of(width, height)?;
-        // Rows are contiguous, so the crop is a slice, and pixels beyond it cannot bleed in.
-        let rows = &frame.rgb()[top * width * 3..bottom * width * 3];
-        let Resize { width: to_width, height: to_height, filter: ResizeFilter::BilinearAntialiased } =
-            self.preprocess.resize;
-        let source = ImageRef::new(width as u32, (bottom - top) as u32, rows, PixelType::U8x3)
-            .expect("a frame has three bytes for each pixel");
-        let mut target = Image::from_slice_u8(to_width as u32, to_height as u32, &mut self.resized, PixelType::U8x3)
-            .expect("the scratch has three bytes for each pixel");
-        self.resizer.resize(&source, &mut target, &options()).expect("both have the same kind of pixels");
+        let area = self.preprocess.area_of(width, height)?;
+        // Rows are contiguous, so their crop is a slice, and pixels beyond it cannot bleed in.
+        let rows = &frame.rgb()[area.top * width * 3..area.bottom * width * 3];
+        let is_untouched = area.width() == width && self.preprocess.blur.is_none() && !self.preprocess.colour_first;
+        if !is_untouched {
+            self.prepare(rows, width, area);
+        }
+        let bytes = if is_untouched { rows } else { &self.before[..] };
+        let Resize { width, height, filter } = self.preprocess.resize;
+        if filter == ResizeFilter::BilinearAntialiased {
+            let source = ImageRef::new(area.width() as u32, area.height() as u32, bytes, PixelType::U8x3)
+                .expect("a frame has three bytes for each pixel");
+            // What is kept of an earlier picture may have left it shorter.
+            self.resized.resize(width * height * 3, 0);
+            let mut target = Image::from_slice_u8(width as u32, height as u32, &mut self.resized, PixelType::U8x3)
+                .expect("the scratch has three bytes for each pixel");
+            self.resizer.resize(&source, &mut target, &options()).expect("both have the same kind of pixels");
+        } else {
+            self.resized.resize(width * height * 3, 0);
+            let source = Pixels { bytes, width: area.width(), height: area.height(), channels: 3 };
+            resample(source, filter, [width, height], &mut self.resized);
+        }
         Ok(&self.resized)
     }
 
+    /// Crops columns of these rows, blurs and colours.
+    fn prepare(&mut self, rows: &[u8], width: usize, area: Area) {
+        self.before.clear();
+        for row in rows.chunks_exact(width * 3) {
+            self.before.extend_from_slice(&row[area.left * 3..area.right * 3]);
+        }
+        if let Some(blur) = self.preprocess.blur {
+            let source = Pixels { bytes: &self.before, width: area.width(), height: area.height(), channels: 3 };
+            let mut blurred = Vec::with_capacity(self.before.len());
+            blur.apply(source, &mut blurred);
+            self.before = blurred;
+        }
+        if self.preprocess.colour_first {
+            recolour(&mut self.before, self.preprocess.colour.bytes());
+        }
+    }
+
+    /// The steps between the resize and the scale, in place: what is kept comes to lie at the beginning.
+    fn finish(&mut self) {
+        let area = self.preprocess.kept();
+        let Resize { width, .. } = self.preprocess.resize;
+        if self.preprocess.crop_resized.is_some() {
+            let length = area.width() * 3;
+            for (to, row) in (area.top..area.bottom).enumerate() {
+                let from = (row * width + area.left) * 3;
+                self.resized.copy_within(from..from + length, to * length);
+            }
+        }
+        if !self.preprocess.colour_first && self.preprocess.colour.weights().is_none() {
+            recolour(&mut self.resized[..area.width() * area.height() * 3], self.preprocess.colour.bytes());
+        }
+    }
+
     /// `count` rows beside the crop at the same scale, as RGB bytes. The first begins at row `from` of the frame; all
-    /// must lie within it.
+    /// must lie within it. Only for what [`Preprocess::is_plain`].
     pub fn rows(&mut self, frame: &Frame, from: f64, count: usize) -> Vec<u8> {
-        let crop = self.preprocess.crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
+        let crop = self.preprocess.crop.unwrap_or(Crop::rows(0, frame.height()));
         let Resize { width, height, .. } = self.preprocess.resize;
         let mut rows = vec![0; count * width * 3];
         if count > 0 {
@@ -123,6 +191,13 @@ impl Preprocessor {
     }
 }
 
+/// Replaces the three bytes of each pixel.
+fn recolour(bytes: &mut [u8], colour: Option<fn([u8; 3]) -> [u8; 3]>) {
+    if let Some(colour) = colour {
+        bytes.as_chunks_mut::<3>().0.iter_mut().for_each(|pixel| *pixel = colour(*pixel));
+    }
+}
+
 fn options() -> ResizeOptions {
     ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear))
 }
@@ -130,7 +205,7 @@ fn options() -> ResizeOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::{ColourSpace, PixelScale, TensorLayout};
+    use crate::perception::{ColourSpace, PixelScale};
 
     fn preprocess(
         crop: Option<Crop>,
@@ -140,7 +215,7 @@ mod tests {
         scale: PixelScale,
     ) -> Preprocess {
         let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
-        Preprocess { crop, resize, colour, scale, layout: TensorLayout::Nchw }
+        Preprocess::of(crop, resize, colour, scale)
     }
 
     fn apply(preprocess: Preprocess, frame: &Frame) -> Vec<f32> {
@@ -197,7 +272,7 @@ mod tests {
     fn nothing_beyond_the_crop_bleeds_in() {
         let mut frame = Frame::new(4, 8, vec![255; 4 * 8 * 3]).unwrap();
         frame.rgb_mut()[2 * 4 * 3..6 * 4 * 3].fill(100);
-        let crop = Some(Crop { top: 2, bottom: 6 });
+        let crop = Some(Crop::rows(2, 6));
         let out = apply(preprocess(crop, 3, 3, ColourSpace::Grey, PixelScale::Unit), &frame);
         assert_eq!(bytes(&out), [100.0; 9]);
     }
@@ -214,7 +289,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_does_not_hold_the_crop_is_an_error() {
-        let crop = Some(Crop { top: 60, bottom: 135 });
+        let crop = Some(Crop::rows(60, 135));
         let mut preprocessor =
             Preprocessor::new(preprocess(crop, 200, 66, ColourSpace::Yuv, PixelScale::Signed)).unwrap();
         let frame = Frame::new(160, 120, vec![0; 160 * 120 * 3]).unwrap();

@@ -208,7 +208,8 @@ impl Loader {
     /// Starts at batch `from` of the epoch; the batches before it are skipped. The last one may be smaller.
     ///
     /// # Errors
-    /// [`DatasetError::Preprocess`] for invalid preprocessing, [`DatasetError::Thread`] if the system cannot start
+    /// [`DatasetError::Preprocess`] for invalid preprocessing, [`DatasetError::Setting`] for augmentations or memory pixel by
+    /// pixel where it takes steps that leave no room for them ([`Preprocess::is_plain`]), [`DatasetError::Thread`] if the system cannot start
     /// threads.
     #[expect(clippy::too_many_arguments, reason = "one call, and each is another thing")]
     pub fn start(
@@ -224,6 +225,11 @@ impl Loader {
         let batches = order.len().div_ceil(batch);
         let preprocessor = Preprocessor::new(inputs.preprocess.clone())
             .map_err(|why| DatasetError::Preprocess { picture: "the network's preprocessing".into(), why })?;
+        if !inputs.preprocess.is_plain() && (augmentation != Augmentation::none() || inputs.channels_last) {
+            let (name, expected) =
+                ("augment", "none for a network with the steps of OpenCV or Pillow in its preprocessing");
+            return Err(DatasetError::Setting { name, expected, got: "some".into() });
+        }
         let reach_px = if augmentation.translate > 0.0 { augmentation.translate_y_px } else { 0 };
         let cut = StripCut { preprocess: inputs.preprocess.clone(), reach_px };
         let plan = Arc::new(LoadPlan { samples, cache, inputs, cut, augmentation, order, batch, seed, epoch });

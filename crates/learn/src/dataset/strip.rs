@@ -29,7 +29,7 @@ impl Strip {
     /// Cuts a strip out of a picture. `preprocessor` is that of the cut.
     pub fn cut(cut: &StripCut, preprocessor: &mut Preprocessor, frame: &Frame) -> Result<Self, PreprocessError> {
         let Preprocess { crop, resize, .. } = &cut.preprocess;
-        let crop = crop.unwrap_or(Crop { top: 0, bottom: frame.height() });
+        let crop = crop.unwrap_or(Crop::rows(0, frame.height()));
         let inside = preprocessor.resize(frame)?.to_vec();
         let scale =
             (frame.width() as f64 / resize.width as f64, (crop.bottom - crop.top) as f64 / resize.height as f64);

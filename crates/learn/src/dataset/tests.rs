@@ -7,9 +7,7 @@ use super::{
     *,
 };
 use lapwing_core::{
-    perception::{
-        ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, TensorLayout, decode_jpeg,
-    },
+    perception::{ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, decode_jpeg},
     recording::Picture,
 };
 
@@ -35,10 +33,8 @@ fn folder(dir: &Path, steering: impl Fn(usize) -> f64, rows: usize) {
 
 fn inputs(frames: usize) -> Inputs {
     let resize = Resize { height: 4, width: 8, filter: ResizeFilter::BilinearAntialiased };
-    let crop = Some(Crop { top: 4, bottom: 12 });
-    let preprocess =
-        Preprocess { crop, resize, colour: ColourSpace::Grey, scale: PixelScale::Unit, layout: TensorLayout::Nchw };
-    Inputs::plain(preprocess, frames)
+    let crop = Some(Crop::rows(4, 12));
+    Inputs::plain(Preprocess::of(crop, resize, ColourSpace::Grey, PixelScale::Unit), frames)
 }
 
 fn open(dir: &Path, set: Set, balance: Balance) -> Samples {

@@ -47,6 +47,12 @@ pub enum ExplainError {
         /// The model.
         got: String,
     },
+    /// Steps before the network that its answer cannot be followed back through.
+    #[error("expected preprocessing of rows, bilinear-antialiased and rgb, bgr, yuv or grey, got other steps: {got}")]
+    Steps {
+        /// The model.
+        got: String,
+    },
     /// A picture that the network does not take.
     #[error(transparent)]
     Preprocess(#[from] PreprocessError),
@@ -95,10 +101,13 @@ impl Explainer {
     /// For a model's network.
     ///
     /// # Errors
-    /// [`ExplainError::Model`], [`ExplainError::Preprocess`]
+    /// [`ExplainError::Model`], [`ExplainError::Steps`], [`ExplainError::Preprocess`]
     pub fn of(model: &LoadedModel) -> Result<Self, ExplainError> {
         let steers = |network: &Network| network.architecture().frames() == 1 && !network.architecture().locates();
         let network = model.network().filter(steers).ok_or_else(|| ExplainError::Model { got: model.name().into() })?;
+        if !model.preprocess().is_plain() {
+            return Err(ExplainError::Steps { got: model.name().into() });
+        }
         Ok(Self::new(network, Preprocessor::new(model.preprocess().clone())?))
     }
 
@@ -111,7 +120,7 @@ impl Explainer {
     /// # Errors
     /// [`ExplainError::Preprocess`] for a picture that is too small, [`ExplainError::Network`].
     pub fn explain(&mut self, frame: &Frame, speed: Mph, method: Method) -> Result<Explanation, ExplainError> {
-        let rows = self.preprocessor.preprocess().rows_of(frame.width(), frame.height())?;
+        let rows = self.preprocessor.preprocess().area_of(frame.width(), frame.height())?;
         let input = self.input_of(frame)?; // (1, C, H, W)
         let speed = self.network.speed_input(speed)?;
         let steering = tch::no_grad(|| self.network.forward(&input, speed.as_ref(), false))?.f_double_value(&[0, 0])?;

@@ -39,7 +39,7 @@ fn road() -> Frame {
 #[test]
 fn the_shares_of_all_pixels_add_up_to_what_the_picture_adds_to_the_steering() {
     let mut explainer = shipped();
-    let rows = explainer.preprocessor.preprocess().rows_of(320, 160).unwrap();
+    let rows = explainer.preprocessor.preprocess().area_of(320, 160).unwrap();
     let steering = |explainer: &Explainer, input: &Tensor| {
         tch::no_grad(|| explainer.network.forward(input, None, false)).unwrap().double_value(&[0, 0])
     };

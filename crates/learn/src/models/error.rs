@@ -10,8 +10,59 @@ use crate::nn::NnError;
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     /// A file of a kind that is not a model.
-    #[error("expected a model, a file ending in .safetensors or .pt, got {path}", path = .0.display())]
+    #[error("expected a model, a file ending in .safetensors, .pt or .onnx, got {path}", path = .0.display())]
     Extension(PathBuf),
+    /// A file of another tool.
+    #[error("expected a model, a file ending in .safetensors, .pt or .onnx, got {path}, {kind}: {todo}", path = path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        kind: &'static str,
+        /// What to do with it.
+        todo: &'static str,
+    },
+    /// Tensors without the metadata that makes them a checkpoint.
+    #[error(
+        "{path}: expected a checkpoint, whose metadata says what the tensors are, got tensors alone: lapwing model rename \
+         {path} --network NAME --out OUT makes one",
+        path = path.display()
+    )]
+    TensorsAlone {
+        /// The file.
+        path: PathBuf,
+    },
+    /// ONNX Runtime is not there, or too old.
+    #[error(
+        "expected ONNX Runtime 1.24 or newer to run {path}, and cannot load it: {why}. pip install onnxruntime brings it; name \
+         its onnxruntime/capi/libonnxruntime.so.1… in the environment (ORT_DYLIB_PATH) or in your own settings \
+         (model.onnxruntime)",
+        path = path.display()
+    )]
+    NoOnnxRuntime {
+        /// The model.
+        path: PathBuf,
+        /// What the loader says.
+        why: String,
+    },
+    /// ONNX Runtime refuses the model or fails in it.
+    #[error("{path}: ONNX Runtime: {why}", path = path.display())]
+    Onnx {
+        /// The model.
+        path: PathBuf,
+        /// The first line of what it says.
+        why: String,
+    },
+    /// A network that does not take what the file beside it prepares.
+    #[error("{path}: expected a network with one input of shape {expected:?} f32, as {side} says, got {got}", path = path.display(), side = path.with_extension("toml").display())]
+    OnnxInput {
+        /// The model.
+        path: PathBuf,
+        /// What the preprocessing gives.
+        expected: [usize; 4],
+        /// What the network takes.
+        got: String,
+    },
     /// The model cannot be read.
     #[error("{path} cannot be read: {source}", path = path.display())]
     Read {
@@ -51,7 +102,8 @@ pub enum ModelError {
     },
     /// A `.pt` of another kind: the name is used for pickled weights, too.
     #[error(
-        "expected {path} to be a TorchScript module, saved by torch.jit.save and not by torch.save; libtorch: {why}",
+        "expected {path} to be a TorchScript module, saved by torch.jit.save and not by torch.save; libtorch: {why}. Pickled \
+         weights are saved again with safetensors.torch.save_file, for lapwing model rename",
         path = path.display()
     )]
     NotTorchScript {

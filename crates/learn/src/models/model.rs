@@ -6,8 +6,10 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use super::{ModelError, network::NetworkPilot, torchscript::TorchScriptPilot};
-use crate::nn::{Checkpoint, Network};
+#[cfg(feature = "onnx")]
+use super::onnx::OnnxPilot;
+use super::{ModelError, foreign, network::NetworkPilot, torchscript::TorchScriptPilot};
+use crate::nn::{Checkpoint, Network, NnError};
 use lapwing_core::{
     hash::sha256,
     perception::Preprocess,
@@ -21,6 +23,7 @@ pub struct LoadedModel {
     name: String,
     sha256: String,
     preprocess: Preprocess,
+    outputs: Vec<String>,
     training: Option<String>,
     threads: Option<u16>,
     /// The pilot from which all others are made. It does not drive; it is behind a lock because a tensor's handle
@@ -32,6 +35,8 @@ pub struct LoadedModel {
 enum Prototype {
     Network(Box<NetworkPilot>),
     TorchScript(Box<TorchScriptPilot>),
+    #[cfg(feature = "onnx")]
+    Onnx(Box<OnnxPilot>),
 }
 
 /// The model that drives if none is named.
@@ -51,7 +56,8 @@ pub fn is_torchscript(path: &Path) -> bool {
 }
 
 /// Reads a model: a checkpoint of this project (`.safetensors`, see
-/// [`Checkpoint`]) or a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)).
+/// [`Checkpoint`]), a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)) or, with the feature `onnx`, an ONNX
+/// model (`.onnx`, see `onnx`).
 ///
 /// The network answers a few times before this returns, so the first frame is as fast as any, and a network that does
 /// not answer correctly is refused. Its pilots measure themselves with `clock`.
@@ -73,24 +79,45 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
                 name: format!("torchscript ({})", path.display()),
                 sha256: sha256(&bytes),
                 preprocess: pilot.preprocess().clone(),
+                outputs: pilot.outputs().to_vec(),
                 training: None,
                 threads: None,
                 prototype: Mutex::new(Prototype::TorchScript(Box::new(pilot))),
             })
         }
-        _ => Err(ModelError::Extension(path.to_owned())),
+        #[cfg(feature = "onnx")]
+        Some("onnx") => {
+            let bytes = read()?;
+            let pilot = OnnxPilot::load(path, &bytes, clock)?;
+            Ok(LoadedModel {
+                name: format!("onnx ({})", path.display()),
+                sha256: sha256(&bytes),
+                preprocess: pilot.preprocess().clone(),
+                outputs: pilot.outputs().to_vec(),
+                training: None,
+                threads: Some(1),
+                prototype: Mutex::new(Prototype::Onnx(Box::new(pilot))),
+            })
+        }
+        _ => Err(match foreign::advice(path) {
+            Some((kind, todo)) => ModelError::Foreign { path: path.to_owned(), kind, todo },
+            None => ModelError::Extension(path.to_owned()),
+        }),
     }
 }
 
 impl LoadedModel {
     fn of_checkpoint(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, ModelError> {
-        let checkpoint =
-            Checkpoint::from_bytes(bytes).map_err(|source| ModelError::Checkpoint { path: path.to_owned(), source })?;
+        let checkpoint = Checkpoint::from_bytes(bytes).map_err(|source| match source {
+            NnError::MissingKey("format") => ModelError::TensorsAlone { path: path.to_owned() },
+            source => ModelError::Checkpoint { path: path.to_owned(), source },
+        })?;
         let unfit = |source| ModelError::Unfit { path: path.to_owned(), source: Box::new(source) };
         Ok(Self {
             name: format!("{} ({})", checkpoint.network.architecture().name(), path.display()),
             sha256: checkpoint.sha256.clone(),
             preprocess: checkpoint.metadata.preprocess.clone(),
+            outputs: checkpoint.metadata.outputs.clone(),
             training: Some(checkpoint.metadata.training.clone()),
             threads: checkpoint.network.architecture().threads(),
             prototype: Mutex::new(Prototype::Network(Box::new(NetworkPilot::new(checkpoint, clock).map_err(unfit)?))),
@@ -107,6 +134,11 @@ impl LoadedModel {
         &self.preprocess
     }
 
+    /// What each number of an answer is, the steering first.
+    pub fn outputs(&self) -> &[String] {
+        &self.outputs
+    }
+
     /// How it was trained and on what, as its author describes it; a TorchScript module does not say.
     pub fn training(&self) -> Option<&str> {
         self.training.as_deref()
@@ -116,7 +148,7 @@ impl LoadedModel {
     pub fn network(&self) -> Option<Network> {
         match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Some(pilot.network()),
-            Prototype::TorchScript(_) => None,
+            _ => None,
         }
     }
 
@@ -135,6 +167,8 @@ impl LoadedModel {
         match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Box::new(pilot.share()),
             Prototype::TorchScript(pilot) => Box::new(pilot.share()),
+            #[cfg(feature = "onnx")]
+            Prototype::Onnx(pilot) => Box::new(pilot.share()),
         }
     }
 }

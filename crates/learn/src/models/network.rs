@@ -92,6 +92,10 @@ impl Eye {
         Ok(Self { preprocessor, outputs: outputs.to_vec(), input: Vec::new(), clock })
     }
 
+    pub(super) fn outputs(&self) -> &[String] {
+        &self.outputs
+    }
+
     pub(super) fn preprocess(&self) -> &Preprocess {
         self.preprocessor.preprocess()
     }
@@ -103,7 +107,7 @@ impl Eye {
         &mut self,
         mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>,
     ) -> Result<(), PilotError> {
-        let (width, height) = (320, self.preprocess().crop.map_or(160, |crop| crop.bottom.max(160)));
+        let [width, height] = self.preprocess().picture_size();
         for shade in [0, 128, 255] {
             let blank = Frame::new(width, height, vec![shade; width * height * 3]);
             self.steer(&blank.expect("there are three bytes for each pixel"), &mut forward)?;
@@ -130,10 +134,10 @@ impl Eye {
 
     /// The first number that `forward` computes from the input, if there are as many as outputs and all are finite.
     fn answer(&self, mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>) -> Result<f64, PilotError> {
-        let [channels, height, width] = self.preprocess().shape().map(|n| n as i64);
+        let shape = self.preprocess().tensor_shape().map(|n| n as i64);
         tch::no_grad(|| {
-            // (1, C, H, W) f32
-            let input = torch(Tensor::f_from_slice(&self.input).and_then(|t| t.f_view([1, channels, height, width])))?;
+            // (1, C, H, W) or (1, H, W, C) f32
+            let input = torch(Tensor::f_from_slice(&self.input).and_then(|t| t.f_view(shape)))?;
             let output = forward(&input).map_err(failed)?;
             if output.numel() != self.outputs.len() {
                 return Err(PilotError::OutputShape { outputs: self.outputs.clone(), got: output.size() });

@@ -3,27 +3,14 @@
 //!
 //! `model.pt` is what `torch.jit.trace` or `torch.jit.script` made and
 //! `torch.jit.save` wrote; it takes (1, C, H, W) f32 and answers a tensor of as
-//! many numbers as there are outputs, the steering first. `model.toml` has the
-//! keys `outputs` and `preprocess`, see [`Preprocess`]:
-//!
-//! ```toml
-//! outputs = ["steering"]
-//!
-//! [preprocess]
-//! crop = { top = 60, bottom = 135 }
-//! resize = { height = 66, width = 200, filter = "bilinear-antialiased" }
-//! colour = "yuv"
-//! scale = "x/127.5-1"
-//! layout = "nchw"
-//! ```
+//! many numbers as there are outputs, the steering first. `model.toml` is a [`SideFile`].
 //! A TorchScript file contains code. Load only files that you trust.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
-use serde::Deserialize;
 use tch::{CModule, Device};
 
-use super::{ModelError, network::Eye};
+use super::{ModelError, SideFile, network::Eye};
 use crate::nn::{NnError, first_line};
 use lapwing_core::{
     perception::Preprocess,
@@ -38,14 +25,6 @@ pub struct TorchScriptPilot {
     module: Arc<CModule>,
 }
 
-/// The file next to the module.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SideFile {
-    outputs: Vec<String>,
-    preprocess: Preprocess,
-}
-
 impl TorchScriptPilot {
     /// Loads a module of `bytes`, those of the file `path`, with the `.toml` of
     /// the same stem beside it, puts it in evaluation mode and warms it up.
@@ -53,14 +32,7 @@ impl TorchScriptPilot {
     /// # Errors
     /// [`ModelError::NoSideFile`], [`ModelError::SideFile`], [`ModelError::NotTorchScript`], [`ModelError::Unfit`].
     pub fn load(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, ModelError> {
-        let side = path.with_extension("toml");
-        let text = fs::read_to_string(&side).map_err(|source| ModelError::NoSideFile {
-            model: path.to_owned(),
-            side: side.clone(),
-            source,
-        })?;
-        let SideFile { outputs, preprocess } =
-            toml::from_str(&text).map_err(|e| ModelError::SideFile { side, why: e.to_string() })?;
+        let SideFile { outputs, preprocess } = SideFile::beside(path)?;
         let unfit = |source: ModelError| ModelError::Unfit { path: path.to_owned(), source: Box::new(source) };
         let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
 
@@ -74,6 +46,11 @@ impl TorchScriptPilot {
     /// What is done to a frame.
     pub fn preprocess(&self) -> &Preprocess {
         self.eye.preprocess()
+    }
+
+    /// What each number of an answer is.
+    pub fn outputs(&self) -> &[String] {
+        self.eye.outputs()
     }
 
     /// Another pilot with the same weights. Frames do not share state, unless the module itself keeps some.

@@ -102,13 +102,8 @@ impl Architecture {
             // Crops most of the sky and the bonnet; colours as ImageNet's networks take them.
             _ => ((40, 140), [80, 160], ColourSpace::Rgb, resnet::imagenet()),
         };
-        Preprocess {
-            crop: Some(Crop { top: crop.0, bottom: crop.1 }),
-            resize: Resize { height, width, filter: ResizeFilter::BilinearAntialiased },
-            colour,
-            scale,
-            layout: TensorLayout::Nchw,
-        }
+        let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
+        Preprocess::of(Some(Crop::rows(crop.0, crop.1)), resize, colour, scale)
     }
 
     /// Channels, rows and columns of each frame; `None` for a network that takes three channels of any size.
@@ -119,6 +114,11 @@ impl Architecture {
             Self::Lane => Some(Lane::INPUT_SHAPE),
             _ => None,
         }
+    }
+
+    /// The function between its layers, which no file of weights tells.
+    pub fn activation(self) -> &'static str {
+        if self == Self::PilotNet { "ELU" } else { "ReLU" }
     }
 
     /// The best number of threads for one frame's forward pass; `None` for as many as there are processors.
@@ -181,9 +181,12 @@ impl Design {
     /// Checks that the preprocessing is valid and gives what the architecture takes.
     ///
     /// # Errors
-    /// [`NnError::Preprocess`], [`NnError::InputShape`].
+    /// [`NnError::Preprocess`], [`NnError::Layout`], [`NnError::InputShape`].
     pub fn validate(&self) -> Result<(), NnError> {
         self.preprocess.validate()?;
+        if self.preprocess.layout != TensorLayout::Nchw {
+            return Err(NnError::Layout { architecture: self.architecture });
+        }
         let (architecture, got) = (self.architecture, self.preprocess.shape());
         if architecture.takes(got) { Ok(()) } else { Err(NnError::InputShape { architecture, got }) }
     }

@@ -54,6 +54,12 @@ pub enum NnError {
     /// Invalid preprocessing.
     #[error("metadata key preprocess: {0}")]
     Preprocess(#[from] PreprocessError),
+    /// Channels last, in a checkpoint.
+    #[error("expected layout nchw for {name}, got nhwc: only networks made elsewhere take pictures pixel by pixel", name = architecture.name())]
+    Layout {
+        /// The network.
+        architecture: Architecture,
+    },
     /// Preprocessing for another network.
     #[error(
         "expected preprocessing to {expected} for {name}, got {got}",
@@ -161,6 +167,9 @@ pub enum NnError {
         /// What it was given.
         got: Option<Vec<i64>>,
     },
+    /// An error of ONNX Runtime: the first line of its message.
+    #[error("ONNX Runtime: {0}")]
+    Onnx(String),
     /// An error of libtorch: the first line of its message.
     #[error("libtorch: {0}")]
     Torch(String),

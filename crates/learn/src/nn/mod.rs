@@ -3,7 +3,8 @@
 //! A [`Checkpoint`] is read from one `.safetensors` file that also says what its weights mean: [`Metadata`] with the
 //! preprocessing, and the [`Network`] of the [`Design`] that it names. Everything in the file is checked against the
 //! architecture before it is used. Training makes a network whose weights belong to a variable store
-//! ([`in_variable_store`]), may start from pretrained ones ([`load_pretrained`]), and writes it with [`save`].
+//! ([`in_variable_store`]), may start from pretrained ones ([`load_pretrained`]), and writes it with [`save`]. Tensors that
+//! PyTorch saved under other names are mapped by [`rename`].
 //!
 //! There is one file per architecture, read top to bottom, which cites its source; its tensors have the same names as
 //! in the file.
@@ -33,6 +34,7 @@ mod layers;
 mod network;
 pub mod pilotnet;
 mod pretrained;
+pub mod rename;
 pub mod resnet;
 pub mod runtime;
 mod source;

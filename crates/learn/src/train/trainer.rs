@@ -70,7 +70,7 @@ fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, A
         design.preprocess.resize = Resize { height, width, ..design.preprocess.resize };
     }
     if let Some((top, bottom)) = recipe.crop {
-        design.preprocess.crop = Some(Crop { top, bottom });
+        design.preprocess.crop = Some(Crop::rows(top, bottom));
     }
     design.validate()?;
     preparation::check_labels_kept(recipe, architecture)?;

@@ -18,6 +18,7 @@
 //! | [`files`], [`report`] | the runs that paths stand for, and the report on all of them |
 //! | `thresholds`, [`junit`] | what a run must reach, and the report for CI |
 //! | [`page`] | runs as a page for a browser |
+//! | [`markdown`] | runs as a summary for CI, with the worst moment of each |
 //! | [`summary`], [`against`] | several runs in one, and whether they got worse |
 
 pub mod against;
@@ -32,6 +33,7 @@ mod guarded;
 mod infractions;
 pub mod junit;
 mod latency;
+pub mod markdown;
 mod measure;
 mod offline;
 pub mod page;

@@ -156,6 +156,11 @@ impl<'a> Report<'a> {
 
     /// A line for each run, and their mean.
     pub fn table(&self) -> String {
+        aligned(&self.rows(), 1) + "\n~ is an estimate, - not measurable; lapwing score RUN says more."
+    }
+
+    /// The same as cells: names of figures, runs, and their mean.
+    pub(super) fn rows(&self) -> Vec<Vec<String>> {
         let mut rows: Vec<Vec<String>> = vec![];
         rows.push(std::iter::once("run").chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
         for run in &self.runs {
@@ -171,7 +176,7 @@ impl<'a> Report<'a> {
             spread.map_or_else(|| "-".to_owned(), |spread| figure.unit().show_mean(spread.mean))
         };
         rows.push(std::iter::once(format!("mean of {}", self.runs.len())).chain(COMPARED.map(mean)).collect());
-        aligned(&rows, 1) + "\n~ is an estimate, - not measurable; lapwing score RUN says more."
+        rows
     }
 }
 

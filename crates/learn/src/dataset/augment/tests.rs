@@ -3,9 +3,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::dataset::strip::StripCut;
-use lapwing_core::perception::{
-    ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, TensorLayout,
-};
+use lapwing_core::perception::{ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter};
 
 /// A picture whose red channel is the column and whose green one is the row.
 fn map() -> Frame {
@@ -16,9 +14,8 @@ fn map() -> Frame {
 /// Rows 5 to 14 of it at their own size, with those that a shift of 8 pixels needs.
 fn changed(change: &AugmentationDraw) -> Frame {
     let resize = Resize { height: 10, width: 40, filter: ResizeFilter::BilinearAntialiased };
-    let crop = Some(Crop { top: 5, bottom: 15 });
-    let preprocess =
-        Preprocess { crop, resize, colour: ColourSpace::Rgb, scale: PixelScale::Unit, layout: TensorLayout::Nchw };
+    let crop = Some(Crop::rows(5, 15));
+    let preprocess = Preprocess::of(crop, resize, ColourSpace::Rgb, PixelScale::Unit);
     let mut preprocessor = Preprocessor::new(preprocess.clone()).unwrap();
     let strip = Strip::cut(&StripCut { preprocess, reach_px: 8 }, &mut preprocessor, &map()).unwrap();
     let mut rgb = vec![0; 40 * 10 * 3];

@@ -44,6 +44,8 @@ pub(super) struct Worker {
     row: [Vec<f32>; 3],
     /// The network's channels of one row.
     channels: Vec<Vec<f32>>,
+    /// (C, H, W), of a whole picture.
+    numbers: Vec<f32>,
 }
 
 impl Worker {
@@ -55,6 +57,7 @@ impl Worker {
             strip: Strip::default(),
             row: Default::default(),
             channels: vec![vec![0.0; width]; channels],
+            numbers: vec![],
         }
     }
 
@@ -121,10 +124,22 @@ impl Worker {
         out: &mut [T],
         number: impl Fn(f32) -> T,
     ) -> Result<f64, DatasetError> {
+        let is_plain = plan.inputs.preprocess.is_plain();
         let Some(picture) = &plan.samples.sources[source as usize].rows[row].pictures[camera as usize] else {
             let why = format!("row {row} has no picture of the camera {camera:?}, but rows after it have");
             return Err(DatasetError::Picture { picture: "a sequence".into(), why });
         };
+        if !is_plain {
+            // Steps that no strip can be changed in between: as pilots see it. `Loader::start` let no augmentation pass.
+            let bytes = dataset::read(picture)?;
+            decode_jpeg(&bytes, &mut self.decoded)
+                .map_err(|why| DatasetError::Image { picture: picture.to_string(), why })?;
+            self.preprocessor
+                .apply(&self.decoded, &mut self.numbers)
+                .map_err(|why| DatasetError::Preprocess { picture: picture.to_string(), why })?;
+            out.iter_mut().zip(&self.numbers).for_each(|(to, x)| *to = number(*x));
+            return Ok(1.0);
+        }
         let slot = plan.cache.slot(source, row, camera);
         let strip = match slot.and_then(OnceLock::get) {
             Some(strip) if strip.is_of(&plan.cut) => strip,

@@ -71,10 +71,16 @@ fn a_prediction_says_how_long_it_took_by_the_clock_that_was_handed_in() {
 
 #[test]
 fn what_is_neither_kind_of_file_or_not_there_is_named() {
-    assert_eq!(
-        error(Path::new("model.onnx")),
-        "expected a model, a file ending in .safetensors or .pt, got model.onnx"
-    );
+    let expected = "expected a model, a file ending in .safetensors, .pt or .onnx, got model";
+    assert_eq!(error(Path::new("model.txt")), format!("{expected}.txt"));
+    for (ending, kind, todo) in [
+        ("h5", "a Keras model in HDF5", "makes an ONNX model of it"),
+        ("keras", "a Keras model", "makes an ONNX model of it"),
+        ("pth", "weights that PyTorch has pickled", "lapwing model rename"),
+    ] {
+        let error = error(Path::new(&format!("model.{ending}")));
+        assert!(error.starts_with(&format!("{expected}.{ending}, {kind}: ")) && error.contains(todo), "{error}");
+    }
     assert_eq!(
         error(Path::new("no.safetensors")),
         "no.safetensors cannot be read: No such file or directory (os error 2)"
@@ -83,6 +89,10 @@ fn what_is_neither_kind_of_file_or_not_there_is_named() {
     let path = folder.path().join("empty.safetensors");
     fs::write(&path, "").unwrap();
     assert_eq!(error(&path), format!("{}: expected a whole safetensors file: header too small", path.display()));
+    let tensors = crate::nn::checkpoint::encode_tensors(Default::default(), vec![], crate::nn::Precision::F32).unwrap();
+    fs::write(&path, tensors).unwrap();
+    let error = error(&path);
+    assert!(error.contains("got tensors alone: lapwing model rename") && error.ends_with("makes one"), "{error}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-use std::{path::PathBuf, time::Instant};
+use std::{fs, path::PathBuf, time::Instant};
 
 use tch::{Device, Kind, Tensor};
 
@@ -119,7 +119,7 @@ fn a_pt_that_is_no_torchscript_is_told_in_one_line() {
         let expected = format!(
             "expected {path} to be a TorchScript module, saved by torch.jit.save and not by torch.save; libtorch: {why}"
         );
-        assert!(error.starts_with(&expected), "{error}");
+        assert!(error.starts_with(&expected) && error.ends_with("for lapwing model rename"), "{error}");
         assert_eq!(error.lines().count(), 1, "{error}");
     }
 }

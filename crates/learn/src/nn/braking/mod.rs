@@ -17,7 +17,7 @@ use tch::{Kind, Tensor};
 
 use self::{live::Live, stacked::Stacked};
 use super::{NnError, Precision, TensorSource};
-use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter, TensorLayout};
+use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter};
 
 pub use checkpoint::{BrakingCheckpoint, BrakingError, BrakingMetadata, save_braking};
 pub use live::Seen;
@@ -66,15 +66,10 @@ impl BrakingArchitecture {
             Self::Stacked => (None, stacked::SIZE),
             // Without most of the sky, the bonnet and the last metres of road, at three fifths of the size: a child 12 m ahead is 3
             // pixels wide.
-            Self::Live => (Some(Crop { top: 40, bottom: 120 }), live::SIZE),
+            Self::Live => (Some(Crop::rows(40, 120)), live::SIZE),
         };
-        Preprocess {
-            crop,
-            resize: Resize { height, width, filter: ResizeFilter::BilinearAntialiased },
-            colour: ColourSpace::Grey,
-            scale: PixelScale::Unit,
-            layout: TensorLayout::Nchw,
-        }
+        let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
+        Preprocess::of(crop, resize, ColourSpace::Grey, PixelScale::Unit)
     }
 }
 

@@ -1,0 +1,131 @@
+//! Examples behind the help of each verb. Tests parse them all.
+
+pub(super) const LAPWING: &str = "\
+Examples:
+  lapwing drive --track lake --speed 20      a lap in the headless simulator
+  lapwing serve                              drive the Unity simulator
+  lapwing score recordings/lake.mcap         how good was this run?
+
+lapwing VERB --help shows a verb's flags and examples. The documentation: docs/README.md";
+
+#[cfg(feature = "simulator")]
+pub(super) const DRIVE: &str = "\
+Examples:
+  lapwing drive                                                  the shipped model, one lap of the lake, at 9 mph
+  lapwing drive --track jungle --laps 3 --speed 15 --model my.safetensors
+  lapwing drive --track random:7 --conditions rain=0.5,haze=0.3 --seed 4
+  lapwing drive --pilot expert --video lap.mp4 --map lap.svg
+  lapwing drive --min-completion 100 --max-collisions 0          exit status 3 below a threshold";
+
+#[cfg(feature = "bridge")]
+pub(super) const SERVE: &str = "\
+Examples:
+  lapwing serve                                      then start the simulator in Autonomous Mode
+  lapwing serve --speed 20 --model my.safetensors
+  lapwing serve --takeover latch                     stay off after a takeover until you press Enter
+  lapwing serve --bind 0.0.0.0                       for simulators on other machines";
+
+#[cfg(feature = "simulator")]
+pub(super) const SIMULATE: &str = "\
+Examples:
+  lapwing simulate --connect 127.0.0.1:4567          test your own bridge or drive.py
+  lapwing simulate --connect 127.0.0.1:4567 --track jungle --seed 3";
+
+#[cfg(feature = "simulator")]
+pub(super) const RECORD: &str = "\
+Examples:
+  lapwing record --track lake --laps 3 --out data/lake";
+
+#[cfg(all(feature = "networks", feature = "simulator"))]
+pub(super) const TRAIN: &str = "\
+Examples:
+  lapwing train --data data/lake --out runs/mine
+  lapwing train --data data/lake data/jungle@2 --network resnet18 --epochs 5 --out runs/resnet
+  lapwing train --resume --out runs/mine";
+
+#[cfg(feature = "networks")]
+pub(super) const EVALUATE: &str = "\
+Examples:
+  lapwing evaluate runs/mine/model.safetensors --data data/lake --rows held-out --plot error.svg";
+
+#[cfg(feature = "networks")]
+pub(super) const EXPLAIN: &str = "\
+Examples:
+  lapwing explain recordings/lake.mcap --frame 40 --out explained.png";
+
+#[cfg(feature = "networks")]
+pub(super) const MODEL: &str = "\
+Examples:
+  lapwing model check net.onnx                       what goes in and out, and what looks wrong
+  lapwing model rename weights.safetensors --network pilotnet --out net.safetensors";
+
+#[cfg(feature = "networks")]
+pub(super) const REPLAY: &str = "\
+Examples:
+  lapwing replay recordings/lake.mcap
+  lapwing replay recordings/lake.mcap --golden recordings/lake.golden
+  lapwing replay recordings/lake.mcap --closed-loop";
+
+#[cfg(feature = "simulator")]
+pub(super) const LOCATE: &str = "\
+Examples:
+  lapwing locate data/lake --csv lane.csv --plot offset.svg";
+
+#[cfg(feature = "simulator")]
+pub(super) const SCORE: &str = "\
+Examples:
+  lapwing score recordings/lake.mcap
+  lapwing score recordings --json > baseline.json
+  lapwing score recordings --against baseline.json --junit report.xml --html report.html
+  lapwing score recordings --markdown summary.md
+  lapwing score --explain                            each figure: JSON key, unit, formula, source";
+
+pub(super) const BRAKE: &str = "\
+Examples:
+  lapwing brake label data/lake --out labels";
+
+#[cfg(feature = "simulator")]
+pub(super) const MARL: &str = "\
+Examples:
+  lapwing marl watch
+  lapwing marl evaluate --json";
+
+#[cfg(all(feature = "networks", feature = "simulator"))]
+pub(super) const SUITE: &str = "\
+Examples:
+  lapwing suite suite.toml --out suite
+  lapwing suite suite.toml --out suite --shard 2/8";
+
+#[cfg(all(feature = "networks", feature = "simulator"))]
+pub(super) const MERGE: &str = "\
+Examples:
+  lapwing merge part-1 part-2 --out suite";
+
+#[cfg(feature = "networks")]
+pub(super) const DATASET: &str = "\
+Examples:
+  lapwing dataset inspect data/lake --sheet sheet.png --plot steering.svg
+  lapwing dataset convert recordings/lake.mcap data/run
+  lapwing dataset split data/lake --out-train data/train --out-validation data/validation";
+
+#[cfg(feature = "bridge")]
+pub(super) const DOCTOR: &str = "\
+Examples:
+  lapwing doctor
+  lapwing doctor --model my.safetensors --json";
+
+pub(super) const CONFIG: &str = "\
+Examples:
+  lapwing config                                     all settings, and where each comes from
+  lapwing --config race.toml config --json";
+
+pub(super) const COMPLETIONS: &str = "\
+Examples:
+  lapwing completions bash > ~/.local/share/bash-completion/completions/lapwing
+  lapwing completions zsh > ~/.zfunc/_lapwing        with fpath+=~/.zfunc before compinit in ~/.zshrc
+  lapwing completions fish > ~/.config/fish/completions/lapwing.fish";
+
+pub(super) const MAN: &str = "\
+Examples:
+  lapwing man | man -l -
+  lapwing man --out ~/.local/share/man/man1";

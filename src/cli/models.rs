@@ -1,0 +1,54 @@
+//! The verbs around a model's file.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+/// `lapwing model`
+#[derive(Debug, Args)]
+pub struct Model {
+    #[command(subcommand)]
+    pub verb: ModelVerb,
+}
+
+/// What to do with a model's file.
+#[derive(Debug, Subcommand)]
+pub enum ModelVerb {
+    /// Show a recorded run to a model: shapes, range of its answers, latency, and what looks wrong
+    Check(ModelCheck),
+    /// Make a checkpoint of PyTorch's tensors, whatever their names
+    Rename(ModelRename),
+}
+
+/// `lapwing model check`; exit 1 where something looks wrong
+#[derive(Debug, Args)]
+pub struct ModelCheck {
+    /// Checkpoint (.safetensors), ONNX (.onnx with a side .toml), or TorchScript (.pt with a side .toml), which is code: load
+    /// only files that you trust [default: the built-in PilotNet]
+    #[arg(value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// The run (.mcap), or the folder with driving_log.csv, to show to it
+    #[arg(long, value_name = "RUN", default_value = "recordings/lake.mcap")]
+    pub run: PathBuf,
+    /// Print the findings as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lapwing model rename`
+#[derive(Debug, Args)]
+pub struct ModelRename {
+    /// Tensors of PyTorch (.safetensors), as safetensors.torch.save_file writes a state_dict
+    #[arg(value_name = "IN")]
+    pub input: PathBuf,
+    /// The architecture that they are of
+    #[arg(long, value_name = "NAME")]
+    pub network: String,
+    /// The checkpoint to write (.safetensors)
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// What was done to the pictures that it was trained on (.toml, as beside a TorchScript model) [default: the .toml beside IN,
+    /// if there is one, or else the architecture's own]
+    #[arg(long, value_name = "FILE")]
+    pub preprocess: Option<PathBuf>,
+}

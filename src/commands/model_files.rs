@@ -1,0 +1,87 @@
+//! `lapwing model`: looks at a model's file, or makes one.
+
+use std::{fs, path::Path, time::Instant};
+
+use anyhow::{Context, bail};
+
+use super::{Ended, outputs};
+use crate::cli::{self, ModelVerb};
+use lapwing_core::words::{count, did_you_mean};
+use lapwing_learn::{
+    models::{self, SideFile, check},
+    nn::{Architecture, Design, Metadata, Precision, rename::rename, runtime, save},
+};
+
+pub(super) fn run(arguments: &cli::Model) -> anyhow::Result<Ended> {
+    match &arguments.verb {
+        ModelVerb::Check(arguments) => checked(arguments),
+        ModelVerb::Rename(arguments) => renamed(arguments),
+    }
+}
+
+fn checked(arguments: &cli::ModelCheck) -> anyhow::Result<Ended> {
+    let model = match &arguments.model {
+        Some(path) => models::load(path, Instant::now)?,
+        None => models::built_in(Instant::now)?,
+    };
+    // As `drive` does.
+    runtime::set_threads(1);
+    let checked = check::check(&model, &arguments.run).with_context(|| {
+        format!("{}: cannot be shown to {} (--run RUN names another recording)", arguments.run.display(), model.name())
+    })?;
+    outputs::print(&if arguments.json { serde_json::to_string_pretty(&checked)? } else { checked.to_string() })?;
+    Ok(if checked.troubles.is_empty() { Ended::Passed } else { Ended::Failed })
+}
+
+fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
+    let cli::ModelRename { input, network, out, preprocess } = arguments;
+    let Some(architecture) = Architecture::named(network) else {
+        let names = Architecture::ALL.map(Architecture::name);
+        bail!("--network: expected one of {}, got {network:?}{}", names.join(", "), did_you_mean(network, names));
+    };
+    outputs::check(out)?;
+    if out.extension().is_none_or(|extension| extension != "safetensors") {
+        bail!("--out: expected a file ending in .safetensors, got {}", out.display());
+    }
+    let side = match preprocess {
+        Some(path) => Some(SideFile::read(path)?),
+        None if input.with_extension("toml").is_file() => Some(SideFile::beside(input)?),
+        None => None,
+    };
+    let mut design = Design::of(architecture);
+    let outputs: Vec<String> = architecture.outputs().iter().map(|name| (*name).to_owned()).collect();
+    let own = side.is_none();
+    if let Some(side) = side {
+        anyhow::ensure!(
+            side.outputs == outputs,
+            "expected the outputs {outputs:?} of {network}, got {:?}",
+            side.outputs
+        );
+        design.preprocess = side.preprocess;
+    }
+    let bytes = fs::read(input).with_context(|| format!("{} cannot be read", input.display()))?;
+    let renamed = rename(&bytes, &design).with_context(|| input.display().to_string())?;
+    let training = format!("made elsewhere; tensors of {}", name_of(input));
+    let metadata = Metadata { preprocess: design.preprocess.clone(), outputs, training, result: String::new() };
+    save(out, &metadata, &renamed.network, Precision::F32)?;
+    let moved = renamed.names.iter().filter(|(old, new)| old != new);
+    let mut lines: Vec<String> = moved.map(|(old, new)| format!("{old:<24} {new}")).collect();
+    let tensors = count(renamed.names.len(), "tensor");
+    lines.push(format!(
+        "{}: {tensors} of {network}, which has {} between its layers",
+        out.display(),
+        architecture.activation()
+    ));
+    lines.push(if own {
+        format!("preprocessing: {network}'s own; --preprocess FILE.toml says another (docs/how-to/own-network.md)")
+    } else {
+        "preprocessing: as the .toml says".into()
+    });
+    lines.push(format!("look at it: lapwing model check {}", out.display()));
+    outputs::print(&lines.join("\n"))?;
+    Ok(Ended::Passed)
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}

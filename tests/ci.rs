@@ -1,0 +1,131 @@
+//! What CI does with the program, the scripts behind action.yml as a job runs them; and what the program tells of itself and of models.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use crate::program::{lapwing, said};
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+/// A folder with `lapwing`, and a `gh` that keeps what it is called with.
+fn tools(folder: &Path) {
+    let executable = |name: &str, text: &str| {
+        use std::os::unix::fs::PermissionsExt;
+        fs::write(folder.join(name), text).unwrap();
+        fs::set_permissions(folder.join(name), fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    executable("lapwing", &format!("#!/bin/sh\nexec '{}' \"$@\"\n", env!("CARGO_BIN_EXE_lapwing")));
+    executable("gh", "#!/bin/sh\necho \"$@\" > gh.called\n");
+}
+
+fn script(name: &str, folder: &Path, variables: &[(&str, &str)]) -> Output {
+    let path = format!("{}:{}", folder.display(), std::env::var("PATH").unwrap());
+    let script = Path::new(ROOT).join("scripts/ci").join(name);
+    Command::new(script).current_dir(folder).env("PATH", path).envs(variables.iter().copied()).output().unwrap()
+}
+
+#[test]
+fn the_steps_of_the_action_drive_score_report_and_comment() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let read = |name: &str| fs::read_to_string(at(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    tools(dir.path());
+    let driven = [("LAPWING_TRACKS", "lake jungle"), ("LAPWING_FLAGS", "--max-time 2 --speed 20")];
+    let (code, _, err) = said(&script("drive.sh", dir.path(), &driven));
+    assert_eq!((code, fs::read_dir(at("lapwing-out/runs")).unwrap().count()), (0, 2), "{err}");
+
+    let asked = [("LAPWING_THRESHOLDS", "--min-completion 100"), ("GITHUB_STEP_SUMMARY", "job.md")];
+    let (code, _, err) = said(&script("score.sh", dir.path(), &asked));
+    assert_eq!(code, 3, "two seconds are no lap: {err}");
+    let summary = read("lapwing-out/summary.md");
+    assert!(
+        summary.contains("**Below what was asked for:**") && summary.contains("(summary-2-worst.jpg)"),
+        "{summary}"
+    );
+    assert!(!read("job.md").contains("!["), "a job's summary cannot show files");
+    assert!(read("lapwing-out/score.xml").contains("<failure") && read("lapwing-out/score.html").contains("<html"));
+    let png = image::open(at("lapwing-out/summary-1-map.png")).unwrap();
+    assert_eq!(png.width(), 800);
+    let worst = image::open(at("lapwing-out/summary-1-worst.jpg")).unwrap();
+    assert_eq!((worst.width(), worst.height()), (320, 160));
+
+    // Against its own result nothing is worse; where the pictures are published they are shown.
+    fs::copy(at("lapwing-out/score.json"), at("baseline.json")).unwrap();
+    let asked = [
+        ("LAPWING_BASELINE", "baseline.json"),
+        ("LAPWING_PICTURES_AT", "https://example.org/run/"),
+        ("GITHUB_STEP_SUMMARY", "published.md"),
+    ];
+    let (code, _, err) = said(&script("score.sh", dir.path(), &asked));
+    assert_eq!(code, 0, "{err}");
+    assert!(read("published.md").contains("](https://example.org/run/summary-1-map.png)"));
+
+    assert_eq!(said(&script("comment.sh", dir.path(), &[])).0, 0);
+    assert!(!at("gh.called").exists(), "there is no pull request");
+    let (code, _, err) = said(&script("comment.sh", dir.path(), &[("LAPWING_PULL_REQUEST", "7")]));
+    assert_eq!(code, 0, "{err}");
+    assert!(read("gh.called").starts_with("pr comment 7 --body-file lapwing-out/comment.md"), "{}", read("gh.called"));
+    assert!(!read("lapwing-out/comment.md").contains("!["));
+}
+
+#[test]
+fn the_action_runs_scripts_that_are_there_and_gives_them_variables_that_they_read() {
+    let action = fs::read_to_string(Path::new(ROOT).join("action.yml")).unwrap();
+    let mut text = String::new();
+    for part in action.split("/scripts/ci/").skip(1) {
+        let name = part.split('"').next().unwrap();
+        text += &fs::read_to_string(Path::new(ROOT).join("scripts/ci").join(name)).unwrap();
+    }
+    for line in action.lines().filter_map(|line| line.trim().strip_prefix("LAPWING_")) {
+        let variable = format!("LAPWING_{}", line.split(':').next().unwrap());
+        assert!(text.contains(&variable), "{variable} is given to no script");
+    }
+    for input in action.split("inputs.").skip(1) {
+        let name: String = input.chars().take_while(|c| c.is_ascii_lowercase() || *c == '-').collect();
+        assert!(action.contains(&format!("\n  {name}:\n")), "{name} is no input");
+    }
+}
+
+#[test]
+fn the_program_tells_of_itself() {
+    let (code, out, _) = said(&lapwing(&["completions", "bash"]));
+    assert!(code == 0 && out.contains("_lapwing()") && out.contains("--conditions"), "{out}");
+    let (code, out, _) = said(&lapwing(&["man"]));
+    assert!(code == 0 && out.contains(".TH lapwing 1"), "{out}");
+    let dir = tempfile::tempdir().unwrap();
+    let pages = dir.path().join("man1");
+    assert_eq!(said(&lapwing(&["man", "--out", pages.to_str().unwrap()])).0, 0);
+    assert!(fs::read_to_string(pages.join("lapwing-drive.1")).unwrap().contains("lapwing\\-drive"));
+    let file = dir.path().join("race.toml");
+    fs::write(&file, "[control]\nspeed_mph = 21\n").unwrap();
+    let (code, out, _) = said(&lapwing(&["--config", file.to_str().unwrap(), "config"]));
+    let line = out.lines().find(|line| line.starts_with("speed_mph")).unwrap();
+    assert!(code == 0 && line.starts_with("speed_mph = 21") && line.ends_with(file.to_str().unwrap()), "{line}");
+    let (code, out, _) = said(&lapwing(&["--config", file.to_str().unwrap(), "config", "--json"]));
+    let settings: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((code, &settings["bridge.port"]["origin"]), (0, &"default".into()), "{out}");
+}
+
+#[test]
+fn a_model_is_checked_and_a_file_of_another_tool_is_told_what_to_do() {
+    let run = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap");
+    let (code, out, err) = said(&lapwing(&["model", "check", "--run", run]));
+    assert!(
+        code == 0 && out.contains("input       [1, 3, 66, 200] f32") && out.contains("nothing looks wrong"),
+        "{out}{err}"
+    );
+    let (code, _, err) = said(&lapwing(&["drive", "--model", "net.keras"]));
+    assert!(code == 1 && err.contains("a Keras model: in Python, keras.models.load_model"), "{err}");
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("net.safetensors");
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
+    let rename =
+        |network| said(&lapwing(&["model", "rename", shipped, "--network", network, "--out", out.to_str().unwrap()]));
+    let (code, told, err) = rename("pilotnet");
+    assert!(code == 0 && told.contains("18 tensors of pilotnet, which has ELU between its layers"), "{told}{err}");
+    let (code, _, err) = rename("cps");
+    assert!(code == 1 && err.contains("expected the layers of cps as PyTorch shapes them, with ReLU"), "{err}");
+}
