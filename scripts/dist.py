@@ -6,7 +6,7 @@
     scripts/dist.py --quick    without compression, to try it
 
 The program looks for libraries in lib/ beside itself first (build.rs), so the folder runs wherever it lies. `--try` needs a
-Linux that lets users make namespaces (unshare), or root.
+Linux that lets users make namespaces (unshare).
 """
 import argparse
 import os
@@ -49,6 +49,8 @@ def gather(folder):
         if not LIBC.match(name):
             shutil.copy2(path, folder / "lib" / name)  # what a link leads to
     torch = Path(found["libtorch_cpu.so"]).parent.parent
+    if (torch / "build-version").is_file():
+        shutil.copy2(torch / "build-version", folder)  # by which `lapwing doctor` knows it
     if (torch / "licenses").is_dir():
         shutil.copytree(torch / "licenses", folder / "licenses")
     for name in WITH:
@@ -84,13 +86,16 @@ def attempt(archive):
         for folder in ("proc", "dev", "tmp"):
             (root / folder).mkdir(exist_ok=True)
         program = "/anywhere/" + archive.name.split(".tar")[0] + "/lapwing"
-        way = ([] if os.geteuid() == 0 else ["unshare", "--map-root-user"]) + ["chroot", str(root), program]
-        for arguments in (["--version"], ["drive", "--max-time", "5", "--no-recording"], ["doctor", "--port", "0"]):
-            done = subprocess.run(way + arguments, env={"HOME": "/tmp"}, capture_output=True, text=True)
+        # The loader reads from /proc where the program lies, to look beside it.
+        way = [shutil.which("unshare")] + ([] if os.geteuid() == 0 else ["--map-root-user"])
+        way += ["--pid", "--fork", f"--mount-proc={root}/proc"]
+        way += [shutil.which("chroot", path="/usr/sbin:/usr/bin:/sbin:/bin"), str(root), program]
+        for arguments in (["--version"], ["drive", "--max-time", "5", "--no-recording"], ["doctor"]):
+            done = subprocess.run(way + arguments, env={"HOME": "/tmp", "LAPWING_BRIDGE__PORT": "0"}, capture_output=True, text=True)
             print(f"$ lapwing {' '.join(arguments)}\n{(done.stdout + done.stderr).strip()}")
             if done.returncode:
                 sys.exit(f"dist: expected exit 0 in a bare root, got {done.returncode}")
-        print(f"starts in a root with {len(needed)} files of glibc and nothing else")
+        print(f"starts in a root with {len(needed)} files of glibc, /proc and nothing else")
 
 
 def main():

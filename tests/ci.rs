@@ -121,9 +121,20 @@ fn a_model_is_checked_and_a_file_of_another_tool_is_told_what_to_do() {
     assert!(code == 1 && err.contains("a Keras model: in Python, keras.models.load_model"), "{err}");
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("net.safetensors");
-    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors");
-    let rename =
-        |network| said(&lapwing(&["model", "rename", shipped, "--network", network, "--out", out.to_str().unwrap()]));
+    // Elsewhere: the file beside the shipped model is its recipe.
+    let shipped = dir.path().join("theirs.safetensors");
+    fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/models/pilotnet.safetensors"), &shipped).unwrap();
+    let rename = |network| {
+        said(&lapwing(&[
+            "model",
+            "rename",
+            shipped.to_str().unwrap(),
+            "--network",
+            network,
+            "--out",
+            out.to_str().unwrap(),
+        ]))
+    };
     let (code, told, err) = rename("pilotnet");
     assert!(code == 0 && told.contains("18 tensors of pilotnet, which has ELU between its layers"), "{told}{err}");
     let (code, _, err) = rename("cps");

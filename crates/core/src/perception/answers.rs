@@ -1,12 +1,12 @@
 //! What OpenCV and Pillow themselves answer: `answers.json`, which `tests/interop/perception_answers.py` writes.
 
 use serde::Deserialize;
+use sha2::{Digest, Sha256};
 
 use super::{
     Blur, ColourSpace, Crop, Frame, PixelScale, Preprocess, Preprocessor, Resize, ResizeFilter, TensorLayout,
     resample::{Pixels, resample},
 };
-use crate::hash::sha256;
 
 #[derive(Deserialize)]
 struct Answers {
@@ -49,10 +49,10 @@ struct Coloured {
 impl Answer {
     /// Whether these are the bytes; shows both of a small picture that differs.
     fn is(&self, got: &[u8], what: &str) -> bool {
-        let same = sha256(got) == self.sha256;
+        let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        let same = hex(&Sha256::digest(got)) == self.sha256;
         if !same {
-            let hex: String = got.iter().map(|byte| format!("{byte:02x}")).collect();
-            let got = if self.bytes.is_some() { hex } else { String::new() };
+            let got = if self.bytes.is_some() { hex(got) } else { String::new() };
             println!("differs: {what}\n  expected {}\n  got      {got}", self.bytes.as_deref().unwrap_or(""));
         }
         same
