@@ -179,8 +179,8 @@ fn another_format_and_another_architecture_are_refused_with_what_is_known() {
 fn metadata_that_is_no_json_or_has_an_unknown_key_is_refused() {
     assert_eq!(error_after(set("outputs", "steering")), "metadata key outputs: expected value at line 1 column 1");
     assert_eq!(
-        error_after(set("preprocess", r#"{"blur":1}"#)),
-        "metadata key preprocess: unknown field `blur`, expected one of `crop`, `resize`, `colour`, `scale`, `layout` at line 1 column 7"
+        error_after(set("preprocess", r#"{"sharpen":1}"#)),
+        "metadata key preprocess: unknown field `sharpen`, expected one of `crop`, `blur`, `colour_first`, `resize`, `crop_resized`, `colour`, `scale`, `layout` at line 1 column 10"
     );
 }
 
