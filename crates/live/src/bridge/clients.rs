@@ -80,11 +80,15 @@ pub(super) fn service(bridge: Arc<Bridge>) -> Router {
         .ws_max_frame_size(most)
         .with_parser(ParserConfig::common().max_incoming_binary_buf_size(ATTACHMENTS))
         .build_layer();
-    io.ns("/", move |socket: SocketRef| connected(socket, bridge.clone()));
+    // Before its future is spawned: a client that talks as soon as it is greeted would find nobody who listens.
+    io.ns("/", move |socket: SocketRef| {
+        connected(socket, bridge.clone());
+        async {}
+    });
     Router::new().layer(layer)
 }
 
-async fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
+fn connected(socket: SocketRef, bridge: Arc<Bridge>) {
     let peer = socket.req_parts().extensions.get::<Peer>().map(|peer| peer.address);
     // It is absent only if the gate was bypassed, which no code of this crate does.
     let peer = peer.unwrap_or_else(|| ([0, 0, 0, 0], 0).into());
