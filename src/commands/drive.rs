@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{Ended, guards, recorded_world::Recorded, thresholds, world};
 use crate::cli::{self, PilotKind};
@@ -13,6 +13,7 @@ use lapwing_core::{
     config::Settings,
     drive::{DriveDigest, Observer},
     driver::Driver,
+    guard::GuardModel,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
     recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind},
@@ -22,7 +23,7 @@ use lapwing_core::{
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{InProcess, ScoredDrive, Seen, Simulated};
 use lapwing_score::score::{self, Figure};
-use lapwing_sim::world::Simulation;
+use lapwing_sim::world::{Setup, Simulation};
 
 /// The expert's name in a run.
 pub(super) const EXPERT: &str = "expert (pure pursuit on the known line)";
@@ -41,8 +42,8 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         [] => None,
         recordings => Some(Recorded::open(recordings, &arguments.lane, arguments.world.track.as_deref(), &mut setup)?),
     };
-    if let (None, Some(scenario)) = (arguments.driving.speed, &setup.scenario) {
-        settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());
+    if arguments.driving.speed.is_none() {
+        take_scenario_speed(&mut settings, &setup);
     }
     let (pilot, name, model): (Box<dyn Pilot>, _, _) = match arguments.pilot {
         PilotKind::Expert => (Box::new(PurePursuit::default()), EXPERT.to_owned(), None),
@@ -55,24 +56,9 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         }
     };
     let guard = guards::load(&settings.brake)?;
-    let config = || {
-        let world = json!({
-            "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
-            "conditions": setup.conditions, "scenario": setup.scenario, "pilot": name,
-            "recordings": recorded.as_ref().map(Recorded::sources),
-        });
-        match guards::told(guard.as_deref()) {
-            Some(guard) => json!({ "settings": settings, "world": world, "guard": guard }),
-            None => json!({ "settings": settings, "world": world }),
-        }
-    };
-    let header = settings.recording.enabled.then(|| RunHeader {
-        name_hint: Some(setup.track.file().name.clone()),
-        dialect: Some(if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }),
-        model,
-        seed: Some(setup.seed),
-        ..RunHeader::new(RunKind::Driven, config(), jiff::Timestamp::now())
-    });
+    let sources = recorded.as_ref().map(Recorded::sources);
+    let header =
+        settings.recording.enabled.then(|| header(&settings, &setup, (&name, model), guard.as_deref(), json!(sources)));
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
     let mut driver = Driver::new(pilot, &settings.control, Instant::now).guarded(guard.map(|guard| guard.guard()));
     let mut simulation = Simulation::new(setup)?;
@@ -122,6 +108,44 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     drawn?;
     printed?;
     Ok(ended)
+}
+
+/// Drives as fast as the scenario asks for, if it does.
+pub(super) fn take_scenario_speed(settings: &mut Settings, setup: &Setup) {
+    if let Some(scenario) = &setup.scenario {
+        settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());
+    }
+}
+
+/// What a telemetry of this world is like.
+pub(super) fn dialect(setup: &Setup) -> Dialect {
+    if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle }
+}
+
+/// What a run of the headless simulator says of itself: its settings, its world, and who drives and watches.
+pub(super) fn header(
+    settings: &Settings,
+    setup: &Setup,
+    (pilot, model): (&str, Option<ModelId>),
+    guard: Option<&dyn GuardModel>,
+    recordings: Value,
+) -> RunHeader {
+    let world = json!({
+        "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
+        "conditions": setup.conditions, "scenario": setup.scenario, "pilot": pilot,
+        "recordings": recordings,
+    });
+    let config = match guards::told(guard) {
+        Some(guard) => json!({ "settings": settings, "world": world, "guard": guard }),
+        None => json!({ "settings": settings, "world": world }),
+    };
+    RunHeader {
+        name_hint: Some(setup.track.file().name.clone()),
+        dialect: Some(dialect(setup)),
+        model,
+        seed: Some(setup.seed),
+        ..RunHeader::new(RunKind::Driven, config, jiff::Timestamp::now())
+    }
 }
 
 /// The settings of a drive in this process.

@@ -3,7 +3,7 @@
 use std::{cell::RefCell, io, rc::Rc, sync::Arc, time::Instant};
 
 use anyhow::Context;
-use serde_json::json;
+use serde_json::Value;
 use tokio::{runtime::Runtime, sync::oneshot, task::JoinHandle};
 
 use super::{Ended, Interrupted, drive, guards, serve, thresholds, world};
@@ -18,8 +18,7 @@ use lapwing_core::{
     driver::Driver,
     guard::GuardModel,
     pilot::{Model, PurePursuit},
-    protocol::Dialect,
-    recording::{Recorder, RecorderOptions, RunHeader, RunKind, udacity::DrivingLogWriter},
+    recording::{Recorder, RecorderOptions, udacity::DrivingLogWriter},
     units::Mph,
     words::count,
 };
@@ -140,8 +139,8 @@ impl Stage {
         console.borrow_mut().offers(staged::offered());
         let ended = loop {
             let mut settings = settings.clone();
-            if let (false, Some(scenario)) = (has_speed, &setup.scenario) {
-                settings.control.speed_mph = Mph::saturating(scenario.ego.target_mph());
+            if !has_speed {
+                drive::take_scenario_speed(&mut settings, &setup);
             }
             if let Some(control) = console.borrow().settings() {
                 settings.control = control.clone();
@@ -202,21 +201,9 @@ impl Run<'_> {
     ) -> anyhow::Result<(Ended, bool)> {
         let Self { settings, guard, page, json } = *self;
         let pilot = page.pilots().get(console.borrow().pilot()).context("no pilot")?;
-        let dialect = if setup.stock { Dialect::Term1 } else { Dialect::SelfOracle };
-        let header = settings.recording.enabled.then(|| {
-            let world = json!({
-                "track": setup.track.file().name, "laps": setup.laps, "hz": setup.hz,
-                "conditions": setup.conditions, "scenario": setup.scenario, "pilot": pilot.name,
-            });
-            let config = json!({ "settings": settings, "world": world, "guard": guards::told(guard) });
-            RunHeader {
-                name_hint: Some(setup.track.file().name.clone()),
-                dialect: Some(dialect),
-                model: pilot.id(),
-                seed: Some(setup.seed),
-                ..RunHeader::new(RunKind::Driven, config, jiff::Timestamp::now())
-            }
-        });
+        let dialect = drive::dialect(&setup);
+        let who = (pilot.name.as_str(), pilot.id());
+        let header = settings.recording.enabled.then(|| drive::header(settings, &setup, who, guard, Value::Null));
         let mut driver = Driver::new((pilot.make)(), &settings.control, Instant::now).guarded(guard.map(|g| g.guard()));
         let simulation = Simulation::new(setup)?;
         console.borrow_mut().run_begins(dialect, &settings.control);

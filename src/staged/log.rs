@@ -1,9 +1,8 @@
 //! Training data of what a person drives at the page: the stock simulator's training mode.
 
-use std::{sync::Arc, time::Duration};
+use std::time::Duration;
 
 use lapwing_core::{
-    perception::Frame,
     recording::{
         RecordingError,
         udacity::{DrivingLogWriter, NewRow},
@@ -11,10 +10,7 @@ use lapwing_core::{
     turn::{By, Turn},
     units::{MPS_PER_MPH, Mph},
 };
-use lapwing_sim::{
-    camera::{Camera, JPEG_QUALITY, Renderer, Scenery, encode_jpeg},
-    world::Simulation,
-};
+use lapwing_sim::{record::Shots, world::Simulation};
 
 /// Why a row could not be written.
 pub type HandLogError = RecordingError;
@@ -28,22 +24,13 @@ pub struct HandLog {
     /// Time of the worlds before this one, and the last turn's in this one.
     before: Duration,
     at: Duration,
-    cameras: Option<(Arc<Scenery>, Renderer)>,
-    frame: Frame,
+    shots: Shots,
 }
 
 impl HandLog {
     /// A log that adds what is driven from now on.
     pub fn new(log: DrivingLogWriter) -> Self {
-        Self {
-            log,
-            on: true,
-            goes_on: false,
-            before: Duration::ZERO,
-            at: Duration::ZERO,
-            cameras: None,
-            frame: Frame::default(),
-        }
+        Self { log, on: true, goes_on: false, before: Duration::ZERO, at: Duration::ZERO, shots: Shots::default() }
     }
 
     /// Whether it adds what is driven.
@@ -81,18 +68,18 @@ impl HandLog {
         let before = std::mem::replace(&mut self.at, turn.at());
         self.before += if turn.at() < before { before } else { Duration::ZERO };
         let by_hand = turn.command().filter(|command| command.by == By::Human && self.on);
-        let (Some(command), Some(center)) = (by_hand, &turn.trace.jpeg) else {
+        let (Some(command), Some(telemetry)) = (by_hand, turn.telemetry()) else {
             self.goes_on = false;
             return Ok(());
         };
         if !std::mem::replace(&mut self.goes_on, true) {
             self.log.cut();
         }
-        let [left, right] = [&Camera::LEFT, &Camera::RIGHT].map(|camera| self.picture(world, camera));
+        let (center, [left, right]) = (self.shots.center(world, telemetry), self.shots.sides(world));
         let throttle = command.throttle.get();
         self.log.row(&NewRow {
             at: self.before + self.at,
-            center,
+            center: &center,
             left: Some(&left),
             right: Some(&right),
             steering: command.steering,
@@ -100,16 +87,5 @@ impl HandLog {
             brake: (-throttle).max(0.0),
             speed: Mph::saturating(world.car().speed.abs() / MPS_PER_MPH),
         })
-    }
-
-    fn picture(&mut self, world: &Simulation, camera: &Camera) -> Vec<u8> {
-        let scenery = &world.setup().scenery;
-        if !self.cameras.as_ref().is_some_and(|(known, _)| Arc::ptr_eq(known, scenery)) {
-            self.cameras = Some((scenery.clone(), Renderer::new(scenery.clone())));
-        }
-        if let Some((_, renderer)) = &mut self.cameras {
-            world.draw(renderer, camera, &mut self.frame);
-        }
-        encode_jpeg(&self.frame, JPEG_QUALITY)
     }
 }

@@ -21,7 +21,7 @@ use ort::{
 use tch::Tensor;
 
 use super::{ModelError, SideFile, network::Eye};
-use crate::nn::NnError;
+use crate::nn::{NnError, first_line};
 use lapwing_core::{
     perception::Preprocess,
     pilot::{Pilot, PilotError, Prediction, View},
@@ -103,15 +103,16 @@ fn environment() -> Result<&'static Environment, String> {
     let named = env::var_os(LIBRARY).filter(|path| !path.is_empty()).map(PathBuf::from);
     let found = format!("{}onnxruntime{}", env::consts::DLL_PREFIX, env::consts::DLL_SUFFIX);
     let path = named.or_else(|| NAMED.get().cloned()).unwrap_or_else(|| found.into());
-    let built = ort::init_from(&path).map_err(|why| why.to_string())?.build().map_err(|why| first_line(&why))?;
+    let built =
+        ort::init_from(&path).map_err(|why| why.to_string())?.build().map_err(|why| first_line(&why.to_string()))?;
     Ok(ENVIRONMENT.get_or_init(|| built))
 }
 
 fn session(environment: &Environment, bytes: &[u8]) -> Result<Session, String> {
-    let builder = Session::builder(environment).map_err(|why| first_line(&why))?;
+    let builder = Session::builder(environment).map_err(|why| first_line(&why.to_string()))?;
     // As PilotNet: the operations are so short that threads wait for each other.
-    let mut builder = builder.with_intra_threads(1).map_err(|why| first_line(&why))?;
-    builder.commit_from_memory(bytes).map_err(|why| first_line(&why))
+    let mut builder = builder.with_intra_threads(1).map_err(|why| first_line(&why.to_string()))?;
+    builder.commit_from_memory(bytes).map_err(|why| first_line(&why.to_string()))
 }
 
 /// Whether the model has one input that takes this shape; what it has instead.
@@ -135,7 +136,7 @@ fn answer(session: &Mutex<Session>, input: &Tensor) -> Result<Tensor, NnError> {
     let shape = input.size();
     let mut numbers = vec![0f32; input.numel()];
     input.f_copy_data(&mut numbers, input.numel())?;
-    let wrong = |why: ort::Error| NnError::Onnx(first_line(&why));
+    let wrong = |why: ort::Error| NnError::Onnx(first_line(&why.to_string()));
     let input = TensorRef::from_array_view((shape, &numbers[..])).map_err(wrong)?;
     let mut session = session.lock().unwrap_or_else(PoisonError::into_inner);
     let answered = session.run(ort::inputs![input]).map_err(wrong)?;
@@ -144,9 +145,4 @@ fn answer(session: &Mutex<Session>, input: &Tensor) -> Result<Tensor, NnError> {
         all.extend_from_slice(output.try_extract_tensor::<f32>().map_err(wrong)?.1);
     }
     Ok(Tensor::f_from_slice(&all)?)
-}
-
-fn first_line<T>(error: &ort::Error<T>) -> String {
-    let text = error.to_string();
-    text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("no reason given").to_owned()
 }

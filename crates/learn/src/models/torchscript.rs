@@ -11,7 +11,7 @@ use std::{path::Path, sync::Arc};
 use tch::{CModule, Device};
 
 use super::{ModelError, SideFile, network::Eye};
-use crate::nn::{NnError, first_line};
+use crate::nn::{NnError, torch_words};
 use lapwing_core::{
     perception::Preprocess,
     pilot::{Pilot, PilotError, Prediction, View},
@@ -37,7 +37,7 @@ impl TorchScriptPilot {
         let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
 
         let mut module = CModule::load_data_on_device(&mut &*bytes, Device::Cpu)
-            .map_err(|e| ModelError::NotTorchScript { path: path.to_owned(), why: first_line(&e) })?;
+            .map_err(|e| ModelError::NotTorchScript { path: path.to_owned(), why: torch_words(&e) })?;
         module.f_set_eval().map_err(NnError::from)?;
         eye.warm_up(|input| Ok(module.forward_ts(&[input])?)).map_err(|error| unfit(error.into()))?;
         Ok(Self { eye, module: Arc::new(module) })

@@ -177,16 +177,20 @@ pub enum NnError {
 
 impl From<tch::TchError> for NnError {
     fn from(error: tch::TchError) -> Self {
-        Self::Torch(first_line(&error))
+        Self::Torch(torch_words(&error))
     }
 }
 
 /// libtorch's message without the stack of C++ calls after it.
-pub(crate) fn first_line(error: &tch::TchError) -> String {
-    let text = match error {
-        tch::TchError::Torch(text) => text.clone(),
-        other => other.to_string(),
-    };
+pub(crate) fn torch_words(error: &tch::TchError) -> String {
+    match error {
+        tch::TchError::Torch(text) => first_line(text),
+        other => first_line(&other.to_string()),
+    }
+}
+
+/// What a library says first, in one line.
+pub(crate) fn first_line(text: &str) -> String {
     text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("no reason given").to_owned()
 }
 

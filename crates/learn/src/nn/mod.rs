@@ -44,7 +44,9 @@ pub use architecture::{Architecture, Design};
 pub(crate) use checkpoint::tensor_of;
 pub use checkpoint::{Checkpoint, FORMAT, Metadata, Precision, encode, save};
 pub use error::NnError;
+#[cfg(feature = "onnx")]
 pub(crate) use error::first_line;
+pub(crate) use error::torch_words;
 pub(crate) use layers::Reach;
 pub use network::{Memory, Network, SPEED_UNIT_MPH};
 pub use pretrained::load_pretrained;

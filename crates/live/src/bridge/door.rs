@@ -2,10 +2,10 @@
 //!
 //! A browser lets any page of the web talk to this port, and says so in `Origin`. No simulator sends one, so a request
 //! with an origin is refused unless the settings allow it or it is this server itself: then our own page asks, or a
-//! program that names the server as its origin, as python-socketio's WebSocket does. A page may also point its own name at this machine's address
-//! (DNS rebinding) and so share this very origin; its `Host` is then that name, so `Host` must be a name of this
-//! machine. The port in it is ignored: a tunnel has another one, and a page cannot choose the address of a name like
-//! `localhost`.
+//! program that names the server as its origin, as python-socketio's WebSocket does. A page may also point its own name
+//! at this machine's address (DNS rebinding) and so share this very origin; its `Host` is then that name, so `Host` must
+//! be a name of this machine. The port in it is ignored: a tunnel has another one, and a page cannot choose the address
+//! of a name like `localhost`.
 
 use std::{net::IpAddr, sync::Arc, time::Instant};
 

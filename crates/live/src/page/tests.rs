@@ -175,6 +175,7 @@ async fn the_score_is_shown_once_a_second_to_those_who_look_and_to_others_when_t
     drop(looks);
     assert_eq!(two_seconds(&mut showing), 1, "nobody looks any more");
     let old = drive.now().scorer.clone().unwrap();
-    let (asked, _) = tokio::join!(drive.scorer(), async { two_seconds(&mut showing) });
+    let (asked, shown) = tokio::join!(drive.scorer(), async { two_seconds(&mut showing) });
+    assert!((1..=3).contains(&shown), "who waits looks, too: {shown}");
     assert!(asked.is_some_and(|new| !Arc::ptr_eq(&new, &old)), "who asks gets a new one");
 }

@@ -107,39 +107,39 @@ pub(super) enum Line {
 /// The line of each row. Where the lane is not known, it is the recorded path, and goes over into the lane's middle before
 /// and behind: a car in the middle of its lane is on the line when the lane is lost, and when it is found again.
 pub(super) fn lines(rows: &[PathRow], in_lane: impl Fn(&PathRow) -> Option<InLane>) -> Vec<Line> {
-    let mut lines = Vec::with_capacity(rows.len());
-    while let Some(row) = rows.get(lines.len()) {
-        if let Some(lane) = in_lane(row) {
-            lines.push(Line::Lane(lane));
-            continue;
-        }
-        let rest = &rows[lines.len()..];
-        let is_over = |row: &PathRow| row.cut.is_some() || in_lane(row).is_some();
-        let unknown = 1 + rest[1..].iter().position(is_over).unwrap_or(rest.len() - 1);
-        let before = match lines.last() {
-            Some(Line::Lane(lane)) if row.cut.is_none() => Some(lane.offset_m),
-            _ => None,
-        };
-        let behind = rest.get(unknown).filter(|row| row.cut.is_none()).and_then(&in_lane).map(|lane| lane.offset_m);
-        // How far each of them is behind the last row that is known; the last one is the next that is.
-        let first_m = before.map_or(0.0, |_| row.mps() * (row.at_s - rows[lines.len() - 1].at_s));
-        let steps = rest[..unknown.min(rest.len() - 1) + 1]
-            .windows(2)
-            .map(|pair| pair[1].mps() * (pair[1].at_s - pair[0].at_s));
-        let mut gone_m = vec![first_m];
-        gone_m.extend(steps.scan(first_m, |gone, step| {
-            *gone += step;
-            Some(*gone)
-        }));
-        let length_m = gone_m.last().copied().unwrap_or(0.0);
-        let over_m = JOINS_M.min(match (before, behind) {
-            (Some(_), Some(_)) if length_m < 2.0 * JOINS_M => length_m,
+    let mut lines: Vec<Line> =
+        rows.iter().map(|row| in_lane(row).map_or(Line::Path { offset_m: 0.0 }, Line::Lane)).collect();
+    let offset_m = |line: &Line| match line {
+        Line::Lane(lane) => Some(lane.offset_m),
+        Line::Path { .. } => None,
+    };
+    // How far along the recorded path each row is.
+    let mut along_m = vec![0.0];
+    along_m.extend(rows.windows(2).scan(0.0, |along_m, pair| {
+        *along_m += pair[1].mps() * (pair[1].at_s - pair[0].at_s);
+        Some(*along_m)
+    }));
+    let mut begin = 0;
+    while let Some(lost) = lines[begin..].iter().position(|line| offset_m(line).is_none()) {
+        let first = begin + lost;
+        // Up to where the lane is found again, or a new stretch begins.
+        let is_over = |i: &usize| rows[*i].cut.is_some() || offset_m(&lines[*i]).is_some();
+        let end = (first + 1..rows.len()).find(is_over).unwrap_or(rows.len());
+        let known = |lane: Option<usize>| lane.and_then(|i| Some((offset_m(&lines[i])?, along_m[i])));
+        let before = known(first.checked_sub(1).filter(|_| rows[first].cut.is_none()));
+        let behind = known(Some(end).filter(|end| rows.get(*end).is_some_and(|row| row.cut.is_none())));
+        // Between two lanes the one is joined where the other is left, if they are near.
+        let over_m = match (before, behind) {
+            (Some((_, left_m)), Some((_, found_m))) => JOINS_M.min(found_m - left_m).max(1e-3),
             _ => JOINS_M,
-        });
-        let share = |away_m: f64| (1.0 - away_m / over_m.max(1e-3)).max(0.0);
-        lines.extend(gone_m.iter().take(unknown).map(|gone| Line::Path {
-            offset_m: before.unwrap_or(0.0) * share(*gone) + behind.unwrap_or(0.0) * share(length_m - gone),
-        }));
+        };
+        let joined = |lane: Option<(f64, f64)>, here_m: f64| {
+            lane.map_or(0.0, |(offset_m, at_m)| offset_m * (1.0 - (here_m - at_m).abs() / over_m).max(0.0))
+        };
+        for i in first..end {
+            lines[i] = Line::Path { offset_m: joined(before, along_m[i]) + joined(behind, along_m[i]) };
+        }
+        begin = end;
     }
     lines
 }
@@ -269,12 +269,8 @@ mod tests {
     #[test]
     fn the_roads_edge_is_the_limit_where_it_is_known_and_metres_are_where_it_is_not() {
         let beyond = |limit: Limit, lane: Option<InLane>, offset_m: f64| {
-            Measured::new(
-                limit,
-                lane.map_or(PATH, Line::Lane),
-                Beside { offset_m, heading_rad: 0.0, ..Beside::default() },
-            )
-            .is_beyond()
+            let beside = Beside { offset_m, ..Beside::default() };
+            Measured::new(limit, lane.map_or(PATH, Line::Lane), beside).is_beyond()
         };
         // The lane's middle is 0.8 m to the recorded car's left.
         assert!(!beyond(Limit::Road, Some(LANE), -6.7) && beyond(Limit::Road, Some(LANE), -6.9));

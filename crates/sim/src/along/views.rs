@@ -59,8 +59,8 @@ pub struct Sights {
     pub drawn: u32,
     /// How far the cameras that recorded them were from where they are seen: the sum over the recorded pictures, in metres.
     pub apart_m: f64,
-    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed: the sum over the recorded pictures, and the most of
-    /// one.
+    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed: the sum over the recorded
+    /// pictures, and the most of one.
     pub filled: (f64, f64),
     /// Recorded pictures that could not be used, and why not, of the first one.
     pub unusable: (u32, Option<String>),

@@ -210,8 +210,8 @@ impl RecordedWorld {
         self.interventions
     }
 
-    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed and that was filled in: the mean over the pictures so
-    /// far, and the most of one.
+    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed and that was filled in: the mean
+    /// over the pictures so far, and the most of one.
     pub fn filled(&self) -> (f64, f64) {
         let (sum, count, most) = self.filled;
         (sum / f64::from(count.max(1)), most)

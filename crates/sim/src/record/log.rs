@@ -1,12 +1,12 @@
 //! What is written of each moment of a lesson: a row of the log, and one of the table of places.
 
-use std::{fs, path::PathBuf, time::Duration};
+use std::{fs, path::PathBuf, sync::Arc, time::Duration};
 
 use bytes::Bytes;
 
 use super::{LANE_NAME, Lesson, RecordError};
 use crate::{
-    camera::{Camera, JPEG_QUALITY, Renderer, encode_jpeg},
+    camera::{Camera, JPEG_QUALITY, Renderer, Scenery, encode_jpeg},
     locate::{Pose, table},
     track::Track,
     world::Simulation,
@@ -14,7 +14,7 @@ use crate::{
 use lapwing_core::{
     drive::{Observer, ObserverError},
     perception::Frame,
-    protocol::{CameraImage, Command},
+    protocol::{CameraImage, Command, Telemetry},
     recording::udacity::{DrivingLogWriter, NewRow},
     turn::Turn,
     units::{MPS_PER_MPH, Mph},
@@ -74,27 +74,55 @@ impl Rows {
     }
 }
 
+/// Takes the pictures of a row of training data: what is to be seen at a moment.
+#[derive(Default)]
+pub struct Shots {
+    /// Of the world that was seen last.
+    renderer: Option<(Arc<Scenery>, Renderer)>,
+    frame: Frame,
+}
+
+impl Shots {
+    /// The centre camera's picture.
+    pub fn center(&mut self, world: &Simulation, telemetry: &Telemetry) -> Bytes {
+        let conditions = &world.setup().conditions;
+        let is_late = conditions.latency_ms > 0.0 || conditions.dropped > 0.0;
+        match &telemetry.image {
+            CameraImage::Jpeg(jpeg) if !is_late => jpeg.clone(),
+            // The label belongs to what is to be seen now, not to what has arrived.
+            _ => self.picture(world, &Camera::CENTER),
+        }
+    }
+
+    /// The left camera's picture and the right one's.
+    pub fn sides(&mut self, world: &Simulation) -> [Bytes; 2] {
+        [&Camera::LEFT, &Camera::RIGHT].map(|camera| self.picture(world, camera))
+    }
+
+    fn picture(&mut self, world: &Simulation, camera: &Camera) -> Bytes {
+        let scenery = &world.setup().scenery;
+        let known = self.renderer.take().filter(|(known, _)| Arc::ptr_eq(known, scenery));
+        let (_, renderer) =
+            self.renderer.insert(known.unwrap_or_else(|| (scenery.clone(), Renderer::new(scenery.clone()))));
+        world.draw(renderer, camera, &mut self.frame);
+        encode_jpeg(&self.frame, JPEG_QUALITY).into()
+    }
+}
+
 /// Writes a lesson's moments.
 pub(super) struct LessonLog {
     rows: Rows,
     side_cameras: bool,
-    renderer: Renderer,
-    frame: Frame,
+    shots: Shots,
 }
 
 impl LessonLog {
-    pub fn new(log: DrivingLogWriter, side_cameras: bool, world: &Simulation) -> Self {
-        let renderer = Renderer::new(world.setup().scenery.clone());
-        Self { rows: Rows::new(log), side_cameras, renderer, frame: Frame::default() }
+    pub fn new(log: DrivingLogWriter, side_cameras: bool) -> Self {
+        Self { rows: Rows::new(log), side_cameras, shots: Shots::default() }
     }
 
     pub fn finish(self) -> Result<u64, RecordError> {
         self.rows.finish()
-    }
-
-    fn picture(&mut self, world: &Simulation, camera: &Camera) -> Bytes {
-        world.draw(&mut self.renderer, camera, &mut self.frame);
-        encode_jpeg(&self.frame, JPEG_QUALITY).into()
     }
 }
 
@@ -102,15 +130,8 @@ impl<F> Observer<Lesson<'_, F>> for LessonLog {
     fn turn(&mut self, lesson: &Lesson<'_, F>, turn: &Turn) -> Result<(), ObserverError> {
         let Some(telemetry) = turn.telemetry() else { return Ok(()) };
         let world = lesson.simulation();
-        let conditions = &world.setup().conditions;
-        let is_late = conditions.latency_ms > 0.0 || conditions.dropped > 0.0;
-        let center = match &telemetry.image {
-            CameraImage::Jpeg(jpeg) if !is_late => jpeg.clone(),
-            // The label belongs to what is to be seen now, not to what has arrived.
-            _ => self.picture(world, &Camera::CENTER),
-        };
-        let sides =
-            self.side_cameras.then(|| [&Camera::LEFT, &Camera::RIGHT].map(|camera| self.picture(world, camera)));
+        let center = self.shots.center(world, telemetry);
+        let sides = self.side_cameras.then(|| self.shots.sides(world));
         if lesson.is_cut() {
             self.rows.cut();
         }

@@ -16,7 +16,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `lesson` | [`Lesson`]: who drives |
-//! | `log` | what is written of each moment |
+//! | `log` | what is written of each moment; [`Shots`] takes its pictures |
 //! | `disturbance` | noise, and starts beside the line |
 //! | `along` | lessons along recordings |
 //! | `stances` | [`stances()`]: pictures from anywhere on the road, without a drive |
@@ -31,6 +31,7 @@ use std::{io, path::PathBuf};
 
 pub use along::along;
 pub use lesson::Lesson;
+pub use log::Shots;
 pub use stances::{StanceOptions, stances};
 
 use self::log::LessonLog;
@@ -163,7 +164,7 @@ pub fn record(
     options: RecordOptions,
     watch: impl FnMut(&mut Simulation),
 ) -> Result<RecordReport, RecordError> {
-    let mut written = LessonLog::new(log, options.side_cameras, simulation);
+    let mut written = LessonLog::new(log, options.side_cameras);
     let mut lesson = Lesson::new(simulation, options, watch);
     drive::run(&mut lesson, driver, &mut [&mut written]).map_err(RecordError::of)?;
     let (put_back, disagreement) = (lesson.put_back(), lesson.disagreement());
