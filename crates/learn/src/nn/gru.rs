@@ -6,6 +6,9 @@
 //! While driving, a frame's features are kept until it is the oldest of five: the backbone sees each frame once. The
 //! speed, if used, is the current one, beside the features of all five frames.
 //!
+//! From the weights of a ResNet alone the memory starts by [passing its steering on](passing_on), so that the network
+//! begins as a driver, and learns what older frames are worth.
+//!
 //! The unit's tensors are `gru.weight_ih_l0`, `gru.weight_hh_l0`,
 //! `gru.bias_ih_l0` and `gru.bias_hh_l0`, gates in PyTorch's order, the linear
 //! layer's `out.weight` and `out.bias`; the others are the ResNet's.
@@ -21,6 +24,11 @@ use super::{
 
 /// Numbers in the unit's state.
 const HIDDEN: i64 = 512;
+
+/// What the steering is multiplied with before the tanh of the state that passes it on: at full lock 2 % are lost there.
+const PASSED: f64 = 0.25;
+/// Bias of that state's update gate: it keeps a quarter of a percent of what was before.
+const UPDATE: f64 = -6.0;
 
 /// The network.
 #[derive(Debug)]
@@ -104,4 +112,30 @@ impl ResNetGru {
             out: self.out.share(),
         }
     }
+}
+
+/// Variables of a fresh memory, with values by which it answers what the perceptron said of the newest frame: the first
+/// number of its state is that, and the others, as random as they were, are not listened to yet.
+pub(super) fn passing_on(memory: Vec<(String, Tensor)>) -> Result<Vec<(Tensor, Tensor)>, NnError> {
+    let fill = |mut part: Tensor, number: f64| Ok::<_, NnError>(drop(part.f_fill_(number)?));
+    let start = |(name, variable): (String, Tensor)| -> Result<_, NnError> {
+        let value = variable.f_detach_copy()?;
+        if name.starts_with("gru") {
+            // Rows of the first number's gates: reset, update, new. The reset gate matters no longer.
+            let [update, new] = [value.f_get(HIDDEN)?, value.f_get(2 * HIDDEN)?];
+            fill(update, if name == "gru.bias_ih_l0" { UPDATE } else { 0.0 })?;
+            fill(new.shallow_clone(), 0.0)?;
+            if name == "gru.weight_ih_l0" {
+                // The features, of which there are 512 or 2048, come before the steering.
+                fill(new.f_get(new.size1()? / HIDDEN * HIDDEN)?, PASSED)?;
+            }
+        } else {
+            fill(value.shallow_clone(), 0.0)?;
+            if name == "out.weight" {
+                fill(value.f_get(0)?.f_get(0)?, 1.0 / PASSED)?;
+            }
+        }
+        Ok((variable, value))
+    };
+    tch::no_grad(|| memory.into_iter().map(start).collect())
 }

@@ -5,9 +5,9 @@ use std::{fs, path::Path};
 use safetensors::SafeTensors;
 use tch::Tensor;
 
-use super::{Network, NnError, checkpoint::tensor_of, stack};
+use super::{Network, NnError, checkpoint::tensor_of, gru, stack};
 
-/// The first convolution, whose weights are inflated for five frames.
+/// The first convolution, which has more channels for five frames.
 const FIRST: &str = "conv1.weight";
 
 /// Copies the backbone's tensors from a file with torchvision's names into the variables that `network` was built from,
@@ -17,12 +17,13 @@ const FIRST: &str = "conv1.weight";
 ///
 /// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict`, or a checkpoint of this crate,
 /// whose backbones use the same names; the network is then a ResNet of as many layers, with or without memory. For `-stack`
-/// the first convolution is inflated if the file's is for one frame.
+/// the first convolution is [widened](super::stack) if the file's is for one frame.
 ///
 /// From a checkpoint the perceptron (`head.*`) is copied as well, and the memory (`gru.*` with `out.*`), each if the
 /// network has one and all its tensors are in the file with its shapes: so `resnet50-gru` can start with the perceptron
-/// of a `resnet50` without the speed, and a network can continue to learn on other data. `fc.*`, `num_batches_tracked`
-/// and everything else are left out. After an error nothing is changed.
+/// of a `resnet50` without the speed, and a network can continue to learn on other data. With such a perceptron a memory that
+/// the file lacks starts by [passing its steering on](super::gru), so the network answers as the `resnet50` does.
+/// `fc.*`, `num_batches_tracked` and everything else are left out. After an error nothing is changed.
 ///
 /// # Errors
 /// [`NnError::Read`], [`NnError::NotSafetensors`]; [`NnError::Shape`] and [`NnError::Dtype`] if a tensor does not fit;
@@ -48,9 +49,9 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
         surplus.retain(|of_file| *of_file != name);
         let shape = variable.size();
         let of_one_frame = [shape[0], 3, 7, 7];
-        let inflates = name == FIRST && shape[1] == stack::CHANNELS && view.shape() == of_one_frame.map(|n| n as usize);
-        let value = if inflates {
-            stack::inflate(&tensor_of(&view, &name, &of_one_frame)?)?
+        let widens = name == FIRST && shape[1] == stack::CHANNELS && view.shape() == of_one_frame.map(|n| n as usize);
+        let value = if widens {
+            stack::widen(&tensor_of(&view, &name, &of_one_frame)?)?
         } else {
             tensor_of(&view, &name, &shape)?
         };
@@ -67,23 +68,28 @@ pub fn load_pretrained(network: &Network, path: &Path) -> Result<usize, NnError>
         return Err(NnError::SurplusTensor { architecture: network.architecture(), name: name.to_owned() });
     }
     let (head, memory): (Vec<_>, Vec<_>) = behind.into_iter().partition(|(name, _)| name.starts_with("head."));
-    for part in [head, memory] {
-        // Whole or not at all: half a perceptron is useless.
+    // Whole or not at all: half a perceptron is useless.
+    let mut take = |part: &[(String, Tensor)]| -> Result<bool, NnError> {
         let fits = |(name, variable): &(String, Tensor)| {
             file.tensor(name).is_ok_and(|of| of.shape().iter().map(|n| *n as i64).eq(variable.size()))
         };
-        if part.iter().all(fits) {
-            for (name, variable) in part {
-                let value = tensor_of(&file.tensor(&name).map_err(NnError::NotSafetensors)?, &name, &variable.size())?;
-                taken.push((variable, value));
-            }
+        let all = part.iter().all(fits);
+        for (name, variable) in part.iter().filter(|_| all) {
+            let value = tensor_of(&file.tensor(name).map_err(NnError::NotSafetensors)?, name, &variable.size())?;
+            taken.push((variable.shallow_clone(), value));
         }
+        Ok(all)
+    };
+    let (has_head, has_memory) = (take(&head)?, take(&memory)?);
+    let count = taken.len();
+    if has_head && !has_memory {
+        taken.extend(gru::passing_on(memory)?);
     }
     tch::no_grad(|| {
         for (variable, value) in &mut taken {
             variable.f_copy_(value)?;
         }
-        Ok(taken.len())
+        Ok(count)
     })
 }
 
@@ -156,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn inflated_weights_answer_five_equal_frames_as_they_answered_the_one() {
+    fn with_a_resnets_weights_five_frames_are_answered_as_the_newest_alone_was() {
         let folder = tempfile::tempdir().unwrap();
         let (path, from) = file(&folder);
         let (mut store, stacked) = fresh(Architecture::ResNet18Stack);
@@ -171,9 +177,8 @@ mod tests {
                 variable.shallow_clone().copy_(&one.variables()[&name]);
             }
         }
-        let frame = Tensor::randn([2, 3, 40, 70], (Kind::Float, Device::Cpu)); // (2, 3, 40, 70)
-        let five = Tensor::stack(&[&frame, &frame, &frame, &frame, &frame], 1); // (2, 5, 3, 40, 70)
-        let expected = single.forward(&frame, None, false).unwrap();
+        let five = Tensor::randn([2, 5, 3, 40, 70], (Kind::Float, Device::Cpu)); // (2, 5, 3, 40, 70)
+        let expected = single.forward(&five.select(1, 4), None, false).unwrap();
         let difference = (stacked.forward(&five, None, false).unwrap() - expected).abs().max().double_value(&[]);
         assert!(difference < 1e-4, "{difference}");
     }
@@ -230,12 +235,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (path, from) = checkpoint(&folder, &Design::of(Architecture::ResNet18));
         let (store, network) = fresh(Architecture::ResNet18Gru);
-        let memory = store.variables()["gru.weight_hh_l0"].copy();
         assert_eq!(load_pretrained(&network, &path).unwrap(), 106);
         for name in ["conv1.weight", "head.1.weight", "head.3.bias"] {
             assert!(store.variables()[name].equal(&from.variables()[name]), "{name}");
         }
-        assert!(store.variables()["gru.weight_hh_l0"].equal(&memory));
+        // The memory starts by passing on what the perceptron says of the newest frame.
+        let five = Tensor::randn([4, 5, 3, 40, 70], (Kind::Float, Device::Cpu)); // (4, 5, 3, 40, 70)
+        let single = Network::build(
+            &Design::of(Architecture::ResNet18),
+            &mut in_variable_store(VarStore::new(Device::Cpu).root()),
+        );
+        let single = single.unwrap();
+        load_pretrained(&single, &path).unwrap();
+        let expected = single.forward(&five.select(1, 4), None, false).unwrap();
+        let difference = (network.forward(&five, None, false).unwrap() - &expected).abs().max().double_value(&[]);
+        assert!(difference < 0.01 && expected.std(false).double_value(&[]) > 0.0, "{difference}");
 
         let (path, from) = checkpoint(&folder, &Design::of(Architecture::ResNet18Gru));
         assert_eq!(load_pretrained(&network, &path).unwrap(), 112);

@@ -1,10 +1,11 @@
 //! Five frames as one picture of 15 channels, the oldest first, for one
 //! [ResNet](super::resnet) that looks at all of them together.
 //!
-//! Only its first convolution differs, and starts from that for one picture: inflated, as Carreira and Zisserman do
-//! along time ("Quo Vadis, Action Recognition?", 2017, arXiv:1705.07750). The weights for three channels, repeated five
-//! times and divided by five, answer five equal frames as they answered one. 37,632 parameters more than the ResNet's:
-//! 11,542,593 with 18 layers, 24,660,545 with 50.
+//! Only its first convolution differs. From the weights for one picture it starts with these for the newest frame and
+//! zeros for the four before, and so answers as the network for one picture did; what the older frames are worth, it learns.
+//! (Repeated five times and divided by five, as Carreira and Zisserman inflate along time (2017, arXiv:1705.07750), it
+//! answers the mean of five moments, which is late in bends: `models/README.md` has both.) 37,632 parameters more than the
+//! ResNet's: 11,542,593 with 18 layers, 24,660,545 with 50.
 
 use tch::Tensor;
 
@@ -22,6 +23,7 @@ pub(super) fn stacked(frames: &Tensor) -> Result<Tensor, NnError> {
 }
 
 /// Turns a convolution's weights for one frame, (N, 3, k, k), into those for five, (N, 15, k, k).
-pub(super) fn inflate(weight: &Tensor) -> Result<Tensor, NnError> {
-    Ok(weight.f_repeat([1, FRAMES as i64, 1, 1])?.f_div_scalar(FRAMES as f64)?)
+pub(super) fn widen(weight: &Tensor) -> Result<Tensor, NnError> {
+    let older = CHANNELS - resnet::CHANNELS as i64;
+    Ok(weight.f_pad([0, 0, 0, 0, older, 0], "constant", 0.0)?)
 }
