@@ -23,7 +23,7 @@ const MAY_IMPORT: [(&str, &[&str]); 45] = [
     ("core/perception", &["units"]),
     ("core/pilot", &["car", "motion", "perception", "units", "words"]),
     ("core/control", &["car", "units"]),
-    ("core/turn", &["control", "protocol", "units"]),
+    ("core/turn", &["control", "protocol", "units", "words"]),
     ("core/guard", &["control", "perception", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "guard", "turn"]),
     ("core/recording", &["files", "motion", "pilot", "units", "protocol", "turn", "words"]),
