@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 45] = [
+const MAY_IMPORT: [(&str, &[&str]); 46] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -44,8 +44,9 @@ const MAY_IMPORT: [(&str, &[&str]); 45] = [
     ("learn/marl", &["nn", "train"]),
     ("learn/evaluate", &["dataset", "models", "nn", "train"]),
     ("learn/explain", &["models", "nn"]),
-    ("live/bridge", &["page", "websocket"]),
+    ("live/bridge", &["page", "viewers", "websocket"]),
     ("live/page", &["websocket"]),
+    ("live/viewers", &["page", "websocket"]),
     ("live/websocket", &[]),
     ("lapwing/course", &[]),
     ("lapwing/doctor", &[]),

@@ -178,12 +178,20 @@ mod tests {
 
     fn course(track: &str) -> Item {
         let track = track.to_owned();
-        Item::Event(EventRecord::Course { track, length_m: 100.0, waypoints: 3, laps: None, edge_m: 4.0, scenario: None })
+        Item::Event(EventRecord::Course {
+            track,
+            length_m: 100.0,
+            waypoints: 3,
+            laps: None,
+            edge_m: 4.0,
+            scenario: None,
+        })
     }
 
     fn roads(names: &[&str]) -> Arc<[Roadway]> {
         let edge = |x: f64| vec![[x, 0.0, 0.0], [x, 0.0, 9.0], [x + 9.0, 0.0, 9.0]];
-        let road = |name: &&str| Roadway { name: (*name).to_owned(), left: edge(-4.0), right: edge(4.0), line: edge(0.0) };
+        let road =
+            |name: &&str| Roadway { name: (*name).to_owned(), left: edge(-4.0), right: edge(4.0), line: edge(0.0) };
         names.iter().map(road).collect()
     }
 
@@ -210,9 +218,15 @@ mod tests {
     #[test]
     fn a_road_is_drawn_once_for_each_track_that_is_known_and_never_without_a_position() {
         use Channel as C;
-        let items = [course("lake"), telemetry(Some(0.0), None), telemetry(Some(1.0), None), telemetry(Some(2.0), Some("jungle"))];
+        let items = [
+            course("lake"),
+            telemetry(Some(0.0), None),
+            telemetry(Some(1.0), None),
+            telemetry(Some(2.0), Some("jungle")),
+        ];
         let got = messages(roads(&["lake", "jungle"]), &items);
-        let expected = [C::Event, C::Telemetry, C::Scene, C::Telemetry, C::Transform, C::Telemetry, C::Scene, C::Transform];
+        let expected =
+            [C::Event, C::Telemetry, C::Scene, C::Telemetry, C::Transform, C::Telemetry, C::Scene, C::Transform];
         assert_eq!(channels(&got), expected);
         let ids = |data: &[u8]| {
             let scene = SceneUpdate::decode(data).unwrap();

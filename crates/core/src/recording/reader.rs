@@ -9,12 +9,12 @@ use std::{
     time::Duration,
 };
 
+use foxglove::messages::CompressedImage;
 use mcap::{
     MAGIC,
     records::op,
     sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions},
 };
-use foxglove::messages::CompressedImage;
 use prost::Message;
 use serde::de::DeserializeOwned;
 
@@ -306,7 +306,9 @@ fn what_is(start: &[u8]) -> &'static str {
 fn parse(channel: Channel, data: &[u8]) -> Result<Item, String> {
     match channel {
         // Not among those that are read.
-        Channel::Log | Channel::Transform | Channel::Scene => Err("expected a channel with items, got one without".into()),
+        Channel::Log | Channel::Transform | Channel::Scene => {
+            Err("expected a channel with items, got one without".into())
+        }
         Channel::Camera => {
             let image = CompressedImage::decode(data).map_err(|e| format!("expected a CompressedImage: {e}"))?;
             if image.format != "jpeg" {

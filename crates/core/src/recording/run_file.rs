@@ -32,8 +32,8 @@ impl RunFile {
     /// [`RecordingError::Io`] if the file cannot be created, [`RecordingError::Write`] if the header cannot be written.
     pub fn create(path: &Path, header: &RunHeader, roads: Arc<[Roadway]>) -> Result<Self, RecordingError> {
         let file = files::partial(path).map_err(RecordingError::io("create", path))?;
-        let writer =
-            RunWriter::new(file, header, roads).map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
+        let writer = RunWriter::new(file, header, roads)
+            .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
         let written = ["telemetries", "frames", "commands", "events"].into_iter().map(|kind| (kind, 0)).collect();
         Ok(Self { path: path.to_owned(), writer, written })
     }

@@ -167,10 +167,7 @@ fn line(road: &Roadway) -> LinePrimitive {
 }
 
 fn pose(x: f64, z: f64) -> Pose {
-    Pose {
-        position: Some(Vector3 { x, y: 0.0, z }),
-        orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }),
-    }
+    Pose { position: Some(Vector3 { x, y: 0.0, z }), orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }) }
 }
 
 fn point(at: [f64; 3], above_m: f64) -> Point3 {
@@ -198,7 +195,8 @@ mod tests {
     }
 
     fn road() -> Roadway {
-        let corner = |half: f64| [[-half, 1.0, -half], [half, 1.0, -half], [half, 1.0, half], [-half, 1.0, half]].to_vec();
+        let corner =
+            |half: f64| [[-half, 1.0, -half], [half, 1.0, -half], [half, 1.0, half], [-half, 1.0, half]].to_vec();
         // Driven anticlockwise as seen from above, so the left edge is the inner one.
         Roadway { name: "square".into(), left: corner(10.0), right: corner(14.0), line: corner(12.0) }
     }
