@@ -233,7 +233,7 @@ async fn simulators_beside_one_another_have_channels_of_their_own() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_comes_late_is_shown_the_road_all_the_same_under_the_old_name_of_the_protocol_too() {
+async fn who_comes_late_is_shown_the_road_and_the_last_picture_under_the_old_name_of_the_protocol_too() {
     let dir = tempdir().unwrap();
     let watched = Watched::start(dir.path(), [127, 0, 0, 1]).await;
     let mut simulator = Wire::simulator(watched.running.address).await;
@@ -254,9 +254,10 @@ async fn who_comes_late_is_shown_the_road_all_the_same_under_the_old_name_of_the
     assert_eq!((&command["schemaEncoding"], &command["encoding"]), (&json!("jsonschema"), &json!("json")));
     assert!(command["schema"].as_str().unwrap().contains("\"steering\""));
     view.subscribe(&offered).await;
-    let (topic, _, scene) = view.message().await.unwrap();
-    let names = |name: &[u8]| scene.windows(name.len()).any(|part| part == name);
-    assert!(topic == "/scene" && names(b"road") && names(b"car"));
+    let (picture, scene) = (view.message().await.unwrap(), view.message().await.unwrap());
+    let names = |name: &[u8]| scene.2.windows(name.len()).any(|part| part == name);
+    assert_eq!((&*picture.0, &*scene.0), ("/camera/center", "/scene"));
+    assert!(names(b"road") && names(b"car"));
     watched.stop().await;
 }
 

@@ -1,7 +1,8 @@
 //! Drives as they happen, for Foxglove and Lichtblick: the channels of a run, over the WebSocket protocol that both speak.
 //!
 //! ```text
-//! session, or drive's loop ─▶ Feed ─▶ Messages ─▶ ring of the newest ─▶ a WebSocket for each viewer
+//! session, or drive's loop ─▶ Feed ─▶ Messages ─┬─▶ ring of the newest ─┬─▶ a WebSocket for each viewer
+//!                                               └─▶ newest picture ─────┘
 //! ```
 //! | file | holds |
 //! |---|---|
@@ -30,8 +31,7 @@ use lapwing_core::{
     turn::Turn,
 };
 
-/// Messages in the ring: about ten seconds of a simulator at 20 Hz, or 2 MB. A viewer that is further behind skips the
-/// oldest.
+/// Messages in the ring: about ten seconds of a simulator at 20 Hz. A viewer that is further behind skips the oldest.
 const RING: usize = 1024;
 /// Drives that have channels at a time; those beyond are not shown.
 const DRIVES: usize = 16;
@@ -43,6 +43,8 @@ const CLOSING: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone)]
 enum News {
     Message(Arc<Published>),
+    /// This drive has a picture, which is kept apart: a fork may send large ones, and only the newest is of use.
+    Picture(usize),
     /// Nothing follows.
     End,
 }
@@ -97,8 +99,8 @@ pub struct Viewers {
     /// How many drives have had channels at a time: so many are offered.
     offered: watch::Sender<usize>,
     drives: Mutex<[bool; DRIVES]>,
-    /// The scene of each drive, which is told once: for those who come later.
-    scenes: Mutex<HashMap<usize, Arc<Published>>>,
+    /// The newest picture of each drive, and its scene, which is told once.
+    kept: Mutex<HashMap<ChannelId, Arc<Published>>>,
     /// Viewers that look now.
     open: watch::Sender<usize>,
 }
@@ -110,7 +112,7 @@ impl Viewers {
             news: broadcast::Sender::new(RING),
             offered: watch::Sender::new(1),
             drives: Mutex::default(),
-            scenes: Mutex::default(),
+            kept: Mutex::default(),
             open: watch::Sender::new(0),
         })
     }
@@ -123,7 +125,7 @@ impl Viewers {
             drives[free] = true;
             free
         };
-        lock(&self.scenes).remove(&drive);
+        lock(&self.kept).retain(|id, _| id.drive != drive);
         self.offered.send_if_modified(|offered| {
             let more = drive >= *offered;
             *offered = (*offered).max(drive + 1);
@@ -134,11 +136,13 @@ impl Viewers {
 
     fn publish(&self, message: Published) {
         let message = Arc::new(message);
-        if message.id.channel == Channel::Scene {
-            lock(&self.scenes).insert(message.id.drive, message.clone());
+        let id = message.id;
+        if matches!(id.channel, Channel::Camera | Channel::Scene) {
+            lock(&self.kept).insert(id, message.clone());
         }
+        let news = if id.channel == Channel::Camera { News::Picture(id.drive) } else { News::Message(message) };
         // An error means that nobody looks.
-        let _ = self.news.send(News::Message(message));
+        let _ = self.news.send(news);
     }
 
     /// Lets viewers have what is left, and go.
@@ -149,8 +153,9 @@ impl Viewers {
         let _ = tokio::time::timeout(CLOSING, open.wait_for(|open| *open == 0)).await;
     }
 
-    fn scene(&self, drive: usize) -> Option<Arc<Published>> {
-        lock(&self.scenes).get(&drive).cloned()
+    /// The newest message of a channel of which that is kept.
+    fn kept(&self, id: ChannelId) -> Option<Arc<Published>> {
+        lock(&self.kept).get(&id).cloned()
     }
 }
 

@@ -4,11 +4,11 @@
 //! To the viewer go the JSON texts `serverInfo` and `advertise`, and each message of a channel as a binary one. It says
 //! `subscribe` and `unsubscribe`; all else that the protocol has is for servers that take something, and is ignored.
 //!
-//! All that has come since the last look is sent, and of pictures the newest alone: a slow viewer misses pictures, not
-//! events, and one that reads nothing is dropped.
+//! A slow viewer misses pictures, as each that is sent is the newest, and no events as long as the ring holds them. One that
+//! reads nothing is dropped.
 
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::{BTreeMap, HashMap},
     sync::Arc,
     time::Duration,
 };
@@ -24,10 +24,7 @@ use futures_util::{SinkExt, StreamExt};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::{
-    sync::broadcast::{
-        self,
-        error::{RecvError, TryRecvError},
-    },
+    sync::broadcast::{self, error::RecvError},
     time::{Instant, timeout},
 };
 use tokio_tungstenite::{
@@ -119,7 +116,8 @@ async fn serve(socket: Socket, place: Place) -> Result<(), tungstenite::Error> {
     let config = WebSocketConfig::default().read_buffer_size(4 << 10).max_message_size(Some(LARGEST));
     let socket = WebSocketStream::from_raw_socket(socket, Role::Server, Some(config)).await;
     let news = place.0.news.subscribe();
-    let viewer = Viewer { socket, viewers: place.0.clone(), news, subscriptions: BTreeMap::new() };
+    let viewer =
+        Viewer { socket, viewers: place.0.clone(), news, subscriptions: BTreeMap::new(), shown: HashMap::new() };
     viewer.run().await
 }
 
@@ -129,6 +127,8 @@ struct Viewer {
     news: broadcast::Receiver<News>,
     /// By the viewer's own numbers.
     subscriptions: BTreeMap<u32, ChannelId>,
+    /// The time of the last picture of each drive.
+    shown: HashMap<usize, u64>,
 }
 
 impl Viewer {
@@ -156,15 +156,19 @@ impl Viewer {
                     }
                     let Some(text) = text else { continue };
                     match serde_json::from_str(&text) {
-                        Ok(Said::Subscribe { subscriptions }) => self.subscribe(subscriptions).await?,
+                        Ok(Said::Subscribe { subscriptions }) => {
+                            for wanted in subscriptions {
+                                self.subscribe(wanted).await?;
+                                if self.subscriptions.len() > SUBSCRIPTIONS {
+                                    return self.close("expected fewer subscriptions").await;
+                                }
+                            }
+                        }
                         Ok(Said::Unsubscribe { subscription_ids }) => {
                             self.subscriptions.retain(|id, _| !subscription_ids.contains(id));
                         }
                         Ok(Said::Other) => {}
                         Err(_) => return self.close("expected messages of the protocol, as JSON").await,
-                    }
-                    if self.subscriptions.len() > SUBSCRIPTIONS {
-                        return self.close("expected fewer subscriptions").await;
                     }
                 }
                 changed = offered.changed() => {
@@ -176,11 +180,8 @@ impl Viewer {
                     advertised = now;
                 }
                 news = self.news.recv() => match news {
-                    Ok(News::Message(message)) => {
-                        if self.pass_on(message).await? {
-                            return self.socket.close(None).await;
-                        }
-                    }
+                    Ok(News::Message(message)) => self.pass_on(&message).await?,
+                    Ok(News::Picture(drive)) => self.picture(drive).await?,
                     Ok(News::End) | Err(RecvError::Closed) => return self.socket.close(None).await,
                     // It is far behind: the next one is the oldest in the ring.
                     Err(RecvError::Lagged(_)) => {}
@@ -189,41 +190,30 @@ impl Viewer {
         }
     }
 
-    async fn subscribe(&mut self, subscriptions: Vec<Subscription>) -> Result<(), tungstenite::Error> {
-        for Subscription { id, channel_id } in subscriptions {
-            let Some(channel) = ChannelId::numbered(channel_id) else { continue };
-            self.subscriptions.insert(id, channel);
-            if channel.channel == Channel::Scene
-                && let Some(scene) = self.viewers.scene(channel.drive)
-            {
-                self.send(data(id, &scene)).await?;
-            }
+    async fn subscribe(&mut self, wanted: Subscription) -> Result<(), tungstenite::Error> {
+        let Some(channel) = ChannelId::numbered(wanted.channel_id) else { return Ok(()) };
+        self.subscriptions.insert(wanted.id, channel);
+        match self.viewers.kept(channel) {
+            Some(message) => self.send(data(wanted.id, &message)).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Sends the newest picture of a drive, if that was not sent yet.
+    async fn picture(&mut self, drive: usize) -> Result<(), tungstenite::Error> {
+        let Some(picture) = self.viewers.kept(ChannelId { drive, channel: Channel::Camera }) else { return Ok(()) };
+        if self.shown.insert(drive, picture.time_ns) != Some(picture.time_ns) {
+            self.pass_on(&picture).await?;
         }
         Ok(())
     }
 
-    /// Sends this message and all that wait behind it, but of pictures the last of each drive alone. Returns whether
-    /// nothing follows.
-    async fn pass_on(&mut self, first: Arc<Published>) -> Result<bool, tungstenite::Error> {
-        let mut waiting = vec![first];
-        let ended = loop {
-            match self.news.try_recv() {
-                Ok(News::Message(message)) => waiting.push(message),
-                Ok(News::End) | Err(TryRecvError::Closed) => break true,
-                Err(TryRecvError::Lagged(_)) => {}
-                Err(TryRecvError::Empty) => break false,
-            }
-        };
-        let mut shown = HashSet::new();
-        waiting.reverse();
-        waiting.retain(|message| message.id.channel != Channel::Camera || shown.insert(message.id));
-        for message in waiting.iter().rev() {
-            let wanted = self.subscriptions.iter().filter(|(_, id)| **id == message.id).map(|(number, _)| *number);
-            for number in wanted.collect::<Vec<_>>() {
-                self.send(data(number, message)).await?;
-            }
+    async fn pass_on(&mut self, message: &Published) -> Result<(), tungstenite::Error> {
+        let wanted = self.subscriptions.iter().filter(|(_, id)| **id == message.id);
+        for number in wanted.map(|(number, _)| *number).collect::<Vec<_>>() {
+            self.send(data(number, message)).await?;
         }
-        Ok(ended)
+        Ok(())
     }
 
     async fn say(&mut self, value: &Value) -> Result<(), tungstenite::Error> {
