@@ -26,7 +26,7 @@ const MAY_IMPORT: [(&str, &[&str]); 46] = [
     ("core/turn", &["control", "protocol", "units", "words"]),
     ("core/guard", &["control", "perception", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "guard", "turn"]),
-    ("core/recording", &["files", "motion", "pilot", "units", "protocol", "turn", "words"]),
+    ("core/recording", &["car", "files", "motion", "pilot", "units", "protocol", "turn", "words"]),
     ("core/drive", &["config", "driver", "hash", "pilot", "protocol", "recording", "turn", "units"]),
     ("core/replay", &["drive", "files", "perception", "protocol", "recording", "stats", "turn", "units", "words"]),
     ("score/odometry", &[]),
