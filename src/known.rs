@@ -4,6 +4,7 @@ use std::{cell::OnceCell, sync::Arc};
 
 use glam::DVec3;
 
+use lapwing_core::recording::Roadway;
 #[cfg(feature = "bridge")]
 use lapwing_live::page::Course;
 use lapwing_score::{
@@ -14,9 +15,6 @@ use lapwing_sim::{
     known::KnownRoad,
     track::{Track, TrackError},
 };
-
-/// Metres between points of a road's edge on a page.
-const OUTLINE_M: f64 = 3.0;
 
 /// Roads that a run may be on if it does not say: the tracks that come with Lapwing, and others. They are made on first
 /// use.
@@ -69,11 +67,8 @@ impl Roads {
 
 /// A track's edges, as a page shows them.
 pub fn outline(track: &Track) -> Outline {
-    let edge = |offset: f64| {
-        let steps = (track.length() / OUTLINE_M).ceil() as u32;
-        (0..steps).map(|i| from_above(track.point(f64::from(i) * OUTLINE_M, offset))).collect()
-    };
-    Outline { left: edge(-track.half_width()), right: edge(track.half_width()) }
+    let Roadway { left, right, .. } = track.roadway();
+    Outline { left: flat(left), right: flat(right) }
 }
 
 /// The known roads as the bridge's page draws them.
@@ -86,19 +81,29 @@ pub fn courses(roads: &Roads) -> Result<Vec<Course>, TrackError> {
     known.iter().zip(roads.names()).map(|(road, name)| Ok(course(&Track::open(name)?, road.clone()))).collect()
 }
 
+/// The known roads as viewers draw them.
+///
+/// # Errors
+/// Those of [`Track::open`].
+#[cfg(feature = "bridge")]
+pub fn roadways(roads: &Roads) -> Result<Arc<[Roadway]>, TrackError> {
+    roads.names().map(|name| Ok(Track::open(name)?.roadway())).collect()
+}
+
 /// A track as the page draws it.
 #[cfg(feature = "bridge")]
 pub fn course(track: &Track, road: Arc<Road>) -> Course {
-    let length_m = track.driving_line_length();
-    let steps = (length_m / OUTLINE_M).ceil().max(1.0);
-    let line = |i: u32| from_above(track.on_driving_line(length_m * f64::from(i) / steps).position);
-    let line = (0..steps as u32).map(line).collect();
-    Course { name: track.file().name.clone(), outline: outline(track), line, road }
+    let Roadway { name, left, right, line } = track.roadway();
+    Course { name, outline: Outline { left: flat(left), right: flat(right) }, line: flat(line), road }
 }
 
 /// Where a run without positions seems to have been: seconds, and places on the line to drive.
 pub fn whereabouts(card: &Scorecard, track: &Track) -> Vec<(f64, [f32; 2])> {
     card.whereabouts.iter().map(|(at, s)| (*at, from_above(track.on_driving_line(*s).position))).collect()
+}
+
+fn flat(points: Vec<[f64; 3]>) -> Vec<[f32; 2]> {
+    points.into_iter().map(|point| from_above(point.into())).collect()
 }
 
 fn from_above(point: DVec3) -> [f32; 2] {

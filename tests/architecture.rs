@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 45] = [
+const MAY_IMPORT: [(&str, &[&str]); 46] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -23,10 +23,10 @@ const MAY_IMPORT: [(&str, &[&str]); 45] = [
     ("core/perception", &["units"]),
     ("core/pilot", &["car", "motion", "perception", "units", "words"]),
     ("core/control", &["car", "units"]),
-    ("core/turn", &["control", "protocol", "units"]),
+    ("core/turn", &["control", "protocol", "units", "words"]),
     ("core/guard", &["control", "perception", "units"]),
     ("core/driver", &["units", "config", "protocol", "perception", "pilot", "control", "guard", "turn"]),
-    ("core/recording", &["files", "motion", "pilot", "units", "protocol", "turn", "words"]),
+    ("core/recording", &["car", "files", "motion", "pilot", "units", "protocol", "turn", "words"]),
     ("core/drive", &["config", "driver", "hash", "pilot", "protocol", "recording", "turn", "units"]),
     ("core/replay", &["drive", "files", "perception", "protocol", "recording", "stats", "turn", "units", "words"]),
     ("score/odometry", &[]),
@@ -44,8 +44,9 @@ const MAY_IMPORT: [(&str, &[&str]); 45] = [
     ("learn/marl", &["nn", "train"]),
     ("learn/evaluate", &["dataset", "models", "nn", "train"]),
     ("learn/explain", &["models", "nn"]),
-    ("live/bridge", &["page", "websocket"]),
+    ("live/bridge", &["page", "viewers", "websocket"]),
     ("live/page", &["websocket"]),
+    ("live/viewers", &["page", "websocket"]),
     ("live/websocket", &[]),
     ("lapwing/course", &[]),
     ("lapwing/doctor", &[]),

@@ -129,7 +129,8 @@ fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of
         lapwing: "test".into(),
         started: jiff::Timestamp::UNIX_EPOCH,
     };
-    let recorder = Recorder::create(dir.path(), header, RecorderOptions { queue: 16 }).unwrap();
+    let recorder =
+        Recorder::create(dir.path(), header, RecorderOptions { queue: 16, ..RecorderOptions::default() }).unwrap();
     let pilot = Box::new(ConstantPilot::new(Steering::constant(0.3)));
     let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     let mut world = open(&dir, Yaw::Pictures);

@@ -13,6 +13,7 @@ mod driver;
 mod driving_logs;
 mod explain;
 mod lane_loop;
+mod layout;
 mod locate;
 mod locate_network;
 mod marl;

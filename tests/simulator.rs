@@ -290,7 +290,7 @@ fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Judged, Recordi
         started: jiff::Timestamp::UNIX_EPOCH,
     };
     // A queue of few items: the world stands still for a slow disk, and nothing is dropped.
-    let recorder = Recorder::create(dir, header, RecorderOptions { queue: 16 }).unwrap();
+    let recorder = Recorder::create(dir, header, RecorderOptions { queue: 16, ..RecorderOptions::default() }).unwrap();
     let mut world = Simulation::new(setup).unwrap();
     let control = ControlSettings { speed_mph: Mph::new(20.0).unwrap(), ..ControlSettings::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);

@@ -58,6 +58,10 @@ pub struct Drive {
     #[cfg(feature = "bridge")]
     #[command(flatten)]
     pub page: PageFlags,
+    /// Drive in real time, and show it to Foxglove and Lichtblick at this port [default port: 8765]
+    #[cfg(feature = "bridge")]
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765")]
+    pub foxglove: Option<u16>,
 }
 
 /// A page that shows and controls the headless simulator.
@@ -168,6 +172,9 @@ pub struct Serve {
     /// Another model that a person at the page may switch to; may be given several times
     #[arg(long, value_name = "FILE")]
     pub also_model: Vec<PathBuf>,
+    /// Show the drives to Foxglove and Lichtblick at this port [default port: 8765]
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765")]
+    pub foxglove: Option<u16>,
     /// Event to send to each simulator when it connects, in JSON: '["reset",{}]'; may be given several times
     #[arg(long, value_name = "EVENT")]
     pub greet: Vec<String>,

@@ -84,7 +84,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let mut film = arguments.film.as_deref().map(|path| PilotFilm::new(path, &world)).transpose()?;
     let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
     // Last, so that an earlier failure leaves no run.
-    let options = RecorderOptions { queue: settings.recording.queue };
+    let options = RecorderOptions { queue: settings.recording.queue, ..RecorderOptions::default() };
     let recorder = arguments.recordings.as_deref().map(|dir| Recorder::create(dir, header, options)).transpose()?;
     let (mut bar, mut interrupted) = (ReplayBar::new(Some(rows as u64)), super::interrupted());
     let began = Instant::now();

@@ -7,6 +7,8 @@ use std::{
 
 use serde_json::{Value, json};
 
+#[cfg(feature = "bridge")]
+use super::foxglove::{FoxgloveServer, InRealTime};
 use super::{Ended, guards, recorded_world::Recorded, thresholds, world};
 use crate::cli::{self, PilotKind};
 use lapwing_core::{
@@ -60,24 +62,35 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let header =
         settings.recording.enabled.then(|| header(&settings, &setup, (&name, model), guard.as_deref(), json!(sources)));
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
+    let road = setup.track.roadway();
     let mut driver = Driver::new(pilot, &settings.control, Instant::now).guarded(guard.map(|guard| guard.guard()));
     let mut simulation = Simulation::new(setup)?;
     if let Some(recorded) = &mut recorded {
         simulation = recorded.show(simulation);
     }
+    #[cfg(feature = "bridge")]
+    let viewers = arguments.foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
+    #[cfg(feature = "bridge")]
+    let feed = viewers.as_ref().and_then(|viewers| viewers.feed(jiff::Timestamp::now(), &road));
     // Last, so that an earlier failure leaves no run.
-    let options = RecorderOptions { queue: settings.recording.queue };
+    let options = RecorderOptions { queue: settings.recording.queue, roads: [road].into() };
     let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
     let mut bar = world::ProgressLine::new();
     let began = Instant::now();
-    let observers: &mut [&mut dyn Observer<_>] =
-        &mut [&mut recorder.as_ref(), &mut bar, &mut interrupted, &mut pictures];
-    let judged = judged::run(&mut simulation, &mut driver, observers);
+    let mut recorded_by = recorder.as_ref();
+    let mut observers: Vec<&mut dyn Observer<_>> = vec![&mut recorded_by, &mut bar, &mut interrupted, &mut pictures];
+    #[cfg(feature = "bridge")]
+    let mut shown_by = feed.map(InRealTime::new);
+    #[cfg(feature = "bridge")]
+    observers.push(&mut shown_by);
+    let judged = judged::run(&mut simulation, &mut driver, &mut observers);
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
     let Judged { card, driven: DriveDigest { fingerprint, frames, .. } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
+    #[cfg(feature = "bridge")]
+    let served = viewers.map_or(Ok(()), FoxgloveServer::end);
     let seen = recorded.as_ref().map(Recorded::seen);
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
@@ -105,6 +118,8 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let printed = super::print(&result);
     let ended = thresholds::ended(&missed);
     super::whole(report)?;
+    #[cfg(feature = "bridge")]
+    served?;
     drawn?;
     printed?;
     Ok(ended)

@@ -16,6 +16,8 @@ mod drive;
 mod evaluate;
 #[cfg(feature = "networks")]
 mod explain;
+#[cfg(feature = "bridge")]
+mod foxglove;
 #[cfg(any(feature = "simulator", feature = "bridge"))]
 mod guards;
 #[cfg(feature = "simulator")]

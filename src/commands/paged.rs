@@ -6,7 +6,7 @@ use anyhow::Context;
 use serde_json::Value;
 use tokio::{runtime::Runtime, sync::oneshot, task::JoinHandle};
 
-use super::{Ended, Interrupted, drive, guards, serve, thresholds, world};
+use super::{Ended, Interrupted, drive, foxglove::FoxgloveServer, guards, serve, thresholds, world};
 use crate::{
     cli::{self, PilotKind},
     known::{self, Roads},
@@ -63,6 +63,7 @@ pub(super) fn drive(
         has_speed: arguments.driving.speed.is_some(),
         stock: arguments.stock,
         json: arguments.json,
+        foxglove: arguments.foxglove,
         settings,
     };
     let (ended, _) = stage.run(port, None, interrupted)?;
@@ -84,6 +85,7 @@ pub(super) fn record(
         has_speed: true,
         stock: false,
         json: false,
+        foxglove: None,
         settings,
     };
     // Last, so that an earlier failure leaves no log.
@@ -117,6 +119,7 @@ struct Stage {
     has_speed: bool,
     stock: bool,
     json: bool,
+    foxglove: Option<u16>,
 }
 
 impl Stage {
@@ -127,11 +130,12 @@ impl Stage {
         log: Option<HandLog>,
         interrupted: Interrupted,
     ) -> anyhow::Result<(Ended, Option<HandLog>)> {
-        let Self { settings, mut spec, pilots, ends, has_speed, stock, json } = self;
+        let Self { settings, mut spec, pilots, ends, has_speed, stock, json, foxglove } = self;
         let mut setup = set_up(&spec, &settings, stock)?;
         let guard = guards::load(&settings.brake)?;
         let shipped = known::courses(&Roads::default())?;
         let server = PageServer::start(&settings, port)?;
+        let foxglove = foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
         server.page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
         let pressed = interrupted.clone();
@@ -153,7 +157,8 @@ impl Stage {
                 courses.push(known::course(track, road.into()));
             }
             server.page.has_courses(courses);
-            let run = Run { settings: &settings, guard: guard.as_deref(), page: &server.page, json };
+            let foxglove = foxglove.as_ref();
+            let run = Run { settings: &settings, guard: guard.as_deref(), page: &server.page, json, foxglove };
             let (ended, asked) = run.drive(setup, &console, interrupted.clone())?;
             if interrupted.is_pressed() || (ends && !asked) {
                 break ended;
@@ -172,6 +177,7 @@ impl Stage {
         };
         let log = console.borrow_mut().take_log();
         drop(console);
+        foxglove.map_or(Ok(()), FoxgloveServer::end)?;
         server.end()?;
         Ok((ended, log))
     }
@@ -189,6 +195,7 @@ struct Run<'a> {
     guard: Option<&'a dyn GuardModel>,
     page: &'a Page,
     json: bool,
+    foxglove: Option<&'a FoxgloveServer>,
 }
 
 impl Run<'_> {
@@ -199,20 +206,23 @@ impl Run<'_> {
         console: &Rc<RefCell<Console>>,
         mut interrupted: Interrupted,
     ) -> anyhow::Result<(Ended, bool)> {
-        let Self { settings, guard, page, json } = *self;
+        let Self { settings, guard, page, json, foxglove } = *self;
         let pilot = page.pilots().get(console.borrow().pilot()).context("no pilot")?;
         let dialect = drive::dialect(&setup);
         let who = (pilot.name.as_str(), pilot.id());
         let header = settings.recording.enabled.then(|| drive::header(settings, &setup, who, guard, Value::Null));
         let mut driver = Driver::new((pilot.make)(), &settings.control, Instant::now).guarded(guard.map(|g| g.guard()));
+        let road = setup.track.roadway();
+        let mut feed = foxglove.and_then(|server| server.feed(jiff::Timestamp::now(), &road));
         let simulation = Simulation::new(setup)?;
         console.borrow_mut().run_begins(dialect, &settings.control);
-        let options = RecorderOptions { queue: settings.recording.queue };
+        let options = RecorderOptions { queue: settings.recording.queue, roads: [road].into() };
         let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
         let mut staged = Staged::new(simulation, console.clone());
         let mut screen = Screen::new(console.clone());
         let began = Instant::now();
-        let observers: &mut [&mut dyn Observer<_>] = &mut [&mut recorder.as_ref(), &mut screen, &mut interrupted];
+        let observers: &mut [&mut dyn Observer<_>] =
+            &mut [&mut recorder.as_ref(), &mut screen, &mut feed, &mut interrupted];
         let judged = judged::run(&mut staged, &mut driver, observers);
         let wall = began.elapsed();
         // Whatever happened, the run is closed and can be read.
@@ -256,7 +266,7 @@ impl PageServer {
         let listener = runtime.block_on(Listener::bind((settings.bridge.bind, port).into()))?;
         let bridge = Bridge::new(settings.clone(), |_| ());
         let page = bridge.page().clone();
-        say!("Page: {}", serve::page_address(listener.address(), &page)?);
+        say!("Page: {}", serve::address_of("http", listener.address(), &page)?);
         let (stop, stopped) = oneshot::channel();
         let shutdown = async move { stopped.await.unwrap_or_default() };
         let task = runtime.spawn(bridge::serve_page(listener, bridge, shutdown));

@@ -3,7 +3,7 @@
 use std::{
     io::{self, BufRead, IsTerminal},
     net::SocketAddr,
-    path::{Path, PathBuf},
+    path::Path,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -12,12 +12,13 @@ use std::{
 
 use anyhow::Context;
 
-use super::{Ended, guards, outputs::Unprinted, terminal::Asked};
+use super::{Ended, foxglove, guards, outputs::Unprinted, terminal::Asked};
 use crate::cli;
 use lapwing_core::{config::Settings, pilot::Model};
 use lapwing_live::{
     bridge::{self, Bridge, Listener, Summary},
     page::Page,
+    viewers::Viewers,
 };
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -30,7 +31,7 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
         layers = layers.set("--port", "bridge.port", i64::from(port))?;
     }
     if !arguments.greet.is_empty() {
-        layers = layers.set("--greet", "bridge.greet", arguments.greet)?;
+        layers = layers.set("--greet", "bridge.greet", arguments.greet.clone())?;
     }
     if let Some(dir) = &arguments.recordings {
         layers = layers.set_path("--recordings", "recording.dir", dir)?;
@@ -40,13 +41,14 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
     }
     let settings = layers.resolve()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("no runtime")?;
-    let result = runtime.block_on(serve(settings, arguments.also_model, arguments.json));
+    let result = runtime.block_on(serve(settings, arguments));
     // Do not wait for a model that is still loading.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(settings: Settings, also: Vec<PathBuf>, json: bool) -> anyhow::Result<Ended> {
+async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ended> {
+    let cli::Serve { also_model: also, foxglove, json, .. } = arguments;
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot listen for Ctrl-C")?;
     let unprinted = Arc::new(AtomicBool::new(false));
@@ -60,8 +62,19 @@ async fn serve(settings: Settings, also: Vec<PathBuf>, json: bool) -> anyhow::Re
             }
         }
     });
-    let page = page_address(listener.address(), bridge.page())?;
+    let page = address_of("http", listener.address(), bridge.page())?;
     say!("{}\n  Page: {page}", how_to_connect(listener.address()));
+    let (drives_are_over, over) = tokio::sync::oneshot::channel();
+    let viewing = match foxglove {
+        None => None,
+        Some(port) => {
+            let listener = foxglove::listen(&settings, port, &bridge).await?;
+            let viewers = Viewers::new();
+            bridge.has_viewers(viewers.clone());
+            let over = async move { over.await.unwrap_or_default() };
+            Some(tokio::spawn(bridge::serve_foxglove(listener, bridge.clone(), viewers, over)))
+        }
+    };
     arm_on_enter(bridge.clone());
     let loading = tokio::task::spawn_blocking({
         let bridge = bridge.clone();
@@ -70,6 +83,7 @@ async fn serve(settings: Settings, also: Vec<PathBuf>, json: bool) -> anyhow::Re
             {
                 let roads = crate::known::Roads::default();
                 bridge.page().has_courses(crate::known::courses(&roads)?);
+                bridge.roadways_are_known(crate::known::roadways(&roads)?);
                 bridge.roads_are_known(roads.known()?.to_vec());
             }
             // Before the model, with which drives begin.
@@ -99,6 +113,14 @@ async fn serve(settings: Settings, also: Vec<PathBuf>, json: bool) -> anyhow::Re
         let _ = ended.send(why);
     };
     bridge::serve(listener, bridge, shutdown).await.context("the server failed")?;
+    if let Some(viewing) = viewing {
+        // The receiver waits in the task below.
+        let _ = drives_are_over.send(());
+        viewing
+            .await
+            .context("the server for --foxglove was interrupted")?
+            .context("the server for --foxglove failed")?;
+    }
     if let Ok(why) = end.await {
         why?;
     }
@@ -134,14 +156,14 @@ fn arm_on_enter(bridge: Arc<Bridge>) {
     }
 }
 
-/// Where the page is; with its token where others can reach it.
-pub(super) fn page_address(address: SocketAddr, page: &Page) -> anyhow::Result<String> {
+/// Where the page is, or what else has its token where others can reach it.
+pub(super) fn address_of(scheme: &str, address: SocketAddr, page: &Page) -> anyhow::Result<String> {
     let (ip, port) = (address.ip(), address.port());
     if ip.is_loopback() {
-        return Ok(format!("http://{address}/"));
+        return Ok(format!("{scheme}://{address}/"));
     }
     let host = if ip.is_unspecified() { format!("ADDRESS-OF-THIS-MACHINE:{port}") } else { address.to_string() };
-    Ok(format!("http://{host}/?token={}", page.want_token()?.text()))
+    Ok(format!("{scheme}://{host}/?token={}", page.want_token()?.text()))
 }
 
 fn how_to_connect(address: SocketAddr) -> String {

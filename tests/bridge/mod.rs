@@ -9,4 +9,5 @@ mod liveness;
 mod pages;
 mod port;
 mod tokens;
+mod viewers;
 mod wire;

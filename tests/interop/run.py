@@ -26,6 +26,7 @@ import checks_page
 import checks_runs
 import checks_server
 import checks_simulate
+import checks_viewers
 import rough
 from bridge import FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skipped
 
@@ -50,6 +51,9 @@ CHECKS = [
     ("live-serve", checks_live.live_serve, False, "the live page of a bridge in Chromium: values, controls, tabs"),
     ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),
     ("live-record", checks_live.live_record, False, "and what is driven there by keys and gamepad is training data"),
+    ("foxglove", checks_viewers.foxglove, False, "a drive as it happens and its run, by Foxglove's own schemas"),
+    ("lichtblick", checks_viewers.lichtblick, False, "the client that Lichtblick is built on"),
+    ("rerun", checks_viewers.rerun, False, "Rerun opens a run: pictures, log, where the car is"),
     ("abuse", checks_server.abuse, False, "malformed messages get one safe answer each"),
     ("unknown-agent", checks_server.unknown_agent, False, "a build that talks first is a simulator"),
     ("busy-port", checks_server.busy_port, False, "a taken port names who holds it"),

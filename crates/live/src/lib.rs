@@ -8,7 +8,8 @@
 //! |---|---|
 //! | [`bridge`] | the port, who may connect to it, and a session for each connection |
 //! | [`page`] | what drives, shown in a browser, and what a person there may change |
-//! | `websocket` | how a WebSocket is opened for either |
+//! | [`viewers`] | what drives, for Foxglove and Lichtblick |
+//! | `websocket` | how a WebSocket is opened for any of them |
 //!
 //! Callers hand it pilots ([`Model`](lapwing_core::pilot::Model)) and roads; it knows neither networks nor a simulator.
 //!
@@ -77,4 +78,5 @@
 
 pub mod bridge;
 pub mod page;
+pub mod viewers;
 mod websocket;

@@ -1,9 +1,10 @@
-//! The names, schemas and constants of the run file, shared by its writer and its reader.
+//! The channels of a run and their schemas, shared by its writer, its reader, and whoever shows a drive as it happens.
 
-use bytes::Bytes;
-use prost_types::{
-    DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet,
-    field_descriptor_proto::{Label, Type},
+use std::borrow::Cow;
+
+use foxglove::{
+    Encode,
+    messages::{CompressedImage, FrameTransform, Log, SceneUpdate},
 };
 
 use super::schema;
@@ -21,105 +22,114 @@ pub(super) const RUN: &str = "lapwing.run";
 pub(super) const SUMMARY: &str = "lapwing.summary";
 
 /// The channels of a run, in the order in which they are declared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Channel {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Channel {
+    /// The pictures.
     Camera,
+    /// What the simulator reported.
     Telemetry,
+    /// The answers.
     Command,
+    /// What else happened.
     Event,
+    /// The events again, in words, for viewers' logs.
+    Log,
+    /// Where the car is, for viewers in 3D.
+    Transform,
+    /// The road and the car, for viewers in 3D.
+    Scene,
+}
+
+/// How a channel's messages are to be read.
+#[derive(Debug, Clone)]
+pub struct Schema {
+    /// Its name.
+    pub name: &'static str,
+    /// `protobuf` or `jsonschema`.
+    pub encoding: &'static str,
+    /// A serialised `FileDescriptorSet`, or a JSON schema.
+    pub data: Cow<'static, [u8]>,
 }
 
 impl Channel {
-    pub(super) const ALL: [Self; 4] = [Self::Camera, Self::Telemetry, Self::Command, Self::Event];
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Camera, Self::Telemetry, Self::Command, Self::Event, Self::Log, Self::Transform, Self::Scene];
 
-    pub(super) fn topic(self) -> &'static str {
+    /// Those that a run's items are read from; the others only show the same once more.
+    pub(super) const READ: [Self; 4] = [Self::Camera, Self::Telemetry, Self::Command, Self::Event];
+
+    /// Its name.
+    pub fn topic(self) -> &'static str {
         match self {
             Self::Camera => "/camera/center",
             Self::Telemetry => "/telemetry",
             Self::Command => "/command",
             Self::Event => "/event",
+            Self::Log => "/log",
+            Self::Transform => "/tf",
+            Self::Scene => "/scene",
         }
     }
 
-    pub(super) fn message_encoding(self) -> &'static str {
-        if self == Self::Camera { "protobuf" } else { "json" }
+    /// `protobuf` or `json`.
+    pub fn message_encoding(self) -> &'static str {
+        match self {
+            Self::Telemetry | Self::Command | Self::Event => "json",
+            Self::Camera | Self::Log | Self::Transform | Self::Scene => "protobuf",
+        }
     }
 
-    /// Name, encoding and data of the schema record.
-    pub(super) fn schema(self) -> (&'static str, &'static str, Vec<u8>) {
+    /// How its messages are to be read.
+    pub fn schema(self) -> Schema {
+        let json = |name, data: Vec<u8>| Schema { name, encoding: "jsonschema", data: data.into() };
         match self {
-            Self::Camera => ("foxglove.CompressedImage", "protobuf", compressed_image_schema()),
-            Self::Telemetry => (
-                "lapwing.Telemetry",
-                "jsonschema",
-                schema::of::<Telemetry>("What the simulator reported in one message"),
-            ),
-            Self::Command => (
+            Self::Camera => of_foxglove::<CompressedImage>("foxglove.CompressedImage"),
+            Self::Telemetry => {
+                json("lapwing.Telemetry", schema::of::<Telemetry>("What the simulator reported in one message"))
+            }
+            Self::Command => json(
                 "lapwing.Command",
-                "jsonschema",
                 schema::of::<CommandRecord>("The answer to the simulator, and how it came about"),
             ),
-            Self::Event => (
-                "lapwing.Event",
-                "jsonschema",
-                schema::of::<EventRecord>("What happened besides telemetry and commands"),
-            ),
+            Self::Event => {
+                json("lapwing.Event", schema::of::<EventRecord>("What happened besides telemetry and commands"))
+            }
+            Self::Log => of_foxglove::<Log>("foxglove.Log"),
+            Self::Transform => of_foxglove::<FrameTransform>("foxglove.FrameTransform"),
+            Self::Scene => of_foxglove::<SceneUpdate>("foxglove.SceneUpdate"),
         }
     }
 }
 
-/// A picture as Foxglove defines it: <https://docs.foxglove.dev/docs/sdk/schemas/compressed-image>.
-/// The field numbers are those of its published `CompressedImage.proto`.
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct CompressedImage {
-    #[prost(message, optional, tag = "1")]
-    pub timestamp: Option<prost_types::Timestamp>,
-    #[prost(string, tag = "4")]
-    pub frame_id: String,
-    #[prost(bytes = "bytes", tag = "2")]
-    pub data: Bytes,
-    #[prost(string, tag = "3")]
-    pub format: String,
+/// A schema as Foxglove publishes it.
+fn of_foxglove<T: Encode>(name: &'static str) -> Schema {
+    let data = T::get_schema().map(|schema| schema.data).unwrap_or_default();
+    Schema { name, encoding: "protobuf", data }
 }
 
-/// The message above and what it imports, as viewers want it: a serialised `FileDescriptorSet`.
-fn compressed_image_schema() -> Vec<u8> {
-    let field = |name: &str, number, kind: Type| FieldDescriptorProto {
-        name: Some(name.into()),
-        number: Some(number),
-        label: Some(Label::Optional.into()),
-        r#type: Some(kind.into()),
-        ..Default::default()
-    };
-    let file = |name: &str, package: &str, message: &str, fields| FileDescriptorProto {
-        name: Some(name.into()),
-        package: Some(package.into()),
-        message_type: vec![DescriptorProto { name: Some(message.into()), field: fields, ..Default::default() }],
-        syntax: Some("proto3".into()),
-        ..Default::default()
-    };
-    let timestamp = file(
-        "google/protobuf/timestamp.proto",
-        "google.protobuf",
-        "Timestamp",
-        vec![field("seconds", 1, Type::Int64), field("nanos", 2, Type::Int32)],
-    );
-    let image = FileDescriptorProto {
-        dependency: timestamp.name.iter().cloned().collect(),
-        ..file(
-            "foxglove/CompressedImage.proto",
-            "foxglove",
-            "CompressedImage",
-            vec![
-                FieldDescriptorProto {
-                    type_name: Some(".google.protobuf.Timestamp".into()),
-                    ..field("timestamp", 1, Type::Message)
-                },
-                field("frame_id", 4, Type::String),
-                field("data", 2, Type::Bytes),
-                field("format", 3, Type::String),
-            ],
-        )
-    };
-    prost::Message::encode_to_vec(&FileDescriptorSet { file: vec![timestamp, image] })
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_channel_has_the_schema_that_its_name_promises() {
+        fn named<T: Encode>() -> String {
+            T::get_schema().unwrap().name
+        }
+        for (channel, name) in [
+            (Channel::Camera, named::<CompressedImage>()),
+            (Channel::Log, named::<Log>()),
+            (Channel::Transform, named::<FrameTransform>()),
+            (Channel::Scene, named::<SceneUpdate>()),
+        ] {
+            let schema = channel.schema();
+            assert_eq!((schema.name, schema.encoding), (&*name, "protobuf"));
+            assert!(!schema.data.is_empty(), "{name}");
+        }
+        for (place, channel) in Channel::ALL.into_iter().enumerate() {
+            assert_eq!(channel as usize, place);
+            assert_eq!(channel.message_encoding() == "json", channel.schema().encoding == "jsonschema");
+        }
+    }
 }

@@ -102,7 +102,7 @@ pub enum Item {
 
 impl Item {
     /// The item without what is not recorded: no picture inside telemetry, no endless text.
-    pub(super) fn lean(mut self) -> Self {
+    pub fn lean(mut self) -> Self {
         match &mut self {
             // The picture would keep the whole wire message in memory until it is written.
             Self::Telemetry(telemetry) => telemetry.image = CameraImage::default(),
@@ -113,10 +113,15 @@ impl Item {
     }
 }
 
+/// Since 1970.
+pub(super) fn nanoseconds(time: jiff::Timestamp) -> u64 {
+    u64::try_from(time.as_nanosecond()).unwrap_or(0)
+}
+
 impl RunHeader {
     /// Nanoseconds since 1970, what log times count from.
     pub(super) fn started_ns(&self) -> u64 {
-        u64::try_from(self.started.as_nanosecond()).unwrap_or(0)
+        nanoseconds(self.started)
     }
 
     /// As the text fields of `lapwing.run`.

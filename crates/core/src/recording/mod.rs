@@ -46,7 +46,13 @@
 //! | what the simulator reported | `/telemetry` | JSON, [`Telemetry`](crate::protocol::Telemetry) |
 //! | the answer | `/command` | JSON, [`CommandRecord`] |
 //! | what else happened | `/event` | JSON, [`EventRecord`] |
+//! | the events in words | `/log` | protobuf `foxglove.Log` |
+//! | where the car is | `/tf` | protobuf `foxglove.FrameTransform` |
+//! | the road and the car, once | `/scene` | protobuf `foxglove.SceneUpdate` |
 //! | what was counted | metadata `lapwing.summary`, after a clean end only | numbers as text |
+//!
+//! The last three are for viewers and are not read back. [`Messages`] makes all of them, for a file as for those who look
+//! on while it is driven.
 //!
 //! A message's log time is the wall clock at the run's start plus the time
 //! since then, so it never jumps with the wall clock.
@@ -65,25 +71,29 @@ mod entries;
 mod format;
 mod items;
 mod keys;
+mod messages;
 mod moment;
 mod open;
 mod queue;
 mod reader;
 mod recorder;
 mod run_file;
+mod scene;
 mod schema;
 pub mod udacity;
 mod writer;
 
 pub use entries::{Entries, Entry, Step};
-pub use format::FORMAT_VERSION;
+pub use format::{Channel, FORMAT_VERSION, Schema};
 pub use items::{Item, ModelId, RunHeader, RunKind};
 pub use keys::released_at_once;
+pub use messages::{EncodeError, Encoded, Messages};
 pub use moment::{Break, CameraPosition, LONGEST_GAP, Moment, Picture};
 pub use open::{Recording, is_run_name, recordings_in};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
 pub use run_file::RunFile;
+pub use scene::Roadway;
 
 pub use crate::turn::{By, CommandRecord, EventRecord};
 

@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use foxglove::messages::CompressedImage;
 use mcap::{
     MAGIC,
     records::op,
@@ -20,7 +21,7 @@ use serde::de::DeserializeOwned;
 use super::{
     Entries, Item, MOST_PICTURE, RecordingError, RunHeader,
     container::{BodyFields, Broken, Chunk, Container},
-    format::{Channel, CompressedImage, RUN},
+    format::{Channel, RUN},
 };
 
 /// Records of the summary longer than this are not ours: an index of a chunk takes about a hundred bytes.
@@ -63,7 +64,7 @@ pub struct RunReader {
     path: PathBuf,
     header: RunHeader,
     container: Container<BufReader<File>>,
-    /// By id; `None` for channels that are not a run's.
+    /// By id; `None` for channels without items: those for viewers, and other tools' own.
     channels: HashMap<u16, Option<Channel>>,
     chunk: Option<Chunk>,
     /// Unpacked size of the chunks so far, in bytes.
@@ -201,7 +202,7 @@ impl RunReader {
                         .channel()
                         .ok_or_else(|| Broken::Damaged("expected a channel, got a piece of one".into()))?;
                     let ours = |c: &Channel| c.topic() == topic && c.message_encoding() == encoding;
-                    channels.insert(id, Channel::ALL.into_iter().find(ours));
+                    channels.insert(id, Channel::READ.into_iter().find(ours));
                 }
                 op::STATISTICS => self.counted = BodyFields(body).statistics(),
                 op::MESSAGE => {
@@ -304,6 +305,10 @@ fn what_is(start: &[u8]) -> &'static str {
 /// One message of a run.
 fn parse(channel: Channel, data: &[u8]) -> Result<Item, String> {
     match channel {
+        // Not among those that are read.
+        Channel::Log | Channel::Transform | Channel::Scene => {
+            Err("expected a channel with items, got one without".into())
+        }
         Channel::Camera => {
             let image = CompressedImage::decode(data).map_err(|e| format!("expected a CompressedImage: {e}"))?;
             if image.format != "jpeg" {

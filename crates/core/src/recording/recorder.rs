@@ -14,6 +14,7 @@ use jiff::tz::TimeZone;
 use super::{
     Item, RecordingError, RunHeader,
     queue::{Next, Patient, RecordingQueue},
+    scene::Roadway,
     writer::RunWriter,
 };
 
@@ -24,16 +25,18 @@ const FLUSH_EVERY: Duration = Duration::from_millis(500);
 const CHUNK_BYTES: usize = 1 << 20;
 
 /// Options of a recorder.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct RecorderOptions {
     /// How many items may wait for the disk, frames up to three quarters of it and 64 MiB. Default 512: about six
     /// seconds of a simulator at 20 Hz.
     pub queue: usize,
+    /// The roads that it may be on, for viewers; drawn is the one whose track the run tells. Default none.
+    pub roads: Arc<[Roadway]>,
 }
 
 impl Default for RecorderOptions {
     fn default() -> Self {
-        Self { queue: 512 }
+        Self { queue: 512, roads: Arc::default() }
     }
 }
 
@@ -117,7 +120,7 @@ impl Recorder {
         options: RecorderOptions,
     ) -> Result<Self, RecordingError> {
         let queue = Arc::new(RecordingQueue::new(options.queue, path.clone()));
-        let writer = RunWriter::new(Patient { sink, queue: Arc::clone(&queue) }, header)
+        let writer = RunWriter::new(Patient { sink, queue: Arc::clone(&queue) }, header, options.roads)
             .map_err(|source| RecordingError::Write { path: path.clone(), source })?;
         queue.open();
         let thread = std::thread::Builder::new()

@@ -3,12 +3,13 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    sync::Arc,
     time::Duration,
 };
 
 use tempfile::NamedTempFile;
 
-use super::{Item, RecordingError, RunHeader, writer::RunWriter};
+use super::{Item, RecordingError, Roadway, RunHeader, writer::RunWriter};
 use crate::files;
 
 /// A chunk of this size is written at once.
@@ -24,14 +25,15 @@ pub struct RunFile {
 }
 
 impl RunFile {
-    /// Begins a run whose file will be at this path; its folder must exist.
+    /// Begins a run whose file will be at this path, on one of these roads if it tells its track; the path's folder must
+    /// exist.
     ///
     /// # Errors
     /// [`RecordingError::Io`] if the file cannot be created, [`RecordingError::Write`] if the header cannot be written.
-    pub fn create(path: &Path, header: &RunHeader) -> Result<Self, RecordingError> {
+    pub fn create(path: &Path, header: &RunHeader, roads: Arc<[Roadway]>) -> Result<Self, RecordingError> {
         let file = files::partial(path).map_err(RecordingError::io("create", path))?;
-        let writer =
-            RunWriter::new(file, header).map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
+        let writer = RunWriter::new(file, header, roads)
+            .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
         let written = ["telemetries", "frames", "commands", "events"].into_iter().map(|kind| (kind, 0)).collect();
         Ok(Self { path: path.to_owned(), writer, written })
     }
@@ -84,7 +86,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let header = RunHeader::new(RunKind::Driven, serde_json::json!({}), jiff::Timestamp::UNIX_EPOCH);
         let write = |name: &str| {
-            let mut run = RunFile::create(&dir.path().join(name), &header).unwrap();
+            let mut run = RunFile::create(&dir.path().join(name), &header, Arc::default()).unwrap();
             for i in 0..40 {
                 run.write(Duration::from_millis(i), Item::Frame(vec![i as u8; 60_000].into())).unwrap();
             }

@@ -82,7 +82,7 @@ mod tests {
 
     fn schemas() -> impl Iterator<Item = (&'static str, Value)> {
         let written = Channel::ALL.into_iter().filter(|channel| channel.message_encoding() == "json");
-        written.map(|channel| (channel.topic(), serde_json::from_slice(&channel.schema().2).unwrap()))
+        written.map(|channel| (channel.topic(), serde_json::from_slice(&channel.schema().data).unwrap()))
     }
 
     #[test]

@@ -3,19 +3,18 @@
 use std::{
     collections::BTreeMap,
     io::{self, Seek, Write},
+    sync::Arc,
     time::Duration,
 };
 
 use mcap::{McapError, WriteOptions, records::MessageHeader};
-use prost::Message;
 
 use super::{
-    Item, RunHeader,
-    format::{Channel, CompressedImage, RUN, SUMMARY},
+    Item, Messages, RunHeader,
+    format::{Channel, RUN, SUMMARY},
+    messages::EncodeError,
+    scene::Roadway,
 };
-
-/// The coordinate frame of the picture, for viewers that place it.
-const FRAME_ID: &str = "camera_center";
 
 /// Writes one run.
 ///
@@ -23,16 +22,16 @@ const FRAME_ID: &str = "camera_center";
 /// whatever happens later. They are not compressed, as JPEG does not compress.
 pub(super) struct RunWriter<W: Write + Seek> {
     mcap: mcap::Writer<W>,
-    started_ns: u64,
+    messages: Messages,
     /// Channel id and next sequence number, by the order of [`Channel::ALL`].
-    channels: [(u16, u32); 4],
-    message: Vec<u8>,
+    channels: [(u16, u32); Channel::ALL.len()],
     unflushed: usize,
 }
 
 impl<W: Write + Seek> RunWriter<W> {
-    /// Writes the beginning of a run. The channels wait in memory for the first chunk.
-    pub(super) fn new(sink: W, header: &RunHeader) -> io::Result<Self> {
+    /// Writes the beginning of a run, on one of these roads if it tells its track. The channels wait in memory for the
+    /// first chunk.
+    pub(super) fn new(sink: W, header: &RunHeader, roads: Arc<[Roadway]>) -> io::Result<Self> {
         let mut mcap = WriteOptions::new()
             .compression(None)
             .library(format!("lapwing {}", header.lapwing))
@@ -43,55 +42,29 @@ impl<W: Write + Seek> RunWriter<W> {
             .map_err(io_error)?;
         mcap.write_metadata(&mcap::records::Metadata { name: RUN.into(), metadata: header.to_metadata() })
             .map_err(io_error)?;
-        let mut channels = [(0, 0); 4];
+        let mut channels = [(0, 0); Channel::ALL.len()];
         for (channel, (id, _)) in Channel::ALL.into_iter().zip(&mut channels) {
-            let (name, encoding, data) = channel.schema();
-            let schema = mcap.add_schema(name, encoding, &data).map_err(io_error)?;
+            let schema = channel.schema();
+            let schema = mcap.add_schema(schema.name, schema.encoding, &schema.data).map_err(io_error)?;
             *id = mcap
                 .add_channel(schema, channel.topic(), channel.message_encoding(), &BTreeMap::new())
                 .map_err(io_error)?;
         }
-        Ok(Self { mcap, started_ns: header.started_ns(), channels, message: Vec::new(), unflushed: 0 })
+        Ok(Self { mcap, messages: Messages::new(header.started, roads, ""), channels, unflushed: 0 })
     }
 
     /// Adds an item to the chunk in memory.
     pub(super) fn write(&mut self, at: Duration, item: &Item) -> io::Result<()> {
-        let time = self.started_ns.saturating_add(u64::try_from(at.as_nanos()).unwrap_or(u64::MAX));
-        let message = &mut self.message;
-        message.clear();
-        let channel = match item {
-            Item::Frame(jpeg) => {
-                let image = CompressedImage {
-                    timestamp: Some(prost_types::Timestamp {
-                        seconds: i64::try_from(time / 1_000_000_000).unwrap_or(i64::MAX),
-                        nanos: (time % 1_000_000_000) as i32,
-                    }),
-                    frame_id: FRAME_ID.into(),
-                    data: jpeg.clone(),
-                    format: "jpeg".into(),
-                };
-                image.encode(message).map_err(io::Error::other)?;
-                Channel::Camera
-            }
-            Item::Telemetry(telemetry) => {
-                serde_json::to_writer(message, telemetry)?;
-                Channel::Telemetry
-            }
-            Item::Command(command) => {
-                serde_json::to_writer(message, command)?;
-                Channel::Command
-            }
-            Item::Event(event) => {
-                serde_json::to_writer(message, event)?;
-                Channel::Event
-            }
-        };
-        let (channel_id, sequence) = &mut self.channels[channel as usize];
-        let header = MessageHeader { channel_id: *channel_id, sequence: *sequence, log_time: time, publish_time: time };
-        *sequence = sequence.wrapping_add(1);
-        self.mcap.write_to_known_channel(&header, &self.message).map_err(io_error)?;
-        self.unflushed += self.message.len();
-        Ok(())
+        let Self { mcap, messages, channels, unflushed } = self;
+        messages.of(at, item, |message| {
+            let (channel_id, sequence) = &mut channels[message.channel as usize];
+            let (log_time, publish_time) = (message.time_ns, message.time_ns);
+            let header = MessageHeader { channel_id: *channel_id, sequence: *sequence, log_time, publish_time };
+            *sequence = sequence.wrapping_add(1);
+            mcap.write_to_known_channel(&header, message.data).map_err(io_error)?;
+            *unflushed += message.data.len();
+            Ok(())
+        })
     }
 
     /// Bytes of messages in the chunk in memory.
@@ -120,5 +93,11 @@ fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(e) => e,
         other => io::Error::other(other),
+    }
+}
+
+impl From<EncodeError> for io::Error {
+    fn from(error: EncodeError) -> Self {
+        Self::other(error)
     }
 }

@@ -9,6 +9,7 @@
 
 mod command;
 mod event;
+mod told;
 
 use std::time::Duration;
 
@@ -16,6 +17,7 @@ use bytes::Bytes;
 
 pub use command::{By, CommandRecord};
 pub use event::{EventRecord, LimitEdge, MeasuredLine};
+pub use told::Severity;
 
 use crate::{
     control::ThrottleOutput,

@@ -1,9 +1,11 @@
 //! The account of a drive: its run's file and scorecard while it lasts, and its summary at the end.
 
-use std::{fmt, path::PathBuf, sync::Arc, time::Duration};
+use std::{fmt, path::PathBuf, time::Duration};
 
 use serde::Serialize;
 
+use super::Bridge;
+use crate::viewers::Feed;
 use lapwing_core::{
     config::RecordingSettings,
     drive::{Elsewhere, Observer, ObserverError},
@@ -11,30 +13,38 @@ use lapwing_core::{
     recording::{Recorder, RecorderOptions, RunHeader},
     turn::{EventRecord, Turn},
 };
-use lapwing_score::{
-    odometry::Road,
-    score::{self, Figure, Scorecard, Scorer},
-};
+use lapwing_score::score::{self, Figure, Scorecard, Scorer};
 
 /// A drive, counted, scored and recorded.
 pub(super) struct Account {
     dialect: Option<Dialect>,
     /// None if no file is wanted, or if it could not be made.
     recorder: Option<Recorder>,
+    /// What viewers see of it.
+    feed: Option<Feed>,
     scorer: Scorer,
     steers: u64,
     manuals: u64,
 }
 
 impl Account {
-    pub fn new(peer: &str, header: RunHeader, settings: &RecordingSettings, roads: &[Arc<Road>]) -> Self {
+    pub fn new(peer: &str, header: RunHeader, settings: &RecordingSettings, bridge: &Bridge) -> Self {
         let dialect = header.dialect;
+        let roads = bridge.roadways.get().cloned().unwrap_or_default();
+        let feed = bridge.viewers.get().and_then(|viewers| viewers.feed(header.started, roads.clone()));
         let recorder = settings.enabled.then(|| {
-            Recorder::create(&settings.dir, header, RecorderOptions { queue: settings.queue })
+            Recorder::create(&settings.dir, header, RecorderOptions { queue: settings.queue, roads })
                 .inspect_err(|error| tracing::error!("{peer}: this drive is not recorded: {error}"))
                 .ok()
         });
-        Self { dialect, recorder: recorder.flatten(), scorer: Scorer::live(roads), steers: 0, manuals: 0 }
+        Self {
+            dialect,
+            recorder: recorder.flatten(),
+            feed,
+            scorer: Scorer::live(bridge.roads()),
+            steers: 0,
+            manuals: 0,
+        }
     }
 
     /// The score so far.
@@ -58,7 +68,7 @@ impl Account {
     }
 }
 
-/// Counts what it is shown, and passes it on to the scorer and the recorder.
+/// Counts what it is shown, and passes it on to the scorer, the viewers and the recorder.
 impl Observer<Elsewhere> for Account {
     fn turn(&mut self, world: &Elsewhere, turn: &Turn) -> Result<(), ObserverError> {
         match turn.answer {
@@ -66,11 +76,13 @@ impl Observer<Elsewhere> for Account {
             Answer::Manual => self.manuals += 1,
         }
         self.scorer.turn(world, turn)?;
+        self.feed.turn(world, turn)?;
         self.recorder.as_ref().turn(world, turn)
     }
 
     fn event(&mut self, at: Duration, event: &EventRecord) {
         self.scorer.event(at, event);
+        Observer::<Elsewhere>::event(&mut self.feed, at, event);
         Observer::<Elsewhere>::event(&mut self.recorder.as_ref(), at, event);
     }
 }

@@ -6,6 +6,8 @@
 //! at this machine's address (DNS rebinding) and so share this very origin; its `Host` is then that name, so `Host` must
 //! be a name of this machine. The port in it is ignored: a tunnel has another one, and a page cannot choose the address
 //! of a name like `localhost`.
+//!
+//! The port for viewers lets in two origins besides, [`VIEWERS`], and no page of any other.
 
 use std::{net::IpAddr, sync::Arc, time::Instant};
 
@@ -19,6 +21,28 @@ use axum::{
 
 use super::{Bridge, guests::Peer};
 use lapwing_core::config;
+
+/// The origins of viewers: Foxglove in a browser, and Foxglove and Lichtblick as programs of their own, whose pages are
+/// files. Whoever serves Lichtblick elsewhere puts its origin into `bridge.allow_origins`.
+const VIEWERS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
+
+/// Which port this is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Port {
+    /// For simulators, Socket.IO clients and pages.
+    Bridge,
+    /// For Foxglove and Lichtblick.
+    Viewers,
+}
+
+/// A port's door.
+#[derive(Clone)]
+pub(super) struct Door {
+    pub bridge: Arc<Bridge>,
+    /// The address that is listened on.
+    pub bound: IpAddr,
+    pub port: Port,
+}
 
 /// Why a request is refused.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -45,12 +69,12 @@ enum Refused {
 
 /// Checks each request before anything else sees it.
 pub(super) async fn ask(
-    State((bridge, bound)): State<(Arc<Bridge>, IpAddr)>,
+    State(Door { bridge, bound, port }): State<Door>,
     Extension(peer): Extension<Peer>,
     request: Request,
     next: Next,
 ) -> Response {
-    match admit(&request, bound, &bridge.settings.bridge) {
+    match admit(&request, bound, port, &bridge.settings.bridge) {
         Ok(None) => next.run(request).await,
         // A page that may connect may also read the answer.
         Ok(Some(origin)) => {
@@ -71,7 +95,12 @@ pub(super) async fn ask(
 }
 
 /// Checks whether the request is allowed; returns the page's origin, if the settings allow it.
-fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) -> Result<Option<HeaderValue>, Refused> {
+fn admit(
+    request: &Request,
+    bound: IpAddr,
+    port: Port,
+    settings: &config::BridgeSettings,
+) -> Result<Option<HeaderValue>, Refused> {
     let headers = request.headers();
     let host = text(headers, header::HOST.as_str());
     if !is_this_machine(name_of(host), bound, &settings.allow_hosts) {
@@ -82,15 +111,23 @@ fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) ->
         };
         return Err(Refused::Host { expected, got: host.chars().take(100).collect() });
     }
+    // All that there is at the other port is a drive to look at.
+    let is_open = port == Port::Bridge && !changes_something(request);
     let Some(origin) = headers.get(header::ORIGIN) else {
         // A browser sends no origin when a page shows a picture or a frame from here; it sends another header instead.
         return match text(headers, "sec-fetch-site") {
-            "cross-site" | "same-site" if changes_something(request) => Err(Refused::Site),
+            "cross-site" | "same-site" if !is_open => Err(Refused::Site),
             _ => Ok(None),
         };
     };
-    let listed =
-        settings.allow_origins.iter().any(|allowed| origin.as_bytes().eq_ignore_ascii_case(allowed.as_bytes()));
+    let is = |allowed: &str| origin.as_bytes().eq_ignore_ascii_case(allowed.as_bytes());
+    let listed = settings.allow_origins.iter().any(|allowed| is(allowed));
+    if port == Port::Viewers {
+        return match listed || VIEWERS.into_iter().any(is) {
+            true => Ok(Some(origin.clone())),
+            false => Err(Refused::Page(shortened(origin))),
+        };
+    }
     // `Host` was checked above, so this is no page whose name was pointed here; and a page of another program on this
     // machine has another port.
     let own = origin.to_str().is_ok_and(|o| o.split_once("://").is_some_and(|(_, o)| o.eq_ignore_ascii_case(host)));
@@ -99,9 +136,14 @@ fn admit(request: &Request, bound: IpAddr, settings: &config::BridgeSettings) ->
     let ours = ["/live", "/socket.io", "/api/"].iter().any(|ours| path.starts_with(ours)) && !simulator;
     match () {
         () if listed => Ok(Some(origin.clone())),
-        () if !changes_something(request) || (own && ours) => Ok(None),
-        () => Err(Refused::Page(String::from_utf8_lossy(origin.as_bytes()).chars().take(100).collect())),
+        () if is_open || (own && ours) => Ok(None),
+        () => Err(Refused::Page(shortened(origin))),
     }
+}
+
+/// For a message.
+fn shortened(origin: &HeaderValue) -> String {
+    String::from_utf8_lossy(origin.as_bytes()).chars().take(100).collect()
 }
 
 /// True for all requests but the greeting at `/`.
@@ -157,7 +199,38 @@ mod tests {
         for (name, value) in headers {
             request = request.header(*name, *value);
         }
-        admit(&request.body(Body::empty()).unwrap(), bound.parse().unwrap(), settings).is_ok()
+        admit(&request.body(Body::empty()).unwrap(), bound.parse().unwrap(), Port::Bridge, settings).is_ok()
+    }
+
+    #[test]
+    fn the_viewers_port_is_for_viewers_and_no_page_of_another_site() {
+        let admits = |headers: &[(&str, &str)], origins: &[&str]| {
+            let mut request = Request::builder().uri("/");
+            for (name, value) in headers {
+                request = request.header(*name, *value);
+            }
+            let request = request.body(Body::empty()).unwrap();
+            admit(&request, "127.0.0.1".parse().unwrap(), Port::Viewers, &settings(origins, &[])).is_ok()
+        };
+        let host = ("host", "localhost:8765");
+        for origin in ["https://app.foxglove.dev", "file://"] {
+            assert!(admits(&[host, ("origin", origin)], &[]), "{origin}");
+            assert!(!admits(&[("host", "evil.example:8765"), ("origin", origin)], &[]), "{origin} by another name");
+        }
+        assert!(admits(&[host], &[]), "a program");
+        for origin in [
+            "https://evil.example",
+            "null",
+            "",
+            "http://localhost:8765",
+            "http://localhost:8080",
+            "http://app.foxglove.dev",
+            "https://app.foxglove.dev.evil.example",
+        ] {
+            assert!(!admits(&[host, ("origin", origin)], &[]), "{origin}");
+        }
+        assert!(admits(&[host, ("origin", "http://localhost:8080")], &["http://localhost:8080"]));
+        assert!(!admits(&[host, ("sec-fetch-site", "cross-site")], &[]));
     }
 
     #[test]

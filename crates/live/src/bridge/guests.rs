@@ -32,6 +32,8 @@ pub(super) enum Role {
     Client,
     /// The WebSocket of a page that shows the drives.
     Page,
+    /// The WebSocket of Foxglove or Lichtblick.
+    Viewer,
 }
 
 impl fmt::Display for Role {
@@ -42,6 +44,7 @@ impl fmt::Display for Role {
             Self::Simulator => "simulator",
             Self::Client => "Socket.IO",
             Self::Page => "page",
+            Self::Viewer => "viewer",
         })
     }
 }
@@ -162,7 +165,10 @@ impl Peer {
 impl Seat {
     /// Whether the connection has become a WebSocket.
     pub fn is_websocket(&self) -> bool {
-        matches!(self.guests.lock().guests.get(&self.id), Some((_, Role::Simulator | Role::Client | Role::Page)))
+        matches!(
+            self.guests.lock().guests.get(&self.id),
+            Some((_, Role::Simulator | Role::Client | Role::Page | Role::Viewer))
+        )
     }
 }
 

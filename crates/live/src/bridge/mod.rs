@@ -9,6 +9,7 @@
 //! |---|---|
 //! | `listener`, `guests` | the port; how many connections it has |
 //! | `door` | refuses web pages other than our own |
+//! | `foxglove` | the port for viewers |
 //! | `gate` | tells simulators from other clients by what they send first |
 //! | `frames`, `load` | watch what arrives: its size, and the memory it takes |
 //! | `simulator`, `liveness`, `tokens` | a simulator's WebSocket, its silences, its game of tokens |
@@ -22,6 +23,7 @@
 mod account;
 mod clients;
 mod door;
+mod foxglove;
 mod frames;
 mod gate;
 mod guests;
@@ -35,6 +37,7 @@ mod tokens;
 mod waiting;
 
 pub use account::Summary;
+pub use foxglove::serve_foxglove;
 pub use listener::{BindError, Listener};
 
 use std::{
@@ -67,8 +70,13 @@ use load::InFlight;
 use tokio::sync::{Notify, watch};
 use tower::ServiceExt;
 
-use crate::page::{self, Page, PilotChoice};
-use lapwing_core::{config::Settings, guard::GuardModel, pilot::Model, protocol::Dialect, words::count};
+use crate::{
+    page::{self, Page, PilotChoice},
+    viewers::Viewers,
+};
+use lapwing_core::{
+    config::Settings, guard::GuardModel, pilot::Model, protocol::Dialect, recording::Roadway, words::count,
+};
 use lapwing_score::odometry::Road;
 
 /// How many simulators may be introduced in the log within ten seconds.
@@ -87,6 +95,8 @@ pub struct Bridge {
     page: Arc<Page>,
     guard: OnceLock<Box<dyn GuardModel>>,
     roads: OnceLock<Vec<Arc<Road>>>,
+    roadways: OnceLock<Arc<[Roadway]>>,
+    viewers: OnceLock<Arc<Viewers>>,
     on_summary: Box<dyn Fn(&Summary) + Send + Sync>,
     connections: Mutex<HashMap<u64, Connection>>,
     guests: Arc<Guests>,
@@ -155,6 +165,8 @@ impl Bridge {
             page,
             guard: OnceLock::new(),
             roads: OnceLock::new(),
+            roadways: OnceLock::new(),
+            viewers: OnceLock::new(),
             on_summary: Box::new(on_summary),
             connections: Mutex::default(),
             next_id: AtomicU64::new(1),
@@ -200,6 +212,16 @@ impl Bridge {
 
     fn roads(&self) -> &[Arc<Road>] {
         self.roads.get().map_or(&[], Vec::as_slice)
+    }
+
+    /// Sets the roads that runs hold for viewers if a drive tells its track and positions. A second call is ignored.
+    pub fn roadways_are_known(&self, roadways: Arc<[Roadway]>) {
+        let _ = self.roadways.set(roadways);
+    }
+
+    /// Shows its drives to viewers, too, from those that begin from now on. A second call is ignored.
+    pub fn has_viewers(&self, viewers: Arc<Viewers>) {
+        let _ = self.viewers.set(viewers);
     }
 
     /// Arms the pilots that a human's takeover has switched off (`--takeover latch`), from their next telemetry on.
@@ -299,11 +321,8 @@ async fn serve_with(
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> io::Result<()> {
     let address = listener.address().ip();
-    // Whoever can reach the port could steer, so it is not left to the caller.
-    let token = match address.is_loopback() {
-        true => None,
-        false => Some(bridge.page.want_token().map_err(io::Error::other)?.clone()),
-    };
+    let token = bridge.page.token_at(address).map_err(io::Error::other)?;
+    let door = door::Door { bridge: bridge.clone(), bound: address, port: door::Port::Bridge };
     let app = Router::new()
         .route("/arm", post(arm))
         .route("/live", get(live))
@@ -311,7 +330,7 @@ async fn serve_with(
         .merge(page::router(bridge.page.clone()))
         .fallback_service(others)
         .layer(middleware::from_fn_with_state(token, page::ask_token))
-        .layer(middleware::from_fn_with_state((bridge.clone(), address), door::ask));
+        .layer(middleware::from_fn_with_state(door, door::ask));
     let stop = bridge.clone();
     let ended = async move {
         shutdown.await;

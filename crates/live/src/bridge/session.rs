@@ -414,7 +414,7 @@ impl Session {
                 .guarded(guard.map(|guard| guard.guard())),
             began,
             took: Duration::MAX,
-            account: Account::new(&self.peer, header, &settings.recording, bridge.roads()),
+            account: Account::new(&self.peer, header, &settings.recording, &bridge),
         };
         if let Some(showing) = &mut self.showing {
             showing.run_begins(self.dialect, &settings.control);

@@ -35,6 +35,7 @@ mod token;
 
 use std::{
     fmt,
+    net::IpAddr,
     path::Path,
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
@@ -147,6 +148,12 @@ impl Page {
         }
         let token = Token::random()?;
         Ok(self.token.get_or_init(|| token))
+    }
+
+    /// The token that is wanted at this address; none where only this machine reaches it. Whoever can reach a port could
+    /// look or steer, so it is not left to the caller.
+    pub(crate) fn token_at(&self, address: IpAddr) -> Result<Option<Token>, NoToken> {
+        if address.is_loopback() { Ok(None) } else { self.want_token().cloned().map(Some) }
     }
 
     /// A drive begins to be shown, as a tab of this name.

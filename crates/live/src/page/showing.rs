@@ -27,7 +27,7 @@ use lapwing_core::{
     protocol::{Command, Dialect},
     turn::{EventRecord, Turn},
 };
-use lapwing_score::score::{Scorer, page::words};
+use lapwing_score::score::Scorer;
 
 /// Events that a page which comes late is still shown.
 const EVENTS: usize = 60;
@@ -366,14 +366,13 @@ impl Showing {
     }
 
     fn happens(&mut self, at: Duration, event: &EventRecord) {
-        let Some(words) = words(event) else { return };
-        let kind = serde_json::to_value(event).ok().and_then(|value| Some(value.get("kind")?.as_str()?.to_owned()));
+        let Some(words) = event.in_words() else { return };
         self.happened += 1;
         if self.events.len() >= EVENTS {
             self.events.remove(0);
         }
         let (n, run, t) = (self.happened, self.status.run, at.as_secs_f64());
-        self.events.push(Happened { n, run, t, kind: kind.unwrap_or_default(), words });
+        self.events.push(Happened { n, run, t, kind: event.kind(), words });
         self.now.events = self.events.clone().into();
     }
 

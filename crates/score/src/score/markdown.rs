@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use super::{Scorecard, against::Comparison, page::words, report::Report};
+use super::{Scorecard, against::Comparison, report::Report};
 use lapwing_core::{
     recording::Item,
     turn::EventRecord,
@@ -72,7 +72,7 @@ impl WorstWatch {
                     _ => return,
                 };
                 self.marks.extend(self.position.map(|place| (matches!(bad, Badness::Collision(_)), place)));
-                self.see(seconds, (bad, words(event).unwrap_or_default()));
+                self.see(seconds, (bad, event.in_words().unwrap_or_default()));
             }
             Item::Command(_) => {}
         }

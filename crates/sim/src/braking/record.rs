@@ -224,7 +224,8 @@ fn write(places: &Places, episode: &Episode, options: DataOptions, path: &Path) 
         seed: Some(episode.seed),
         ..RunHeader::new(RunKind::Driven, config, started)
     };
-    let mut run = RunFile::create(path, &header)?;
+    let road = places.get(&episode.track)?.track().roadway();
+    let mut run = RunFile::create(path, &header, [road].into())?;
     drive(places, episode, options, true, |shown| match shown {
         Shown::Turn(turn) => drive::items(turn).try_for_each(|item| run.write(turn.at(), item)),
         Shown::Event(at, event) => run.write(at, Item::Event(event)),

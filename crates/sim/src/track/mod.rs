@@ -15,7 +15,7 @@ mod random;
 use std::fs;
 
 use glam::DVec3;
-use lapwing_core::motion::turn;
+use lapwing_core::{motion::turn, recording::Roadway};
 
 pub use driving::LinePoint;
 pub use file::{Edge, Side, Start, Stretch, Theme, TrackError, TrackFile};
@@ -23,6 +23,9 @@ pub use random::RandomTrack;
 
 /// Distance between stations, at most: they divide the length evenly.
 pub const STATION_STEP_M: f64 = 0.5;
+
+/// Metres between points of a road that is drawn.
+const DRAWN_M: f64 = 3.0;
 
 /// One place on the road's middle line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -257,6 +260,23 @@ impl Track {
     pub fn point(&self, s: f64, offset: f64) -> DVec3 {
         let station = self.at(s);
         station.position + station.right() * offset
+    }
+
+    /// The road for drawing: its edges and the line to drive, with a point every few metres.
+    pub fn roadway(&self) -> Roadway {
+        let steps = |length_m: f64| (length_m / DRAWN_M).ceil().max(1.0);
+        let edge = |offset: f64| {
+            let count = steps(self.length);
+            (0..count as u32).map(|i| self.point(f64::from(i) * self.length / count, offset).to_array()).collect()
+        };
+        let (length_m, count) = (self.driving_line_length, steps(self.driving_line_length));
+        let line = |i: u32| self.on_driving_line(length_m * f64::from(i) / count).position.to_array();
+        Roadway {
+            name: self.file.name.clone(),
+            left: edge(-self.half_width()),
+            right: edge(self.half_width()),
+            line: (0..count as u32).map(line).collect(),
+        }
     }
 
     /// Distance from `from` to `to` in driving direction, in metres, from 0 to less than a lap.

@@ -88,7 +88,13 @@ fn header() -> RunHeader {
 }
 
 fn record_on(disk: &Disk, queue: usize) -> Recorder {
-    Recorder::with_sink(disk.clone(), "run.mcap".into(), &header(), RecorderOptions { queue }).unwrap()
+    Recorder::with_sink(
+        disk.clone(),
+        "run.mcap".into(),
+        &header(),
+        RecorderOptions { queue, ..RecorderOptions::default() },
+    )
+    .unwrap()
 }
 
 fn telemetry() -> Item {

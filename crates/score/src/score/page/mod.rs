@@ -15,12 +15,7 @@ use bytes::Bytes;
 use serde::Serialize;
 
 use super::{Figure, Scorecard, figure::Described};
-use lapwing_core::{
-    control::Release,
-    recording::{EventRecord, Item},
-    turn::{LimitEdge, MeasuredLine},
-    words::count as counted,
-};
+use lapwing_core::recording::{EventRecord, Item};
 
 /// Points of a series that are drawn at most: half an hour at 10 Hz is whole, so that there is something to zoom into.
 const POINTS: usize = 20_000;
@@ -145,9 +140,8 @@ impl Collector {
     }
 
     fn event(&mut self, t: f64, event: &EventRecord) {
-        let Some(words) = words(event) else { return };
-        let kind = serde_json::to_value(event).ok().and_then(|value| Some(value.get("kind")?.as_str()?.to_owned()));
-        let mut happened = Happened { t: t as f32, kind: kind.unwrap_or_default(), words, pictures: vec![] };
+        let Some(words) = event.in_words() else { return };
+        let mut happened = Happened { t: t as f32, kind: event.kind(), words, pictures: vec![] };
         let index = self.drawn.events.len();
         if index < PICTURED {
             for from in AROUND_S {
@@ -184,62 +178,6 @@ impl Collector {
 fn short(value: f64) -> f32 {
     let power = 10f64.powi(DECIMALS);
     ((value * power).round() / power) as f32
-}
-
-/// An event for people; none where a page has no use for it.
-pub fn words(event: &EventRecord) -> Option<String> {
-    Some(match event {
-        EventRecord::TakeoverBegan => "a human took the wheel".into(),
-        EventRecord::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
-        EventRecord::BadFrame { why, .. } => format!("bad frame: {why}"),
-        EventRecord::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
-        EventRecord::GuardBrakes { guard, value, fires, speed_mph } => {
-            format!("emergency brake at {speed_mph:.1} mph: {guard} {value:.2}, from {fires:.2} on")
-        }
-        EventRecord::GuardReleases { after_s, why, speed_mph } => {
-            let why = match why {
-                Release::Calm => "the danger is past",
-                Release::Stood => "the car has stood for a while",
-                Release::HandedOver => "others drive",
-            };
-            let at = speed_mph.map_or_else(String::new, |mph| format!(" at {mph:.1} mph"));
-            format!("the emergency brake lets go after {after_s:.1} s{at}: {why}")
-        }
-        EventRecord::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
-        EventRecord::PilotOff { why } => format!("the pilot was switched off: {why}"),
-        EventRecord::PilotArmed => "the pilot was switched on".into(),
-        EventRecord::EmergencyStop => "emergency stop".into(),
-        EventRecord::SpeedSet { mph } => format!("set speed {mph} mph"),
-        EventRecord::SpeedLawSet { law } => format!("speed law {law}"),
-        EventRecord::PilotSet { name, .. } => format!("{name} drives"),
-        EventRecord::Break { .. } => "another drive is joined here".into(),
-        EventRecord::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
-        EventRecord::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
-        EventRecord::MeasuredFrom { line, edge, left_m, right_m } => {
-            let line = match line {
-                MeasuredLine::Lane => "the lane's middle",
-                MeasuredLine::RecordedPath => "the recorded path",
-            };
-            let edge = match edge {
-                LimitEdge::Road => "the road's edge",
-                LimitEdge::Metres => "the limit",
-            };
-            format!(
-                "offsets are measured from {line}; {edge} is {:.1} m to the left, {right_m:.1} m to the right",
-                -left_m
-            )
-        }
-        EventRecord::OffRoad { offset_m } => format!("out of bounds, {:.1} m from the middle", offset_m.abs()),
-        EventRecord::BackOnRoad { after_s } => format!("back in bounds after {after_s:.1} s"),
-        EventRecord::Stuck => "stuck".into(),
-        EventRecord::Moving => "moving again".into(),
-        EventRecord::WrongWay => "the wrong way round".into(),
-        EventRecord::RightWay => "the right way round again".into(),
-        EventRecord::Reset { waypoint } => format!("put back on the road at waypoint {waypoint}"),
-        EventRecord::Note { text } => text.clone(),
-        EventRecord::RunEnded { why } => format!("the run ended: {why}"),
-        EventRecord::Kick | EventRecord::Simulator { .. } | EventRecord::Course { .. } => return None,
-    })
 }
 
 /// A run on the page.

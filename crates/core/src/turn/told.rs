@@ -1,0 +1,112 @@
+//! Events in words, for pages and viewers.
+
+use super::{EventRecord, LimitEdge, MeasuredLine};
+use crate::{control::Release, words::count as counted};
+
+/// How much an event matters to a person who watches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// It belongs to the drive.
+    Info,
+    /// It should not happen in a good drive.
+    Warning,
+    /// The drive, or what is judged of it, has failed.
+    Error,
+}
+
+impl EventRecord {
+    /// Its kind, as in runs: `bad-frame`.
+    pub fn kind(&self) -> String {
+        let value = serde_json::to_value(self).ok();
+        value.and_then(|value| Some(value.get("kind")?.as_str()?.to_owned())).unwrap_or_default()
+    }
+
+    /// How much it matters.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::Collision { .. } | Self::BrakingToStandstill | Self::EmergencyStop => Severity::Error,
+            Self::TakeoverBegan
+            | Self::BadFrame { .. }
+            | Self::GuardBrakes { .. }
+            | Self::FramesNotRecorded { .. }
+            | Self::PilotOff { .. }
+            | Self::OffRoad { .. }
+            | Self::Stuck
+            | Self::WrongWay
+            | Self::Reset { .. } => Severity::Warning,
+            Self::TakeoverEnded { .. }
+            | Self::GuardReleases { .. }
+            | Self::Break { .. }
+            | Self::Kick
+            | Self::PilotArmed
+            | Self::SpeedSet { .. }
+            | Self::SpeedLawSet { .. }
+            | Self::PilotSet { .. }
+            | Self::Simulator { .. }
+            | Self::Course { .. }
+            | Self::Lap { .. }
+            | Self::MeasuredFrom { .. }
+            | Self::BackOnRoad { .. }
+            | Self::Moving
+            | Self::RightWay
+            | Self::Note { .. }
+            | Self::RunEnded { .. } => Severity::Info,
+        }
+    }
+
+    /// It for people; none where a page has no use for it.
+    pub fn in_words(&self) -> Option<String> {
+        Some(match self {
+            Self::TakeoverBegan => "a human took the wheel".into(),
+            Self::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
+            Self::BadFrame { why, .. } => format!("bad frame: {why}"),
+            Self::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
+            Self::GuardBrakes { guard, value, fires, speed_mph } => {
+                format!("emergency brake at {speed_mph:.1} mph: {guard} {value:.2}, from {fires:.2} on")
+            }
+            Self::GuardReleases { after_s, why, speed_mph } => {
+                let why = match why {
+                    Release::Calm => "the danger is past",
+                    Release::Stood => "the car has stood for a while",
+                    Release::HandedOver => "others drive",
+                };
+                let at = speed_mph.map_or_else(String::new, |mph| format!(" at {mph:.1} mph"));
+                format!("the emergency brake lets go after {after_s:.1} s{at}: {why}")
+            }
+            Self::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
+            Self::PilotOff { why } => format!("the pilot was switched off: {why}"),
+            Self::PilotArmed => "the pilot was switched on".into(),
+            Self::EmergencyStop => "emergency stop".into(),
+            Self::SpeedSet { mph } => format!("set speed {mph} mph"),
+            Self::SpeedLawSet { law } => format!("speed law {law}"),
+            Self::PilotSet { name, .. } => format!("{name} drives"),
+            Self::Break { .. } => "another drive is joined here".into(),
+            Self::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
+            Self::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
+            Self::MeasuredFrom { line, edge, left_m, right_m } => {
+                let line = match line {
+                    MeasuredLine::Lane => "the lane's middle",
+                    MeasuredLine::RecordedPath => "the recorded path",
+                };
+                let edge = match edge {
+                    LimitEdge::Road => "the road's edge",
+                    LimitEdge::Metres => "the limit",
+                };
+                format!(
+                    "offsets are measured from {line}; {edge} is {:.1} m to the left, {right_m:.1} m to the right",
+                    -left_m
+                )
+            }
+            Self::OffRoad { offset_m } => format!("out of bounds, {:.1} m from the middle", offset_m.abs()),
+            Self::BackOnRoad { after_s } => format!("back in bounds after {after_s:.1} s"),
+            Self::Stuck => "stuck".into(),
+            Self::Moving => "moving again".into(),
+            Self::WrongWay => "the wrong way round".into(),
+            Self::RightWay => "the right way round again".into(),
+            Self::Reset { waypoint } => format!("put back on the road at waypoint {waypoint}"),
+            Self::Note { text } => text.clone(),
+            Self::RunEnded { why } => format!("the run ended: {why}"),
+            Self::Kick | Self::Simulator { .. } | Self::Course { .. } => return None,
+        })
+    }
+}
