@@ -68,7 +68,7 @@ pub struct PageFlags {
     /// --max-time until Ctrl-C
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4568")]
     pub page: Option<u16>,
-    /// Another model that a person at the page may switch to; may be given several times
+    /// Another model that a person at the page may switch to or compare runs with, or a folder of them; may be given several times
     #[arg(long, value_name = "FILE", requires = "page")]
     pub also_model: Vec<PathBuf>,
 }
@@ -165,7 +165,7 @@ pub struct Serve {
     /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
-    /// Another model that a person at the page may switch to; may be given several times
+    /// Another model that a person at the page may switch to or compare runs with, or a folder of them; may be given several times
     #[arg(long, value_name = "FILE")]
     pub also_model: Vec<PathBuf>,
     /// Event to send to each simulator when it connects, in JSON: '["reset",{}]'; may be given several times

@@ -65,7 +65,7 @@ use std::{
 use tracing_subscriber::EnvFilter;
 
 #[cfg(feature = "bridge")]
-use model::load_models;
+use model::{explaining, load_models};
 #[cfg(all(feature = "networks", feature = "simulator"))]
 use model::suits_our_cameras;
 #[cfg(feature = "networks")]

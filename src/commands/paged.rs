@@ -17,15 +17,16 @@ use lapwing_core::{
     drive::{DriveDigest, Observer},
     driver::Driver,
     guard::GuardModel,
-    pilot::{Model, PurePursuit},
+    pilot::PurePursuit,
     recording::{Recorder, RecorderOptions, udacity::DrivingLogWriter},
     units::Mph,
     words::count,
 };
 use lapwing_live::{
     bridge::{self, Bridge, Listener},
-    page::{Abilities, Page, PilotChoice},
+    page::{Abilities, Explaining, Page, PilotChoice},
 };
+use lapwing_learn::models::LoadedModel;
 use lapwing_score::{
     judged::{self, Judged},
     results::{InProcess, ScoredDrive, Simulated},
@@ -97,11 +98,19 @@ pub(super) fn record(
 /// Who may drive: the one that was asked for first, then the other kind, then more models.
 fn pilots(settings: &Settings, first: PilotKind, more: &[std::path::PathBuf]) -> anyhow::Result<Vec<PilotChoice>> {
     let expert =
-        PilotChoice { name: drive::EXPERT.into(), sha256: None, make: Box::new(|| Box::new(PurePursuit::default())) };
+        PilotChoice {
+            name: drive::EXPERT.into(),
+            sha256: None,
+            make: Box::new(|| Box::new(PurePursuit::default())),
+            explaining: Explaining::not("the expert drives by the road itself, not by the picture"),
+        };
     let models = super::load_models(settings, more)?;
     models.iter().try_for_each(|model| super::suits_our_cameras(model))?;
-    let models = models.into_iter().map(|model| PilotChoice::of(model as Arc<dyn Model>));
-    let mut all: Vec<_> = models.collect();
+    let choice = |model: Arc<LoadedModel>| {
+        let how = super::explaining(&model);
+        PilotChoice::of(model, how)
+    };
+    let mut all: Vec<_> = models.into_iter().map(choice).collect();
     all.insert(if first == PilotKind::Expert { 0 } else { all.len() }, expert);
     Ok(all)
 }
