@@ -159,7 +159,7 @@ pub struct Serve {
     pub guard: GuardFlags,
     #[command(flatten)]
     pub thinking: Thinking,
-    /// Address to listen on; 0.0.0.0 for simulators on other machines [default: 127.0.0.1]
+    /// Address to listen on; 0.0.0.0 lets other machines reach the port, which a tunnel does not need [default: 127.0.0.1]
     #[arg(long, value_name = "ADDRESS")]
     pub bind: Option<String>,
     /// Port to listen on; the simulator connects only to port 4567 [default: 4567]

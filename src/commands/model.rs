@@ -1,8 +1,8 @@
 //! Models of the commands: which may be loaded, and loading them.
 
-use std::{num::NonZeroU16, path::Path, time::Instant};
 #[cfg(feature = "bridge")]
 use std::{error::Error, fs, io, path::PathBuf, sync::Arc};
+use std::{num::NonZeroU16, path::Path, time::Instant};
 
 #[cfg(any(feature = "bridge", feature = "simulator"))]
 use anyhow::Context;
@@ -10,14 +10,14 @@ use anyhow::Context;
 use super::{layers, own_settings};
 use crate::cli::{Driving, Thinking, Trust};
 use lapwing_core::config::{ConfigError, Layers, Settings};
-use lapwing_learn::{
-    models::{self, LoadedModel},
-    nn::runtime,
-};
 #[cfg(feature = "bridge")]
 use lapwing_core::{perception::Frame, units::Mph};
 #[cfg(feature = "bridge")]
 use lapwing_learn::explain::{Explainer, Method};
+use lapwing_learn::{
+    models::{self, LoadedModel},
+    nn::runtime,
+};
 #[cfg(feature = "bridge")]
 use lapwing_live::page::{Explaining, Explains, Layer, Looks};
 #[cfg(feature = "simulator")]

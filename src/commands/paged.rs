@@ -22,11 +22,11 @@ use lapwing_core::{
     units::Mph,
     words::count,
 };
+use lapwing_learn::models::LoadedModel;
 use lapwing_live::{
     bridge::{self, Bridge, Listener},
     page::{Abilities, Explaining, Page, PilotChoice},
 };
-use lapwing_learn::models::LoadedModel;
 use lapwing_score::{
     judged::{self, Judged},
     results::{InProcess, ScoredDrive, Simulated},
@@ -97,13 +97,12 @@ pub(super) fn record(
 
 /// Who may drive: the one that was asked for first, then the other kind, then more models.
 fn pilots(settings: &Settings, first: PilotKind, more: &[std::path::PathBuf]) -> anyhow::Result<Vec<PilotChoice>> {
-    let expert =
-        PilotChoice {
-            name: drive::EXPERT.into(),
-            sha256: None,
-            make: Box::new(|| Box::new(PurePursuit::default())),
-            explaining: Explaining::not("the expert drives by the road itself, not by the picture"),
-        };
+    let expert = PilotChoice {
+        name: drive::EXPERT.into(),
+        sha256: None,
+        make: Box::new(|| Box::new(PurePursuit::default())),
+        explaining: Explaining::not("the expert drives by the road itself, not by the picture"),
+    };
     let models = super::load_models(settings, more)?;
     models.iter().try_for_each(|model| super::suits_our_cameras(model))?;
     let choice = |model: Arc<LoadedModel>| {

@@ -186,8 +186,7 @@ impl Explanation {
     /// row by row.
     pub fn layer(&self, width: usize, height: usize) -> Vec<u8> {
         let level = |share: f32| share.round() as u8;
-        let pixel =
-            |([red, green, blue], opacity): ([f32; 3], f32)| [red, green, blue, 255.0 * opacity].map(level);
+        let pixel = |([red, green, blue], opacity): ([f32; 3], f32)| [red, green, blue, 255.0 * opacity].map(level);
         self.paint(width).take(width * height).flat_map(pixel).collect()
     }
 

@@ -7,10 +7,8 @@
 use std::{
     convert::Infallible,
     path::PathBuf,
-    sync::{
-        Arc,
-        atomic::Ordering,
-    },
+    sync::{Arc, atomic::Ordering},
+    time::{Duration, Instant},
 };
 
 use axum::{
@@ -33,8 +31,9 @@ use lapwing_core::{
     units::Steering,
 };
 
-/// Frames in a piece: a tenth of a second's work for a small network.
+/// A piece has so many frames at most, and ends after this time if a network is slow.
 const PIECE: usize = 24;
+const PIECE_TIME: Duration = Duration::from_millis(100);
 /// Comparisons that may be under way at a time, each of which holds a pilot and an open file.
 const AT_A_TIME: usize = 4;
 
@@ -69,7 +68,8 @@ pub(super) async fn with_model(
     let (path, _) = read(page.clone(), move |runs, _| runs.find(&name)).await?;
     let (model, pilot) = (choice.name.clone(), (choice.make)());
     // Opened before the answer begins, so that what is no run is an error of its own.
-    let opened = page.desk.work(move || Compared::open(path, pilot)).await.map_err(|gone| NoLayer::Failed(gone.into()))?;
+    let opened =
+        page.desk.work(move || Compared::open(path, pilot)).await.map_err(|gone| NoLayer::Failed(gone.into()))?;
     let compared = opened.map_err(|error| NoLayer::Run(error.into()))?;
     let head = json!({ "model": model, "moments": compared.recording.left() });
     let pieces = unfold((Some(compared), Some(head), place), async |(compared, head, place)| {
@@ -130,8 +130,8 @@ impl Compared {
 
     /// The next frames.
     fn next(&mut self) -> Piece {
-        let mut piece = Piece::default();
-        while piece.t.len() < PIECE {
+        let (mut piece, began) = (Piece::default(), Instant::now());
+        while piece.t.len() < PIECE && began.elapsed() < PIECE_TIME {
             match self.recording.next() {
                 Some(Ok(moment)) if moment.is_seen() => self.take(&moment, &mut piece),
                 Some(Ok(_)) => {}
@@ -172,4 +172,18 @@ impl Compared {
 /// A page draws fewer digits than a number has.
 fn shorter(steering: f64) -> f64 {
     (steering * 1e5).round() / 1e5
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn so_many_runs_are_compared_at_a_time_and_one_that_ends_makes_room() {
+        let page = Page::new();
+        let mut places: Vec<_> = (0..AT_A_TIME).map(|_| Place::take(&page).ok().unwrap()).collect();
+        assert_eq!(Place::take(&page).err(), Some(Refused::Comparing(AT_A_TIME)));
+        places.pop();
+        assert!(Place::take(&page).is_ok());
+    }
 }

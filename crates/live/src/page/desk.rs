@@ -1,7 +1,6 @@
 //! Work that may take its time: networks that are shown a recorded run, and what networks look at.
 //!
-//! It is done piece by piece on one thread of the lowest priority, so that it takes from a drive only what the drive
-//! leaves. A piece is small (one picture explained, a few frames shown), so nobody waits long for their turn, and
+//! It is done piece by piece on one thread of low priority, which gives way to whatever drives. A piece is small (one picture explained, a few frames shown), so nobody waits long for their turn, and
 //! whoever is gone before it has come is skipped.
 
 use std::{
@@ -44,7 +43,7 @@ impl Desk {
 fn start() -> Option<Sender<Piece>> {
     let (pieces, handed_in) = mpsc::channel::<Piece>();
     let work = move || {
-        take_lowest_priority();
+        take_low_priority();
         handed_in.into_iter().for_each(|piece| piece());
     };
     match thread::Builder::new().name("beside the drives".into()).spawn(work) {
@@ -56,12 +55,16 @@ fn start() -> Option<Sender<Piece>> {
     }
 }
 
-/// The calling thread, and those that libtorch begins from it, run when no other wants to.
+/// Its niceness: where all processors are busy it gets a tenth of what a drive gets. (At 19, the most, it got nothing at
+/// all in three seconds beside a dozen other busy programs.)
 #[cfg(target_os = "linux")]
-fn take_lowest_priority() {
-    const LOWEST: i32 = 19;
+const NICE: i32 = 10;
+
+/// The calling thread, and those that libtorch begins from it, give way to others.
+#[cfg(target_os = "linux")]
+fn take_low_priority() {
     // SAFETY: no pointer is passed; on Linux 0 is the calling thread, not the process.
-    if unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, LOWEST) } != 0 {
+    if unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, NICE) } != 0 {
         let error = std::io::Error::last_os_error();
         tracing::warn!("work beside the drives has no lower priority than they have: {error}");
     }
@@ -69,7 +72,7 @@ fn take_lowest_priority() {
 
 /// Elsewhere its priority is the drives'.
 #[cfg(not(target_os = "linux"))]
-fn take_lowest_priority() {}
+fn take_low_priority() {}
 
 #[cfg(test)]
 mod tests {
@@ -119,11 +122,11 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[tokio::test]
-    async fn its_thread_alone_has_the_lowest_priority() {
+    async fn its_thread_alone_gives_way() {
         // SAFETY: no pointer is passed.
         let priority = || unsafe { libc::getpriority(libc::PRIO_PROCESS, 0) };
         let before = priority();
-        assert_eq!(Desk::default().work(priority).await, Ok(19));
+        assert_eq!(Desk::default().work(priority).await, Ok(NICE));
         assert_eq!(priority(), before);
     }
 }

@@ -14,7 +14,7 @@
 //! | `runs`, `runs_routes` | recorded runs: listed, looked at, downloaded |
 //! | `compared` | the steering of another model on the frames of a recorded run |
 //! | `explained` | what networks look at, live and in recorded runs |
-//! | `desk` | work that may take its time, on a thread of the lowest priority |
+//! | `desk` | work that may take its time, on a thread of low priority |
 //! | `socket` | `/live`: the newest moment and picture, as often as the reader keeps up |
 //! | `course` | roads from above, for the map; where on them a car without a position seems to be |
 //! | `counts`, `metrics` | numbers for Prometheus |

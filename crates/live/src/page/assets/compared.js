@@ -41,7 +41,7 @@ async function compareWith(index) {
   stopComparing();
   runCurves();
   $("against").value = index;
-  if (index === "" || !player.first) return redrawFrames();
+  if (index === "" || !player.first) return;
   const { name } = player.first, stop = new AbortController();
   compared.stop = stop;
   compared.name = models.list[index].name;
@@ -76,7 +76,3 @@ async function compareWith(index) {
   }
 }
 $("against").addEventListener("change", () => { compareWith($("against").value); seek(player.index); });
-
-function redrawFrames() {
-  sides.forEach((side) => side.run && drawFrame(side));
-}

@@ -206,7 +206,9 @@ function drawFrame(side) {
   side.canvas.dataset.shown = n;
   side.canvas.dataset.layer = side.layer?.n ?? "";
 }
-addEventListener("resize", () => sides.forEach((side) => side.run && drawFrame(side)));
+const redraw = () => { sides.forEach((side) => side.run && drawFrame(side)); if (player.first) drawRunMap(timesAt(player.ticks[player.index] ?? 0)); };
+addEventListener("resize", redraw);
+dark.addEventListener("change", redraw);
 
 function drawRunMap(times) {
   const { first, second } = player;
