@@ -139,7 +139,7 @@ impl Stage {
         let mut setup = set_up(&spec, &settings, stock)?;
         let guard = guards::load(&settings.brake)?;
         let shipped = known::courses(&Roads::default())?;
-        let server = PageServer::start(&settings, port)?;
+        let mut server = PageServer::start(&settings, port)?;
         server.page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
         let pressed = interrupted.clone();
@@ -252,8 +252,13 @@ impl Run<'_> {
 
 /// The page's server, on threads of its own.
 struct PageServer {
-    runtime: Runtime,
     page: Arc<Page>,
+    /// None once it has ended.
+    serving: Option<Serving>,
+}
+
+struct Serving {
+    runtime: Runtime,
     stop: oneshot::Sender<()>,
     task: JoinHandle<io::Result<()>>,
 }
@@ -268,15 +273,24 @@ impl PageServer {
         let (stop, stopped) = oneshot::channel();
         let shutdown = async move { stopped.await.unwrap_or_default() };
         let task = runtime.spawn(bridge::serve_page(listener, bridge, shutdown));
-        Ok(Self { runtime, page, stop, task })
+        Ok(Self { page, serving: Some(Serving { runtime, stop, task }) })
     }
 
-    fn end(self) -> anyhow::Result<()> {
-        let Self { runtime, stop, task, .. } = self;
+    fn end(&mut self) -> anyhow::Result<()> {
+        let Some(Serving { runtime, stop, task }) = self.serving.take() else { return Ok(()) };
         // An error means that it has ended already, of which the task tells.
         let _ = stop.send(());
         let served = runtime.block_on(task).context("the page's server was interrupted")?;
         runtime.shutdown_background();
         served.context("the page's server failed")
+    }
+}
+
+/// Also where a drive fails: the page may be at work, and the program must not end before that is done.
+impl Drop for PageServer {
+    fn drop(&mut self) {
+        if let Err(error) = self.end() {
+            tracing::warn!("{error:#}");
+        }
     }
 }

@@ -322,6 +322,7 @@ async fn serve_with(
         never = accept(&listener, &app, &bridge) => match never {},
         () = ended => {}
     }
+    bridge.page.rests().await;
     let deadline = Instant::now() + CLOSING;
     loop {
         let closed = bridge.all_closed.notified();

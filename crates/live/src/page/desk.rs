@@ -4,25 +4,43 @@
 //! whoever is gone before it has come is skipped.
 
 use std::{
+    io,
     sync::{
-        OnceLock,
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
         mpsc::{self, Sender},
     },
-    thread,
+    thread::{self, JoinHandle},
 };
 
-use tokio::sync::oneshot;
+use tokio::{sync::oneshot, task::spawn_blocking};
 
 type Piece = Box<dyn FnOnce() + Send>;
 
-/// Where such work is handed in. Its thread begins with the first piece, and ends with the desk.
+/// Where such work is handed in. Its thread begins with the first piece.
 #[derive(Debug, Default)]
-pub(super) struct Desk(OnceLock<Option<Sender<Piece>>>);
+pub(super) struct Desk(Mutex<Opening>);
+
+#[derive(Debug, Default)]
+enum Opening {
+    #[default]
+    NotYet,
+    Open {
+        pieces: Sender<Piece>,
+        closing: Arc<AtomicBool>,
+        thread: JoinHandle<()>,
+    },
+    Closed,
+}
 
 /// The piece was not done.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the thread for work beside the drives is gone")]
-pub(super) struct Gone;
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(super) enum Gone {
+    #[error("no thread for work beside the drives: {0}")]
+    NoThread(io::ErrorKind),
+    #[error("the program ends")]
+    Closed,
+}
 
 impl Desk {
     /// Does a piece of work once those before it are done; does nothing if this is dropped before.
@@ -34,24 +52,45 @@ impl Desk {
                 let _ = done.send(piece());
             }
         });
-        let pieces = self.0.get_or_init(start).as_ref().ok_or(Gone)?;
-        pieces.send(piece).map_err(|_| Gone)?;
-        result.await.map_err(|_| Gone)
+        self.hand_in(piece)?;
+        result.await.map_err(|_| Gone::Closed)
+    }
+
+    fn hand_in(&self, piece: Piece) -> Result<(), Gone> {
+        let mut opening = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if matches!(*opening, Opening::NotYet) {
+            *opening = Opening::now().map_err(|error| Gone::NoThread(error.kind()))?;
+        }
+        match &*opening {
+            Opening::Open { pieces, .. } => pieces.send(piece).map_err(|_| Gone::Closed),
+            Opening::NotYet | Opening::Closed => Err(Gone::Closed),
+        }
+    }
+
+    /// Takes nothing more, and waits until the piece is done that is being done: a program that ends while a network is at
+    /// work takes its memory away from under it.
+    pub async fn close(&self) {
+        let opening = std::mem::replace(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner), Opening::Closed);
+        if let Opening::Open { pieces, closing, thread } = opening {
+            closing.store(true, Ordering::Release);
+            drop(pieces);
+            // Errors would be a panic of the thread, which has told of itself, or of this task.
+            let _ = spawn_blocking(|| thread.join()).await;
+        }
     }
 }
 
-fn start() -> Option<Sender<Piece>> {
-    let (pieces, handed_in) = mpsc::channel::<Piece>();
-    let work = move || {
-        take_low_priority();
-        handed_in.into_iter().for_each(|piece| piece());
-    };
-    match thread::Builder::new().name("beside the drives".into()).spawn(work) {
-        Ok(_) => Some(pieces),
-        Err(error) => {
-            tracing::warn!("no thread for work beside the drives: {error}");
-            None
-        }
+impl Opening {
+    fn now() -> io::Result<Self> {
+        let (pieces, handed_in) = mpsc::channel::<Piece>();
+        let closing = Arc::new(AtomicBool::new(false));
+        let is_closing = closing.clone();
+        let work = move || {
+            take_low_priority();
+            handed_in.into_iter().take_while(|_| !is_closing.load(Ordering::Acquire)).for_each(|piece| piece());
+        };
+        let thread = thread::Builder::new().name("beside the drives".into()).spawn(work)?;
+        Ok(Self::Open { pieces, closing, thread })
     }
 }
 
@@ -76,10 +115,7 @@ fn take_low_priority() {}
 
 #[cfg(test)]
 mod tests {
-    use std::{
-        sync::atomic::{AtomicBool, Ordering},
-        sync::{Arc, Barrier},
-    };
+    use std::sync::Barrier;
 
     use super::*;
 
@@ -118,6 +154,27 @@ mod tests {
         assert_eq!(first.await, Ok(1));
         assert_eq!(desk.work(|| 3).await, Ok(3));
         assert!(!was_done.load(Ordering::SeqCst));
+    }
+
+    #[tokio::test]
+    async fn a_desk_that_closes_waits_for_the_piece_that_is_being_done_and_takes_no_other() {
+        let (desk, busy) = (Arc::new(Desk::default()), Arc::new(Barrier::new(2)));
+        let done = Arc::new(AtomicBool::new(false));
+        let piece = {
+            let (desk, busy, done) = (desk.clone(), busy.clone(), done.clone());
+            tokio::spawn(async move {
+                let piece = move || {
+                    busy.wait();
+                    thread::sleep(std::time::Duration::from_millis(50));
+                    done.store(true, Ordering::SeqCst);
+                };
+                desk.work(piece).await
+            })
+        };
+        spawn_blocking(move || busy.wait()).await.unwrap();
+        desk.close().await;
+        assert!(done.load(Ordering::SeqCst));
+        assert_eq!((piece.await.unwrap(), desk.work(|| ()).await), (Ok(()), Err(Gone::Closed)));
     }
 
     #[cfg(target_os = "linux")]

@@ -177,6 +177,11 @@ impl Page {
         let _ = self.runs.set(Runs::of(dir.to_owned()));
     }
 
+    /// Takes no more work beside the drives, and waits until what was begun is done: until then the program must not end.
+    pub(crate) async fn rests(&self) {
+        self.desk.close().await;
+    }
+
     fn runs(&self) -> Option<&Runs> {
         self.runs.get()
     }
