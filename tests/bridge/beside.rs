@@ -7,12 +7,12 @@ use std::{
         Arc,
         atomic::{AtomicUsize, Ordering},
     },
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use lapwing_core::{
     perception::Frame,
-    pilot::Model,
+    pilot::{Model, Pilot, PilotError, Prediction, View},
     recording::Recording,
     stats::Agreement,
     units::{Mph, Steering},
@@ -21,9 +21,14 @@ use lapwing_learn::models;
 use lapwing_live::page::{Explaining, Explains, Layer, Looks};
 use serde_json::Value;
 use tempfile::tempdir;
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+    time::timeout,
+};
 
 use super::live_page::{ask, get};
-use crate::support::{Running, Wire, settings, steer, telemetry};
+use crate::support::{PATIENCE, Running, Wire, settings, steer, telemetry};
 
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap");
 
@@ -36,6 +41,33 @@ impl Explains for Red {
         let (width, height) = (frame.width(), frame.height());
         Ok(Layer { width, height, rgba: [255, 0, 0, 100].repeat(width * height) })
     }
+}
+
+/// A network that takes its time, and counts what it was shown.
+struct Slow(Arc<AtomicUsize>);
+
+impl Model for Slow {
+    fn name(&self) -> &str {
+        "slow"
+    }
+
+    fn sha256(&self) -> &str {
+        "of nothing"
+    }
+
+    fn pilot(&self) -> Box<dyn Pilot> {
+        Box::new(Slow(self.0.clone()))
+    }
+}
+
+impl Pilot for Slow {
+    fn steer(&mut self, _: &View<'_>) -> Result<Prediction, PilotError> {
+        self.0.fetch_add(1, Ordering::SeqCst);
+        std::thread::sleep(Duration::from_millis(20));
+        Ok(Prediction::default())
+    }
+
+    fn reset(&mut self) {}
 }
 
 /// A bridge with the built-in model twice, of which the first is explained, and the shipped run.
@@ -83,6 +115,32 @@ async fn a_recorded_run_is_shown_to_another_model_and_the_agreement_is_that_of_i
     {
         assert_eq!(get(running.address, &format!("/api/runs/{wrong}")).await.0, expected, "{wrong}");
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_page_that_goes_away_ends_its_comparison() {
+    let dir = tempdir().unwrap();
+    std::fs::copy(SHIPPED, dir.path().join("lake.mcap")).unwrap();
+    let running = Running::without_a_model(settings(dir.path())).await;
+    let count = Arc::new(AtomicUsize::new(0));
+    running.bridge.models_are_ready(vec![(Arc::new(Slow(count.clone())), Explaining::not("it sees nothing"))]);
+    let mut page = TcpStream::connect(running.address).await.unwrap();
+    page.write_all(b"GET /api/runs/lake.mcap/compared/0 HTTP/1.1\r\nHost: localhost\r\n\r\n").await.unwrap();
+    let mut came = vec![];
+    while !came.windows(8).any(|part| part == b"steering") {
+        assert!(timeout(PATIENCE, page.read_buf(&mut came)).await.unwrap().unwrap() > 0);
+    }
+    drop(page);
+    let mut shown = 0;
+    loop {
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        let now = count.load(Ordering::SeqCst);
+        if now == std::mem::replace(&mut shown, now) {
+            break;
+        }
+    }
+    let all = Recording::open(SHIPPED).unwrap().seen().count();
+    assert!(shown < all / 2, "{shown} of {all} frames were shown to the model");
 }
 
 #[tokio::test(flavor = "multi_thread")]
