@@ -150,6 +150,43 @@ async fn driven_until(verb: &mut Verb, address: SocketAddr, end: impl AsyncFnOnc
     verb.ends()
 }
 
+#[test]
+fn a_folder_of_models_is_offered_without_those_that_do_not_steer_and_without_code() {
+    let folder = tempdir().unwrap();
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    for name in ["cps.safetensors", "lane.safetensors", "pilotnet.safetensors", "README.md"] {
+        std::fs::copy(models.join(name), folder.path().join(name)).unwrap();
+    }
+    std::fs::write(folder.path().join("code.pt"), "never read").unwrap();
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port().to_string();
+    let also = folder.path().to_str().unwrap();
+    let mut verb = Verb::start(PLAIN, &["serve", "--port", &port, "--no-recording", "--json", "--also-model", also]);
+    let state = || {
+        let mut stream = std::net::TcpStream::connect(format!("127.0.0.1:{port}")).ok()?;
+        let request = "GET /api/state HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+        std::io::Write::write_all(&mut stream, request.as_bytes()).ok()?;
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).ok()?;
+        let state: serde_json::Value = serde_json::from_str(answer.split_once("\r\n\r\n")?.1).ok()?;
+        Some(state["pilots"].clone()).filter(|pilots| !pilots.as_array().unwrap().is_empty())
+    };
+    let pilots = until("the models are loaded", state);
+    let told: Vec<_> = pilots
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|pilot| (pilot["name"].as_str().unwrap().split(' ').next().unwrap(), pilot["unexplained"].is_null()))
+        .collect();
+    assert_eq!(told, [("pilotnet", true), ("cps", true)], "the built-in one once");
+    verb.signal("INT");
+    assert_eq!(verb.ends().code(), Some(0));
+    let (_, said) = verb.said();
+    assert!(
+        said.contains("not on the page: ") && said.contains("lane.safetensors") && !said.contains("code.pt"),
+        "{said}"
+    );
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn ctrl_c_sigterm_and_a_closed_terminal_end_it_in_order() {
     for signal in ["INT", "TERM", "HUP"] {

@@ -72,7 +72,7 @@ pub struct PageFlags {
     /// --max-time until Ctrl-C
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4568")]
     pub page: Option<u16>,
-    /// Another model that a person at the page may switch to; may be given several times
+    /// Another model that a person at the page may switch to or compare runs with, or a folder of them; may be given several times
     #[arg(long, value_name = "FILE", requires = "page")]
     pub also_model: Vec<PathBuf>,
 }
@@ -163,13 +163,13 @@ pub struct Serve {
     pub guard: GuardFlags,
     #[command(flatten)]
     pub thinking: Thinking,
-    /// Address to listen on; 0.0.0.0 for simulators on other machines [default: 127.0.0.1]
+    /// Address to listen on; 0.0.0.0 lets other machines reach the port, which a tunnel does not need [default: 127.0.0.1]
     #[arg(long, value_name = "ADDRESS")]
     pub bind: Option<String>,
     /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
-    /// Another model that a person at the page may switch to; may be given several times
+    /// Another model that a person at the page may switch to or compare runs with, or a folder of them; may be given several times
     #[arg(long, value_name = "FILE")]
     pub also_model: Vec<PathBuf>,
     /// Show the drives to Foxglove and Lichtblick at this port [default port: 8765]

@@ -23,7 +23,7 @@ Examples:
   lapwing serve                                      then start the simulator in Autonomous Mode
   lapwing serve --speed 20 --model my.safetensors
   lapwing serve --takeover latch                     stay off after a takeover until you press Enter
-  lapwing serve --bind 0.0.0.0                       for simulators on other machines";
+  lapwing serve --bind 0.0.0.0                       let other machines reach the port; the page then wants its token";
 
 #[cfg(feature = "simulator")]
 pub(super) const SIMULATE: &str = "\

@@ -66,12 +66,12 @@ use std::{
 
 use tracing_subscriber::EnvFilter;
 
-#[cfg(feature = "bridge")]
-use model::load_models;
 #[cfg(all(feature = "networks", feature = "simulator"))]
 use model::suits_our_cameras;
 #[cfg(feature = "networks")]
 use model::{allowing, load_model, refuse_strangers_code, thinking_layers};
+#[cfg(feature = "bridge")]
+use model::{explaining, load_models};
 use outputs::print;
 #[cfg(feature = "networks")]
 use outputs::sorted_json;

@@ -1,19 +1,25 @@
 //! Models of the commands: which may be loaded, and loading them.
 
-use std::{num::NonZeroU16, path::Path, time::Instant};
 #[cfg(feature = "bridge")]
-use std::{path::PathBuf, sync::Arc};
+use std::{error::Error, fs, io, path::PathBuf, sync::Arc};
+use std::{num::NonZeroU16, path::Path, time::Instant};
 
-#[cfg(feature = "simulator")]
+#[cfg(any(feature = "bridge", feature = "simulator"))]
 use anyhow::Context;
 
 use super::{layers, own_settings};
 use crate::cli::{Driving, Thinking, Trust};
 use lapwing_core::config::{ConfigError, Layers, Settings};
+#[cfg(feature = "bridge")]
+use lapwing_core::{perception::Frame, units::Mph};
+#[cfg(feature = "bridge")]
+use lapwing_learn::explain::{Explainer, Method};
 use lapwing_learn::{
     models::{self, LoadedModel},
     nn::runtime,
 };
+#[cfg(feature = "bridge")]
+use lapwing_live::page::{Explaining, Explains, Layer, Looks};
 #[cfg(feature = "simulator")]
 use lapwing_sim::camera::{Camera, Lens};
 
@@ -82,7 +88,8 @@ pub(super) fn load_model(settings: &Settings) -> anyhow::Result<LoadedModel> {
     Ok(model)
 }
 
-/// The model that drives first, then those that a person at the page may switch to: the built-in one, and these files.
+/// The model that drives first, then those that a person at the page may switch to: the built-in one, these files, and the
+/// checkpoints that steer in these folders.
 #[cfg(feature = "bridge")]
 pub(super) fn load_models(settings: &Settings, more: &[PathBuf]) -> anyhow::Result<Vec<Arc<LoadedModel>>> {
     let mut all = vec![Arc::new(load_model(settings)?)];
@@ -90,7 +97,54 @@ pub(super) fn load_models(settings: &Settings, more: &[PathBuf]) -> anyhow::Resu
         all.push(Arc::new(models::built_in(Instant::now)?));
     }
     for path in more {
-        all.push(Arc::new(models::load(path, Instant::now)?));
+        if !path.is_dir() {
+            all.push(Arc::new(models::load(path, Instant::now)?));
+            continue;
+        }
+        for file in checkpoints_in(path)? {
+            match models::load(&file, Instant::now) {
+                Ok(model) if !all.iter().any(|known| known.sha256() == model.sha256()) => all.push(Arc::new(model)),
+                Ok(_) => {} // the built-in one, most likely
+                // A guard, or a network that finds the lane: such lie beside those that steer.
+                Err(error) => say!("not on the page: {error}"),
+            }
+        }
     }
     Ok(all)
+}
+
+/// The checkpoints in a folder, by name. No TorchScript, which is code and is run only if somebody names it.
+#[cfg(feature = "bridge")]
+fn checkpoints_in(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let unread = || format!("{} cannot be read", folder.display());
+    let entries = fs::read_dir(folder).with_context(unread)?;
+    let mut files: Vec<_> = entries.map(|entry| Ok(entry?.path())).collect::<io::Result<_>>().with_context(unread)?;
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "safetensors"));
+    files.sort();
+    Ok(files)
+}
+
+/// How the page shows what a model looks at, or why it does not.
+#[cfg(feature = "bridge")]
+pub(super) fn explaining(model: &LoadedModel) -> Explaining {
+    match Explainer::of(model) {
+        Ok(explainer) => Explaining::by(OnThePage(explainer)),
+        Err(error) => Explaining::not(error.to_string()),
+    }
+}
+
+#[cfg(feature = "bridge")]
+struct OnThePage(Explainer);
+
+#[cfg(feature = "bridge")]
+impl Explains for OnThePage {
+    fn explain(&mut self, frame: &Frame, speed: Mph, looks: Looks) -> Result<Layer, Box<dyn Error + Send + Sync>> {
+        let method = match looks {
+            Looks::VisualBackProp => Method::VisualBackProp,
+            Looks::IntegratedGradients => Method::IntegratedGradients,
+        };
+        let (width, height) = (frame.width(), frame.height());
+        let rgba = self.0.explain(frame, speed, method)?.layer(width, height);
+        Ok(Layer { width, height, rgba })
+    }
 }

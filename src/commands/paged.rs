@@ -17,14 +17,15 @@ use lapwing_core::{
     drive::{DriveDigest, Observer},
     driver::Driver,
     guard::GuardModel,
-    pilot::{Model, PurePursuit},
+    pilot::PurePursuit,
     recording::{Recorder, RecorderOptions, udacity::DrivingLogWriter},
     units::Mph,
     words::count,
 };
+use lapwing_learn::models::LoadedModel;
 use lapwing_live::{
     bridge::{self, Bridge, Listener},
-    page::{Abilities, Page, PilotChoice},
+    page::{Abilities, Explaining, Page, PilotChoice},
 };
 use lapwing_score::{
     judged::{self, Judged},
@@ -98,12 +99,19 @@ pub(super) fn record(
 
 /// Who may drive: the one that was asked for first, then the other kind, then more models.
 fn pilots(settings: &Settings, first: PilotKind, more: &[std::path::PathBuf]) -> anyhow::Result<Vec<PilotChoice>> {
-    let expert =
-        PilotChoice { name: drive::EXPERT.into(), sha256: None, make: Box::new(|| Box::new(PurePursuit::default())) };
+    let expert = PilotChoice {
+        name: drive::EXPERT.into(),
+        sha256: None,
+        make: Box::new(|| Box::new(PurePursuit::default())),
+        explaining: Explaining::not("the expert drives by the road itself, not by the picture"),
+    };
     let models = super::load_models(settings, more)?;
     models.iter().try_for_each(|model| super::suits_our_cameras(model))?;
-    let models = models.into_iter().map(|model| PilotChoice::of(model as Arc<dyn Model>));
-    let mut all: Vec<_> = models.collect();
+    let choice = |model: Arc<LoadedModel>| {
+        let how = super::explaining(&model);
+        PilotChoice::of(model, how)
+    };
+    let mut all: Vec<_> = models.into_iter().map(choice).collect();
     all.insert(if first == PilotKind::Expert { 0 } else { all.len() }, expert);
     Ok(all)
 }
@@ -134,7 +142,7 @@ impl Stage {
         let mut setup = set_up(&spec, &settings, stock)?;
         let guard = guards::load(&settings.brake)?;
         let shipped = known::courses(&Roads::default())?;
-        let server = PageServer::start(&settings, port)?;
+        let mut server = PageServer::start(&settings, port)?;
         let foxglove = foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
         server.page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
@@ -254,8 +262,13 @@ impl Run<'_> {
 
 /// The page's server, on threads of its own.
 struct PageServer {
-    runtime: Runtime,
     page: Arc<Page>,
+    /// None once it has ended.
+    serving: Option<Serving>,
+}
+
+struct Serving {
+    runtime: Runtime,
     stop: oneshot::Sender<()>,
     task: JoinHandle<io::Result<()>>,
 }
@@ -270,15 +283,24 @@ impl PageServer {
         let (stop, stopped) = oneshot::channel();
         let shutdown = async move { stopped.await.unwrap_or_default() };
         let task = runtime.spawn(bridge::serve_page(listener, bridge, shutdown));
-        Ok(Self { runtime, page, stop, task })
+        Ok(Self { page, serving: Some(Serving { runtime, stop, task }) })
     }
 
-    fn end(self) -> anyhow::Result<()> {
-        let Self { runtime, stop, task, .. } = self;
+    fn end(&mut self) -> anyhow::Result<()> {
+        let Some(Serving { runtime, stop, task }) = self.serving.take() else { return Ok(()) };
         // An error means that it has ended already, of which the task tells.
         let _ = stop.send(());
         let served = runtime.block_on(task).context("the page's server was interrupted")?;
         runtime.shutdown_background();
         served.context("the page's server failed")
+    }
+}
+
+/// Also where a drive fails: the page may be at work, and the program must not end before that is done.
+impl Drop for PageServer {
+    fn drop(&mut self) {
+        if let Err(error) = self.end() {
+            tracing::warn!("{error:#}");
+        }
     }
 }

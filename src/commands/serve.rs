@@ -15,6 +15,7 @@ use anyhow::Context;
 use super::{Ended, foxglove, guards, outputs::Unprinted, terminal::Asked};
 use crate::cli;
 use lapwing_core::{config::Settings, pilot::Model};
+use lapwing_learn::models::LoadedModel;
 use lapwing_live::{
     bridge::{self, Bridge, Listener, Summary},
     page::Page,
@@ -91,7 +92,11 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
                 bridge.guard_is_ready(guard);
             }
             let models = super::load_models(&settings, &also)?;
-            bridge.models_are_ready(models.into_iter().map(|model| model as Arc<dyn Model>).collect());
+            let explained = |model: Arc<LoadedModel>| {
+                let how = super::explaining(&model);
+                (model as Arc<dyn Model>, how)
+            };
+            bridge.models_are_ready(models.into_iter().map(explained).collect());
             Ok(())
         }
     });

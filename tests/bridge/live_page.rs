@@ -20,7 +20,7 @@ use tokio_tungstenite::{
 use crate::support::{PATIENCE, Running, Wire, settings, steer, telemetry};
 
 /// A request with these headers and this body; returns status, head and body.
-async fn ask(address: SocketAddr, request: &str, headers: &str, body: &str) -> (u16, String, Vec<u8>) {
+pub(super) async fn ask(address: SocketAddr, request: &str, headers: &str, body: &str) -> (u16, String, Vec<u8>) {
     let mut stream = TcpStream::connect(address).await.unwrap();
     let length = body.len();
     let host = if headers.contains("Host:") { "" } else { "Host: localhost\r\n" };
@@ -34,7 +34,7 @@ async fn ask(address: SocketAddr, request: &str, headers: &str, body: &str) -> (
     (head[9..12].parse().unwrap(), head, answer[end + 4..].to_vec())
 }
 
-async fn get(address: SocketAddr, path: &str) -> (u16, Value) {
+pub(super) async fn get(address: SocketAddr, path: &str) -> (u16, Value) {
     let (status, _, body) = ask(address, &format!("GET {path}"), "", "").await;
     (status, serde_json::from_slice(&body).unwrap_or_default())
 }
@@ -125,18 +125,24 @@ async fn every_documented_path_answers_as_documented() {
     let run = runs[0]["name"].as_str().unwrap().to_owned();
     let (_, document) = get(running.address, "/api/openapi.json").await;
     let paths = document["paths"].as_object().unwrap();
-    assert_eq!(paths.len(), 15);
+    assert_eq!(paths.len(), 18);
     for (path, methods) in paths {
         for method in methods.as_object().unwrap().keys().filter(|key| *key != "parameters") {
             let request = format!(
                 "{} {}",
                 method.to_uppercase(),
-                path.replace("{id}", "1").replace("{name}", &run).replace("{n}", "2")
+                path.replace("{id}", "1")
+                    .replace("{name}", &run)
+                    .replace("{n}", "2")
+                    .replace("{looks}", "visual-back-prop")
+                    .replace("{pilot}", "0")
             );
             let body = if method == "post" { r#"{"control":"arm"}"# } else { "" };
             let (status, head, answer) = ask(running.address, &request, "", body).await;
             let documented = &methods[method]["responses"][status.to_string()];
-            assert!(status < 300 && documented.is_object(), "{request}: {status} {}", String::from_utf8_lossy(&answer));
+            // This bridge's model is not looked into.
+            let is_fine = status < 300 || (status == 409 && path.contains("explained"));
+            assert!(is_fine && documented.is_object(), "{request}: {status} {}", String::from_utf8_lossy(&answer));
             let kind = documented["content"].as_object().and_then(|content| content.keys().next());
             assert!(kind.is_none_or(|kind| head.contains(kind.as_str())), "{request}: {head}");
         }
@@ -334,9 +340,14 @@ async fn where_others_can_reach_the_port_the_token_is_wanted() {
         steer(&simulator.ask(&telemetry("4.0000")).await);
     }
     let wrong = "0".repeat(32);
-    for request in
-        ["GET /api/state", "GET /api/drives/1", "GET /api/drives/1/picture", "POST /api/drives/1/control", "POST /arm"]
-    {
+    for request in [
+        "GET /api/state",
+        "GET /api/drives/1",
+        "GET /api/drives/1/picture",
+        "GET /metrics",
+        "POST /api/drives/1/control",
+        "POST /arm",
+    ] {
         let body = r#"{"control":"arm"}"#;
         assert_eq!(ask(address, request, "", body).await.0, 401, "{request}");
         assert_eq!(
@@ -350,7 +361,12 @@ async fn where_others_can_reach_the_port_the_token_is_wanted() {
     assert_eq!(Look::dial(address, "", None).await.err(), Some(401));
     assert_eq!(Look::dial(address, &format!("?token={wrong}"), None).await.err(), Some(401));
     assert!(Look::dial(address, &format!("?token={token}"), None).await.is_ok());
-    for open in ["/", "/page/page.js", "/healthz", "/metrics", "/api/openapi.json"] {
+    for request in
+        ["GET /api/drives/1/explained/visual-back-prop", "GET /api/runs/a.mcap/compared/0", "GET /api/runs/a.mcap"]
+    {
+        assert_eq!(ask(address, request, "", "").await.0, 401, "{request}");
+    }
+    for open in ["/", "/page/page.js", "/healthz", "/api/openapi.json"] {
         assert_eq!(ask(address, &format!("GET {open}"), "", "").await.0, 200, "{open} shows no drive");
     }
 }

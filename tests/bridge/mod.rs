@@ -1,6 +1,7 @@
 //! The bridge over real sockets, as simulators and clients see it.
 
 mod bad_input;
+mod beside;
 mod clients;
 mod dialects;
 mod hands;

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Does a page slow the drive down? The bridge's latency without a page, beside a reader that keeps up, beside one that
-reads nothing, and beside Chromium, in one run of the bridge. Run by hand: the machine should do nothing else.
+reads nothing, beside Chromium, and beside readers of what the network looks at, in one run of the bridge. Run by hand: the machine should do nothing else.
 
-    tests/interop/beside_page.py [--seconds 20] [--fps 60] [--rounds 2]
+    tests/interop/beside_page.py [--seconds 20] [--fps 60] [--rounds 2] [--only NAME …]
 
 Prints p50, p95 and p99 of the answers, as the bridge's own summary has them, for each round.
 """
@@ -14,6 +14,9 @@ import time
 
 from bridge import ENVIRONMENT, HERE, RUNS, Bridge, Failed, Unity, node, unharmed
 from checks_live import chromium
+
+
+HOW = ("stall", "read", "chromium", "visual-back-prop", "integrated-gradients")
 
 
 def beside(bridge, how, seconds, fps):
@@ -42,16 +45,17 @@ def main():
     parser.add_argument("--seconds", type=float, default=20)
     parser.add_argument("--fps", type=int, default=60)
     parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--only", action="append", choices=HOW, help="this page, repeatable")
     a = parser.parse_args()
     rows = []
     with Bridge("--no-recording") as bridge:
         for _ in range(a.rounds):
-            for how in (None, "stall", "read", "chromium"):
+            for how in (None, *(a.only or HOW)):
                 rows.append((how, beside(bridge, how, a.seconds, a.fps)))
     for (how, moments), summary in zip(rows, bridge.summaries):
         answer = summary["latency_ms"]["answer"]
-        page = f"{moments} moments shown" if how else ""
-        print(f"{how or 'no page':9} p50 {answer['p50']:.2f}  p95 {answer['p95']:.2f}  p99 {answer['p99']:.2f} ms  {page}")
+        page = f"{moments} {'layers' if '-' in (how or '') else 'moments'} shown" if how else ""
+        print(f"{how or 'no page':20} p50 {answer['p50']:.2f}  p95 {answer['p95']:.2f}  p99 {answer['p99']:.2f} ms  {page}")
     print(f"load of the machine at the end: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
 

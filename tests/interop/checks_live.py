@@ -78,7 +78,7 @@ def live_drive(_):
     runs = len(list((drive.dir / "runs").glob("*.mcap")))
     equal("runs: the first, after the reset, the jungle", runs, 3)
     equal("what was downloaded", result["downloaded"].endswith(".mcap"), True)
-    return f"{result['events']} events shown, {runs} runs, one of them played"
+    return f"{result['events']} events shown, {runs} runs, two of them played; {result['agreement']}"
 
 
 def live_record(_):

@@ -1,4 +1,4 @@
-// The live page in real Chromium: values arrive, controls act, nothing complains.
+// The live page in real Chromium: values arrive, controls act, runs are played and compared, nothing complains.
 //
 //     node live.js URL serve|drive|record SHOTS
 //
@@ -42,12 +42,16 @@ async function main() {
   const shot = (name) => page.screenshot({ path: path.join(shots, `${mode}-${name}.png`), fullPage: true })
   const speed = async () => parseFloat(await text('.dial b'))
   // How the picture's pixels differ: a page that shows none has one colour.
-  const shades = () => page.evaluate(() => {
-    const canvas = document.getElementById('camera'), { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height)
-    const seen = new Set()
+  const pixels = () => page.evaluate(() => {
+    const { width, height } = document.getElementById('camera'), copy = new OffscreenCanvas(width, height).getContext('2d', { willReadFrequently: true })
+    copy.drawImage(document.getElementById('camera'), 0, 0)
+    const { data } = copy.getImageData(0, 0, width, height), seen = new Set()
     for (let i = 0; i < data.length; i += 4 * 97) seen.add((data[i] >> 4) + ' ' + (data[i + 1] >> 4) + ' ' + (data[i + 2] >> 4))
-    return seen.size
+    return { shades: seen.size, brightness: data.reduce((sum, level) => sum + level, 0) / data.length }
   })
+  const shades = async () => (await pixels()).shades
+  // A layer over the picture darkens it.
+  const brightness = async () => (await pixels()).brightness
   const result = {}
   // A person at the wheel is logged, one who has let go or switched the log off is not.
   const record = async () => {
@@ -79,6 +83,66 @@ async function main() {
     await shot('laptop')
     result.rows = kept
   }
+  const layers = () => page.evaluate(() => +(document.getElementById('camera').dataset.layers ?? 0))
+  // What the network looks at is laid over the picture for as long as it is wanted.
+  const looks = async () => {
+    const plain = await brightness()
+    for (const how of ['visual-back-prop', 'integrated-gradients']) {
+      await page.selectOption('#live-looks', how)
+      await until(`a layer by ${how}`, async () => (await layers()) > 1)
+      await until(`a picture darkened by ${how}`, async () => (await brightness()) < 0.9 * plain)
+      await shot(how)
+    }
+    await page.selectOption('#live-looks', '')
+    await until('the picture as it was', async () => Math.abs((await brightness()) - plain) < 0.05 * plain)
+  }
+  // In the player: another model's steering, a second run, and what the network looks at.
+  const compare = async () => {
+    const shown = () => page.evaluate(() => sides.map(({ canvas }) => [canvas.dataset.shown ?? '', canvas.dataset.layer ?? '']))
+    await page.click('#run-list li:last-child button')
+    await until('the first run', async () => page.evaluate(() => player.first?.name === runs.names.at(-1)))
+    equal('a pilot that looks at no picture', await page.locator('#against option[value="1"]').isDisabled(), true)
+    await page.selectOption('#against', '0')
+    await until('the whole comparison', async () => (await page.locator('#against-says').getAttribute('data-done')) === 'done')
+    const said = await text('#against-says'), figures = /mean absolute difference ([\d.]+)° \([\d.]+\), correlation ([\d.-]+) · (\d+) frames/.exec(said)
+    if (!figures) fail(`what is said of the comparison: ${said}`)
+    const [frames, curves] = await page.evaluate(() => [compared.t.length, runCharts.find(({ spec }) => spec.model).plot.series.length - 1])
+    equal('frames compared, and lines of the steering', [frames, curves], [+figures[3], 2])
+    result.agreement = said
+    await page.selectOption('#second', await page.evaluate(() => runs.names.at(-2)))
+    await until('the second run', async () => page.evaluate(() => Boolean(player.second)))
+    await page.locator('#time').fill('20')
+    await until('both pictures of this time', async () => {
+      const second = await page.evaluate(() => before(player.second.frames_s, player.first.frames_s[20]))
+      return JSON.stringify((await shown()).map(([frame]) => frame)) === JSON.stringify(['20', String(second)])
+    })
+    equal('rows of marks, and lines of each set of curves', await page.evaluate(() => [document.querySelectorAll('.marks:not([hidden])').length, runCharts.map(({ plot }) => plot.series.length - 1)]), [2, [2, 3, 2]])
+    await page.selectOption('#align', 'place')
+    // Most of the way of the second, which drove it faster.
+    const [apart, times] = await page.evaluate(() => {
+      seek(tickOfSecond(0.8 * player.second.along.way.t.at(-1)))
+      const times = timesAt(player.ticks[player.index])
+      const [a, b] = times.map((t, i) => { const { drawn } = [player.first, player.second][i]; return drawn.at[before(drawn.t, t)] })
+      return [Math.hypot(a[0] - b[0], a[1] - b[1]), times]
+    })
+    if (!(apart < 3 && times[0] > times[1] + 0.1)) fail(`two cars at the same place of the track: expected under 3 m apart, at an earlier time in the faster run, got ${apart} m at ${times} s`)
+    result.place = times
+    equal('what the curves lie over', /metres from the start line/.test(await text('#run-curves')), true)
+    await page.selectOption('#align', 'time')
+    await page.click('#play')
+    await until('both runs play', async () => { const [[first], [second]] = await shown(); return +first > 5 && +second > 5 })
+    await page.click('#play')
+    for (const how of ['visual-back-prop', 'integrated-gradients']) {
+      await page.selectOption('#looks', how)
+      await until(`layers by ${how}`, async () => page.evaluate((how) => sides.every(({ canvas: { dataset }, layer }) => layer?.how === how && dataset.layer === dataset.shown), how))
+    }
+    await page.locator('#time').fill('25')
+    await until('layers of the frames that are shown', async () => { const all = await shown(); return all[0][0] === '25' && all.every(([frame, layer]) => frame === layer) })
+    const reached = new Set()
+    await page.evaluate(() => document.getElementById('back').focus())
+    for (let i = 0; i < 9; i++) { reached.add(await page.evaluate(() => document.activeElement.id)); await page.keyboard.press('Tab') }
+    equal('controls of the player that the keyboard does not reach', ['back', 'play', 'forth', 'run-file', 'second', 'align', 'against', 'looks'].filter((id) => !reached.has(id)), [])
+  }
   const finish = async () => {
     equal('complaints in the console', complaints, [])
     await browser.close()
@@ -102,6 +166,7 @@ async function main() {
   await page.selectOption('#law', 'pi')
   await page.selectOption('#pilot', '1')
   await until('the other pilot', async () => (await api()).status.pilot === 1)
+  if (mode === 'drive') await until('why the expert is not explained', async () => (await page.locator('#live-looks').isDisabled()) && /the expert drives by the road/.test(await text('#live-looks-says')))
   await page.selectOption('#pilot', '0')
   await page.keyboard.press('Escape')
   await until('the emergency stop', async () => (await api()).status.hands === 'stopped')
@@ -123,6 +188,9 @@ async function main() {
   result.events = events.split('\n').length
 
   if (mode === 'serve') {
+    await page.selectOption('#live-looks', 'visual-back-prop')
+    await until('layers over the pictures of a connection', async () => (await layers()) > 2)
+    await page.selectOption('#live-looks', '')
     equal('a control that a connection lacks', [await page.locator('#pause').isDisabled(), /lapwing drive --page/.test(await page.locator('#pause').getAttribute('title'))], [true, true])
     await page.click('#end-run')
     await until('an ended run', async () => (await api()).status.phase === 'ended')
@@ -151,10 +219,12 @@ async function main() {
     await until('one step', async () => (await api()).turn.n === n + 1)
     await page.waitForTimeout(300)
     equal('turns after one step', (await api()).turn.n - n, 1)
+    await looks()
     await page.click('#pause')
     await until('it goes on', async () => (await api()).turn.n > n + 5)
     await page.click('#reset')
     await until('the start', async () => { const { status, turn } = await api(); return status.run === 2 && turn && turn.t < 5 })
+    await until('some way', async () => (await api()).turn.t > 4)
     await page.selectOption('#track', 'jungle')
     await page.locator('#weather-rain').fill('0.6')
     await page.click('#apply')
@@ -179,14 +249,16 @@ async function main() {
     await page.click('#play')
     const stop = page.locator('#run-events button', { hasText: 'emergency stop' })
     await stop.click()
-    const at = await page.evaluate(() => [runs.open.frames_s[runs.index], runs.open.drawn.events.find(({ kind }) => kind === 'emergency-stop').t])
+    const at = await page.evaluate(() => [player.ticks[player.index], player.first.drawn.events.find(({ kind }) => kind === 'emergency-stop').t])
     if (Math.abs(at[0] - at[1]) > 0.2) fail(`the frame of an event: expected at ${at[1]} s, got ${at[0]} s`)
     const [download] = await Promise.all([page.waitForEvent('download'), page.click('#run-file')])
     result.downloaded = download.suggestedFilename()
     const [report] = await Promise.all([page.waitForEvent('popup'), page.click('#run-report')])
     await until('the report', async () => /Speed, mph/.test(await report.locator('body').innerText()))
     await report.close()
-    for (const [name, width] of [['runs', 1440], ['runs-phone', 400]]) {
+    await compare()
+    for (const [name, width, colorScheme] of [['runs', 1440, 'light'], ['runs-dark', 1440, 'dark'], ['runs-phone', 400, 'light'], ['runs-phone-dark', 400, 'dark']]) {
+      await page.emulateMedia({ colorScheme })
       await page.setViewportSize({ width, height: 900 })
       await page.waitForTimeout(400)
       const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)

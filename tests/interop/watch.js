@@ -1,8 +1,9 @@
-// Looks at a drive until it is killed: as a reader that keeps up, as one that reads nothing, or in Chromium.
+// Looks at a drive until it is killed: as a reader that keeps up, as one that reads nothing, in Chromium, or as a reader that
+// also asks what the network looks at, as often as the page does.
 //
-//     node watch.js URL read|stall|chromium
+//     node watch.js URL read|stall|chromium|visual-back-prop|integrated-gradients
 //
-// Prints `ready` once it looks, and how many moments came when it is ended with SIGTERM.
+// Prints `ready` once it looks, and how many moments came (or layers, where it asks for them) when it is ended with SIGTERM.
 'use strict'
 const path = require('path')
 const { createRequire } = require('module')
@@ -19,6 +20,16 @@ if (how === 'chromium') {
     await page.goto(url)
     console.log('ready')
   })
+} else if (how.includes('-')) {
+  // As the page does: 250 ms after the last one.
+  const next = async () => {
+    const { drives } = await (await fetch(url + 'api/state')).json()
+    const layer = drives.length && (await fetch(`${url}api/drives/${drives.at(-1).id}/explained/${how}`))
+    if (layer && layer.ok) { await layer.arrayBuffer(); moments++ }
+    setTimeout(next, 250)
+  }
+  next()
+  console.log('ready')
 } else {
   const WebSocket = installed('ws') // which jsdom brings along
   const socket = new WebSocket(url.replace('http', 'ws') + 'live')

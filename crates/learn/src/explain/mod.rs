@@ -173,16 +173,33 @@ fn relative(mut values: Vec<f32>) -> Vec<f32> {
 impl Explanation {
     /// The picture, darker, with what matters in red, and in blue what turns to the left.
     pub fn over(&self, frame: &Frame) -> Frame {
-        let mut rgb: Vec<u8> = frame.rgb().iter().map(|level| (f32::from(*level) * BENEATH) as u8).collect();
-        let first = self.rows.start * frame.width();
-        let pixels = rgb.as_chunks_mut::<3>().0;
-        for (pixel, value) in pixels.iter_mut().skip(first).zip(&self.values) {
-            let (colour, cover) = (if *value < 0.0 { LEFT } else { RIGHT }, value.abs() * COVER);
+        let mut rgb = frame.rgb().to_vec();
+        for (pixel, (colour, opacity)) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(self.paint(frame.width())) {
             for (level, full) in pixel.iter_mut().zip(colour) {
-                *level = (f32::from(*level) * (1.0 - cover) + full * cover) as u8;
+                *level = (f32::from(*level) * (1.0 - opacity) + full * opacity) as u8;
             }
         }
         Frame::new(frame.width(), frame.height(), rgb).unwrap_or_default()
+    }
+
+    /// What [`Explanation::over`] puts over a picture of this size, by itself: red, green, blue and opacity of each pixel,
+    /// row by row.
+    pub fn layer(&self, width: usize, height: usize) -> Vec<u8> {
+        let level = |share: f32| share.round() as u8;
+        let pixel = |([red, green, blue], opacity): ([f32; 3], f32)| [red, green, blue, 255.0 * opacity].map(level);
+        self.paint(width).take(width * height).flat_map(pixel).collect()
+    }
+
+    /// Colour and opacity of each pixel, row by row without an end: above and below what the network sees it is black, which
+    /// only darkens.
+    fn paint(&self, width: usize) -> impl Iterator<Item = ([f32; 3], f32)> {
+        let nothing = std::iter::repeat_n(&0.0, self.rows.start * width);
+        nothing.chain(&self.values).chain(std::iter::repeat(&0.0)).map(|value| {
+            let (colour, cover) = (if *value < 0.0 { LEFT } else { RIGHT }, value.abs() * COVER);
+            // The picture shows through both: what darkens it, and the colour.
+            let opacity = 1.0 - BENEATH * (1.0 - cover);
+            (colour.map(|full| full * cover / opacity), opacity)
+        })
     }
 }
 

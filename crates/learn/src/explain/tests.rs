@@ -100,3 +100,22 @@ fn a_network_of_several_frames_is_refused() {
     let error = Explainer::of(&models::load(&path, Instant::now).unwrap()).unwrap_err().to_string();
     assert!(error.starts_with("expected a network that steers by one picture"), "{error}");
 }
+
+#[test]
+fn the_layer_by_itself_over_a_picture_is_the_picture_that_is_written() {
+    let mut explainer = shipped();
+    for method in [Method::VisualBackProp, Method::IntegratedGradients] {
+        let found = explainer.explain(&road(), Mph::ZERO, method).unwrap();
+        let (drawn, layer) = (found.over(&road()), found.layer(320, 160));
+        assert_eq!(layer.len(), 320 * 160 * 4);
+        let beneath = road();
+        for (i, pixel) in layer.chunks_exact(4).enumerate() {
+            for (channel, colour) in pixel[..3].iter().enumerate() {
+                let (level, opacity) = (f64::from(beneath.rgb()[3 * i + channel]), f64::from(pixel[3]) / 255.0);
+                let over = level * (1.0 - opacity) + f64::from(*colour) * opacity;
+                let expected = f64::from(drawn.rgb()[3 * i + channel]);
+                assert!((over - expected).abs() < 2.5, "{i}: expected {expected}, got {over}");
+            }
+        }
+    }
+}

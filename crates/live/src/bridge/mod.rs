@@ -71,7 +71,7 @@ use tokio::sync::{Notify, watch};
 use tower::ServiceExt;
 
 use crate::{
-    page::{self, Page, PilotChoice},
+    page::{self, Explaining, Page, PilotChoice},
     viewers::Viewers,
 };
 use lapwing_core::{
@@ -189,13 +189,14 @@ impl Bridge {
 
     /// Hands the model to all connections, present and future. A second one is ignored.
     pub fn model_is_ready(&self, model: impl Model + 'static) {
-        self.models_are_ready(vec![Arc::new(model)]);
+        self.models_are_ready(vec![(Arc::new(model), Explaining::not("nobody said how"))]);
     }
 
-    /// The same with several, of which the first drives until a person at the page chooses another.
-    pub fn models_are_ready(&self, models: Vec<Arc<dyn Model>>) {
-        self.page.has_pilots(models.iter().cloned().map(PilotChoice::of).collect());
-        let _ = self.models.set(models);
+    /// The same with several, each with how it is explained, of which the first drives until a person at the page chooses
+    /// another.
+    pub fn models_are_ready(&self, models: Vec<(Arc<dyn Model>, Explaining)>) {
+        self.page.has_pilots(models.iter().cloned().map(|(model, how)| PilotChoice::of(model, how)).collect());
+        let _ = self.models.set(models.into_iter().map(|(model, _)| model).collect());
     }
 
     /// Sets the guard that may brake in place of the pilot, for drives that begin from now on: those that should have it
@@ -340,6 +341,7 @@ async fn serve_with(
         never = accept(&listener, &app, &bridge) => match never {},
         () = ended => {}
     }
+    bridge.page.rests().await;
     let deadline = Instant::now() + CLOSING;
     loop {
         let closed = bridge.all_closed.notified();

@@ -96,6 +96,17 @@ pub enum Refused {
     /// The driver has not taken what was asked before.
     #[error("expected the drive to take earlier requests first; it has {0} of them")]
     Busy(usize),
+    /// As many runs as may be are being shown to models.
+    #[error("expected fewer than {0} runs to be compared with models at a time: close another page first")]
+    Comparing(usize),
+}
+
+impl Refused {
+    /// No pilot has this place.
+    pub(super) fn no_pilot(index: usize, pilots: usize) -> Self {
+        let expected = format!("the place of one of {pilots} pilots, from 0");
+        Self::Value { what: "index", expected, got: index.to_string() }
+    }
 }
 
 /// What a drive may be asked for besides its driver's own controls.
@@ -220,9 +231,7 @@ impl Control {
             Self::SetSpeed { mph } if !(*mph > 0.0 && *mph <= FASTEST_MPH) => {
                 value("mph", format!("a speed above 0, up to {FASTEST_MPH} mph"), format!("{mph:?}"))
             }
-            Self::Pilot { index } if *index >= pilots => {
-                value("index", format!("the place of one of {pilots} pilots, from 0"), index.to_string())
-            }
+            Self::Pilot { index } if *index >= pilots => Err(Refused::no_pilot(*index, pilots)),
             Self::World(WorldChoice { track, weather, scenario }) => {
                 let is_track = |name: &str| {
                     let seed = name.strip_prefix("random:");

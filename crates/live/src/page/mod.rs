@@ -12,6 +12,9 @@
 //! | `control` | what may be asked for, and who can do it |
 //! | `routes` | the paths: the page's files, `/api`, `/metrics`, `/healthz` |
 //! | `runs`, `runs_routes` | recorded runs: listed, looked at, downloaded |
+//! | `compared` | the steering of another model on the frames of a recorded run |
+//! | `explained` | what networks look at, live and in recorded runs |
+//! | `desk` | work that may take its time, on a thread of low priority |
 //! | `socket` | `/live`: the newest moment and picture, as often as the reader keeps up |
 //! | `course` | roads from above, for the map; where on them a car without a position seems to be |
 //! | `counts`, `metrics` | numbers for Prometheus |
@@ -21,9 +24,12 @@
 //! Who may connect at all is the bridge's business. No text of a request becomes a path: names are compared with those that
 //! there are.
 
+mod compared;
 mod control;
 mod counts;
 mod course;
+mod desk;
+mod explained;
 mod metrics;
 mod moment;
 mod routes;
@@ -43,10 +49,12 @@ use std::{
     },
 };
 
+use serde::Serialize;
 use tokio::sync::watch;
 
 pub use control::{Abilities, Control, FASTEST_MPH, Offered, Refused, WeatherRange, WorldChoice};
 pub use course::Course;
+pub use explained::{Explaining, Explains, Layer, Looks};
 pub use showing::Showing;
 pub use token::{NoToken, Token};
 
@@ -54,6 +62,7 @@ pub(crate) use routes::{ask_token, router};
 pub(crate) use socket::live;
 
 use counts::Counts;
+use desk::Desk;
 use lapwing_core::{
     pilot::{Model, Pilot},
     recording::ModelId,
@@ -73,6 +82,22 @@ pub struct PilotChoice {
     pub sha256: Option<String>,
     /// Makes one for one car.
     pub make: MakePilot,
+    /// How it is shown what it looks at.
+    pub explaining: Explaining,
+}
+
+/// Why a pilot is not shown pictures.
+const BLIND: &str = "it does not look at the picture";
+
+/// A pilot as pages are told of it.
+#[derive(Serialize)]
+struct PilotTold<'a> {
+    name: &'a str,
+    sha256: Option<&'a str>,
+    /// Why recorded pictures are not shown to it; null if they can be.
+    blind: Option<&'static str>,
+    /// Why it cannot be shown what it looks at; null if it can be.
+    unexplained: Option<&'a str>,
 }
 
 impl PilotChoice {
@@ -82,12 +107,27 @@ impl PilotChoice {
         Some(ModelId { name: name.clone(), sha256: sha256.clone()? })
     }
 
-    /// Pilots of a model.
-    pub fn of(model: Arc<dyn Model>) -> Self {
+    /// Pilots of a model, which is explained so.
+    pub fn of(model: Arc<dyn Model>, explaining: Explaining) -> Self {
         Self {
             name: model.name().to_owned(),
             sha256: Some(model.sha256().to_owned()),
             make: Box::new(move || model.pilot()),
+            explaining,
+        }
+    }
+
+    /// Why recorded pictures are not shown to it, if it does not look at any.
+    fn why_blind(&self) -> Option<&'static str> {
+        (!(self.make)().needs_picture()).then_some(BLIND)
+    }
+
+    fn told(&self) -> PilotTold<'_> {
+        PilotTold {
+            name: &self.name,
+            sha256: self.sha256.as_deref(),
+            blind: self.why_blind(),
+            unexplained: self.explaining.why_not(),
         }
     }
 }
@@ -111,6 +151,10 @@ pub struct Page {
     ended: Mutex<Counts>,
     /// Pages that look now.
     open: AtomicUsize,
+    /// Recorded runs that are being shown to models.
+    comparisons: AtomicUsize,
+    /// Where what is not urgent is done.
+    desk: Desk,
 }
 
 impl Page {
@@ -132,6 +176,11 @@ impl Page {
     /// The folder whose runs are shown. A second call is ignored.
     pub fn has_runs(&self, dir: &Path) {
         let _ = self.runs.set(Runs::of(dir.to_owned()));
+    }
+
+    /// Takes no more work beside the drives, and waits until what was begun is done: until then the program must not end.
+    pub(crate) async fn rests(&self) {
+        self.desk.close().await;
     }
 
     fn runs(&self) -> Option<&Runs> {
@@ -181,6 +230,10 @@ impl Page {
     /// The pilots that pages may switch among; none while they are loaded.
     pub fn pilots(&self) -> &[PilotChoice] {
         self.pilots.get().map_or(&[], Vec::as_slice)
+    }
+
+    fn pilot(&self, index: usize) -> Result<&PilotChoice, Refused> {
+        self.pilots().get(index).ok_or_else(|| Refused::no_pilot(index, self.pilots().len()))
     }
 
     fn courses(&self) -> Arc<Vec<Course>> {

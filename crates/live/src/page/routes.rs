@@ -15,9 +15,9 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::{
-    Page, Token,
+    Page, PilotChoice, Token, compared,
     control::{Control, Refused},
-    metrics,
+    explained, metrics,
     moment::{Facts, Happened, Status},
     runs_routes,
 };
@@ -36,7 +36,7 @@ const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE: &str = "text/css; charset=utf-8";
 
 /// The page's files: path, content type, content.
-const FILES: [(&str, &str, &str); 12] = [
+const FILES: [(&str, &str, &str); 17] = [
     ("/page/colours.css", STYLE, COLOURS),
     ("/page/uplot.css", STYLE, UPLOT_STYLE),
     ("/page/page.css", STYLE, include_str!("assets/page.css")),
@@ -48,6 +48,11 @@ const FILES: [(&str, &str, &str); 12] = [
     ("/page/controls.js", SCRIPT, include_str!("assets/controls.js")),
     ("/page/wheel.js", SCRIPT, include_str!("assets/wheel.js")),
     ("/page/runs.js", SCRIPT, include_str!("assets/runs.js")),
+    ("/page/together.js", SCRIPT, include_str!("assets/together.js")),
+    ("/page/compared.js", SCRIPT, include_str!("assets/compared.js")),
+    ("/page/run_curves.js", SCRIPT, include_str!("assets/run_curves.js")),
+    ("/page/looks.js", SCRIPT, include_str!("assets/looks.js")),
+    ("/page/player.js", SCRIPT, include_str!("assets/player.js")),
     ("/page/page.js", SCRIPT, include_str!("assets/page.js")),
 ];
 const INDEX: &str = include_str!("assets/index.html");
@@ -71,7 +76,10 @@ pub(crate) fn router(page: Arc<Page>) -> Router {
         .route("/api/drives/{id}", get(drive))
         .route("/api/drives/{id}/score", get(score))
         .route("/api/drives/{id}/picture", get(picture))
+        .route("/api/drives/{id}/explained/{looks}", get(explained::of_drive))
         .route("/api/drives/{id}/control", post(control))
+        .route("/api/runs/{name}/frames/{n}/explained/{looks}/{pilot}", get(explained::of_run))
+        .route("/api/runs/{name}/compared/{pilot}", get(compared::with_model))
         .merge(runs_routes::router())
         .with_state(page);
     files.merge(api).layer(middleware::map_response(with_policy))
@@ -104,7 +112,7 @@ pub(crate) async fn ask_token(State(token): State<Option<Token>>, request: Reque
 }
 
 fn is_open(method: &Method, path: &str) -> bool {
-    let shows_nothing = ["/", "/healthz", "/metrics", "/api/openapi.json"];
+    let shows_nothing = ["/", "/healthz", "/api/openapi.json"];
     path.starts_with("/socket.io")
         || (method.is_safe() && (shows_nothing.contains(&path) || FILES.iter().any(|(file, ..)| *file == path)))
 }
@@ -138,7 +146,7 @@ impl IntoResponse for Refused {
             Self::Cannot(_) => StatusCode::CONFLICT,
             Self::Value { .. } | Self::Unknown(_) => StatusCode::BAD_REQUEST,
             Self::Gone(_) => StatusCode::NOT_FOUND,
-            Self::Busy(_) => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Busy(_) | Self::Comparing(_) => StatusCode::SERVICE_UNAVAILABLE,
         };
         (status, json_text(json!({ "error": self.to_string() }).to_string())).into_response()
     }
@@ -166,8 +174,7 @@ async fn scrape(State(page): State<Arc<Page>>) -> Response {
 async fn state(State(page): State<Arc<Page>>) -> Response {
     let drives: Vec<_> = page.drives().iter().map(|drive| (drive.id, drive.now())).collect();
     let shown = |(id, now): &(u64, Arc<super::moment::Moment>)| json!({ "id": id, "title": now.status.title, "dialect": now.status.dialect, "phase": now.status.phase });
-    let pilots: Vec<_> =
-        page.pilots().iter().map(|pilot| json!({ "name": pilot.name, "sha256": pilot.sha256 })).collect();
+    let pilots: Vec<_> = page.pilots().iter().map(PilotChoice::told).collect();
     let version = env!("CARGO_PKG_VERSION");
     let drives: Vec<_> = drives.iter().map(shown).collect();
     json_of(&json!({ "version": version, "drives": drives, "pilots": pilots }))

@@ -19,6 +19,7 @@ use super::Course;
 use lapwing_core::{
     config::Thresholds,
     recording::{Item, RecordingError, is_run_name},
+    units::Mph,
 };
 use lapwing_score::{
     odometry::Road,
@@ -31,9 +32,12 @@ use lapwing_score::{
 
 /// Runs that are listed, the newest of them.
 const LISTED: usize = 100;
-/// Bytes of pictures that are held of the run that is looked at; of a longer one every other picture is left out, and
-/// so on.
-const PICTURES: usize = 256 << 20;
+/// Runs that are looked at, side by side.
+const OPENED: usize = 2;
+/// Bytes of pictures that are held of each of them; of a longer one every other picture is left out, and so on.
+const PICTURES: usize = 128 << 20;
+/// Commands of a run that are drawn at most.
+const COMMANDS: usize = 20_000;
 
 /// The folder of runs.
 #[derive(Debug)]
@@ -41,8 +45,8 @@ pub(super) struct Runs {
     dir: PathBuf,
     /// What a list shows of each, by name; with the size that the file had.
     glances: Mutex<HashMap<String, (u64, Arc<Glance>)>>,
-    /// The run that is looked at.
-    opened: Mutex<Option<Arc<Opened>>>,
+    /// The runs that are looked at, the newest first.
+    opened: Mutex<Vec<Arc<Opened>>>,
     /// One run is read at a time, so that a page leaves the processor to the drives.
     pub reading: Semaphore,
 }
@@ -78,10 +82,17 @@ pub(super) struct Opened {
     pub rows: Vec<(&'static str, String)>,
     pub drawn: Drawn,
     pub outline: Option<Outline>,
+    /// SHA-256 of the model that drove, if one did.
+    pub model_sha256: Option<String>,
+    /// The commands: seconds of the run, and normalised steering.
+    pub commands: Vec<[f32; 2]>,
     /// When each picture was taken, in seconds of the run.
     pub frames_s: Vec<f64>,
     #[serde(skip)]
     pub frames: Vec<Bytes>,
+    /// How fast the car was at each telemetry: seconds of the run, and the speed.
+    #[serde(skip)]
+    speeds: Vec<(f64, Mph)>,
 }
 
 /// Why a run is not shown.
@@ -153,25 +164,51 @@ impl Runs {
         Ok(glance)
     }
 
-    /// Opens a run to be looked at; the last one opened is kept.
+    /// Opens a run to be looked at; the last ones opened are kept.
     pub fn open(&self, name: &str, courses: &[Course]) -> Result<Arc<Opened>, RunsError> {
         let (path, bytes) = self.find(name)?;
-        if let Some(opened) = &*self.opened.lock().unwrap_or_else(PoisonError::into_inner)
-            && (opened.name == name && opened.bytes == bytes)
-        {
+        let kept = || self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(opened) = kept().iter().find(|opened| opened.name == name && opened.bytes == bytes) {
             return Ok(opened.clone());
         }
         let (mut collector, mut pictures) = (Collector::default(), Pictures::of(PICTURES));
-        let run = judged(path, courses, |at, item| match item {
-            Item::Frame(_) => pictures.take(at, item),
-            item => collector.item(at, item),
+        let (mut commands, mut speeds) = (vec![], vec![]);
+        let run = judged(path, courses, |at, item| {
+            let t = at.as_secs_f64();
+            match item {
+                Item::Frame(_) => return pictures.take(at, item),
+                Item::Telemetry(telemetry) => speeds.push((t, telemetry.speed)),
+                Item::Command(command) => commands.push([t as f32, command.steering.get() as f32]),
+                Item::Event(_) => {}
+            }
+            collector.item(at, item);
         })?;
+        let every = commands.len().div_ceil(COMMANDS).max(1);
+        let commands = commands.into_iter().step_by(every).collect();
         let (drawn, outline) = on_map(collector, &run.card, courses);
         let (frames_s, frames) = pictures.taken.into_iter().unzip();
         let (title, rows) = (title(&run, name), run.card.known_rows());
         let name = name.to_owned();
-        let opened = Arc::new(Opened { name, bytes, title, card: run.card, rows, drawn, outline, frames_s, frames });
-        *self.opened.lock().unwrap_or_else(PoisonError::into_inner) = Some(opened.clone());
+        let model_sha256 = run.header.model.map(|model| model.sha256);
+        let card = run.card;
+        let opened = Arc::new(Opened {
+            name,
+            bytes,
+            title,
+            card,
+            rows,
+            drawn,
+            outline,
+            model_sha256,
+            commands,
+            frames_s,
+            frames,
+            speeds,
+        });
+        let mut kept = kept();
+        kept.retain(|other| other.name != opened.name);
+        kept.insert(0, opened.clone());
+        kept.truncate(OPENED);
         Ok(opened)
     }
 
@@ -191,6 +228,13 @@ impl Opened {
     pub fn frame(&self, n: usize) -> Result<Bytes, RunsError> {
         let last = self.frames.len().saturating_sub(1);
         self.frames.get(n).cloned().ok_or(RunsError::Frame { last, got: n })
+    }
+
+    /// How fast the car was when it was taken.
+    pub fn speed(&self, n: usize) -> Mph {
+        let taken = self.frames_s.get(n).copied().unwrap_or(0.0);
+        let after = self.speeds.partition_point(|(t, _)| *t <= taken);
+        self.speeds.get(after.saturating_sub(1)).map_or(Mph::ZERO, |(_, speed)| *speed)
     }
 }
 

@@ -58,7 +58,7 @@ impl IntoResponse for RunsError {
 }
 
 /// Reads from the folder of runs where that delays nobody, one after the other.
-async fn read<T: Send + 'static>(
+pub(super) async fn read<T: Send + 'static>(
     page: Arc<Page>,
     work: impl FnOnce(&Runs, &[Course]) -> Result<T, RunsError> + Send + 'static,
 ) -> Result<T, RunsError> {

@@ -18,6 +18,7 @@ use super::{
     Page,
     control::{Control, Refused, speed},
     course::Located,
+    explained,
     moment::{Facts, Happened, Moment, Phase, Status, dialect, hands},
 };
 use lapwing_core::{
@@ -47,6 +48,8 @@ pub(super) struct Drive {
     pub newest: watch::Sender<Arc<Moment>>,
     /// For those who look alone: the driver's end never touches it.
     pub located: Mutex<Located>,
+    /// What its pilot looked at last; likewise.
+    pub explained: tokio::sync::Mutex<Option<explained::Last>>,
     asked: AtomicBool,
     /// Whether somebody who does not look all the time wants the score.
     wants_score: AtomicBool,
@@ -152,6 +155,7 @@ impl Showing {
             id,
             newest,
             located: Mutex::default(),
+            explained: tokio::sync::Mutex::default(),
             asked: AtomicBool::new(false),
             wants_score: AtomicBool::new(false),
             inbox: Mutex::default(),

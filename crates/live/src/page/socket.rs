@@ -34,7 +34,7 @@ use tokio_tungstenite::{
 };
 
 use super::{
-    Page,
+    Page, PilotChoice,
     control::ByHand,
     course::Place as CarPlace,
     moment::{Facts, Moment},
@@ -240,7 +240,7 @@ impl Viewer {
         let id = watched.drive.id;
         let is_new = std::mem::take(&mut watched.is_new);
         if is_new || now.status != watched.last.status {
-            let pilots: Vec<_> = self.page.pilots().iter().map(|pilot| &*pilot.name).collect();
+            let pilots: Vec<_> = self.page.pilots().iter().map(PilotChoice::told).collect();
             texts.push(text(&json!({ "kind": "status", "drive": id, "status": &*now.status, "pilots": pilots })));
         }
         let courses = self.page.courses();

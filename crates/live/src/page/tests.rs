@@ -23,8 +23,12 @@ fn driver() -> Driver {
 
 fn page() -> Arc<Page> {
     let page = Page::new();
-    let choice =
-        |name: &str, steering| PilotChoice { name: name.into(), sha256: None, make: Box::new(move || pilot(steering)) };
+    let choice = |name: &str, steering| PilotChoice {
+        name: name.into(),
+        sha256: None,
+        make: Box::new(move || pilot(steering)),
+        explaining: Explaining::not("it always steers alike"),
+    };
     page.has_pilots(vec![choice("left", -0.5), choice("right", 0.5)]);
     page
 }

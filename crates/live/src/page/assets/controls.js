@@ -60,7 +60,7 @@ function showControls(drive, status, pilots) {
   put("mph-slider", status.set_speed_mph);
   say($("mph-now"), `${+status.set_speed_mph.toFixed(1)} mph`);
   put("law", status.speed_law);
-  options($("pilot"), pilots.length ? pilots : ["still loading"], pilots.length ? pilots.map((_, i) => i) : [0]);
+  options($("pilot"), pilots.length ? pilots.map(({ name }) => name) : ["still loading"], pilots.length ? pilots.map((_, i) => i) : [0]);
   put("pilot", status.pilot);
   $("pause").setAttribute("aria-pressed", status.paused);
   say($("pause"), status.paused ? "Go on" : "Pause");

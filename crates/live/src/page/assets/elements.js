@@ -6,7 +6,7 @@ const colours = {};
 
 function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["paper", "card", "ink", "faint", "line", "a", "b", "good", "bad", "road"]) {
+  for (const name of ["paper", "card", "ink", "faint", "line", "a", "b", "c", "good", "bad", "road"]) {
     colours[name] = style.getPropertyValue("--" + name).trim();
   }
 }

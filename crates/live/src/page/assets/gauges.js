@@ -47,6 +47,7 @@ function drawCamera(turn) {
   context.clearRect(0, 0, width, height);
   if (picture.bitmap) {
     context.drawImage(picture.bitmap, 0, 0, width, height);
+    if (looking.bitmap) context.drawImage(looking.bitmap, 0, 0, width, height);
   } else {
     context.fillStyle = colours.road;
     context.fillRect(0, 0, width, height);

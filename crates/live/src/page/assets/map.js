@@ -23,8 +23,8 @@ function addToTrail(place) {
   if (chartOf.trail.length > TRAIL) chartOf.trail.splice(0, TRAIL / 4);
 }
 
-// The road, the way that was driven, and the car; false where there is nothing to draw.
-function drawTrack(canvas, course, trail, place) {
+// The road, the way that was driven, and the car, and those of another run; false where there is nothing to draw.
+function drawTrack(canvas, course, trail, place, other = null, colour = "a") {
   const { context, width, height } = sharp(canvas);
   context.clearRect(0, 0, width, height);
   const points = course ? [...course.left, ...course.right] : trail;
@@ -53,7 +53,18 @@ function drawTrack(canvas, course, trail, place) {
       context.stroke();
     }
   }
-  // A jump is a reset, or an estimate that has changed its mind: no line is drawn along it.
+  // The car of a single trail is of another colour than it, to be seen.
+  const car = other ? colour : "b";
+  for (const way of [other, { trail, place, colour }]) {
+    if (!way) continue;
+    drawWay(context, way.trail, at, colours[way.colour]);
+    if (way.place) drawCar(context, way.place, at, scale, colours[way === other ? other.colour : car]);
+  }
+  return true;
+}
+
+// A jump is a reset, or an estimate that has changed its mind: no line is drawn along it.
+function drawWay(context, trail, at, colour) {
   context.beginPath();
   let before = null;
   for (const point of trail) {
@@ -61,28 +72,28 @@ function drawTrack(canvas, course, trail, place) {
     if (near) context.lineTo(...at(point)); else context.moveTo(...at(point));
     before = point;
   }
-  context.strokeStyle = colours.a;
+  context.strokeStyle = colour;
   context.lineWidth = 2;
   context.stroke();
-  if (place) {
-    const [x, y] = at(place.at);
-    if (known(place.off_m)) {
-      context.beginPath();
-      context.arc(x, y, Math.max(7, scale * 2 * place.off_m), 0, 2 * Math.PI);
-      context.fillStyle = colours.b;
-      context.globalAlpha = 0.22;
-      context.fill();
-      context.globalAlpha = 1;
-    }
+}
+
+function drawCar(context, place, at, scale, colour) {
+  const [x, y] = at(place.at);
+  if (known(place.off_m)) {
     context.beginPath();
-    context.arc(x, y, 5, 0, 2 * Math.PI);
-    context.fillStyle = colours.b;
+    context.arc(x, y, Math.max(7, scale * 2 * place.off_m), 0, 2 * Math.PI);
+    context.fillStyle = colour;
+    context.globalAlpha = 0.22;
     context.fill();
-    context.strokeStyle = colours.card;
-    context.lineWidth = 2;
-    context.stroke();
+    context.globalAlpha = 1;
   }
-  return true;
+  context.beginPath();
+  context.arc(x, y, 5, 0, 2 * Math.PI);
+  context.fillStyle = colour;
+  context.fill();
+  context.strokeStyle = colours.card;
+  context.lineWidth = 2;
+  context.stroke();
 }
 
 function drawMap() {

@@ -27,7 +27,7 @@ function connect() {
 function linked(there) {
   $("link").classList.toggle("there", there);
   say($("link"), there ? "connected" : token ? "not connected" : "not connected: is it running? Other machines need the address with the token that it printed");
-  if (!there) { live.status = null; live.turn = null; showControls(null, null, []); showTabs([], null); }
+  if (!there) { live.status = null; live.turn = null; showControls(null, null, []); showTabs([], null); showLooks(); }
 }
 
 const HEARD = {
@@ -36,6 +36,7 @@ const HEARD = {
     if (live.status && live.status.run !== status.run) { forgetTrail(); forgetMinute(); }
     [live.status, live.pilots] = [status, pilots];
     showControls(drive, status, pilots);
+    showLooks();
   },
   course: ({ course }) => showCourse(course),
   events: ({ events }) => showEvents(events),
@@ -60,6 +61,7 @@ function showTabs(drives, watched) {
     [live.status, live.turn, live.card] = [null, null, null];
     live.events.length = 0;
     picture.bitmap = null;
+    showLooks();
     takeWheel(false);
     forgetMinute(); forgetTrail(); showCourse(null); listEvents(); listScore([]); showLatency();
     showControls(null, null, []);
