@@ -9,6 +9,8 @@ const { chromium } = createRequire(path.join(process.cwd(), 'package.json'))('pl
 
 const [live, report, folder, frameMs] = process.argv.slice(2)
 const VIEW = { width: 1200, height: 675 }
+// Wide enough for the map and a curve at once.
+const REPORT_VIEW = { width: 1500, height: 844 }
 // The page's curves show the last minute; after this long, in milliseconds, there is something on them.
 const WARM_MS = 20000
 const PAGE_FRAMES = 24
@@ -25,17 +27,18 @@ async function main() {
     await shot('page', i)
     await page.waitForTimeout(Math.max(0, began + (i + 1) * Number(frameMs) - Date.now()))
   }
+  await page.setViewportSize(REPORT_VIEW)
   await page.goto(pathToFileURL(report).href)
   await page.waitForTimeout(500)
   const chart = page.locator('.u-over').nth(1)
-  const { x, width } = await chart.boundingBox()
+  const { x, y: top, width, height: tall } = await chart.boundingBox(), down = top + tall + 50 - REPORT_VIEW.height
   for (let i = 0; i < REPORT_FRAMES; i++) {
     // The scorecard and the map first; then down to the curves, and along them.
-    const along = Math.max(0, i - 8) / (REPORT_FRAMES - 9)
-    await page.evaluate((top) => scrollTo(0, top), Math.min(1, Math.max(0, i - 4) / 8) * 330)
-    if (i >= 8) {
+    const along = Math.max(0, i - 10) / (REPORT_FRAMES - 11)
+    await page.evaluate((top) => scrollTo(0, top), Math.min(1, Math.max(0, i - 4) / 6) * down)
+    if (i > 10) {
       const { y, height } = await chart.boundingBox()
-      await page.mouse.move(x + (0.1 + 0.7 * along) * width, Math.min(VIEW.height - 40, y + height / 2))
+      await page.mouse.move(x + (0.1 + 0.7 * along) * width, y + height / 2)
     }
     await page.waitForTimeout(60)
     await shot('report', i)

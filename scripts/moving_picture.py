@@ -35,7 +35,7 @@ from PIL import Image
 scorecard, still, out, *paths = map(Path, sys.argv[1:])
 frames = [Image.open(path).convert("RGB").resize({SIZE}, Image.Resampling.LANCZOS) for path in paths]
 frames[0].save(out, save_all=True, append_images=frames[1:], duration={FRAME_MS}, loop=0, quality={QUALITY}, method=6)
-Image.open(scorecard).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(still, optimize=True)
+Image.open(scorecard).convert("RGB").quantize(256).save(still, optimize=True)
 """
 
 
@@ -53,7 +53,7 @@ def main():
     drive(folder, "--max-time", "21", "--no-recording", "--video", folder / "film")
     film = sorted((folder / "film").glob("*.jpg"))[-75::2]
     drive(folder, "--laps", "1", "--recordings", folder / "runs")
-    subprocess.run([LAPWING, "score", folder / "runs", "--html", folder / "report.html"], env=ENVIRONMENT, check=True,
+    subprocess.run([LAPWING, "score", "runs", "--html", "report.html"], cwd=folder, env=ENVIRONMENT, check=True,
                    stdout=subprocess.DEVNULL)
     with open(folder / "log", "wb") as log:
         page = subprocess.Popen([LAPWING, "drive", "--speed", "20", "--page", "0", "--no-recording"], cwd=folder,

@@ -127,7 +127,8 @@ fn runs_that_were_kept_come_along() {
     let folders = Folders(tempfile::tempdir().unwrap());
     let cells = cells();
     let part = folders.part("one", &cells[..2], None);
-    let kept = Done { run: Some(Results::run_name(&cells[0])), ..part.get(&cells[0]).unwrap().unwrap() };
+    let mut kept = part.get(&cells[0]).unwrap().unwrap();
+    kept.run = Some(Results::run_name(&cells[0]));
     fs::write(part.room_for_run(&cells[0]).unwrap(), "a run").unwrap();
     part.keep(&kept).unwrap();
     folders.merge(&["one"], "whole");

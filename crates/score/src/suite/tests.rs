@@ -1,10 +1,10 @@
-use std::{fs, path::Path};
+use std::{fs, path::Path, time::Duration};
 
 use serde_json::json;
 
 use super::*;
 use crate::{judged::Judged, score::Scorer};
-use lapwing_core::{drive::DriveDigest, turn::EventRecord};
+use lapwing_core::{drive::DriveDigest, protocol::Telemetry};
 
 const SUITE: &str = r#"
 tracks = ["lake", "jungle"]
@@ -244,7 +244,8 @@ fn every_key_of_the_files_is_documented() {
     let mut cell = cells(SUITE).remove(0);
     cell.settings = json!({"lapwing": "0", "control": {}, "simulator": {}, "beside_model_sha256": null});
     cell.world = json!({"conditions": {}, "track_sha256": null});
-    let done = Done { run: Some("runs/ID.mcap".into()), ..done(&cell, 1.0) };
+    let mut done = done(&cell, 1.0);
+    done.run = Some("runs/ID.mcap".into());
     let outcome = SuiteOutcome::new(groups(std::slice::from_ref(&done)), Some(1), 0);
     let mut found = std::collections::BTreeSet::new();
     keys(&json!(outcome), "", &mut found);
@@ -297,9 +298,11 @@ impl Course for Paper {
             fs::write(run, cell.to_string())?;
         }
         let mut scorer = Scorer::default();
-        if cell.seed == 0 {
-            let hit = EventRecord::Collision { with: "a tree".into(), speed_mph: 9.0, own_mph: None };
-            scorer.event(std::time::Duration::ZERO, &hit);
+        let json = r#"{"steering_deg":0,"throttle":0.25,"speed_mph":9}"#;
+        let mut telemetry: Telemetry = serde_json::from_str(json).unwrap();
+        for second in 0..3 {
+            telemetry.truth.crashes = Some(u32::from(cell.seed == 0 && second > 1));
+            scorer.telemetry(Duration::from_secs(second), &telemetry);
         }
         let (fingerprint, frames, bad_frames) = ("ab".into(), 1, 0);
         let driven = DriveDigest { fingerprint, frames, bad_frames };
