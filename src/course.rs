@@ -11,6 +11,7 @@ use lapwing_core::{
     driver::Driver,
     hash::sha256,
     pilot::{Pilot, PurePursuit},
+    recording::{ModelId, Recorder, RecorderOptions, RecordingError, RunHeader},
     units::Mph,
 };
 use lapwing_learn::models::{self, LoadedModel, ModelError};
@@ -23,7 +24,7 @@ use lapwing_sim::{
     scenario::ScenarioError,
     spec::{SpecError, WorldSpec},
     track::{Track, TrackError},
-    world::{Ending, Simulation},
+    world::{Ending, Setup, Simulation},
 };
 
 /// Why a cell of a suite cannot be driven.
@@ -55,7 +56,13 @@ pub enum CourseError {
     /// The drive was interrupted.
     #[error("{0}")]
     Drive(#[from] TurnError<Infallible>),
+    /// Its run cannot be recorded.
+    #[error("{0}")]
+    Recording(#[from] RecordingError),
 }
+
+/// What a run says of itself: settings, world, and the pilot with its model.
+pub type Heading = fn(&Settings, &Setup, (&str, Option<ModelId>)) -> RunHeader;
 
 /// The state that all drives of a suite share.
 pub struct SimulatedCourse {
@@ -65,6 +72,7 @@ pub struct SimulatedCourse {
     tracks: BTreeMap<String, Option<String>>,
     /// For each pilot, the hash of the file next to its model.
     beside: BTreeMap<String, Option<String>>,
+    heading: Heading,
 }
 
 impl SimulatedCourse {
@@ -72,12 +80,17 @@ impl SimulatedCourse {
     ///
     /// # Errors
     /// [`CourseError`], if a track or a file beside a model cannot be read.
-    pub fn new(suite: &Suite, layers: Layers, models: BTreeMap<String, LoadedModel>) -> Result<Self, CourseError> {
+    pub fn new(
+        suite: &Suite,
+        layers: Layers,
+        models: BTreeMap<String, LoadedModel>,
+        heading: Heading,
+    ) -> Result<Self, CourseError> {
         // Errors in a track are reported before the first drive, not hours later.
         let tracks = suite.tracks.iter().map(|track| Ok((track.clone(), track_sha256(track)?)));
         let tracks = tracks.collect::<Result<_, CourseError>>()?;
         let beside = suite.pilots.iter().map(|pilot| Ok((pilot.name.clone(), beside(pilot)?)));
-        Ok(Self { layers, models, tracks, beside: beside.collect::<Result<_, CourseError>>()? })
+        Ok(Self { layers, models, tracks, beside: beside.collect::<Result<_, CourseError>>()?, heading })
     }
 
     /// A cell's world, and all settings.
@@ -117,16 +130,20 @@ impl suite::Course for SimulatedCourse {
         left_to_chance(cell)
     }
 
-    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Judged>, CourseError> {
+    fn drive(&self, cell: &Cell, run: Option<&Path>, stop: Stop<'_>) -> Result<Option<Judged>, CourseError> {
         let (spec, settings) = self.resolved(cell)?;
         let setup = spec.setup(&settings.simulator)?;
-        let pilot: Box<dyn Pilot> = match self.models.get(&cell.pilot) {
-            Some(model) => model.pilot(),
-            None => Box::new(PurePursuit::default()),
-        };
+        let model = self.models.get(&cell.pilot);
+        let pilot: Box<dyn Pilot> = model.map_or_else(|| Box::new(PurePursuit::default()) as _, LoadedModel::pilot);
+        let header = || (self.heading)(&settings, &setup, (&cell.pilot, model.map(|model| ModelId::of(model))));
+        let options = RecorderOptions { queue: settings.recording.queue };
+        let recorder = run.map(|run| Recorder::create_file(run, header(), options)).transpose()?;
         let mut driver = Driver::new(pilot, &settings.control, Instant::now);
         let mut simulation = Simulation::new(setup)?;
-        let driven = judged::run(&mut simulation, &mut driver, &mut [&mut StopWhen(stop)])?;
+        let driven = judged::run(&mut simulation, &mut driver, &mut [&mut recorder.as_ref(), &mut StopWhen(stop)]);
+        let ended = recorder.and_then(|recorder| recorder.finish().error);
+        let driven = driven?;
+        ended.map_or(Ok(()), Err)?;
         Ok((!matches!(simulation.ending(), Some(Ending::Interrupted))).then_some(driven))
     }
 }
@@ -172,9 +189,9 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use lapwing_core::config::ControlSettings;
+    use lapwing_core::{config::ControlSettings, recording::RunKind};
     use lapwing_score::{score::Figure, suite::Planned};
-    use lapwing_sim::{camera::Scenery, world::Setup};
+    use lapwing_sim::camera::Scenery;
 
     const SUITE: &str = r#"
     tracks = ["lake"]
@@ -189,6 +206,10 @@ mod tests {
     expert = true
     "#;
 
+    fn heading(_: &Settings, _: &Setup, _: (&str, Option<ModelId>)) -> RunHeader {
+        RunHeader::new(RunKind::Driven, json!({}), jiff::Timestamp::UNIX_EPOCH)
+    }
+
     fn cells() -> Vec<Cell> {
         cells_of(SUITE)
     }
@@ -197,7 +218,7 @@ mod tests {
         let suite = Suite::parse(suite).unwrap();
         let model = |pilot: &Contestant| Some((pilot.name.clone(), model_of(pilot).unwrap()?));
         let models = suite.pilots.iter().filter_map(model).collect();
-        Planned::new(&suite, &SimulatedCourse::new(&suite, Layers::default(), models).unwrap()).unwrap().cells
+        Planned::new(&suite, &SimulatedCourse::new(&suite, Layers::default(), models, heading).unwrap()).unwrap().cells
     }
 
     #[test]

@@ -13,7 +13,7 @@ use lapwing_score::{
 };
 use lapwing_sim::{
     known::KnownRoad,
-    track::{Track, TrackError},
+    track::{Start, Track, TrackError},
 };
 
 /// Roads that a run may be on if it does not say: the tracks that come with Lapwing, and others. They are made on first
@@ -68,7 +68,11 @@ impl Roads {
 /// A track's edges, as a page shows them.
 pub fn outline(track: &Track) -> Outline {
     let Roadway { left, right, .. } = track.roadway();
-    Outline { left: flat(left), right: flat(right) }
+    let Start { x, y, z, .. } = track.file().start;
+    let start_s = track.locate(DVec3::new(x, y, z), None).station.s;
+    let count = left.len();
+    let start = (start_s / track.length() * count as f64).round() as usize % count;
+    Outline { left: flat(left), right: flat(right), start }
 }
 
 /// The known roads as the bridge's page draws them.
@@ -148,6 +152,23 @@ mod tests {
             }
             let place = filter.found().place;
             assert!((place.progress_m - driven).abs() < 8.0, "{name}: {place:?}, driven {driven}");
+        }
+    }
+
+    #[test]
+    fn an_outline_begins_where_drives_start_and_runs_the_way_they_go() {
+        for name in Track::NAMES {
+            let track = Track::named(name).unwrap();
+            let Outline { left, right, start } = outline(&track);
+            let middle = |i: usize| {
+                let i = i % left.len();
+                [0, 1].map(|axis| f64::from(left[i][axis] + right[i][axis]) / 2.0)
+            };
+            let Start { x, z, yaw_deg, .. } = track.file().start;
+            let ([from_x, from_z], [to_x, to_z]) = (middle(start), middle(start + 1));
+            assert!((from_x - x).hypot(from_z - z) < track.half_width() + 3.0, "{name}");
+            let (sin, cos) = yaw_deg.to_radians().sin_cos();
+            assert!((to_x - from_x) * sin + (to_z - from_z) * cos > 0.0, "{name}: the way that the car faces");
         }
     }
 

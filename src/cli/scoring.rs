@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, builder::ValueParser};
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum, builder::ValueParser};
 use serde::Serialize;
 
 use super::{
@@ -142,12 +142,26 @@ pub struct Suite {
     /// Number of drives at a time [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
+    /// Which drives leave a run and its report, in the folder's runs
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = KeepRuns::Failed)]
+    pub keep_runs: KeepRuns,
     /// Write the heat map for a browser to this file [default: suite.html in the folder]
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Print the groups as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// Which drives of a suite leave a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum KeepRuns {
+    /// Those that did not finish their laps, hit something or left the road
+    Failed,
+    /// Every one
+    All,
+    /// None
+    None,
 }
 
 /// `lapwing merge`

@@ -61,7 +61,12 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let sources = recorded.as_ref().map(Recorded::sources);
     let header =
         settings.recording.enabled.then(|| header(&settings, &setup, (&name, model), guard.as_deref(), json!(sources)));
-    let mut pictures = world::Pictures::new(&arguments.pictures, &setup)?;
+    let kind = match arguments.pilot {
+        PilotKind::Expert => "expert",
+        #[cfg(feature = "networks")]
+        PilotKind::Model => "network",
+    };
+    let mut pictures = world::Pictures::new(&arguments.pictures, &setup, kind)?;
     let road = setup.track.roadway();
     let mut driver = Driver::new(pilot, &settings.control, Instant::now).guarded(guard.map(|guard| guard.guard()));
     let mut simulation = Simulation::new(setup)?;

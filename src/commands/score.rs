@@ -2,6 +2,8 @@
 
 mod markdown;
 
+#[cfg(feature = "networks")]
+use std::path::PathBuf;
 use std::{path::Path, time::Duration};
 
 use anyhow::bail;
@@ -13,6 +15,8 @@ use crate::{
     known::{Roads, outline, whereabouts},
     locating::turns,
 };
+#[cfg(feature = "networks")]
+use lapwing_core::config::Thresholds;
 use lapwing_core::{recording::Item, words::count};
 use lapwing_score::score::{
     Scorer,
@@ -50,7 +54,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let (mut runs, mut unscored) = (vec![], vec![]);
     for path in runs_in(&arguments.runs)? {
         let name = path.display().to_string();
-        let mut collector = arguments.html.is_some().then(Collector::default);
+        let mut collector = arguments.html.is_some().then(Collector::with_pictures);
         let mut worst = arguments.markdown.is_some().then(WorstWatch::default);
         let watch = |at: Duration, item: &Item| {
             collector.iter_mut().for_each(|collector| collector.item(at, item));
@@ -123,6 +127,19 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
             bail!("{} of {} cannot be scored", several.len(), count(several.len() + runs.len(), "run"))
         }
     }
+}
+
+/// The report on a recorded run as one page.
+///
+/// # Errors
+/// If the run cannot be read.
+#[cfg(feature = "networks")]
+pub(super) fn report(path: PathBuf, roads: &Roads) -> anyhow::Result<String> {
+    let mut collector = Collector::with_pictures();
+    let scorer = || Ok::<_, anyhow::Error>(Scorer::default());
+    let judged = JudgedRun::open(path, &Thresholds::default(), scorer, |at, item| collector.item(at, item))?;
+    let drawn = Some(drawn(collector, &judged, roads));
+    Ok(page(&[PagedRun { judged, drawn, worst: None }])?)
 }
 
 /// What a page shows of a run, and of the track that it was driven on, if that is known.

@@ -15,7 +15,7 @@ use lapwing_core::{
     driver::Driver,
     pilot::PurePursuit,
     protocol::{Answer, Observation, Sight, World},
-    turn::{EventRecord, Turn},
+    turn::{By, EventRecord, Turn},
     units::Mph,
 };
 use lapwing_score::results::{Bridged, ScoredDrive};
@@ -35,7 +35,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
     });
     let mut seen = Onlookers {
         judge: BridgeScorer::default(),
-        pictures: world::Pictures::new(&arguments.pictures, &setup)?,
+        pictures: world::Pictures::new(&arguments.pictures, &setup, "bridge")?,
         progress: world::ProgressLine::new(),
         pace: Pace { began: arguments.realtime.then(Instant::now) },
         interrupted,
@@ -159,11 +159,12 @@ impl World for BridgedSimulation {
         if let Some(Observation { at, sight }) = &observation {
             self.seen.pace.wait(*at);
             self.seen.judge.sight(*at, sight);
-            let sent = match sight {
-                Sight::Telemetry(telemetry) => Some(&telemetry.image),
-                Sight::HumanDrives | Sight::Unreadable(_) => None,
+            let (sent, by) = match sight {
+                Sight::Telemetry(telemetry) => (Some(&telemetry.image), By::Pilot),
+                Sight::HumanDrives => (None, By::Human),
+                Sight::Unreadable(_) => (None, By::Pilot),
             };
-            self.seen.pictures.take(&self.simulation, sent)?;
+            self.seen.pictures.take(&self.simulation, sent, by)?;
         }
         Ok(observation)
     }

@@ -9,14 +9,19 @@ use std::{
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Ended, outputs};
+use super::{Ended, drive, outputs, score};
 use crate::{
-    cli,
+    cli::{self, KeepRuns},
     course::{self, SimulatedCourse},
+    known::Roads,
 };
+use serde_json::Value;
+
 use lapwing_core::{config::text_of, words::count};
 use lapwing_learn::nn::runtime;
-use lapwing_score::suite::{self, Cell, Done, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table};
+use lapwing_score::suite::{
+    self, Cell, Done, Keep, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table,
+};
 
 /// How many missing cells are named.
 const NAMED: usize = 5;
@@ -38,7 +43,14 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
             models.insert(pilot.name.clone(), model);
         }
     }
-    let course = SimulatedCourse::new(&suite, layers, models)?;
+    let course = SimulatedCourse::new(&suite, layers, models, |settings, setup, who| {
+        drive::header(settings, setup, who, None, Value::Null)
+    })?;
+    let keep = match arguments.keep_runs {
+        KeepRuns::Failed => Keep::Failed,
+        KeepRuns::All => Keep::All,
+        KeepRuns::None => Keep::Nothing,
+    };
     let planned = Planned::new(&suite, &course)?;
     tell_left_out(planned.left_out, "cell");
     let results = Results::open(&arguments.out)?;
@@ -49,13 +61,13 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     runtime::set_threads(1);
     let interrupted = super::interrupted();
     let bar = SuiteBar::new(open.len());
-    let ended = suite::drive_all(&course, open, &results, arguments.jobs, &|| interrupted.is_pressed(), &bar);
+    let ended = suite::drive_all(&course, open, (&results, keep), arguments.jobs, &|| interrupted.is_pressed(), &bar);
     bar.0.finish_and_clear();
     ended?;
     if interrupted.is_pressed() {
         bail!("interrupted; run the same command again to continue");
     }
-    report(&planned.outcome(&results)?, &arguments.out, arguments.html.as_deref(), arguments.json)?;
+    report(&planned.outcome(&results)?, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
     Ok(Ended::Passed)
 }
 
@@ -66,19 +78,41 @@ pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
     let merged = suite::merge(&arguments.folders, &arguments.out, course::left_to_chance)?;
     tell(&merged);
     tell_left_out(merged.left_out, "result");
-    report(&merged.outcome, &arguments.out, arguments.html.as_deref(), arguments.json)?;
+    let results = Results::open(&arguments.out)?;
+    report(&merged.outcome, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
     Ok(if merged.is_whole() { Ended::Passed } else { Ended::Failed })
 }
 
-/// Writes the outcome of the results, and prints it.
-fn report(outcome: &SuiteOutcome, out: &Path, html: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
+/// Writes the outcome of the results and the reports of the runs that were kept, and prints the outcome.
+fn report(
+    outcome: &SuiteOutcome,
+    results: &Results,
+    (out, html): (&Path, Option<&Path>),
+    as_json: bool,
+) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(outcome)?;
     // One failure does not affect the others.
     let json = outputs::write(&out.join("suite.json"), &text);
-    let html = outputs::write(html.unwrap_or(&out.join("suite.html")), &render(outcome)?);
+    // A page elsewhere finds the runs from wherever it is opened.
+    let folder = html.map_or(Ok(String::new()), |_| out.canonicalize().map(|out| out.display().to_string()))?;
+    let html = outputs::write(html.unwrap_or(&out.join("suite.html")), &render(outcome, &folder)?);
+    let reports = reports(outcome, results);
     let printed = super::print(&if as_json { text } else { table(&outcome.groups) });
-    json.and(html)?;
+    json.and(html).and(reports)?;
     Ok(printed?)
+}
+
+/// A report beside each run that was kept and has none yet.
+fn reports(outcome: &SuiteOutcome, results: &Results) -> anyhow::Result<()> {
+    let roads = Roads::default();
+    for run in outcome.groups.iter().flat_map(|group| &group.drives).filter_map(|drive| drive.run.as_ref()) {
+        let run = results.file(run);
+        let page = run.with_extension("html");
+        if run.exists() && !page.exists() {
+            outputs::write(&page, &score::report(run, &roads)?)?;
+        }
+    }
+    Ok(())
 }
 
 fn tell_left_out(left_out: usize, what: &str) {

@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::outputs;
 use crate::{
     cli::{self, FilmView},
-    film::{Film, FilmError},
+    film::{Film, FilmError, Moment},
     map::{self, DrivenPoint, Mark, MarkKind},
 };
 use lapwing_core::{
@@ -19,7 +19,7 @@ use lapwing_core::{
     drive::{Observer, ObserverError},
     perception::{Frame, decode_jpeg},
     protocol::CameraImage,
-    turn::Turn,
+    turn::{By, Turn},
     units::MPS_PER_MPH,
 };
 use lapwing_sim::{
@@ -55,6 +55,8 @@ pub(super) fn spec(world: &cli::WorldFlags, laps: Option<u32>) -> WorldSpec {
 
 /// Pictures to look at afterwards.
 pub(super) struct Pictures {
+    /// The pilot's kind, as the film names it.
+    pilot: &'static str,
     film: Option<(Film, Renderer, Camera, Frame)>,
     /// Whether the film shows what was sent to the pilot, where that is a picture.
     as_sent: bool,
@@ -67,7 +69,8 @@ pub(super) struct Pictures {
 }
 
 impl Pictures {
-    pub(super) fn new(arguments: &cli::PictureFlags, setup: &Setup) -> anyhow::Result<Self> {
+    /// `pilot` is what a film calls it: the network, the expert, the bridge.
+    pub(super) fn new(arguments: &cli::PictureFlags, setup: &Setup, pilot: &'static str) -> anyhow::Result<Self> {
         arguments.map.as_deref().map_or(Ok(()), outputs::check_drawing)?;
         let film = match &arguments.video {
             None => None,
@@ -82,6 +85,7 @@ impl Pictures {
             }
         };
         Ok(Self {
+            pilot,
             film,
             as_sent: arguments.view == FilmView::Car,
             video: arguments.video.clone(),
@@ -92,8 +96,8 @@ impl Pictures {
         })
     }
 
-    /// Takes the world as it is now, and the picture that the pilot was sent.
-    pub(super) fn take(&mut self, world: &Simulation, sent: Option<&CameraImage>) -> Result<(), FilmError> {
+    /// Takes the world as it is now, the picture that the pilot was sent, and who steers.
+    pub(super) fn take(&mut self, world: &Simulation, sent: Option<&CameraImage>, by: By) -> Result<(), FilmError> {
         if let Some((film, renderer, camera, frame)) = &mut self.film {
             let shows = match sent {
                 Some(CameraImage::Jpeg(jpeg)) if self.as_sent => {
@@ -105,6 +109,21 @@ impl Pictures {
             if !shows {
                 world.draw(renderer, camera, frame);
             }
+            let (car, setup) = (world.car(), world.setup());
+            let by = match by {
+                By::Pilot => self.pilot,
+                By::Human => "human",
+                By::Safe | By::Off => "nobody",
+            };
+            let moment = Moment {
+                mph: car.speed.abs() / MPS_PER_MPH,
+                lap: world.laps() + 1,
+                laps: setup.laps,
+                cte_m: world.place().offset - setup.track.file().driving_line_m,
+                by,
+                steering_deg: car.steering.to_degrees(),
+            };
+            moment.draw(frame);
             film.frame(frame)?;
         }
         if self.map.is_some() {
@@ -141,7 +160,7 @@ impl Pictures {
 
 impl Observer<Simulation> for Pictures {
     fn turn(&mut self, world: &Simulation, turn: &Turn) -> Result<(), ObserverError> {
-        Ok(self.take(world, turn.telemetry().map(|telemetry| &telemetry.image))?)
+        Ok(self.take(world, turn.telemetry().map(|telemetry| &telemetry.image), turn.trace.by)?)
     }
 }
 

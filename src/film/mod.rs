@@ -4,7 +4,7 @@
 //!
 //! | path | what | if it is interrupted |
 //! |---|---|---|
-//! | `out.mp4` | H.264 in MP4 | plays up to the last whole second |
+//! | `out.mp4` | H.264 in MP4 | plays up to the last whole two seconds |
 //! | `out.gif` | GIF that repeats for ever | plays up to the frame before the last |
 //! | `frames/`, or any name without an extension | JPEG files in that folder | all pictures are there |
 //! | `out.png`, `out.jpg` | numbered files beside that name, `out_00001.png` | all pictures are there |
@@ -12,6 +12,7 @@
 //! The same frames give the same bytes. Files of the same name are replaced; pictures in a folder are not. Nothing is
 //! written before the first frame.
 
+mod caption;
 mod gif;
 #[cfg(feature = "films")]
 mod mp4;
@@ -22,6 +23,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+pub use self::caption::Moment;
 #[cfg(feature = "films")]
 use self::mp4::Mp4;
 use self::{gif::Gif, stills::Stills};

@@ -1,20 +1,40 @@
-"""The page of `lapwing score --html`, with its scripts running."""
-import shutil
+"""The report of `lapwing score --html`, the page of `lapwing suite` and a film of `lapwing drive`, in real Chromium."""
+from bridge import ENVIRONMENT, HERE, RUNS, equal, lapwing, node, run_json
+from checks_live import chromium
 
-from bridge import HERE, ROOT, RUNS, equal, lapwing, node, run_json
+# The longest time is too short for a lap of the jungle, so that cells fail.
+SUITE = """
+tracks = ["lake", "jungle"]
+conditions = ["fair", "noise=4"]
+speeds_mph = [20]
+seeds = 2
+longest_s = 20
 
-LINES = ["Speed, mph", "Steering, degrees", "Offset from the line, m"]
+[[pilot]]
+name = "built in"
+
+[[pilot]]
+name = "expert"
+expert = true
+"""
 
 
-def page(_):
+def report(_):
+    """Its screenshots lie in `target/interop/runs/report`."""
     program, folder = node()
-    # Twice, for the charts of a run must not follow those of another.
-    runs = [RUNS / "page" / name for name in ("one.mcap", "two.mcap")]
-    runs[0].parent.mkdir(parents=True, exist_ok=True)
-    for run in runs:
-        shutil.copy(ROOT / "recordings" / "lake.mcap", run)
-    html = runs[0].with_name("page.html")
-    lapwing("score", *runs, "--html", html, "--json")
-    result = run_json([program, HERE / "page.js", html], folder)
-    equal("charts", [title for title in LINES if title in result["charts"]], LINES)
-    return f"{len(result['charts'])} charts a run, {html.stat().st_size // 1024} KiB"
+    ENVIRONMENT["CHROMIUM"] = chromium()
+    here = RUNS / "report"
+    here.mkdir(parents=True, exist_ok=True)
+    drive = ("drive", "--max-time", "30", "--recordings", here / "mcap", "--json")
+    lapwing(*drive, "--speed", "20")
+    lapwing(*drive, "--speed", "15", "--pilot", "expert", "--video", here / "film.mp4")
+    lapwing("score", here / "mcap", "--html", here / "report.html", "--json")
+    (here / "suite.toml").write_text(SUITE)
+    lapwing("suite", here / "suite.toml", "--out", here / "suite", "--json")
+    kept = {run.suffix for run in (here / "suite" / "runs").iterdir()}
+    equal("beside each other in the suite's runs", kept, {".mcap", ".html"})
+    pages = (here / "report.html", here / "suite" / "suite.html", here / "film.mp4")
+    result = run_json([program, HERE / "report.js", *pages, here], folder, timeout=420)
+    sizes = [page.stat().st_size // 1024 for page in pages]
+    return (f"{result['charts']} charts under one cursor; report {sizes[0]} KiB, suite {sizes[1]} KiB, "
+            f"film of {result['film']['seconds']:.0f} s {sizes[2]} KiB")

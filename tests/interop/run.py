@@ -47,7 +47,7 @@ CHECKS = [
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
     ("perception", checks_models.perception, False, "pictures as OpenCV and Pillow make them, to the byte"),
     ("keras", checks_models.keras, False, "a network of tf.keras by ONNX and by safetensors answers as at home"),
-    ("page", checks_page.page, False, "the page of a score draws itself and answers mouse and keys"),
+    ("report", checks_page.report, False, "the pages of scores and suites, and a film, in Chromium: cursor, zoom, sorting, links"),
     ("live-serve", checks_live.live_serve, False, "the live page of a bridge in Chromium: values, controls, tabs"),
     ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),
     ("live-record", checks_live.live_record, False, "and what is driven there by keys and gamepad is training data"),

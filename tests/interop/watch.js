@@ -31,7 +31,7 @@ if (how === 'chromium') {
   next()
   console.log('ready')
 } else {
-  const WebSocket = installed('ws') // which jsdom brings along
+  const WebSocket = installed('ws') // which socket.io-client brings along
   const socket = new WebSocket(url.replace('http', 'ws') + 'live')
   socket.on('open', () => {
     console.log('ready')

@@ -84,6 +84,11 @@ impl Shape {
     }
 }
 
+/// Writes words on a picture; `at` is the middle of their left end. What lies beyond the picture is left out.
+pub fn write_on(frame: &mut Frame, at: Point, text: &str, colour: Colour) {
+    png::write_on(frame, at, text, colour);
+}
+
 /// How wide words are, in pixels.
 pub fn width_of(text: &str) -> f64 {
     text.chars().count() as f64 * LETTER

@@ -74,9 +74,28 @@ fn path(points: &[Point], closed: bool) -> Option<Path> {
     path.finish()
 }
 
-/// Letters are rasterised already: their grey level is the amount of ink.
-fn letters(pixels: &mut Pixmap, (x, y): Point, text: &str) {
-    let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+fn letters(pixels: &mut Pixmap, at: Point, text: &str) {
+    let size = (pixels.width() as usize, pixels.height() as usize);
+    inked(size, at, text, |pixel, ink| blend(&mut pixels.data_mut()[4 * pixel..4 * pixel + 3], INK, ink));
+}
+
+/// Words in a colour on a picture.
+pub(super) fn write_on(frame: &mut Frame, at: Point, text: &str, colour: Colour) {
+    let size = (frame.width(), frame.height());
+    let rgb = frame.rgb_mut();
+    inked(size, at, text, |pixel, ink| blend(&mut rgb[3 * pixel..3 * pixel + 3], colour, ink));
+}
+
+/// A pixel of red, green and blue under so much ink, of 255.
+fn blend(pixel: &mut [u8], colour: Colour, ink: u8) {
+    for (channel, of) in pixel.iter_mut().zip(colour) {
+        let share = u32::from(ink);
+        *channel = ((u32::from(of) * share + u32::from(*channel) * (255 - share)) / 255) as u8;
+    }
+}
+
+/// Letters are rasterised already: their grey level is the amount of ink. Calls `draw` with each pixel's index and ink.
+fn inked((width, height): (usize, usize), (x, y): Point, text: &str, mut draw: impl FnMut(usize, u8)) {
     for (i, letter) in text.chars().enumerate() {
         let raster = |letter| get_raster(letter, FontWeight::Regular, RasterHeight::Size16);
         let Some(raster) = raster(letter).or_else(|| raster('?')) else { continue };
@@ -87,11 +106,7 @@ fn letters(pixels: &mut Pixmap, (x, y): Point, text: &str) {
                 if *ink == 0 || x < 0.0 || y < 0.0 || x >= width as f64 || y >= height as f64 {
                     continue;
                 }
-                let at = (y as usize * width + x as usize) * 4;
-                for (channel, ink_colour) in pixels.data_mut()[at..at + 3].iter_mut().zip(INK) {
-                    let share = u32::from(*ink);
-                    *channel = ((u32::from(ink_colour) * share + u32::from(*channel) * (255 - share)) / 255) as u8;
-                }
+                draw(y as usize * width + x as usize, *ink);
             }
         }
     }

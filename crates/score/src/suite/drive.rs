@@ -1,6 +1,6 @@
 //! Drives a suite: which of its cells are separate drives, driving them on all cores, and the outcome.
 
-use std::{collections::BTreeSet, error::Error, time::Instant};
+use std::{collections::BTreeSet, error::Error, path::Path, time::Instant};
 
 use rayon::{
     ThreadPoolBuildError, ThreadPoolBuilder,
@@ -27,11 +27,23 @@ pub trait Course: Sync {
     /// Whether another seed would change the pictures of a resolved cell.
     fn left_to_chance(&self, cell: &Cell) -> bool;
 
-    /// Drives a cell and judges it; `None` if `stop` ended the drive.
+    /// Drives a cell, into a run if one is wanted, and judges it; `None` if `stop` ended the drive.
     ///
     /// # Errors
-    /// If it cannot be driven to its end.
-    fn drive(&self, cell: &Cell, stop: Stop<'_>) -> Result<Option<Judged>, Self::Error>;
+    /// If it cannot be driven to its end, or its run not be recorded.
+    fn drive(&self, cell: &Cell, run: Option<&Path>, stop: Stop<'_>) -> Result<Option<Judged>, Self::Error>;
+}
+
+/// Which drives of a suite leave a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Keep {
+    /// Those that [failed](Done::failed).
+    #[default]
+    Failed,
+    /// Every one.
+    All,
+    /// None.
+    Nothing,
 }
 
 /// Whether to stop; called again and again.
@@ -156,15 +168,16 @@ pub enum DriveError<E: Error + 'static> {
     Threads(#[source] ThreadPoolBuildError),
 }
 
-/// Drives cells in order, several at a time (by default one per core), and stores each result as soon as it is there.
-/// The first error ends everything, and so does `stop`: unfinished drives are not stored.
+/// Drives cells in order, several at a time (by default one per core), and stores each result as soon as it is there,
+/// with the runs that are to be kept. The first error ends everything, and so does `stop`: unfinished drives are not
+/// stored.
 ///
 /// # Errors
 /// [`DriveError`], the first.
 pub fn drive_all<C: Course>(
     course: &C,
     open: Vec<Cell>,
-    results: &Results,
+    (results, keep): (&Results, Keep),
     jobs: Option<u16>,
     stop: Stop<'_>,
     watch: &impl Watch,
@@ -173,24 +186,37 @@ pub fn drive_all<C: Course>(
     let pool = ThreadPoolBuilder::new().num_threads(jobs).build().map_err(DriveError::Threads)?;
     pool.install(|| {
         let cells = open.into_iter().par_bridge().take_any_while(|_| !stop());
-        cells.try_for_each(|cell| drive_one(course, cell, results, stop, watch))
+        cells.try_for_each(|cell| drive_one(course, cell, (results, keep), stop, watch))
     })
 }
 
 fn drive_one<C: Course>(
     course: &C,
     cell: Cell,
-    results: &Results,
+    (results, keep): (&Results, Keep),
     stop: Stop<'_>,
     watch: &impl Watch,
 ) -> Result<(), DriveError<C::Error>> {
     watch.begins(&cell);
     let (name, began) = (cell.to_string(), Instant::now());
-    let driven = course.drive(&cell, stop).map_err(|source| DriveError::Cell { cell: name.clone(), source })?;
-    let Some(Judged { card, driven }) = driven else { return Ok(()) };
+    let failed = |source| DriveError::Results { cell: name.clone(), source };
+    let run = (keep != Keep::Nothing).then(|| results.room_for_run(&cell)).transpose().map_err(failed)?;
+    let driven = course.drive(&cell, run.as_deref(), stop);
+    let Ok(Some(Judged { card, driven })) = driven else {
+        // What there is of the run belongs to no result.
+        run.map_or(Ok(()), |_| results.drop_run(&cell)).map_err(failed)?;
+        return driven.map(drop).map_err(|source| DriveError::Cell { cell: name.clone(), source });
+    };
     let card = serde_json::to_value(card).map_err(|source| DriveError::Card { cell: name.clone(), source })?;
-    let done = Done::new(cell, card, driven.fingerprint, began.elapsed().as_secs_f64());
-    results.keep(&done).map_err(|source| DriveError::Results { cell: name, source })?;
+    let mut done = Done::new(cell, card, driven.fingerprint, began.elapsed().as_secs_f64());
+    if run.is_some() {
+        if keep == Keep::All || done.failed().is_some() {
+            done.run = Some(Results::run_name(&done.cell));
+        } else {
+            results.drop_run(&done.cell).map_err(failed)?;
+        }
+    }
+    results.keep(&done).map_err(failed)?;
     watch.done(&done);
     Ok(())
 }

@@ -91,7 +91,11 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
                     return Err(MergeError::Differ { cell: done.cell.to_string(), one, other });
                 }
                 Some(_) => {}
-                None => target.keep(&done)?,
+                None => {
+                    // The run first: a result with a run has it.
+                    target.take_run(&part, &done)?;
+                    target.keep(&done)?;
+                }
             }
         }
     }

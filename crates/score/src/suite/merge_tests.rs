@@ -51,7 +51,7 @@ impl Folders {
     fn merge(&self, parts: &[&str], out: &str) -> (bool, Value) {
         let folders: Vec<_> = parts.iter().map(|part| self.path(part)).collect();
         let merged = merge(&folders, &self.path(out), left_to_chance).unwrap();
-        assert!(render(&merged.outcome).unwrap().contains("</html>"));
+        assert!(render(&merged.outcome, "").unwrap().contains("</html>"));
         (merged.is_whole(), serde_json::to_value(&merged.outcome).unwrap())
     }
 }
@@ -120,4 +120,20 @@ fn the_same_drive_under_ten_seeds_counts_once() {
     assert_eq!((&completion(0)["runs"], &completion(0)["confidence"]), (&json!(1), &Value::Null));
     assert_eq!(completion(1)["runs"], json!(10));
     assert_eq!(fs::read_dir(folders.path("whole/cells")).unwrap().count(), 20, "none is thrown away");
+}
+
+#[test]
+fn runs_that_were_kept_come_along() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    let part = folders.part("one", &cells[..2], None);
+    let mut kept = part.get(&cells[0]).unwrap().unwrap();
+    kept.run = Some(Results::run_name(&cells[0]));
+    fs::write(part.room_for_run(&cells[0]).unwrap(), "a run").unwrap();
+    part.keep(&kept).unwrap();
+    folders.merge(&["one"], "whole");
+    let whole = Results::open(&folders.path("whole")).unwrap();
+    let run = whole.get(&cells[0]).unwrap().unwrap().run.unwrap();
+    assert_eq!(fs::read_to_string(whole.file(&run)).unwrap(), "a run");
+    assert_eq!(fs::read_dir(folders.path("whole").join("runs")).unwrap().count(), 1);
 }

@@ -27,8 +27,8 @@
 //! counts as one.
 //!
 //! # Files
-//! The folder of the results contains `cells/ID.json`, one for each cell that was driven, `plan.json`, `suite.json` and
-//! `suite.html`. A key's meaning never changes under one number of a schema; new keys may be added.
+//! The folder of the results contains `cells/ID.json`, one for each cell that was driven, `runs/ID.mcap` and
+//! `runs/ID.html` of the runs that are kept ([`Keep`]), `plan.json`, `suite.json` and `suite.html`. A key's meaning never changes under one number of a schema; new keys may be added.
 //!
 //! ## `cells/ID.json`: `lapwing.cell/1`
 //! `ID` is [`Cell::id`], which differs for each drive. Written by [`Results::keep`].
@@ -53,6 +53,7 @@
 //! | `card` | object | the scorecard, `lapwing.scorecard/1`: [`Scorecard`](crate::score::Scorecard) |
 //! | `fingerprint` | string | SHA-256 over all frames and commands in hexadecimal: equal if two drives were the same |
 //! | `took_s` | number, s | how long the drive took, in real time |
+//! | `run` | string or absent | its run, if it was kept: the path from this folder, such as `runs/ID.mcap` |
 //!
 //! ## `plan.json`: `lapwing.plan/1`
 //! All cells of the suite that was driven here last, in the order of driving, including those of other parts. Written
@@ -92,6 +93,10 @@
 //! | `groups[].figures.KEY.interval` | two numbers or null | the mean's interval at 95 %, within the possible range:
 //! Student's t, for counts of occasional events at least Garwood's; null for a single drive, and if all report the
 //! same; the table and the page show this one |
+//! | `groups[].drives[]` | object | the drives that failed, or whose run was kept |
+//! | `groups[].drives[].seed` | integer | as `cell.seed` |
+//! | `groups[].drives[].failed` | string or null | what went wrong: laps not finished, collisions, times off the road |
+//! | `groups[].drives[].run` | string or null | as `run` of `cells/ID.json` |
 
 mod drive;
 mod merge;
@@ -101,9 +106,9 @@ mod plan;
 mod results;
 mod spec;
 
-pub use drive::{Course, DriveError, Planned, Stop, Watch, drive_all};
+pub use drive::{Course, DriveError, Keep, Planned, Stop, Watch, drive_all};
 pub use merge::{MergeError, Merged, check_parts, merge};
-pub use outcome::{Group, Over, SuiteOutcome, groups, table};
+pub use outcome::{Group, GroupDrive, Over, SuiteOutcome, groups, table};
 pub use page::render;
 pub use plan::Plan;
 pub use results::{Done, Results, ResultsError, Unreadable};

@@ -60,6 +60,19 @@ pub struct Group {
     pub speed_mph: f64,
     /// Each figure over the seeds, by key.
     pub figures: BTreeMap<&'static str, Over>,
+    /// The drives that failed, or whose run was kept.
+    pub drives: Vec<GroupDrive>,
+}
+
+/// A drive of a group, by itself.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GroupDrive {
+    /// Its seed.
+    pub seed: u64,
+    /// What went wrong, in words; none if all went well.
+    pub failed: Option<String>,
+    /// Its run: the path from the folder of the results.
+    pub run: Option<String>,
 }
 
 /// A figure over seeds.
@@ -105,7 +118,10 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
             Some((figure.key(), Over { spread, confidence, interval }))
         };
         let figures = Figure::ALL.into_iter().filter_map(over).collect();
-        Group { pilot, model_sha256, track, conditions, speed_mph, figures }
+        let alone = |one: &&Done| GroupDrive { seed: one.cell.seed, failed: one.failed(), run: one.run.clone() };
+        let told = |drive: &GroupDrive| drive.failed.is_some() || drive.run.is_some();
+        let drives = done.iter().map(alone).filter(told).collect();
+        Group { pilot, model_sha256, track, conditions, speed_mph, figures, drives }
     };
     by_key.iter().map(group).collect()
 }

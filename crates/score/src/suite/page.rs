@@ -5,7 +5,11 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::{Group, Over, SuiteOutcome};
-use crate::{score::Figure, score::figure::Described};
+use crate::score::{
+    Figure,
+    figure::Described,
+    page::{COLOURS, SORTING},
+};
 
 #[derive(Serialize)]
 struct SuitePage<'a> {
@@ -13,6 +17,8 @@ struct SuitePage<'a> {
     missing: usize,
     groups: Vec<PageGroup<'a>>,
     figures: Vec<Described>,
+    /// What leads from the page to the folder of the results; empty where the page lies in it.
+    folder: &'a str,
 }
 
 /// A group with its numbers in words: the page shows what the table shows.
@@ -46,14 +52,18 @@ impl Words {
     }
 }
 
-/// The page, as HTML, everything in it.
+/// The page, as HTML, everything in it. `folder` leads from the page to the folder of the results, and is empty where the
+/// page lies in that; the links to runs begin with it.
 ///
 /// # Errors
 /// Where a figure is a number that JSON does not have.
-pub fn render(outcome: &SuiteOutcome) -> Result<String, serde_json::Error> {
+pub fn render(outcome: &SuiteOutcome, folder: &str) -> Result<String, serde_json::Error> {
     let groups = outcome.groups.iter().map(PageGroup::of).collect();
-    let page = SuitePage { planned: outcome.planned, missing: outcome.missing, groups, figures: Figure::described() };
+    let SuiteOutcome { planned, missing, .. } = *outcome;
+    let page = SuitePage { planned, missing, groups, figures: Figure::described(), folder };
     // Inside a script element nothing may look like its end.
     let data = serde_json::to_string(&page)?.replace('<', "\\u003c");
-    Ok(include_str!("page.html").replace("/*DATA*/", &data))
+    // The data last: a name may hold any text.
+    let page = include_str!("page.html").replace("/*COLOURS*/", COLOURS).replace("/*SORTING*/", SORTING);
+    Ok(page.replace("/*DATA*/", &data))
 }

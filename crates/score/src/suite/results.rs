@@ -26,16 +26,36 @@ pub struct Done {
     pub fingerprint: String,
     /// How long it took, in seconds of real time.
     pub took_s: f64,
+    /// Its run, if it was kept: the path from the folder of the results, such as `runs/ID.mcap`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
 }
 
 impl Done {
     /// What was driven.
     pub fn new(cell: Cell, card: serde_json::Value, fingerprint: String, took_s: f64) -> Self {
-        Self { schema: SCHEMA.into(), cell, card, fingerprint, took_s }
+        Self { schema: SCHEMA.into(), cell, card, fingerprint, took_s, run: None }
     }
 
     pub(super) fn value(&self, figure: Figure) -> Option<f64> {
         self.card.get(figure.key())?.as_f64()
+    }
+
+    /// What went wrong in the drive, in words: laps not finished, collisions, times off the road. A figure that is not
+    /// measurable is no failure.
+    pub fn failed(&self) -> Option<String> {
+        let completion = self.value(Figure::Completion).filter(|share| *share < 1.0);
+        let mut words: Vec<_> = completion
+            .map(|share| format!("{} driven", Figure::Completion.unit().show_mean(share)))
+            .into_iter()
+            .collect();
+        for (figure, what) in [(Figure::Collisions, "collision"), (Figure::OffRoads, "time off the road")] {
+            if let Some(many) = self.value(figure).filter(|many| *many > 0.0) {
+                let plural = if what == "collision" { "collisions" } else { "times off the road" };
+                words.push(format!("{many} {}", if many == 1.0 { what } else { plural }));
+            }
+        }
+        (!words.is_empty()).then(|| words.join(", "))
     }
 }
 
@@ -88,6 +108,46 @@ impl Results {
         let cells = results.cells();
         fs::create_dir_all(&cells).map_err(ResultsError::io("make the folder", &cells))?;
         Ok(results)
+    }
+
+    /// Where the run of a cell is kept, from the folder of the results.
+    pub(super) fn run_name(cell: &Cell) -> String {
+        format!("runs/{}.mcap", cell.id())
+    }
+
+    /// The file of a run that is, or will be, kept.
+    pub fn file(&self, run: &str) -> PathBuf {
+        self.0.join(run)
+    }
+
+    /// Makes room for a cell's run: its folder exists, and what an interrupted drive left there is gone.
+    pub(super) fn room_for_run(&self, cell: &Cell) -> Result<PathBuf, ResultsError> {
+        let path = self.file(&Self::run_name(cell));
+        let folder = path.parent().unwrap_or(&self.0);
+        fs::create_dir_all(folder).map_err(ResultsError::io("make the folder", folder))?;
+        self.drop_run(cell)?;
+        Ok(path)
+    }
+
+    /// Deletes a cell's run, if there is one.
+    pub(super) fn drop_run(&self, cell: &Cell) -> Result<(), ResultsError> {
+        let path = self.file(&Self::run_name(cell));
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(ResultsError::io("delete the run", &path)(error))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Copies the run of a result from another folder of results: whole or not at all.
+    pub(super) fn take_run(&self, from: &Self, done: &Done) -> Result<(), ResultsError> {
+        let Some(run) = &done.run else { return Ok(()) };
+        let (from, to) = (from.file(run), self.room_for_run(&done.cell)?);
+        let part = files::partial(&to).map_err(ResultsError::io("write the run", &to))?;
+        fs::copy(&from, part.path()).map_err(ResultsError::io("copy the run", &from))?;
+        part.persist(&to).map_err(|error| ResultsError::io("write the run", &to)(error.error))?;
+        Ok(())
     }
 
     fn cells(&self) -> PathBuf {

@@ -1,8 +1,10 @@
-use std::{fs, path::Path};
+use std::{fs, path::Path, time::Duration};
 
 use serde_json::json;
 
 use super::*;
+use crate::{judged::Judged, score::Scorer};
+use lapwing_core::{drive::DriveDigest, protocol::Telemetry};
 
 const SUITE: &str = r#"
 tracks = ["lake", "jungle"]
@@ -182,7 +184,7 @@ fn a_small_mean_is_shown_the_same_in_table_and_page() {
     let groups = groups(&[done(0, 0.000_512, 0), done(1, 0.000_514, 1)]);
     let table = table(&groups);
     assert!(table.contains("  0.000513 m ± 0.0000127 m  ") && table.contains("  0.5 [0, 6.85]  "), "{table}");
-    let page = render(&SuiteOutcome::new(groups, None, 0)).unwrap();
+    let page = render(&SuiteOutcome::new(groups, None, 0), "").unwrap();
     for words in [
         r#""mean_cte_m":{"mean":"0.000513 m","interval":"± 0.0000127 m","least":"0.000512 m","most":"0.000514 m"}"#,
         r#""collisions":{"mean":"0.5","interval":"[0, 6.85]","least":"0","most":"1"}"#,
@@ -242,7 +244,8 @@ fn every_key_of_the_files_is_documented() {
     let mut cell = cells(SUITE).remove(0);
     cell.settings = json!({"lapwing": "0", "control": {}, "simulator": {}, "beside_model_sha256": null});
     cell.world = json!({"conditions": {}, "track_sha256": null});
-    let done = done(&cell, 1.0);
+    let mut done = done(&cell, 1.0);
+    done.run = Some("runs/ID.mcap".into());
     let outcome = SuiteOutcome::new(groups(std::slice::from_ref(&done)), Some(1), 0);
     let mut found = std::collections::BTreeSet::new();
     keys(&json!(outcome), "", &mut found);
@@ -258,7 +261,85 @@ fn every_key_of_the_files_is_documented() {
 #[test]
 fn no_name_gets_out_of_its_place_in_the_page() {
     let cell = Cell { pilot: "</script>".into(), ..cells(SUITE).remove(0) };
-    let page = render(&SuiteOutcome::new(groups(&[done(&cell, 1.0)]), None, 0)).unwrap();
-    assert_eq!(page.matches("</script>").count(), 2);
+    let page = render(&SuiteOutcome::new(groups(&[done(&cell, 1.0)]), None, 0), "").unwrap();
+    assert_eq!(page.matches("</script>").count(), 3);
     assert!(page.contains("n = ${over.runs}"), "how many drives stand behind a mean is shown");
+}
+
+#[test]
+fn a_drive_fails_by_what_it_did_and_not_by_what_nobody_measured() {
+    let failed = |card: serde_json::Value| Done::new(cells(SUITE).remove(0), card, "ab".into(), 1.5).failed();
+    assert_eq!(failed(json!({"completion": 1.0, "collisions": 0, "off_roads": 0})), None);
+    assert_eq!(failed(json!({"completion": 1.0, "collisions": null})), None);
+    let words = failed(json!({"completion": 0.4561, "collisions": 1, "off_roads": 2}));
+    assert_eq!(words.unwrap(), "45.61 % driven, 1 collision, 2 times off the road");
+}
+
+/// Drives at once: the first seed's cells fail.
+struct Paper;
+
+impl Course for Paper {
+    type Error = std::io::Error;
+
+    fn model_sha256(&self, _: &Contestant) -> Option<String> {
+        None
+    }
+
+    fn resolve(&self, _: &mut Cell) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    fn left_to_chance(&self, _: &Cell) -> bool {
+        true
+    }
+
+    fn drive(&self, cell: &Cell, run: Option<&Path>, stop: Stop<'_>) -> Result<Option<Judged>, Self::Error> {
+        if let Some(run) = run {
+            fs::write(run, cell.to_string())?;
+        }
+        let mut scorer = Scorer::default();
+        let json = r#"{"steering_deg":0,"throttle":0.25,"speed_mph":9}"#;
+        let mut telemetry: Telemetry = serde_json::from_str(json).unwrap();
+        for second in 0..3 {
+            telemetry.truth.crashes = Some(u32::from(cell.seed == 0 && second > 1));
+            scorer.telemetry(Duration::from_secs(second), &telemetry);
+        }
+        let (fingerprint, frames, bad_frames) = ("ab".into(), 1, 0);
+        let driven = DriveDigest { fingerprint, frames, bad_frames };
+        Ok((!stop()).then(|| Judged { card: scorer.finish(), driven }))
+    }
+}
+
+struct Nobody;
+
+impl Watch for Nobody {
+    fn begins(&self, _: &Cell) {}
+    fn done(&self, _: &Done) {}
+}
+
+#[test]
+fn the_runs_of_failed_drives_are_kept_and_the_page_leads_to_them() {
+    let runs_in = |keep, stop: Stop<'_>| {
+        let dir = tempfile::tempdir().unwrap();
+        let results = Results::open(dir.path()).unwrap();
+        let cells: Vec<_> = cells(SUITE).into_iter().filter(|cell| cell.track == "lake").collect();
+        drive_all(&Paper, cells, (&results, keep), Some(1), stop, &Nobody).unwrap();
+        let done: Vec<_> = results.all().unwrap().into_iter().map(Result::unwrap).collect();
+        for one in &done {
+            let run = one.run.as_ref().map(|run| fs::read_to_string(results.file(run)).unwrap());
+            assert_eq!(run, one.run.is_some().then(|| one.cell.to_string()));
+        }
+        let files = fs::read_dir(dir.path().join("runs")).map_or(0, Iterator::count);
+        assert_eq!(files, done.iter().filter(|one| one.run.is_some()).count(), "no other run is there");
+        (done, dir)
+    };
+    let (done, _dir) = runs_in(Keep::Failed, &|| false);
+    assert_eq!((done.len(), done.iter().filter(|one| one.run.is_some()).count()), (24, 8));
+    let groups = groups(&done);
+    let [drive] = &groups[0].drives[..] else { unreachable!("one drive of the group failed: {:?}", groups[0].drives) };
+    assert_eq!((drive.seed, drive.failed.as_deref()), (0, Some("1 collision")));
+    let page = render(&SuiteOutcome::new(groups.clone(), None, 0), "../results").unwrap();
+    assert!(page.contains(drive.run.as_ref().unwrap()) && page.contains(r#""folder":"../results""#));
+    assert_eq!(runs_in(Keep::All, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 24);
+    assert_eq!(runs_in(Keep::Nothing, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 0);
 }

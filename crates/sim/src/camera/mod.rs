@@ -193,7 +193,8 @@ impl Renderer {
         let light = Arc::clone(&self.light);
         let mut models: Vec<_> = shot.actors.iter().map(|actor| models::actor(actor, shot.time_s)).collect();
         if !camera.bonnet {
-            models.push(models::own_car(car.position.as_vec3(), car.yaw as f32, car.pitch as f32));
+            let turned = [car.yaw, car.pitch, car.steering].map(|radians| radians as f32);
+            models.extend(models::own_car(car.position.as_vec3(), turned[0], turned[1], turned[2]));
         }
         for model in models.iter().filter(|model| view.sees(model.centre, model.radius)) {
             self.raster.draw(&view, model, true, |normal| model_light(&light, normal));

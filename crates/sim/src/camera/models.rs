@@ -139,9 +139,39 @@ pub(super) fn actor(actor: &Actor, time_s: f64) -> Cluster {
     place(&parts, actor.position.as_vec3(), actor.yaw as f32, 0.0)
 }
 
-/// The car that is driven, as others see it.
-pub(super) fn own_car(position: Vec3, yaw: f32, nose_up: f32) -> Cluster {
-    place(&car(BODY.as_vec3(), [150, 142, 116], CABINS[0]), position, yaw, nose_up)
+/// The car that is driven, as others see it: its body, and its wheels, of which those in front are turned by `steering`
+/// radians to the right.
+pub(super) fn own_car(position: Vec3, yaw: f32, nose_up: f32, steering: f32) -> [Cluster; 5] {
+    let size = BODY.as_vec3();
+    // Others' wheels are part of them and hidden below the body; these are round and stand free.
+    let mut parts = car(size, [150, 142, 116], CABINS[0]).split_off(4);
+    (parts[0].up.0, parts[0].wide.0) = (0.36 * size.y, 0.86 * size.x);
+    if let Some(plate) = parts.last_mut() {
+        plate.up = (0.40 * size.y, 0.48 * size.y);
+    }
+    let ((s, c), (ps, pc)) = (yaw.sin_cos(), nose_up.sin_cos());
+    let put = |side: f32, end: f32| {
+        let (x, y, z) = (side * (size.x / 2.0 - 0.06), WHEEL_M, end * 0.33 * size.z);
+        let (y, z) = (y * pc + z * ps, z * pc - y * ps);
+        let middle = position + Vec3::new(x * c + z * s, y, z * c - x * s);
+        place(&wheel(side), middle, yaw + if end > 0.0 { steering } else { 0.0 }, nose_up)
+    };
+    let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(side, end)| put(side, end));
+    [place(&parts, position, yaw, nose_up), a, b, c, d]
+}
+
+/// Radius of the driven car's wheels, in metres.
+const WHEEL_M: f32 = 0.36;
+
+/// A wheel about its middle: three boards that make an octagon, and its cap on the outer side.
+fn wheel(side: f32) -> Vec<Part> {
+    let tyre = [(0.42, 1.0), (0.78, 0.78), (1.0, 0.42)].map(|(along, up)| {
+        let (along, up) = (along * WHEEL_M, up * WHEEL_M);
+        Part::straight(0.0, 0.26, (-up, up), (-along, along), TYRE)
+    });
+    let cap = 0.5 * WHEEL_M;
+    let cap = Part::straight(side * 0.13, 0.02, (-cap, cap), (-cap, cap), [176, 178, 182]);
+    tyre.into_iter().chain([cap]).collect()
 }
 
 fn place(parts: &[Part], position: Vec3, yaw: f32, nose_up: f32) -> Cluster {

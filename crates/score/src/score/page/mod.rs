@@ -1,15 +1,18 @@
 //! Runs as one page for a browser: everything in it, nothing fetched.
 //!
 //! A [`Collector`] watches a run as the scorer does and keeps what is drawn: series thinned out to what a screen shows,
-//! and the pictures around each event. The page draws itself (`page.js`), so that a reader can choose what the line on
-//! the map is coloured by, read values off and zoom. Its charts (`charts.js`) are drawn by uPlot, which lies in `uplot/`
-//! as its authors ship it.
+//! pictures spread over the run, and those around each event. The page draws itself: `page.js` says what stands where,
+//! `map.js` draws the road with the driven lines, `charts.js` the curves by uPlot, which lies in `uplot/` as its authors
+//! ship it, and `tables.js` the tables, which can be sorted. Runs of one road are laid over one another.
+
+mod strip;
 
 use std::{
     collections::{BTreeMap, VecDeque},
     time::Duration,
 };
 
+use self::strip::Strip;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use bytes::Bytes;
 use serde::Serialize;
@@ -40,6 +43,9 @@ pub const UPLOT_LICENCE: &str = include_str!("uplot/LICENSE");
 /// The colours of all pages, light and dark.
 pub const COLOURS: &str = include_str!("colours.css");
 
+/// What lets a reader of a page sort a table, by mouse or keys: the function `sortable(table)`.
+pub const SORTING: &str = include_str!("sorting.js");
+
 /// Both edges of a road as seen from above: x and z in metres, in the telemetry's axes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Outline {
@@ -47,6 +53,9 @@ pub struct Outline {
     pub left: Vec<[f32; 2]>,
     /// The right edge, closed.
     pub right: Vec<[f32; 2]>,
+    /// The point of both edges that is nearest to where drives start. The points follow one another in the direction of
+    /// travel.
+    pub start: usize,
 }
 
 /// What is drawn of a run.
@@ -64,6 +73,9 @@ pub struct Drawn {
     /// Of each answer: when, and its milliseconds.
     answers: Vec<[f32; 2]>,
     events: Vec<Happened>,
+    /// Pictures along the run, if asked for: seconds, and the JPEG in base64.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    frames: Vec<(f32, String)>,
 }
 
 impl Drawn {
@@ -99,9 +111,15 @@ pub struct Collector {
     recent: VecDeque<(f64, Bytes)>,
     /// Which events still want pictures, and how far from themselves, in seconds.
     wanted: Vec<(usize, f64)>,
+    strip: Option<Strip>,
 }
 
 impl Collector {
+    /// One that also keeps pictures along the whole run, for a page that stands alone.
+    pub fn with_pictures() -> Self {
+        Self { strip: Some(Strip::default()), ..Self::default() }
+    }
+
     /// Takes an item of a run, in the order of the file.
     pub fn item(&mut self, at: Duration, item: &Item) {
         let t = at.as_secs_f64();
@@ -128,6 +146,9 @@ impl Collector {
             self.recent.pop_front();
         }
         self.recent.push_back((t, jpeg.clone()));
+        if let Some(strip) = &mut self.strip {
+            strip.take(t, jpeg);
+        }
         let Self { drawn, wanted, .. } = self;
         wanted.retain(|&(event, from)| {
             let event = &mut drawn.events[event];
@@ -170,6 +191,8 @@ impl Collector {
         // Of each few answers the slowest: that is what one looks for.
         let slowest = |few: &[[f32; 2]]| few.iter().copied().max_by(|a, b| a[1].total_cmp(&b[1]));
         self.drawn.answers = self.drawn.answers.chunks(every).filter_map(slowest).collect();
+        let pictures = self.strip.map(Strip::finish).unwrap_or_default();
+        self.drawn.frames = pictures.iter().map(|(t, jpeg)| (short(*t), STANDARD.encode(jpeg))).collect();
         self.drawn
     }
 }
@@ -231,7 +254,10 @@ pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
     let parts = [
         ("/*STYLE*/", &*style),
         ("/*UPLOT*/", &*uplot),
+        ("/*SORTING*/", SORTING),
         ("/*CHARTS*/", include_str!("charts.js")),
+        ("/*MAP*/", include_str!("map.js")),
+        ("/*TABLES*/", include_str!("tables.js")),
         ("/*PAGE*/", include_str!("page.js")),
         ("/*DATA*/", &*data),
     ];

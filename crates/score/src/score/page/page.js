@@ -1,183 +1,152 @@
 "use strict";
-// Draws the page from the data in it. Everything a run says may be missing: null is "not measurable".
+// Draws the page from the data in it: for people in a hurry first. Everything a run says may be missing: null is "not
+// measurable".
 const { runs, figures } = JSON.parse(document.getElementById("data").textContent);
-const main = document.getElementById("main");
-const by = document.getElementById("by");
+const main = document.getElementById("main"), by = document.getElementById("by"), across = document.getElementById("across");
+// Maps, for when the colours change.
+let redraws = [];
+for (const source of [by, dark]) source.addEventListener("change", () => redraws.forEach((draw) => draw()));
 
-const DECIMALS = { "": 0, "%": 1, m: 2, s: 1, mph: 2, lock: 4, lock2: 5 };
-function show(figure, value) {
-  if (value === null || value === undefined) return "–";
-  if (figure.unit === "%") return (100 * value).toFixed(1) + " %";
-  const digits = DECIMALS[figure.unit] ?? 2;
-  const whole = Number.isInteger(value) && figure.unit === "";
-  return (whole ? String(value) : value.toFixed(figure.unit === "" ? 2 : digits)) + (figure.unit ? " " + figure.unit : "");
-}
+// Letters and colours of runs: told apart by everybody, in light and dark; after eight the colours come again.
+const COLOURS = ["#0a84c6", "#d9622b", "#2a9d5c", "#a05ccf", "#c9a000", "#d6457b", "#00a3a3", "#8a6d4b"];
+const letter = (i) => (i < 26 ? "" : letter(Math.floor(i / 26) - 1)) + String.fromCharCode(65 + (i % 26));
+const MPS_PER_MPH = 0.44704;
+runs.forEach((run, i) => {
+  const { t, speed } = run.drawn;
+  let metres = 0;
+  // How far the car had come, in metres.
+  run.metres = t.map((now, k) => (metres += k && now - t[k - 1] <= APART_S ? Math.abs(speed[k]) * MPS_PER_MPH * (now - t[k - 1]) : 0));
+  Object.assign(run, { mark: letter(i), colour: COLOURS[i % COLOURS.length] });
+});
 
-// Index of the last time that is not after t.
-function before(times, t) {
-  let low = 0, high = times.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (times[middle] <= t) low = middle; else high = middle - 1;
-  }
-  return low;
-}
+// What curves are drawn over: where a time of a run lies, and the time there.
+const between = (xs, ys, x) => {
+  const i = before(xs, x), next = Math.min(i + 1, xs.length - 1), span = xs[next] - xs[i];
+  return span > 0 && x > xs[i] ? ys[i] + (Math.min(1, (x - xs[i]) / span)) * (ys[next] - ys[i]) : ys[i] ?? 0;
+};
+const AXES = {
+  time: {
+    words: clock, ticks: { incrs: CLOCK_S, values: (_, splits) => splits.map((t) => clock(t).replace(/\.0$/, "")) },
+    of: () => ({ x: (t) => t, t: (x) => x }),
+  },
+  distance: {
+    words: (x) => `${x.toFixed(0)} m`, ticks: { values: (_, splits) => splits.map((x) => `${number(x)} m`) },
+    of: ({ metres, drawn: { t } }) => ({ x: (time) => between(t, metres, time), t: (x) => between(metres, t, x) }),
+  },
+};
 
-function latency(run, over) {
-  const { answers } = run.drawn;
-  const [ts, ms] = [answers.map((a) => a[0]), answers.map((a) => a[1])];
-  const box = over("Time to answer, ms (slowest of each few)", ts, ms, "ms", "--b");
-  if (typeof box === "string") return box;
-  const stages = Object.entries(run.card.latency_ms).map(([stage, q]) =>
-    el("tr", {}, el("td", {}, stage), ...[q.p50, q.p95, q.p99].map((v) => el("td", {}, v.toFixed(2)))));
-  const head = el("thead", {}, el("tr", {}, ...["stage", "p50 ms", "p95 ms", "p99 ms"].map((name) => el("th", {}, name))));
-  box.append(el("table", {}, head, el("tbody", {}, ...stages)));
-  return box;
-}
-
-// Dark blue over green to yellow: read alike by everybody, and in grey.
-const SCALE = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-function shade(share) {
-  const place = Math.min(0.9999, Math.max(0, share)) * (SCALE.length - 1), i = Math.floor(place), part = place - i;
-  return `rgb(${SCALE[i].map((value, k) => Math.round(value + part * (SCALE[i + 1][k] - value))).join(",")})`;
-}
-
-// The road and the driven line, and `follow`, which shows the car where it was at a time.
-function map(run) {
-  const { at, events, t } = run.drawn;
-  const told = at.filter((place) => place !== null);
-  if (!told.length) return { part: "From above", follow: () => {} };
-  const guessed = run.drawn.on_line ? " (estimated: how far along the road, not where across it)" : "";
-  const box = el("div", {}, el("h3", {}, "From above" + guessed));
-  const canvas = el("canvas"), car = el("i", { class: "car", hidden: "" }), bar = el("i"), least = el("span"), most = el("span");
-  box.append(el("div", { class: "map" }, canvas, car), el("div", { class: "legend" }, least, bar, most));
-  const road = run.outline ? [...run.outline.left, ...run.outline.right] : [];
-  const all = [...told, ...road];
-  const [x0, x1] = extent(all.map((p) => p[0])), [z0, z1] = extent(all.map((p) => p[1]));
-  let shown = null, project = () => [0, 0];
-  const follow = (time) => {
-    shown = time;
-    const place = time === null ? null : at[before(t, time)];
-    car.hidden = !place;
-    if (place) [car.style.left, car.style.top] = project(place).map((px) => px + "px");
-  };
-  const draw = () => {
-    const ratio = devicePixelRatio || 1, width = canvas.clientWidth || 600;
-    const height = Math.min(width, 520, Math.max(180, (width * (z1 - z0)) / (x1 - x0)));
-    canvas.width = width * ratio; canvas.height = height * ratio; canvas.style.height = height + "px";
-    const pad = 16, scale = Math.min((width - 2 * pad) / (x1 - x0), (height - 2 * pad) / (z1 - z0));
-    const px = (x) => width / 2 + (x - (x0 + x1) / 2) * scale, py = (z) => height / 2 - (z - (z0 + z1) / 2) * scale;
-    project = ([x, z]) => [px(x), py(z)];
-    follow(shown);
-    const pen = canvas.getContext("2d");
-    pen.scale(ratio, ratio);
-    if (run.outline) {
-      const { left, right } = run.outline;
-      pen.fillStyle = css("--road");
-      pen.beginPath();
-      for (const edge of [left, right]) {
-        edge.forEach(([x, z], i) => (i ? pen.lineTo(px(x), py(z)) : pen.moveTo(px(x), py(z))));
-        pen.closePath();
-      }
-      pen.fill("evenodd");
-    }
-    const offset = by.value === "cte" && run.drawn.cte.some((value) => value !== null);
-    const values = offset ? run.drawn.cte.map((value) => (value === null ? null : Math.abs(value))) : run.drawn.speed;
-    const [low, high] = extent(values, 0);
-    pen.lineWidth = 2.5; pen.lineCap = "round";
-    for (let i = 1; i < at.length; i++) {
-      const [from, to] = [at[i - 1], at[i]];
-      // A car that is put elsewhere leaves no line.
-      if (!from || !to || Math.hypot(to[0] - from[0], to[1] - from[1]) > 12 || t[i] - t[i - 1] > APART_S) continue;
-      pen.strokeStyle = values[i] === null ? css("--faint") : shade((values[i] - low) / (high - low));
-      pen.beginPath(); pen.moveTo(px(from[0]), py(from[1])); pen.lineTo(px(to[0]), py(to[1])); pen.stroke();
-    }
-    for (const event of events) {
-      if (!["collision", "off-road", "stuck", "takeover-began", "bad-frame", "note"].includes(event.kind)) continue;
-      const place = at[before(t, event.t)];
-      if (!place) continue;
-      pen.fillStyle = css("--bad"); pen.strokeStyle = css("--card"); pen.lineWidth = 2;
-      pen.beginPath(); pen.arc(px(place[0]), py(place[1]), 5, 0, 7); pen.fill(); pen.stroke();
-    }
-    bar.style.background = `linear-gradient(90deg, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
-    const unit = offset ? "m off the line" : "mph";
-    least.textContent = low.toFixed(offset ? 2 : 1); most.textContent = `${high.toFixed(offset ? 2 : 1)} ${unit}`;
-  };
-  by.addEventListener("change", draw);
-  dark.addEventListener("change", draw);
-  // The heading is as wide as the map, and no taller for what is drawn.
-  new ResizeObserver(draw).observe(box.firstChild);
-  return { part: box, follow };
-}
-
-function events(run) {
+function events(run, point) {
   const box = el("div", {}, el("h3", {}, "What happened"));
   if (!run.drawn.events.length) return box.append(el("p", { class: "readout" }, "nothing")), box;
   for (const { t, words, pictures } of run.drawn.events) {
-    const frames = [...pictures].sort((a, b) => a[0] - b[0]).map(([from, jpeg]) => el("figure", {},
-      el("img", { src: "data:image/jpeg;base64," + jpeg, alt: "the camera's picture", loading: "lazy" }),
-      el("figcaption", {}, `${from >= 0 ? "+" : "−"}${Math.abs(from).toFixed(1)} s`)));
-    box.append(el("div", { class: "event" }, el("time", {}, clock(t)), words, el("div", { class: "frames" }, ...frames)));
+    const frames = [...pictures].sort((a, b) => a[0] - b[0]).map(([from, jpeg]) => {
+      const figure = el("figure", {},
+        el("img", { src: "data:image/jpeg;base64," + jpeg, alt: "the camera's picture", loading: "lazy" }),
+        el("figcaption", {}, `${from >= 0 ? "+" : "−"}${Math.abs(from).toFixed(1)} s`));
+      figure.addEventListener("pointerenter", () => point(run, t + from));
+      return figure;
+    });
+    const time = el("button", { type: "button", class: "time", title: "show this moment in the curves and on the map" }, clock(t));
+    time.addEventListener("click", () => point(run, t));
+    box.append(el("div", { class: "event" }, time, words, el("div", { class: "frames" }, ...frames)));
   }
   return box;
 }
 
-const TILES = ["completion", "collisions", "off_roads", "autonomy", "driving_score", "mean_cte_m", "mean_mph", "steering_rate_deg_s"];
-function tiles(run) {
-  return el("div", { class: "tiles" }, ...TILES.map((key) => {
-    const figure = figures.find((one) => one.key === key);
-    const why = run.card.not_measurable[key];
-    const estimate = run.card.estimates[key] ? "≈ " : "";
-    const title = figure.meaning + (why ? `\nNot measurable: ${why}.` : "");
-    return el("div", { class: "tile", title }, el("b", {}, estimate + show(figure, run.card[key])), el("span", {}, figure.label));
-  }));
-}
-
-function table(shown) {
-  const head = el("thead", {}, el("tr", {}, el("th", {}, ""), ...shown.map((run) => el("th", { title: run.title }, run.title))));
-  // On different tracks none is the best.
-  const comparable = new Set(shown.map((run) => JSON.stringify([run.card.track, run.card.scenario]))).size === 1;
-  const told = (figure) => shown.some((run) => run.card[figure.key] !== null);
-  const rows = figures.filter(told).map((figure) => {
-    const values = shown.map((run) => run.card[figure.key]);
-    const known = values.filter((value) => value !== null);
-    const best = figure.better === "higher" ? Math.max(...known) : figure.better === "lower" ? Math.min(...known) : NaN;
-    const differ = comparable && new Set(known).size > 1;
-    const cells = shown.map((run, i) => {
-      const why = run.card.not_measurable[figure.key], estimate = run.card.estimates[figure.key];
-      const kind = values[i] === null ? "none" : differ && values[i] === best ? "best" : "";
-      const title = why ? `Not measurable: ${why}.` : (run.how[figure.key] ?? "").trim();
-      return el("td", { class: kind, title }, (estimate ? "≈ " : "") + show(figure, values[i]));
-    });
-    return el("tr", { title: figure.meaning }, el("td", {}, figure.label), ...cells);
+// What each camera saw at its time; `follow` as the map has it.
+function cameras(shown) {
+  const seen = shown.filter((run) => run.drawn.frames?.length);
+  if (!seen.length) return { part: "", follow: () => {} };
+  const figures = seen.map((run) => {
+    const image = el("img", { alt: "what the camera saw" }), words = el("span");
+    return { run, image, words, part: el("figure", {}, image, el("figcaption", {}, shown.length > 1 ? chip(run) : "", words)) };
   });
-  const others = figures.filter((figure) => !told(figure)).map((figure) =>
-    el("span", { title: `${figure.meaning}\nNot measurable: ${shown[0].card.not_measurable[figure.key]}.` }, figure.label));
-  const list = others.flatMap((one, i) => (i ? [", ", one] : [one]));
-  if (list.length) rows.push(el("tr", { class: "untold" }, el("td", {}, "not reported"), el("td", { colspan: shown.length }, ...list)));
-  return el("table", {}, head, el("tbody", {}, ...rows));
+  const follow = (at) => figures.forEach(({ run, image, words }) => {
+    const { frames } = run.drawn, times = frames.map(([t]) => t), wanted = at(run) ?? 0, i = before(times, wanted);
+    const near = i + 1 < times.length && times[i + 1] - wanted < wanted - times[i] ? i + 1 : i;
+    const source = "data:image/jpeg;base64," + frames[near][1];
+    if (image.src !== source) image.src = source;
+    words.textContent = clock(times[near]);
+  });
+  follow(() => null);
+  return { part: el("div", { class: "cameras" }, el("h3", {}, "Camera"), ...figures.map(({ part }) => part)), follow };
 }
 
-if (runs.length > 1) main.append(el("section", { class: "wide" }, el("h2", {}, "Side by side"), table(runs)));
-for (const run of runs) {
-  const section = el("section", {}, el("h2", {}, run.title));
+// Map, cameras and curves of runs, under one cursor.
+function together(shown, key) {
+  const axis = AXES[across.value], lines = shown.map((run) => Object.assign(run, axis.of(run)));
+  let charts = null;
+  const point = (run, t) => charts.show(run.x(t));
+  const { part: above, follow: drive } = map(lines, point), { part: camera, follow: look } = cameras(lines);
+  const follow = (x) => {
+    // A run that is over is nowhere.
+    const at = (run) => (x === null || x > run.x(run.drawn.t.at(-1) ?? 0) + LEAST ? null : run.t(x));
+    drive(at); look(at);
+  };
+  charts = chartsOf(lines, axis, key, follow);
+  const { over, strip, unzoom } = charts;
+  const curves = [
+    ...lines.map((run) => strip(run, shown.length > 1 ? `Pictures of ${run.mark}` : "Pictures")),
+    over("Speed, mph", "mph", "--a", ({ drawn: { t, speed } }) => ({ ts: t, ys: speed })),
+    over("Steering, degrees", "degrees", "--b", ({ drawn: { t, steering } }) => ({ ts: t, ys: steering })),
+    over("Offset from the line, m", "m", "--good", ({ drawn: { t, cte } }) => ({ ts: t, ys: cte })),
+  ];
+  return { above, camera, curves, over, point, unzoom };
+}
+
+// The parts of a section; those that are a title alone are things that nobody reports.
+function put(section, { above, camera, unzoom }, curves, ...more) {
+  const parts = [above, ...curves], there = (part) => typeof part !== "string", untold = parts.filter((part) => !there(part));
+  const charts = curves.filter(there);
+  if (there(above) || there(camera)) section.append(el("div", { class: "look" }, there(above) ? above : "", camera));
+  if (charts.length) {
+    const whole = el("button", { type: "button", class: "whole" }, "Whole run");
+    whole.addEventListener("click", unzoom);
+    const words = "Point at a curve, the map or a picture, or use the arrow keys. Drag or + zooms in; a double click, Escape or the button shows the whole run.";
+    section.append(el("p", { class: "hint readout" }, words, " ", whole));
+  }
+  section.append(...charts, untold.length ? el("p", { class: "readout" }, `Not reported: ${untold.join("; ")}`) : "", ...more);
+}
+
+function ofOne(run) {
+  const section = el("section", { id: `run-${run.mark}` }, el("h2", {}, ...(runs.length > 1 ? [chip(run)] : []), run.title));
   if (run.missed.length) section.append(el("ul", { class: "missed" }, ...run.missed.map((words) => el("li", {}, words))));
   const laps = run.card.lap_times_s.map((s) => s.toFixed(1)).join(", "), off = run.how.lap_times_s ?? "";
-  // What a run does not tell is its name alone.
-  const { part: above, follow } = map(run), { over } = chartsOfRun(run, String(runs.indexOf(run)), follow), { t, speed, steering, cte } = run.drawn;
-  const lines = [over("Speed, mph", t, speed, "mph", "--a"),
-    over("Steering, degrees", t, steering, "degrees", "--b"),
-    over("Offset from the line, m", t, cte, "m", "--good"),
-    histogram("Offset from the line, share of the telemetries", cte.filter((value) => value !== null), "m"),
-    latency(run, over)];
-  const hint = "Point at a chart or use the arrow keys to read it; drag or + to zoom in; double click or Escape for the whole run.";
-  const hints = lines.every((line) => typeof line === "string") ? [] : [el("p", { class: "hint readout" }, hint)];
-  const parts = [above, ...hints, ...lines];
-  const untold = parts.filter((part) => typeof part === "string").join("; ");
-  section.append(tiles(run), laps ? el("p", { class: "readout" }, `Lap times: ${laps} s${off}`) : "",
-    ...parts.filter((part) => typeof part !== "string"),
-    untold ? el("p", { class: "readout" }, `Not reported by this run: ${untold}`) : "", events(run));
-  if (runs.length === 1) section.append(el("details", {}, el("summary", {}, "All figures"), table(runs)));
+  section.append(tiles(run), laps ? el("p", { class: "readout" }, `Lap times: ${laps} s${off}`) : "");
+  const shown = together([run], run.mark), { cte, answers } = run.drawn;
+  const latency = shown.over("Time to answer, ms (slowest of each few)", "ms", "--b", () => ({ ts: answers.map(([t]) => t), ys: answers.map(([, ms]) => ms) }));
+  if (typeof latency !== "string") latency.append(stages(run));
+  const spread = histogram("Offset from the line, share of the telemetries", cte.filter((value) => value !== null), "m");
+  put(section, shown, [...shown.curves, latency, spread], events(run, shown.point));
+  if (runs.length === 1) section.append(el("details", { open: "" }, el("summary", {}, "All figures"), table(runs)));
   for (const note of run.card.notes) section.append(el("p", { class: "readout" }, "Note: " + note));
-  main.append(section);
+  return section;
 }
+
+// Runs of one road, laid over one another.
+function overlays() {
+  const roads = new Map();
+  for (const run of runs) if (run.card.track) roads.set(run.card.track, [...(roads.get(run.card.track) ?? []), run]);
+  return [...roads].filter(([, shown]) => shown.length > 1).map(([track, shown]) => {
+    const section = el("section", { class: "wide" }, el("h2", {}, `${track}: ${shown.length} runs laid over one another`));
+    const key = el("p", { class: "key" }, ...shown.flatMap((run) => [chip(run), run.title, " "]));
+    section.append(key);
+    const all = together(shown, `all ${track}`);
+    put(section, all, all.curves);
+    return section;
+  });
+}
+
+function build() {
+  drawn.clear();
+  redraws = [];
+  main.replaceChildren();
+  if (runs.length > 1) {
+    main.append(el("section", { class: "wide" }, el("h2", {}, "Summary"), summary(runs)), ...overlays());
+  }
+  main.append(...runs.map(ofOne));
+  if (runs.length > 1) main.append(el("section", { class: "wide" }, el("h2", {}, "All figures, side by side"), table(runs)));
+}
+
+across.addEventListener("change", build);
+build();

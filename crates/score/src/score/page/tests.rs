@@ -66,7 +66,7 @@ fn no_text_of_a_run_gets_out_of_its_place_in_the_page() {
     let card = Scorer::default().finish();
     let shown = Shown { title: "a".into(), card: &card, drawn: &drawn, outline: None, missed: vec![] };
     let page = render(&[shown]).unwrap();
-    assert_eq!(page.matches("</script>").count(), 4);
+    assert_eq!(page.matches("</script>").count(), 7);
     assert!(page.contains("\\u003c/script>\\u003cb>/*PAGE*/"));
     let data = page.split(r#"id="data">"#).nth(1).unwrap().split("</script>").next().unwrap();
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
@@ -79,15 +79,44 @@ fn a_page_is_one_file_with_everything_in_it() {
     let (drawn, card) = (drawn(&[]), Scorer::default().finish());
     let page =
         render(&[Shown { title: "a".into(), card: &card, drawn: &drawn, outline: None, missed: vec![] }]).unwrap();
-    for part in [UPLOT, UPLOT_STYLE, UPLOT_LICENCE, include_str!("charts.js"), include_str!("page.js")] {
+    for part in [
+        UPLOT,
+        UPLOT_STYLE,
+        UPLOT_LICENCE,
+        SORTING,
+        include_str!("charts.js"),
+        include_str!("map.js"),
+        include_str!("tables.js"),
+        include_str!("page.js"),
+    ] {
         assert!(page.contains(part), "{:.60}", part);
     }
-    for place in ["/*STYLE*/", "/*UPLOT*/", "/*CHARTS*/", "/*PAGE*/", "/*DATA*/"] {
+    for place in
+        ["/*STYLE*/", "/*UPLOT*/", "/*SORTING*/", "/*CHARTS*/", "/*MAP*/", "/*TABLES*/", "/*PAGE*/", "/*DATA*/"]
+    {
         assert!(!page.contains(place), "{place} is empty");
     }
     // Nothing is fetched.
     let tags = ["<link", "<script src", "@import", "url(", "fetch(", "XMLHttpRequest", "import("];
     assert_eq!(tags.map(|tag| page.contains(tag)), [false; 7]);
+}
+
+#[test]
+fn a_page_has_pictures_along_the_run_and_where_its_road_starts() {
+    let (mut plain, mut pictured) = (Collector::default(), Collector::with_pictures());
+    for i in 0..10u8 {
+        for collector in [&mut plain, &mut pictured] {
+            collector.item(at(f64::from(i)), &Item::Frame(vec![i].into()));
+        }
+    }
+    assert!(plain.finish().frames.is_empty(), "a player has the pictures from elsewhere");
+    let drawn = pictured.finish();
+    assert_eq!(drawn.frames.len(), 10);
+    let outline = Outline { left: vec![[0.0, 0.0]; 3], right: vec![[1.0, 0.0]; 3], start: 2 };
+    let card = Scorer::default().finish();
+    let shown = Shown { title: "a".into(), card: &card, drawn: &drawn, outline: Some(&outline), missed: vec![] };
+    let page = render(&[shown]).unwrap();
+    assert!(page.contains(r#""start":2}"#) && page.contains(&STANDARD.encode([9])));
 }
 
 #[test]

@@ -1,0 +1,190 @@
+// The pages of `lapwing score --html` and of `lapwing suite` in real Chromium: one cursor, zoom, runs over one another,
+// sorting, links to runs, and nothing that is cut off at 400 pixels.
+//
+//     node report.js REPORT SUITE FILM SHOTS
+//
+// REPORT shows two runs of one track, SUITE has a failed cell, FILM is an MP4. It prints one JSON object, leaves
+// screenshots in the folder SHOTS, and exits 1 at the first thing that is not so.
+'use strict'
+const path = require('path')
+const { pathToFileURL } = require('url')
+const { createRequire } = require('module')
+const { chromium } = createRequire(path.join(process.cwd(), 'package.json'))('playwright-core') // run.py installs it there
+
+const [report, suite, film, shots] = process.argv.slice(2)
+const FLAGS = ['--no-sandbox', '--disable-gpu', '--allow-file-access-from-files', '--disable-background-networking', '--disable-component-update', '--disable-sync']
+const complaints = []
+
+const fail = (why) => { throw new Error(why) }
+const equal = (what, got, expected) => JSON.stringify(got) === JSON.stringify(expected) || fail(`${what}: expected ${JSON.stringify(expected)}, got ${JSON.stringify(got)}`)
+const holds = (what, so) => so || fail(`${what}: it does not`)
+
+async function main() {
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: FLAGS })
+  const open = async (file, width, colorScheme) => {
+    const page = await browser.newPage({ viewport: { width, height: 900 }, colorScheme })
+    page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
+    page.on('pageerror', (error) => complaints.push(error.stack))
+    page.on('request', (request) => /^(file|data|blob):/.test(request.url()) || complaints.push(`asks elsewhere: ${request.url()}`))
+    await page.goto(pathToFileURL(file).href)
+    await page.waitForTimeout(400) // charts are drawn in frames of their own
+    return page
+  }
+  // Nothing is wider than the page, nor than what it lies in.
+  const cut = (page) => page.evaluate(() => {
+    const wide = [...document.querySelectorAll('main, section, table, td, th, p, h2, h3, select, canvas, figure')]
+      .filter((node) => !node.closest('.frames') && node.getBoundingClientRect().right > innerWidth + 0.5)
+    return [document.documentElement.scrollWidth - innerWidth, ...wide.slice(0, 3).map((node) => `${node.tagName} ${node.textContent.slice(0, 40)}`)]
+  })
+  const shot = (page, name) => page.screenshot({ path: path.join(shots, name + '.png'), fullPage: true })
+  const dark = (page) => page.evaluate(() => [...document.querySelectorAll('body, main, section, select')].every((node) => {
+    const [r, g, b] = getComputedStyle(node).backgroundColor.match(/[\d.]+/g).map(Number)
+    return node.tagName === 'MAIN' || r + g + b < 200
+  }) && getComputedStyle(document.documentElement).colorScheme === 'dark')
+  const result = {}
+
+  for (const [width, scheme] of [[1280, 'light'], [400, 'dark']]) {
+    const page = await open(report, width, scheme), at = `at ${width}`
+    equal(`report ${at}: pixels too wide, and what is cut`, await cut(page), [0])
+    if (scheme === 'dark') holds('report: all is dark, the drop-downs too', await dark(page))
+    // What is looked at first stands first.
+    const order = await page.$$eval('h2', (heads) => heads.map((head) => head.textContent.replace(/^[A-Z]?.*\.mcap.*/, 'run')))
+    equal(`headings ${at}`, order.map((words) => words.replace(/^.*: 2 runs/, '2 runs')), ['Summary', '2 runs laid over one another', 'run', 'run', 'All figures, side by side'])
+    const section = page.locator('section', { hasText: 'laid over one another' }).last()
+    const says = () => section.locator('.chart .readout').allTextContents()
+    const times = async () => [...new Set((await says()).map((words) => words.split(': ')[0]))]
+    const cars = () => section.locator('.car').evaluateAll((cars) => cars.map((car) => !car.hidden && [car.style.left, car.style.top].join()))
+    const cameras = () => section.locator('.cameras img').evaluateAll((images) => images.map((image) => image.src.length + image.src.slice(-200)))
+    equal(`charts say nothing before anybody points ${at}`, (await says()).join(''), '')
+    const first = await cameras()
+    const over = section.locator('.u-over')
+    const pointAt = async (chart, share) => {
+      await chart.scrollIntoViewIfNeeded()
+      const { x, y, width, height } = await chart.boundingBox()
+      await page.mouse.move(x + share * width - 3, y + height / 2)
+      await page.mouse.move(x + share * width, y + height / 2)
+      await page.waitForTimeout(150)
+    }
+    const speed = over.nth(2)
+    await pointAt(speed, 0.6)
+    const pointed = await times(), there = await cars()
+    equal(`times that the charts of both runs say ${at}`, pointed.length, 1)
+    holds(`both runs are read ${at}`, /: A [\d.]+ mph, B [\d.]+ mph/.test((await says())[2]))
+    equal(`cars on the map ${at}`, there.filter(Boolean).length, 2)
+    holds(`the cameras follow ${at}`, JSON.stringify(await cameras()) !== JSON.stringify(first))
+    equal(`cars of other sections ${at}`, await page.locator('#run-A .car').evaluateAll((cars) => cars.map((car) => car.hidden)), [true])
+    // The map and the pictures move the cursor, too.
+    const car = section.locator('.car').first(), canvas = section.locator('.map canvas')
+    const where = await car.evaluate((car) => [parseFloat(car.style.left), parseFloat(car.style.top)])
+    await pointAt(speed, 0.1)
+    const early = await times()
+    holds(`another place, another time ${at}`, early[0] !== pointed[0])
+    await canvas.hover({ position: { x: where[0], y: where[1] } })
+    await page.waitForTimeout(150)
+    const byMap = (await times())[0]
+    holds(`the map moves the cursor of the charts ${at}: ${byMap} for ${pointed}`, seconds(byMap) !== seconds(early[0]) && Math.abs(seconds(byMap) - seconds(pointed[0])) < 2)
+    await pointAt(over.nth(0), 0.3)
+    const byPicture = (await times())[0]
+    holds(`a picture moves the cursor ${at}`, byPicture !== byMap && (await says())[0].includes('picture of'))
+    // Keys, and the zoom.
+    const root = section.locator('.uplot').nth(2)
+    await root.focus()
+    await page.keyboard.press('Home')
+    equal(`the time at Home ${at}`, await times(), ['0:00.0'])
+    for (let i = 0; i < 20; i++) await page.keyboard.press('ArrowRight')
+    holds(`twenty steps to the right ${at}`, seconds((await times())[0]) > 0.2)
+    await pointAt(speed, 0.3)
+    const unzoomed = (await times())[0]
+    const { x, y, width: wide, height } = await speed.boundingBox()
+    await page.mouse.move(x + 0.4 * wide, y + height / 2)
+    await page.mouse.down()
+    await page.mouse.move(x + 0.6 * wide, y + height / 2, { steps: 4 })
+    await page.mouse.up()
+    await pointAt(over.nth(4), 0.3) // another chart
+    const zoomed = (await times())[0]
+    holds(`a drag zooms all charts ${at}: ${unzoomed}, then ${zoomed}`, seconds(zoomed) > seconds(unzoomed))
+    if (width === 1280) await shot(page, 'report-zoomed')
+    await section.locator('button.whole').click()
+    await pointAt(speed, 0.3)
+    equal(`the time at that place after the button ${at}`, await times(), [unzoomed])
+    // Sorting, by key and by mouse.
+    const head = page.locator('.summary thead th').nth(6), rows = () => page.locator('.summary tbody th b').allTextContents()
+    const value = () => page.locator('.summary tbody tr').evaluateAll((rows) => rows.map((row) => Number(row.cells[6].dataset.value)))
+    await head.locator('button').focus()
+    await page.keyboard.press('Enter')
+    equal(`mean |cte| sorted ${at}`, [await head.getAttribute('aria-sort'), await value()], ['ascending', [...await value()].sort((a, b) => a - b)])
+    const up = await rows()
+    await head.locator('button').click()
+    equal(`and the other way ${at}`, [await head.getAttribute('aria-sort'), await rows()], ['descending', [...up].reverse()])
+    // Folded away, and what a curve is drawn over.
+    equal(`zero figures are folded ${at}`, await page.locator('details.folded p').first().isVisible(), false)
+    holds(`no row is zero throughout ${at}`, await page.locator('.figures tbody tr').evaluateAll((rows) => rows.every((row) => [...row.cells].slice(1).some((cell) => !/^0(\.0+)?( \S+)?$/.test(cell.textContent)))))
+    await page.selectOption('#across', 'distance')
+    await page.waitForTimeout(300)
+    await pointAt(over.nth(2), 0.5)
+    holds(`curves over the distance ${at}`, /^\d+ m$/.test((await times())[0]))
+    await page.selectOption('#by', 'cte')
+    equal(`report ${at}, at the end: what is cut`, await cut(page), [0])
+    await page.mouse.move(0, 0)
+    await shot(page, `report-${width}-${scheme}`)
+    result.charts = (await says()).length
+    await page.close()
+  }
+
+  for (const [width, scheme] of [[1280, 'light'], [400, 'dark']]) {
+    const page = await open(suite, width, scheme), at = `at ${width}`
+    equal(`suite ${at}: pixels too wide, and what is cut`, await cut(page), [0])
+    if (scheme === 'dark') holds('suite: all is dark, the drop-down too', await dark(page))
+    const rows = () => page.locator('tbody th').allTextContents(), before = await rows()
+    const head = page.locator('thead th').nth(1)
+    await head.locator('button').focus()
+    await page.keyboard.press('Enter')
+    const values = await page.locator('tbody tr').evaluateAll((rows) => rows.map((row) => Number(row.cells[1].dataset.value)))
+    equal(`completion, the best first ${at}`, [await head.getAttribute('aria-sort'), values], ['descending', [...values].sort((a, b) => b - a)])
+    await page.locator('thead th').first().locator('button').click()
+    equal(`pilots by name ${at}`, await rows(), [...before].sort())
+    holds(`figures that are zero come last ${at}`, await page.locator('optgroup option').count() > 0)
+    await page.locator('td details summary').first().click()
+    const link = page.locator('td a', { hasText: 'report' }).first()
+    await shot(page, `suite-${width}-${scheme}`)
+    const [run, html] = await Promise.all(['run', 'report'].map((words) => page.locator('td a', { hasText: words }).first().evaluate((a) => a.href)))
+    holds(`the run of a failed cell ${at}: ${run}`, require('fs').existsSync(new URL(run)))
+    await link.click()
+    await page.waitForSelector('h2')
+    holds(`its report ${at}: ${html}`, (await page.locator('.tile').count()) === 8 && (await page.locator('.chart').count()) > 3)
+    equal(`its report ${at}: what is cut`, await cut(page), [0])
+    await page.close()
+  }
+
+  // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
+  const page = await open(report, 700, 'light')
+  result.film = await page.evaluate(async (source) => {
+    const video = document.createElement('video')
+    video.muted = true
+    video.src = source
+    await new Promise((done, not) => { video.onloadeddata = done; video.onerror = () => not(new Error(video.error.message)) })
+    const canvas = document.createElement('canvas')
+    const look = async (t) => {
+      video.currentTime = t
+      await new Promise((done) => { video.onseeked = done })
+      Object.assign(canvas, { width: video.videoWidth, height: video.videoHeight })
+      const pen = canvas.getContext('2d', { willReadFrequently: true })
+      pen.drawImage(video, 0, 0)
+      return [...pen.getImageData(0, 0, canvas.width, canvas.height).data]
+    }
+    const [a, b] = [await look(0.3 * video.duration), await look(0.8 * video.duration)]
+    const shades = new Set(a.map((value) => value >> 4)).size, differ = a.filter((value, i) => Math.abs(value - b[i]) > 24).length / a.length
+    return { seconds: video.duration, size: [video.videoWidth, video.videoHeight], shades, differ, picture: canvas.toDataURL('image/png') }
+  }, pathToFileURL(film).href)
+  require('fs').writeFileSync(path.join(shots, 'film.png'), Buffer.from(result.film.picture.split(',')[1], 'base64'))
+  delete result.film.picture
+  holds(`the film shows a drive: ${JSON.stringify(result.film)}`, result.film.seconds > 1 && result.film.shades > 8 && result.film.differ > 0.02)
+
+  await browser.close()
+  equal('complaints', complaints, [])
+  process.stdout.write(JSON.stringify(result) + '\n')
+}
+
+const seconds = (words) => words.split(':').reduce((minutes, rest) => 60 * +minutes + +rest, 0)
+
+main().catch((error) => { console.error(error.stack); process.exit(1) })
