@@ -97,8 +97,8 @@ pub fn roadways(roads: &Roads) -> Result<Arc<[Roadway]>, TrackError> {
 /// A track as the page draws it.
 #[cfg(feature = "bridge")]
 pub fn course(track: &Track, road: Arc<Road>) -> Course {
-    let Roadway { name, left, right, line } = track.roadway();
-    Course { name, outline: Outline { left: flat(left), right: flat(right) }, line: flat(line), road }
+    let Roadway { name, line, .. } = track.roadway();
+    Course { name, outline: outline(track), line: flat(line), road }
 }
 
 /// Where a run without positions seems to have been: seconds, and places on the line to drive.

@@ -142,7 +142,7 @@ impl Stage {
         let mut setup = set_up(&spec, &settings, stock)?;
         let guard = guards::load(&settings.brake)?;
         let shipped = known::courses(&Roads::default())?;
-        let mut server = PageServer::start(&settings, port)?;
+        let server = PageServer::start(&settings, port)?;
         let foxglove = foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
         server.page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
@@ -286,7 +286,11 @@ impl PageServer {
         Ok(Self { page, serving: Some(Serving { runtime, stop, task }) })
     }
 
-    fn end(&mut self) -> anyhow::Result<()> {
+    fn end(mut self) -> anyhow::Result<()> {
+        self.stop()
+    }
+
+    fn stop(&mut self) -> anyhow::Result<()> {
         let Some(Serving { runtime, stop, task }) = self.serving.take() else { return Ok(()) };
         // An error means that it has ended already, of which the task tells.
         let _ = stop.send(());
@@ -299,7 +303,7 @@ impl PageServer {
 /// Also where a drive fails: the page may be at work, and the program must not end before that is done.
 impl Drop for PageServer {
     fn drop(&mut self) {
-        if let Err(error) = self.end() {
+        if let Err(error) = self.stop() {
             tracing::warn!("{error:#}");
         }
     }

@@ -71,7 +71,7 @@ use tokio::sync::{Notify, watch};
 use tower::ServiceExt;
 
 use crate::{
-    page::{self, Explaining, Page, PilotChoice},
+    page::{self, Page, PilotChoice},
     viewers::Viewers,
 };
 use lapwing_core::{
@@ -189,12 +189,12 @@ impl Bridge {
 
     /// Hands the model to all connections, present and future. A second one is ignored.
     pub fn model_is_ready(&self, model: impl Model + 'static) {
-        self.models_are_ready(vec![(Arc::new(model), Explaining::not("nobody said how"))]);
+        self.models_are_ready(vec![(Arc::new(model), page::Explaining::not("nobody said how"))]);
     }
 
     /// The same with several, each with how it is explained, of which the first drives until a person at the page chooses
     /// another.
-    pub fn models_are_ready(&self, models: Vec<(Arc<dyn Model>, Explaining)>) {
+    pub fn models_are_ready(&self, models: Vec<(Arc<dyn Model>, page::Explaining)>) {
         self.page.has_pilots(models.iter().cloned().map(|(model, how)| PilotChoice::of(model, how)).collect());
         let _ = self.models.set(models.into_iter().map(|(model, _)| model).collect());
     }
