@@ -318,3 +318,23 @@ async fn every_simulator_has_its_line_and_a_storm_of_dials_hides_none() {
     }
     assert!(log.matches("never sent a telemetry").count() <= 2, "{log}");
 }
+
+#[test]
+fn a_taken_port_for_viewers_is_told_with_its_flag_and_leaves_no_run() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    for verb in [&["drive", "--pilot", "expert"][..], &["serve", "--port", "0"]] {
+        let dir = tempdir().unwrap();
+        let program = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(verb)
+            .args(["--foxglove", &port])
+            .current_dir(dir.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(program.stderr).unwrap();
+        assert_eq!(program.status.code(), Some(1), "{said}");
+        assert!(said.contains(&format!("port {port} is taken")) && said.contains("after --foxglove"), "{said}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+}

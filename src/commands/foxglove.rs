@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use tokio::{runtime::Runtime, sync::oneshot, task::JoinHandle};
 
 use super::serve;
@@ -18,7 +18,7 @@ use lapwing_core::{
     turn::{EventRecord, Turn},
 };
 use lapwing_live::{
-    bridge::{self, Bridge, Listener},
+    bridge::{self, BindError, Bridge, Listener},
     viewers::{Feed, Viewers},
 };
 
@@ -27,7 +27,14 @@ const LATE: Duration = Duration::from_millis(250);
 
 /// Listens at this port.
 pub(super) async fn listen(settings: &Settings, port: u16, bridge: &Bridge) -> anyhow::Result<Listener> {
-    let listener = Listener::bind((settings.bridge.bind, port).into()).await.context("--foxglove")?;
+    let listener = Listener::bind((settings.bridge.bind, port).into()).await.map_err(|error| match error {
+        // Its own advice is about the port for simulators.
+        BindError::Taken { port, holder } => {
+            let holder = holder.map(|holder| format!(" by {holder}")).unwrap_or_default();
+            anyhow!("port {port} is taken{holder}: end that program, or name another port after --foxglove")
+        }
+        other => other.into(),
+    })?;
     say!("Foxglove, Lichtblick: {}", serve::address_of("ws", listener.address(), bridge.page())?);
     Ok(listener)
 }

@@ -128,7 +128,7 @@ impl View {
     }
 
     /// Whether the server hangs up.
-    async fn is_dropped(mut self) -> bool {
+    async fn hung_up(mut self) -> bool {
         let end =
             async { while self.socket.next().await.is_some_and(|message| message.is_ok_and(|m| !m.is_close())) {} };
         timeout(PATIENCE, end).await.is_ok()
@@ -341,7 +341,7 @@ async fn a_page_of_another_site_sees_nothing_and_a_viewer_changes_nothing() {
     let garbage = |message: Message| async move {
         let mut view = View::dial(address, "", &[PROTOCOL]).await.ok().unwrap();
         view.socket.send(message).await.unwrap();
-        view.is_dropped().await
+        view.hung_up().await
     };
     assert!(garbage(Message::text("garbage")).await);
     assert!(garbage(Message::text(format!("{{\"op\":\"{}\"}}", "x".repeat(40_000)))).await);
