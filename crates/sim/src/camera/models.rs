@@ -379,4 +379,19 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn the_driven_car_stands_on_wheels_of_which_those_in_front_turn_with_its_steering() {
+        let corners = |steering: f32| {
+            own_car(Vec3::ZERO, 0.0, 0.0, steering).map(|part| part.points.iter().map(|p| p.at).collect::<Vec<_>>())
+        };
+        let (straight, turned) = (corners(0.0), corners(0.3));
+        let lowest = |points: &[Vec3]| points.iter().fold(f32::MAX, |low, p| low.min(p.y));
+        assert!(lowest(&straight[0]) > 0.3, "the body leaves them free");
+        for (wheel, points) in straight.iter().enumerate().skip(1) {
+            assert!(lowest(points).abs() < 0.01, "wheel {wheel}");
+            let in_front = points[0].z > 0.0;
+            assert_eq!(points != &turned[wheel], in_front, "wheel {wheel}");
+        }
+    }
 }
