@@ -132,7 +132,7 @@ pub struct MarlTrain {
     #[arg(long)]
     pub resume: bool,
     /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "entropy", "entropy_falls", "gamma", "batch", "replay", "every", "memory", "learners"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners"])]
     pub recipe: Option<PathBuf>,
     /// How they learn
     #[arg(long, value_enum, default_value_t)]
@@ -161,18 +161,24 @@ pub struct MarlTrain {
     /// Units in each of the two hidden layers [default: 64]
     #[arg(long, value_name = "N")]
     pub hidden: Option<usize>,
-    /// PPO's learning rate at the begin, and MADDPG's for its critic, its actor having a tenth [default: 0.001]
+    /// PPO's learning rate at the begin, and that of MADDPG's critic [default: 0.001]
     #[arg(long, value_parser = above_zero)]
     pub learning_rate: Option<f64>,
+    /// Learning rate of MADDPG's actor [default: 0.001]
+    #[arg(long, value_parser = above_zero)]
+    pub actor_rate: Option<f64>,
     /// PPO's weight of the entropy [default: 0.01]
     #[arg(long, value_parser = not_negative)]
     pub entropy: Option<f64>,
-    /// Let it fall to 0 with the learning rate
-    #[arg(long)]
-    pub entropy_falls: bool,
+    /// The same at the end of the training [default: as at the begin]
+    #[arg(long, value_parser = not_negative)]
+    pub entropy_end: Option<f64>,
     /// Discount for each step [default: 0.99, MADDPG 0.95]
     #[arg(long, value_parser = not_negative)]
     pub gamma: Option<f64>,
+    /// PPO's at the end of the training [default: as at the begin]
+    #[arg(long, value_parser = not_negative)]
+    pub gamma_end: Option<f64>,
     /// Agent-steps in PPO's minibatches, joint transitions in MADDPG's batches [default: 1024]
     #[arg(long, value_name = "N")]
     pub batch: Option<usize>,
@@ -210,7 +216,7 @@ pub struct MarlStudy {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub seeds: u64,
     /// Agent-steps of each training
-    #[arg(long, value_name = "N", default_value_t = 500_000)]
+    #[arg(long, value_name = "N", default_value_t = 3_000_000)]
     pub agent_steps: u64,
     /// Held-out episodes in which each policy is judged
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(10..=1_000_000))]
@@ -218,7 +224,7 @@ pub struct MarlStudy {
     /// Joint transitions for each of MADDPG's gradient steps
     #[arg(long, value_name = "N", default_value_t = 100.0, value_parser = above_zero)]
     pub every: f64,
-    /// What is learnt: a reward, and how much traffic [default: all four]
+    /// What is learnt: a reward, and how much traffic; half of the intersections have none in any case [default: all four]
     #[arg(long, value_enum, value_delimiter = ',')]
     pub tasks: Vec<TaskKind>,
     /// Stop after so many trainings, to go on later

@@ -93,8 +93,9 @@ fn ppo(arguments: &MarlTrain) -> PpoSettings {
         hidden: arguments.hidden.unwrap_or(usual.hidden),
         learning_rate: arguments.learning_rate.unwrap_or(usual.learning_rate),
         entropy: arguments.entropy.unwrap_or(usual.entropy),
-        entropy_falls: arguments.entropy_falls,
+        entropy_end: arguments.entropy_end,
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
+        gamma_end: arguments.gamma_end.map(|gamma| gamma as f32),
         seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
     }
@@ -115,7 +116,7 @@ fn maddpg(arguments: &MarlTrain) -> MaddpgSettings {
         },
         hidden: arguments.hidden.unwrap_or(usual.hidden),
         critic_rate: arguments.learning_rate.unwrap_or(usual.critic_rate),
-        actor_rate: arguments.learning_rate.map_or(usual.actor_rate, |rate| rate / 10.0),
+        actor_rate: arguments.actor_rate.unwrap_or(usual.actor_rate),
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
         learners: usize::from(arguments.learners),
         seed: arguments.seed.unwrap_or(usual.seed),

@@ -24,7 +24,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     MarlError,
-    maddpg::{Core, Losses, Maddpg, MaddpgSettings, learn},
+    gradients::{Core, Losses, learn},
+    maddpg::{Maddpg, MaddpgSettings},
     policy::copied,
     replay::{Drawing, Memory},
 };
@@ -51,6 +52,7 @@ struct Shared<'a> {
     pace: Mutex<Pace>,
     changed: Condvar,
     beta: f64,
+    share_of_rates: f64,
 }
 
 /// A thread that panicked has brought the whole run down already, so what it left is not used.
@@ -60,7 +62,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Drives and learns until so many joint transitions.
 pub(super) fn run(maddpg: &mut Maddpg, until: u64) -> Result<Losses, MarlError> {
-    let (before, beta) = (maddpg.core.steps, maddpg.beta());
+    let (before, beta, share_of_rates) = (maddpg.core.steps, maddpg.beta(), maddpg.share_of_rates());
     let seeds: Vec<u64> = (0..maddpg.settings.learners).map(|_| maddpg.random.random()).collect();
     let origin = maddpg.origin();
     let Maddpg { settings, core, collector, memory, scale, .. } = maddpg;
@@ -77,6 +79,7 @@ pub(super) fn run(maddpg: &mut Maddpg, until: u64) -> Result<Losses, MarlError> 
         pace: Mutex::new(Pace { due: before, begun: before, is_over: false }),
         changed: Condvar::new(),
         beta,
+        share_of_rates,
     };
     let due = |transitions: u64| origin.due(settings, transitions);
     thread::scope(|scope| {
@@ -99,7 +102,7 @@ pub(super) fn run(maddpg: &mut Maddpg, until: u64) -> Result<Losses, MarlError> 
                             lock(&shared.memory).update(&drawing.rows, &gradients.errors);
                             let mut core = lock(&shared.core);
                             losses.staleness += (core.steps - version) as f64;
-                            core.apply(&gradients, shared.settings)?;
+                            core.apply(&gradients, shared.settings, shared.share_of_rates)?;
                             losses.add(&gradients);
                         }
                         Ok(losses)

@@ -12,7 +12,8 @@
 //! | 0.001 times the mean square of the actor's outputs is added to its loss | `p_reg` |
 //! | gradients clipped to 0.5; here all of a network together, there each tensor | `minimize_and_clip` |
 //! | a gradient step for each 100 joint transitions, batches of 1024, targets follow by 0.01 | paper, appendix; `update` |
-//! | learning rates 1e-4 and 1e-3, a memory of a million | Biswas and Biswas' set-up; the paper has 1e-2 for both |
+//! | learning rates of 1e-3 that fall to 0 | the paper has 1e-2, Biswas and Biswas 1e-4 for the actor and 1e-3; see below |
+//! | a memory of a million | paper |
 //!
 //! What differs: the agents share both networks, as with PPO here, so the critic of an agent is given its own part of the
 //! situation first and then those of the others in turn; agents that have ended are zeros to the critic and masked out of
@@ -24,22 +25,20 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor, no_grad};
+use tch::{Tensor, no_grad};
 
 use super::{
     MarlError, asynchronous,
+    gradients::{Core, LOSSES, Losses, learn, relax},
     learner::{Counters, Learner, Update, World},
-    policy::{Activation, Mlp, scale},
+    policy::{Mlp, scale},
     priorities::Replay,
     replay::{Drawing, Memory, Moment},
 };
-use crate::train::{Optimiser, Stepper};
 use lapwing_sim::intersection::{ACTIONS, AGENTS, Batch, Buffers, evaluation::Sums};
 
 /// Joint transitions between two updates that are logged: as many as PPO's defaults make in one.
 const LOGGED: u64 = 8192;
-/// Weight of the mean square of the actor's outputs.
-const OUTPUTS: f64 = 1e-3;
 
 /// The settings of the algorithm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -63,10 +62,12 @@ pub struct MaddpgSettings {
     pub alpha: f32,
     /// How much of their bias is undone at first; 0.4. It rises to 1.
     pub beta: f64,
-    /// Learning rate of the actor; 1e-4.
+    /// Learning rate of the actor; 1e-3.
     pub actor_rate: f64,
     /// And of the critic; 1e-3.
     pub critic_rate: f64,
+    /// Whether both fall to 0, as PPO's does; yes, since what is shipped and judged is the last policy.
+    pub rates_fall: bool,
     /// How far the targets follow at each gradient step; 0.01.
     pub tau: f64,
     /// Discount; 0.95.
@@ -97,8 +98,9 @@ impl Default for MaddpgSettings {
             replay: Replay::Uniform,
             alpha: 0.6,
             beta: 0.4,
-            actor_rate: 1e-4,
+            actor_rate: 1e-3,
             critic_rate: 1e-3,
+            rates_fall: true,
             tau: 0.01,
             gamma: 0.95,
             temperature: 1.0,
@@ -155,102 +157,6 @@ impl Origin {
         let warm_up = settings.warm_up.max(settings.batch as u64);
         let learnt_from = transitions.saturating_sub(self.transitions + warm_up);
         self.steps + (learnt_from as f64 / settings.every) as u64
-    }
-}
-
-/// The four networks.
-#[derive(Debug)]
-pub(super) struct Networks {
-    pub actor: Mlp,
-    critic: Mlp,
-    target_actor: Mlp,
-    target_critic: Mlp,
-}
-
-impl Networks {
-    fn new(settings: &MaddpgSettings, numbers: usize, random: &mut ChaCha8Rng) -> Result<Self, MarlError> {
-        let hidden = settings.hidden;
-        let sees = AGENTS * (numbers + ACTIONS);
-        let actor = Mlp::new("actor", [numbers, hidden, hidden, ACTIONS], 0.01, random)?.with(Activation::Relu);
-        let critic = Mlp::new("critic", [sees, hidden, hidden, 1], 1.0, random)?.with(Activation::Relu);
-        let (target_actor, target_critic) = (actor.copy()?, critic.copy()?);
-        Ok(Self { actor, critic, target_actor, target_critic })
-    }
-
-    /// The same with memory of their own.
-    pub fn copy(&self) -> Result<Self, MarlError> {
-        Ok(Self {
-            actor: self.actor.copy()?,
-            critic: self.critic.copy()?,
-            target_actor: self.target_actor.copy()?,
-            target_critic: self.target_critic.copy()?,
-        })
-    }
-
-    /// Takes over others' weights.
-    pub fn take(&self, others: &Self) -> Result<(), MarlError> {
-        self.actor.follow(&others.actor, 1.0)?;
-        self.critic.follow(&others.critic, 1.0)?;
-        self.target_actor.follow(&others.target_actor, 1.0)?;
-        self.target_critic.follow(&others.target_critic, 1.0)
-    }
-}
-
-/// What is learnt: networks and their optimisers.
-#[derive(Debug)]
-pub(super) struct Core {
-    pub networks: Networks,
-    actor: Stepper,
-    critic: Stepper,
-    /// Gradient steps so far.
-    pub steps: u64,
-}
-
-/// What a batch says of how the weights should change.
-#[derive(Debug)]
-pub(super) struct Gradients {
-    actor: Vec<Tensor>,
-    critic: Vec<Tensor>,
-    /// (B): mean size of the agents' errors, one for each joint transition.
-    pub errors: Vec<f32>,
-    losses: [f64; 4],
-}
-
-/// What is logged of a gradient step: mean squared error of the critic, the actor's loss, mean value, mean size of the
-/// errors.
-const LOSSES: [&str; 4] = ["critic_loss", "policy_loss", "value", "error"];
-
-impl Core {
-    /// Follows gradients; the targets follow the networks.
-    pub fn apply(&mut self, gradients: &Gradients, settings: &MaddpgSettings) -> Result<(), MarlError> {
-        self.critic.step_along(&gradients.critic, settings.critic_rate)?;
-        self.actor.step_along(&gradients.actor, settings.actor_rate)?;
-        self.networks.target_critic.follow(&self.networks.critic, settings.tau)?;
-        self.networks.target_actor.follow(&self.networks.actor, settings.tau)?;
-        self.steps += 1;
-        Ok(())
-    }
-}
-
-/// Sums of losses.
-#[derive(Debug, Default)]
-pub(super) struct Losses {
-    sums: [f64; 4],
-    count: f64,
-    /// Sum over the gradient steps of how many others had been taken since its weights were read.
-    pub staleness: f64,
-}
-
-impl Losses {
-    pub fn add(&mut self, gradients: &Gradients) {
-        self.sums.iter_mut().zip(gradients.losses).for_each(|(sum, loss)| *sum += loss);
-        self.count += 1.0;
-    }
-
-    pub fn join(&mut self, other: &Self) {
-        self.sums.iter_mut().zip(other.sums).for_each(|(sum, loss)| *sum += loss);
-        self.count += other.count;
-        self.staleness += other.staleness;
     }
 }
 
@@ -355,14 +261,10 @@ impl Maddpg {
         settings.check()?;
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
         let sight = world.intersection.sight;
-        let networks = Networks::new(&settings, sight.numbers(), &mut random)?;
-        let optimiser = Optimiser { clip: Some(settings.largest_gradient), ..Optimiser::default() };
-        let actor = Stepper::new(optimiser.clone(), networks.actor.weights())?;
-        let critic = Stepper::new(optimiser, networks.critic.weights())?;
+        let core = Core::new(&settings, sight.numbers(), &mut random)?;
         let collector = Collector::new(&settings, world, &mut random)?;
         let mut memory = Memory::new(sight, settings.intersections, settings.memory, settings.replay, settings.alpha);
         memory.push(collector.moment());
-        let core = Core { networks, actor, critic, steps: 0 };
         let scale = scale(sight)?;
         let drawing = Drawing::default();
         Ok(Self { settings, core, collector, memory, scale, random, drawing, updates: 0, origin: Origin::default() })
@@ -385,7 +287,7 @@ impl Maddpg {
                 let networks = &self.core.networks;
                 let gradients = learn(networks, &self.drawing, &self.scale, &self.settings, &mut self.random)?;
                 self.memory.update(&self.drawing.rows, &gradients.errors);
-                self.core.apply(&gradients, &self.settings)?;
+                self.core.apply(&gradients, &self.settings, self.share_of_rates())?;
                 losses.add(&gradients);
             }
         }
@@ -396,90 +298,11 @@ impl Maddpg {
     pub(super) fn beta(&self) -> f64 {
         self.settings.beta + (1.0 - self.settings.beta) * self.progress()
     }
-}
 
-/// (N, ACTIONS) to the same: a sample of the relaxed one-hot that the logits mean (Jang et al. 2017; Maddison et al. 2017).
-fn relax(logits: &Tensor, temperature: f64, random: &mut ChaCha8Rng) -> Result<Tensor, MarlError> {
-    let noise: Vec<f32> = (0..logits.numel()).map(|_| -(-random.random_range(f32::EPSILON..1.0).ln()).ln()).collect();
-    let noise = Tensor::f_from_slice(&noise)?.f_view_as(logits)?;
-    Ok(logits.f_add(&noise)?.f_div_scalar(temperature)?.f_softmax(-1, Kind::Float)?)
-}
-
-/// (B, AGENTS, AGENTS * n): for each agent its own part (B, AGENTS, n) and then those of the others in turn.
-fn joint(own: &Tensor, others: &Tensor) -> Result<Tensor, MarlError> {
-    let mut parts = vec![own.shallow_clone()];
-    for k in 1..AGENTS as i64 {
-        parts.push(others.f_roll([-k], [1])?);
+    /// The share of the learning rates with which it learns now.
+    pub(super) fn share_of_rates(&self) -> f64 {
+        if self.settings.rates_fall { (1.0 - self.progress()).max(1e-3) } else { 1.0 }
     }
-    Ok(Tensor::f_cat(&parts, 2)?)
-}
-
-/// The gradients of a batch.
-pub(super) fn learn(
-    networks: &Networks,
-    batch: &Drawing,
-    scale: &Tensor,
-    settings: &MaddpgSettings,
-    random: &mut ChaCha8Rng,
-) -> Result<Gradients, MarlError> {
-    let (count, agents, actions) = (batch.rows.len() as i64, AGENTS as i64, ACTIONS as i64);
-    let numbers = scale.size1()?;
-    let of = |numbers: &[f32], shape: &[i64]| Tensor::f_from_slice(numbers)?.f_view(shape);
-    let seen = of(&batch.seen, &[count, agents, numbers])?.f_mul(scale)?; // (B, AGENTS, numbers)
-    let next = of(&batch.next, &[count, agents, numbers])?.f_mul(scale)?;
-    let done = of(&batch.actions, &[count, agents, actions])?; // (B, AGENTS, ACTIONS)
-    let rewards = of(&batch.rewards, &[count, agents])?; // (B, AGENTS)
-    let drove = of(&batch.drove, &[count, agents])?;
-    let goes_on = of(&batch.goes_on, &[count, agents])?;
-    let weights = of(&batch.weights, &[count, 1])?; // (B, 1)
-    let flat = |each: &Tensor| each.f_reshape([count * agents, -1]);
-    let value = |critic: &Mlp, joint: &Tensor| -> Result<_, MarlError> {
-        Ok(critic.forward(&flat(joint)?)?.f_view([count, agents])?) // (B, AGENTS)
-    };
-    let sample = |actor: &Mlp, seen: &Tensor, random: &mut ChaCha8Rng| -> Result<_, MarlError> {
-        let logits = actor.forward(&flat(seen)?)?; // (B * AGENTS, ACTIONS)
-        let relaxed = relax(&logits, settings.temperature, random)?.f_view([count, agents, actions])?;
-        Ok((logits, relaxed))
-    };
-
-    let target = no_grad(|| -> Result<_, MarlError> {
-        let (_, then) = sample(&networks.target_actor, &next, random)?;
-        let then = then.f_mul(&goes_on.f_unsqueeze(2)?)?;
-        let then = Tensor::f_cat(&[&next, &then], 2)?;
-        let future = value(&networks.target_critic, &joint(&then, &then)?)?.f_mul(&goes_on)?;
-        Ok(rewards.f_add(&future.f_mul_scalar(f64::from(settings.gamma))?)?)
-    })?;
-    let was = Tensor::f_cat(&[&seen, &done], 2)?; // (B, AGENTS, numbers + ACTIONS)
-    let values = value(&networks.critic, &joint(&was, &was)?)?;
-    let errors = values.f_sub(&target)?.f_mul(&drove)?;
-    let drivers = drove.f_sum(Kind::Float)?.f_clamp_min(1.0)?;
-    let critic_loss = errors.f_square()?.f_mul(&weights)?.f_sum(Kind::Float)?.f_div(&drivers)?;
-
-    let (logits, own) = sample(&networks.actor, &seen, random)?;
-    let own = Tensor::f_cat(&[&seen, &own.f_mul(&drove.f_unsqueeze(2)?)?], 2)?;
-    let worth = value(&networks.critic, &joint(&own, &was)?)?.f_mul(&drove)?.f_mul(&weights)?;
-    let outputs = logits.f_square()?.f_mean(Kind::Float)?.f_mul_scalar(OUTPUTS)?;
-    let actor_loss = outputs.f_sub(&worth.f_sum(Kind::Float)?.f_div(&drivers)?)?;
-
-    let along = |loss: &Tensor, network: &Mlp| {
-        let weights: Vec<Tensor> = network.weights().into_iter().map(|(_, weight)| weight).collect();
-        Tensor::f_run_backward(&[loss], &weights, false, false)
-    };
-    let (critic, actor) = (along(&critic_loss, &networks.critic)?, along(&actor_loss, &networks.actor)?);
-
-    // One priority for each joint transition: the mean over the agents that drove.
-    let sizes = errors.f_abs()?.f_sum_dim_intlist(1, false, Kind::Float)?;
-    let sizes = sizes.f_div(&drove.f_sum_dim_intlist(1, false, Kind::Float)?.f_clamp_min(1.0)?)?;
-    let mut found = vec![0.0_f32; count as usize];
-    sizes.f_detach()?.f_copy_data(&mut found, count as usize)?;
-    let mean = values.f_mul(&drove)?.f_sum(Kind::Float)?.f_div(&drivers)?;
-    let losses = [
-        critic_loss.f_double_value(&[])?,
-        actor_loss.f_double_value(&[])?,
-        mean.f_double_value(&[])?,
-        found.iter().map(|error| f64::from(*error)).sum::<f64>() / found.len().max(1) as f64,
-    ];
-    Ok(Gradients { actor, critic, errors: found, losses })
 }
 
 impl Learner for Maddpg {
@@ -490,13 +313,12 @@ impl Learner for Maddpg {
             _ => asynchronous::run(self, until)?,
         };
         self.updates += 1;
-        let means = losses.sums.map(|sum| sum / losses.count.max(1.0));
+        let means = losses.means();
         if let Some(loss) = means.iter().find(|mean| !mean.is_finite()) {
             let rate = self.settings.critic_rate;
             return Err(MarlError::NotFinite { loss: *loss, update: self.updates, rate });
         }
         let drove = std::mem::take(&mut self.collector.sums).evaluation();
-        let staleness = losses.staleness / losses.count.max(1.0);
         Ok(Update {
             number: self.updates,
             agent_steps: self.collector.agent_steps,
@@ -506,8 +328,8 @@ impl Learner for Maddpg {
             completion_rate: drove.completion_rate,
             reward: drove.reward,
             seconds: drove.seconds,
-            learning_rate: self.settings.actor_rate,
-            losses: LOSSES.into_iter().zip(means).chain([("staleness", staleness)]).collect(),
+            learning_rate: self.settings.actor_rate * self.share_of_rates(),
+            losses: LOSSES.into_iter().zip(means).chain([("staleness", losses.mean_staleness())]).collect(),
         })
     }
 
@@ -520,16 +342,7 @@ impl Learner for Maddpg {
     }
 
     fn tensors(&self) -> Vec<(String, Tensor)> {
-        let Networks { actor, critic, target_actor, target_critic } = &self.core.networks;
-        let targets = target_actor.weights().into_iter().chain(target_critic.weights());
-        let moments = self.core.actor.state().chain(self.core.critic.state());
-        actor
-            .weights()
-            .into_iter()
-            .chain(critic.weights())
-            .chain(targets.map(|(name, tensor)| (format!("target.{name}"), tensor)))
-            .chain(moments.map(|(name, tensor)| (name, tensor.shallow_clone())))
-            .collect()
+        self.core.tensors()
     }
 
     fn counters(&self) -> Counters {
@@ -544,8 +357,7 @@ impl Learner for Maddpg {
     fn go_on_at(&mut self, counters: Counters) {
         (self.collector.agent_steps, self.updates) = (counters.agent_steps, counters.updates);
         self.collector.transitions = counters.transitions;
-        self.core.steps = counters.optimiser_steps.max(0) as u64;
-        (self.core.actor.steps, self.core.critic.steps) = (counters.optimiser_steps, counters.optimiser_steps);
+        self.core.go_on_at(counters.optimiser_steps);
         self.origin = Origin { steps: self.core.steps, transitions: counters.transitions };
     }
 }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`ppo`] | the on-policy algorithm, top to bottom |
 //! | [`maddpg`] | the off-policy one |
+//! | `gradients` | what it learns from a batch |
 //! | `asynchronous` | the same with learner threads |
 //! | [`replay`] | what it learns from: a memory of joint transitions, with [`priorities`] kept in [`trees`] |
 //! | [`learner`] | what both are to a training |
@@ -24,6 +25,7 @@
 mod asynchronous;
 mod error;
 mod file;
+mod gradients;
 pub mod learner;
 pub mod maddpg;
 pub mod policy;

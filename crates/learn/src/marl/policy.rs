@@ -87,14 +87,27 @@ impl Mlp {
 
     /// (B, in) to (B, out).
     pub fn forward(&self, input: &Tensor) -> Result<Tensor, MarlError> {
-        let mut x = input.shallow_clone();
-        for (i, layer) in self.layers.chunks_exact(2).enumerate() {
-            if i > 0 {
-                x = match self.activation {
-                    Activation::Tanh => x.f_tanh()?,
-                    Activation::Relu => x.f_relu()?,
-                };
-            }
+        self.rest(&self.first(input)?)
+    }
+
+    /// (B, in) to (B, hidden): the first layer.
+    pub(super) fn first(&self, input: &Tensor) -> Result<Tensor, MarlError> {
+        Ok(input.f_linear(&self.layers[0].1, Some(&self.layers[1].1))?)
+    }
+
+    /// The weight (hidden, in) of the first layer.
+    pub(super) fn first_weight(&self) -> &Tensor {
+        &self.layers[0].1
+    }
+
+    /// (B, hidden) to (B, out): what comes after the first layer.
+    pub(super) fn rest(&self, first: &Tensor) -> Result<Tensor, MarlError> {
+        let mut x = first.shallow_clone();
+        for layer in self.layers[2..].chunks_exact(2) {
+            x = match self.activation {
+                Activation::Tanh => x.f_tanh()?,
+                Activation::Relu => x.f_relu()?,
+            };
             x = x.f_linear(&layer[0].1, Some(&layer[1].1))?;
         }
         Ok(x)

@@ -9,7 +9,7 @@
 //!
 //! What differs: agents that have ended are masked out of the batch; a truncated episode is bootstrapped with the value
 //! of its last observation (Pardo et al. 2018, Time Limits in Reinforcement Learning), where cleanrl takes it for a
-//! terminal one; the entropy's weight may fall to 0 with the learning rate; the inputs and rewards are divided by constants; and the batch is cut into minibatches of a given size.
+//! terminal one; discount and entropy's weight may change towards the end; the inputs and rewards are divided by constants; and the batch is cut into minibatches of a given size.
 //! With [`Critic::Central`] the value is that of the whole situation together with the agent's own view (MAPPO's
 //! agent-specific global state); the actor is the same.
 
@@ -58,17 +58,20 @@ pub struct PpoSettings {
     pub epochs: usize,
     /// At the begin; it falls to 0. 1e-3: four times cleanrl's, as minibatches are eight times as large.
     pub learning_rate: f64,
-    /// Discount; 0.99.
+    /// Discount at the begin; 0.99.
     pub gamma: f32,
+    /// At the end; none: as at the begin. The time that it looks ahead, 1 / (1 - gamma) steps, grows by the same factor in
+    /// each part of the training. Agents that look far ahead from the beginning first learn to wait.
+    pub gamma_end: Option<f32>,
     /// Of generalised advantage estimation; 0.95.
     pub lambda: f32,
     /// How far the policy's ratio and the value may move; 0.2.
     pub clip: f64,
-    /// Weight of the entropy; 0.01.
+    /// Weight of the entropy at the begin; 0.01.
     pub entropy: f64,
-    /// Whether it falls to 0 with the learning rate, as the likeliest actions are what drives in the end. No: with sectors
-    /// agents then learn to stand still.
-    pub entropy_falls: bool,
+    /// At the end; none: as at the begin, and evenly from one to the other. The likeliest actions are what drives in the end,
+    /// but with sectors agents learn to stand still if it falls to 0.
+    pub entropy_end: Option<f64>,
     /// Weight of the value loss; 0.5.
     pub value: f64,
     /// Largest norm of all gradients; 0.5.
@@ -92,10 +95,11 @@ impl Default for PpoSettings {
             epochs: 4,
             learning_rate: 1e-3,
             gamma: 0.99,
+            gamma_end: None,
             lambda: 0.95,
             clip: 0.2,
             entropy: 0.01,
-            entropy_falls: false,
+            entropy_end: None,
             value: 0.5,
             largest_gradient: 0.5,
             hidden: 64,
@@ -128,10 +132,32 @@ impl PpoSettings {
         if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
             return wrong("learning_rate", "a number above 0", self.learning_rate.to_string());
         }
-        if let Some(got) = [self.gamma, self.lambda].into_iter().find(|share| !(0.0..=1.0).contains(share)) {
+        let shares = [self.gamma, self.lambda].into_iter().chain(self.gamma_end);
+        if let Some(got) = shares.into_iter().find(|share| !(0.0..=1.0).contains(share)) {
             return wrong("gamma and lambda", "0 to 1", got.to_string());
         }
+        let rises = self.gamma_end.is_some_and(|end| end != self.gamma);
+        if rises && (self.gamma >= 1.0 || self.gamma_end.is_some_and(|end| end >= 1.0)) {
+            return wrong("gamma_end", "below 1, as gamma, where they differ", format!("{:?}", self.gamma_end));
+        }
         Ok(())
+    }
+}
+
+impl PpoSettings {
+    /// The discount once a share of the training is done.
+    pub(super) fn gamma_at(&self, done: f64) -> f32 {
+        match self.gamma_end {
+            Some(end) if end != self.gamma => {
+                1.0 - (1.0 - self.gamma) * ((1.0 - end) / (1.0 - self.gamma)).powf(done as f32)
+            }
+            _ => self.gamma,
+        }
+    }
+
+    /// The weight of the entropy then.
+    pub(super) fn entropy_at(&self, done: f64) -> f64 {
+        self.entropy + (self.entropy_end.unwrap_or(self.entropy) - self.entropy) * done
     }
 }
 
@@ -254,15 +280,14 @@ impl Ppo {
 
     /// Drives a number of steps, and learns from them.
     fn rollout_and_learn(&mut self) -> Result<Update, MarlError> {
-        let left = (1.0 - self.progress()).max(1e-3);
-        let learning_rate = self.settings.learning_rate * left; // detail 4
+        let done = self.progress();
+        let learning_rate = self.settings.learning_rate * (1.0 - done).max(1e-3); // detail 4
         let drove = self.collect()?;
-        self.estimate_advantages();
+        self.estimate_advantages(self.settings.gamma_at(done));
         let explained = self.explained();
         self.updates += 1;
         self.agent_steps += self.rollout.drove.iter().filter(|drove| **drove).count() as u64;
-        let entropy = self.settings.entropy * if self.settings.entropy_falls { left } else { 1.0 };
-        let losses = self.learn(learning_rate, entropy)?;
+        let losses = self.learn(learning_rate, self.settings.entropy_at(done))?;
         Ok(Update {
             number: self.updates,
             agent_steps: self.agent_steps,
@@ -361,9 +386,9 @@ impl Ppo {
     }
 
     /// Generalised advantage estimation (Schulman et al. 2015), detail 5.
-    fn estimate_advantages(&mut self) {
+    fn estimate_advantages(&mut self, gamma: f32) {
         let (agents, rollout) = (self.world.agents(), &mut self.rollout);
-        let PpoSettings { gamma, lambda, .. } = self.settings;
+        let PpoSettings { lambda, .. } = self.settings;
         for agent in 0..agents {
             let mut advantage = 0.0;
             for row in (agent..rollout.rewards.len()).step_by(agents).rev() {

@@ -53,25 +53,42 @@ pub struct Moment<'a> {
     pub terminated: &'a [bool],
 }
 
-/// A batch of joint transitions, agents in turn. Who did not drive has zeros.
+/// A batch of joint transitions. Only agents that drove are in it, those of a transition in a row: few transitions have all.
+///
+/// What nobody of the others is there for is a row of zeros: the last of `seen`, `actions` and `next`.
 #[derive(Debug, Default)]
 pub struct Drawing {
-    /// Which rows, to tell their errors.
+    /// (B): which rows of the memory, to tell their errors.
     pub rows: Vec<usize>,
-    /// (B, AGENTS, numbers): what was seen.
+    /// (N): for each agent which of the batch's transitions it is of.
+    pub of: Vec<usize>,
+    /// (N + 1, numbers): what was seen.
     pub seen: Vec<f32>,
-    /// (B, AGENTS, numbers): what is seen then.
-    pub next: Vec<f32>,
-    /// (B, AGENTS, ACTIONS)
+    /// (N + 1, ACTIONS): what was done.
     pub actions: Vec<f32>,
-    /// (B, AGENTS)
+    /// For each other agent in turn (N): its row.
+    pub others: [Vec<i64>; AGENTS - 1],
+    /// (N)
     pub rewards: Vec<f32>,
-    /// (B, AGENTS): 1 if it drove.
-    pub drove: Vec<f32>,
-    /// (B, AGENTS): 1 if the future counts: it drove and has not ended for good.
-    pub goes_on: Vec<f32>,
-    /// (B): importance weights.
+    /// (N): importance weights, those of the transitions.
     pub weights: Vec<f32>,
+    /// (M + 1, numbers): what is seen then by the agents for which the future counts: those that have not ended for good.
+    pub next: Vec<f32>,
+    /// For each other agent in turn (M): its row in `next`.
+    pub next_others: [Vec<i64>; AGENTS - 1],
+    /// (N): the agent's row in `next`.
+    pub then: Vec<i64>,
+}
+
+impl Drawing {
+    fn clear(&mut self) {
+        let Self { rows, of, seen, actions, others, rewards, weights, next, next_others, then } = self;
+        rows.clear();
+        of.clear();
+        [seen, actions, rewards, weights, next].into_iter().for_each(Vec::clear);
+        others.iter_mut().chain(next_others).for_each(Vec::clear);
+        then.clear();
+    }
 }
 
 impl Memory {
@@ -140,26 +157,44 @@ impl Memory {
     pub fn draw(&mut self, count: usize, beta: f64, random: &mut ChaCha8Rng, into: &mut Drawing) {
         let mut drawn = std::mem::take(&mut self.drawn);
         self.priorities.draw(count, random, &mut drawn);
-        into.rows.clear();
-        into.rows.extend(drawn.iter().map(|drawn| drawn.row));
-        into.weights = priorities::weights(&drawn, self.count(), beta);
-        for numbers in [&mut into.seen, &mut into.next, &mut into.actions, &mut into.rewards] {
-            numbers.clear();
-        }
-        into.drove.clear();
-        into.goes_on.clear();
-        for Drawn { row, .. } in &drawn {
+        let weights = priorities::weights(&drawn, self.count(), beta);
+        into.clear();
+        // Rows by agent; of those that are not there none, for which there is a last row once all are known.
+        let (mut places, mut next_places) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut agents, mut futures) = (0, 0);
+        for (b, (Drawn { row, .. }, weight)) in drawn.iter().zip(weights).enumerate() {
+            let (mut place, mut next_place) = ([None; AGENTS], [None; AGENTS]);
             for agent in 0..AGENTS {
                 let at = row * AGENTS + agent;
-                let (drove, goes_on) = (self.drove[at], self.drove[at] && !self.terminated[at]);
-                self.see(*row, agent, 1, drove, &mut into.seen);
-                self.see(*row, agent, 0, goes_on, &mut into.next);
-                let weight = f32::from(u8::from(drove));
-                into.actions.extend(self.actions[at * ACTIONS..][..ACTIONS].iter().map(|action| action * weight));
-                into.rewards.push(self.rewards[at] * weight);
-                into.drove.push(weight);
-                into.goes_on.push(f32::from(u8::from(goes_on)));
+                if !self.drove[at] {
+                    continue;
+                }
+                place[agent] = Some(agents);
+                agents += 1;
+                into.of.push(b);
+                self.see(*row, agent, 1, &mut into.seen);
+                into.actions.extend_from_slice(&self.actions[at * ACTIONS..][..ACTIONS]);
+                into.rewards.push(self.rewards[at]);
+                into.weights.push(weight);
+                if !self.terminated[at] {
+                    next_place[agent] = Some(futures);
+                    futures += 1;
+                    self.see(*row, agent, 0, &mut into.next);
+                }
             }
+            into.rows.push(*row);
+            places.push(place);
+            next_places.push(next_place);
+        }
+        let numbers = self.frame * self.stack;
+        into.seen.resize(into.seen.len() + numbers, 0.0);
+        into.actions.resize(into.actions.len() + ACTIONS, 0.0);
+        into.next.resize(into.next.len() + numbers, 0.0);
+        for (place, next_place) in places.iter().zip(&next_places) {
+            beside(place, agents, &mut into.others);
+            beside(next_place, futures, &mut into.next_others);
+            let there = (0..AGENTS).filter(|agent| place[*agent].is_some());
+            into.then.extend(there.map(|agent| next_place[agent].unwrap_or(futures)));
         }
         self.drawn = drawn;
     }
@@ -169,12 +204,8 @@ impl Memory {
         rows.iter().zip(errors).for_each(|(row, error)| self.priorities.update(*row, *error));
     }
 
-    /// Adds what an agent saw so many moments before a row's; zeros if it is not there.
-    fn see(&self, row: usize, agent: usize, before: usize, is_there: bool, out: &mut Vec<f32>) {
-        if !is_there {
-            out.resize(out.len() + self.frame * self.stack, 0.0);
-            return;
-        }
+    /// Adds what an agent saw so many moments before a row's.
+    fn see(&self, row: usize, agent: usize, before: usize, out: &mut Vec<f32>) {
         let (moment, column) = (row / self.columns, row % self.columns);
         for k in (0..self.stack).rev() {
             // The first frame of an episode fills the stack.
@@ -182,6 +213,15 @@ impl Memory {
             let moment = (moment + self.moments - back) % self.moments;
             let at = (moment * self.columns + column) * AGENTS + agent;
             out.extend_from_slice(&self.frames[at * self.frame..][..self.frame]);
+        }
+    }
+}
+
+/// For each agent of a transition that is there, adds the rows of those that come after it in turn; `none` is that of nobody.
+fn beside(places: &[Option<i64>; AGENTS], none: i64, others: &mut [Vec<i64>; AGENTS - 1]) {
+    for agent in (0..AGENTS).filter(|agent| places[*agent].is_some()) {
+        for (k, rows) in others.iter_mut().enumerate() {
+            rows.push(places[(agent + k + 1) % AGENTS].unwrap_or(none));
         }
     }
 }
@@ -226,26 +266,44 @@ mod tests {
             }
             let mut drawing = Drawing::default();
             memory.draw(500, 1.0, &mut ChaCha8Rng::seed_from_u64(1), &mut drawing);
-            assert_eq!((drawing.rows.len(), drawing.weights.len()), (500, 500));
-            for (b, row) in drawing.rows.iter().enumerate() {
-                for agent in 0..AGENTS {
-                    let at = b * AGENTS + agent;
-                    if drawing.drove[at] == 0.0 {
-                        continue;
+            let (all, futures) = (drawing.of.len(), drawing.next.len() / numbers - 1);
+            assert_eq!((drawing.rows.len(), drawing.weights.len(), drawing.then.len()), (500, all, all));
+            assert!((500..=2000).contains(&all) && (400..=all).contains(&futures), "{all}, {futures}");
+            assert!(drawing.seen[all * numbers..].iter().chain(&drawing.next[futures * numbers..]).all(|n| *n == 0.0));
+            let mut next = 0;
+            for i in 0..all {
+                let row = drawing.rows[drawing.of[i]];
+                // Which agent it is shows in what it saw.
+                let moment = drawing.actions[i * ACTIONS] as usize;
+                assert!(moment > 150);
+                let (seen, flags) = (&history[moment - 1].0, &history[moment].2);
+                let is_it = |seat: &usize| drawing.seen[i * numbers..][..numbers] == seen[seat * numbers..][..numbers];
+                let first = row % columns * AGENTS;
+                let seat = (first..first + AGENTS).find(is_it).unwrap();
+                assert!(flags[0][seat]);
+                assert_eq!(drawing.rewards[i], history[moment].1[seat]);
+                for (k, others) in drawing.others.iter().enumerate() {
+                    let other = first + (seat - first + k + 1) % AGENTS;
+                    let expected =
+                        if flags[0][other] { &seen[other * numbers..][..numbers] } else { &vec![0.0; numbers] };
+                    assert_eq!(&drawing.seen[others[i] as usize * numbers..][..numbers], expected);
+                }
+                let goes_on = |seat: usize| flags[0][seat] && !flags[1][seat];
+                let of_next = |row: i64| &drawing.next[row as usize * numbers..][..numbers];
+                let then = |seat: usize| match goes_on(seat) {
+                    true => history[moment].0[seat * numbers..][..numbers].to_vec(),
+                    false => vec![0.0; numbers],
+                };
+                assert_eq!(of_next(drawing.then[i]), then(seat));
+                if goes_on(seat) {
+                    assert_eq!(drawing.then[i], next as i64);
+                    for (k, others) in drawing.next_others.iter().enumerate() {
+                        assert_eq!(of_next(others[next]), then(first + (seat - first + k + 1) % AGENTS));
                     }
-                    let (moment, seat) = (drawing.actions[at * ACTIONS] as usize, row % columns * AGENTS + agent);
-                    assert!(moment > 150 && history[moment].2[0][seat]);
-                    let seen = &history[moment - 1].0[seat * numbers..][..numbers];
-                    assert_eq!(&drawing.seen[at * numbers..][..numbers], seen);
-                    assert_eq!(drawing.rewards[at], history[moment].1[seat]);
-                    let goes_on = !history[moment].2[1][seat];
-                    assert_eq!(drawing.goes_on[at], f32::from(u8::from(goes_on)));
-                    if goes_on {
-                        let next = &history[moment].0[seat * numbers..][..numbers];
-                        assert_eq!(&drawing.next[at * numbers..][..numbers], next);
-                    }
+                    next += 1;
                 }
             }
+            assert_eq!(next, futures);
         }
     }
 }

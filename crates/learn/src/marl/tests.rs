@@ -155,10 +155,25 @@ fn settings_that_cannot_be_followed_are_refused() {
     for (settings, expected) in [
         (PpoSettings { minibatch: 1, ..PpoSettings::default() }, "minibatch: expected at least 2"),
         (PpoSettings { steps: 0, ..PpoSettings::default() }, "steps: expected 1 to 65536, got 0"),
+        (PpoSettings { gamma_end: Some(1.0), ..PpoSettings::default() }, "gamma_end: expected below 1"),
         (PpoSettings { gamma: 1.5, ..PpoSettings::default() }, "gamma and lambda: expected 0 to 1, got 1.5"),
         (PpoSettings { learning_rate: f64::NAN, ..PpoSettings::default() }, "learning_rate: expected a number above 0"),
     ] {
         let error = Ppo::new(settings, World::default()).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
+}
+
+#[test]
+fn discount_and_entropy_go_from_the_begin_to_the_end_and_stay_if_no_end_is_told() {
+    let settings =
+        PpoSettings { gamma_end: Some(0.9975), entropy: 0.02, entropy_end: Some(0.0), ..PpoSettings::default() };
+    let near = |found: f32, expected: f32| assert!((found - expected).abs() < 1e-6, "{found}, expected {expected}");
+    // 100 steps, 200, 400.
+    for (done, gamma, weight) in [(0.0, 0.99, 0.02), (0.5, 0.995, 0.01), (1.0, 0.9975, 0.0)] {
+        near(settings.gamma_at(done), gamma);
+        assert_eq!(settings.entropy_at(done), weight);
+    }
+    let usual = PpoSettings::default();
+    assert_eq!((usual.gamma_at(0.7), usual.entropy_at(0.7)), (0.99, 0.01));
 }

@@ -81,7 +81,7 @@ pub struct Row {
     pub reached_80: usize,
     /// Without traffic and with it, over few episodes and over many: collision and completion rate.
     pub rates: [[f64; 2]; 4],
-    /// With as much traffic as in training, over many episodes: completion rate.
+    /// With random missions and as much traffic as in training, over many episodes: completion rate.
     pub completion: Estimate,
     /// Mean speed, in m/s.
     pub speed: f64,
@@ -197,7 +197,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         tasks.into_values().collect()
     };
     let both = |a, b, of: &dyn Fn(&CellResult) -> f64| [strata(a, of), strata(b, of)];
-    let completion = |cell: &CellResult| cell.judged().completion_rate;
+    let completion = |cell: &CellResult| cell.random.completion_rate;
     let fall = |cell: &CellResult| drawdown(&cell.curve.iter().map(|point| point.completion).collect::<Vec<_>>());
     let above = |claim, says, measure, found: Option<Estimate>, bound: f64, wants_more: bool| {
         let verdict = match found {
@@ -320,7 +320,7 @@ fn row(variant: Variant, reward: Reward, cars: usize, cells: &[&CellResult]) -> 
         let of = |cell: &CellResult| if traffic { cell.with[many] } else { cell.without[many] };
         [mean(&|cell| of(cell).collision_rate), mean(&|cell| of(cell).completion_rate)]
     });
-    let completions = all(&|cell| cell.judged().completion_rate);
+    let completions = all(&|cell| cell.random.completion_rate);
     let alone = Estimate { value: completions[0], interval: [completions[0]; 2], runs: 1 };
     Row {
         variant,
@@ -333,11 +333,11 @@ fn row(variant: Variant, reward: Reward, cars: usize, cells: &[&CellResult]) -> 
         reached_80: cells.iter().filter(|cell| cell.seconds_to_80.is_some()).count(),
         rates,
         completion: estimate(&[vec![completions]], |groups| pooled(&groups[0])).unwrap_or(alone),
-        speed: mean(&|cell| cell.judged().speed),
-        offset_variance: mean(&|cell| cell.judged().offset_variance),
-        time_up: mean(&|cell| cell.judged().time_up_rate),
-        duration: mean(&|cell| cell.judged().seconds),
-        earned: mean(&|cell| cell.judged().reward),
+        speed: mean(&|cell| cell.random.speed),
+        offset_variance: mean(&|cell| cell.random.offset_variance),
+        time_up: mean(&|cell| cell.random.time_up_rate),
+        duration: mean(&|cell| cell.random.seconds),
+        earned: mean(&|cell| cell.random.reward),
     }
 }
 
@@ -379,6 +379,7 @@ mod tests {
             curve: (0..20).map(point).collect(),
             without: [judged; 2],
             with: [judged; 2],
+            random: judged,
         }
     }
 
