@@ -6,7 +6,7 @@
 //! While driving, a frame's features are kept until it is the oldest of five: the backbone sees each frame once. The
 //! speed, if used, is the current one, beside the features of all five frames.
 //!
-//! From the weights of a ResNet alone the memory starts by [passing its steering on](passing_on), so that the network
+//! From the weights of a ResNet alone the memory starts by passing its steering on, so that the network
 //! begins as a driver, and learns what older frames are worth.
 //!
 //! The unit's tensors are `gru.weight_ih_l0`, `gru.weight_hh_l0`,
@@ -117,7 +117,10 @@ impl ResNetGru {
 /// Variables of a fresh memory, with values by which it answers what the perceptron said of the newest frame: the first
 /// number of its state is that, and the others, as random as they were, are not listened to yet.
 pub(super) fn passing_on(memory: Vec<(String, Tensor)>) -> Result<Vec<(Tensor, Tensor)>, NnError> {
-    let fill = |mut part: Tensor, number: f64| Ok::<_, NnError>(drop(part.f_fill_(number)?));
+    let fill = |mut part: Tensor, number: f64| -> Result<(), NnError> {
+        let _ = part.f_fill_(number)?;
+        Ok(())
+    };
     let start = |(name, variable): (String, Tensor)| -> Result<_, NnError> {
         let value = variable.f_detach_copy()?;
         if name.starts_with("gru") {

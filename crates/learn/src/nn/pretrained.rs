@@ -17,12 +17,12 @@ const FIRST: &str = "conv1.weight";
 ///
 /// The file is a `.safetensors` of f32, f16 or bf16, such as a ResNet's `state_dict`, or a checkpoint of this crate,
 /// whose backbones use the same names; the network is then a ResNet of as many layers, with or without memory. For `-stack`
-/// the first convolution is [widened](super::stack) if the file's is for one frame.
+/// the first convolution is widened if the file's is for one frame.
 ///
 /// From a checkpoint the perceptron (`head.*`) is copied as well, and the memory (`gru.*` with `out.*`), each if the
 /// network has one and all its tensors are in the file with its shapes: so `resnet50-gru` can start with the perceptron
 /// of a `resnet50` without the speed, and a network can continue to learn on other data. With such a perceptron a memory that
-/// the file lacks starts by [passing its steering on](super::gru), so the network answers as the `resnet50` does.
+/// the file lacks starts by passing its steering on, so the network answers as the `resnet50` does.
 /// `fc.*`, `num_batches_tracked` and everything else are left out. After an error nothing is changed.
 ///
 /// # Errors
