@@ -50,7 +50,7 @@ pub struct StudySettings {
 
 impl Default for StudySettings {
     fn default() -> Self {
-        Self { seeds: 5, agent_steps: 3_000_000, episodes: 1000, every: 100.0 }
+        Self { seeds: 5, agent_steps: 1_500_000, episodes: 1000, every: 100.0 }
     }
 }
 
