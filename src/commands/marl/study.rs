@@ -242,15 +242,16 @@ fn charts(cells: &[CellResult]) -> Vec<Chart> {
                     (cell.cell.variant, cell.cell.reward, cell.cell.cars) == (variant, rewarded, cars)
                 };
                 let curves: Vec<_> = cells.iter().filter(is_there).map(|cell| &cell.curve).collect();
-                let longest = curves.iter().map(|curve| curve.len()).max().unwrap_or_default();
+                // As far as all seeds go: a mean of fewer would jump.
+                let shared = curves.iter().map(|curve| curve.len()).min().unwrap_or_default();
                 let mean = |i: usize| {
                     let points: Vec<_> = curves.iter().filter_map(|curve| curve.get(i)).collect();
                     let n = points.len() as f64;
                     let steps = points.iter().map(|point| point.agent_steps as f64).sum::<f64>() / n;
                     (steps / 1e6, points.iter().map(|point| point.completion).sum::<f64>() / n)
                 };
-                if longest > 0 {
-                    chart.series.push(Series::new(variant.name(), Marks::Line((0..longest).map(mean).collect())));
+                if shared > 0 {
+                    chart.series.push(Series::new(variant.name(), Marks::Line((0..shared).map(mean).collect())));
                 }
             }
             charts.extend((!chart.series.is_empty()).then_some(chart));
