@@ -1,4 +1,7 @@
-//! The opening of a WebSocket, by hand: the simulator refuses every answer that offers an extension.
+//! The opening of a WebSocket, by hand: the simulator refuses every answer that offers an extension. And what pages and
+//! viewers have in common after it.
+
+use std::{io, time::Duration};
 
 use axum::{
     body::Body,
@@ -6,8 +9,17 @@ use axum::{
     http::{HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
+use futures_util::SinkExt;
 use hyper_util::rt::TokioIo;
-use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
+use tokio::time::timeout;
+use tokio_tungstenite::{
+    WebSocketStream,
+    tungstenite::{
+        self, Message,
+        handshake::derive_accept_key,
+        protocol::{CloseFrame, frame::coding::CloseCode},
+    },
+};
 
 /// A connection that has left HTTP.
 pub(crate) type Socket = TokioIo<hyper::upgrade::Upgraded>;
@@ -38,4 +50,24 @@ pub(crate) fn is_asked(request: &Request) -> bool {
     request.method() == axum::http::Method::GET
         && upgrade.eq_ignore_ascii_case("websocket")
         && request.headers().contains_key(header::SEC_WEBSOCKET_KEY)
+}
+
+/// Sends a message to somebody who is gone if it is not taken within this time.
+pub(crate) async fn send(
+    socket: &mut WebSocketStream<Socket>,
+    message: Message,
+    takes: Duration,
+) -> Result<(), tungstenite::Error> {
+    match timeout(takes, socket.send(message)).await {
+        Ok(sent) => sent,
+        Err(_) => Err(io::Error::from(io::ErrorKind::TimedOut).into()),
+    }
+}
+
+/// Turns somebody away who does not keep to the rules.
+pub(crate) async fn turn_away(
+    socket: &mut WebSocketStream<Socket>,
+    why: &'static str,
+) -> Result<(), tungstenite::Error> {
+    socket.close(Some(CloseFrame { code: CloseCode::Policy, reason: why.into() })).await
 }

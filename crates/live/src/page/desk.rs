@@ -1,7 +1,8 @@
 //! Work that may take its time: networks that are shown a recorded run, and what networks look at.
 //!
-//! It is done piece by piece on one thread of low priority, which gives way to whatever drives. A piece is small (one picture explained, a few frames shown), so nobody waits long for their turn, and
-//! whoever is gone before it has come is skipped.
+//! It is done piece by piece on one thread of low priority, which gives way to whatever drives. A piece is small (one
+//! picture explained, a few frames shown), so nobody waits long for their turn, and whoever is gone before it has come is
+//! skipped.
 
 use std::{
     io,

@@ -18,12 +18,12 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use bytes::Bytes;
-use futures_util::{SinkExt, StreamExt};
+use futures_util::StreamExt;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use tokio::{
     sync::watch,
-    time::{Instant, sleep_until, timeout},
+    time::{Instant, sleep_until},
 };
 use tokio_tungstenite::{
     WebSocketStream,
@@ -288,16 +288,11 @@ impl Viewer {
     }
 
     async fn send(&mut self, message: Message) -> Result<(), tungstenite::Error> {
-        match timeout(TAKES, self.socket.send(message)).await {
-            Ok(sent) => sent,
-            Err(_) => Err(std::io::Error::from(std::io::ErrorKind::TimedOut).into()),
-        }
+        websocket::send(&mut self.socket, message, TAKES).await
     }
 
     async fn close(&mut self, why: &'static str) -> Result<(), tungstenite::Error> {
-        use tungstenite::protocol::{CloseFrame, frame::coding::CloseCode};
-        let frame = CloseFrame { code: CloseCode::Policy, reason: why.into() };
-        self.socket.close(Some(frame)).await
+        websocket::turn_away(&mut self.socket, why).await
     }
 }
 

@@ -20,18 +20,18 @@ use axum::{
 };
 use base64::{Engine, engine::general_purpose::STANDARD};
 use bytes::{BufMut, BytesMut};
-use futures_util::{SinkExt, StreamExt};
+use futures_util::StreamExt;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::{
     sync::broadcast::{self, error::RecvError},
-    time::{Instant, timeout},
+    time::Instant,
 };
 use tokio_tungstenite::{
     WebSocketStream,
     tungstenite::{
         self, Message,
-        protocol::{CloseFrame, Role, WebSocketConfig, frame::coding::CloseCode},
+        protocol::{Role, WebSocketConfig},
     },
 };
 
@@ -221,14 +221,11 @@ impl Viewer {
     }
 
     async fn send(&mut self, message: Message) -> Result<(), tungstenite::Error> {
-        match timeout(TAKES, self.socket.send(message)).await {
-            Ok(sent) => sent,
-            Err(_) => Err(std::io::Error::from(std::io::ErrorKind::TimedOut).into()),
-        }
+        websocket::send(&mut self.socket, message, TAKES).await
     }
 
     async fn close(&mut self, why: &'static str) -> Result<(), tungstenite::Error> {
-        self.socket.close(Some(CloseFrame { code: CloseCode::Policy, reason: why.into() })).await
+        websocket::turn_away(&mut self.socket, why).await
     }
 }
 
