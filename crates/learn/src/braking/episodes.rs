@@ -450,7 +450,7 @@ mod tests {
         assert_eq!((drive.frames(), drive.due.iter().any(|due| *due)), (225, false));
         let mut pixels = vec![];
         drive.pictures(3, 2, &mut Reader::new(preprocess).unwrap(), &mut pixels).unwrap();
-        assert_eq!(pixels.len(), 2 * 48 * 192);
+        assert_eq!(pixels.len(), 2 * 64 * 240);
         assert!(pixels.iter().any(|pixel| *pixel != pixels[0]), "a picture of the road");
     }
 }

@@ -116,12 +116,12 @@ mod tests {
             reaction_s: 1.0,
         };
         let speeds: Vec<f32> = (0..401).map(|i| (i % 40) as f32).collect();
-        let drive = Drive::made(story, speeds.clone(), vec![0.0; 401], 48 * 192, 9);
+        let drive = Drive::made(story, speeds.clone(), vec![0.0; 401], 64 * 240, 9);
         let [episode] = &episodes(&network, std::slice::from_ref(&drive), SpeedFailure::NONE, |_| {}).unwrap()[..]
         else {
             panic!("one drive is one episode")
         };
-        let frame = Tensor::full([1, 48, 192], 9.0, (Kind::Float, Device::Cpu));
+        let frame = Tensor::full([1, 64, 240], 9.0, (Kind::Float, Device::Cpu));
         let mut seen = Seen::default();
         for (i, speed) in speeds.iter().enumerate() {
             let live = network.answer(&frame, f64::from(*speed), &mut seen).unwrap();

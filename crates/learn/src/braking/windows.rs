@@ -291,7 +291,7 @@ pub(super) mod tests {
         };
         let speed = |i: i32| if i < 150 { 30.0 } else { (30.0 - 1.5 * (i - 150) as f32).max(0.0) };
         let pedal = (0..300).map(|i| f64::from(u8::from((150..200).contains(&i)))).collect();
-        Drive::made(story, (0..300).map(speed).collect(), pedal, 48 * 192, 7)
+        Drive::made(story, (0..300).map(speed).collect(), pedal, 64 * 240, 7)
     }
 
     pub(in crate::braking) fn recipe(more: &str) -> BrakingRecipe {
@@ -324,7 +324,7 @@ pub(super) mod tests {
         let (mut standing, mut moving, mut unknown) = (0.0, 0.0, 0.0);
         for _ in 0..200 {
             let (batch, _) = draw.batch(&drives, &wanted, &recipe, &mut reader).unwrap().unwrap();
-            assert_eq!((batch.frames.size(), batch.due.size()), (vec![8, 64, 48, 192], vec![8, 23]));
+            assert_eq!((batch.frames.size(), batch.due.size()), (vec![8, 64, 64, 240], vec![8, 23]));
             assert_eq!((batch.near.size(), batch.seen.size()), (vec![8, 31, 2], vec![8, 31, 1]));
             for i in 0..8 {
                 let weight = batch.weights.double_value(&[i, 0]);

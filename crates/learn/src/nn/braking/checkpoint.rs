@@ -195,7 +195,7 @@ mod tests {
         let read = BrakingCheckpoint::load(&path).unwrap();
         assert_eq!((read.metadata.limits, read.metadata.training.as_str()), (limits, "not at all"));
         let float = (Kind::Float, Device::Cpu);
-        let (frames, speeds) = (Tensor::rand([2, 20, 48, 192], float) * 255.0, Tensor::rand([2, 20], float) * 40.0);
+        let (frames, speeds) = (Tensor::rand([2, 20, 64, 240], float) * 255.0, Tensor::rand([2, 20], float) * 40.0);
         let answer = |network: &BrakingNetwork| {
             Vec::<f64>::try_from(
                 &network.forward(&frames, &speeds, false).unwrap().due.view([-1]).to_kind(Kind::Double),

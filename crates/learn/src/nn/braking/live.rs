@@ -2,10 +2,10 @@
 //! it saw; two linear layers decide by what was seen at each second of the last 20 frames, and by their speeds.
 //!
 //! ```text
-//! frame, less the one 3 before ─▶ 4 convolutions, linear ─▶ 48 numbers ┐ of frames t, t-2, … t-16
+//! frame, less the one 3 before ─▶ 5 convolutions, linear ─▶ 48 numbers ┐ of frames t, t-2, … t-16
 //! speed, and whether it is known ─────────────────────────────────────┴─▶ 2 linear layers ─▶ due, blocked
 //! ```
-//! A live step so costs one frame's convolutions, 5.4 million multiplications, not those of 20 frames. With its predecessor
+//! A live step so costs one frame's convolutions, 9.4 million multiplications, not those of 20 frames. With its predecessor
 //! three frames earlier, the oldest of the nine frames reaches back to the first of the 20.
 //!
 //! Each frame is brought to a mean of 0 and a standard deviation of 1 first, as for the [`lane`](crate::nn::lane): it drives
@@ -20,16 +20,16 @@ use crate::nn::{
 };
 
 /// Rows and columns that it takes.
-pub const SIZE: [usize; 2] = [48, 192];
+pub const SIZE: [usize; 2] = [64, 240];
 
 /// How many numbers it learns.
-pub const PARAMETERS: usize = 138_724;
+pub const PARAMETERS: usize = 132_708;
 
 /// Outputs, inputs, kernel and stride of each convolution.
-const CONVOLUTIONS: [[i64; 4]; 4] = [[16, 2, 5, 2], [24, 16, 3, 2], [32, 24, 3, 2], [48, 32, 3, 2]];
+const CONVOLUTIONS: [[i64; 4]; 5] = [[16, 2, 5, 2], [24, 16, 3, 2], [32, 24, 3, 2], [48, 32, 3, 2], [64, 48, 3, 2]];
 
-/// 48 channels of 3 x 12, channel by channel.
-const FLAT: i64 = 1728;
+/// 64 channels of 2 x 8, channel by channel.
+const FLAT: i64 = 1024;
 /// What is kept of a frame.
 const FEATURES: i64 = 48;
 /// A frame is seen beside the one so many before it.
@@ -46,11 +46,11 @@ const SPEED_UNIT_KMH: f64 = 50.0;
 /// A frame of a single shade stays one; in squared shades.
 const LEAST_VARIANCE: f64 = 4.0;
 
-/// The network. Tensors are `conv1.weight`, `norm1.weight` and so on to `norm4.running_var`, and `see.weight`, `near.weight`,
+/// The network. Tensors are `conv1.weight`, `norm1.weight` and so on to `norm5.running_var`, and `see.weight`, `near.weight`,
 /// `fc1.weight` to `fc2.bias`, shaped as PyTorch's.
 #[derive(Debug)]
 pub(super) struct Live {
-    convolutions: [NormedConvolution; 4],
+    convolutions: [NormedConvolution; 5],
     /// Numbers of the convolutions: bf16 takes half the time in training.
     kind: Kind,
     see: Linear,
@@ -120,7 +120,7 @@ impl Live {
             let (convolution, norm) = (format!("conv{}", i + 1), format!("norm{}", i + 1));
             NormedConvolution::build(source, &convolution, &norm, [outputs, inputs, kernel], stride)
         };
-        let convolutions = [convolution(0)?, convolution(1)?, convolution(2)?, convolution(3)?];
+        let convolutions = [convolution(0)?, convolution(1)?, convolution(2)?, convolution(3)?, convolution(4)?];
         Ok(Self {
             convolutions,
             kind: Kind::Float,

@@ -3,7 +3,7 @@
 //! | architecture | frames | parameters | looks |
 //! |---|---|---|---|
 //! | [`brake-stacked`](stacked) | 300 x 300 | 5,909,219 | at all frames at once, as 20 channels: Itu and Danescu's |
-//! | [`brake-live`](live) | 48 x 192 | 138,724 | at each frame once, and keeps what it saw: for driving on a CPU |
+//! | [`brake-live`](live) | 64 x 240 | 132,708 | at each frame once, and keeps what it saw: for driving on a CPU |
 //!
 //! Both take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
 //! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere; the live one also whether
@@ -64,9 +64,9 @@ impl BrakingArchitecture {
         let (crop, [height, width]) = match self {
             // The whole picture, whose sides become equal.
             Self::Stacked => (None, stacked::SIZE),
-            // Without most of the sky, the bonnet and the last metres of road, at three fifths of the size: a child 12 m ahead is 3
-            // pixels wide.
-            Self::Live => (Some(Crop::rows(40, 120)), live::SIZE),
+            // Around the horizon, pixel by pixel: a person 20 m ahead is 4 of them wide. What is cut off at the sides is more than 10 m
+            // beside the car's way there; above, it is sky; below, the bonnet and the last metres of road.
+            Self::Live => (Some(Crop { left: Some(40), right: Some(280), ..Crop::rows(48, 112) }), live::SIZE),
         };
         let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
         Preprocess::of(crop, resize, ColourSpace::Grey, PixelScale::Unit)
@@ -275,7 +275,7 @@ mod tests {
         let last = live.forward(&frames.narrow(1, 2, 20), &speeds.narrow(1, 2, 20), false).unwrap().due;
         assert!((both.double_value(&[0, 1]) - last.double_value(&[0, 0])).abs() < 1e-4);
         let error = live.forward(&frames.narrow(1, 0, 21), &speeds.narrow(1, 0, 21), false).unwrap_err().to_string();
-        assert!(error.contains("(B, 20, 48, 192)"), "{error}");
+        assert!(error.contains("(B, 20, 64, 240)"), "{error}");
     }
 
     #[test]
