@@ -14,7 +14,7 @@ use lapwing_core::{
     driver::Driver,
     files,
     protocol::{CameraImage, Dialect, Observation, Sight, Telemetry, Truth},
-    recording::{Recording, recordings_in},
+    recording::{Recording, RunHeader, recordings_in},
     units::{Degrees, Mph, Throttle},
 };
 use lapwing_learn::{models::LoadedModel, nn::runtime};
@@ -48,6 +48,8 @@ pub struct LastSimulator {
     pub run: PathBuf,
     /// Which build it was.
     pub dialect: Dialect,
+    /// What separates the decimals of its numbers, which tells the language of its system; absent in runs of our own simulator.
+    pub decimal_separator: Option<char>,
     /// When the run began, RFC 3339.
     pub started: String,
 }
@@ -94,8 +96,8 @@ fn last_simulator(folder: &Path) -> Option<LastSimulator> {
     let mut runs: Vec<_> = recordings_in(folder).ok()?.into_iter().filter(|path| path.extension().is_some()).collect();
     runs.sort_by_key(age);
     runs.into_iter().rev().find_map(|run| {
-        let header = Recording::open(&run).ok()?.header().clone();
-        Some(LastSimulator { dialect: header.dialect?, started: header.started.to_string(), run })
+        let RunHeader { dialect, decimal_separator, started, .. } = Recording::open(&run).ok()?.header().clone();
+        Some(LastSimulator { dialect: dialect?, decimal_separator, started: started.to_string(), run })
     })
 }
 
@@ -128,9 +130,14 @@ impl fmt::Display for Findings {
         }
         let free = free_mb.map_or_else(String::new, |mb| format!(", {:.1} GB free", mb as f64 / 1e3));
         writeln!(f, "recordings  {}{free}", recordings.display())?;
-        if let Some(LastSimulator { run, dialect, started }) = last_simulator {
+        if let Some(LastSimulator { run, dialect, decimal_separator, started }) = last_simulator {
             let dialect = serde_json::to_string(dialect).unwrap_or_default();
             writeln!(f, "simulator   {} was the last, {started} ({})", dialect.trim_matches('"'), run.display())?;
+            if let Some(separator) = decimal_separator {
+                let advice =
+                    if *separator == '.' { "" } else { ": drive.py fails on them, Lapwing reads and answers them" };
+                writeln!(f, "            it writes numbers as 0{separator}0000{advice}")?;
+            }
         }
         if troubles.is_empty() {
             return f.write_str("all is well");
@@ -184,6 +191,24 @@ mod tests {
         assert!(json.contains(r#","model":"pilotnet (built in)","driver_ms":"#), "{json}");
         assert!(json.ends_with(r#","troubles":[]}"#), "{json}");
         assert!(findings.to_string().ends_with("\nall is well"), "{findings}");
+    }
+
+    #[test]
+    fn the_last_simulators_locale_shows_in_how_it_writes_numbers() {
+        let told = |separator| {
+            let simulator = LastSimulator {
+                run: "runs/a.mcap".into(),
+                dialect: Dialect::Term1,
+                decimal_separator: separator,
+                started: "2026-11-25T12:00:00Z".into(),
+            };
+            Findings { last_simulator: Some(simulator), ..examined(Err("none".into())) }.to_string()
+        };
+        let german = told(Some(','));
+        assert!(german.contains("\nsimulator   term1 was the last, 2026-11-25T12:00:00Z (runs/a.mcap)\n"), "{german}");
+        assert!(german.contains("\n            it writes numbers as 0,0000: drive.py fails on them"), "{german}");
+        assert!(told(Some('.')).contains("\n            it writes numbers as 0.0000\n"));
+        assert!(!told(None).contains("numbers"));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 import csv
 import functools
 import itertools
+import json
 
 from bridge import FRAMES, RUNS, SHARED, Bridge, Failed, Unity, equal, lapwing, unharmed, within
 
@@ -38,10 +39,13 @@ def steady(quick):
     return f"{result['telemetries']} telemetries in {seconds} s, {figures}"
 
 
+CULTURES = ("en-US", "fr-FR", "de-CH", "de-DE")
+
+
 def cultures(_):
     figures = []
     with Bridge() as bridge:
-        for culture in ("en-US", "de-DE", "fr-FR", "de-CH"):
+        for culture in CULTURES:
             commands = bridge.dir / f"{culture}.csv"
             unharmed(Unity(bridge, "--culture", culture, "--count", 200, "--commands", commands).result(), 200)
             rows = list(csv.DictReader(commands.open()))
@@ -52,10 +56,14 @@ def cultures(_):
                 within(f"{culture}: highest {field}", max(values), -1, 1)
                 within(f"{culture}: different values of {field}", len(set(values)), 20)
             figures.append([row["steering"] for row in rows])
-    for culture, steering in zip(("de-DE", "fr-FR", "de-CH"), figures[1:]):
+    for culture, steering in zip(CULTURES[1:], figures[1:]):
         equal(f"{culture}: steering as in en-US", steering, figures[0])
     speeds = [summary["max_mph"] for summary in bridge.summaries]
     equal("highest speed read, by culture", speeds, [30.19] * 4)
+    settings = bridge.dir / "doctor.toml"
+    settings.write_text(f"[bridge]\nport = 0\n[recording]\ndir = {json.dumps(str(bridge.dir / 'mcap'))}\n")
+    last = lapwing("doctor", "--json", "--config", settings)["last_simulator"]
+    equal("decimals of the last simulator, as the doctor says", last["decimal_separator"], ",")
     return f"4 x 200 commands agree, {len(set(figures[0]))} different steering values"
 
 

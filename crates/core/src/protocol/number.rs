@@ -37,22 +37,31 @@ const MINUS_SIGNS: [char; 3] = ['-', '\u{2212}', '\u{2012}'];
 pub fn parse(text: &str) -> Result<f64, NotANumber> {
     let error = || NotANumber::new(text);
     let body = text.trim();
-    let unsigned = body.trim_matches(|c| MINUS_SIGNS.contains(&c) || c == '+');
+    let unsigned = without_signs(text);
     let negative = body.contains(MINUS_SIGNS) && !unsigned.contains(['e', 'E']) || body.starts_with(MINUS_SIGNS);
     // No number of this protocol is longer; a megabyte of digits is not worth reading.
     if unsigned.len() > 400 || !unsigned.contains(|c: char| c.is_ascii_digit()) {
         return Err(error());
     }
     let magnitude = match n4(unsigned) {
-        Some(value) => value,
+        Some((value, _)) => value,
         None if unsigned.starts_with(|c: char| c.is_ascii_alphabetic()) => return Err(error()),
         None => unsigned.replacen(',', ".", 1).parse::<f64>().map_err(|_| error())?,
     };
     if magnitude.is_finite() { Ok(if negative { -magnitude } else { magnitude }) } else { Err(error()) }
 }
 
-/// The value of unsigned digits with exactly four decimals, whatever the separators are.
-fn n4(text: &str) -> Option<f64> {
+/// What separates the decimals of a number that C#'s `ToString("N4")` wrote: it tells the player's culture. None for other text.
+pub fn decimal_separator(text: &str) -> Option<char> {
+    n4(without_signs(text)).map(|(_, separator)| separator)
+}
+
+fn without_signs(text: &str) -> &str {
+    text.trim().trim_matches(|c| MINUS_SIGNS.contains(&c) || c == '+')
+}
+
+/// The value of unsigned digits with exactly four decimals, whatever the separators are, and what separates the decimals.
+fn n4(text: &str) -> Option<(f64, char)> {
     let mut from_end = text.char_indices().rev();
     for _ in 0..4 {
         from_end.next().filter(|(_, c)| c.is_ascii_digit())?;
@@ -68,7 +77,7 @@ fn n4(text: &str) -> Option<f64> {
     }
     digits.push('.');
     digits.push_str(&text[point + separator.len_utf8()..]);
-    digits.parse().ok()
+    Some((digits.parse().ok()?, separator))
 }
 
 /// Appends `value` as an integer mantissa and an exponent, `1234e-4`, which `float.Parse` reads correctly in every
@@ -249,7 +258,7 @@ mod tests {
         for (text, value) in
             [("0.25", 0.25), ("-0,5", -0.5), ("7", 7.0), ("1.5e-5", 1.5e-5), ("-2E3", -2000.0), (" 1 ", 1.0)]
         {
-            assert_eq!(parse(text), Ok(value), "{text}");
+            assert_eq!((parse(text), decimal_separator(text)), (Ok(value), None), "{text}");
         }
     }
 
@@ -283,6 +292,7 @@ mod tests {
             for value in [0.0, -0.25, 0.0001, 1.0, 25.0, 999.9999, -1000.0, 1_234_567.891] {
                 let text = culture.n4(value);
                 assert!((parse(&text).unwrap() - value).abs() < 1e-4, "{} {text}", culture.name);
+                assert_eq!(decimal_separator(&text), Some(culture.decimal), "{} {text}", culture.name);
                 if !culture.minus_behind {
                     assert!((culture.float_parse(&text).unwrap() - value).abs() < 1e-4, "{} {text}", culture.name);
                 }

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use serde_json::value::RawValue;
 
 use self::fields::{KnownFields, Scalar};
-use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, packet::cut};
+use super::{CameraImage, Dialect, Telemetry, TelemetryError, Truth, number, packet::cut};
 use crate::units::{MetresPerSecond, SpeedUnit};
 
 /// A telemetry's payload with its fields as received. It borrows from the message.
@@ -38,6 +38,12 @@ impl<'a> Payload<'a> {
     /// [`TelemetryError::Undrivable`] for one that cannot be driven by camera.
     pub fn dialect(&self, event: &str) -> Result<Dialect, TelemetryError> {
         Dialect::detect(event, |name| self.0.get(name).is_some()).map_err(TelemetryError::Undrivable)
+    }
+
+    /// What separates the decimals of its numbers, if they are written as the simulator writes them.
+    pub fn decimal_separator(&self) -> Option<char> {
+        let Some(Scalar::Text(speed)) = self.0.get("speed") else { return None };
+        number::decimal_separator(speed)
     }
 
     /// The telemetry. `message` is the text that the payload was borrowed from:

@@ -21,6 +21,8 @@ pub struct RunHeader {
     pub name_hint: Option<String>,
     /// The simulator's dialect.
     pub dialect: Option<Dialect>,
+    /// What separates the decimals of the simulator's numbers, which tells its culture: a comma in German, a point in English.
+    pub decimal_separator: Option<char>,
     /// Which checkpoint drives.
     pub model: Option<ModelId>,
     /// The seed of everything random in the run.
@@ -72,7 +74,17 @@ impl RunHeader {
     /// The header of a run that this version of Lapwing makes. All else is unknown yet.
     pub fn new(kind: RunKind, config: serde_json::Value, started: jiff::Timestamp) -> Self {
         let lapwing = env!("CARGO_PKG_VERSION").to_owned();
-        Self { kind, name_hint: None, dialect: None, model: None, seed: None, config, lapwing, started }
+        Self {
+            kind,
+            name_hint: None,
+            dialect: None,
+            decimal_separator: None,
+            model: None,
+            seed: None,
+            config,
+            lapwing,
+            started,
+        }
     }
 }
 
@@ -136,6 +148,7 @@ impl RunHeader {
         optional("kind", word(self.kind));
         optional("name", self.name_hint.clone());
         optional("dialect", self.dialect.and_then(word));
+        optional("decimal_separator", self.decimal_separator.map(String::from));
         optional("model_name", self.model.as_ref().map(|m| m.name.clone()));
         optional("model_sha256", self.model.as_ref().map(|m| m.sha256.clone()));
         optional("seed", self.seed.map(|s| s.to_string()));
@@ -170,6 +183,8 @@ impl RunHeader {
             name_hint: fields.remove("name"),
             dialect: parsed(fields.remove("dialect"), |t| from_value(quoted(t.into())))
                 .map_err(|got| bad("dialect", "a dialect that this version of lapwing knows", Some(got)))?,
+            decimal_separator: parsed(fields.remove("decimal_separator"), |t| t.parse().ok())
+                .map_err(|got| bad("decimal_separator", "one character", Some(got)))?,
             model: fields
                 .remove("model_name")
                 .map(|name| ModelId { name, sha256: fields.remove("model_sha256").unwrap_or_default() }),
@@ -205,6 +220,7 @@ mod tests {
             kind: RunKind::Driven,
             name_hint: Some("lake".into()),
             dialect: Some(Dialect::Term1),
+            decimal_separator: Some('٫'),
             model: Some(ModelId { name: "pilotnet".into(), sha256: "00ff".into() }),
             seed: Some(u64::MAX),
             config: serde_json::json!({"speed_mph": 15}),
@@ -217,7 +233,8 @@ mod tests {
     fn a_header_comes_back_from_its_metadata() {
         let read = |header: &RunHeader| RunHeader::from_metadata(Path::new("a.mcap"), header.to_metadata()).unwrap();
         assert_eq!(read(&header()), header());
-        let bare = RunHeader { name_hint: None, dialect: None, model: None, seed: None, ..header() };
+        let bare =
+            RunHeader { name_hint: None, dialect: None, decimal_separator: None, model: None, seed: None, ..header() };
         assert_eq!(read(&bare), bare);
     }
 
@@ -235,6 +252,7 @@ mod tests {
         assert_eq!(with("seed", "-1"), r#"a.mcap: seed in lapwing.run: expected a whole number, got "-1""#);
         assert_eq!(with("started", "now"), r#"a.mcap: started in lapwing.run: expected a time (RFC 3339), got "now""#);
         assert!(with("kind", "dream").contains("expected a kind of run that this version of lapwing knows"));
+        assert!(with("decimal_separator", ", ").contains(r#"expected one character, got ", ""#));
         assert!(with("dialect", "klingon").contains("expected a dialect that this version of lapwing knows"));
         let missing = RunHeader::from_metadata(Path::new("a.mcap"), BTreeMap::new()).unwrap_err();
         assert_eq!(missing.to_string(), r#"a.mcap: format_version in lapwing.run: expected a whole number, got """#);

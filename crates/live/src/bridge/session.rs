@@ -30,6 +30,7 @@ pub(super) struct Session {
     place: Presence,
     peer: String,
     dialect: Option<Dialect>,
+    decimal_separator: Option<char>,
     /// The state before there is a drive.
     waiting: Waiting,
     drive: Option<Underway>,
@@ -103,6 +104,7 @@ impl Session {
             place,
             peer,
             dialect: None,
+            decimal_separator: None,
             waiting: Waiting::new(Instant::now()),
             drive: None,
             showing: None,
@@ -170,6 +172,7 @@ impl Session {
         if self.dialect.is_none() {
             let dialect = payload.dialect(name)?;
             self.dialect = Some(dialect);
+            self.decimal_separator = payload.decimal_separator();
             self.introduce(&format!("a {dialect} simulator"));
             self.place.plays(dialect);
             let title = format!("{dialect}, {}", self.peer);
@@ -406,6 +409,7 @@ impl Session {
         }
         let header = RunHeader {
             dialect: self.dialect,
+            decimal_separator: self.decimal_separator,
             model: Some(ModelId::of(model.as_ref())),
             ..RunHeader::new(RunKind::Driven, config, started)
         };

@@ -79,6 +79,7 @@ fn header() -> RunHeader {
         kind: RunKind::Driven,
         name_hint: Some("a/b".into()),
         dialect: None,
+        decimal_separator: None,
         model: None,
         seed: None,
         config: serde_json::Value::Null,
