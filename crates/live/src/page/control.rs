@@ -98,7 +98,7 @@ pub enum Refused {
     Busy(usize),
     /// As many runs as may be are being shown to models.
     #[error("expected fewer than {0} runs to be compared with models at a time: close another page first")]
-    Comparing(usize),
+    Comparing(u32),
 }
 
 impl Refused {
