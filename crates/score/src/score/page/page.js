@@ -20,10 +20,6 @@ runs.forEach((run, i) => {
 });
 
 // What curves are drawn over: where a time of a run lies, and the time there.
-const between = (xs, ys, x) => {
-  const i = before(xs, x), next = Math.min(i + 1, xs.length - 1), span = xs[next] - xs[i];
-  return span > 0 && x > xs[i] ? ys[i] + (Math.min(1, (x - xs[i]) / span)) * (ys[next] - ys[i]) : ys[i] ?? 0;
-};
 const AXES = {
   time: {
     words: clock, ticks: { incrs: CLOCK_S, values: (_, splits) => splits.map((t) => clock(t).replace(/\.0$/, "")) },
