@@ -66,7 +66,7 @@ pub(super) fn drive(
         foxglove: arguments.foxglove,
         settings,
     };
-    let (ended, _) = stage.run(port, None, interrupted)?;
+    let (ended, _) = stage.run(port, || Ok(None), interrupted)?;
     Ok(ended)
 }
 
@@ -88,9 +88,8 @@ pub(super) fn record(
         foxglove: None,
         settings,
     };
-    // Last, so that an earlier failure leaves no log.
-    let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
-    let (_, log) = stage.run(port, Some(HandLog::new(log)), interrupted)?;
+    let log = || Ok(Some(HandLog::new(DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?)));
+    let (_, log) = stage.run(port, log, interrupted)?;
     let rows = log.map_or(Ok(0), HandLog::finish)?;
     super::print(&format!("{} driven by hand, in {}", count(rows, "row"), arguments.out.display()))?;
     Ok(if rows > 0 { Ended::Passed } else { Ended::Failed })
@@ -134,7 +133,7 @@ impl Stage {
     fn run(
         self,
         port: u16,
-        log: Option<HandLog>,
+        log: impl FnOnce() -> anyhow::Result<Option<HandLog>>,
         interrupted: Interrupted,
     ) -> anyhow::Result<(Ended, Option<HandLog>)> {
         let Self { settings, mut spec, pilots, ends, has_speed, stock, json, foxglove } = self;
@@ -148,6 +147,8 @@ impl Stage {
             Ok(bridge::serve_page(listener, bridge, shutdown))
         })?;
         let foxglove = foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
+        // Last, so that an earlier failure leaves no log.
+        let log = log()?;
         page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
         let pressed = interrupted.clone();
