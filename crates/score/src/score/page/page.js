@@ -32,8 +32,8 @@ const AXES = {
 };
 
 function events(run, point) {
-  const box = el("div", {}, el("h3", {}, "What happened"));
-  if (!run.drawn.events.length) return box.append(el("p", { class: "readout" }, "nothing")), box;
+  const box = el("div", {}, el("h3", {}, "Events"));
+  if (!run.drawn.events.length) return box.append(el("p", { class: "readout" }, "none")), box;
   for (const { t, words, pictures } of run.drawn.events) {
     const frames = [...pictures].sort((a, b) => a[0] - b[0]).map(([from, jpeg]) => {
       const figure = el("figure", {},
@@ -98,7 +98,7 @@ function put(section, { above, camera, unzoom }, curves, ...more) {
   if (charts.length) {
     const whole = el("button", { type: "button", class: "whole" }, "Whole run");
     whole.addEventListener("click", unzoom);
-    const words = "Point at a curve, the map or a picture, or use the arrow keys. Drag or + zooms in; a double click, Escape or the button shows the whole run.";
+    const words = "Point at a curve, the map or a picture, or use the arrow keys. Drag or press + to zoom in; double-click, press Escape or click the button to see the whole run.";
     section.append(el("p", { class: "hint readout" }, words, " ", whole));
   }
   section.append(...charts, untold.length ? el("p", { class: "readout" }, `Not reported: ${untold.join("; ")}`) : "", ...more);
@@ -110,7 +110,7 @@ function ofOne(run) {
   const laps = run.card.lap_times_s.map((s) => s.toFixed(1)).join(", "), off = run.how.lap_times_s ?? "";
   section.append(tiles(run), laps ? el("p", { class: "readout" }, `Lap times: ${laps} s${off}`) : "");
   const shown = together([run], run.mark), { cte, answers } = run.drawn;
-  const latency = shown.over("Time to answer, ms (slowest of each few)", "ms", "--b", () => ({ ts: answers.map(([t]) => t), ys: answers.map(([, ms]) => ms) }));
+  const latency = shown.over("Time to answer, ms (the slowest of each few answers)", "ms", "--b", () => ({ ts: answers.map(([t]) => t), ys: answers.map(([, ms]) => ms) }));
   if (typeof latency !== "string") latency.append(stages(run));
   const spread = histogram("Offset from the line, share of the telemetries", cte.filter((value) => value !== null), "m");
   put(section, shown, [...shown.curves, latency, spread], events(run, shown.point));
