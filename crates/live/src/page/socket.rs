@@ -43,7 +43,7 @@ use super::{
 };
 use crate::{
     places::Place,
-    websocket::{self, Socket},
+    websocket::{self, Chatter, Socket},
 };
 
 /// Pages that may look at a time.
@@ -123,7 +123,7 @@ impl Viewer {
         drives.mark_changed();
         let mut due = Instant::now();
         let mut heard = Instant::now();
-        let (mut second, mut said) = (Instant::now(), 0);
+        let mut chatter = Chatter::of(CHATTY);
         loop {
             let ready = self.watched.as_ref().is_some_and(|watched| watched.sent < watched.seen + IN_FLIGHT);
             let changed = async {
@@ -138,17 +138,17 @@ impl Viewer {
                     let text = match message {
                         None | Some(Ok(Message::Close(_))) => return Ok(()),
                         Some(Err(error)) => return Err(error),
-                        Some(Ok(Message::Text(text))) => text,
-                        Some(Ok(_)) => continue,
+                        Some(Ok(Message::Text(text))) => Some(text),
+                        Some(Ok(_)) => None,
                     };
-                    heard = Instant::now();
-                    if heard - second > Duration::from_secs(1) {
-                        (second, said) = (heard, 0);
+                    if chatter.is_too_much() {
+                        return self.close("expected fewer messages").await;
                     }
-                    said += 1;
+                    let Some(text) = text else { continue };
+                    heard = Instant::now();
                     match serde_json::from_str(&text) {
-                        Ok(said_now) if said <= CHATTY => self.hear(said_now),
-                        _ => return self.close("expected fewer messages, each of them seen, watch or hand").await,
+                        Ok(said) => self.hear(said),
+                        Err(_) => return self.close("expected seen, watch or hand, as JSON").await,
                     }
                 }
                 changed = drives.changed() => {

@@ -23,10 +23,7 @@ use bytes::{BufMut, BytesMut};
 use futures_util::StreamExt;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use tokio::{
-    sync::broadcast::{self, error::RecvError},
-    time::Instant,
-};
+use tokio::sync::broadcast::{self, error::RecvError};
 use tokio_tungstenite::{
     WebSocketStream,
     tungstenite::{
@@ -39,7 +36,7 @@ use super::{Channel, ChannelId, News, Published, Viewers};
 use crate::{
     page::Token,
     places::Place,
-    websocket::{self, Socket},
+    websocket::{self, Chatter, Socket},
 };
 
 /// The names of the protocol, the newer one first.
@@ -137,7 +134,7 @@ impl Viewer {
         let mut offered = self.viewers.offered.subscribe();
         let mut advertised = 0;
         offered.mark_changed();
-        let (mut second, mut said) = (Instant::now(), 0);
+        let mut chatter = Chatter::of(CHATTY);
         loop {
             tokio::select! {
                 message = self.socket.next() => {
@@ -147,11 +144,7 @@ impl Viewer {
                         Some(Ok(Message::Text(text))) => Some(text),
                         Some(Ok(_)) => None,
                     };
-                    if second.elapsed() > Duration::from_secs(1) {
-                        (second, said) = (Instant::now(), 0);
-                    }
-                    said += 1;
-                    if said > CHATTY {
+                    if chatter.is_too_much() {
                         return self.close("expected fewer messages").await;
                     }
                     let Some(text) = text else { continue };
