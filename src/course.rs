@@ -136,8 +136,8 @@ impl suite::Course for SimulatedCourse {
         let model = self.models.get(&cell.pilot);
         let pilot: Box<dyn Pilot> = model.map_or_else(|| Box::new(PurePursuit::default()) as _, LoadedModel::pilot);
         let header = || (self.heading)(&settings, &setup, (&cell.pilot, model.map(|model| ModelId::of(model))));
-        let options = RecorderOptions { queue: settings.recording.queue, roads: [setup.track.roadway()].into() };
-        let recorder = run.map(|run| Recorder::create_file(run, header(), options)).transpose()?;
+        let options = || RecorderOptions { queue: settings.recording.queue, roads: [setup.track.roadway()].into() };
+        let recorder = run.map(|run| Recorder::create_file(run, header(), options())).transpose()?;
         let mut driver = Driver::new(pilot, &settings.control, Instant::now);
         let mut simulation = Simulation::new(setup)?;
         let driven = judged::run(&mut simulation, &mut driver, &mut [&mut recorder.as_ref(), &mut StopWhen(stop)]);

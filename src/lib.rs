@@ -23,6 +23,7 @@
 //! `core`, `sim`, `score` |
 //! | [`top_view`] | the intersection of the agents from above | `core`, `sim`, `score` |
 //! | [`locating`] | where a recording was driven, and where each of its pictures was taken | `core`, `sim`, `score` |
+//! | [`real_time`] | a world that goes no faster than time | `core` |
 //! | [`staged`] | the simulator in the hands of a person at the page | `core`, `sim`, `score`, `live` |
 //! | [`doctor`] | whether this machine can drive: what `lapwing doctor` finds | `core`, `learn`, `live` |
 //! | [`allocator`] | Rust's own large blocks, apart from libtorch's memory | |
@@ -85,6 +86,8 @@ pub mod known;
 pub mod locating;
 #[cfg(feature = "simulator")]
 pub mod map;
+#[cfg(feature = "simulator")]
+pub mod real_time;
 #[cfg(all(feature = "bridge", feature = "simulator"))]
 pub mod staged;
 #[cfg(feature = "simulator")]

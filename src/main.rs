@@ -11,7 +11,7 @@ fn main() -> ExitCode {
     #[cfg(feature = "networks")]
     lapwing_learn::nn::runtime::keep_tensor_memory();
     match Cli::read(std::env::args_os()) {
-        Ok(cli) => commands::run(cli),
+        Ok(cli) => commands::exit_at_once(commands::run(cli)),
         // Wrong usage; or requested help, which is a result.
         Err(told) => match (told.print(), told.use_stderr()) {
             (_, true) => ExitCode::from(2),

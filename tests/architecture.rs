@@ -9,7 +9,7 @@ use std::{
 
 /// Crate and module, and which of the crate's own modules it may import. What a crate may know of others is in its
 /// `Cargo.toml`. Modules of `sim` know one another as the world they make up.
-const MAY_IMPORT: [(&str, &[&str]); 46] = [
+const MAY_IMPORT: [(&str, &[&str]); 48] = [
     ("core/car", &[]),
     ("core/hash", &[]),
     ("core/motion", &["car"]),
@@ -45,13 +45,15 @@ const MAY_IMPORT: [(&str, &[&str]); 46] = [
     ("learn/evaluate", &["dataset", "models", "nn", "train"]),
     ("learn/explain", &["models", "nn"]),
     ("live/bridge", &["page", "viewers", "websocket"]),
-    ("live/page", &["websocket"]),
-    ("live/viewers", &["page", "websocket"]),
+    ("live/page", &["places", "websocket"]),
+    ("live/places", &[]),
+    ("live/viewers", &["page", "places", "websocket"]),
     ("live/websocket", &[]),
     ("lapwing/course", &[]),
     ("lapwing/doctor", &[]),
     ("lapwing/film", &[]),
-    ("lapwing/staged", &[]),
+    ("lapwing/real_time", &[]),
+    ("lapwing/staged", &["real_time"]),
     ("lapwing/map", &[]),
     ("lapwing/known", &[]),
     ("lapwing/top_view", &[]),

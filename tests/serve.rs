@@ -295,6 +295,32 @@ fn verbs_that_drive_by_themselves_end_in_order_too() {
     }
 }
 
+/// libtorch crashes if its statics are destroyed under a thread that is at work with a network.
+#[test]
+fn whatever_networks_do_just_then_the_program_ends_without_a_crash() {
+    let models = concat!(env!("CARGO_MANIFEST_DIR"), "/models");
+    let network = concat!(env!("CARGO_MANIFEST_DIR"), "/models/resnet50.safetensors");
+    let mut ended = vec![];
+    for tenths in 1..=6 {
+        for (arguments, presses) in [
+            (&["serve", "--port", "0", "--no-recording", "--also-model", models][..], 1),
+            (&["drive", "--no-recording", "--laps", "500", "--model", network], 2),
+        ] {
+            let mut verb = Verb::start(PLAIN, arguments);
+            verb.catches_signals();
+            // The first still loads networks, and the network of the second drives.
+            std::thread::sleep(Duration::from_millis(100 * tenths));
+            for _ in 0..presses {
+                verb.signal("INT");
+                std::thread::sleep(Duration::from_millis(3));
+            }
+            let status = verb.ends();
+            ended.push((arguments[0], status, status.code().is_some()));
+        }
+    }
+    assert!(ended.iter().all(|(.., without_a_crash)| *without_a_crash), "{ended:?}");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn every_simulator_has_its_line_and_a_storm_of_dials_hides_none() {
     let (mut verb, address, mut said) = serve(PLAIN);
@@ -320,21 +346,29 @@ async fn every_simulator_has_its_line_and_a_storm_of_dials_hides_none() {
 }
 
 #[test]
-fn a_taken_port_for_viewers_is_told_with_its_flag_and_leaves_no_run() {
+fn a_taken_port_is_told_with_the_flag_that_chose_it_and_leaves_no_run() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    for verb in [&["drive", "--pilot", "expert"][..], &["serve", "--port", "0"]] {
+    let drive = ["drive", "--pilot", "expert"];
+    for (verb, flag) in [
+        (&drive[..], "--foxglove"),
+        (&drive, "--page"),
+        (&["record", "--out", "data"], "--page"),
+        (&["serve", "--port", "0"], "--foxglove"),
+        (&["serve"], "--port"),
+    ] {
         let dir = tempdir().unwrap();
         let program = Command::new(env!("CARGO_BIN_EXE_lapwing"))
             .args(verb)
-            .args(["--foxglove", &port])
+            .args([flag, &port])
             .current_dir(dir.path())
             .stdin(Stdio::null())
             .output()
             .unwrap();
         let said = String::from_utf8(program.stderr).unwrap();
         assert_eq!(program.status.code(), Some(1), "{said}");
-        assert!(said.contains(&format!("port {port} is taken")) && said.contains("after --foxglove"), "{said}");
+        let advice = format!("choose another port with {flag}");
+        assert!(said.contains(&format!("port {port} is taken")) && said.contains(&advice), "{said}");
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 }

@@ -25,7 +25,7 @@ pub struct Drive {
     /// training mode. They must be of a track that comes with Lapwing, or of --track
     #[arg(long = "world", value_name = "RECORDING", num_args = 1.., conflicts_with = "scenario")]
     pub recorded: Vec<PathBuf>,
-    /// Where in its lane the car was in each picture, as locate --csv writes it, one file for each --world: they are not
+    /// Where in its lane the car was in each picture, as locate --csv writes it, one file for each --world, which is then not
     /// located again
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "recorded")]
     pub lane: Vec<PathBuf>,
@@ -58,7 +58,7 @@ pub struct Drive {
     #[cfg(feature = "bridge")]
     #[command(flatten)]
     pub page: PageFlags,
-    /// Drive in real time, and show it to Foxglove and Lichtblick at this port [default port: 8765]
+    /// Drive in real time, shown to Foxglove and Lichtblick at this port [default port: 8765]
     #[cfg(feature = "bridge")]
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765")]
     pub foxglove: Option<u16>,
@@ -68,11 +68,11 @@ pub struct Drive {
 #[cfg(feature = "bridge")]
 #[derive(Debug, Default, Args)]
 pub struct PageFlags {
-    /// Drive in real time, shown and controlled by a page in the browser at this port [default port: 4568]; without --laps and
-    /// --max-time until Ctrl-C
+    /// Drive in real time, shown on and controlled from a page in the browser at this port [default port: 4568]; until Ctrl-C,
+    /// unless --laps or --max-time is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4568")]
     pub page: Option<u16>,
-    /// Another model that a person at the page may switch to or compare runs with, or a folder of them; may be given several times
+    /// Another model to switch to or to compare runs with on the page, or a folder of models; may be given several times
     #[arg(long, value_name = "FILE", requires = "page")]
     pub also_model: Vec<PathBuf>,
 }
@@ -169,7 +169,7 @@ pub struct Serve {
     /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
-    /// Another model that a person at the page may switch to or compare runs with, or a folder of them; may be given several times
+    /// Another model to switch to or to compare runs with on the page, or a folder of models; may be given several times
     #[arg(long, value_name = "FILE")]
     pub also_model: Vec<PathBuf>,
     /// Show the drives to Foxglove and Lichtblick at this port [default port: 8765]

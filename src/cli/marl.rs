@@ -26,7 +26,7 @@ pub enum MarlVerb {
     Study(MarlStudy),
     /// Watch an episode from above, in the terminal or as a film
     Watch(MarlWatch),
-    /// Measure collision and completion rates over episodes that are not trained on
+    /// Measure collision and completion rates over held-out episodes
     Evaluate(MarlEvaluate),
 }
 
@@ -68,7 +68,7 @@ pub struct DriverFlags {
     /// Who drives
     #[arg(long, value_enum, default_value_t)]
     pub driver: DriverKind,
-    /// Let a policy drive that lapwing marl train made: policy.safetensors
+    /// Let a policy drive, as lapwing marl train writes it: policy.safetensors
     #[cfg(feature = "networks")]
     #[arg(long, value_name = "FILE", conflicts_with = "driver")]
     pub policy: Option<PathBuf>,
@@ -106,10 +106,10 @@ pub struct MarlWatch {
 pub struct MarlEvaluate {
     #[command(flatten)]
     pub intersection: IntersectionFlags,
-    /// How many episodes
+    /// Number of episodes
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub episodes: u64,
-    /// The first of the held-out episodes: others for another number
+    /// Random seed: another one gives other held-out episodes
     #[arg(long, default_value_t = 0)]
     pub seed: u32,
     #[command(flatten)]
@@ -128,13 +128,13 @@ pub struct MarlTrain {
     /// Folder for the policy, its log and its resume state
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Go on with the training in that folder, with its settings; --agent-steps may be raised
+    /// Resume the training in that folder, with its settings; --agent-steps may be raised
     #[arg(long)]
     pub resume: bool,
     /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
     #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners"])]
     pub recipe: Option<PathBuf>,
-    /// How they learn
+    /// How the agents learn
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: AlgorithmKind,
     /// Half of the intersections have the benchmark's missions, the others random ones; half have no traffic
@@ -161,22 +161,22 @@ pub struct MarlTrain {
     /// Units in each of the two hidden layers [default: 64]
     #[arg(long, value_name = "N")]
     pub hidden: Option<usize>,
-    /// PPO's learning rate at the begin, and that of MADDPG's critic [default: 0.001]
+    /// Learning rate of PPO at the start, and of MADDPG's critic [default: 0.001]
     #[arg(long, value_parser = above_zero)]
     pub learning_rate: Option<f64>,
     /// Learning rate of MADDPG's actor [default: 0.001]
     #[arg(long, value_parser = above_zero)]
     pub actor_rate: Option<f64>,
-    /// PPO's weight of the entropy [default: 0.01]
+    /// PPO's entropy weight at the start [default: 0.01]
     #[arg(long, value_parser = not_negative)]
     pub entropy: Option<f64>,
-    /// The same at the end of the training [default: as at the begin]
+    /// PPO's entropy weight at the end of the training [default: as at the start]
     #[arg(long, value_parser = not_negative)]
     pub entropy_end: Option<f64>,
-    /// Discount for each step [default: 0.99, MADDPG 0.95]
+    /// Discount per step [default: 0.99, MADDPG 0.95]
     #[arg(long, value_parser = not_negative)]
     pub gamma: Option<f64>,
-    /// PPO's at the end of the training [default: as at the begin]
+    /// PPO's discount at the end of the training [default: as at the start]
     #[arg(long, value_parser = not_negative)]
     pub gamma_end: Option<f64>,
     /// Agent-steps in PPO's minibatches, joint transitions in MADDPG's batches [default: 1024]
@@ -185,19 +185,19 @@ pub struct MarlTrain {
     /// How MADDPG draws from its memory [default: uniform]
     #[arg(long, value_enum, default_value_t)]
     pub replay: ReplayKind,
-    /// Joint transitions for each of MADDPG's gradient steps [default: 100]
+    /// Joint transitions that MADDPG collects for each gradient step [default: 100]
     #[arg(long, value_name = "N", value_parser = above_zero)]
     pub every: Option<f64>,
     /// Joint transitions that MADDPG remembers [default: 1000000]
     #[arg(long, value_name = "N")]
     pub memory: Option<usize>,
-    /// MADDPG's learner threads beside a collector thread; 0 is one after the other, the same each time
+    /// MADDPG's learner threads beside a collector thread; 0: one thread does both in turn, with the same result each time
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub learners: u16,
     /// Random seed [default: 0, or the recipe's]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Threads of libtorch; the policy depends on them in its last bits
+    /// Threads of libtorch; another number changes the last bits of the policy
     #[arg(long, default_value_t = 1)]
     pub threads: u16,
     /// Print the outcome as JSON
@@ -209,25 +209,25 @@ pub struct MarlTrain {
 #[cfg(feature = "networks")]
 #[derive(Debug, Args)]
 pub struct MarlStudy {
-    /// Folder for the trainings, study.json, study.csv, the curves and study.html; what is done in it is kept
+    /// Folder for the trainings, study.json, study.csv, the curves and study.html; what is already done there is kept
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Random seeds of each training
+    /// Number of random seeds for each training
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub seeds: u64,
     /// Agent-steps of each training
     #[arg(long, value_name = "N", default_value_t = 1_500_000)]
     pub agent_steps: u64,
-    /// Held-out episodes in which each policy is judged
+    /// Held-out episodes on which each policy is measured
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(10..=1_000_000))]
     pub episodes: u64,
-    /// Joint transitions for each of MADDPG's gradient steps
+    /// Joint transitions that MADDPG collects for each gradient step
     #[arg(long, value_name = "N", default_value_t = 100.0, value_parser = above_zero)]
     pub every: f64,
-    /// What is learnt: a reward, and how much traffic; half of the intersections have none in any case [default: all four]
+    /// What to train on: a reward, and how much traffic; half of the intersections never have any [default: all four]
     #[arg(long, value_enum, value_delimiter = ',')]
     pub tasks: Vec<TaskKind>,
-    /// Stop after so many trainings, to go on later
+    /// Stop after this many trainings; the same command continues later
     #[arg(long, value_name = "N", value_parser = count)]
     pub most: Option<u32>,
     /// Print the result as JSON
@@ -261,7 +261,7 @@ pub enum AlgorithmKind {
 /// How rows are drawn from a replay memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum ReplayKind {
-    /// All as often
+    /// All equally often
     #[default]
     Uniform,
     /// In proportion to their errors
@@ -296,7 +296,7 @@ pub enum ObservationKind {
     /// As in SMARTS' benchmark: the nearest car in each of eight sectors, three frames
     #[default]
     Sectors,
-    /// The cars in its lanes, and those whose ways conflict with its own
+    /// The cars in its lanes, and those whose paths conflict with its own
     Routes,
 }
 

@@ -16,7 +16,7 @@ pub struct Model {
 pub enum ModelVerb {
     /// Show a recorded run to a model: shapes, range of its answers, latency, and what looks wrong
     Check(ModelCheck),
-    /// Make a checkpoint of PyTorch's tensors, whatever their names
+    /// Make a checkpoint from PyTorch tensors, whatever their names
     Rename(ModelRename),
 }
 
@@ -27,7 +27,7 @@ pub struct ModelCheck {
     /// only files that you trust [default: the built-in PilotNet]
     #[arg(value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// The run (.mcap), or the folder with driving_log.csv, to show to it
+    /// Run (.mcap), or folder with driving_log.csv, to show to the model
     #[arg(long, value_name = "RUN", default_value = "recordings/lake.mcap")]
     pub run: PathBuf,
     /// Print the findings as JSON
@@ -38,16 +38,16 @@ pub struct ModelCheck {
 /// `lapwing model rename`
 #[derive(Debug, Args)]
 pub struct ModelRename {
-    /// Tensors of PyTorch (.safetensors), as safetensors.torch.save_file writes a state_dict
+    /// PyTorch tensors (.safetensors), as safetensors.torch.save_file writes a state_dict
     #[arg(value_name = "IN")]
     pub input: PathBuf,
-    /// The architecture that they are of
+    /// Architecture of the network
     #[arg(long, value_name = "NAME")]
     pub network: String,
     /// The checkpoint to write (.safetensors)
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// What was done to the pictures that it was trained on (.toml, as beside a TorchScript model) [default: the .toml beside IN,
+    /// Preprocessing of its training pictures (.toml, as beside a TorchScript model) [default: the .toml beside IN,
     /// if there is one, or else the architecture's own]
     #[arg(long, value_name = "FILE")]
     pub preprocess: Option<PathBuf>,

@@ -16,7 +16,7 @@ pub struct Config {
 /// `lapwing completions`
 #[derive(Debug, Args)]
 pub struct Completions {
-    /// The shell that is to complete lapwing's verbs and flags
+    /// Shell to write the completions for
     #[arg(value_enum)]
     pub shell: CompletedShell,
 }

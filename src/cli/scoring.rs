@@ -142,7 +142,7 @@ pub struct Suite {
     /// Number of drives at a time [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Which drives leave a run and its report, in the folder's runs
+    /// Drives whose run is kept, with a report, in the folder's runs
     #[arg(long, value_enum, value_name = "WHICH", default_value_t = KeepRuns::Failed)]
     pub keep_runs: KeepRuns,
     /// Write the heat map for a browser to this file [default: suite.html in the folder]
@@ -153,12 +153,12 @@ pub struct Suite {
     pub json: bool,
 }
 
-/// Which drives of a suite leave a run.
+/// Drives of a suite whose run is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum KeepRuns {
     /// Those that did not finish their laps, hit something or left the road
     Failed,
-    /// Every one
+    /// All drives
     All,
     /// None
     None,

@@ -8,9 +8,11 @@ use std::{
 use serde_json::{Value, json};
 
 #[cfg(feature = "bridge")]
-use super::foxglove::{FoxgloveServer, InRealTime};
+use super::foxglove::FoxgloveServer;
 use super::{Ended, guards, recorded_world::Recorded, thresholds, world};
 use crate::cli::{self, PilotKind};
+#[cfg(feature = "bridge")]
+use crate::real_time::RealTime;
 use lapwing_core::{
     config::Settings,
     drive::{DriveDigest, Observer},
@@ -18,7 +20,7 @@ use lapwing_core::{
     guard::GuardModel,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{ModelId, Recorder, RecorderOptions, RecordingReport, RunHeader, RunKind},
+    recording::{ModelId, Recorder, RecorderOptions, RecordingError, RecordingReport, RunHeader, RunKind},
     units::Mph,
     words::count,
 };
@@ -67,7 +69,6 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         PilotKind::Model => "network",
     };
     let mut pictures = world::Pictures::new(&arguments.pictures, &setup, kind)?;
-    let road = setup.track.roadway();
     let mut driver = Driver::new(pilot, &settings.control, Instant::now).guarded(guard.map(|guard| guard.guard()));
     let mut simulation = Simulation::new(setup)?;
     if let Some(recorded) = &mut recorded {
@@ -76,18 +77,17 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     #[cfg(feature = "bridge")]
     let viewers = arguments.foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
     #[cfg(feature = "bridge")]
-    let feed = viewers.as_ref().and_then(|viewers| viewers.feed(jiff::Timestamp::now(), &road));
+    let mut feed = viewers.as_ref().and_then(|viewers| viewers.feed(simulation.setup()));
     // Last, so that an earlier failure leaves no run.
-    let options = RecorderOptions { queue: settings.recording.queue, roads: [road].into() };
-    let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
+    let recorder = header.map(|header| record(&settings, simulation.setup(), header)).transpose()?;
     let mut bar = world::ProgressLine::new();
     let began = Instant::now();
     let mut recorded_by = recorder.as_ref();
     let mut observers: Vec<&mut dyn Observer<_>> = vec![&mut recorded_by, &mut bar, &mut interrupted, &mut pictures];
     #[cfg(feature = "bridge")]
-    let mut shown_by = feed.map(InRealTime::new);
+    let mut real_time = arguments.foxglove.map(|_| RealTime::default());
     #[cfg(feature = "bridge")]
-    observers.push(&mut shown_by);
+    observers.extend([&mut real_time as &mut dyn Observer<_>, &mut feed]);
     let judged = judged::run(&mut simulation, &mut driver, &mut observers);
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
@@ -166,6 +166,12 @@ pub(super) fn header(
         seed: Some(setup.seed),
         ..RunHeader::new(RunKind::Driven, config, jiff::Timestamp::now())
     }
+}
+
+/// Begins the run of a drive in this world.
+pub(super) fn record(settings: &Settings, setup: &Setup, header: RunHeader) -> Result<Recorder, RecordingError> {
+    let options = RecorderOptions { queue: settings.recording.queue, roads: [setup.track.roadway()].into() };
+    Recorder::create(&settings.recording.dir, header, options)
 }
 
 /// The settings of a drive in this process.

@@ -16,7 +16,7 @@ mod drive;
 mod evaluate;
 #[cfg(feature = "networks")]
 mod explain;
-#[cfg(feature = "bridge")]
+#[cfg(all(feature = "bridge", feature = "simulator"))]
 mod foxglove;
 #[cfg(any(feature = "simulator", feature = "bridge"))]
 mod guards;
@@ -42,6 +42,8 @@ mod replay;
 mod score;
 #[cfg(feature = "bridge")]
 mod serve;
+#[cfg(all(feature = "bridge", feature = "simulator"))]
+mod server;
 #[cfg(feature = "simulator")]
 mod simulate;
 #[cfg(all(feature = "networks", feature = "simulator"))]
@@ -57,7 +59,6 @@ use std::{
     io::{self, IsTerminal},
     net::{IpAddr, SocketAddr},
     path::{Path, PathBuf},
-    process::ExitCode,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -75,6 +76,7 @@ use model::{explaining, load_models};
 use outputs::print;
 #[cfg(feature = "networks")]
 use outputs::sorted_json;
+pub use terminal::exit_at_once;
 
 use crate::cli::{Cli, Driving, Verb};
 use lapwing_core::{
@@ -95,8 +97,8 @@ enum Ended {
     Missed,
 }
 
-/// Runs the verb; 0 passed, 1 failed, 2 wrong usage, 3 finished below a threshold.
-pub fn run(cli: Cli) -> ExitCode {
+/// Runs the verb, and returns the exit status: 0 passed, 1 failed, 2 wrong usage, 3 finished below a threshold.
+pub fn run(cli: Cli) -> u8 {
     terminal::outlive_full_files();
     let log = EnvFilter::try_from_env("LAPWING_LOG").unwrap_or_else(|_| EnvFilter::new("lapwing=info,warn"));
     tracing_subscriber::fmt()
@@ -147,12 +149,12 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Man(arguments) => program::man(&arguments),
     };
     match ended {
-        Ok(Ended::Passed) => ExitCode::SUCCESS,
-        Ok(Ended::Failed) => ExitCode::FAILURE,
-        Ok(Ended::Missed) => ExitCode::from(3),
+        Ok(Ended::Passed) => 0,
+        Ok(Ended::Failed) => 1,
+        Ok(Ended::Missed) => 3,
         Err(error) => {
             say!("error: {}", told(&error));
-            ExitCode::from(if outputs::is_usage(&error) { 2 } else { 1 })
+            if outputs::is_usage(&error) { 2 } else { 1 }
         }
     }
 }

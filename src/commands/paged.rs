@@ -1,12 +1,11 @@
 //! `lapwing drive --page` and `lapwing record --page`: the headless simulator in real time, with a person at its page.
 
-use std::{cell::RefCell, io, rc::Rc, sync::Arc, time::Instant};
+use std::{cell::RefCell, rc::Rc, sync::Arc, time::Instant};
 
 use anyhow::Context;
 use serde_json::Value;
-use tokio::{runtime::Runtime, sync::oneshot, task::JoinHandle};
 
-use super::{Ended, Interrupted, drive, foxglove::FoxgloveServer, guards, serve, thresholds, world};
+use super::{Ended, Interrupted, drive, foxglove::FoxgloveServer, guards, serve, server::Server, thresholds, world};
 use crate::{
     cli::{self, PilotKind},
     known::{self, Roads},
@@ -18,13 +17,13 @@ use lapwing_core::{
     driver::Driver,
     guard::GuardModel,
     pilot::PurePursuit,
-    recording::{Recorder, RecorderOptions, udacity::DrivingLogWriter},
+    recording::udacity::DrivingLogWriter,
     units::Mph,
     words::count,
 };
 use lapwing_learn::models::LoadedModel;
 use lapwing_live::{
-    bridge::{self, Bridge, Listener},
+    bridge::{self, Bridge},
     page::{Abilities, Explaining, Page, PilotChoice},
 };
 use lapwing_score::{
@@ -67,7 +66,7 @@ pub(super) fn drive(
         foxglove: arguments.foxglove,
         settings,
     };
-    let (ended, _) = stage.run(port, None, interrupted)?;
+    let (ended, _) = stage.run(port, || Ok(None), interrupted)?;
     Ok(ended)
 }
 
@@ -89,9 +88,8 @@ pub(super) fn record(
         foxglove: None,
         settings,
     };
-    // Last, so that an earlier failure leaves no log.
-    let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;
-    let (_, log) = stage.run(port, Some(HandLog::new(log)), interrupted)?;
+    let log = || Ok(Some(HandLog::new(DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?)));
+    let (_, log) = stage.run(port, log, interrupted)?;
     let rows = log.map_or(Ok(0), HandLog::finish)?;
     super::print(&format!("{} driven by hand, in {}", count(rows, "row"), arguments.out.display()))?;
     Ok(if rows > 0 { Ended::Passed } else { Ended::Failed })
@@ -135,19 +133,26 @@ impl Stage {
     fn run(
         self,
         port: u16,
-        log: Option<HandLog>,
+        log: impl FnOnce() -> anyhow::Result<Option<HandLog>>,
         interrupted: Interrupted,
     ) -> anyhow::Result<(Ended, Option<HandLog>)> {
         let Self { settings, mut spec, pilots, ends, has_speed, stock, json, foxglove } = self;
         let mut setup = set_up(&spec, &settings, stock)?;
         let guard = guards::load(&settings.brake)?;
         let shipped = known::courses(&Roads::default())?;
-        let server = PageServer::start(&settings, port)?;
+        let bridge = Bridge::new(settings.clone(), |_| ());
+        let page = bridge.page().clone();
+        let server = Server::start("--page", (settings.bridge.bind, port).into(), |listener, shutdown| {
+            say!("Page: {}", serve::address_of("http", listener.address(), bridge.page())?);
+            Ok(bridge::serve_page(listener, bridge, shutdown))
+        })?;
         let foxglove = foxglove.map(|port| FoxgloveServer::start(&settings, port)).transpose()?;
-        server.page.has_pilots(pilots);
+        // Last, so that an earlier failure leaves no log.
+        let log = log()?;
+        page.has_pilots(pilots);
         let can = Abilities::of_the_simulator(log.is_some());
         let pressed = interrupted.clone();
-        let console = Console::new(server.page.show(TITLE, can), log, move || pressed.is_pressed());
+        let console = Console::new(page.show(TITLE, can), log, move || pressed.is_pressed());
         console.borrow_mut().offers(staged::offered());
         let ended = loop {
             let mut settings = settings.clone();
@@ -164,9 +169,9 @@ impl Stage {
                 let road = known::known_road(spec.track.as_deref().unwrap_or(&settings.simulator.track))?;
                 courses.push(known::course(track, road.into()));
             }
-            server.page.has_courses(courses);
+            page.has_courses(courses);
             let foxglove = foxglove.as_ref();
-            let run = Run { settings: &settings, guard: guard.as_deref(), page: &server.page, json, foxglove };
+            let run = Run { settings: &settings, guard: guard.as_deref(), page: &page, json, foxglove };
             let (ended, asked) = run.drive(setup, &console, interrupted.clone())?;
             if interrupted.is_pressed() || (ends && !asked) {
                 break ended;
@@ -220,12 +225,10 @@ impl Run<'_> {
         let who = (pilot.name.as_str(), pilot.id());
         let header = settings.recording.enabled.then(|| drive::header(settings, &setup, who, guard, Value::Null));
         let mut driver = Driver::new((pilot.make)(), &settings.control, Instant::now).guarded(guard.map(|g| g.guard()));
-        let road = setup.track.roadway();
-        let mut feed = foxglove.and_then(|server| server.feed(jiff::Timestamp::now(), &road));
+        let mut feed = foxglove.and_then(|server| server.feed(&setup));
         let simulation = Simulation::new(setup)?;
         console.borrow_mut().run_begins(dialect, &settings.control);
-        let options = RecorderOptions { queue: settings.recording.queue, roads: [road].into() };
-        let recorder = header.map(|header| Recorder::create(&settings.recording.dir, header, options)).transpose()?;
+        let recorder = header.map(|header| drive::record(settings, simulation.setup(), header)).transpose()?;
         let mut staged = Staged::new(simulation, console.clone());
         let mut screen = Screen::new(console.clone());
         let began = Instant::now();
@@ -257,54 +260,5 @@ impl Run<'_> {
         super::whole(report)?;
         let asked = console.borrow().is_asked_on();
         Ok((thresholds::ended(&missed), asked))
-    }
-}
-
-/// The page's server, on threads of its own.
-struct PageServer {
-    page: Arc<Page>,
-    /// None once it has ended.
-    serving: Option<Serving>,
-}
-
-struct Serving {
-    runtime: Runtime,
-    stop: oneshot::Sender<()>,
-    task: JoinHandle<io::Result<()>>,
-}
-
-impl PageServer {
-    fn start(settings: &Settings, port: u16) -> anyhow::Result<Self> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("no runtime")?;
-        let listener = runtime.block_on(Listener::bind((settings.bridge.bind, port).into()))?;
-        let bridge = Bridge::new(settings.clone(), |_| ());
-        let page = bridge.page().clone();
-        say!("Page: {}", serve::address_of("http", listener.address(), &page)?);
-        let (stop, stopped) = oneshot::channel();
-        let shutdown = async move { stopped.await.unwrap_or_default() };
-        let task = runtime.spawn(bridge::serve_page(listener, bridge, shutdown));
-        Ok(Self { page, serving: Some(Serving { runtime, stop, task }) })
-    }
-
-    fn end(mut self) -> anyhow::Result<()> {
-        self.stop()
-    }
-
-    fn stop(&mut self) -> anyhow::Result<()> {
-        let Some(Serving { runtime, stop, task }) = self.serving.take() else { return Ok(()) };
-        // An error means that it has ended already, of which the task tells.
-        let _ = stop.send(());
-        let served = runtime.block_on(task).context("the page's server was interrupted")?;
-        runtime.shutdown_background();
-        served.context("the page's server failed")
-    }
-}
-
-/// Also where a drive fails: the page may be at work, and the program must not end before that is done.
-impl Drop for PageServer {
-    fn drop(&mut self) {
-        if let Err(error) = self.stop() {
-            tracing::warn!("{error:#}");
-        }
     }
 }

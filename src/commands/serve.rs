@@ -12,7 +12,7 @@ use std::{
 
 use anyhow::Context;
 
-use super::{Ended, foxglove, guards, outputs::Unprinted, terminal::Asked};
+use super::{Ended, guards, outputs::Unprinted, terminal::Asked};
 use crate::cli;
 use lapwing_core::{config::Settings, pilot::Model};
 use lapwing_learn::models::LoadedModel;
@@ -21,6 +21,9 @@ use lapwing_live::{
     page::Page,
     viewers::Viewers,
 };
+
+/// The flag for Foxglove and Lichtblick.
+pub(super) const FOXGLOVE: &str = "--foxglove";
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
@@ -69,7 +72,9 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     let viewing = match foxglove {
         None => None,
         Some(port) => {
-            let listener = foxglove::listen(&settings, port, &bridge).await?;
+            let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, port)).await;
+            let listener = listener.map_err(|error| error.with_flag(FOXGLOVE))?;
+            tell_viewers(&listener, &bridge)?;
             let viewers = Viewers::new();
             bridge.has_viewers(viewers.clone());
             let over = async move { over.await.unwrap_or_default() };
@@ -159,6 +164,12 @@ fn arm_on_enter(bridge: Arc<Bridge>) {
             }
         });
     }
+}
+
+/// Tells the user which address to open in Foxglove or Lichtblick.
+pub(super) fn tell_viewers(listener: &Listener, bridge: &Bridge) -> anyhow::Result<()> {
+    say!("Foxglove, Lichtblick: {}", address_of("ws", listener.address(), bridge.page())?);
+    Ok(())
 }
 
 /// Where the page is, or what else has its token where others can reach it.

@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{Ended, Interrupted, thresholds, world};
-use crate::{cli, film::FilmError};
+use crate::{cli, film::FilmError, real_time::RealTime};
 use lapwing_core::{
     client::{self, ClientOptions},
     config::{ControlSettings, Settings},
@@ -37,7 +37,7 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
         judge: BridgeScorer::default(),
         pictures: world::Pictures::new(&arguments.pictures, &setup, "bridge")?,
         progress: world::ProgressLine::new(),
-        pace: Pace { began: arguments.realtime.then(Instant::now) },
+        pace: arguments.realtime.then(RealTime::default),
         interrupted,
     };
     let mut simulation = Simulation::new(setup)?;
@@ -101,31 +101,8 @@ struct Onlookers {
     judge: BridgeScorer,
     pictures: world::Pictures,
     progress: world::ProgressLine,
-    pace: Pace,
+    pace: Option<RealTime>,
     interrupted: Interrupted,
-}
-
-/// Keeps step with real time, if asked for, counted from this moment.
-struct Pace {
-    began: Option<Instant>,
-}
-
-impl Pace {
-    fn wait(&self, at: Duration) {
-        if let Some(began) = self.began {
-            std::thread::sleep((began + at).saturating_duration_since(Instant::now()).min(Duration::from_secs(1)));
-        }
-    }
-}
-
-impl<W: ?Sized> Observer<W> for Pace {
-    fn ready(&mut self, at: Duration) {
-        self.wait(at);
-    }
-
-    fn turn(&mut self, _: &W, _: &Turn) -> Result<(), ObserverError> {
-        Ok(())
-    }
 }
 
 /// The world while a bridge drives it. Its turns are made by the bridge, which reports neither who answered nor how,
@@ -157,7 +134,7 @@ impl World for BridgedSimulation {
         let Ok(observation) = self.simulation.observe();
         self.listen();
         if let Some(Observation { at, sight }) = &observation {
-            self.seen.pace.wait(*at);
+            Observer::<Self>::ready(&mut self.seen.pace, *at);
             self.seen.judge.sight(*at, sight);
             let (sent, by) = match sight {
                 Sight::Telemetry(telemetry) => (Some(&telemetry.image), By::Pilot),

@@ -11,6 +11,9 @@ macro_rules! say {
     ($($line:tt)*) => { $crate::commands::terminal::say_line(format_args!($($line)*)) };
 }
 
+/// The exit status of a program that Ctrl-C ended: 128 and the number of SIGINT.
+const INTERRUPTED: u8 = 130;
+
 pub(super) fn say_line(line: std::fmt::Arguments<'_>) {
     let _ = Log.write(format!("{line}\n").as_bytes()); // never an error, see there
 }
@@ -81,8 +84,23 @@ impl Asked {
     /// send several SIGHUP.
     pub(super) async fn again(&mut self) {
         self.interrupt.recv().await;
-        std::process::exit(130);
+        exit_at_once(INTERRUPTED);
     }
+}
+
+/// Ends the program with this exit status, whatever its threads do. An ordinary exit runs the destructors of libtorch's
+/// statics, and crashes if a thread is at work with a network just then: one that drives when Ctrl-C is pressed a second
+/// time, or one that is still loading. Results are flushed as they are printed, so none is lost.
+#[cfg(unix)]
+pub fn exit_at_once(status: u8) -> ! {
+    // SAFETY: no pointer is passed, and nothing of this process runs after it.
+    unsafe { libc::_exit(status.into()) }
+}
+
+/// Ends the program with this exit status.
+#[cfg(not(unix))]
+pub fn exit_at_once(status: u8) -> ! {
+    std::process::exit(status.into())
 }
 
 #[cfg(unix)]
@@ -115,6 +133,6 @@ impl Asked {
     /// Waits for another one, and ends the program at once.
     pub(super) async fn again(&mut self) {
         self.first().await;
-        std::process::exit(130);
+        exit_at_once(INTERRUPTED);
     }
 }

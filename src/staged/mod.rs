@@ -19,6 +19,7 @@ use std::{
 
 pub use log::{HandLog, HandLogError};
 
+use crate::real_time::RealTime;
 use lapwing_core::{
     config::ControlSettings,
     drive::{Eventful, Observer, ObserverError},
@@ -39,8 +40,6 @@ use lapwing_sim::{
 
 /// Time between two looks at what a paused world is asked for.
 const PAUSED: Duration = Duration::from_millis(10);
-/// A world that is later than this does not hurry to catch up.
-const LATE: Duration = Duration::from_millis(250);
 
 /// What a person at the page may make of the simulator.
 pub fn offered() -> Offered {
@@ -79,8 +78,7 @@ pub struct Console {
     steps: u32,
     /// What comes after this run.
     next: Option<WorldChoice>,
-    /// When the next telemetry is due.
-    due: Instant,
+    real_time: RealTime,
     hands: Hands,
     log: Option<HandLog>,
     interrupted: Box<dyn Fn() -> bool>,
@@ -90,10 +88,18 @@ impl Console {
     /// A console of a drive that is shown. `interrupted` says whether the program should end; what is driven by hand goes
     /// into the log, if there is one.
     pub fn new(showing: Showing, log: Option<HandLog>, interrupted: impl Fn() -> bool + 'static) -> Rc<RefCell<Self>> {
-        let due = Instant::now();
         let interrupted = Box::new(interrupted);
         let hands = Hands::Pilot;
-        let mut console = Self { showing, paused: false, steps: 0, next: None, due, hands, log, interrupted };
+        let mut console = Self {
+            showing,
+            paused: false,
+            steps: 0,
+            next: None,
+            real_time: RealTime::default(),
+            hands,
+            log,
+            interrupted,
+        };
         console.tell_log();
         Rc::new(RefCell::new(console))
     }
@@ -116,7 +122,8 @@ impl Console {
     /// A run begins.
     pub fn run_begins(&mut self, dialect: Dialect, settings: &ControlSettings) {
         self.showing.run_begins(Some(dialect), settings);
-        (self.next, self.due) = (None, Instant::now());
+        self.next = None;
+        self.real_time.restart();
     }
 
     /// Whether a person asked for another world, or for this one anew.
@@ -173,7 +180,7 @@ impl Console {
     fn pause(&mut self, paused: bool) {
         self.paused = paused;
         self.showing.is_paused(paused);
-        self.due = Instant::now();
+        self.real_time.restart();
     }
 
     fn tell_log(&mut self) {
@@ -182,15 +189,15 @@ impl Console {
         }
     }
 
-    /// Waits until the next telemetry is due; false if there is none in this world.
-    fn wait(&mut self, every: Duration) -> bool {
+    /// Waits for the end of a pause or for a step; false if this world has no more telemetry.
+    fn goes_on(&mut self) -> bool {
         loop {
             self.heed();
             if self.next.is_some() || (self.interrupted)() {
                 return false;
             }
             if !self.paused {
-                break;
+                return true;
             }
             if self.steps > 0 {
                 self.steps -= 1;
@@ -198,10 +205,6 @@ impl Console {
             }
             sleep(PAUSED);
         }
-        let now = Instant::now();
-        sleep(self.due.saturating_duration_since(now));
-        self.due = if now > self.due + LATE { now + every } else { self.due + every };
-        true
     }
 }
 
@@ -209,14 +212,12 @@ impl Console {
 pub struct Staged {
     simulation: Simulation,
     console: Rc<RefCell<Console>>,
-    every: Duration,
 }
 
 impl Staged {
     /// A world in the hands of this console.
     pub fn new(simulation: Simulation, console: Rc<RefCell<Console>>) -> Self {
-        let every = Duration::from_secs_f64(1.0 / simulation.setup().hz);
-        Self { simulation, console, every }
+        Self { simulation, console }
     }
 
     /// The world.
@@ -229,10 +230,15 @@ impl World for Staged {
     type Error = Infallible;
 
     fn observe(&mut self) -> Result<Option<Observation>, Infallible> {
-        if self.simulation.ending().is_none() && !self.console.borrow_mut().wait(self.every) {
+        let console = &mut *self.console.borrow_mut();
+        if self.simulation.ending().is_none() && !console.goes_on() {
             self.simulation.end(Ending::Interrupted);
         }
-        self.simulation.observe()
+        let Ok(seen) = self.simulation.observe();
+        if let Some(Observation { at, .. }) = &seen {
+            console.real_time.wait(*at);
+        }
+        Ok(seen)
     }
 
     fn apply(&mut self, answer: Answer) {

@@ -396,7 +396,9 @@ async fn a_recorded_run_is_looked_at_and_downloaded_and_nothing_else_of_the_disk
     let (_, head, file) = ask(address, "GET /api/runs/lake.mcap/file", "", "").await;
     assert!(head.contains("attachment; filename=\"lake.mcap\"") && file == std::fs::read(shipped).unwrap());
     let (_, head, report) = ask(address, "GET /api/runs/lake.mcap/report", "", "").await;
-    assert!(head.contains("sandbox allow-scripts") && String::from_utf8(report).unwrap().contains("Lapwing"));
+    let report = String::from_utf8(report).unwrap();
+    assert!(head.contains("sandbox allow-scripts") && report.contains("Lapwing"));
+    assert!(report.contains(r#""frames":[["#), "a report has pictures along the run");
     for name in
         ["..%2fsecret.mcap", "%2e%2e%2fsecret.mcap", "notes.txt", "lake.mcap%00", "%2fetc%2fpasswd", "nothing.mcap"]
     {

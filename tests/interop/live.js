@@ -34,10 +34,11 @@ async function main() {
   page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
   page.on('pageerror', (error) => complaints.push(error.stack))
   page.on('request', (request) => new URL(request.url()).origin !== new URL(url).origin && !request.url().startsWith('data:') && !request.url().startsWith('blob:') && complaints.push(`asks elsewhere: ${request.url()}`))
-  await page.goto(url)
   const text = (selector) => page.locator(selector).first().innerText()
   const state = async () => (await page.request.get(url + 'api/state')).json()
-  const drives = (await until('drives', async () => { const { drives } = await state(); return drives.length && drives }))
+  // All of them before the page is opened, which shows the last one.
+  const drives = await until('drives', async () => { const { drives } = await state(); return drives.length >= (mode === 'serve' ? 2 : 1) && drives })
+  await page.goto(url)
   const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
   const shot = (name) => page.screenshot({ path: path.join(shots, `${mode}-${name}.png`), fullPage: true })
   const speed = async () => parseFloat(await text('.dial b'))
@@ -254,7 +255,8 @@ async function main() {
     const [download] = await Promise.all([page.waitForEvent('download'), page.click('#run-file')])
     result.downloaded = download.suggestedFilename()
     const [report] = await Promise.all([page.waitForEvent('popup'), page.click('#run-report')])
-    await until('the report', async () => /Speed, mph/.test(await report.locator('body').innerText()))
+    await until('the report, with pictures', async () => /Speed, mph/.test(await report.locator('body').innerText()) && (await report.locator('.cameras img').count()) === 1)
+    await report.screenshot({ path: path.join(shots, `${mode}-report.png`) })
     await report.close()
     await compare()
     for (const [name, width, colorScheme] of [['runs', 1440, 'light'], ['runs-dark', 1440, 'dark'], ['runs-phone', 400, 'light'], ['runs-phone-dark', 400, 'dark']]) {

@@ -10,6 +10,7 @@
 //! | [`page`] | what drives, shown in a browser, and what a person there may change |
 //! | [`viewers`] | what drives, for Foxglove and Lichtblick |
 //! | `websocket` | how a WebSocket is opened for any of them |
+//! | `places` | how many may look at a time |
 //!
 //! Callers hand it pilots ([`Model`](lapwing_core::pilot::Model)) and roads; it knows neither networks nor a simulator.
 //!
@@ -78,5 +79,6 @@
 
 pub mod bridge;
 pub mod page;
+mod places;
 pub mod viewers;
 mod websocket;

@@ -11,7 +11,7 @@ use axum::{
 };
 use futures_util::SinkExt;
 use hyper_util::rt::TokioIo;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 use tokio_tungstenite::{
     WebSocketStream,
     tungstenite::{
@@ -61,6 +61,29 @@ pub(crate) async fn send(
     match timeout(takes, socket.send(message)).await {
         Ok(sent) => sent,
         Err(_) => Err(io::Error::from(io::ErrorKind::TimedOut).into()),
+    }
+}
+
+/// Counts what somebody says, second by second.
+pub(crate) struct Chatter {
+    most: u32,
+    second: Instant,
+    said: u32,
+}
+
+impl Chatter {
+    /// Of somebody who may say so much within a second.
+    pub fn of(most: u32) -> Self {
+        Self { most, second: Instant::now(), said: 0 }
+    }
+
+    /// One more message has come; whether that is too many.
+    pub fn is_too_much(&mut self) -> bool {
+        if self.second.elapsed() > Duration::from_secs(1) {
+            (self.second, self.said) = (Instant::now(), 0);
+        }
+        self.said += 1;
+        self.said > self.most
     }
 }
 

@@ -113,6 +113,16 @@ pub enum SpeedLaw {
     Quadratic,
 }
 
+impl SpeedLaw {
+    /// Its name in settings, and in a run's events.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pi => "pi",
+            Self::Quadratic => "quadratic",
+        }
+    }
+}
+
 /// What happens when a human lets go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -54,11 +54,11 @@ impl EventRecord {
         }
     }
 
-    /// It for people; none where a page has no use for it.
+    /// What it says to people; none if a page has no use for it.
     pub fn in_words(&self) -> Option<String> {
         Some(match self {
             Self::TakeoverBegan => "a human took the wheel".into(),
-            Self::TakeoverEnded { duration_s } => format!("and gave it back after {duration_s:.1} s"),
+            Self::TakeoverEnded { duration_s } => format!("the human gave the wheel back after {duration_s:.1} s"),
             Self::BadFrame { why, .. } => format!("bad frame: {why}"),
             Self::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
             Self::GuardBrakes { guard, value, fires, speed_mph } => {
@@ -68,10 +68,10 @@ impl EventRecord {
                 let why = match why {
                     Release::Calm => "the danger is past",
                     Release::Stood => "the car has stood for a while",
-                    Release::HandedOver => "others drive",
+                    Release::HandedOver => "someone else is driving",
                 };
                 let at = speed_mph.map_or_else(String::new, |mph| format!(" at {mph:.1} mph"));
-                format!("the emergency brake lets go after {after_s:.1} s{at}: {why}")
+                format!("the emergency brake releases after {after_s:.1} s{at}: {why}")
             }
             Self::FramesNotRecorded { count } => format!("{} not recorded", counted(*count, "picture")),
             Self::PilotOff { why } => format!("the pilot was switched off: {why}"),
@@ -79,8 +79,8 @@ impl EventRecord {
             Self::EmergencyStop => "emergency stop".into(),
             Self::SpeedSet { mph } => format!("set speed {mph} mph"),
             Self::SpeedLawSet { law } => format!("speed law {law}"),
-            Self::PilotSet { name, .. } => format!("{name} drives"),
-            Self::Break { .. } => "another drive is joined here".into(),
+            Self::PilotSet { name, .. } => format!("pilot {name}"),
+            Self::Break { .. } => "another drive begins here".into(),
             Self::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
             Self::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
             Self::MeasuredFrom { line, edge, left_m, right_m } => {
@@ -101,8 +101,8 @@ impl EventRecord {
             Self::BackOnRoad { after_s } => format!("back in bounds after {after_s:.1} s"),
             Self::Stuck => "stuck".into(),
             Self::Moving => "moving again".into(),
-            Self::WrongWay => "the wrong way round".into(),
-            Self::RightWay => "the right way round again".into(),
+            Self::WrongWay => "driving the wrong way".into(),
+            Self::RightWay => "driving the right way again".into(),
             Self::Reset { waypoint } => format!("put back on the road at waypoint {waypoint}"),
             Self::Note { text } => text.clone(),
             Self::RunEnded { why } => format!("the run ended: {why}"),

@@ -5,6 +5,7 @@
 //! its lane a picture was taken. [`check`] looks at what a model answers to a whole recording.
 
 pub mod check;
+mod elsewhere;
 mod error;
 mod foreign;
 mod lane;

@@ -7,8 +7,8 @@ use std::{
 };
 
 #[cfg(feature = "onnx")]
-use super::onnx::OnnxPilot;
-use super::{ModelError, foreign, network::NetworkPilot, torchscript::TorchScriptPilot};
+use super::onnx;
+use super::{ModelError, elsewhere::ForeignPilot, foreign, network::NetworkPilot, torchscript};
 use crate::nn::{Checkpoint, Network, NnError};
 use lapwing_core::{
     hash::sha256,
@@ -34,9 +34,7 @@ pub struct LoadedModel {
 #[derive(Debug)]
 enum Prototype {
     Network(Box<NetworkPilot>),
-    TorchScript(Box<TorchScriptPilot>),
-    #[cfg(feature = "onnx")]
-    Onnx(Box<OnnxPilot>),
+    Foreign(Box<ForeignPilot>),
 }
 
 /// The model that drives if none is named.
@@ -74,30 +72,14 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
         Some("safetensors") => LoadedModel::of_checkpoint(path, &read()?, clock),
         Some(_) if is_torchscript(path) => {
             let bytes = read()?;
-            let pilot = TorchScriptPilot::load(path, &bytes, clock)?;
-            Ok(LoadedModel {
-                name: format!("torchscript ({})", path.display()),
-                sha256: sha256(&bytes),
-                preprocess: pilot.preprocess().clone(),
-                outputs: pilot.outputs().to_vec(),
-                training: None,
-                threads: None,
-                prototype: Mutex::new(Prototype::TorchScript(Box::new(pilot))),
-            })
+            let pilot = ForeignPilot::load(path, clock, |_| torchscript::load(path, &bytes))?;
+            Ok(LoadedModel::of_foreign("torchscript", path, &bytes, pilot, None))
         }
         #[cfg(feature = "onnx")]
         Some("onnx") => {
             let bytes = read()?;
-            let pilot = OnnxPilot::load(path, &bytes, clock)?;
-            Ok(LoadedModel {
-                name: format!("onnx ({})", path.display()),
-                sha256: sha256(&bytes),
-                preprocess: pilot.preprocess().clone(),
-                outputs: pilot.outputs().to_vec(),
-                training: None,
-                threads: Some(1),
-                prototype: Mutex::new(Prototype::Onnx(Box::new(pilot))),
-            })
+            let pilot = ForeignPilot::load(path, clock, |shape| onnx::load(path, &bytes, shape))?;
+            Ok(LoadedModel::of_foreign("onnx", path, &bytes, pilot, Some(1)))
         }
         _ => Err(match foreign::advice(path) {
             Some((kind, todo)) => ModelError::Foreign { path: path.to_owned(), kind, todo },
@@ -124,6 +106,18 @@ impl LoadedModel {
         })
     }
 
+    fn of_foreign(kind: &str, path: &Path, bytes: &[u8], pilot: ForeignPilot, threads: Option<u16>) -> Self {
+        Self {
+            name: format!("{kind} ({})", path.display()),
+            sha256: sha256(bytes),
+            preprocess: pilot.preprocess().clone(),
+            outputs: pilot.outputs().to_vec(),
+            training: None,
+            threads,
+            prototype: Mutex::new(Prototype::Foreign(Box::new(pilot))),
+        }
+    }
+
     /// The best number of threads for one forward pass; `None` for as many as there are processors.
     pub fn threads(&self) -> Option<u16> {
         self.threads
@@ -148,7 +142,7 @@ impl LoadedModel {
     pub fn network(&self) -> Option<Network> {
         match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Some(pilot.network()),
-            _ => None,
+            Prototype::Foreign(_) => None,
         }
     }
 
@@ -166,9 +160,7 @@ impl LoadedModel {
     pub fn pilot(&self) -> Box<dyn Pilot> {
         match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Box::new(pilot.share()),
-            Prototype::TorchScript(pilot) => Box::new(pilot.share()),
-            #[cfg(feature = "onnx")]
-            Prototype::Onnx(pilot) => Box::new(pilot.share()),
+            Prototype::Foreign(pilot) => pilot.clone(),
         }
     }
 }

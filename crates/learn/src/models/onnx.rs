@@ -1,7 +1,7 @@
-//! A network made elsewhere: an ONNX model, and a [`SideFile`] beside it.
+//! A network made elsewhere: an ONNX model, and a [`SideFile`](super::SideFile) beside it.
 //!
 //! `model.onnx` is what `keras.Model.export`, `tf2onnx` or `torch.onnx.export` wrote; it takes one input of
-//! [`Preprocess::tensor_shape`] in f32 and answers tensors of as many numbers as there are outputs, the steering first.
+//! [`Preprocess::tensor_shape`](lapwing_core::perception::Preprocess::tensor_shape) in f32 and answers tensors of as many numbers as there are outputs, the steering first.
 //!
 //! ONNX Runtime is a shared library that is loaded with the first model: the one that `ORT_DYLIB_PATH` names, that of
 //! [`use_library`], or the one that the system's loader finds. An ONNX model holds no code, but the library is code: it is
@@ -10,7 +10,7 @@
 use std::{
     env,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, OnceLock, PoisonError},
+    sync::{Mutex, OnceLock, PoisonError},
 };
 
 use ort::{
@@ -20,13 +20,8 @@ use ort::{
 };
 use tch::Tensor;
 
-use super::{ModelError, SideFile, network::Eye};
+use super::{ModelError, elsewhere::Forward};
 use crate::nn::{NnError, first_line};
-use lapwing_core::{
-    perception::Preprocess,
-    pilot::{Pilot, PilotError, Prediction, View},
-    units::Clock,
-};
 
 /// The environment variable that names ONNX Runtime's library, as in ONNX Runtime's other bindings for Rust.
 pub const LIBRARY: &str = "ORT_DYLIB_PATH";
@@ -39,60 +34,17 @@ pub fn use_library(path: &Path) {
     let _ = NAMED.set(path.to_owned());
 }
 
-/// Steers by the first output of an ONNX model, on one thread of the CPU.
-#[derive(Debug)]
-pub struct OnnxPilot {
-    eye: Eye,
-    /// One for all pilots of the model, which therefore answer one after the other.
-    session: Arc<Mutex<Session>>,
-}
-
-impl OnnxPilot {
-    /// Loads a model of `bytes`, those of the file `path`, with the `.toml` of the same stem beside it, and warms it up.
-    ///
-    /// # Errors
-    /// [`ModelError::NoSideFile`], [`ModelError::SideFile`], [`ModelError::NoOnnxRuntime`], [`ModelError::Onnx`],
-    /// [`ModelError::OnnxInput`], [`ModelError::Unfit`].
-    pub fn load(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, ModelError> {
-        let SideFile { outputs, preprocess } = SideFile::beside(path)?;
-        let expected = preprocess.tensor_shape();
-        let unfit = |source: ModelError| ModelError::Unfit { path: path.to_owned(), source: Box::new(source) };
-        let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
-        let environment = environment().map_err(|why| ModelError::NoOnnxRuntime { path: path.to_owned(), why })?;
-        let session = session(environment, bytes).map_err(|why| ModelError::Onnx { path: path.to_owned(), why })?;
-        check_input(&session, expected).map_err(|got| ModelError::OnnxInput {
-            path: path.to_owned(),
-            expected,
-            got,
-        })?;
-        let session = Arc::new(Mutex::new(session));
-        eye.warm_up(|input| answer(&session, input)).map_err(|error| unfit(error.into()))?;
-        Ok(Self { eye, session })
-    }
-
-    /// What is done to a frame.
-    pub fn preprocess(&self) -> &Preprocess {
-        self.eye.preprocess()
-    }
-
-    /// What each number of an answer is.
-    pub fn outputs(&self) -> &[String] {
-        self.eye.outputs()
-    }
-
-    /// Another pilot with the same weights.
-    pub fn share(&self) -> Self {
-        Self { eye: self.eye.clone(), session: Arc::clone(&self.session) }
-    }
-}
-
-impl Pilot for OnnxPilot {
-    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
-        let Self { eye, session } = self;
-        eye.steer(view.frame, |input| answer(session, input))
-    }
-
-    fn reset(&mut self) {}
+/// Loads a model of `bytes`, those of the file `path`, which is to take inputs of this shape. All pilots share it, and therefore
+/// answer one after the other, each on one thread of the CPU.
+///
+/// # Errors
+/// [`ModelError::NoOnnxRuntime`], [`ModelError::Onnx`], [`ModelError::OnnxInput`].
+pub(super) fn load(path: &Path, bytes: &[u8], expected: [usize; 4]) -> Result<Mutex<Session>, ModelError> {
+    let path = || path.to_owned();
+    let environment = environment().map_err(|why| ModelError::NoOnnxRuntime { path: path(), why })?;
+    let session = session(environment, bytes).map_err(|why| ModelError::Onnx { path: path(), why })?;
+    check_input(&session, expected).map_err(|got| ModelError::OnnxInput { path: path(), expected, got })?;
+    Ok(Mutex::new(session))
 }
 
 /// ONNX Runtime, loaded once; or why it cannot be.
@@ -131,18 +83,20 @@ fn check_input(session: &Session, expected: [usize; 4]) -> Result<(), String> {
     }
 }
 
-/// All numbers that the model answers to `input`, (1, C, H, W) or (1, H, W, C) f32: (outputs).
-fn answer(session: &Mutex<Session>, input: &Tensor) -> Result<Tensor, NnError> {
-    let shape = input.size();
-    let mut numbers = vec![0f32; input.numel()];
-    input.f_copy_data(&mut numbers, input.numel())?;
-    let wrong = |why: ort::Error| NnError::Onnx(first_line(&why.to_string()));
-    let input = TensorRef::from_array_view((shape, &numbers[..])).map_err(wrong)?;
-    let mut session = session.lock().unwrap_or_else(PoisonError::into_inner);
-    let answered = session.run(ort::inputs![input]).map_err(wrong)?;
-    let mut all = Vec::new();
-    for (_, output) in answered.iter() {
-        all.extend_from_slice(output.try_extract_tensor::<f32>().map_err(wrong)?.1);
+impl Forward for Mutex<Session> {
+    /// All numbers of all tensors that the model answers: (outputs).
+    fn forward(&self, input: &Tensor) -> Result<Tensor, NnError> {
+        let shape = input.size();
+        let mut numbers = vec![0f32; input.numel()];
+        input.f_copy_data(&mut numbers, input.numel())?;
+        let wrong = |why: ort::Error| NnError::Onnx(first_line(&why.to_string()));
+        let input = TensorRef::from_array_view((shape, &numbers[..])).map_err(wrong)?;
+        let mut session = self.lock().unwrap_or_else(PoisonError::into_inner);
+        let answered = session.run(ort::inputs![input]).map_err(wrong)?;
+        let mut all = Vec::new();
+        for (_, output) in answered.iter() {
+            all.extend_from_slice(output.try_extract_tensor::<f32>().map_err(wrong)?.1);
+        }
+        Ok(Tensor::f_from_slice(&all)?)
     }
-    Ok(Tensor::f_from_slice(&all)?)
 }

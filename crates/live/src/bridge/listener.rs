@@ -28,12 +28,14 @@ const TURN: usize = 16 << 10;
 #[derive(Debug, thiserror::Error)]
 pub enum BindError {
     /// Another program listens there.
-    #[error("port {port} is taken{}: end that program, or choose another port with --port (the simulator connects only to port 4567)", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
+    #[error("port {port} is taken{}: end that program, or choose another port with {choose}", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
     Taken {
         /// The port.
         port: u16,
         /// The process, if the system reports it.
         holder: Option<String>,
+        /// How the user chooses another port.
+        choose: &'static str,
     },
     /// Anything else.
     #[error("cannot listen on {address}: {source}")]
@@ -43,6 +45,20 @@ pub enum BindError {
         /// Why not.
         source: io::Error,
     },
+}
+
+/// How another port for simulators is chosen.
+const SIMULATORS: &str = "--port (the simulator connects only to port 4567)";
+
+impl BindError {
+    /// The port is another one than that for simulators, and this flag chooses it.
+    #[must_use]
+    pub fn with_flag(self, flag: &'static str) -> Self {
+        match self {
+            Self::Taken { port, holder, .. } => Self::Taken { port, holder, choose: flag },
+            other => other,
+        }
+    }
 }
 
 /// A bound port.
@@ -59,7 +75,9 @@ impl Listener {
     /// [`BindError`], with the process that holds the port, if Linux reports it.
     pub async fn bind(address: SocketAddr) -> Result<Self, BindError> {
         let inner = TcpListener::bind(address).await.map_err(|source| match source.kind() {
-            io::ErrorKind::AddrInUse => BindError::Taken { port: address.port(), holder: holder_of(address.port()) },
+            io::ErrorKind::AddrInUse => {
+                BindError::Taken { port: address.port(), holder: holder_of(address.port()), choose: SIMULATORS }
+            }
             _ => BindError::Io { address, source },
         })?;
         let address = inner.local_addr().map_err(|source| BindError::Io { address, source })?;

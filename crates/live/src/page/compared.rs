@@ -7,7 +7,7 @@
 use std::{
     convert::Infallible,
     path::PathBuf,
-    sync::{Arc, atomic::Ordering},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -35,25 +35,7 @@ use lapwing_core::{
 const PIECE: usize = 24;
 const PIECE_TIME: Duration = Duration::from_millis(100);
 /// Comparisons that may be under way at a time, each of which holds a pilot and an open file.
-const AT_A_TIME: usize = 4;
-
-/// A comparison's place among the others; free again when dropped.
-struct Place(Arc<Page>);
-
-impl Place {
-    fn take(page: &Arc<Page>) -> Result<Self, Refused> {
-        let free = |taken: usize| (taken < AT_A_TIME).then_some(taken + 1);
-        let taken = page.comparisons.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free);
-        taken.map_err(Refused::Comparing)?;
-        Ok(Self(page.clone()))
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.comparisons.fetch_sub(1, Ordering::Relaxed);
-    }
-}
+pub(super) const AT_A_TIME: u32 = 4;
 
 /// Answers with the comparison.
 pub(super) async fn with_model(
@@ -64,7 +46,7 @@ pub(super) async fn with_model(
     if let Some(why) = choice.why_blind() {
         return Err(Refused::Cannot(why.into()).into());
     }
-    let place = Place::take(&page)?;
+    let place = page.comparisons.take().ok_or(Refused::Comparing(AT_A_TIME))?;
     let (path, _) = read(page.clone(), move |runs, _| runs.find(&name)).await?;
     let (model, pilot) = (choice.name.clone(), (choice.make)());
     // Opened before the answer begins, so that what is no run is an error of its own.
@@ -72,21 +54,21 @@ pub(super) async fn with_model(
         page.desk.work(move || Compared::open(path, pilot)).await.map_err(|gone| NoLayer::Failed(gone.into()))?;
     let compared = opened.map_err(|error| NoLayer::Run(error.into()))?;
     let head = json!({ "model": model, "moments": compared.recording.left() });
-    let pieces = unfold((Some(compared), Some(head), place), async |(compared, head, place)| {
+    let pieces = unfold((Some(compared), Some(head), page, place), async |(compared, head, page, place)| {
         if let Some(head) = head {
-            return Some((line(&head), (compared, None, place)));
+            return Some((line(&head), (compared, None, page, place)));
         }
         let mut compared = compared?;
-        let next = place.0.desk.work(move || {
+        let next = page.desk.work(move || {
             let piece = compared.next();
             (compared, piece)
         });
         match next.await {
             Ok((compared, piece)) => {
                 let goes_on = !piece.done && piece.error.is_none();
-                Some((line(&piece), (goes_on.then_some(compared), None, place)))
+                Some((line(&piece), (goes_on.then_some(compared), None, page, place)))
             }
-            Err(gone) => Some((line(&json!({ "error": gone.to_string() })), (None, None, place))),
+            Err(gone) => Some((line(&json!({ "error": gone.to_string() })), (None, None, page, place))),
         }
     });
     Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], Body::from_stream(pieces)).into_response())
@@ -172,18 +154,4 @@ impl Compared {
 /// A page draws fewer digits than a number has.
 fn shorter(steering: f64) -> f64 {
     (steering * 1e5).round() / 1e5
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn so_many_runs_are_compared_at_a_time_and_one_that_ends_makes_room() {
-        let page = Page::new();
-        let mut places: Vec<_> = (0..AT_A_TIME).map(|_| Place::take(&page).ok().unwrap()).collect();
-        assert_eq!(Place::take(&page).err(), Some(Refused::Comparing(AT_A_TIME)));
-        places.pop();
-        assert!(Place::take(&page).is_ok());
-    }
 }

@@ -97,8 +97,8 @@ pub enum Refused {
     #[error("expected the drive to take earlier requests first; it has {0} of them")]
     Busy(usize),
     /// As many runs as may be are being shown to models.
-    #[error("expected fewer than {0} runs to be compared with models at a time: close another page first")]
-    Comparing(usize),
+    #[error("expected fewer than {0} comparisons at a time, got as many: close another page first")]
+    Comparing(u32),
 }
 
 impl Refused {
@@ -139,9 +139,9 @@ pub struct WeatherRange {
 pub struct Abilities(BTreeMap<&'static str, Option<&'static str>>);
 
 const ONLY_SIMULATED: &str =
-    "only lapwing drive --page and lapwing record --page can do this: the world is in their hands";
+    "only lapwing drive --page and lapwing record --page can do this, because they run the simulator themselves";
 const ONLY_RECORD: &str = "only lapwing record --page keeps training data";
-const RUN_IS_WORLD: &str = "here a run ends, and another one begins, with Reset";
+const RUN_IS_WORLD: &str = "Reset ends this run and begins another";
 
 impl Abilities {
     /// Those of a simulator at the other end of a connection.

@@ -2,7 +2,7 @@
 
 use std::{
     fmt,
-    sync::{Arc, PoisonError, atomic::Ordering},
+    sync::{Arc, PoisonError},
 };
 
 use futures_util::future::join_all;
@@ -31,7 +31,7 @@ pub(super) async fn text(page: &Arc<Page>) -> Result<String, fmt::Error> {
     let drives = drives.iter().zip(cards).map(|(drive, card)| (drive.id.to_string(), drive.now(), card)).collect();
     let ended = *page.ended.lock().unwrap_or_else(PoisonError::into_inner);
     let mut registry = Registry::with_prefix("lapwing");
-    let pages = page.open.load(Ordering::Relaxed) as u64;
+    let pages = page.open.taken() as u64;
     registry.register_collector(Box::new(Scrape { drives, ended, pages }));
     let mut text = String::new();
     encode(&mut text, &registry)?;

@@ -45,7 +45,7 @@ use std::{
     path::Path,
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
-        atomic::{AtomicU64, AtomicUsize, Ordering},
+        atomic::{AtomicU64, Ordering},
     },
 };
 
@@ -61,6 +61,7 @@ pub use token::{NoToken, Token};
 pub(crate) use routes::{ask_token, router};
 pub(crate) use socket::live;
 
+use crate::places::Places;
 use counts::Counts;
 use desk::Desk;
 use lapwing_core::{
@@ -150,9 +151,9 @@ pub struct Page {
     /// Counts of the drives that are over.
     ended: Mutex<Counts>,
     /// Pages that look now.
-    open: AtomicUsize,
+    open: Places<{ socket::PAGES }>,
     /// Recorded runs that are being shown to models.
-    comparisons: AtomicUsize,
+    comparisons: Places<{ compared::AT_A_TIME }>,
     /// Where what is not urgent is done.
     desk: Desk,
 }

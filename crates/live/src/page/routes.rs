@@ -23,7 +23,7 @@ use super::{
 };
 use lapwing_score::score::{
     Scorecard,
-    page::{COLOURS, UPLOT, UPLOT_STYLE},
+    page::{COLOURS, SHARED, UPLOT, UPLOT_STYLE},
 };
 
 /// Bytes of a request's body; a control has under 1 KiB.
@@ -36,11 +36,12 @@ const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE: &str = "text/css; charset=utf-8";
 
 /// The page's files: path, content type, content.
-const FILES: [(&str, &str, &str); 17] = [
+const FILES: [(&str, &str, &str); 18] = [
     ("/page/colours.css", STYLE, COLOURS),
     ("/page/uplot.css", STYLE, UPLOT_STYLE),
     ("/page/page.css", STYLE, include_str!("assets/page.css")),
     ("/page/uplot.js", SCRIPT, UPLOT),
+    ("/page/shared.js", SCRIPT, SHARED),
     ("/page/elements.js", SCRIPT, include_str!("assets/elements.js")),
     ("/page/gauges.js", SCRIPT, include_str!("assets/gauges.js")),
     ("/page/curves.js", SCRIPT, include_str!("assets/curves.js")),

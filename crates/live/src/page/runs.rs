@@ -25,7 +25,7 @@ use lapwing_score::{
     odometry::Road,
     score::{
         Scorecard, Scorer,
-        page::{Collector, Drawn, Outline, Shown, render},
+        page::{Collector, Drawn, Outline, Shown, Strip, render},
         report::JudgedRun,
     },
 };
@@ -34,8 +34,10 @@ use lapwing_score::{
 const LISTED: usize = 100;
 /// Runs that are looked at, side by side.
 const OPENED: usize = 2;
-/// Bytes of pictures that are held of each of them; of a longer one every other picture is left out, and so on.
+/// Bytes of pictures that are held of each of them.
 const PICTURES: usize = 128 << 20;
+/// Pictures that are held while one of a run's middle is looked for.
+const GLANCED: usize = 4;
 /// Commands of a run that are drawn at most.
 const COMMANDS: usize = 20_000;
 
@@ -152,9 +154,15 @@ impl Runs {
         if let Some((_, glance)) = known.filter(|(then, _)| *then == bytes) {
             return Ok(glance);
         }
-        let mut pictures = Pictures::of(1);
-        let run = judged(path, &[], |at, item| pictures.take(at, item))?;
-        let picture = pictures.middle();
+        let mut pictures = Strip::within(GLANCED, PICTURES);
+        let run = judged(path, &[], |at, item| {
+            if let Item::Frame(jpeg) = item {
+                pictures.take(at.as_secs_f64(), jpeg);
+            }
+        })?;
+        let mut pictures = pictures.finish();
+        let middle = pictures.len() / 2;
+        let picture = (middle < pictures.len()).then(|| pictures.swap_remove(middle).1);
         let glance = Arc::new(Glance { title: title(&run, name), rows: run.card.known_rows(), picture });
         let mut glances = self.glances.lock().unwrap_or_else(PoisonError::into_inner);
         if glances.len() >= 2 * LISTED {
@@ -171,12 +179,12 @@ impl Runs {
         if let Some(opened) = kept().iter().find(|opened| opened.name == name && opened.bytes == bytes) {
             return Ok(opened.clone());
         }
-        let (mut collector, mut pictures) = (Collector::default(), Pictures::of(PICTURES));
+        let (mut collector, mut pictures) = (Collector::default(), Strip::within(usize::MAX, PICTURES));
         let (mut commands, mut speeds) = (vec![], vec![]);
         let run = judged(path, courses, |at, item| {
             let t = at.as_secs_f64();
             match item {
-                Item::Frame(_) => return pictures.take(at, item),
+                Item::Frame(jpeg) => return pictures.take(t, jpeg),
                 Item::Telemetry(telemetry) => speeds.push((t, telemetry.speed)),
                 Item::Command(command) => commands.push([t as f32, command.steering.get() as f32]),
                 Item::Event(_) => {}
@@ -186,7 +194,7 @@ impl Runs {
         let every = commands.len().div_ceil(COMMANDS).max(1);
         let commands = commands.into_iter().step_by(every).collect();
         let (drawn, outline) = on_map(collector, &run.card, courses);
-        let (frames_s, frames) = pictures.taken.into_iter().unzip();
+        let (frames_s, frames) = pictures.finish().into_iter().unzip();
         let (title, rows) = (title(&run, name), run.card.known_rows());
         let name = name.to_owned();
         let model_sha256 = run.header.model.map(|model| model.sha256);
@@ -215,7 +223,7 @@ impl Runs {
     /// The page that `lapwing score --html` writes of it.
     pub fn report(&self, name: &str, courses: &[Course]) -> Result<String, RunsError> {
         let (path, _) = self.find(name)?;
-        let mut collector = Collector::default();
+        let mut collector = Collector::with_pictures();
         let run = judged(path, courses, |at, item| collector.item(at, item))?;
         let (drawn, outline) = on_map(collector, &run.card, courses);
         let (title, card) = (title(&run, name), &run.card);
@@ -260,59 +268,9 @@ fn on_map(collector: Collector, card: &Scorecard, courses: &[Course]) -> (Drawn,
     (drawn, course.map(|course| course.outline.clone()))
 }
 
-/// Pictures as they come, within a limit: where there are too many, every other one is left out from then on.
-struct Pictures {
-    most: usize,
-    bytes: usize,
-    every: usize,
-    came: usize,
-    taken: Vec<(f64, Bytes)>,
-}
-
-impl Pictures {
-    fn of(most: usize) -> Self {
-        Self { most, bytes: 0, every: 1, came: 0, taken: vec![] }
-    }
-
-    fn take(&mut self, at: Duration, item: &Item) {
-        let Item::Frame(jpeg) = item else { return };
-        if self.came.is_multiple_of(self.every) {
-            self.bytes += jpeg.len();
-            // A slice of its chunk would keep the whole chunk.
-            self.taken.push((at.as_secs_f64(), Bytes::copy_from_slice(jpeg)));
-            while self.bytes > self.most && self.taken.len() > 2 {
-                self.every *= 2;
-                let mut n = 0;
-                self.taken.retain(|_| {
-                    n += 1;
-                    n % 2 == 1
-                });
-                self.bytes = self.taken.iter().map(|(_, jpeg)| jpeg.len()).sum();
-            }
-        }
-        self.came += 1;
-    }
-
-    fn middle(self) -> Option<Bytes> {
-        let middle = self.taken.len() / 2;
-        self.taken.into_iter().nth(middle).map(|(_, jpeg)| jpeg)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn of_too_many_pictures_an_even_choice_is_held() {
-        let mut pictures = Pictures::of(1000);
-        for n in 0..1000u64 {
-            pictures.take(Duration::from_secs(n), &Item::Frame(Bytes::from_static(&[0; 100])));
-        }
-        assert!((4..=10).contains(&pictures.taken.len()) && pictures.bytes <= 1000);
-        let steps: Vec<_> = pictures.taken.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-        assert!(steps.iter().all(|step| *step == steps[0]), "{steps:?}");
-    }
 
     #[test]
     fn only_runs_in_the_folder_are_found_and_no_link_out_of_it() {

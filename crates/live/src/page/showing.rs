@@ -22,7 +22,7 @@ use super::{
     moment::{Facts, Happened, Moment, Phase, Status, dialect, hands},
 };
 use lapwing_core::{
-    config::{ControlSettings, SpeedLaw},
+    config::ControlSettings,
     driver::{Driver, Hands},
     pilot::Pilot,
     protocol::{Command, Dialect},
@@ -300,7 +300,7 @@ impl Showing {
                     driver.set_speed(speed(mph)).then_some(EventRecord::SpeedSet { mph })
                 }
                 Wish::Control(Control::SpeedLaw { law }) => {
-                    driver.set_speed_law(law).then(|| EventRecord::SpeedLawSet { law: law_name(law).to_owned() })
+                    driver.set_speed_law(law).then(|| EventRecord::SpeedLawSet { law: law.name().to_owned() })
                 }
                 Wish::Control(Control::TakeOver) => {
                     driver.switch_off().then(|| EventRecord::PilotOff { why: "a person at the page took over".into() })
@@ -392,13 +392,5 @@ impl Showing {
 impl Drop for Showing {
     fn drop(&mut self) {
         self.page.leaves(&self.drive, &self.now.counts);
-    }
-}
-
-/// A law's name in the settings.
-fn law_name(law: SpeedLaw) -> &'static str {
-    match law {
-        SpeedLaw::Pi => "pi",
-        SpeedLaw::Quadratic => "quadratic",
     }
 }

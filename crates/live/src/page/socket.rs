@@ -8,7 +8,7 @@
 //! rest, and a stalled one costs nothing.
 
 use std::{
-    sync::{Arc, PoisonError, atomic::Ordering},
+    sync::{Arc, PoisonError},
     time::Duration,
 };
 
@@ -41,10 +41,13 @@ use super::{
     routes::scored,
     showing::Drive,
 };
-use crate::websocket::{self, Socket};
+use crate::{
+    places::Place,
+    websocket::{self, Chatter, Socket},
+};
 
 /// Pages that may look at a time.
-const PAGES: usize = 16;
+pub(super) const PAGES: u32 = 16;
 /// Bytes of a page's message.
 const LARGEST: usize = 1 << 10;
 /// Messages that a page may send within a second; one that drives by hand sends about 90.
@@ -68,43 +71,25 @@ enum Said {
     Hand(Option<ByHand>),
 }
 
-/// A page's place among the others; free again when dropped.
-struct Place(Arc<Page>);
-
-impl Place {
-    fn take(page: Arc<Page>) -> Option<Self> {
-        let free = |open: usize| (open < PAGES).then_some(open + 1);
-        page.open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free).ok()?;
-        Some(Self(page))
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.open.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
 /// Answers a request for `/live`.
 pub(crate) fn live(page: Arc<Page>, request: Request) -> Response {
     if !websocket::is_asked(&request) {
         return (StatusCode::UPGRADE_REQUIRED, "expected Upgrade: websocket\n").into_response();
     }
-    let Some(place) = Place::take(page) else {
+    let Some(place) = page.open.take() else {
         return (StatusCode::SERVICE_UNAVAILABLE, format!("{PAGES} pages look already\n")).into_response();
     };
     websocket::open(request, move |socket| async move {
-        if let Err(error) = serve(socket, place).await {
+        if let Err(error) = serve(socket, page, place).await {
             tracing::debug!("a page is gone: {error}");
         }
     })
 }
 
-async fn serve(socket: Socket, place: Place) -> Result<(), tungstenite::Error> {
+async fn serve(socket: Socket, page: Arc<Page>, _place: Place) -> Result<(), tungstenite::Error> {
     let config = WebSocketConfig::default().read_buffer_size(4 << 10).max_message_size(Some(LARGEST));
     let socket = WebSocketStream::from_raw_socket(socket, Role::Server, Some(config)).await;
-    let page = place.0.clone();
-    let mut viewer = Viewer { socket, page: page.clone(), watched: None, steers: false };
+    let mut viewer = Viewer { socket, page, watched: None, steers: false };
     let ended = viewer.run().await;
     viewer.let_go();
     ended
@@ -138,7 +123,7 @@ impl Viewer {
         drives.mark_changed();
         let mut due = Instant::now();
         let mut heard = Instant::now();
-        let (mut second, mut said) = (Instant::now(), 0);
+        let mut chatter = Chatter::of(CHATTY);
         loop {
             let ready = self.watched.as_ref().is_some_and(|watched| watched.sent < watched.seen + IN_FLIGHT);
             let changed = async {
@@ -153,17 +138,17 @@ impl Viewer {
                     let text = match message {
                         None | Some(Ok(Message::Close(_))) => return Ok(()),
                         Some(Err(error)) => return Err(error),
-                        Some(Ok(Message::Text(text))) => text,
-                        Some(Ok(_)) => continue,
+                        Some(Ok(Message::Text(text))) => Some(text),
+                        Some(Ok(_)) => None,
                     };
-                    heard = Instant::now();
-                    if heard - second > Duration::from_secs(1) {
-                        (second, said) = (heard, 0);
+                    if chatter.is_too_much() {
+                        return self.close("expected fewer messages").await;
                     }
-                    said += 1;
+                    let Some(text) = text else { continue };
+                    heard = Instant::now();
                     match serde_json::from_str(&text) {
-                        Ok(said_now) if said <= CHATTY => self.hear(said_now),
-                        _ => return self.close("expected fewer messages, each of them seen, watch or hand").await,
+                        Ok(said) => self.hear(said),
+                        Err(_) => return self.close("expected seen, watch or hand, as JSON").await,
                     }
                 }
                 changed = drives.changed() => {

@@ -25,6 +25,7 @@ use tokio::sync::{broadcast, watch};
 
 pub(crate) use socket::answer;
 
+use crate::places::Places;
 use lapwing_core::{
     drive::{self, Observer, ObserverError},
     recording::{Channel, EncodeError, EventRecord, Item, Messages, Roadway},
@@ -102,7 +103,7 @@ pub struct Viewers {
     /// The newest picture of each drive, and its scene, which is told once.
     kept: Mutex<HashMap<ChannelId, Arc<Published>>>,
     /// Viewers that look now.
-    open: watch::Sender<usize>,
+    open: Places<{ socket::VIEWERS }>,
 }
 
 impl Viewers {
@@ -113,7 +114,7 @@ impl Viewers {
             offered: watch::Sender::new(1),
             drives: Mutex::default(),
             kept: Mutex::default(),
-            open: watch::Sender::new(0),
+            open: Places::default(),
         })
     }
 
@@ -148,9 +149,8 @@ impl Viewers {
     /// Lets viewers have what is left, and go.
     pub(crate) async fn end(&self) {
         let _ = self.news.send(News::End);
-        let mut open = self.open.subscribe();
         // Those who do not read are not waited for.
-        let _ = tokio::time::timeout(CLOSING, open.wait_for(|open| *open == 0)).await;
+        let _ = tokio::time::timeout(CLOSING, self.open.all_free()).await;
     }
 
     /// The newest message of a channel of which that is kept.
@@ -200,26 +200,6 @@ impl<W: ?Sized> Observer<W> for Feed {
 impl Drop for Feed {
     fn drop(&mut self) {
         lock(&self.viewers.drives)[self.drive] = false;
-    }
-}
-
-/// A viewer's place among the others; free again when dropped.
-struct Place(Arc<Viewers>);
-
-impl Place {
-    fn take(viewers: Arc<Viewers>, most: usize) -> Option<Self> {
-        let is_free = viewers.open.send_if_modified(|open| {
-            let is_free = *open < most;
-            *open += usize::from(is_free);
-            is_free
-        });
-        is_free.then_some(Self(viewers))
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.open.send_modify(|open| *open -= 1);
     }
 }
 

@@ -23,10 +23,7 @@ use bytes::{BufMut, BytesMut};
 use futures_util::StreamExt;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use tokio::{
-    sync::broadcast::{self, error::RecvError},
-    time::Instant,
-};
+use tokio::sync::broadcast::{self, error::RecvError};
 use tokio_tungstenite::{
     WebSocketStream,
     tungstenite::{
@@ -35,16 +32,17 @@ use tokio_tungstenite::{
     },
 };
 
-use super::{Channel, ChannelId, News, Place, Published, Viewers};
+use super::{Channel, ChannelId, News, Published, Viewers};
 use crate::{
     page::Token,
-    websocket::{self, Socket},
+    places::Place,
+    websocket::{self, Chatter, Socket},
 };
 
 /// The names of the protocol, the newer one first.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Viewers that may look at a time.
-const VIEWERS: usize = 16;
+pub(super) const VIEWERS: u32 = 16;
 /// Bytes of a viewer's message: subscriptions to all channels take about 6 KiB.
 const LARGEST: usize = 32 << 10;
 /// Messages that a viewer may send within a second.
@@ -92,11 +90,11 @@ pub(crate) fn answer(viewers: Arc<Viewers>, token: Option<&Token>, request: Requ
         let why = format!("expected the protocol {}, got another or none\n", PROTOCOLS.join(" or "));
         return (StatusCode::BAD_REQUEST, why).into_response();
     };
-    let Some(place) = Place::take(viewers, VIEWERS) else {
+    let Some(place) = viewers.open.take() else {
         return (StatusCode::SERVICE_UNAVAILABLE, format!("{VIEWERS} viewers look already\n")).into_response();
     };
     let mut response = websocket::open(request, move |socket| async move {
-        if let Err(error) = serve(socket, place).await {
+        if let Err(error) = serve(socket, viewers, place).await {
             tracing::debug!("a viewer is gone: {error}");
         }
     });
@@ -112,12 +110,11 @@ fn chosen(request: &Request) -> Option<&'static str> {
     PROTOCOLS.into_iter().find(|protocol| offered.contains(protocol))
 }
 
-async fn serve(socket: Socket, place: Place) -> Result<(), tungstenite::Error> {
+async fn serve(socket: Socket, viewers: Arc<Viewers>, _place: Place) -> Result<(), tungstenite::Error> {
     let config = WebSocketConfig::default().read_buffer_size(4 << 10).max_message_size(Some(LARGEST));
     let socket = WebSocketStream::from_raw_socket(socket, Role::Server, Some(config)).await;
-    let news = place.0.news.subscribe();
-    let viewer =
-        Viewer { socket, viewers: place.0.clone(), news, subscriptions: BTreeMap::new(), shown: HashMap::new() };
+    let news = viewers.news.subscribe();
+    let viewer = Viewer { socket, viewers, news, subscriptions: BTreeMap::new(), shown: HashMap::new() };
     viewer.run().await
 }
 
@@ -137,7 +134,7 @@ impl Viewer {
         let mut offered = self.viewers.offered.subscribe();
         let mut advertised = 0;
         offered.mark_changed();
-        let (mut second, mut said) = (Instant::now(), 0);
+        let mut chatter = Chatter::of(CHATTY);
         loop {
             tokio::select! {
                 message = self.socket.next() => {
@@ -147,11 +144,7 @@ impl Viewer {
                         Some(Ok(Message::Text(text))) => Some(text),
                         Some(Ok(_)) => None,
                     };
-                    if second.elapsed() > Duration::from_secs(1) {
-                        (second, said) = (Instant::now(), 0);
-                    }
-                    said += 1;
-                    if said > CHATTY {
+                    if chatter.is_too_much() {
                         return self.close("expected fewer messages").await;
                     }
                     let Some(text) = text else { continue };

@@ -4,7 +4,7 @@ use tch::{Device, Kind, Tensor};
 
 use super::*;
 use crate::models::load;
-use lapwing_core::perception::Frame;
+use lapwing_core::{perception::Frame, pilot::View};
 
 /// A drawn frame of the stock simulator's size.
 fn frame() -> Frame {

@@ -5,7 +5,7 @@ const models = { list: [] };
 
 async function listModels() {
   try {
-    models.list = (await (await getRuns("api/state")).json()).pilots;
+    models.list = (await (await request("api/state")).json()).pilots;
   } catch (error) {
     say($("runs-answer"), error.message);
     return;
@@ -32,7 +32,7 @@ function modelAt(t) {
 function sayAgreement({ agreement, done }, moments) {
   const { t } = compared, so = done ? `${t.length} frames` : known(moments) ? `${t.length} of ${moments} frames` : `${t.length} frames so far`;
   const { mae, r } = agreement ?? {};
-  const words = agreement ? `mean absolute difference ${(FULL_LOCK_DEG * mae).toFixed(2)}° (${mae.toFixed(4)}), correlation ${known(r) ? r.toFixed(3) : "–"}` : "nobody steered so far";
+  const words = agreement ? `mean absolute difference ${(FULL_LOCK_DEG * mae).toFixed(2)}° (${mae.toFixed(4)}), correlation ${known(r) ? r.toFixed(3) : "–"}` : "nobody has steered yet";
   say($("against-says"), `${words} · ${so}`);
   $("against-says").dataset.done = done ? "done" : "";
 }
@@ -60,10 +60,8 @@ async function compareWith(index) {
     drawFrame(sides[0]);
   };
   try {
-    say($("against-says"), "the server works on it …");
-    const headers = token ? { Authorization: `Bearer ${token}` } : {};
-    const response = await fetch(pathOf(name, `/compared/${index}`), { headers, signal: stop.signal });
-    if (!response.ok) throw new Error((await response.json().catch(() => null))?.error ?? `refused: ${response.status}`);
+    say($("against-says"), "the server is computing it …");
+    const response = await request(pathOf(name, `/compared/${index}`), { signal: stop.signal });
     const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
     for (let piece = await reader.read(); !piece.done; piece = await reader.read()) {
       if (compared.stop !== stop) return;

@@ -6,6 +6,8 @@ if (token) {
   // The secret need not stand in the address, nor in the history.
   history.replaceState(null, "", location.pathname);
 }
+// The headers of every request.
+const bearer = token ? { Authorization: `Bearer ${token}` } : {};
 const wants = { drive: null, status: null, touched: new Map() };
 // Which control each element belongs to.
 const PARTS = {
@@ -14,17 +16,20 @@ const PARTS = {
   track: "world", seed: "world", scenario: "world", apply: "world",
 };
 
+async function whyRefused(response) {
+  return (await response.json().catch(() => null))?.error ?? `refused: ${response.status}`;
+}
+
 async function ask(control) {
   if (wants.drive === null) return;
   try {
     const response = await fetch(`api/drives/${wants.drive}/control`, {
       method: "POST", body: JSON.stringify(control),
-      headers: { "Content-Type": "application/json", ...(token ? { Authorization: `Bearer ${token}` } : {}) },
+      headers: { "Content-Type": "application/json", ...bearer },
     });
-    const answer = response.ok ? "" : ((await response.json().catch(() => null))?.error ?? `refused: ${response.status}`);
-    say($("answer"), answer);
+    say($("answer"), response.ok ? "" : await whyRefused(response));
   } catch {
-    say($("answer"), "the bridge does not answer");
+    say($("answer"), "Lapwing does not answer: is it still running?");
   }
 }
 
@@ -44,13 +49,13 @@ function showControls(drive, status, pilots) {
   [wants.drive, wants.status] = [drive, status];
   const can = status?.can ?? {}, running = status?.phase === "driving";
   for (const [id, control] of Object.entries(PARTS)) {
-    let why = status ? (can[control] ?? null) : "nothing drives";
-    if (!why && id === "start-run" && running) why = "a run is under way";
+    let why = status ? (can[control] ?? null) : "nothing is driving";
+    if (!why && id === "start-run" && running) why = "a run is already under way";
     if (!why && id === "end-run" && !running) why = "no run is under way";
     $(id).disabled = why !== null;
     $(id).title = why ?? "";
   }
-  const world = status ? (can.world ?? null) : "nothing drives";
+  const world = status ? (can.world ?? null) : "nothing is driving";
   say($("world-why"), world ?? "");
   $("world-why").hidden = world === null;
   say($("run-why"), (status && can["start-run"]) ?? "");
@@ -63,7 +68,7 @@ function showControls(drive, status, pilots) {
   options($("pilot"), pilots.length ? pilots.map(({ name }) => name) : ["still loading"], pilots.length ? pilots.map((_, i) => i) : [0]);
   put("pilot", status.pilot);
   $("pause").setAttribute("aria-pressed", status.paused);
-  say($("pause"), status.paused ? "Go on" : "Pause");
+  say($("pause"), status.paused ? "Resume" : "Pause");
   $("record").setAttribute("aria-pressed", status.recording);
   say($("record"), status.recording ? `Recording: ${status.recorded} rows` : `Record by hand${status.recorded ? ` (${status.recorded} rows)` : ""}`);
   $("arm").classList.toggle("due", ["off", "stopped"].includes(status.hands) && running);

@@ -13,20 +13,8 @@ function readColours() {
 readColours();
 dark.addEventListener("change", readColours);
 
-function el(tag, attributes = {}, ...children) {
-  const node = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-  node.append(...children);
-  return node;
-}
-
 const known = (value) => value !== null && value !== undefined;
 const fixed = (value, digits, unit = "") => (known(value) ? value.toFixed(digits) + unit : "–");
-
-function clock(t) {
-  const tenths = Math.round(10 * t), minutes = Math.floor(tenths / 600);
-  return minutes + ":" + ((tenths - 600 * minutes) / 10).toFixed(1).padStart(4, "0");
-}
 
 // Text that is written only where it changes: the browser lays out again at every write.
 function say(node, text) {

@@ -113,7 +113,7 @@ const gauges = {
 };
 $("gauges").append(gauges.speed.node, el("div", { class: "bars" }, gauges.steering.node, gauges.throttle.node));
 
-const HANDS = { pilot: "the pilot drives", human: "a person drives", off: "pilot off: re-arm", stopped: "emergency stop: re-arm" };
+const HANDS = { pilot: "the pilot is driving", human: "a person is driving", off: "pilot off: re-arm", stopped: "emergency stop: re-arm" };
 
 function drawGauges(turn, status) {
   const phase = status?.phase;

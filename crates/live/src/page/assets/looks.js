@@ -6,16 +6,16 @@ const LOOKS = {
   "integrated-gradients": "integrated gradients: red turns right, blue turns left",
 };
 const LIVE_LOOKS_MS = 250;
-const looking = { bitmap: null, drive: null, running: false };
+const looking = { bitmap: null, running: false };
 
 async function getLayer(path) {
-  return createImageBitmap(await (await getRuns(path)).blob());
+  return createImageBitmap(await (await request(path)).blob());
 }
 
 // Why the drive's pilot cannot be looked into; null if it can.
 function whyNotLive() {
   const { status, pilots, watched } = live;
-  if (watched === null || !status) return "nothing drives";
+  if (watched === null || !status) return "nothing is driving";
   return pilots.length ? (pilots[status.pilot]?.unexplained ?? null) : "the model is still loading";
 }
 
@@ -44,6 +44,7 @@ async function lookLive() {
       if (!wanted() || live.watched !== drive) { bitmap.close(); continue; }
       looking.bitmap?.close();
       looking.bitmap = bitmap;
+      say($("live-looks-says"), LOOKS[$("live-looks").value]);
       $("camera").dataset.layers = 1 + +($("camera").dataset.layers ?? 0);
       draw();
     } catch (error) {

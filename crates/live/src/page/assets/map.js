@@ -32,27 +32,14 @@ function drawTrack(canvas, course, trail, place, other = null, colour = "a") {
     context.fillStyle = colours.faint;
     context.font = "13px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText("not known where the car is", width / 2, height / 2);
+    context.fillText("the car's position is not known", width / 2, height / 2);
     return false;
   }
   let [x0, x1, z0, z1] = [Infinity, -Infinity, Infinity, -Infinity];
   for (const [x, z] of points) [x0, x1, z0, z1] = [Math.min(x0, x), Math.max(x1, x), Math.min(z0, z), Math.max(z1, z)];
   const scale = Math.min((width - 24) / Math.max(20, x1 - x0), (height - 24) / Math.max(20, z1 - z0));
   const at = ([x, z]) => [width / 2 + scale * (x - (x0 + x1) / 2), height / 2 - scale * (z - (z0 + z1) / 2)];
-  if (course) {
-    // As a broad line along the middle: an area between the edges would have holes where the road crosses itself.
-    const { left, right } = course, middle = left.map(([x, z], i) => [(x + right[i][0]) / 2, (z + right[i][1]) / 2]);
-    const wide = scale * Math.hypot(left[0][0] - right[0][0], left[0][1] - right[0][1]);
-    context.beginPath();
-    middle.forEach((point, i) => (i ? context.lineTo(...at(point)) : context.moveTo(...at(point))));
-    context.closePath();
-    context.lineJoin = "round";
-    for (const [colour, width] of [[colours.faint, wide + 1.4], [colours.road, wide]]) {
-      context.strokeStyle = colour;
-      context.lineWidth = Math.max(2, width);
-      context.stroke();
-    }
-  }
+  if (course) drawRoad(context, course, at, scale, colours.faint, colours.road);
   // The car of a single trail is of another colour than it, to be seen.
   const car = other ? colour : "b";
   for (const way of [other, { trail, place, colour }]) {
@@ -98,6 +85,6 @@ function drawCar(context, place, at, scale, colour) {
 
 function drawMap() {
   const { course, trail, place } = chartOf;
-  const words = !place ? "where the car is on this track is not known yet" : known(place.off_m) ? `estimated from speed and steering, ± ${place.off_m.toFixed(0)} m along the road` : "";
+  const words = !place ? "the car's place on this track is not known yet" : known(place.off_m) ? `estimated from speed and steering, ± ${place.off_m.toFixed(0)} m along the road` : "";
   say($("place"), drawTrack($("map"), course, trail, place) ? words : "");
 }

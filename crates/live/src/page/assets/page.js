@@ -10,8 +10,7 @@ function tell(message) {
 wheel.say = tell;
 
 function connect() {
-  const scheme = location.protocol === "https:" ? "wss" : "ws", secret = token ? `?token=${encodeURIComponent(token)}` : "";
-  const socket = new WebSocket(`${scheme}://${location.host}/live${secret}`);
+  const scheme = location.protocol === "https:" ? "wss" : "ws", socket = new WebSocket(`${scheme}://${location.host}/live${secret()}`);
   socket.binaryType = "arraybuffer";
   live.socket = socket;
   socket.addEventListener("open", () => { live.wait = 500; linked(true); });
@@ -26,7 +25,7 @@ function connect() {
 
 function linked(there) {
   $("link").classList.toggle("there", there);
-  say($("link"), there ? "connected" : token ? "not connected" : "not connected: is it running? Other machines need the address with the token that it printed");
+  say($("link"), there ? "connected" : token ? "not connected" : "not connected: is Lapwing running? On another machine, open the address with the token that it printed");
   if (!there) { live.status = null; live.turn = null; showControls(null, null, []); showTabs([], null); showLooks(); }
 }
 

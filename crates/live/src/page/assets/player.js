@@ -1,26 +1,16 @@
 "use strict";
 // The player: one run, or two that play together; frame by frame, with their events, curves and map.
 // The first run's colour is b, as the command's is on the live page; the second's is a.
-const player = { first: null, second: null, together: null, ticks: [], index: 0, playing: null };
+const player = { opening: null, first: null, second: null, together: null, ticks: [], index: 0, playing: null };
 const PATHS = { first: "#ff7a45", second: "#4cc3e8", model: "#c792ff" };
 
 // A run with its canvas; of the frames and layers that are wanted, the newest is fetched, one at a time.
 const side = (canvas, facts, colour) => ({ canvas: $(canvas), facts: $(facts), colour, run: null, frame: 0, bitmap: null, layer: null, wanted: null, fetching: false });
 const sides = [side("frame", "run-facts", PATHS.first), side("frame-2", "run-facts-2", PATHS.second)];
 
-// Index of the last number that is not after t.
-function before(times, t) {
-  let low = 0, high = times.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (times[middle] <= t + 1e-6) low = middle; else high = middle - 1;
-  }
-  return Math.max(0, low);
-}
-
 // A run as the player needs it: with its commands apart, and how far along the track it was.
 async function readRun(name) {
-  const run = await (await getRuns(pathOf(name))).json();
+  const run = await (await request(pathOf(name))).json();
   run.command = { t: run.commands.map(([t]) => t), steering: run.commands.map(([, steering]) => steering) };
   run.along = alongOf(run);
   return run;
@@ -29,15 +19,19 @@ async function readRun(name) {
 async function openRun(name) {
   play(false);
   stopComparing();
+  player.opening = name;
+  if (!models.list.length) listModels(); // they may have been loaded since
   say($("runs-answer"), `reading ${name} …`);
+  let run;
   try {
-    player.first = await readRun(name);
-    say($("runs-answer"), "");
+    run = await readRun(name);
   } catch (error) {
-    say($("runs-answer"), error.message);
+    if (player.opening === name) say($("runs-answer"), error.message);
     return;
   }
-  player.second = null;
+  if (player.opening !== name) return; // something else was chosen meanwhile
+  say($("runs-answer"), "");
+  [player.first, player.second] = [run, null];
   $("player").hidden = false;
   say($("run-title"), player.first.title);
   for (const node of $("run-list").querySelectorAll("button")) node.setAttribute("aria-current", node.dataset.name === name);
@@ -180,7 +174,7 @@ async function fetchFrame(side) {
     side.wanted = null;
     try {
       if (side.bitmap?.of !== run || side.bitmap.n !== n) {
-        const bitmap = await createImageBitmap(await (await getRuns(pathOf(run.name, `/frames/${n}`))).blob());
+        const bitmap = await createImageBitmap(await (await request(pathOf(run.name, `/frames/${n}`))).blob());
         side.bitmap?.bitmap.close();
         side.bitmap = { bitmap, n, of: run };
         if (!player.playing && side.layer?.n !== n) side.layer = null;

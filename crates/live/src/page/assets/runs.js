@@ -5,9 +5,9 @@ const GLANCE = ["completion", "collisions", "off the road", "autonomy", "distanc
 
 const secret = () => (token ? `?token=${encodeURIComponent(token)}` : "");
 const pathOf = (name, rest = "") => `api/runs/${encodeURIComponent(name)}${rest}`;
-async function getRuns(path) {
-  const response = await fetch(path, { headers: token ? { Authorization: `Bearer ${token}` } : {} });
-  if (!response.ok) throw new Error((await response.json().catch(() => null))?.error ?? `refused: ${response.status}`);
+async function request(path, options = {}) {
+  const response = await fetch(path, { headers: bearer, ...options });
+  if (!response.ok) throw new Error(await whyRefused(response));
   return response;
 }
 
@@ -28,7 +28,7 @@ $("to-runs").addEventListener("click", () => showView("runs"));
 async function listRuns() {
   let listed;
   try {
-    listed = await (await getRuns("api/runs")).json();
+    listed = await (await request("api/runs")).json();
     say($("runs-answer"), listed.length ? "" : "No run is in the folder yet.");
   } catch (error) {
     say($("runs-answer"), error.message);
@@ -41,7 +41,7 @@ async function listRuns() {
   listSecond();
   const rows = listed.map(({ name, bytes, modified_s }) => {
     const when = new Date(1000 * modified_s).toLocaleString(), words = el("span", { class: "readout" }, "…"), image = el("img", { alt: "", width: 120, height: 60 });
-    const button = el("button", { "data-name": name }, image, el("span", {}, el("strong", {}, name.replace(/\.mcap$/, "")), el("small", {}, `${when} · ${(bytes / 2 ** 20).toFixed(1)} MiB`), words));
+    const button = el("button", { "data-name": name, "aria-current": name === player.first?.name }, image, el("span", {}, el("strong", {}, name.replace(/\.mcap$/, "")), el("small", {}, `${when} · ${(bytes / 2 ** 20).toFixed(1)} MiB`), words));
     button.addEventListener("click", () => openRun(name));
     return { name, words, image, node: el("li", {}, button) };
   });
@@ -50,11 +50,11 @@ async function listRuns() {
   for (const { name, words, image } of rows) {
     if (runs.listed !== key || $("runs").hidden) { runs.listed = ""; return; }
     try {
-      const glance = await (await getRuns(pathOf(name, "/glance"))).json();
+      const glance = await (await request(pathOf(name, "/glance"))).json();
       say(words, glance.rows.filter(([row]) => GLANCE.includes(row)).map(([row, value]) => `${row} ${value}`).join(" · "));
-      const picture = await fetch(pathOf(name, "/glance/picture"), { headers: token ? { Authorization: `Bearer ${token}` } : {} });
-      if (picture.ok) image.src = URL.createObjectURL(await picture.blob());
       image.onload = () => URL.revokeObjectURL(image.src);
+      const picture = await request(pathOf(name, "/glance/picture")).catch(() => null); // a run may have none
+      if (picture) image.src = URL.createObjectURL(await picture.blob());
     } catch (error) {
       say(words, error.message);
     }

@@ -48,13 +48,6 @@ function whyNotByPlace(first, second) {
   return first.along.back !== second.along.back ? "not aligned by place: they drive in opposite directions" : null;
 }
 
-// A value between those that are known, at the ends that of the end.
-function between(xs, ys, x) {
-  const i = before(xs, x);
-  if (x <= xs[0] || i >= xs.length - 1) return ys[x <= xs[0] ? 0 : xs.length - 1];
-  return ys[i] + ((ys[i + 1] - ys[i]) * (x - xs[i])) / (xs[i + 1] - xs[i]);
-}
-
 // How the second run goes with the first: its time at the first's, and where in the curves each is drawn.
 function together(first, second, by) {
   if (by === "time") return { by, timeOf: (t) => t, xs: [null, null] };

@@ -44,7 +44,7 @@ function takeWheel(on) {
     wheel.timer = setInterval(turnWheel, SEND_MS);
   } else {
     wheel.say({ hand: null });
-    say($("wheel"), gamepad() ? "a gamepad is there" : "arrow keys or WASD, or a gamepad");
+    say($("wheel"), gamepad() ? "gamepad connected" : "arrow keys or WASD, or a gamepad");
   }
 }
 
@@ -57,4 +57,4 @@ addEventListener("keyup", (event) => wheel.down.delete(KEYS[event.code]));
 // Nobody drives who looks elsewhere.
 addEventListener("blur", () => takeWheel(false));
 document.addEventListener("visibilitychange", () => document.hidden && takeWheel(false));
-addEventListener("gamepadconnected", () => wheel.on || say($("wheel"), "a gamepad is there"));
+addEventListener("gamepadconnected", () => wheel.on || say($("wheel"), "gamepad connected"));

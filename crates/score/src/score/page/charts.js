@@ -19,33 +19,11 @@ const css = (name) => getComputedStyle(document.documentElement).getPropertyValu
 const colour = (name) => () => css(name);
 const number = (value) => String(+value.toFixed(6));
 
-function el(tag, attributes = {}, ...children) {
-  const node = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-  node.append(...children);
-  return node;
-}
-
-function clock(t) {
-  const tenths = Math.round(10 * t), minutes = Math.floor(tenths / 600);
-  return minutes + ":" + ((tenths - 600 * minutes) / 10).toFixed(1).padStart(4, "0");
-}
-
 function extent(values, ...also) {
   let low = Infinity, high = -Infinity;
   for (const value of values) if (value !== null) { low = Math.min(low, value); high = Math.max(high, value); }
   for (const value of also) { low = Math.min(low, value); high = Math.max(high, value); }
   return low > high ? [0, 1] : low === high ? [low - 1, high + 1] : [low, high];
-}
-
-// Index of the last value that is not after x; 0 where all are.
-function before(values, x) {
-  let low = 0, high = values.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (values[middle] <= x) low = middle; else high = middle - 1;
-  }
-  return low;
 }
 
 // The range of an axis that has zero on it, with some room beyond the values.

@@ -24,19 +24,6 @@ function arrow(pen, [x, y], [dx, dy], size, ink) {
   pen.closePath(); pen.stroke(); pen.fill();
 }
 
-// The road as one broad stroke along its middle, so that a crossing has no hole; its edges are what a broader one leaves.
-function drawRoad(pen, { left, right }, place, scale) {
-  const middle = left.map(([x, z], i) => place([(x + right[i][0]) / 2, (z + right[i][1]) / 2]));
-  const width = scale * Math.hypot(left[0][0] - right[0][0], left[0][1] - right[0][1]);
-  pen.lineJoin = "round";
-  for (const [ink, wide] of [[css("--line"), width + 3], [css("--road"), width]]) {
-    pen.strokeStyle = ink; pen.lineWidth = Math.max(wide, 5);
-    pen.beginPath();
-    middle.forEach(([x, y]) => pen.lineTo(x, y));
-    pen.closePath(); pen.stroke();
-  }
-}
-
 // A bar across the road where drives start, an arrow that way, and the word.
 function drawStart(pen, { left, right, start }, place) {
   const next = (start + 1) % left.length, [a, b] = [place(left[start]), place(right[start])];
@@ -58,9 +45,9 @@ function drawStart(pen, { left, right, start }, place) {
 // `follow`, which shows each car where it was at its time.
 function map(shown, point) {
   const several = shown.length > 1, there = shown.filter((run) => run.drawn.at.some((place) => place !== null));
-  if (!there.length) return { part: "From above", follow: () => {} };
-  const guessed = there.some((run) => run.drawn.on_line) ? " (estimated: how far along the road, not where across it)" : "";
-  const box = el("div", { class: "above" }, el("h3", {}, "From above" + guessed));
+  if (!there.length) return { part: "Map", follow: () => {} };
+  const guessed = there.some((run) => run.drawn.on_line) ? " (estimated along the road; the place across it is not known)" : "";
+  const box = el("div", { class: "above" }, el("h3", {}, "Map" + guessed));
   const canvas = el("canvas"), bar = el("i"), least = el("span"), most = el("span");
   const cars = there.map(({ mark, colour }) => el("i", { class: "car", hidden: "", ...(several && { style: `background: ${colour}`, title: mark }) }));
   box.append(el("div", { class: "map" }, canvas, ...cars));
@@ -106,7 +93,7 @@ function map(shown, point) {
     project = ([x, z]) => [width / 2 + (x - (x0 + x1) / 2) * scale, height / 2 - (z - (z0 + z1) / 2) * scale];
     const pen = canvas.getContext("2d");
     pen.scale(ratio, ratio);
-    if (outline) drawRoad(pen, outline, project, scale);
+    if (outline) drawRoad(pen, outline, project, scale, css("--line"), css("--road"));
     for (const run of there) drawLine(pen, run);
     for (const { drawn: { at, t, events } } of there) for (const event of events) {
       if (!["collision", "off-road", "stuck", "takeover-began", "bad-frame", "note"].includes(event.kind)) continue;

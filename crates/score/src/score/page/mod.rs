@@ -12,7 +12,8 @@ use std::{
     time::Duration,
 };
 
-use self::strip::Strip;
+pub use strip::Strip;
+
 use base64::{Engine, engine::general_purpose::STANDARD};
 use bytes::Bytes;
 use serde::Serialize;
@@ -24,6 +25,12 @@ use lapwing_core::recording::{EventRecord, Item};
 const POINTS: usize = 20_000;
 /// Events that are shown with pictures at most; later ones are listed without.
 const PICTURED: usize = 60;
+/// Bytes of all pictures of events; later ones are left out.
+const EVENT_BYTES: usize = 16 << 20;
+/// Pictures along a run at most: of a lap, one every two to three seconds.
+const STRIP: usize = 96;
+/// Their bytes at most.
+const STRIP_BYTES: usize = 16 << 20;
 /// Pictures of an event are so far from it, in seconds.
 const AROUND_S: [f64; 4] = [-1.0, -0.3, 0.0, 0.7];
 
@@ -42,6 +49,9 @@ pub const UPLOT_LICENCE: &str = include_str!("uplot/LICENSE");
 
 /// The colours of all pages, light and dark.
 pub const COLOURS: &str = include_str!("colours.css");
+
+/// What reports and the live page have in common: the functions `el`, `clock`, `before`, `between` and `drawRoad`.
+pub const SHARED: &str = include_str!("shared.js");
 
 /// What lets a reader of a page sort a table, by mouse or keys: the function `sortable(table)`.
 pub const SORTING: &str = include_str!("sorting.js");
@@ -103,6 +113,16 @@ struct Happened {
     pictures: Vec<(f32, String)>,
 }
 
+impl Happened {
+    /// Adds a picture of time `t`, if there is room for it beside those of all events.
+    fn picture(&mut self, t: f64, jpeg: &[u8], bytes: &mut usize) {
+        if *bytes + jpeg.len() <= EVENT_BYTES {
+            *bytes += jpeg.len();
+            self.pictures.push(((t - f64::from(self.t)) as f32, STANDARD.encode(jpeg)));
+        }
+    }
+}
+
 /// Watches a run.
 #[derive(Debug, Default)]
 pub struct Collector {
@@ -112,12 +132,14 @@ pub struct Collector {
     /// Which events still want pictures, and how far from themselves, in seconds.
     wanted: Vec<(usize, f64)>,
     strip: Option<Strip>,
+    /// Bytes of the pictures of events so far.
+    event_bytes: usize,
 }
 
 impl Collector {
     /// One that also keeps pictures along the whole run, for a page that stands alone.
     pub fn with_pictures() -> Self {
-        Self { strip: Some(Strip::default()), ..Self::default() }
+        Self { strip: Some(Strip::within(STRIP, STRIP_BYTES)), ..Self::default() }
     }
 
     /// Takes an item of a run, in the order of the file.
@@ -149,12 +171,12 @@ impl Collector {
         if let Some(strip) = &mut self.strip {
             strip.take(t, jpeg);
         }
-        let Self { drawn, wanted, .. } = self;
+        let Self { drawn, wanted, event_bytes, .. } = self;
         wanted.retain(|&(event, from)| {
             let event = &mut drawn.events[event];
             let due = t >= f64::from(event.t) + from;
             if due {
-                event.pictures.push(((t - f64::from(event.t)) as f32, STANDARD.encode(jpeg)));
+                event.picture(t, jpeg, event_bytes);
             }
             !due
         });
@@ -169,7 +191,7 @@ impl Collector {
                 if from >= 0.0 {
                     self.wanted.push((index, from));
                 } else if let Some((then, jpeg)) = self.recent.iter().rev().find(|(then, _)| *then <= t + from + 1e-6) {
-                    happened.pictures.push(((then - t) as f32, STANDARD.encode(jpeg)));
+                    happened.picture(*then, jpeg, &mut self.event_bytes);
                 }
             }
         }
@@ -254,6 +276,7 @@ pub fn render(runs: &[Shown<'_>]) -> Result<String, serde_json::Error> {
     let parts = [
         ("/*STYLE*/", &*style),
         ("/*UPLOT*/", &*uplot),
+        ("/*SHARED*/", SHARED),
         ("/*SORTING*/", SORTING),
         ("/*CHARTS*/", include_str!("charts.js")),
         ("/*MAP*/", include_str!("map.js")),

@@ -20,10 +20,6 @@ runs.forEach((run, i) => {
 });
 
 // What curves are drawn over: where a time of a run lies, and the time there.
-const between = (xs, ys, x) => {
-  const i = before(xs, x), next = Math.min(i + 1, xs.length - 1), span = xs[next] - xs[i];
-  return span > 0 && x > xs[i] ? ys[i] + (Math.min(1, (x - xs[i]) / span)) * (ys[next] - ys[i]) : ys[i] ?? 0;
-};
 const AXES = {
   time: {
     words: clock, ticks: { incrs: CLOCK_S, values: (_, splits) => splits.map((t) => clock(t).replace(/\.0$/, "")) },
@@ -36,8 +32,8 @@ const AXES = {
 };
 
 function events(run, point) {
-  const box = el("div", {}, el("h3", {}, "What happened"));
-  if (!run.drawn.events.length) return box.append(el("p", { class: "readout" }, "nothing")), box;
+  const box = el("div", {}, el("h3", {}, "Events"));
+  if (!run.drawn.events.length) return box.append(el("p", { class: "readout" }, "none")), box;
   for (const { t, words, pictures } of run.drawn.events) {
     const frames = [...pictures].sort((a, b) => a[0] - b[0]).map(([from, jpeg]) => {
       const figure = el("figure", {},
@@ -102,7 +98,7 @@ function put(section, { above, camera, unzoom }, curves, ...more) {
   if (charts.length) {
     const whole = el("button", { type: "button", class: "whole" }, "Whole run");
     whole.addEventListener("click", unzoom);
-    const words = "Point at a curve, the map or a picture, or use the arrow keys. Drag or + zooms in; a double click, Escape or the button shows the whole run.";
+    const words = "Point at a curve, the map or a picture, or use the arrow keys. Drag or press + to zoom in; double-click, press Escape or click the button to see the whole run.";
     section.append(el("p", { class: "hint readout" }, words, " ", whole));
   }
   section.append(...charts, untold.length ? el("p", { class: "readout" }, `Not reported: ${untold.join("; ")}`) : "", ...more);
@@ -114,7 +110,7 @@ function ofOne(run) {
   const laps = run.card.lap_times_s.map((s) => s.toFixed(1)).join(", "), off = run.how.lap_times_s ?? "";
   section.append(tiles(run), laps ? el("p", { class: "readout" }, `Lap times: ${laps} s${off}`) : "");
   const shown = together([run], run.mark), { cte, answers } = run.drawn;
-  const latency = shown.over("Time to answer, ms (slowest of each few)", "ms", "--b", () => ({ ts: answers.map(([t]) => t), ys: answers.map(([, ms]) => ms) }));
+  const latency = shown.over("Time to answer, ms (the slowest of each few answers)", "ms", "--b", () => ({ ts: answers.map(([t]) => t), ys: answers.map(([, ms]) => ms) }));
   if (typeof latency !== "string") latency.append(stages(run));
   const spread = histogram("Offset from the line, share of the telemetries", cte.filter((value) => value !== null), "m");
   put(section, shown, [...shown.curves, latency, spread], events(run, shown.point));

@@ -66,7 +66,7 @@ fn no_text_of_a_run_gets_out_of_its_place_in_the_page() {
     let card = Scorer::default().finish();
     let shown = Shown { title: "a".into(), card: &card, drawn: &drawn, outline: None, missed: vec![] };
     let page = render(&[shown]).unwrap();
-    assert_eq!(page.matches("</script>").count(), 7);
+    assert_eq!(page.matches("</script>").count(), 8);
     assert!(page.contains("\\u003c/script>\\u003cb>/*PAGE*/"));
     let data = page.split(r#"id="data">"#).nth(1).unwrap().split("</script>").next().unwrap();
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
@@ -83,6 +83,7 @@ fn a_page_is_one_file_with_everything_in_it() {
         UPLOT,
         UPLOT_STYLE,
         UPLOT_LICENCE,
+        SHARED,
         SORTING,
         include_str!("charts.js"),
         include_str!("map.js"),
@@ -91,9 +92,17 @@ fn a_page_is_one_file_with_everything_in_it() {
     ] {
         assert!(page.contains(part), "{:.60}", part);
     }
-    for place in
-        ["/*STYLE*/", "/*UPLOT*/", "/*SORTING*/", "/*CHARTS*/", "/*MAP*/", "/*TABLES*/", "/*PAGE*/", "/*DATA*/"]
-    {
+    for place in [
+        "/*STYLE*/",
+        "/*UPLOT*/",
+        "/*SHARED*/",
+        "/*SORTING*/",
+        "/*CHARTS*/",
+        "/*MAP*/",
+        "/*TABLES*/",
+        "/*PAGE*/",
+        "/*DATA*/",
+    ] {
         assert!(!page.contains(place), "{place} is empty");
     }
     // Nothing is fetched.
@@ -117,6 +126,22 @@ fn a_page_has_pictures_along_the_run_and_where_its_road_starts() {
     let shown = Shown { title: "a".into(), card: &card, drawn: &drawn, outline: Some(&outline), missed: vec![] };
     let page = render(&[shown]).unwrap();
     assert!(page.contains(r#""start":2}"#) && page.contains(&STANDARD.encode([9])));
+}
+
+#[test]
+fn the_pictures_of_a_page_have_a_limit_however_large_they_are() {
+    let (mut collector, jpeg) = (Collector::with_pictures(), bytes::Bytes::from(vec![0; 1 << 20]));
+    for i in 0..200 {
+        let now = f64::from(i) / 2.0;
+        collector.item(at(now), &Item::Event(EventRecord::Stuck));
+        collector.item(at(now), &Item::Frame(jpeg.clone()));
+    }
+    let drawn = collector.finish();
+    let in_base64 = |bytes: usize| bytes.div_ceil(3) * 4 + (1 << 10);
+    let bytes = |pictures: &[(f32, String)]| pictures.iter().map(|(_, jpeg)| jpeg.len()).sum::<usize>();
+    let of_events: usize = drawn.events.iter().map(|event| bytes(&event.pictures)).sum();
+    assert!((1..=in_base64(EVENT_BYTES)).contains(&of_events), "{of_events}");
+    assert!((1..=in_base64(STRIP_BYTES)).contains(&bytes(&drawn.frames)), "{}", bytes(&drawn.frames));
 }
 
 #[test]

@@ -1,0 +1,66 @@
+//! Pilots of networks that were made elsewhere, each with a [`SideFile`] beside it.
+
+use std::{fmt, path::Path, sync::Arc};
+
+use tch::Tensor;
+
+use super::{ModelError, SideFile, network::Eye};
+use crate::nn::NnError;
+use lapwing_core::{
+    perception::Preprocess,
+    pilot::{Pilot, PilotError, Prediction, View},
+    units::Clock,
+};
+
+/// A network made elsewhere, which any number of threads may use.
+pub(super) trait Forward: fmt::Debug + Send + Sync {
+    /// (1, C, H, W) or (1, H, W, C) f32 to as many numbers as there are outputs, in whatever shape.
+    fn forward(&self, input: &Tensor) -> Result<Tensor, NnError>;
+}
+
+/// Steers by the first output of such a network. Clones share its weights, and no frames.
+#[derive(Debug, Clone)]
+pub(super) struct ForeignPilot {
+    eye: Eye,
+    network: Arc<dyn Forward>,
+}
+
+impl ForeignPilot {
+    /// A pilot of the file `path`, with the `.toml` of the same stem beside it, warmed up. `load` makes the network, which
+    /// will get inputs of this shape.
+    ///
+    /// # Errors
+    /// [`ModelError::NoSideFile`], [`ModelError::SideFile`], [`ModelError::Unfit`], and those of `load`.
+    pub fn load<N: Forward + 'static>(
+        path: &Path,
+        clock: Clock,
+        load: impl FnOnce([usize; 4]) -> Result<N, ModelError>,
+    ) -> Result<Self, ModelError> {
+        let SideFile { outputs, preprocess } = SideFile::beside(path)?;
+        let shape = preprocess.tensor_shape();
+        let unfit = |source: ModelError| ModelError::Unfit { path: path.to_owned(), source: Box::new(source) };
+        let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
+        let network = Arc::new(load(shape)?);
+        eye.warm_up(|input| network.forward(input)).map_err(|error| unfit(error.into()))?;
+        Ok(Self { eye, network })
+    }
+
+    /// What is done to a frame.
+    pub fn preprocess(&self) -> &Preprocess {
+        self.eye.preprocess()
+    }
+
+    /// What each number of an answer is.
+    pub fn outputs(&self) -> &[String] {
+        self.eye.outputs()
+    }
+}
+
+impl Pilot for ForeignPilot {
+    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
+        let Self { eye, network } = self;
+        eye.steer(view.frame, |input| network.forward(input))
+    }
+
+    fn reset(&mut self) {}
+}
