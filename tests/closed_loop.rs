@@ -123,6 +123,7 @@ fn what_a_recording_cannot_tell_is_not_measurable_in_its_drive_and_in_the_run_of
         kind: RunKind::RecordedPath,
         name_hint: None,
         dialect: Some(Dialect::SelfOracle),
+        decimal_separator: None,
         model: None,
         seed: None,
         config: serde_json::Value::Null,

@@ -26,6 +26,7 @@ fn header() -> RunHeader {
         kind: RunKind::Driven,
         name_hint: Some("lake".into()),
         dialect: Some(Dialect::Term1),
+        decimal_separator: None,
         model: Some(ModelId { name: "pilotnet-lake".into(), sha256: "ab".repeat(32) }),
         seed: Some(7),
         config: serde_json::json!({"control": {"speed_mph": 15.0}}),

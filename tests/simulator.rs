@@ -283,6 +283,7 @@ fn recorded(dir: &Path, setup: Setup, pilot: Box<dyn Pilot>) -> (Judged, Recordi
         kind: RunKind::Driven,
         name_hint: Some("lake".into()),
         dialect: None,
+        decimal_separator: None,
         model: None,
         seed: Some(3),
         config: serde_json::json!({}),

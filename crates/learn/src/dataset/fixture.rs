@@ -73,6 +73,7 @@ pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>], answer: Option<&C
         kind: RunKind::Driven,
         name_hint: None,
         dialect: None,
+        decimal_separator: None,
         model: None,
         seed: None,
         config: serde_json::Value::Null,
