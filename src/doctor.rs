@@ -48,7 +48,7 @@ pub struct LastSimulator {
     pub run: PathBuf,
     /// Which build it was.
     pub dialect: Dialect,
-    /// What separates the decimals of its numbers, which tells the language of its system; absent in runs of our own simulator.
+    /// What separates the decimals of its numbers, which tells the language of its system; absent where the world was in this program.
     pub decimal_separator: Option<char>,
     /// When the run began, RFC 3339.
     pub started: String,
@@ -136,7 +136,8 @@ impl fmt::Display for Findings {
             if let Some(separator) = decimal_separator {
                 let advice =
                     if *separator == '.' { "" } else { ": drive.py fails on them, Lapwing reads and answers them" };
-                writeln!(f, "            it writes numbers as 0{separator}0000{advice}")?;
+                // From a wire or a file: it may be any character.
+                writeln!(f, "            it writes numbers as 0{}0000{advice}", separator.escape_debug())?;
             }
         }
         if troubles.is_empty() {
@@ -208,6 +209,7 @@ mod tests {
         assert!(german.contains("\nsimulator   term1 was the last, 2026-11-25T12:00:00Z (runs/a.mcap)\n"), "{german}");
         assert!(german.contains("\n            it writes numbers as 0,0000: drive.py fails on them"), "{german}");
         assert!(told(Some('.')).contains("\n            it writes numbers as 0.0000\n"));
+        assert!(told(Some('\u{1b}')).contains("\n            it writes numbers as 0\\u{1b}0000: "));
         assert!(!told(None).contains("numbers"));
     }
 
