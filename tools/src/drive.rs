@@ -17,14 +17,13 @@ pub struct Drive {
     pub frames: Vec<Frame>,
     /// How the car came to each from the one before: it turned as the pictures show, else as it was steered.
     pub motions: Vec<Motion>,
-    /// How steeply each place climbs, as the sine of the slope, by how much slower the car became than it would have on
-    /// level ground; none where it brakes, stands or may have hit something.
+    /// How steeply each place climbs: [`climbs`].
     pub climbs: Vec<Option<f64>>,
 }
 
-/// How the stock car speeds up on level ground, in m/s², by throttle, speed and steering times speed: fitted to 2974 rows
-/// of the jungle, whose accelerations it explains with the track's slopes to 0.5 m/s².
-const PUSH: [f64; 4] = [0.2, 5.2, -0.15, -0.12];
+/// How the stock car speeds up on level ground, in m/s², by throttle, speed and steering times speed: fitted to 2578 rows
+/// of the jungle, whose accelerations it explains with the track's slopes to 0.3 m/s².
+const PUSH: [f64; 4] = [0.25, 5.64, -0.15, -0.16];
 /// Rows before and after a place over which its acceleration is taken.
 const AROUND: usize = 4;
 /// A car slower than this, in m/s, may stand against something.
@@ -32,7 +31,12 @@ const SLOW_MPS: f64 = 2.0;
 /// Slopes steeper than this are no slopes but impacts.
 const STEEPEST: f64 = 0.4;
 
-/// How steeply the road climbs around a moment.
+/// How steeply the road climbs around each moment, as the sine of the slope, by how much slower the car became than it would
+/// have on level ground; none where it brakes, stands or may have hit something.
+pub fn climbs(moments: &[Moment]) -> Vec<Option<f64>> {
+    (0..moments.len()).map(|i| climb(moments, i)).collect()
+}
+
 fn climb(moments: &[Moment], i: usize) -> Option<f64> {
     let near = moments.get(i.checked_sub(AROUND)?..=i + AROUND)?;
     let mps = |moment: &Moment| moment.telemetry.speed.metres_per_second().get();
@@ -67,7 +71,7 @@ impl Drive {
                 *first = last; // the folders' clocks do not tell how long it was, but it was one interval
             }
             usual.clone_from(&motions);
-            drive.climbs.extend((0..moments.len()).map(|i| climb(&moments, i)));
+            drive.climbs.extend(climbs(&moments));
             let pictures: Vec<Frame> = moments
                 .par_iter()
                 .map(|moment| {

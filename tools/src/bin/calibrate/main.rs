@@ -8,8 +8,8 @@
 //! steering, throttle and brake, and compares speeds; and it drives the car with the recorded steering at the recorded
 //! speed and compares its yaw rate with the one seen in the pictures.
 //!
-//! Slopes matter. A folder named like a track is located on it by heading over distance, and speeds are compared three
-//! times: as if the road were level; with the track's grades; and with the pitch seen in the pictures, which the
+//! Slopes matter. A folder named like a track is located on it by heading over distance, or by a table of `--lane`, and
+//! speeds are compared three times: as if the road were level; with the track's grades; and with the pitch seen in the pictures, which the
 //! track's grades only stabilise in the long run. Recorded speeds affect the grades only through the odometry that
 //! finds the place, but the time constant with which pictures and track are mixed was chosen on the jungle recording by
 //! the very error printed here.
@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use lapwing_sim::track::Track;
+use lapwing_sim::{locate::LaneTable, track::Track};
 use serde::Serialize;
 
 /// Holds the simulator's car against recordings of the stock simulator.
@@ -37,6 +37,10 @@ struct Arguments {
     /// The track of all of them, a name or a file, instead of the one that the folder's name says.
     #[arg(long)]
     track: Option<String>,
+    /// Where the car was in each picture, as `lapwing locate --csv` writes it: a table for each folder, instead of a search by
+    /// heading alone.
+    #[arg(long)]
+    lane: Vec<PathBuf>,
     /// Prints JSON instead of tables.
     #[arg(long)]
     json: bool,
@@ -76,8 +80,10 @@ struct SpeedsCompared {
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let mut reports = Vec::new();
-    for folder in &arguments.folders {
-        let report = examine(folder, arguments.track.as_deref())?;
+    let (folders, tables) = (arguments.folders.len(), arguments.lane.len());
+    ensure!(tables == 0 || tables == folders, "--lane: expected a table for each of {folders} folders, got {tables}");
+    for (i, folder) in arguments.folders.iter().enumerate() {
+        let report = examine(folder, arguments.track.as_deref(), arguments.lane.get(i).map(PathBuf::as_path))?;
         if !arguments.json {
             print(&report);
         }
@@ -89,14 +95,18 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn examine(folder: &Path, track: Option<&str>) -> Result<CalibrationReport> {
+fn examine(folder: &Path, track: Option<&str>, lane: Option<&Path>) -> Result<CalibrationReport> {
     let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let rows = recording::read(folder)?;
     let turns = turns::between(&rows)?;
     ensure!(turns.len() + 1 == rows.len(), "{name}: expected {} turns, got {}", rows.len() - 1, turns.len());
     let track = track.or_else(|| Track::NAMES.into_iter().find(|known| *known == name));
     let track = track.map(|name| Track::open(name).map(|track| (name.to_owned(), track))).transpose()?;
-    let route = track.as_ref().and_then(|(_, track)| route::locate(&rows, &turns, track));
+    let table = lane.map(|lane| LaneTable::of(folder, lane, Track::open)).transpose()?;
+    let route = track.as_ref().and_then(|(_, track)| match &table {
+        Some(table) => route::told(&rows, &turns, track, table),
+        None => route::locate(&rows, &turns, track),
+    });
 
     let level = vec![0.0; rows.len()];
     let mut grades = vec![("level", &level)];

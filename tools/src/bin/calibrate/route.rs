@@ -1,7 +1,7 @@
 //! Where on the track a drive was, and how steep it was there.
 
-use lapwing_core::motion;
-use lapwing_sim::{along::Rotation, track::Track};
+use lapwing_core::{car::REAR_AXLE_M, motion};
+use lapwing_sim::{along::Rotation, locate::LaneTable, track::Track};
 
 use super::recording::Logged;
 
@@ -15,8 +15,7 @@ const HEADING: f64 = 0.15;
 const DETOUR: f64 = 0.15;
 /// A drive whose heading fits worse than this, in radians, was not on that track.
 const MISFIT: f64 = 0.2;
-/// The track's slopes are averaged over this far to either side, in metres: about the car's length. More is worse on the fitted
-/// jungle: 2.79 mph after 5 s with this, 2.83 with 5 m, 3.15 with 10 m.
+/// The track's slopes are averaged over this far to either side, in metres: about the car's length. More is worse.
 const SMOOTH_M: i32 = 2;
 /// Time constant, in seconds, with which the pitch integrated from the pictures returns to the track's grade, and the
 /// roll to zero, as the roads are not banked. The flow drifts by about 0.01 rad a second in bends; the jungle's speed
@@ -38,13 +37,8 @@ pub struct Route {
 
 /// Finds the drive on its track by heading over distance; `None` where it does not fit.
 pub fn locate(rows: &[Logged], turns: &[Option<Rotation>], track: &Track) -> Option<Route> {
-    // Odometry, a value per row, and the heading seen at every STEP_M.
-    let (mut rolled, mut heading) = (vec![0.0_f64], vec![0.0_f64]);
-    for (pair, turn) in rows.windows(2).zip(turns) {
-        let step = (pair[0].speed + pair[1].speed) / 2.0 * (pair[1].time - pair[0].time);
-        rolled.push(rolled[rolled.len() - 1] + step.max(1e-9));
-        heading.push(heading[heading.len() - 1] + turn.map_or(0.0, |turn| turn.yaw));
-    }
+    // The heading seen at every STEP_M.
+    let (rolled, heading) = odometry(rows, turns);
     let steps = (rolled[rolled.len() - 1] / STEP_M as f64) as usize;
     let seen: Vec<f64> = (0..=steps).map(|k| between(&rolled, &heading, (k * STEP_M) as f64)).collect();
     let lag = COMPARED_M / STEP_M;
@@ -94,22 +88,64 @@ pub fn locate(rows: &[Logged], turns: &[Option<Rotation>], track: &Track) -> Opt
 
     let at_steps: Vec<f64> = (0..=steps).map(|k| (k * STEP_M) as f64).collect();
     let scale = track.length() / metres as f64;
-    let grades: Vec<f64> = rolled
-        .iter()
-        .map(|&rolled| {
-            let s = between(&at_steps, &places, rolled) * scale;
-            (-SMOOTH_M..=SMOOTH_M).map(|d| track.at(s + f64::from(d)).grade).sum::<f64>() / f64::from(2 * SMOOTH_M + 1)
+    // A car heads where its rear axle goes.
+    let place = |&rolled: &f64| between(&at_steps, &places, rolled) * scale + REAR_AXLE_M;
+    Some(Route::new(rows, turns, track, &rolled.iter().map(place).collect::<Vec<_>>(), misses[misses.len() / 2]))
+}
+
+/// Takes the drive's places from a table; between those that are known, the car went on as it rolled. `None` if the table
+/// knows less than two.
+pub fn told(rows: &[Logged], turns: &[Option<Rotation>], track: &Track, table: &LaneTable) -> Option<Route> {
+    let (rolled, heading) = odometry(rows, turns);
+    let (mut at, mut places) = (vec![], vec![]);
+    for (moment, pose) in &table.rows {
+        let (Some(pose), Some(&rolled)) = (pose, rolled.get(*moment)) else { continue };
+        let on = |last: &f64| last + motion::around(pose.s_m - last, track.length());
+        places.push(places.last().map_or(pose.s_m, on));
+        at.push(rolled);
+    }
+    if places.len() < 2 {
+        return None;
+    }
+    let places: Vec<f64> = rolled.iter().map(|&rolled| between(&at, &places, rolled)).collect();
+    let lag =
+        (0..rows.len()).filter_map(|i| Some((i, rolled.iter().position(|&m| m >= rolled[i] + COMPARED_M as f64)?)));
+    let mut misses: Vec<f64> = lag
+        .map(|(i, k)| {
+            let bend = motion::turn(track.at(places[k]).yaw - track.at(places[i]).yaw);
+            motion::turn(heading[k] - heading[i] - bend).abs()
         })
         .collect();
-    Some(Route {
-        seen: pitch_seen(rows, turns, &grades),
-        track: grades,
-        from_to: (
-            (places[0] * scale).rem_euclid(track.length()).abs(),
-            (places[steps] * scale).rem_euclid(track.length()),
-        ),
-        misfit: misses[misses.len() / 2],
-    })
+    misses.sort_by(f64::total_cmp);
+    Some(Route::new(rows, turns, track, &places, misses.get(misses.len() / 2).copied().unwrap_or_default()))
+}
+
+/// Metres rolled and radians turned by each row.
+fn odometry(rows: &[Logged], turns: &[Option<Rotation>]) -> (Vec<f64>, Vec<f64>) {
+    let (mut rolled, mut heading) = (vec![0.0_f64], vec![0.0_f64]);
+    for (pair, turn) in rows.windows(2).zip(turns) {
+        let step = (pair[0].speed + pair[1].speed) / 2.0 * (pair[1].time - pair[0].time);
+        rolled.push(rolled[rolled.len() - 1] + step.max(1e-9));
+        heading.push(heading[heading.len() - 1] + turn.map_or(0.0, |turn| turn.yaw));
+    }
+    (rolled, heading)
+}
+
+impl Route {
+    /// By a place for each row, in metres along the track, counted on from lap to lap.
+    fn new(rows: &[Logged], turns: &[Option<Rotation>], track: &Track, places: &[f64], misfit: f64) -> Self {
+        let grade = |&s: &f64| {
+            (-SMOOTH_M..=SMOOTH_M).map(|d| track.at(s + f64::from(d)).grade).sum::<f64>() / f64::from(2 * SMOOTH_M + 1)
+        };
+        let grades: Vec<f64> = places.iter().map(grade).collect();
+        let around = |s: f64| s.rem_euclid(track.length());
+        Self {
+            seen: pitch_seen(rows, turns, &grades),
+            track: grades,
+            from_to: (around(places[0]), around(places[places.len() - 1])),
+            misfit,
+        }
+    }
 }
 
 /// Integrates the turns seen, forward and backward in time, held to the track's grade in the long run.

@@ -3,11 +3,13 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use lapwing_tools::drive::Drive;
+use lapwing_tools::{
+    course::{Course, STAND, Stand},
+    drive::Drive,
+};
 use rayon::prelude::*;
 
 use crate::{
-    course::{Course, STAND, Stand},
     lines::Line,
     solve::{Equations, Slope},
     witness::Witness,

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use lapwing_core::perception::Frame;
 
-use crate::course::{Course, Eye, Stand};
+use lapwing_tools::course::{Course, Eye, Stand};
 
 /// A line along the road.
 #[derive(Debug, Clone, Copy)]

@@ -26,7 +26,6 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | `course` | the road by its control points, and where a camera sees it |
 //! | `lines` | the painted lines, searched for in a picture |
 //! | `witness` | residuals and their derivatives: of pictures and of the log |
 //! | `solve` | the least squares |
@@ -37,7 +36,6 @@
 
 #![allow(clippy::print_stdout)] // its result, for us to read
 
-mod course;
 mod fit;
 mod lines;
 mod search;
@@ -54,10 +52,12 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use glam::DVec3;
 use lapwing_sim::track::{Theme, Track};
-use lapwing_tools::drive::Drive;
+use lapwing_tools::{
+    course::{Course, Stand},
+    drive::Drive,
+};
 
 use crate::{
-    course::{Course, Stand},
     fit::{Fit, Step, Trust},
     lines::{Line, Mark},
 };
@@ -156,7 +156,7 @@ fn main() -> Result<()> {
 /// A fit that has seen nothing yet.
 fn begun<'a>(args: &Args, track: &Track, drive: &'a Drive) -> Fit<'a> {
     let file = track.file();
-    let mut given = Course { points: file.control_points.iter().copied().map(DVec3::from_array).collect() };
+    let mut given = Course::of(track);
     let (mut flat_m, mut smooth_m, mut smooth_height_m) = (1.5, 1.5, 1.5);
     if args.unknown {
         (flat_m, smooth_m, smooth_height_m) = (20.0, 0.5, 0.15);
@@ -260,10 +260,7 @@ fn load(fit: &mut Fit<'_>, path: &Path) -> Result<()> {
 
 /// Writes and prints what was found.
 fn write(fit: &Fit<'_>, track: &Track, args: &Args) -> Result<()> {
-    let points: Vec<String> =
-        fit.course.points.iter().map(|p| format!("[{:.2}, {:.2}, {:.2}]", p.x, p.y, p.z)).collect();
-    let rows: Vec<String> = points.chunks(4).map(|row| format!("  {},\n", row.join(", "))).collect();
-    fs::write(args.out.join("points.toml"), format!("control_points = [\n{}]\n", rows.concat()))?;
+    fs::write(args.out.join("points.toml"), fit.course.to_string())?;
 
     let mut file = track.file().clone();
     file.control_points = fit.course.points.iter().map(DVec3::to_array).collect();

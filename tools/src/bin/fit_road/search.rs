@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 use lapwing_core::motion::{Motion, turn};
+use lapwing_tools::course::Stand;
 use rayon::prelude::*;
 
 use crate::{
-    course::Stand,
     fit::Fit,
     lines::{find, pieces},
     witness::slip,

@@ -5,7 +5,7 @@
 //! the road is solved by Cholesky's method, and the stands follow from it (the Schur complement, as in bundle
 //! adjustment: Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, section 6).
 
-use crate::course::STAND;
+use lapwing_tools::{course::STAND, linear::cholesky};
 
 type Block = [[f64; STAND]; STAND];
 
@@ -166,38 +166,6 @@ fn inverted(block: &Block) -> Option<Block> {
         }
     }
     Some(out)
-}
-
-/// Solves a symmetric positive system.
-fn cholesky(mut m: Vec<f64>, mut right: Vec<f64>) -> Option<Vec<f64>> {
-    let n = right.len();
-    for j in 0..n {
-        for k in 0..j {
-            let factor = m[j * n + k];
-            if factor != 0.0 {
-                for i in j..n {
-                    m[i * n + j] -= factor * m[i * n + k];
-                }
-            }
-        }
-        let pivot = m[j * n + j];
-        if pivot.is_nan() || pivot <= 1e-12 {
-            return None;
-        }
-        let root = pivot.sqrt();
-        for i in j..n {
-            m[i * n + j] /= root;
-        }
-    }
-    for i in 0..n {
-        let sum: f64 = (0..i).map(|k| m[i * n + k] * right[k]).sum();
-        right[i] = (right[i] - sum) / m[i * n + i];
-    }
-    for i in (0..n).rev() {
-        let sum: f64 = (i + 1..n).map(|k| m[k * n + i] * right[k]).sum();
-        right[i] = (right[i] - sum) / m[i * n + i];
-    }
-    Some(right)
 }
 
 #[cfg(test)]

@@ -3,10 +3,14 @@
 use std::fmt;
 
 use glam::DVec2;
-use lapwing_core::motion::{Motion, turn};
+use lapwing_core::{
+    car::REAR_AXLE_M,
+    motion::{Motion, turn},
+};
+
+use lapwing_tools::course::{Course, Eye, STAND, Stand};
 
 use crate::{
-    course::{Course, Eye, STAND, Stand},
     fit::{Columns, Fit, NUDGE_M, Step},
     lines::{Piece, find, pieces},
     solve::Slope,
@@ -14,8 +18,6 @@ use crate::{
 
 /// Steps over which derivatives by a stand's numbers are taken.
 const NUDGE: Stand = [0.002, 0.02, 0.002, 0.002, 0.002];
-/// How far in front of the rear axle the car's origin is: it moves in another direction than the car heads.
-const ORIGIN_M: f64 = 1.6;
 /// What a piece of a line in one picture is worth: those of one picture err alike.
 const WORTH: f64 = 0.3;
 
@@ -28,10 +30,10 @@ pub const SHOWN_PX: f64 = 6.0;
 /// A residual, its weight (one over its variance) and its derivatives.
 pub type Witness = (f64, f64, Slope);
 
-/// How many radians to the right of where the car heads its origin moves.
+/// How many radians to the right of where the car heads its origin moves, which is in front of the rear axle.
 pub fn slip(motion: Motion) -> f64 {
     let way_m = motion.way_m.abs().max(0.05).copysign(motion.way_m);
-    ORIGIN_M * motion.turn_rad / way_m
+    REAR_AXLE_M * motion.turn_rad / way_m
 }
 
 /// How well a picture is explained.
@@ -170,18 +172,10 @@ impl Fit<'_> {
 
     /// What the log says of the road's slope at a picture: how much slower the car became than on level ground.
     pub fn climbed(&self, i: usize, columns: &Columns) -> Option<Witness> {
-        let (t, expected) = (self.stands[i][0], self.drive.climbs[i]?);
-        let climb = |course: &Course| course.at(t).grade.atan().sin();
-        let here = climb(&self.course);
-        let mut course = self.course.clone();
-        let mut slope = Slope::default();
-        for j in 0..4 {
-            let point = (self.course.first_of(t) + j) % self.course.points.len();
-            let Some(first) = columns[point] else { continue };
-            course.points[point].y += NUDGE_M;
-            slope.road.push((first + 1, (climb(&course) - here) / NUDGE_M));
-            course.points[point].y -= NUDGE_M;
-        }
+        let expected = self.drive.climbs[i]?;
+        let (here, by) = self.course.climb_by(self.stands[i][0]);
+        let height = |(point, by): (usize, f64)| Some((columns[point]? + 1, by));
+        let slope = Slope { road: by.into_iter().filter_map(height).collect(), ..Slope::default() };
         Some((here - expected, CLIMB.powi(-2), slope))
     }
 

@@ -1,7 +1,12 @@
 //! A road by its control points, and where its points are seen from a car on it.
 
+use std::fmt;
+
 use glam::{DMat3, DVec2, DVec3};
-use lapwing_sim::camera::{Camera, Lens, RIDE_M};
+use lapwing_sim::{
+    camera::{Camera, Lens, RIDE_M},
+    track::Track,
+};
 
 /// A closed uniform cubic B-spline through the road's middle, as in a track's file. Places on it are given by the
 /// spline's parameter, one for each control point, counted on from lap to lap: moving a control point then moves the
@@ -40,6 +45,11 @@ impl Spot {
 }
 
 impl Course {
+    /// That of a track.
+    pub fn of(track: &Track) -> Self {
+        Self { points: track.file().control_points.iter().copied().map(DVec3::from_array).collect() }
+    }
+
     /// The control points that shape the road at a place: the first of four neighbours.
     pub fn first_of(&self, t: f64) -> usize {
         (t.floor() as i64 - 1).rem_euclid(self.points.len() as i64) as usize
@@ -47,18 +57,9 @@ impl Course {
 
     /// The road at a place.
     pub fn at(&self, t: f64) -> Spot {
-        let (n, first, u) = (self.points.len(), self.first_of(t), t - t.floor());
-        let v = 1.0 - u;
-        let blend = |w: [f64; 4]| (0..4).map(|k| self.points[(first + k) % n] * w[k]).sum::<DVec3>();
-        let position = blend([
-            v.powi(3) / 6.0,
-            (3.0 * u.powi(3) - 6.0 * u * u + 4.0) / 6.0,
-            (-3.0 * u.powi(3) + 3.0 * u * u + 3.0 * u + 1.0) / 6.0,
-            u.powi(3) / 6.0,
-        ]);
-        let first =
-            blend([-v * v / 2.0, (3.0 * u * u - 4.0 * u) / 2.0, (-3.0 * u * u + 2.0 * u + 1.0) / 2.0, u * u / 2.0]);
-        let second = blend([v, 3.0 * u - 2.0, 1.0 - 3.0 * u, u]);
+        let (n, at) = (self.points.len(), self.first_of(t));
+        let blend = |w: [f64; 4]| (0..4).map(|k| self.points[(at + k) % n] * w[k]).sum::<DVec3>();
+        let [position, first, second] = weights(t).map(blend);
         let pace_m = first.x.hypot(first.z).max(1e-3);
         Spot {
             position,
@@ -67,6 +68,24 @@ impl Course {
             grade: first.y / pace_m,
             curvature: (first.z * second.x - first.x * second.z) / pace_m.powi(3),
         }
+    }
+
+    /// How a place's height follows from those of the control points: which, and how much of each.
+    pub fn height_by(&self, t: f64) -> [(usize, f64); 4] {
+        let [heights, ..] = weights(t);
+        self.of_points(t, heights)
+    }
+
+    /// The sine of a place's slope, and by how much it grows for each metre that a control point is lifted.
+    pub fn climb_by(&self, t: f64) -> (f64, [(usize, f64); 4]) {
+        let (Spot { grade, pace_m, .. }, [_, slopes, _]) = (self.at(t), weights(t));
+        let cos = grade.atan().cos();
+        (grade * cos, self.of_points(t, slopes.map(|slope| slope / pace_m * cos.powi(3))))
+    }
+
+    fn of_points(&self, t: f64, weights: [f64; 4]) -> [(usize, f64); 4] {
+        let (n, first) = (self.points.len(), self.first_of(t));
+        std::array::from_fn(|k| ((first + k) % n, weights[k]))
     }
 
     /// The point beside a place.
@@ -103,6 +122,34 @@ impl Course {
             t += (away.x * spot.ahead.x + away.z * spot.ahead.y) / spot.pace_m;
         }
         t
+    }
+}
+
+/// How much of four neighbouring control points there is in a place, in its first and in its second derivative.
+fn weights(t: f64) -> [[f64; 4]; 3] {
+    let u = t - t.floor();
+    let v = 1.0 - u;
+    [
+        [
+            v.powi(3) / 6.0,
+            (3.0 * u.powi(3) - 6.0 * u * u + 4.0) / 6.0,
+            (-3.0 * u.powi(3) + 3.0 * u * u + 3.0 * u + 1.0) / 6.0,
+            u.powi(3) / 6.0,
+        ],
+        [-v * v / 2.0, (3.0 * u * u - 4.0 * u) / 2.0, (-3.0 * u * u + 2.0 * u + 1.0) / 2.0, u * u / 2.0],
+        [v, 3.0 * u - 2.0, 1.0 - 3.0 * u, u],
+    ]
+}
+
+impl fmt::Display for Course {
+    /// As a track's file has it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("control_points = [\n")?;
+        for row in self.points.chunks(4) {
+            let points: Vec<String> = row.iter().map(|p| format!("[{:.2}, {:.2}, {:.2}]", p.x, p.y, p.z)).collect();
+            writeln!(f, "  {},", points.join(", "))?;
+        }
+        f.write_str("]\n")
     }
 }
 
@@ -160,12 +207,11 @@ impl Eye {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lapwing_sim::track::Track;
 
     fn jungle() -> (Track, Course) {
         let track = Track::named("jungle").unwrap();
-        let points = track.file().control_points.iter().copied().map(DVec3::from_array).collect();
-        (track, Course { points })
+        let course = Course::of(&track);
+        (track, course)
     }
 
     #[test]
@@ -180,6 +226,19 @@ mod tests {
             );
             assert!((spot.grade - station.grade).abs() < 0.01, "{spot:?}, {station:?}");
             assert!((spot.curvature - station.curvature).abs() < 0.003, "{spot:?}, {station:?}");
+        }
+    }
+
+    #[test]
+    fn a_slope_grows_as_a_control_point_is_lifted() {
+        let (_, course) = jungle();
+        for t in [0.3, 17.0, 100.9] {
+            let (climb, by) = course.climb_by(t);
+            for (point, by) in by {
+                let mut lifted = course.clone();
+                lifted.points[point].y += 1e-4;
+                assert!((lifted.climb_by(t).0 - climb - 1e-4 * by).abs() < 1e-7, "{t}, {point}");
+            }
         }
     }
 
