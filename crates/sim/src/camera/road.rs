@@ -213,6 +213,11 @@ impl Paver<'_> {
             let edge = level.min(half + 0.1);
             lay((level.min(edge), 0.0), (edge, 0.0), beside, None);
             lay((edge, 0.0), (edge, -2.6), DECK, Some(self.across(from, side, (90.0, 0.0))));
+            // Lit like the road: a dark wall stands out as nothing does between the real ones.
+            let n = chunk.faces.len();
+            for face in &mut chunk.faces[n - 2..] {
+                face.normal = Vec3::Y;
+            }
             return;
         }
         lay((level, 0.0), foot, beside, None);

@@ -81,10 +81,10 @@ impl Scenery {
         let sprites = plants::plant(&paver);
         let mut land = ground.mesh();
         land.extend(ground.water.map(|level| water(&ground, level)));
-        let (asphalt, stretched, rough, cliff) = match theme {
-            Theme::Lake => (0.76, 2.4, 0.45, 0.45),
-            Theme::Jungle => (0.34, 3.0, 0.55, 0.7),
-            Theme::Mountain => (0.55, 1.0, 0.75, 0.8),
+        let (asphalt, stretched, rough, grain_m, cliff) = match theme {
+            Theme::Lake => (0.76, 2.4, 0.45, 7.0, 0.45),
+            Theme::Jungle => (0.34, 3.0, 0.95, 4.5, 0.95),
+            Theme::Mountain => (0.95, 1.0, 1.1, 5.0, 1.2),
         };
         Self {
             strip,
@@ -99,7 +99,7 @@ impl Scenery {
             ],
             tiles: vec![texture::rock(cliff, seed + 3), texture::striped_block(seed + 4)],
             detail: texture::ground(rough, seed + 5),
-            detail_per_m: 1.0 / 7.0,
+            detail_per_m: 1.0 / grain_m,
             map_texels_per_m: MAP as f32 / ground.side(),
             sheen4: Vec3::from_array(look.sheen).extend(0.0),
             fog4: Vec3::from_array(look.fog).extend(0.0),
