@@ -55,7 +55,7 @@ impl ThemeLook {
             },
             Theme::Jungle => Self {
                 // Of all, the sun at which drawn roads are light and dark where the real ones are.
-                sun_height_deg: 48.0,
+                sun_height_deg: 50.0,
                 sun_azimuth_deg: 160.0,
                 shade: [0.30, 0.33, 0.42],
                 sky: [[136.0, 160.0, 199.0], [117.0, 143.0, 182.0], [103.0, 129.0, 169.0]],
@@ -150,7 +150,7 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
         }
         Theme::Mountain => {
             let asphalt = [68.0, 66.0, 69.0];
-            let leaf = [190.0, 148.0, 72.0];
+            let leaf = [202.0, 152.0, 64.0];
             let track = [62.0, 60.0, 63.0];
             let leaves = |from: f32, to: f32, share: f32| Band {
                 from,
@@ -167,8 +167,8 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band::plain(half * 0.58, half * 0.68, track, 1.0),
                 // The real road, unrolled and averaged over a thousand pictures: leaves from 0.7 m inside the edge on, most
                 // of them on a yellow line; then dead ones, and from 0.6 m outside it concrete.
-                leaves(half - 0.8, half - 0.45, 0.25),
-                leaves(half - 0.45, half + 0.3, 0.75),
+                leaves(half - 0.8, half - 0.45, 0.3),
+                leaves(half - 0.45, half + 0.3, 0.9),
                 Band::plain(half - 0.16, half - 0.02, [150.0, 130.0, 92.0], 0.5),
                 Band { colour: [66.0, 60.0, 54.0], ..leaves(half + 0.3, half + 0.6, 0.3) },
                 Band::plain(half + 0.6, far, [42.0, 42.0, 46.0], 0.5),
@@ -210,7 +210,10 @@ pub(super) fn ground(theme: Theme, rock: GreyLevels, p: Spot, seed: u32) -> Grey
         }
         Theme::Jungle => {
             let grass = mix3([128.0, 138.0, 86.0], [92.0, 101.0, 62.0], step(0.35, 0.65, fine));
-            let rock = mix3(rock, [112.0, 115.0, 84.0], step(0.3, 0.7, fine));
+            // Woods, dark from afar, begin a few metres from the road.
+            let wood = mix3([70.0, 78.0, 46.0], [46.0, 54.0, 34.0], step(0.35, 0.65, fine));
+            let grass = mix3(grass, wood, 0.85 * step(4.0, 14.0, p.from_edge_m));
+            let rock = mix3(rock, [100.0, 104.0, 76.0], step(0.3, 0.7, fine));
             mix3(grass, rock, step(0.45, 0.9, p.slope + 0.4 * (wide - 0.5)))
         }
         Theme::Mountain => {

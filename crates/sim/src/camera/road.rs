@@ -316,6 +316,6 @@ impl Paver<'_> {
         }
         let top =
             [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(x, z)| chunk.point(corner(x, 1.0, z), 0.0, 0.0));
-        chunk.quad(top, Paint::Flat([186, 186, 184]), None);
+        chunk.quad(top, Paint::Flat([140, 140, 138]), None);
     }
 }

@@ -129,7 +129,7 @@ impl Terrain {
                 let close = step(2.5, 8.0, d);
                 let spires = 60.0 * step(50.0, 150.0, d) * (hills - 0.35).max(0.0);
                 // The real road is cut into slopes that hide most of the sky.
-                let slopes = step(8.0, 60.0, d) * (8.0 + 34.0 * wide);
+                let slopes = step(6.0, 42.0, d) * (10.0 + 44.0 * wide);
                 level - 0.1 + rough + close * (cliffs * (9.0 + 12.0 * wide) + 3.0 * (hills - 0.45)) + slopes + spires
             }
             Theme::Mountain => {
