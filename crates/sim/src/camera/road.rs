@@ -205,7 +205,10 @@ impl Paver<'_> {
             lay((level, 0.0), foot, beside, None);
             lay(foot, (foot.0, -DECK_M), DECK, Some(self.across(from, side, (90.0, 0.0))));
             lay((0.0, -DECK_M), (foot.0, -DECK_M), DECK_BELOW, Some(eye - Vec3::Y * 20.0));
-            lay((foot.0 - 0.2, 0.0), (foot.0 - 0.2, 0.8), DECK, Some(eye));
+            if self.track.file().theme != Theme::Jungle {
+                // Along the real jungle's road there are posts, no parapets: to a network that drives, these look like road.
+                lay((foot.0 - 0.2, 0.0), (foot.0 - 0.2, 0.8), DECK, Some(eye));
+            }
             return;
         }
         if [from, to].into_iter().any(|station| self.beside_another(self.across(station, side, (foot.0 + 1.6, 0.0)))) {
