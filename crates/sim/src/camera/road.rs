@@ -215,8 +215,8 @@ impl Paver<'_> {
             // No room for a shoulder between two roads side by side: the higher one ends in a wall.
             let edge = level.min(half + 0.1);
             lay((level.min(edge), 0.0), (edge, 0.0), beside, None);
-            lay((edge, 0.0), (edge, -2.6), DECK, Some(self.across(from, side, (90.0, 0.0))));
-            // Lit like the road: a dark wall stands out as nothing does between the real ones.
+            // Grass, lit like the road: a grey or dark wall looks like road, and between the real ones there is none.
+            lay((edge, 0.0), (edge, -2.6), Paint::Ground, Some(self.across(from, side, (90.0, 0.0))));
             let n = chunk.faces.len();
             for face in &mut chunk.faces[n - 2..] {
                 face.normal = Vec3::Y;
