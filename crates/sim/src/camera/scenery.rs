@@ -83,7 +83,7 @@ impl Scenery {
         land.extend(ground.water.map(|level| water(&ground, level)));
         let (asphalt, side_m, stretched, rough, grain_m, cliff) = match theme {
             Theme::Lake => (0.76, 4.0, 2.4, 0.45, 7.0, 0.45),
-            Theme::Jungle => (0.36, 3.0, 3.0, 0.95, 4.5, 0.95),
+            Theme::Jungle => (0.34, 4.0, 3.0, 0.95, 4.5, 0.95),
             Theme::Mountain => (0.9, 2.6, 2.0, 1.1, 5.0, 1.2),
         };
         Self {
