@@ -69,7 +69,8 @@ impl ThemeLook {
                 steepest: 6.0,
             },
             Theme::Mountain => Self {
-                sun_height_deg: 32.0,
+                // From where the real shadows come, but higher: our walls stand elsewhere, and long shadows fall wrong.
+                sun_height_deg: 46.0,
                 sun_azimuth_deg: 88.0,
                 shade: [0.34, 0.36, 0.42],
                 sky: [[196.0, 222.0, 240.0], [114.0, 150.0, 206.0], [84.0, 114.0, 174.0]],
