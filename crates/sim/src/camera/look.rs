@@ -54,29 +54,31 @@ impl ThemeLook {
                 steepest: 0.9,
             },
             Theme::Jungle => Self {
-                sun_height_deg: 42.0,
-                sun_azimuth_deg: 120.0,
+                // Of all, the sun at which drawn roads are light and dark where the real ones are.
+                sun_height_deg: 50.0,
+                sun_azimuth_deg: 160.0,
                 shade: [0.30, 0.33, 0.42],
-                sky: [[176.0, 196.0, 222.0], [98.0, 128.0, 176.0], [62.0, 90.0, 142.0]],
+                sky: [[136.0, 160.0, 199.0], [117.0, 143.0, 182.0], [103.0, 129.0, 169.0]],
                 fog: [104.0, 120.0, 128.0],
                 fog_100m: 0.05,
                 bonnet: [[138.0, 134.0, 122.0], [96.0, 91.0, 79.0], [43.0, 41.0, 36.0], [166.0, 173.0, 180.0]],
                 sheen: [172.0, 171.0, 168.0],
-                rock: [96.0, 98.0, 74.0],
+                rock: [82.0, 86.0, 66.0],
                 water: None,
                 shadows: true,
                 steepest: 6.0,
             },
             Theme::Mountain => Self {
-                sun_height_deg: 40.0,
-                sun_azimuth_deg: 60.0,
+                // From where the real shadows come, but higher: our walls stand elsewhere, and long shadows fall wrong.
+                sun_height_deg: 46.0,
+                sun_azimuth_deg: 88.0,
                 shade: [0.34, 0.36, 0.42],
-                sky: [[206.0, 222.0, 240.0], [110.0, 150.0, 206.0], [70.0, 98.0, 164.0]],
+                sky: [[196.0, 222.0, 240.0], [114.0, 150.0, 206.0], [84.0, 114.0, 174.0]],
                 fog: [120.0, 132.0, 150.0],
                 fog_100m: 0.04,
                 bonnet: [[130.0, 130.0, 132.0], [91.0, 91.0, 91.0], [41.0, 41.0, 41.0], [146.0, 150.0, 158.0]],
-                sheen: [98.0, 95.0, 98.0],
-                rock: [84.0, 87.0, 92.0],
+                sheen: [112.0, 109.0, 114.0],
+                rock: [58.0, 60.0, 66.0],
                 water: None,
                 shadows: true,
                 steepest: 2.6,
@@ -142,15 +144,15 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band::plain(0.0, far, asphalt, 1.0),
                 dash,
                 Band::plain(half - 0.22, half - 0.08, white, 0.3),
-                Band::plain(half - 0.02, far, [100.0, 106.0, 78.0], 0.6),
+                Band::plain(half - 0.02, far, [110.0, 118.0, 80.0], 0.6),
             ];
             let dashes = Pattern::Bars { period: 9.0, share: 0.34 };
             (0..4).map(|_| Section::new(0, dashes, &road)).collect()
         }
         Theme::Mountain => {
-            let asphalt = [70.0, 68.0, 70.0];
-            let leaf = [206.0, 150.0, 44.0];
-            let track = [54.0, 52.0, 54.0];
+            let asphalt = [68.0, 66.0, 69.0];
+            let leaf = [202.0, 152.0, 64.0];
+            let track = [62.0, 60.0, 63.0];
             let leaves = |from: f32, to: f32, share: f32| Band {
                 from,
                 to,
@@ -166,11 +168,11 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band::plain(half * 0.58, half * 0.68, track, 1.0),
                 // The real road, unrolled and averaged over a thousand pictures: leaves from 0.7 m inside the edge on, most
                 // of them on a yellow line; then dead ones, and from 0.6 m outside it concrete.
-                leaves(half - 0.8, half - 0.45, 0.35),
-                leaves(half - 0.45, half + 0.3, 1.0),
-                Band::plain(half - 0.16, half - 0.02, [176.0, 148.0, 76.0], 0.5),
-                Band { colour: [74.0, 66.0, 54.0], ..leaves(half + 0.3, half + 0.6, 0.4) },
-                Band::plain(half + 0.6, far, [67.0, 66.0, 64.0], 0.5),
+                leaves(half - 0.8, half - 0.45, 0.3),
+                leaves(half - 0.45, half + 0.3, 0.9),
+                Band::plain(half - 0.16, half - 0.02, [150.0, 130.0, 92.0], 0.5),
+                Band { colour: [66.0, 60.0, 54.0], ..leaves(half + 0.3, half + 0.6, 0.3) },
+                Band::plain(half + 0.6, far, [42.0, 42.0, 46.0], 0.5),
             ];
             (0..4).map(|_| Section::new(0, Pattern::Flecks, &road)).collect()
         }
@@ -208,13 +210,16 @@ pub(super) fn ground(theme: Theme, rock: GreyLevels, p: Spot, seed: u32) -> Grey
             mix3(flat, mix3(rock, [222.0, 206.0, 160.0], wide), step(0.30, 0.55, p.slope + 0.3 * (fine - 0.5)))
         }
         Theme::Jungle => {
-            let grass = mix3([126.0, 136.0, 86.0], [94.0, 101.0, 64.0], step(0.35, 0.65, fine));
-            let rock = mix3(rock, [128.0, 128.0, 98.0], step(0.3, 0.7, fine));
+            let grass = mix3([128.0, 138.0, 86.0], [92.0, 101.0, 62.0], step(0.35, 0.65, fine));
+            // Woods, dark from afar, begin a few metres from the road.
+            let wood = mix3([70.0, 78.0, 46.0], [46.0, 54.0, 34.0], step(0.35, 0.65, fine));
+            let grass = mix3(grass, wood, 0.85 * step(4.0, 14.0, p.from_edge_m));
+            let rock = mix3(rock, [100.0, 104.0, 76.0], step(0.3, 0.7, fine));
             mix3(grass, rock, step(0.45, 0.9, p.slope + 0.4 * (wide - 0.5)))
         }
         Theme::Mountain => {
-            let grass = mix3([146.0, 106.0, 40.0], [92.0, 68.0, 28.0], step(0.35, 0.62, fine));
-            let rock = mix3(rock, [60.0, 62.0, 68.0], step(0.3, 0.7, fine));
+            let grass = mix3([104.0, 76.0, 34.0], [58.0, 44.0, 22.0], step(0.35, 0.62, fine));
+            let rock = mix3(rock, [38.0, 40.0, 46.0], step(0.3, 0.7, fine));
             mix3(
                 grass,
                 rock,

@@ -48,10 +48,10 @@ pub(super) fn plant(paver: &Paver<'_>) -> Vec<Sprite> {
     let side = paver.ground.side();
     let theme = paver.track.file().theme;
     // Over the whole country, in woods.
-    let tries = match theme {
-        Theme::Lake => 15_000,
-        Theme::Jungle => 9_000,
-        Theme::Mountain => 8_000,
+    let (tries, steepest) = match theme {
+        Theme::Lake => (15_000, 0.72),
+        Theme::Jungle => (16_000, 0.4),
+        Theme::Mountain => (10_000, 0.5),
     };
     for _ in 0..tries {
         let (x, z) = (paver.ground.x0 + side * dice.unit(), paver.ground.z0 + side * dice.unit());
@@ -87,7 +87,7 @@ pub(super) fn plant(paver: &Paver<'_>) -> Vec<Sprite> {
             }
         };
         let slope = paver.ground.normal(x, z).y;
-        if slope > 0.72 {
+        if slope > steepest {
             add(&mut sprites, paver, &mut dice, (x, z), picture, (width, height));
         }
     }
@@ -131,7 +131,7 @@ fn beside(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
                 },
                 Theme::Jungle => {
                     if outside && metre % 8 < 2 && out < 2.0 {
-                        stand(1.5, picture::POST, (0.42, 1.7));
+                        stand(1.5, picture::POST, (0.9, 3.0));
                     } else if chance < 0.07 {
                         stand(3.2 + 6.0 * out, picture::PALM, (4.2 + 1.4 * size, 4.6 + 2.4 * size));
                     } else if chance < 0.16 {

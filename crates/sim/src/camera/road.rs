@@ -205,14 +205,22 @@ impl Paver<'_> {
             lay((level, 0.0), foot, beside, None);
             lay(foot, (foot.0, -DECK_M), DECK, Some(self.across(from, side, (90.0, 0.0))));
             lay((0.0, -DECK_M), (foot.0, -DECK_M), DECK_BELOW, Some(eye - Vec3::Y * 20.0));
-            lay((foot.0 - 0.2, 0.0), (foot.0 - 0.2, 0.8), DECK, Some(eye));
+            if self.track.file().theme != Theme::Jungle {
+                // Along the real jungle's road there are posts, no parapets: to a network that drives, these look like road.
+                lay((foot.0 - 0.2, 0.0), (foot.0 - 0.2, 0.8), DECK, Some(eye));
+            }
             return;
         }
         if [from, to].into_iter().any(|station| self.beside_another(self.across(station, side, (foot.0 + 1.6, 0.0)))) {
             // No room for a shoulder between two roads side by side: the higher one ends in a wall.
             let edge = level.min(half + 0.1);
             lay((level.min(edge), 0.0), (edge, 0.0), beside, None);
-            lay((edge, 0.0), (edge, -2.6), DECK, Some(self.across(from, side, (90.0, 0.0))));
+            // Grass, lit like the road: a grey or dark wall looks like road, and between the real ones there is none.
+            lay((edge, 0.0), (edge, -2.6), Paint::Ground, Some(self.across(from, side, (90.0, 0.0))));
+            let n = chunk.faces.len();
+            for face in &mut chunk.faces[n - 2..] {
+                face.normal = Vec3::Y;
+            }
             return;
         }
         lay((level, 0.0), foot, beside, None);
@@ -311,6 +319,6 @@ impl Paver<'_> {
         }
         let top =
             [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(x, z)| chunk.point(corner(x, 1.0, z), 0.0, 0.0));
-        chunk.quad(top, Paint::Flat([186, 186, 184]), None);
+        chunk.quad(top, Paint::Flat([140, 140, 138]), None);
     }
 }

@@ -81,10 +81,10 @@ impl Scenery {
         let sprites = plants::plant(&paver);
         let mut land = ground.mesh();
         land.extend(ground.water.map(|level| water(&ground, level)));
-        let (asphalt, stretched, rough, cliff) = match theme {
-            Theme::Lake => (0.76, 2.4, 0.45, 0.45),
-            Theme::Jungle => (0.34, 3.0, 0.55, 0.7),
-            Theme::Mountain => (0.55, 1.0, 0.75, 0.8),
+        let (asphalt, side_m, stretched, rough, grain_m, cliff) = match theme {
+            Theme::Lake => (0.76, 4.0, 2.4, 0.45, 7.0, 0.45),
+            Theme::Jungle => (0.34, 4.0, 3.0, 0.95, 4.5, 0.95),
+            Theme::Mountain => (0.9, 2.6, 2.0, 1.1, 5.0, 1.2),
         };
         Self {
             strip,
@@ -94,12 +94,12 @@ impl Scenery {
             pictures: sprites::all(),
             sections: look::sections(theme, track.half_width() as f32),
             surfaces: vec![
-                Surface::new(texture::asphalt(asphalt, seed + 1), 4.0, stretched),
+                Surface::new(texture::asphalt(asphalt, seed + 1), side_m, stretched),
                 Surface::new(texture::cobbles(seed + 2), 2.94, 1.6),
             ],
             tiles: vec![texture::rock(cliff, seed + 3), texture::striped_block(seed + 4)],
             detail: texture::ground(rough, seed + 5),
-            detail_per_m: 1.0 / 7.0,
+            detail_per_m: 1.0 / grain_m,
             map_texels_per_m: MAP as f32 / ground.side(),
             sheen4: Vec3::from_array(look.sheen).extend(0.0),
             fog4: Vec3::from_array(look.fog).extend(0.0),

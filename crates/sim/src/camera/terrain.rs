@@ -128,13 +128,16 @@ impl Terrain {
                 let cliffs = step(0.44, 0.52, fractal(x / 30.0, z / 30.0, 3, 0, seed + 3));
                 let close = step(2.5, 8.0, d);
                 let spires = 60.0 * step(50.0, 150.0, d) * (hills - 0.35).max(0.0);
-                level - 0.1 + rough + close * (cliffs * (9.0 + 12.0 * wide) + 3.0 * (hills - 0.45)) + spires
+                // The real road is cut into slopes that hide most of the sky.
+                let slopes = step(6.0, 42.0, d) * (10.0 + 44.0 * wide);
+                level - 0.1 + rough + close * (cliffs * (9.0 + 12.0 * wide) + 3.0 * (hills - 0.45)) + slopes + spires
             }
             Theme::Mountain => {
                 let crag = step(0.48, 0.53, fractal(x / 44.0, z / 44.0, 3, 0, seed + 3));
                 let close = step(2.5, 16.0, d);
                 let slope = close * (crag * 10.0 + 9.0 * (hills - 0.34));
-                level - 0.1 + rough + slope + step(40.0, 200.0, d) * 70.0 * (wide - 0.42).max(-0.1)
+                let heights = step(8.0, 60.0, d) * 34.0 * wide + step(40.0, 200.0, d) * 70.0 * (wide - 0.42).max(-0.1);
+                level - 0.1 + rough + slope + heights
             }
         }
     }

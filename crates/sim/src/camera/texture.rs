@@ -178,7 +178,7 @@ pub(super) fn striped_block(seed: u32) -> Texture {
     Texture::paint(64, 32, |x, y| {
         let stripe = (x + y) / 11 % 2 == 0 && y > 3 && y < 28;
         let dirt = 0.75 + 0.5 * fractal(x as f32 / 16.0, y as f32 / 16.0, 3, 4, seed);
-        let colour = if stripe { [158.0, 138.0, 62.0] } else { [134.0, 134.0, 132.0] };
+        let colour = if stripe { [122.0, 104.0, 50.0] } else { [106.0, 106.0, 104.0] };
         let colour = colour.map(|c: f32| c * mix(0.75, 1.0, 1.0 - y as f32 / 32.0) * dirt);
         [colour[0], colour[1], colour[2], 255.0]
     })
