@@ -44,7 +44,9 @@ fn same(shown: &str, got: &str, differing: Differing) -> bool {
         ("fingerprint", Differing::Figures) => named(got) == "fingerprint",
         (_, Differing::Times) => shown == got,
         (_, Differing::Figures) => {
-            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 0.1 + 0.1 * a.abs().max(b.abs());
+            // A network's steering trembles, and how often it changes its mind hangs on a CPU's last bits.
+            let share = if shown.contains("times a minute reversed") { 0.5 } else { 0.1 };
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 0.1 + share * a.abs().max(b.abs());
             letters(shown) == letters(got) && numbers(shown).iter().zip(&numbers(got)).all(near)
         }
     }
@@ -77,6 +79,8 @@ fn times_may_differ_and_a_networks_figures_a_little() {
         ("  cte  0.02 m", "  cte  0.03 m", Differing::Times, false),
         ("  cte  0.02 m", "  cte  0.03 m", Differing::Figures, true),
         ("  speed  19.85 mph", "  speed  12.00 mph", Differing::Figures, false),
+        ("  steering  20 times a minute reversed", "  steering  29 times a minute reversed", Differing::Figures, true),
+        ("  steering  20 times a minute reversed", "  steering  45 times a minute reversed", Differing::Figures, false),
         ("  collisions  0", "  collisions  1", Differing::Figures, false),
         ("  ended  all laps driven", "  ended  crashed", Differing::Figures, false),
         ("  fingerprint  cb0d", "  fingerprint  47aa", Differing::Figures, true),
