@@ -1,4 +1,4 @@
-// The live page in real Chromium: values arrive, controls act, runs are played and compared, nothing complains.
+// The live page in a real browser: values arrive, controls act, runs are played and compared, nothing complains.
 //
 //     node live.js URL serve|drive|record SHOTS
 //
@@ -6,11 +6,9 @@
 // `record` the same where what is driven by hand is kept. It prints one JSON object, leaves screenshots in the folder SHOTS, and exits 1 at the first thing that is not so.
 'use strict'
 const path = require('path')
-const { createRequire } = require('module')
-const { chromium } = createRequire(path.join(process.cwd(), 'package.json'))('playwright-core') // run.py installs it there
+const { launch, screenshot } = require('./browser.js')
 
 const [url, mode, shots] = process.argv.slice(2)
-const FLAGS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync']
 const WAIT = 30000
 const complaints = []
 
@@ -29,10 +27,10 @@ async function until(what, found) {
 }
 
 async function main() {
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: FLAGS })
+  const browser = await launch()
   const page = await browser.newPage({ viewport: { width: 1440, height: 900 }, colorScheme: 'light' })
   page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
-  page.on('pageerror', (error) => complaints.push(error.stack))
+  page.on('pageerror', (error) => complaints.push(error.stack || error.message))
   page.on('request', (request) => new URL(request.url()).origin !== new URL(url).origin && !request.url().startsWith('data:') && !request.url().startsWith('blob:') && complaints.push(`asks elsewhere: ${request.url()}`))
   const text = (selector) => page.locator(selector).first().innerText()
   const state = async () => (await page.request.get(url + 'api/state')).json()
@@ -40,7 +38,7 @@ async function main() {
   const drives = await until('drives', async () => { const { drives } = await state(); return drives.length >= (mode === 'serve' ? 2 : 1) && drives })
   await page.goto(url)
   const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
-  const shot = (name) => page.screenshot({ path: path.join(shots, `${mode}-${name}.png`), fullPage: true })
+  const shot = (name) => screenshot(page, { path: path.join(shots, `${mode}-${name}.png`), fullPage: true }, complaints)
   const speed = async () => parseFloat(await text('.dial b'))
   // How the picture's pixels differ: a page that shows none has one colour.
   const pixels = () => page.evaluate(() => {
@@ -158,7 +156,8 @@ async function main() {
   if (mode === 'record') { await record(); return finish() }
 
   // Controls act on the car.
-  const set = async (mph) => { await page.fill('#mph', String(mph)); await page.press('#mph', 'Enter'); await page.locator('#mph').blur() }
+  // As a person types: over BiDi, `fill` writes behind what stands there.
+  const set = async (mph) => { await page.click('#mph'); await page.keyboard.press('ControlOrMeta+a'); await page.keyboard.type(String(mph)); await page.keyboard.press('Enter'); await page.locator('#mph').blur() }
   await set(14)
   await until('the set speed in the drive', async () => (await api()).status.set_speed_mph === 14)
   await until('14 mph', async () => Math.abs((await speed()) - 14) < 1)
@@ -256,14 +255,14 @@ async function main() {
     result.downloaded = download.suggestedFilename()
     const [report] = await Promise.all([page.waitForEvent('popup'), page.click('#run-report')])
     await until('the report, with pictures', async () => /Speed, mph/.test(await report.locator('body').innerText()) && (await report.locator('.cameras img').count()) === 1)
-    await report.screenshot({ path: path.join(shots, `${mode}-report.png`) })
+    await screenshot(report, { path: path.join(shots, `${mode}-report.png`) }, complaints)
     await report.close()
     await compare()
     for (const [name, width, colorScheme] of [['runs', 1440, 'light'], ['runs-dark', 1440, 'dark'], ['runs-phone', 400, 'light'], ['runs-phone-dark', 400, 'dark']]) {
       await page.emulateMedia({ colorScheme })
       await page.setViewportSize({ width, height: 900 })
       await page.waitForTimeout(400)
-      const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth)
       if (wide > 0) fail(`runs at ${width} px: expected no cuts, got ${wide} px beyond the window`)
       await shot(name)
     }
@@ -274,7 +273,7 @@ async function main() {
     await page.emulateMedia({ colorScheme })
     await page.setViewportSize({ width, height: 900 })
     await page.waitForTimeout(500)
-    const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth)
     if (wide > 0) fail(`at ${width} px: expected no cuts, got ${wide} px beyond the window`)
     await shot(name)
   }
