@@ -28,4 +28,4 @@ async function screenshot(page, options, complaints) {
   if (isFirefox) complaints.push(...complaints.splice(before).filter((words) => !words.includes('style-src-elem')))
 }
 
-module.exports = { launch, screenshot, shown }
+module.exports = { isFirefox, launch, screenshot, shown }

@@ -8,7 +8,8 @@
 'use strict'
 const path = require('path')
 const { pathToFileURL } = require('url')
-const { launch, screenshot, shown } = require('./browser.js')
+const { isFirefox, launch, screenshot, shown } = require('./browser.js')
+const { missed, phone } = require('./phone.js')
 
 const [report, suite, film, shots] = process.argv.slice(2)
 const complaints = []
@@ -16,6 +17,27 @@ const complaints = []
 const fail = (why) => { throw new Error(why) }
 const equal = (what, got, expected) => JSON.stringify(got) === JSON.stringify(expected) || fail(`${what}: expected ${JSON.stringify(expected)}, got ${JSON.stringify(got)}`)
 const holds = (what, so) => so || fail(`${what}: it does not`)
+
+// By fingers alone: everything is large enough to tap, and a tap into a curve reads it.
+async function byTouch(browser) {
+  const context = await phone(browser)
+  for (const [name, file] of [['report', report], ['suite', suite]]) {
+    const page = await context.newPage()
+    page.on('pageerror', (error) => complaints.push(error.stack))
+    await page.goto(pathToFileURL(file).href)
+    await page.waitForTimeout(400)
+    for (const head of await page.locator('summary').all()) await head.tap()
+    equal(`what fingers miss of the ${name}`, await missed(page), [])
+    await page.screenshot({ path: path.join(shots, `${name}-touch.png`), fullPage: true })
+    if (name === 'report') {
+      const curve = page.locator('.u-over').nth(2)
+      await curve.tap()
+      await page.waitForTimeout(150)
+      holds('a tap reads the curve', /: A [\d.]+ mph, B [\d.]+ mph/.test(await page.locator('.chart .readout').nth(2).innerText()))
+    }
+  }
+  await context.close()
+}
 
 async function main() {
   const browser = await launch(['--allow-file-access-from-files'])
@@ -154,6 +176,8 @@ async function main() {
     equal(`its report ${at}: what is cut`, await cut(page), [0])
     await page.close()
   }
+
+  if (!isFirefox) await byTouch(browser)
 
   // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
   const page = await open(report, 700, 'light')
