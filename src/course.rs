@@ -11,7 +11,7 @@ use lapwing_core::{
     driver::Driver,
     hash::sha256,
     pilot::{Pilot, PurePursuit},
-    recording::{ModelId, Recorder, RecorderOptions, RecordingError, RunHeader},
+    recording::{ModelId, Recorder, RecordingError, RunHeader},
     units::Mph,
 };
 use lapwing_learn::models::{self, LoadedModel, ModelError};
@@ -136,7 +136,7 @@ impl suite::Course for SimulatedCourse {
         let model = self.models.get(&cell.pilot);
         let pilot: Box<dyn Pilot> = model.map_or_else(|| Box::new(PurePursuit::default()) as _, LoadedModel::pilot);
         let header = || (self.heading)(&settings, &setup, (&cell.pilot, model.map(|model| ModelId::of(model))));
-        let options = || RecorderOptions { queue: settings.recording.queue, roads: [setup.track.roadway()].into() };
+        let options = || setup.recorder(settings.recording.queue);
         let recorder = run.map(|run| Recorder::create_file(run, header(), options())).transpose()?;
         let mut driver = Driver::new(pilot, &settings.control, Instant::now);
         let mut simulation = Simulation::new(setup)?;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum, builder::ValueParser};
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, builder::ValueParser};
 use serde::Serialize;
 
 use super::{
@@ -10,7 +10,7 @@ use super::{
     parse::{count, number},
 };
 use lapwing_core::config::{self, LimitUnit, Threshold};
-use lapwing_score::suite::Shard;
+use lapwing_score::suite::{Keep, Shard};
 
 /// What a run must reach, or the exit status is 3: a flag for each of [`config::Thresholds::ALL`]. They stand over
 /// `[thresholds]` of the settings.
@@ -143,25 +143,14 @@ pub struct Suite {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
     /// Drives whose run is kept, with a report, in the folder's runs
-    #[arg(long, value_enum, value_name = "WHICH", default_value_t = KeepRuns::Failed)]
-    pub keep_runs: KeepRuns,
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = Keep::Failed)]
+    pub keep_runs: Keep,
     /// Write the heat map for a browser to this file [default: suite.html in the folder]
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Print the groups as JSON
     #[arg(long)]
     pub json: bool,
-}
-
-/// Drives of a suite whose run is kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum KeepRuns {
-    /// Those that did not finish their laps, hit something or left the road
-    Failed,
-    /// All drives
-    All,
-    /// None
-    None,
 }
 
 /// `lapwing merge`

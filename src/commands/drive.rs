@@ -20,7 +20,7 @@ use lapwing_core::{
     guard::GuardModel,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{ModelId, Recorder, RecorderOptions, RecordingError, RecordingReport, RunHeader, RunKind},
+    recording::{ModelId, Recorder, RecordingError, RecordingReport, RunHeader, RunKind},
     units::Mph,
     words::count,
 };
@@ -170,8 +170,7 @@ pub(super) fn header(
 
 /// Begins the run of a drive in this world.
 pub(super) fn record(settings: &Settings, setup: &Setup, header: RunHeader) -> Result<Recorder, RecordingError> {
-    let options = RecorderOptions { queue: settings.recording.queue, roads: [setup.track.roadway()].into() };
-    Recorder::create(&settings.recording.dir, header, options)
+    Recorder::create(&settings.recording.dir, header, setup.recorder(settings.recording.queue))
 }
 
 /// The settings of a drive in this process.

@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, drive, outputs, score};
 use crate::{
-    cli::{self, KeepRuns},
+    cli,
     course::{self, SimulatedCourse},
     known::Roads,
 };
@@ -19,9 +19,7 @@ use serde_json::Value;
 
 use lapwing_core::{config::text_of, words::count};
 use lapwing_learn::nn::runtime;
-use lapwing_score::suite::{
-    self, Cell, Done, Keep, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table,
-};
+use lapwing_score::suite::{self, Cell, Done, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table};
 
 /// How many missing cells are named.
 const NAMED: usize = 5;
@@ -46,11 +44,6 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     let course = SimulatedCourse::new(&suite, layers, models, |settings, setup, who| {
         drive::header(settings, setup, who, None, Value::Null)
     })?;
-    let keep = match arguments.keep_runs {
-        KeepRuns::Failed => Keep::Failed,
-        KeepRuns::All => Keep::All,
-        KeepRuns::None => Keep::Nothing,
-    };
     let planned = Planned::new(&suite, &course)?;
     tell_left_out(planned.left_out, "cell");
     let results = Results::open(&arguments.out)?;
@@ -61,7 +54,14 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     runtime::set_threads(1);
     let interrupted = super::interrupted();
     let bar = SuiteBar::new(open.len());
-    let ended = suite::drive_all(&course, open, (&results, keep), arguments.jobs, &|| interrupted.is_pressed(), &bar);
+    let ended = suite::drive_all(
+        &course,
+        open,
+        (&results, arguments.keep_runs),
+        arguments.jobs,
+        &|| interrupted.is_pressed(),
+        &bar,
+    );
     bar.0.finish_and_clear();
     ended?;
     if interrupted.is_pressed() {

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use lapwing_core::car;
 use lapwing_score::drawing::{
     Colour, DrawingError, INK, LETTER, LINE_PX, MARGIN, PAPER, Point, Shape, Sheet, SheetFormat,
 };
@@ -60,7 +61,7 @@ pub enum MapError {
 }
 
 /// Draws a map `width` pixels wide, and as high as the track requires, into a file ending in `.svg` or `.png`. The line
-/// is in the order in which it was driven; where it jumps by more than 15 m the car was put there and no line is drawn.
+/// is in the order in which it was driven; where it jumps by more than [`car::PUT_M`] the car was put there and no line is drawn.
 /// Positions that are not finite are skipped.
 ///
 /// # Errors
@@ -159,14 +160,12 @@ fn speed_colour(level: usize) -> Colour {
 
 /// The driven line, in pieces of one colour.
 fn drive(line: &[DrivenPoint], fastest: f64, scale: &MapScale, shapes: &mut Vec<Shape>) {
-    /// Farther than a car moves in a moment: it was put there.
-    const JUMP_M: f64 = 15.0;
     let width = (1.0 * scale.px_per_m).clamp(2.0, 6.0);
     let level = |d: &DrivenPoint| ((d.speed_mph / fastest).clamp(0.0, 1.0) * (LEVELS - 1) as f64).round() as usize;
     let mut piece: (usize, Vec<Point>) = (0, Vec::new());
     let mut last: Option<&DrivenPoint> = None;
     for here in line {
-        let jumped = last.is_none_or(|last| last.position.distance(here.position) > JUMP_M);
+        let jumped = last.is_none_or(|last| last.position.distance(here.position) > car::PUT_M);
         if jumped || level(here) != piece.0 {
             // The next piece begins where this one ends.
             let joint = piece.1.last().copied().filter(|_| !jumped);

@@ -13,7 +13,7 @@ import sys
 import time
 
 from bridge import ENVIRONMENT, HERE, RUNS, Bridge, Failed, Unity, node, unharmed
-from checks_live import chromium
+from checks_live import browser
 
 
 HOW = ("stall", "read", "chromium", "visual-back-prop", "integrated-gradients")
@@ -24,9 +24,9 @@ def beside(bridge, how, seconds, fps):
     watcher = None
     if how:
         program, folder = node()
-        environment = {**ENVIRONMENT, "CHROMIUM": chromium()}
+        browser()
         watcher = subprocess.Popen([program, HERE / "watch.js", f"http://127.0.0.1:{bridge.port}/", how], cwd=folder,
-                                   env=environment, stdout=subprocess.PIPE, text=True)
+                                   env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
         if watcher.stdout.readline() != "ready\n":
             raise Failed(f"watch.js {how}: expected to be ready, got an end")
         time.sleep(1)

@@ -1,4 +1,4 @@
-"""The live page in real Chromium: of a bridge with two simulators, of `lapwing drive --page` and `record --page`."""
+"""The live page in a real browser: of a bridge with two simulators, of `lapwing drive --page` and `record --page`."""
 import os
 import re
 import shutil
@@ -8,16 +8,19 @@ import subprocess
 from bridge import (ENVIRONMENT, HERE, LAPWING, REQUIRE_SHARED, RUNS, Bridge, Failed, Skipped, equal, lapwing, node,
                     run_json, wait_for)
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+NAMES = {"chromium": ("chromium", "chromium-browser", "google-chrome"), "firefox": ("firefox-esr", "firefox")}
+NAMES["firefox-dark"] = NAMES["firefox"]  # Firefox cannot be switched, see browser.js
 
 
-def chromium():
-    found = next(filter(None, map(shutil.which, NAMES)), None)
+def browser():
+    """Puts the program of the browser that `run.py --browser` names into the environment; browser.js starts it."""
+    which = ENVIRONMENT.setdefault("INTEROP_BROWSER", "chromium")
+    found = next(filter(None, map(shutil.which, NAMES[which])), None)
     if not found:
         if REQUIRE_SHARED:
-            raise Failed(f"Chromium: expected one of {', '.join(NAMES)} on the PATH, got none")
-        raise Skipped("no Chromium is on the PATH")
-    return found
+            raise Failed(f"{which}: expected one of {', '.join(NAMES[which])} on the PATH, got none")
+        raise Skipped(f"no {which} is on the PATH")
+    ENVIRONMENT["INTEROP_BROWSER_PATH"] = found
 
 
 def look(url, mode):
@@ -25,7 +28,7 @@ def look(url, mode):
     program, folder = node()
     shots = RUNS / "live"
     shots.mkdir(parents=True, exist_ok=True)
-    ENVIRONMENT["CHROMIUM"] = chromium()
+    browser()
     return run_json([program, HERE / "live.js", url, mode, shots], folder, timeout=420)
 
 
@@ -56,7 +59,7 @@ class Program:
 
 
 def live_serve(_):
-    chromium()
+    browser()
     node()
     other = HERE.parent.parent / "models" / "pilotnet.safetensors"
     with Bridge("--speed", "12", "--also-model", other) as bridge:
@@ -69,7 +72,7 @@ def live_serve(_):
 
 
 def live_drive(_):
-    chromium()
+    browser()
     node()
     with Program("live-drive", "drive", "--page", "0", "--track", "lake", "--on-crash", "reset", "--recordings", "runs") as drive:
         found = wait_for("the page's address", 60, lambda: re.search(r"Page: (http://127\.0\.0\.1:\d+/)", drive.log))
@@ -82,7 +85,7 @@ def live_drive(_):
 
 
 def live_record(_):
-    chromium()
+    browser()
     node()
     with Program("live-record", "record", "--page", "0", "--speed", "12", "--out", "data") as recorder:
         found = wait_for("the page's address", 60, lambda: re.search(r"Page: (http://127\.0\.0\.1:\d+/)", recorder.log))

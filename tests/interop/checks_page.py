@@ -1,6 +1,6 @@
-"""The report of `lapwing score --html`, the page of `lapwing suite` and a film of `lapwing drive`, in real Chromium."""
-from bridge import ENVIRONMENT, HERE, RUNS, equal, lapwing, node, run_json
-from checks_live import chromium
+"""The report of `lapwing score --html`, the page of `lapwing suite` and a film of `lapwing drive`, in a real browser."""
+from bridge import HERE, RUNS, equal, lapwing, node, run_json
+from checks_live import browser
 
 # The longest time is too short for a lap of the jungle, so that cells fail.
 SUITE = """
@@ -22,7 +22,7 @@ expert = true
 def report(_):
     """Its screenshots lie in `target/interop/runs/report`."""
     program, folder = node()
-    ENVIRONMENT["CHROMIUM"] = chromium()
+    browser()
     here = RUNS / "report"
     here.mkdir(parents=True, exist_ok=True)
     drive = ("drive", "--max-time", "30", "--recordings", here / "mcap", "--json")

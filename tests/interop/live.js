@@ -1,4 +1,4 @@
-// The live page in real Chromium: values arrive, controls act, runs are played and compared, nothing complains.
+// The live page in a real browser: values arrive, controls act, runs are played and compared, nothing complains.
 //
 //     node live.js URL serve|drive|record SHOTS
 //
@@ -6,11 +6,10 @@
 // `record` the same where what is driven by hand is kept. It prints one JSON object, leaves screenshots in the folder SHOTS, and exits 1 at the first thing that is not so.
 'use strict'
 const path = require('path')
-const { createRequire } = require('module')
-const { chromium } = createRequire(path.join(process.cwd(), 'package.json'))('playwright-core') // run.py installs it there
+const { isFirefox, launch, screenshot } = require('./browser.js')
+const { missed, phone } = require('./phone.js')
 
 const [url, mode, shots] = process.argv.slice(2)
-const FLAGS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync']
 const WAIT = 30000
 const complaints = []
 
@@ -29,10 +28,13 @@ async function until(what, found) {
 }
 
 async function main() {
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: FLAGS })
+  const browser = await launch()
   const page = await browser.newPage({ viewport: { width: 1440, height: 900 }, colorScheme: 'light' })
-  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
-  page.on('pageerror', (error) => complaints.push(error.stack))
+  const listen = (page) => {
+    page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
+    page.on('pageerror', (error) => complaints.push(error.stack || error.message))
+  }
+  listen(page)
   page.on('request', (request) => new URL(request.url()).origin !== new URL(url).origin && !request.url().startsWith('data:') && !request.url().startsWith('blob:') && complaints.push(`asks elsewhere: ${request.url()}`))
   const text = (selector) => page.locator(selector).first().innerText()
   const state = async () => (await page.request.get(url + 'api/state')).json()
@@ -40,7 +42,7 @@ async function main() {
   const drives = await until('drives', async () => { const { drives } = await state(); return drives.length >= (mode === 'serve' ? 2 : 1) && drives })
   await page.goto(url)
   const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
-  const shot = (name) => page.screenshot({ path: path.join(shots, `${mode}-${name}.png`), fullPage: true })
+  const shot = (name) => screenshot(page, { path: path.join(shots, `${mode}-${name}.png`), fullPage: true }, complaints)
   const speed = async () => parseFloat(await text('.dial b'))
   // How the picture's pixels differ: a page that shows none has one colour.
   const pixels = () => page.evaluate(() => {
@@ -68,6 +70,12 @@ async function main() {
       navigator.getGamepads = () => [{ connected: true, axes: [-0.6, 0, 0, 0], buttons }]
     })
     await until('a gamepad at the wheel', async () => { const { turn } = await api(); return turn.by === 'human' && turn.command[0] < -0.2 && turn.command[1] === 0.5 })
+    // The other trigger brakes. A stick within its dead zone does not steer.
+    await page.evaluate(() => {
+      const buttons = Array.from({ length: 17 }, (_, i) => ({ value: i === 6 ? 0.4 : 0, pressed: i === 6 }))
+      navigator.getGamepads = () => [{ connected: true, axes: [0.07, 0, 0, 0], buttons }]
+    })
+    await until('a gamepad that brakes', async () => { const { turn } = await api(); return turn.by === 'human' && turn.command[0] === 0 && turn.command[1] === -0.4 })
     await page.evaluate(() => { navigator.getGamepads = () => [] })
     await page.click('#record')
     await until('a log that is off', async () => !(await api()).status.recording)
@@ -144,6 +152,29 @@ async function main() {
     for (let i = 0; i < 9; i++) { reached.add(await page.evaluate(() => document.activeElement.id)); await page.keyboard.press('Tab') }
     equal('controls of the player that the keyboard does not reach', ['back', 'play', 'forth', 'run-file', 'second', 'align', 'against', 'looks'].filter((id) => !reached.has(id)), [])
   }
+  // By fingers alone: everything is large enough to tap, taps act, and the time line is moved.
+  const byTouch = async () => {
+    const touched = await (await phone(browser)).newPage()
+    listen(touched)
+    await touched.goto(url)
+    await until('a connection of the phone', async () => (await touched.locator('#link').innerText()) === 'connected' && touched.evaluate(() => live.turn !== null))
+    await touched.tap('#world summary')
+    equal('what fingers miss of the live page', await missed(touched), [])
+    await touched.tap('#pause')
+    await until('a pause by a tap', async () => (await api()).status.paused)
+    await touched.tap('#pause')
+    await until('an end of it by another', async () => !(await api()).status.paused)
+    await touched.screenshot({ path: path.join(shots, `${mode}-touch.png`), fullPage: true })
+    await touched.tap('#to-runs')
+    await touched.tap('#run-list li:last-child button')
+    await until('the first frame on the phone', async () => touched.evaluate(() => document.getElementById('frame').dataset.shown === '0'))
+    const { x, y, width, height } = await touched.locator('#time').boundingBox()
+    await touched.touchscreen.tap(x + width / 2, y + height / 2)
+    await until('the middle of the run', async () => touched.evaluate(() => { const { value, max } = document.getElementById('time'); return Math.abs(value / max - 0.5) < 0.1 && document.getElementById('frame').dataset.shown === value }))
+    equal('what fingers miss of the player', await missed(touched), [])
+    await touched.screenshot({ path: path.join(shots, `${mode}-touch-runs.png`), fullPage: true })
+    await touched.context().close()
+  }
   const finish = async () => {
     equal('complaints in the console', complaints, [])
     await browser.close()
@@ -158,7 +189,8 @@ async function main() {
   if (mode === 'record') { await record(); return finish() }
 
   // Controls act on the car.
-  const set = async (mph) => { await page.fill('#mph', String(mph)); await page.press('#mph', 'Enter'); await page.locator('#mph').blur() }
+  // As a person types: over BiDi, `fill` writes behind what stands there.
+  const set = async (mph) => { await page.click('#mph'); await page.keyboard.press('ControlOrMeta+a'); await page.keyboard.type(String(mph)); await page.keyboard.press('Enter'); await page.locator('#mph').blur() }
   await set(14)
   await until('the set speed in the drive', async () => (await api()).status.set_speed_mph === 14)
   await until('14 mph', async () => Math.abs((await speed()) - 14) < 1)
@@ -256,25 +288,26 @@ async function main() {
     result.downloaded = download.suggestedFilename()
     const [report] = await Promise.all([page.waitForEvent('popup'), page.click('#run-report')])
     await until('the report, with pictures', async () => /Speed, mph/.test(await report.locator('body').innerText()) && (await report.locator('.cameras img').count()) === 1)
-    await report.screenshot({ path: path.join(shots, `${mode}-report.png`) })
+    await screenshot(report, { path: path.join(shots, `${mode}-report.png`) }, complaints)
     await report.close()
     await compare()
     for (const [name, width, colorScheme] of [['runs', 1440, 'light'], ['runs-dark', 1440, 'dark'], ['runs-phone', 400, 'light'], ['runs-phone-dark', 400, 'dark']]) {
       await page.emulateMedia({ colorScheme })
       await page.setViewportSize({ width, height: 900 })
       await page.waitForTimeout(400)
-      const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth)
       if (wide > 0) fail(`runs at ${width} px: expected no cuts, got ${wide} px beyond the window`)
       await shot(name)
     }
     await page.click('#to-live')
+    if (!isFirefox) await byTouch()
   }
   await page.evaluate(() => document.activeElement.blur())
   for (const [name, width, colorScheme] of [['laptop', 1440, 'light'], ['laptop-dark', 1440, 'dark'], ['phone', 400, 'light'], ['phone-dark', 400, 'dark'], ['tablet', 900, 'light']]) {
     await page.emulateMedia({ colorScheme })
     await page.setViewportSize({ width, height: 900 })
     await page.waitForTimeout(500)
-    const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth)
     if (wide > 0) fail(`at ${width} px: expected no cuts, got ${wide} px beyond the window`)
     await shot(name)
   }

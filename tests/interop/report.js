@@ -1,4 +1,4 @@
-// The pages of `lapwing score --html` and of `lapwing suite` in real Chromium: one cursor, zoom, runs over one another,
+// The pages of `lapwing score --html` and of `lapwing suite` in a real browser: one cursor, zoom, runs over one another,
 // sorting, links to runs, and nothing that is cut off at 400 pixels.
 //
 //     node report.js REPORT SUITE FILM SHOTS
@@ -8,23 +8,43 @@
 'use strict'
 const path = require('path')
 const { pathToFileURL } = require('url')
-const { createRequire } = require('module')
-const { chromium } = createRequire(path.join(process.cwd(), 'package.json'))('playwright-core') // run.py installs it there
+const { isFirefox, launch, screenshot, shown } = require('./browser.js')
+const { missed, phone } = require('./phone.js')
 
 const [report, suite, film, shots] = process.argv.slice(2)
-const FLAGS = ['--no-sandbox', '--disable-gpu', '--allow-file-access-from-files', '--disable-background-networking', '--disable-component-update', '--disable-sync']
 const complaints = []
 
 const fail = (why) => { throw new Error(why) }
 const equal = (what, got, expected) => JSON.stringify(got) === JSON.stringify(expected) || fail(`${what}: expected ${JSON.stringify(expected)}, got ${JSON.stringify(got)}`)
 const holds = (what, so) => so || fail(`${what}: it does not`)
 
+// By fingers alone: everything is large enough to tap, and a tap into a curve reads it.
+async function byTouch(browser) {
+  const context = await phone(browser)
+  for (const [name, file] of [['report', report], ['suite', suite]]) {
+    const page = await context.newPage()
+    page.on('pageerror', (error) => complaints.push(error.stack))
+    await page.goto(pathToFileURL(file).href)
+    await page.waitForTimeout(400)
+    for (const head of await page.locator('summary').all()) await head.tap()
+    equal(`what fingers miss of the ${name}`, await missed(page), [])
+    await page.screenshot({ path: path.join(shots, `${name}-touch.png`), fullPage: true })
+    if (name === 'report') {
+      const curve = page.locator('.u-over').nth(2)
+      await curve.tap()
+      await page.waitForTimeout(150)
+      holds('a tap reads the curve', /: A [\d.]+ mph, B [\d.]+ mph/.test(await page.locator('.chart .readout').nth(2).innerText()))
+    }
+  }
+  await context.close()
+}
+
 async function main() {
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: FLAGS })
+  const browser = await launch(['--allow-file-access-from-files'])
   const open = async (file, width, colorScheme) => {
     const page = await browser.newPage({ viewport: { width, height: 900 }, colorScheme })
     page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
-    page.on('pageerror', (error) => complaints.push(error.stack))
+    page.on('pageerror', (error) => complaints.push(error.stack || error.message))
     page.on('request', (request) => /^(file|data|blob):/.test(request.url()) || complaints.push(`asks elsewhere: ${request.url()}`))
     await page.goto(pathToFileURL(file).href)
     await page.waitForTimeout(400) // charts are drawn in frames of their own
@@ -33,10 +53,10 @@ async function main() {
   // Nothing is wider than the page, nor than what it lies in.
   const cut = (page) => page.evaluate(() => {
     const wide = [...document.querySelectorAll('main, section, table, td, th, p, h2, h3, select, canvas, figure')]
-      .filter((node) => !node.closest('.frames') && node.getBoundingClientRect().right > innerWidth + 0.5)
-    return [document.documentElement.scrollWidth - innerWidth, ...wide.slice(0, 3).map((node) => `${node.tagName} ${node.textContent.slice(0, 40)}`)]
+      .filter((node) => !node.closest('.frames') && node.getBoundingClientRect().right > document.documentElement.clientWidth + 0.5)
+    return [document.documentElement.scrollWidth - document.documentElement.clientWidth, ...wide.slice(0, 3).map((node) => `${node.tagName} ${node.textContent.slice(0, 40)}`)]
   })
-  const shot = (page, name) => page.screenshot({ path: path.join(shots, name + '.png'), fullPage: true })
+  const shot = (page, name) => screenshot(page, { path: path.join(shots, name + '.png'), fullPage: true }, complaints)
   const dark = (page) => page.evaluate(() => [...document.querySelectorAll('body, main, section, select')].every((node) => {
     const [r, g, b] = getComputedStyle(node).backgroundColor.match(/[\d.]+/g).map(Number)
     return node.tagName === 'MAIN' || r + g + b < 200
@@ -46,7 +66,7 @@ async function main() {
   for (const [width, scheme] of [[1280, 'light'], [400, 'dark']]) {
     const page = await open(report, width, scheme), at = `at ${width}`
     equal(`report ${at}: pixels too wide, and what is cut`, await cut(page), [0])
-    if (scheme === 'dark') holds('report: all is dark, the drop-downs too', await dark(page))
+    if (shown(scheme) === 'dark') holds('report: all is dark, the drop-downs too', await dark(page))
     // What is looked at first stands first.
     const order = await page.$$eval('h2', (heads) => heads.map((head) => head.textContent.replace(/^[A-Z]?.*\.mcap.*/, 'run')))
     equal(`headings ${at}`, order.map((words) => words.replace(/^.*: 2 runs/, '2 runs')), ['Summary', '2 runs laid over one another', 'run', 'run', 'All figures, side by side'])
@@ -79,6 +99,7 @@ async function main() {
     await pointAt(speed, 0.1)
     const early = await times()
     holds(`another place, another time ${at}`, early[0] !== pointed[0])
+    await canvas.hover({ position: { x: where[0] - 3, y: where[1] } })
     await canvas.hover({ position: { x: where[0], y: where[1] } })
     await page.waitForTimeout(150)
     const byMap = (await times())[0]
@@ -134,7 +155,7 @@ async function main() {
   for (const [width, scheme] of [[1280, 'light'], [400, 'dark']]) {
     const page = await open(suite, width, scheme), at = `at ${width}`
     equal(`suite ${at}: pixels too wide, and what is cut`, await cut(page), [0])
-    if (scheme === 'dark') holds('suite: all is dark, the drop-down too', await dark(page))
+    if (shown(scheme) === 'dark') holds('suite: all is dark, the drop-down too', await dark(page))
     const rows = () => page.locator('tbody th').allTextContents(), before = await rows()
     const head = page.locator('thead th').nth(1)
     await head.locator('button').focus()
@@ -155,6 +176,8 @@ async function main() {
     equal(`its report ${at}: what is cut`, await cut(page), [0])
     await page.close()
   }
+
+  if (!isFirefox) await byTouch(browser)
 
   // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
   const page = await open(report, 700, 'light')

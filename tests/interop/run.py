@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Real clients against the real bridge: `target/release/lapwing`, built before.
 
-    tests/interop/run.py [--quick] [--only NAME …] [--list]
+    tests/interop/run.py [--quick] [--only NAME …] [--browser NAME] [--list]
 
 Each check prints one line with what it measured. The last line is
 `N passed, N failed[, N skipped]`; the exit status is 1 if a check failed.
@@ -10,8 +10,8 @@ Python 3.9 or newer and its standard library. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
 the stand-in simulator need the shared folder (LAPWING_SHARED, by default
 `shared` beside the checkout) and are skipped without it, those of the
-JavaScript clients and of the pages without Node.js, those of the live page
-without Chromium; with LAPWING_REQUIRE_SHARED=1 they fail instead.
+JavaScript clients and of the pages without Node.js, those of the pages
+without the browser; with LAPWING_REQUIRE_SHARED=1 they fail instead.
 """
 import argparse
 import shutil
@@ -28,7 +28,7 @@ import checks_server
 import checks_simulate
 import checks_viewers
 import rough
-from bridge import FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skipped
+from bridge import ENVIRONMENT, FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, Failed, Skipped
 
 # Name, check, whether it needs the shared folder, what it holds to.
 CHECKS = [
@@ -47,8 +47,8 @@ CHECKS = [
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
     ("perception", checks_models.perception, False, "pictures as OpenCV and Pillow make them, to the byte"),
     ("keras", checks_models.keras, False, "a network of tf.keras by ONNX and by safetensors answers as at home"),
-    ("report", checks_page.report, False, "the pages of scores and suites, and a film, in Chromium: cursor, zoom, sorting, links"),
-    ("live-serve", checks_live.live_serve, False, "the live page of a bridge in Chromium: values, controls, tabs"),
+    ("report", checks_page.report, False, "the pages of scores and suites, and a film, in a browser: cursor, zoom, sorting, links"),
+    ("live-serve", checks_live.live_serve, False, "the live page of a bridge in a browser: values, controls, tabs"),
     ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),
     ("live-record", checks_live.live_record, False, "and what is driven there by keys and gamepad is training data"),
     ("foxglove", checks_viewers.foxglove, False, "a drive as it happens and its run, by Foxglove's own schemas"),
@@ -84,6 +84,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", metavar="NAME", choices=[c[0] for c in CHECKS], help="this check, repeatable")
     parser.add_argument("--quick", action="store_true", help="shorten the checks that take time")
+    parser.add_argument("--browser", choices=list(checks_live.NAMES), default="chromium", help="in which the pages are looked at")
     parser.add_argument("--list", action="store_true", help="say what there is")
     arguments = parser.parse_args()
     if arguments.list:
@@ -92,6 +93,7 @@ def main():
         return 0
     if not LAPWING.exists():
         sys.exit(f"expected the bridge at {LAPWING}, got nothing there: cargo build --release")
+    ENVIRONMENT["INTEROP_BROWSER"] = arguments.browser
     shutil.rmtree(RUNS, ignore_errors=True)
     RUNS.mkdir(parents=True)
     counts = dict(ok=0, FAILED=0, skipped=0)

@@ -7,14 +7,14 @@
 'use strict'
 const path = require('path')
 const { createRequire } = require('module')
+const { launch } = require('./browser.js')
 const installed = createRequire(path.join(process.cwd(), 'package.json')) // beside_page.py installs it there
 const [url, how] = process.argv.slice(2)
 let moments = 0
 process.on('SIGTERM', () => { console.log(moments); process.exit(0) })
 
 if (how === 'chromium') {
-  const flags = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync']
-  installed('playwright-core').chromium.launch({ executablePath: process.env.CHROMIUM, args: flags, handleSIGTERM: false }).then(async (browser) => {
+  launch([], { handleSIGTERM: false }).then(async (browser) => {
     const page = await browser.newPage()
     page.on('websocket', (socket) => socket.on('framereceived', ({ payload }) => { moments += typeof payload === 'string' && payload.includes('"moment"') }))
     await page.goto(url)

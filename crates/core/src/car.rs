@@ -27,6 +27,10 @@ pub const LENGTH_M: f64 = 4.47;
 /// The speed cap, in mph.
 pub const TOP_SPEED_MPH: f64 = 30.0;
 
+/// A car that is this far from where it was a telemetry before was put there, in metres: at its cap it takes one and a half
+/// seconds for them.
+pub const PUT_M: f64 = 20.0;
+
 /// Below this speed, in mph, the car's brake is its reverse gear (`CarController`: brake torque only above 5 mph).
 pub const REVERSES_BELOW_MPH: f64 = 5.0;
 

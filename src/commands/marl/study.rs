@@ -22,7 +22,10 @@ use lapwing_learn::{
     nn::runtime,
     train::Go,
 };
-use lapwing_score::drawing::chart::{Axis, Chart, Marks, Series, stack};
+use lapwing_score::{
+    drawing::chart::{Axis, Chart, Marks, Series, stack},
+    score::page::{COLOURS, SORTING},
+};
 use lapwing_sim::intersection::{CARS, Reward};
 
 /// Size of a chart, in pixels.
@@ -265,10 +268,11 @@ fn page(findings: &Findings, curves: &str) -> String {
         let cells: String = cells.map(|cell| format!("<{tag}>{cell}</{tag}>")).collect();
         format!("<tr>{cells}</tr>")
     };
-    let mut rows = row("th", &mut HEADS.into_iter().map(String::from));
+    let mut rows = format!("<thead>{}</thead><tbody>", row("th", &mut HEADS.into_iter().map(String::from)));
     for cells in table(findings) {
         rows += &row("td", &mut cells.into_iter());
     }
+    rows += "</tbody>";
     let claims: String = findings
         .findings
         .iter()
@@ -277,5 +281,10 @@ fn page(findings: &Findings, curves: &str) -> String {
             format!("<li class=\"{class}\"><b>{}. {says}</b><br>{}</li>", finding.claim, verdict(finding))
         })
         .collect();
-    include_str!("study.html").replace("/*CLAIMS*/", &claims).replace("/*ROWS*/", &rows).replace("/*CURVES*/", curves)
+    include_str!("study.html")
+        .replace("/*COLOURS*/", COLOURS)
+        .replace("/*SORTING*/", SORTING)
+        .replace("/*CLAIMS*/", &claims)
+        .replace("/*ROWS*/", &rows)
+        .replace("/*CURVES*/", curves)
 }

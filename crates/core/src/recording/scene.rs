@@ -13,8 +13,6 @@ use crate::{car, units::Metres};
 
 /// The car's direction is told from ways of at least this length, in metres: reported positions are rounded.
 const MOVED_M: f64 = 0.25;
-/// A car that is this far from where it was a telemetry before was put there, in metres.
-const PUT_M: f64 = 20.0;
 /// The line to drive lies this far above the road, in metres, so that it is seen.
 const LINE_ABOVE_M: f64 = 0.05;
 /// Its width, in metres.
@@ -72,7 +70,7 @@ impl Pointing {
                 let way = dx.hypot(dy).hypot(dz);
                 if way >= MOVED_M {
                     self.from = Some([x, y, z]);
-                    if way <= PUT_M {
+                    if way <= car::PUT_M {
                         self.rotation = Some(towards(dx, dy, dz));
                     }
                 }

@@ -116,7 +116,10 @@ pub enum NnError {
         got: safetensors::Dtype,
     },
     /// Metadata that says another preprocessing than the network was built with.
-    #[error("expected the preprocessing that the network was built with, got another in its metadata")]
+    #[error(
+        "expected the preprocessing that the network was built with, got another in its metadata: use the release that \
+         wrote the file, or train the network anew by its recipe (lapwing train, lapwing brake train)"
+    )]
     OtherPreprocess,
     /// Inputs that are not the architecture's.
     #[error("expected {expected} frames for {name}, got {got}", expected = architecture.frames(), name = architecture.name())]

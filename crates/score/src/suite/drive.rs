@@ -36,14 +36,15 @@ pub trait Course: Sync {
 
 /// Which drives of a suite leave a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Keep {
-    /// Those that [failed](Done::failed).
+    /// Those that did not finish their laps, hit something or left the road
     #[default]
     Failed,
-    /// Every one.
+    /// All drives
     All,
-    /// None.
-    Nothing,
+    /// None
+    None,
 }
 
 /// Whether to stop; called again and again.
@@ -200,7 +201,7 @@ fn drive_one<C: Course>(
     watch.begins(&cell);
     let (name, began) = (cell.to_string(), Instant::now());
     let failed = |source| DriveError::Results { cell: name.clone(), source };
-    let run = (keep != Keep::Nothing).then(|| results.room_for_run(&cell)).transpose().map_err(failed)?;
+    let run = (keep != Keep::None).then(|| results.room_for_run(&cell)).transpose().map_err(failed)?;
     let driven = course.drive(&cell, run.as_deref(), stop);
     let Ok(Some(Judged { card, driven })) = driven else {
         // What there is of the run belongs to no result.

@@ -341,5 +341,5 @@ fn the_runs_of_failed_drives_are_kept_and_the_page_leads_to_them() {
     let page = render(&SuiteOutcome::new(groups.clone(), None, 0), "../results").unwrap();
     assert!(page.contains(drive.run.as_ref().unwrap()) && page.contains(r#""folder":"../results""#));
     assert_eq!(runs_in(Keep::All, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 24);
-    assert_eq!(runs_in(Keep::Nothing, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 0);
+    assert_eq!(runs_in(Keep::None, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 0);
 }

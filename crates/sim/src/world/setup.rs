@@ -12,6 +12,7 @@ use crate::{
 use lapwing_core::{
     config::{OnCrash, Rules},
     perception::Frame,
+    recording::RecorderOptions,
     units::Mph,
 };
 
@@ -56,6 +57,11 @@ pub struct Setup {
 }
 
 impl Setup {
+    /// How a drive in this world is recorded, with so many items waiting for the disk: viewers are shown its road.
+    pub fn recorder(&self, queue: usize) -> RecorderOptions {
+        RecorderOptions { queue, roads: [self.track.roadway()].into() }
+    }
+
     /// One lap in fair weather, without other traffic.
     pub fn new(track: Arc<Track>, scenery: Arc<Scenery>) -> Self {
         Self {

@@ -172,16 +172,18 @@ mod tests {
     use crate::nn::in_variable_store;
 
     fn saved(limits: BrakeLimits) -> (tempfile::TempDir, PathBuf, BrakingNetwork, VarStore) {
+        saved_with(BrakingArchitecture::Live.preprocess(), limits)
+    }
+
+    fn saved_with(
+        preprocess: Preprocess,
+        limits: BrakeLimits,
+    ) -> (tempfile::TempDir, PathBuf, BrakingNetwork, VarStore) {
         tch::manual_seed(5);
         let store = VarStore::new(Device::Cpu);
         let architecture = BrakingArchitecture::Live;
         let network = BrakingNetwork::build(architecture, &mut in_variable_store(store.root())).unwrap();
-        let metadata = BrakingMetadata {
-            preprocess: architecture.preprocess(),
-            limits,
-            training: "not at all".into(),
-            result: "none".into(),
-        };
+        let metadata = BrakingMetadata { preprocess, limits, training: "not at all".into(), result: "none".into() };
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("brake.safetensors");
         save_braking(&path, &metadata, &network, Precision::F32).unwrap();
@@ -206,6 +208,18 @@ mod tests {
         for (a, b) in answer(&network).iter().zip(answer(&read.network)) {
             assert!((a - b).abs() < 1e-4, "{a} {b}");
         }
+    }
+
+    #[test]
+    fn a_file_of_a_release_that_prepared_frames_otherwise_is_refused_with_what_to_do() {
+        let earlier = BrakingArchitecture::Stacked.preprocess();
+        assert_ne!(earlier, BrakingArchitecture::Live.preprocess());
+        let (_dir, path, ..) = saved_with(earlier, BrakeLimits { fires: 0.5, releases: 0.25 });
+        let error = BrakingCheckpoint::load(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("use the release that wrote the file, or train the network anew by its recipe"),
+            "{error}"
+        );
     }
 
     #[test]

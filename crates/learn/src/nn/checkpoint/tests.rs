@@ -307,5 +307,9 @@ fn metadata_with_another_preprocessing_than_the_networks_is_not_written() {
     let mut metadata = metadata();
     metadata.preprocess.crop = None;
     let error = encode(&metadata, &network(), Precision::F32).unwrap_err().to_string();
-    assert_eq!(error, "expected the preprocessing that the network was built with, got another in its metadata");
+    assert!(
+        error.starts_with("expected the preprocessing that the network was built with, got another in its metadata: "),
+        "{error}"
+    );
+    assert!(error.ends_with("train the network anew by its recipe (lapwing train, lapwing brake train)"), "{error}");
 }

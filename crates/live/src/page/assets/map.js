@@ -55,7 +55,7 @@ function drawWay(context, trail, at, colour) {
   context.beginPath();
   let before = null;
   for (const point of trail) {
-    const near = before && Math.hypot(before[0] - point[0], before[1] - point[1]) < 25;
+    const near = before && Math.hypot(before[0] - point[0], before[1] - point[1]) <= PUT_M;
     if (near) context.lineTo(...at(point)); else context.moveTo(...at(point));
     before = point;
   }

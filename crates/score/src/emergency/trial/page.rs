@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::{HARMLESS_HEADS, HAZARD_HEADS, HazardRow, TrialResult};
+use crate::score::page::{COLOURS, SORTING};
 
 /// The film of a drive.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,6 +43,8 @@ pub fn render(result: &TrialResult, films: &[Film]) -> String {
             .expect("writing to a String cannot fail");
     }
     include_str!("page.html")
+        .replace("/*COLOURS*/", COLOURS)
+        .replace("/*SORTING*/", SORTING)
         .replace("/*GUARD*/", &escaped(guard))
         .replace("/*HAZARDS*/", &hazards(&mut each.into_iter()))
         .replace("/*LAYERS*/", &hazards(&mut result.by_layer.iter()))
@@ -51,7 +54,7 @@ pub fn render(result: &TrialResult, films: &[Film]) -> String {
 
 /// A table; the fifth number after the name is coloured by how many were avoided of the avoidable.
 fn table(heads: &[&str], rows: impl Iterator<Item = (String, Vec<String>, Option<(usize, usize)>)>) -> String {
-    let mut text = String::from("<table><thead><tr><th></th>");
+    let mut text = String::from("<table><thead><tr><th>what</th>");
     heads.iter().for_each(|head| text += &format!("<th>{head}</th>"));
     text += "</tr></thead><tbody>";
     for (what, cells, avoided) in rows {
@@ -85,7 +88,11 @@ mod tests {
         let result = TrialResult::of(Some("<b>x</b>".into()), vec![]);
         let film = Film { title: "a < b".into(), told: "hit".into(), media: "video/mp4", base64: "AAAA".into() };
         let page = render(&result, &[film]);
-        assert!(page.contains("&lt;b&gt;x&lt;/b&gt;") && page.contains("a &lt; b") && !page.contains("/*"));
+        assert!(page.contains("&lt;b&gt;x&lt;/b&gt;") && page.contains("a &lt; b"));
+        for place in ["COLOURS", "SORTING", "GUARD", "HAZARDS", "LAYERS", "HARMLESS", "FILMS"] {
+            assert!(!page.contains(&format!("/*{place}*/")), "{place} is empty");
+        }
+        assert!(page.contains(COLOURS) && page.contains(SORTING));
         assert!(page.contains("data:video/mp4;base64,AAAA"));
     }
 }

@@ -3,8 +3,6 @@
 
 // Dark blue over green to yellow: read alike by everybody, and in grey.
 const SCALE = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-// A car that moves further from one telemetry to the next was put elsewhere, in metres.
-const JUMP_M = 12;
 // How near to a line one has to point, in pixels.
 const NEAR_PX = 28;
 // Between two arrows on a line, in pixels.
@@ -73,7 +71,7 @@ function map(shown, point) {
     pen.lineWidth = several ? 2 : 2.5; pen.lineCap = "round";
     for (let i = 1; i < at.length; i++) {
       const [from, to] = [at[i - 1], at[i]];
-      if (!from || !to || Math.hypot(to[0] - from[0], to[1] - from[1]) > JUMP_M || t[i] - t[i - 1] > APART_S) continue;
+      if (!from || !to || Math.hypot(to[0] - from[0], to[1] - from[1]) > PUT_M || t[i] - t[i - 1] > APART_S) continue;
       const [a, b] = [project(from), project(to)], length = Math.hypot(b[0] - a[0], b[1] - a[1]);
       pen.strokeStyle = several ? ink : values[i] === null ? css("--faint") : shade((values[i] - low) / (high - low));
       pen.beginPath(); pen.moveTo(...a); pen.lineTo(...b); pen.stroke();

@@ -47,7 +47,7 @@ pub const UPLOT_STYLE: &str = include_str!("uplot/uPlot.min.css");
 /// It asks to go with every copy, and each page is one.
 pub const UPLOT_LICENCE: &str = include_str!("uplot/LICENSE");
 
-/// The colours of all pages, light and dark.
+/// What all pages look like: their colours, light and dark, heads that sort a table, and the room that fingers need.
 pub const COLOURS: &str = include_str!("colours.css");
 
 /// What reports and the live page have in common: the functions `el`, `clock`, `before`, `between` and `drawRoad`.

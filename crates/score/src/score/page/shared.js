@@ -1,6 +1,9 @@
 "use strict";
 // What reports and the live page have in common: elements, clocks, places in a series, and a road from above.
 
+// A car that is further from where it was a telemetry before was put there, in metres: `car::PUT_M`.
+const PUT_M = 20;
+
 function el(tag, attributes = {}, ...children) {
   const node = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);

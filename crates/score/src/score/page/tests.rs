@@ -1,6 +1,6 @@
 use super::*;
 use crate::score::{SCHEMA, Scorer};
-use lapwing_core::protocol::Telemetry;
+use lapwing_core::{car, protocol::Telemetry};
 
 fn at(s: f64) -> Duration {
     Duration::from_secs_f64(s)
@@ -72,6 +72,11 @@ fn no_text_of_a_run_gets_out_of_its_place_in_the_page() {
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
     assert_eq!(data["runs"][0]["card"]["schema"], SCHEMA);
     assert_eq!(data["runs"][0]["drawn"]["events"][0]["words"], "</script><b>/*PAGE*/");
+}
+
+#[test]
+fn pages_think_a_car_put_elsewhere_where_the_rest_does() {
+    assert!(SHARED.contains(&format!("const PUT_M = {};", car::PUT_M)));
 }
 
 #[test]
