@@ -35,7 +35,7 @@ const MAY_IMPORT: [(&str, &[&str]); 48] = [
     ("score/results", &["score"]),
     ("score/suite", &["judged", "score"]),
     ("score/drawing", &[]),
-    ("score/emergency", &["drawing"]),
+    ("score/emergency", &["drawing", "score"]),
     ("learn/nn", &[]),
     ("learn/braking", &["nn", "train"]),
     ("learn/models", &["nn"]),
