@@ -75,5 +75,7 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let rows = fs::read_to_string(folder.path().join("study/study.csv")).unwrap();
     assert!(rows.lines().count() == 3 && rows.lines().nth(2).unwrap().starts_with("maddpg,smarts,0,1,"), "{rows}");
     let page = fs::read_to_string(folder.path().join("study/study.html")).unwrap();
-    assert!(page.contains("<svg") && page.contains("SMARTS PPO") && !page.contains("/*"), "{page}");
+    assert!(page.contains("<svg") && page.contains("SMARTS PPO"), "{page}");
+    let left = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CURVES"].map(|part| page.contains(&format!("/*{part}*/")));
+    assert_eq!(left, [false; 5], "{page}");
 }
