@@ -17,11 +17,13 @@ pub(super) fn look(edge: Edge) -> (Colour, f64, &'static str) {
         Edge::Blocks => ([0x9a, 0xa0, 0xa6], 1.4, "blocks"),
         Edge::Rock => ([0x8a, 0x7d, 0x6d], 4.0, "rock"),
         Edge::Water => ([0x8e, 0xc1, 0xde], 6.0, "water"),
+        Edge::Posts => ([0xb0, 0x4e, 0x4e], 0.5, "posts"),
     }
 }
 
 /// All edges, flat and distant ones first.
-pub(super) const EDGES: [Edge; 6] = [Edge::Water, Edge::Rock, Edge::Dirt, Edge::Kerb, Edge::Blocks, Edge::Bridge];
+pub(super) const EDGES: [Edge; 7] =
+    [Edge::Water, Edge::Rock, Edge::Dirt, Edge::Kerb, Edge::Posts, Edge::Blocks, Edge::Bridge];
 
 fn asphalt(theme: Theme) -> Colour {
     match theme {

@@ -88,7 +88,7 @@ pub(super) fn plant(paver: &Paver<'_>) -> Vec<Sprite> {
         };
         let slope = paver.ground.normal(x, z).y;
         if slope > steepest {
-            add(&mut sprites, paver, &mut dice, (x, z), picture, (width, height));
+            add(&mut sprites, paver, &mut dice, paver.ground.place(x, z), picture, (width, height));
         }
     }
     beside(&mut sprites, paver, &mut dice);
@@ -109,7 +109,12 @@ fn beside(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
             let (chance, out, size) = (dice.unit(), f64::from(dice.unit()), dice.unit());
             let mut stand = |out: f64, picture, size| {
                 let p = track.point(s, sign * (half + out));
-                add(sprites, paver, dice, (p.x as f32, p.z as f32), picture, size);
+                let mut at = paver.ground.place(p.x as f32, p.z as f32);
+                if picture == picture::POST {
+                    // They belong to the road, and may have nothing but air behind them.
+                    at.y = at.y.max(p.y as f32);
+                }
+                add(sprites, paver, dice, at, picture, size);
             };
             let outside = station.curvature * sign < -0.012;
             let metre = s as i64;
@@ -130,8 +135,8 @@ fn beside(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
                     _ => {}
                 },
                 Theme::Jungle => {
-                    if outside && metre % 8 < 2 && out < 2.0 {
-                        stand(1.5, picture::POST, (0.9, 3.0));
+                    if has(Edge::Posts) && metre % 4 < 2 {
+                        stand(Edge::Posts.stands_off_m(), picture::POST, (0.9, 3.6));
                     } else if chance < 0.07 {
                         stand(3.2 + 6.0 * out, picture::PALM, (4.2 + 1.4 * size, 4.6 + 2.4 * size));
                     } else if chance < 0.16 {
@@ -161,7 +166,7 @@ fn beside(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
                 paver.ground.x0 + side * (0.08 + 0.84 * k as f32 / 8.0),
                 paver.ground.z0 + side * (0.12 + 0.03 * (k % 3) as f32),
             );
-            add(sprites, paver, dice, (x, z), picture::PYLON, (17.0, 44.0));
+            add(sprites, paver, dice, paver.ground.place(x, z), picture::PYLON, (17.0, 44.0));
         }
     }
 }
@@ -170,13 +175,12 @@ fn add(
     sprites: &mut Vec<Sprite>,
     paver: &Paver<'_>,
     dice: &mut Dice,
-    (x, z): (f32, f32),
+    at: Vec3,
     picture: u8,
     (width, height): (f32, f32),
 ) {
     let (mirrored, tone) = (dice.unit() < 0.5, dice.between(0.82, 1.12));
-    let foot = paver.ground.height(x, z);
-    let at = Vec3::new(x, foot - 0.12, z);
+    let (foot, at) = (at.y, at - Vec3::Y * 0.12);
     let dry =
         paver.ground.water.is_none_or(|water| foot > water + 0.2 || picture == picture::REEDS && foot > water - 0.3);
     if dry && paver.clear(at, width / 2.0 + 0.6) {

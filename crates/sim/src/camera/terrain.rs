@@ -124,6 +124,10 @@ impl Terrain {
                 let basin = if right { 0.0 } else { 6.0 * step(34.0, 70.0, d) * step(0.58, 0.42, wide) };
                 level - 0.15 + rough + beside * (bank + 1.5 * (hills - 0.4)) - basin + far
             }
+            Theme::Jungle if track.file().has(Edge::Posts, side, here.s) => {
+                // They warn of a valley, whose far side rises as everywhere.
+                level - 0.1 + rough - 6.0 * step(4.0, 14.0, d) + step(30.0, 80.0, d) * (16.0 + 44.0 * wide)
+            }
             Theme::Jungle => {
                 let cliffs = step(0.44, 0.52, fractal(x / 30.0, z / 30.0, 3, 0, seed + 3));
                 let close = step(2.5, 8.0, d);
@@ -156,6 +160,11 @@ impl Terrain {
     pub(super) fn height(&self, x: f32, z: f32) -> f32 {
         let (i, j, u, v) = self.cell(x, z);
         mix(mix(self.at(i, j), self.at(i + 1, j), u), mix(self.at(i, j + 1), self.at(i + 1, j + 1), u), v)
+    }
+
+    /// The place on it, there.
+    pub(super) fn place(&self, x: f32, z: f32) -> Vec3 {
+        Vec3::new(x, self.height(x, z), z)
     }
 
     /// Metres to the nearest road's edge, and its station.

@@ -108,6 +108,8 @@ pub enum Edge {
     Rock,
     /// Water a few metres away.
     Water,
+    /// Posts with a red and white board, and behind them the ground falls away; they are not hit.
+    Posts,
 }
 
 impl Edge {
@@ -117,6 +119,7 @@ impl Edge {
             Self::Kerb | Self::Dirt => 0.0,
             Self::Bridge => 1.9, // its wall's foot: 1.4 m where it begins, 2.8 m where it ends
             Self::Blocks => 1.2,
+            Self::Posts => 1.5,
             Self::Rock => 3.0,
             Self::Water => 8.0,
         }
@@ -132,6 +135,7 @@ impl fmt::Display for Edge {
             Self::Blocks => "a concrete block",
             Self::Rock => "a rock face",
             Self::Water => "the water",
+            Self::Posts => "a post",
         })
     }
 }

@@ -314,7 +314,7 @@ mod tests {
                 let (there, back) = (track.at(s), other.at(other.length() - s));
                 assert!(there.position.distance(back.position) < 0.01, "{name} {s}: {there:?}, {back:?}");
                 assert!((turn(there.yaw - back.yaw).abs() - std::f64::consts::PI).abs() < 0.01, "{name} {s}");
-                for edge in [Edge::Kerb, Edge::Dirt, Edge::Bridge, Edge::Blocks, Edge::Rock, Edge::Water] {
+                for edge in [Edge::Kerb, Edge::Dirt, Edge::Bridge, Edge::Blocks, Edge::Rock, Edge::Water, Edge::Posts] {
                     let near_end = |at: f64| track.file().has(edge, Side::Left, at);
                     if near_end(s - 0.1) == near_end(s + 0.1) {
                         let back = other.file().has(edge, Side::Right, (other.length() - s) % other.length());

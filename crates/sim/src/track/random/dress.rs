@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::{CROSSING_HEIGHT_M, Crossing, RandomTrack, WIDTHS_APART};
-use crate::track::{Edge, Side, Station, Stretch, Track};
+use crate::track::{Edge, Side, Station, Stretch, Theme, Track};
 
 /// The shortest wave of the hills, in metres.
 const SHORTEST_WAVE_M: f64 = 150.0;
@@ -15,6 +15,8 @@ const SHORTEST_WAVE_M: f64 = 150.0;
 const CROSSING_WITH_SPARE_M: f64 = 1.12 * CROSSING_HEIGHT_M;
 /// A straight bends less than this, 1/m.
 const STRAIGHT: f64 = 1.0 / 150.0;
+/// Bends of the jungle have posts from this on, 1/m.
+const POSTS_FROM: f64 = 0.012;
 
 /// The control point, out of `points`, nearest to the middle of the first half of the longest straight.
 pub(super) fn longest_straight(stations: &[Station], points: usize) -> usize {
@@ -162,6 +164,14 @@ pub(super) fn stretches(track: &Track, crossings: &[Crossing], rng: &mut ChaCha8
             if dressing.is_free(from, long, side) && (edge != Edge::Water || clear(track, from, long, side)) {
                 dressing.put(from, long, side, edge);
                 break;
+            }
+        }
+    }
+    // In the jungle, posts along the outer side of bends that have nothing yet.
+    if track.file().theme == Theme::Jungle {
+        for (sign, outer) in [(1.0, Side::Left), (-1.0, Side::Right)] {
+            for (from, count) in runs(stations, |s| s.curvature * sign > POSTS_FROM) {
+                dressing.put(stations[from].s, count as f64 * step, outer, Edge::Posts);
             }
         }
     }
