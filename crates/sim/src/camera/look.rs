@@ -81,7 +81,7 @@ impl ThemeLook {
                 rock: [58.0, 60.0, 66.0],
                 water: None,
                 shadows: true,
-                steepest: 2.6,
+                steepest: 6.0,
             },
         }
     }

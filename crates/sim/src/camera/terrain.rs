@@ -107,7 +107,8 @@ impl Terrain {
         let right = to.dot(here.right().as_vec3()) > 0.0;
         let side = if right { Side::Right } else { Side::Left };
         if track.file().has(Edge::Rock, side, here.s) {
-            return level + step(2.5, 8.0, d) * (7.0 + 9.0 * hills);
+            let least = if track.file().theme == Theme::Mountain { 13.0 } else { 7.0 };
+            return level + step(2.5, 8.0, d) * (least + 9.0 * hills);
         }
         let rough = 0.5 * (fractal(x / 7.0, z / 7.0, 2, 0, seed + 7) - 0.5) * step(4.0, 9.0, d);
         match track.file().theme {
