@@ -8,7 +8,7 @@ FROM rust:1.95-bookworm AS build
 RUN apt-get update && apt-get install -y --no-install-recommends python3 python3-pip && rm -rf /var/lib/apt/lists/*
 WORKDIR /lapwing
 COPY . .
-RUN make dist && mkdir /opt/lapwing && tar -xzf target/dist/*.tar.gz -C /opt/lapwing --strip-components 1
+RUN make build && python3 scripts/dist.py && mkdir /opt/lapwing && tar -xzf target/dist/*.tar.gz -C /opt/lapwing --strip-components 1
 
 FROM debian:bookworm-slim
 COPY --from=build /opt/lapwing /opt/lapwing

@@ -17,7 +17,7 @@ const PAGE_FRAMES = 24
 const REPORT_FRAMES = 34
 
 async function main() {
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: ['--no-sandbox', '--disable-gpu'] })
+  const browser = await chromium.launch({ executablePath: process.env.INTEROP_BROWSER_PATH, args: ['--no-sandbox', '--disable-gpu'] })
   const page = await browser.newPage({ viewport: VIEW, colorScheme: 'light' })
   const shot = (name, i) => page.screenshot({ path: path.join(folder, `${name}-${String(i).padStart(3, '0')}.png`) })
   await page.goto(live)

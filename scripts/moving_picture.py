@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "interop"))
 from bridge import ENVIRONMENT, LAPWING, WORK, node, python, wait_for  # noqa: E402
-from checks_live import chromium  # noqa: E402
+from checks_live import browser  # noqa: E402
 
 OUT = ROOT / "docs" / "images" / "drive.webp"
 STILL = OUT.with_name("scorecard.png")
@@ -61,7 +61,7 @@ def main():
     try:
         address = r"Page: (http://127\.0\.0\.1:\d+/)"
         found = wait_for("the page's address", 60, lambda: re.search(address, (folder / "log").read_text()))
-        ENVIRONMENT["CHROMIUM"] = chromium()
+        browser()
         capture = [program, ROOT / "scripts" / "moving_picture.js", found[1], folder / "report.html", folder, FRAME_MS]
         subprocess.run([str(part) for part in capture], cwd=packages, env=ENVIRONMENT, check=True)
     finally:

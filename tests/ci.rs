@@ -72,6 +72,40 @@ fn the_steps_of_the_action_drive_score_report_and_comment() {
 }
 
 #[test]
+fn the_action_builds_once_for_each_state_of_the_sources_and_of_the_network() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for name in ["src/main.rs", "crates/a.rs", "models/pilotnet.safetensors", "scripts/libtorch.py"] {
+        fs::create_dir_all(at(name).parent().unwrap()).unwrap();
+        fs::write(at(name), name).unwrap();
+    }
+    for name in ["Cargo.toml", "Cargo.lock", "build.rs"] {
+        fs::write(at(name), name).unwrap();
+    }
+    // Instead of cargo, whose turn it would be.
+    fs::write(at("Makefile"), "build:\n\tmkdir -p target/release && cp Makefile target/release/lapwing\n\tchmod +x target/release/lapwing\n\techo built >> log\n").unwrap();
+    let run = |name: &str| {
+        let (output, path) = (at("output"), at("path"));
+        let _ = fs::remove_file(&output);
+        let variables = [("GITHUB_ACTION_PATH", dir.path()), ("GITHUB_OUTPUT", &*output), ("GITHUB_PATH", &*path)];
+        let (code, _, err) =
+            said(&script(name, dir.path(), &variables.map(|(name, value)| (name, value.to_str().unwrap()))));
+        assert_eq!(code, 0, "{err}");
+        fs::read_to_string(output).unwrap_or_default()
+    };
+    let key = run("key.sh");
+    assert!(key.starts_with("key=") && key.trim().len() == 4 + 64, "{key}");
+    for _ in 0..2 {
+        run("build.sh");
+        assert_eq!(fs::read_to_string(at("log")).unwrap(), "built\n", "the second time it is there");
+    }
+    assert!(fs::read_to_string(at("path")).unwrap().contains("target/release\n"));
+    assert_eq!(run("key.sh"), key, "what is built is no source");
+    fs::write(at("models/pilotnet.safetensors"), "another").unwrap();
+    assert_ne!(run("key.sh"), key);
+}
+
+#[test]
 fn the_action_runs_scripts_that_are_there_and_gives_them_variables_that_they_read() {
     let action = fs::read_to_string(Path::new(ROOT).join("action.yml")).unwrap();
     let mut text = String::new();

@@ -12,7 +12,7 @@ lapwing VERB --help shows a verb's flags and examples. The documentation: docs/R
 pub(super) const DRIVE: &str = "\
 Examples:
   lapwing drive                                                  the shipped model, one lap of the lake, at 9 mph
-  lapwing drive --track jungle --laps 3 --speed 15 --model my.safetensors
+  lapwing drive --track jungle --laps 3 --speed 15 --model models/resnet50.safetensors
   lapwing drive --track random:7 --conditions rain=0.5,haze=0.3 --seed 4
   lapwing drive --pilot expert --video lap.mp4 --map lap.svg
   lapwing drive --min-completion 100 --max-collisions 0          exit status 3 below a threshold";
@@ -21,7 +21,7 @@ Examples:
 pub(super) const SERVE: &str = "\
 Examples:
   lapwing serve                                      then start the simulator in Autonomous Mode
-  lapwing serve --speed 20 --model my.safetensors
+  lapwing serve --speed 20 --model models/resnet50.safetensors
   lapwing serve --takeover latch                     stay off after a takeover until you press Enter
   lapwing serve --bind 0.0.0.0                       let other machines reach the port; the page then wants its token";
 
@@ -46,7 +46,8 @@ Examples:
 #[cfg(feature = "networks")]
 pub(super) const EVALUATE: &str = "\
 Examples:
-  lapwing evaluate runs/mine/model.safetensors --data data/lake --rows held-out --plot error.svg";
+  lapwing evaluate models/cps.safetensors --data recordings/lake.mcap --plot error.svg
+  lapwing evaluate runs/mine/model.safetensors --data data/lake --rows held-out     after lapwing record and lapwing train";
 
 #[cfg(feature = "networks")]
 pub(super) const EXPLAIN: &str = "\
@@ -56,7 +57,7 @@ Examples:
 #[cfg(feature = "networks")]
 pub(super) const MODEL: &str = "\
 Examples:
-  lapwing model check net.onnx                       what goes in and out, and what looks wrong
+  lapwing model check models/cps.safetensors          what goes in and out, and what looks wrong; also of .onnx and .pt
   lapwing model rename weights.safetensors --network pilotnet --out net.safetensors";
 
 #[cfg(feature = "networks")]
@@ -69,7 +70,7 @@ Examples:
 #[cfg(feature = "simulator")]
 pub(super) const LOCATE: &str = "\
 Examples:
-  lapwing locate data/lake --csv lane.csv --plot offset.svg";
+  lapwing locate recordings/lake.mcap --csv lane.csv --plot offset.svg";
 
 #[cfg(feature = "simulator")]
 pub(super) const SCORE: &str = "\
@@ -82,7 +83,7 @@ Examples:
 
 pub(super) const BRAKE: &str = "\
 Examples:
-  lapwing brake label data/lake --out labels";
+  lapwing brake label recordings/lake.mcap --out labels";
 
 #[cfg(feature = "simulator")]
 pub(super) const MARL: &str = "\
@@ -104,20 +105,20 @@ Examples:
 #[cfg(feature = "networks")]
 pub(super) const DATASET: &str = "\
 Examples:
-  lapwing dataset inspect data/lake --sheet sheet.png --plot steering.svg
+  lapwing dataset inspect recordings/lake.mcap --sheet sheet.png --plot steering.svg
   lapwing dataset convert recordings/lake.mcap data/run
-  lapwing dataset split data/lake --out-train data/train --out-validation data/validation";
+  lapwing dataset split data/run --out-train data/train --out-validation data/validation";
 
 #[cfg(feature = "bridge")]
 pub(super) const DOCTOR: &str = "\
 Examples:
   lapwing doctor
-  lapwing doctor --model my.safetensors --json";
+  lapwing doctor --model models/resnet50.safetensors --json";
 
 pub(super) const CONFIG: &str = "\
 Examples:
   lapwing config                                     all settings, and where each comes from
-  lapwing --config race.toml config --json";
+  lapwing config --json";
 
 pub(super) const COMPLETIONS: &str = "\
 Examples:

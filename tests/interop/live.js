@@ -42,7 +42,14 @@ async function main() {
   const drives = await until('drives', async () => { const { drives } = await state(); return drives.length >= (mode === 'serve' ? 2 : 1) && drives })
   await page.goto(url)
   const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
-  const shot = (name) => screenshot(page, { path: path.join(shots, `${mode}-${name}.png`), fullPage: true }, complaints)
+  const isInked = () => page.evaluate(() => {
+    const { width, height } = $('map')
+    return $('map').getContext('2d').getImageData(0, 0, width, height).data.some((value) => value > 0)
+  })
+  const shot = async (name) => {
+    await screenshot(page, { path: path.join(shots, `${mode}-${name}.png`), fullPage: true }, complaints)
+    if (await page.locator('#map').isVisible() && !(await isInked())) fail(`${name}: expected a drawn map, got an empty one`)
+  }
   const speed = async () => parseFloat(await text('.dial b'))
   // How the picture's pixels differ: a page that shows none has one colour.
   const pixels = () => page.evaluate(() => {
@@ -260,8 +267,12 @@ async function main() {
     await until('some way', async () => (await api()).turn.t > 4)
     await page.selectOption('#track', 'jungle')
     await page.locator('#weather-rain').fill('0.6')
+    await page.selectOption('#scenario', 'ccrs')
     await page.click('#apply')
-    await until('the jungle', async () => { const { status, turn } = await api(); return status.track === 'jungle' && turn })
+    await until('the jungle', async () => { const { status, turn } = await api(); return status.track === 'jungle' && status.scenario === 'ccrs' && turn })
+    await page.selectOption('#scenario', '')
+    await page.click('#apply')
+    await until('the jungle alone', async () => { const { status, turn } = await api(); return status.track === 'jungle' && !status.scenario && turn })
     await until('a map of it', async () => /jungle/.test(await text('#course')))
     await until('a place on the map', async () => page.evaluate(() => chartOf.place && chartOf.course.name === 'jungle' && !chartOf.place.off_m))
     await page.waitForTimeout(3000)

@@ -13,11 +13,9 @@
 //! the rest: a car goes where it heads. A Kalman filter puts both together, and Rauch, Tung and Striebel's smoother lets
 //! later pictures speak about earlier places (Särkkä, Bayesian Filtering and Smoothing, 2013, chapters 5 and 8).
 //!
-//! Held against truth on real pictures (2026-11-24, `lapwing locate DIR --sides`): the side cameras of the real lake, each
-//! located by itself, are found where they sit on the car, 0.060 m off in the median and 95 % of them within 0.146 m, with
-//! 93 % of 2200 pictures located (`tests/locate.rs` looks at half a lap). In the real jungle these are 0.058 m, 0.320 m and
-//! 92 % of 1500; on the real mountain 0.210 m, 0.533 m and 80 % of 1084: offsets there come out a quarter too small. The
-//! place along the road is known only to some metres: a picture of a straight road does not tell it.
+//! How good that is on real pictures says docs/how-to/locate.md: side cameras, each located by itself, are held against where
+//! they sit on the car (`lapwing locate DIR --sides`; `tests/locate.rs` looks at half a lap of the lake). The place along the
+//! road is known only to some metres: a picture of a straight road does not tell it.
 //!
 //! Only the road's own edges count: its lines, kerbs and verges, and the walls of a bridge. What grows and stands beside
 //! a drawn road is elsewhere than beside the real one.

@@ -138,7 +138,7 @@ function draw() {
   });
 }
 dark.addEventListener("change", () => { live.drawn = 0; draw(); });
-addEventListener("resize", draw);
+addEventListener("resize", () => { live.drawn = 0; draw(); });
 
 listScore([]);
 showTabs([], null);
