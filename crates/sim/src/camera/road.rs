@@ -265,7 +265,7 @@ impl Paver<'_> {
         let seed = self.track.file().scenery_seed as u32 + if side == Side::Right { 60 } else { 70 };
         let profile: [Corner; 5] = match self.track.file().theme {
             // Cliffs that shade the whole road.
-            Theme::Mountain => [(3.0, -0.6), (3.1, 3.5), (3.4, 7.5), (4.0, 11.5), (5.0, 15.0)],
+            Theme::Mountain => [(3.0, -0.6), (3.1, 3.5), (3.4, 7.5), (4.2, 11.5), (7.5, 15.0)],
             Theme::Lake | Theme::Jungle => [(3.0, -0.6), (3.4, 2.0), (4.2, 4.6), (5.4, 7.2), (8.5, 9.0)],
         };
         let sign = if side == Side::Right { 1.0 } else { -1.0 };
