@@ -28,7 +28,7 @@ pub struct Mission {
     pub to_m: f32,
 }
 
-/// The benchmark's (`scenarios/intersections/4lane` of SMARTS): all change lanes.
+/// The benchmark's (`benchmark/scenarios/intersections/4lane` of SMARTS): all change lanes.
 pub const BENCHMARK: [Mission; AGENTS] = [
     Mission { from: Arm::South, from_lane: 1, from_m: 40.0, turn: Turn::Left, to_lane: 0, to_m: 60.0 },
     Mission { from: Arm::West, from_lane: 1, from_m: 50.0, turn: Turn::Straight, to_lane: 0, to_m: 60.0 },

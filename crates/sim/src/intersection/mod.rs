@@ -1,6 +1,6 @@
 //! `intersection4`: four agents, four lanes, one intersection. The world of multi-agent learning.
 //!
-//! It is that of SMARTS' benchmark (Zhou et al. 2020, `scenarios/intersections/4lane`) without SUMO, Bullet and Ray:
+//! It is that of SMARTS' benchmark (Zhou et al. 2020, `benchmark/scenarios/intersections/4lane`) without SUMO, Bullet and Ray:
 //!
 //! ```text
 //! actions ─▶ agents (controller, bicycle) ─▶ crash ─▶ observation, reward ─▶ Step
