@@ -43,8 +43,9 @@ async function main() {
   await page.goto(url)
   const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
   const isInked = () => page.evaluate(() => {
-    const { width, height } = $('map')
-    return $('map').getContext('2d').getImageData(0, 0, width, height).data.some((value) => value > 0)
+    const { width, height } = $('map'), copy = new OffscreenCanvas(width, height).getContext('2d', { willReadFrequently: true })
+    copy.drawImage($('map'), 0, 0)
+    return copy.getImageData(0, 0, width, height).data.some((value) => value > 0)
   })
   const shot = async (name) => {
     await screenshot(page, { path: path.join(shots, `${mode}-${name}.png`), fullPage: true }, complaints)
