@@ -22,6 +22,9 @@ use crate::lane_loop::{self, Weaving};
 /// How long each drives, in seconds: one that is late swings up.
 const SECONDS: f64 = 30.0;
 
+/// The one of [`CONTROLS`] that the network puts up with.
+const MILD: &str = "cropped 20 rows too low";
+
 /// What a judge says of a drive.
 #[derive(Debug, Clone, Copy)]
 struct Verdict {
@@ -65,10 +68,11 @@ fn along_a_weaving_recording_and_in_the_simulator_negative_controls_come_out_apa
     for (good, controls) in [closed_loop, simulator] {
         assert!(good.interventions == 0.0 && good.p95_m < 0.25 && good.most_m < 0.5, "{good:?}");
         for (name, control) in controls {
-            // A crop of other rows still shows the road: that pilot may keep it, but drives beside the middle. How often
-            // the others are put back depends on how they fail: one may drive nearly a metre beside it all the time.
-            let (least, times) = if name.starts_with("cropped") { (0.0, 2.0) } else { (1.0, 5.0) };
-            assert!(control.interventions >= least, "{name}: {control:?}");
+            // How often they are put back depends on how they fail: one may drive nearly a metre beside the middle all the
+            // time. The network learns from pictures that are shifted, and keeps the road on rows that are too low: it is
+            // only a little worse, and no judge may call it bad.
+            let (put_back, times) = if name == MILD { (0.0..=0.0, 1.5) } else { (1.0..=f64::MAX, 5.0) };
+            assert!(put_back.contains(&control.interventions), "{name}: {control:?}");
             assert!(control.p95_m >= times * good.p95_m, "{name}: {control:?}, good: {good:?}");
         }
     }
@@ -82,9 +86,12 @@ fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
         judge_all(|| RecordedWorld::open(dir.path(), metre, Yaw::Pictures, located.clone()).unwrap());
     assert!(good.interventions == 0.0, "{good:?}");
     for (name, control) in controls {
-        // On real pictures the good pilot is not that good; a crop of other rows costs it least, as above.
-        let (least, times) = if name.starts_with("cropped") { (0.0, 1.8) } else { (8.0, 2.0) };
-        assert!(control.interventions >= least, "{name}: {control:?}");
-        assert!(control.p95_m >= times * good.p95_m, "{name}: {control:?}, good: {good:?}");
+        // On real pictures the good pilot is not that good, and rows that are too low cost it nothing that could be told.
+        if name == MILD {
+            assert!(control.interventions == 0.0 && control.p95_m < 1.5 * good.p95_m, "{name}: {control:?}");
+            continue;
+        }
+        assert!(control.interventions >= 8.0, "{name}: {control:?}");
+        assert!(control.p95_m >= 2.0 * good.p95_m, "{name}: {control:?}, good: {good:?}");
     }
 }
