@@ -79,7 +79,7 @@ def live_drive(_):
         result = look(found[1], "drive")
     equal("exit status after SIGINT", drive.process.returncode, 0)
     runs = len(list((drive.dir / "runs").glob("*.mcap")))
-    equal("runs: the first, after the reset, the jungle", runs, 3)
+    equal("runs: the first, after the reset, the jungle with a car ahead and without", runs, 4)
     equal("what was downloaded", result["downloaded"].endswith(".mcap"), True)
     return f"{result['events']} events shown, {runs} runs, two of them played; {result['agreement']}"
 
