@@ -1,7 +1,7 @@
 //! What a network's steering comes from lies where the road's edges are, more often than chance: on drawn pictures, of which it
 //! is known. By VisualBackProp that does not hold on the lake.
 //!
-//! `-- --nocapture` prints the figures of `models/README.md`.
+//! `-- --nocapture` prints the figures of `docs/how-to/explain.md`.
 
 use std::{path::Path, sync::Arc, time::Instant};
 

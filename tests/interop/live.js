@@ -42,24 +42,19 @@ async function main() {
   const drives = await until('drives', async () => { const { drives } = await state(); return drives.length >= (mode === 'serve' ? 2 : 1) && drives })
   await page.goto(url)
   const api = async (id = drives.at(-1).id) => (await page.request.get(`${url}api/drives/${id}`)).json()
-  const isInked = () => page.evaluate(() => {
-    const { width, height } = $('map'), copy = new OffscreenCanvas(width, height).getContext('2d', { willReadFrequently: true })
-    copy.drawImage($('map'), 0, 0)
-    return copy.getImageData(0, 0, width, height).data.some((value) => value > 0)
-  })
   const shot = async (name) => {
     await screenshot(page, { path: path.join(shots, `${mode}-${name}.png`), fullPage: true }, complaints)
-    if (await page.locator('#map').isVisible() && !(await isInked())) fail(`${name}: expected a drawn map, got an empty one`)
+    if (await page.locator('#map').isVisible() && (await pixels('map')).shades < 2) fail(`${name}: expected a drawn map, got an empty one`)
   }
   const speed = async () => parseFloat(await text('.dial b'))
   // How the picture's pixels differ: a page that shows none has one colour.
-  const pixels = () => page.evaluate(() => {
-    const { width, height } = document.getElementById('camera'), copy = new OffscreenCanvas(width, height).getContext('2d', { willReadFrequently: true })
-    copy.drawImage(document.getElementById('camera'), 0, 0)
+  const pixels = (id = 'camera') => page.evaluate((id) => {
+    const canvas = document.getElementById(id), { width, height } = canvas, copy = new OffscreenCanvas(width, height).getContext('2d', { willReadFrequently: true })
+    copy.drawImage(canvas, 0, 0)
     const { data } = copy.getImageData(0, 0, width, height), seen = new Set()
     for (let i = 0; i < data.length; i += 4 * 97) seen.add((data[i] >> 4) + ' ' + (data[i + 1] >> 4) + ' ' + (data[i + 2] >> 4))
     return { shades: seen.size, brightness: data.reduce((sum, level) => sum + level, 0) / data.length }
-  })
+  }, id)
   const shades = async () => (await pixels()).shades
   // A layer over the picture darkens it.
   const brightness = async () => (await pixels()).brightness
