@@ -76,6 +76,27 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     assert!(rows.lines().count() == 3 && rows.lines().nth(2).unwrap().starts_with("maddpg,smarts,0,1,"), "{rows}");
     let page = fs::read_to_string(folder.path().join("study/study.html")).unwrap();
     assert!(page.contains("<svg") && page.contains("SMARTS PPO"), "{page}");
+    let (status, _, err) = lapwing_in(
+        folder.path(),
+        "",
+        &[
+            "marl",
+            "study",
+            "--out",
+            "study",
+            "--seeds",
+            "1",
+            "--agent-steps",
+            "1000",
+            "--episodes",
+            "10",
+            "--most",
+            "4",
+            "--jobs",
+            "2",
+        ],
+    );
+    assert!(status == 0 && err.contains("2 of 2: ") && err.contains("4 of 28 trainings are done"), "{err}");
     let left = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CURVES"].map(|part| page.contains(&format!("/*{part}*/")));
     assert_eq!(left, [false; 5], "{page}");
 }

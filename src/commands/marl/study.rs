@@ -3,19 +3,22 @@
 use std::{
     fs,
     io::{self, IsTerminal},
+    process::{Command, Stdio},
+    sync::atomic::{AtomicUsize, Ordering},
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
+use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, print};
 use crate::{
     cli::{MarlStudy, TaskKind},
-    commands::{interrupted, outputs},
+    commands::{Interrupted, interrupted, outputs},
 };
 use lapwing_learn::{
     marl::study::{
-        CellResult, StudySettings, TASKS, Variant,
+        Cell, CellResult, StudySettings, TASKS, Variant,
         findings::{Estimate, Finding, Findings, Row, Verdict},
         plan,
     },
@@ -51,6 +54,16 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     bar.set_style(ProgressStyle::with_template("{wide_bar} {msg}, {elapsed}")?);
     let wall = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64();
     let mut done: Vec<CellResult> = Vec::new();
+    if let Some(name) = &arguments.only {
+        let names = || cells.iter().map(Cell::name).collect::<Vec<_>>().join(", ");
+        let cell = cells.iter().find(|cell| cell.name() == *name);
+        let cell = cell.with_context(|| format!("expected one of {}, got {name}", names()))?;
+        let result = cell.run(&study, &arguments.out, wall, |_| if stop.is_pressed() { Go::Stop } else { Go::On })?;
+        return Ok(if result.is_some() { Ended::Passed } else { Ended::Failed });
+    }
+    if arguments.jobs > 1 {
+        train_side_by_side(arguments, &cells, &stop)?;
+    }
     for (i, cell) in cells.iter().enumerate() {
         if stop.is_pressed() || arguments.most.is_some_and(|most| done.len() >= most as usize) {
             break;
@@ -83,6 +96,43 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     Ok(if finished || arguments.most.is_some() { Ended::Passed } else { Ended::Failed })
 }
 
+/// Trains what is not done, each in a process of its own: libtorch's random numbers are a process's, and a training must be
+/// the same whatever is trained beside it.
+fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted) -> anyhow::Result<()> {
+    let program = std::env::current_exe()?;
+    let most = arguments.most.map_or(cells.len(), |most| most as usize);
+    let waiting: Vec<&Cell> = cells.iter().take(most).filter(|cell| !cell.is_done(&arguments.out)).collect();
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        while let Some((i, cell)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, *waiting.get(i)?)))
+        {
+            if stop.is_pressed() {
+                break;
+            }
+            let MarlStudy { seeds, agent_steps, episodes, every, .. } = arguments;
+            let mut command = Command::new(&program);
+            command.args(["marl", "study", "--only", &cell.name(), "--out"]).arg(&arguments.out);
+            let numbers = [("--seeds", seeds), ("--agent-steps", agent_steps), ("--episodes", episodes)];
+            for (name, number) in numbers {
+                command.arg(name).arg(number.to_string());
+            }
+            let status = command.arg("--every").arg(every.to_string()).stdout(Stdio::null()).status()?;
+            say!("{} of {}: {}", i + 1, waiting.len(), cell.name());
+            if !status.success() && !stop.is_pressed() {
+                bail!("{}: its process ended with {status}", cell.name());
+            }
+        }
+        Ok(())
+    };
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..arguments.jobs).map(|_| scope.spawn(worker)).collect();
+        workers.into_iter().try_for_each(|worker| match worker.join() {
+            Ok(ended) => ended,
+            Err(panic) => std::panic::resume_unwind(panic),
+        })
+    })
+}
+
 fn tasks(arguments: &MarlStudy) -> Vec<(Reward, usize)> {
     if arguments.tasks.is_empty() {
         return TASKS.to_vec();
@@ -104,7 +154,7 @@ fn reward(reward: Reward) -> &'static str {
 }
 
 /// Heads of the table's columns.
-const HEADS: [&str; 15] = [
+const HEADS: [&str; 16] = [
     "variant",
     "reward",
     "cars",
@@ -120,10 +170,11 @@ const HEADS: [&str; 15] = [
     "random missions",
     "m/s",
     "offset m2",
+    "bits",
 ];
 
 /// A row's cells; rates are collision / completion.
-fn cells(row: &Row) -> [String; 15] {
+fn cells(row: &Row) -> [String; 16] {
     let pair = |[collision, completion]: [f64; 2]| format!("{collision:.2} / {completion:.2}");
     let Estimate { value, interval: [low, high], .. } = row.completion;
     [
@@ -142,19 +193,20 @@ fn cells(row: &Row) -> [String; 15] {
         format!("{value:.2} ({low:.2} to {high:.2})"),
         format!("{:.2}", row.speed),
         format!("{:.3}", row.offset_variance),
+        format!("{:.2}", row.control_diversity),
     ]
 }
 
-fn published() -> impl Iterator<Item = [String; 15]> {
+fn published() -> impl Iterator<Item = [String; 16]> {
     PUBLISHED.iter().map(|(name, rates)| {
-        let mut cells: [String; 15] = std::array::from_fn(|_| String::new());
+        let mut cells: [String; 16] = std::array::from_fn(|_| String::new());
         let pair = |[collision, completion]: [f64; 2]| format!("{collision:.2} / {completion:.2}");
         (cells[0], cells[8], cells[10]) = ((*name).into(), pair(rates[0]), pair(rates[1]));
         cells
     })
 }
 
-fn table(findings: &Findings) -> Vec<[String; 15]> {
+fn table(findings: &Findings) -> Vec<[String; 16]> {
     findings.rows.iter().map(cells).chain(published()).collect()
 }
 
@@ -177,7 +229,7 @@ fn told(findings: &Findings) -> String {
     let width = |column: usize| {
         lines.iter().map(|line| line[column].len()).chain([HEADS[column].len()]).max().unwrap_or_default()
     };
-    let widths: [usize; 15] = std::array::from_fn(width);
+    let widths: [usize; 16] = std::array::from_fn(width);
     let line = |cells: &mut dyn Iterator<Item = &str>| {
         let padded = cells.zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
@@ -198,7 +250,7 @@ fn csv(rows: &[Row]) -> String {
     let mut text = String::from(
         "variant,reward,cars,runs,agent_steps,gradient_steps,seconds,reached_80,collision_none_few,completion_none_few,\
          collision_none,completion_none,collision_traffic_few,completion_traffic_few,collision_traffic,completion_traffic,\
-         completion,completion_low,completion_high,speed,offset_variance,time_up,duration,reward_earned\n",
+         completion,completion_low,completion_high,speed,offset_variance,control_diversity,time_up,duration,reward_earned\n",
     );
     for row in rows {
         let [few, many, traffic_few, traffic] = row.rates;
@@ -221,6 +273,7 @@ fn csv(rows: &[Row]) -> String {
             high,
             row.speed,
             row.offset_variance,
+            row.control_diversity,
             row.time_up,
             row.duration,
             row.earned,

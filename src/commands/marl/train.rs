@@ -125,20 +125,23 @@ fn maddpg(arguments: &MarlTrain) -> MaddpgSettings {
 }
 
 fn line(update: &Update, pace: f64) -> String {
-    format!(
-        "{:.2} M agent-steps  collisions {:5.1} %  completed {:5.1} %  {pace:.0} agent-steps/s",
-        update.agent_steps as f64 / 1e6,
-        update.collision_rate * 100.0,
-        update.completion_rate * 100.0,
-    )
+    let ended = match update.episodes {
+        0 => "no episode ended".to_owned(),
+        _ => format!(
+            "collisions {:5.1} %  completed {:5.1} %",
+            update.collision_rate * 100.0,
+            update.completion_rate * 100.0
+        ),
+    };
+    format!("{:.2} M agent-steps  {ended}  {pace:.0} agent-steps/s", update.agent_steps as f64 / 1e6)
 }
 
 fn told(outcome: &MarlOutcome) -> String {
     let mut told = format!("{} ({:.0} s", outcome.policy.display(), outcome.seconds);
     if let Some(seconds) = outcome.seconds_to_80 {
-        told += &format!(", 80 % completed after {seconds:.0} s");
+        told += &format!(", all four in 80 % of a hundred episodes after {seconds:.0} s");
     }
-    if let Some(last) = &outcome.last {
+    if let Some(last) = outcome.last.as_ref().filter(|last| last.episodes > 0) {
         let rates = (last.collision_rate * 100.0, last.completion_rate * 100.0);
         told += &format!("; last rollout: collisions {:.1} %, completed {:.1} %", rates.0, rates.1);
     }

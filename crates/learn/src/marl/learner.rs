@@ -137,6 +137,8 @@ pub struct Update {
     pub collision_rate: f64,
     /// Share that reached their goals.
     pub completion_rate: f64,
+    /// Share of the episodes in which all agents reached their goals.
+    pub all_completed: f64,
     /// Mean undiscounted sum of rewards.
     pub reward: f64,
     /// Mean duration of an agent's episode, in seconds.

@@ -326,6 +326,7 @@ impl Learner for Maddpg {
             episodes: drove.episodes,
             collision_rate: drove.collision_rate,
             completion_rate: drove.completion_rate,
+            all_completed: drove.all_completed,
             reward: drove.reward,
             seconds: drove.seconds,
             learning_rate: self.settings.actor_rate * self.share_of_rates(),

@@ -294,6 +294,7 @@ impl Ppo {
             episodes: drove.episodes,
             collision_rate: drove.collision_rate,
             completion_rate: drove.completion_rate,
+            all_completed: drove.all_completed,
             reward: drove.reward,
             seconds: drove.seconds,
             learning_rate,

@@ -1,7 +1,7 @@
 //! A training in a folder: it can be watched, stopped and resumed.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, VecDeque},
     fmt::Write as _,
     fs::{self, OpenOptions},
     io::Write as _,
@@ -27,6 +27,10 @@ const EVENTS: &str = "events.out.tfevents.";
 const POSITION: &str = "lapwing.training";
 /// Seconds between two saves; one more at the end.
 const SAVE_EVERY_S: f64 = 30.0;
+/// The share of the last so many episodes, or a few more, in which all agents must reach their goals for
+/// [`MarlOutcome::seconds_to_80`].
+const WELL: f64 = 0.8;
+const LAST_EPISODES: u64 = 100;
 
 /// Everything that decides how a training goes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -74,7 +78,8 @@ pub struct MarlOutcome {
     pub seconds: f64,
     /// Whether it came to its end; otherwise it can be resumed.
     pub finished: bool,
-    /// Seconds until for the first time 80 % of the agents of a rollout reached their goals; none if they never did.
+    /// Seconds until for the first time all four agents had reached their goals in 80 % of the last hundred episodes; none if
+    /// they never did.
     pub seconds_to_80: Option<f64>,
 }
 
@@ -150,6 +155,7 @@ impl Training {
         let named = self.out.join(EVENTS);
         let mut events = Events::create(&self.out, wall()).map_err(MarlError::io("write", &named))?;
         let (mut last, mut saved) = (None, Instant::now());
+        let mut recent = Recent::default();
         let mut finished = self.learner.progress() >= 1.0;
         while !finished {
             let (began, before) = (Instant::now(), self.learner.counters().agent_steps);
@@ -159,7 +165,7 @@ impl Training {
             let pace = (update.agent_steps - before) as f64 / seconds.max(1e-9);
             self.log(&update, pace)?;
             curves(&mut events, &update, pace, wall()).map_err(MarlError::io("write", &named))?;
-            if update.completion_rate >= 0.8 && update.episodes > 0 {
+            if recent.share_after(&update).is_some_and(|share| share >= WELL) {
                 self.position.seconds_to_80 = self.position.seconds_to_80.or(Some(self.position.seconds));
             }
             let stop = told(&update, pace, self.learner.progress()) == Go::Stop;
@@ -209,7 +215,7 @@ impl Training {
         let Position { seconds, .. } = self.position;
         let _ = write!(text, "{},{},{seconds:.2},{pace:.0}", update.number, update.agent_steps);
         for (_, value) in columns(update) {
-            let _ = write!(text, ",{value:.6}");
+            text += &value.map_or_else(|| ",".to_owned(), |value| format!(",{value:.6}"));
         }
         text.push('\n');
         let file = OpenOptions::new().create(true).append(true).open(&path);
@@ -217,25 +223,87 @@ impl Training {
     }
 }
 
-/// The curves of an update.
-fn columns(update: &Update) -> impl Iterator<Item = (&'static str, f64)> {
+/// The episodes that ended last: of each update, how many, and in how many of them all reached their goals.
+#[derive(Debug, Default)]
+struct Recent(VecDeque<(u64, f64)>);
+
+impl Recent {
+    /// The share of them in which all did, once there are [`LAST_EPISODES`].
+    fn share_after(&mut self, update: &Update) -> Option<f64> {
+        self.0.push_back((update.episodes, update.all_completed * update.episodes as f64));
+        let ended = |updates: &VecDeque<(u64, f64)>| updates.iter().map(|(episodes, _)| episodes).sum::<u64>();
+        while self.0.front().is_some_and(|(first, _)| ended(&self.0) - first >= LAST_EPISODES) {
+            self.0.pop_front();
+        }
+        let episodes = ended(&self.0);
+        (episodes >= LAST_EPISODES)
+            .then(|| self.0.iter().map(|(_, completed)| completed).sum::<f64>() / episodes as f64)
+    }
+}
+
+/// The curves of an update; where no episode ended, nothing is known of them.
+fn columns(update: &Update) -> impl Iterator<Item = (&'static str, Option<f64>)> {
+    let of_episodes = |value: f64| (update.episodes > 0).then_some(value);
     let charts = [
-        ("gradient_steps", update.gradient_steps as f64),
-        ("episodes", update.episodes as f64),
-        ("collision_rate", update.collision_rate),
-        ("completion_rate", update.completion_rate),
-        ("reward", update.reward),
-        ("duration_s", update.seconds),
-        ("learning_rate", update.learning_rate),
+        ("gradient_steps", Some(update.gradient_steps as f64)),
+        ("episodes", Some(update.episodes as f64)),
+        ("collision_rate", of_episodes(update.collision_rate)),
+        ("completion_rate", of_episodes(update.completion_rate)),
+        ("reward", of_episodes(update.reward)),
+        ("duration_s", of_episodes(update.seconds)),
+        ("learning_rate", Some(update.learning_rate)),
     ];
-    charts.into_iter().chain(update.losses.iter().map(|(name, value)| (*name, *value)))
+    charts.into_iter().chain(update.losses.iter().map(|(name, value)| (*name, Some(*value))))
 }
 
 fn curves(events: &mut Events, update: &Update, pace: f64, wall: f64) -> std::io::Result<()> {
     let step = i64::try_from(update.agent_steps).unwrap_or(i64::MAX);
-    for (name, value) in columns(update).chain([("agent_steps_per_s", pace)]) {
+    for (name, value) in columns(update).chain([("agent_steps_per_s", Some(pace))]) {
+        let Some(value) = value else { continue };
         let group = if update.losses.contains_key(name) { "losses" } else { "charts" };
         events.scalar(&format!("{group}/{name}"), step, wall, value as f32)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    fn update(episodes: u64, all_completed: f64) -> Update {
+        Update {
+            number: 2,
+            agent_steps: 0,
+            gradient_steps: 0,
+            episodes,
+            collision_rate: 0.0,
+            completion_rate: 1.0,
+            all_completed,
+            reward: 0.0,
+            seconds: 0.0,
+            learning_rate: 0.0,
+            losses: BTreeMap::new(),
+        }
+    }
+
+    #[test]
+    fn a_share_of_the_last_hundred_episodes_takes_a_hundred_and_forgets_those_before() {
+        let mut recent = Recent::default();
+        assert_eq!(recent.share_after(&update(99, 1.0)), None, "a few that ended well say little");
+        assert_eq!(recent.share_after(&update(0, 0.0)), None);
+        assert_eq!(recent.share_after(&update(51, 0.0)), Some(0.66));
+        assert_eq!(
+            recent.share_after(&update(49, 1.0)),
+            Some(0.49),
+            "the first 99 are no longer among the last hundred"
+        );
+    }
+
+    #[test]
+    fn of_episodes_that_did_not_end_nothing_is_logged() {
+        let names = |update: &Update| columns(update).filter(|(_, value)| value.is_none()).count();
+        assert_eq!((names(&update(0, 0.0)), names(&update(1, 0.0))), (4, 0));
+    }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AGENTS, CARS, STEPS,
-    agents::{Action, Agents},
+    agents::{ACTIONS, Action, Agents},
     crash::{self, Crash, Hit, Party},
     missions::{BENCHMARK, Mission},
     observation::{self, Axes, FRAME, OBSERVATION, STATE},
@@ -80,6 +80,8 @@ pub struct Tally {
     pub offset: f32,
     /// Sum of its square.
     pub offset_squared: f32,
+    /// How often it was told to do what, in the order of [`Action::ALL`].
+    pub actions: [u32; ACTIONS],
 }
 
 /// What a step gave each agent.
@@ -215,6 +217,7 @@ impl Environment {
             tally.speed += self.agents.speed[i];
             tally.offset += offset;
             tally.offset_squared += offset * offset;
+            tally.actions[actions[i] as usize] += 1;
         }
         for i in 0..AGENTS {
             self.alive[i] &= self.endings[i].is_none();

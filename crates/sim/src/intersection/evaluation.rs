@@ -4,7 +4,7 @@ use std::{fmt, ops::Range};
 
 use serde::{Deserialize, Serialize};
 
-use super::{AGENTS, Action, Crash, Ending, Environment, Fault, SUBSTEP_S, Settings, Tally, crash::Hit};
+use super::{ACTIONS, AGENTS, Action, Crash, Ending, Environment, Fault, SUBSTEP_S, Settings, Tally, crash::Hit};
 use lapwing_core::{stats::share_interval, words::count};
 
 /// Episodes to evaluate on begin here; training draws its seeds from all 64 bits, of which these are few.
@@ -39,8 +39,11 @@ pub struct Evaluation {
     pub others_fault: f64,
     /// Agility: mean speed, in m/s.
     pub speed: f64,
-    /// Stability: variance of the offset from the lane's middle, in m2.
+    /// Stability: variance of the offset from the lane's middle during an agent's episode, in m2; the mean over agents.
     pub offset_variance: f64,
+    /// Control diversity: entropy of an agent's actions during its episode, in bits, from 0 (always the same) to 2 (all four
+    /// equally often); the mean over agents.
+    pub control_diversity: f64,
     /// Mean undiscounted sum of rewards of an agent.
     pub reward: f64,
     /// Mean duration of an agent's episode, in seconds.
@@ -61,8 +64,8 @@ pub struct Sums {
     others: u64,
     steps: f64,
     speed: f64,
-    offset: f64,
-    offset_squared: f64,
+    offset_variance: f64,
+    control_diversity: f64,
     reward: f64,
 }
 
@@ -87,8 +90,8 @@ impl Sums {
             }
             self.steps += f64::from(tally.steps);
             self.speed += f64::from(tally.speed);
-            self.offset += f64::from(tally.offset);
-            self.offset_squared += f64::from(tally.offset_squared);
+            self.offset_variance += offset_variance(&tally);
+            self.control_diversity += entropy_bits(&tally.actions);
             self.reward += f64::from(tally.reward);
         }
     }
@@ -105,7 +108,6 @@ impl Sums {
         let crashes = self.with_agents + self.with_traffic;
         let of_crashes = |n: u64| n as f64 / crashes.max(1) as f64;
         let steps = self.steps.max(1.0);
-        let mean_offset = self.offset / steps;
         Evaluation {
             episodes: self.episodes,
             collision_rate: share(crashes),
@@ -120,11 +122,24 @@ impl Sums {
             own_fault: of_crashes(self.own),
             others_fault: of_crashes(self.others),
             speed: self.speed / steps,
-            offset_variance: (self.offset_squared / steps - mean_offset * mean_offset).max(0.0),
+            offset_variance: self.offset_variance / agents,
+            control_diversity: self.control_diversity / agents,
             reward: self.reward / agents,
             seconds: self.steps / agents * f64::from(2.0 * SUBSTEP_S),
         }
     }
+}
+
+fn offset_variance(tally: &Tally) -> f64 {
+    let steps = f64::from(tally.steps.max(1));
+    let mean = f64::from(tally.offset) / steps;
+    (f64::from(tally.offset_squared) / steps - mean * mean).max(0.0)
+}
+
+fn entropy_bits(counts: &[u32; ACTIONS]) -> f64 {
+    let all = f64::from(counts.iter().sum::<u32>());
+    let share = |count: &u32| f64::from(*count) / all;
+    -counts.iter().filter(|count| **count > 0).map(share).map(|share| share * share.log2()).sum::<f64>()
 }
 
 /// Drives the episodes of a range of seeds, up to `at_once` of them side by side. `act` is given the intersections and
@@ -183,6 +198,7 @@ impl fmt::Display for Evaluation {
         writeln!(f, "  all four    {:>9} of the episodes", percent(self.all_completed))?;
         writeln!(f, "  agility     {:>5.2} m/s  mean speed", self.speed)?;
         writeln!(f, "  stability   {:>5.3} m2   variance of the offset", self.offset_variance)?;
+        writeln!(f, "  diversity   {:>5.2} bits entropy of the actions", self.control_diversity)?;
         writeln!(f, "  reward      {:>5.1}", self.reward)?;
         write!(f, "  duration    {:>5.1} s", self.seconds)
     }
@@ -199,6 +215,25 @@ mod tests {
             *actions = std::array::from_fn(|i| scripted::act(environment, i));
         }
         Ok(())
+    }
+
+    #[test]
+    fn agents_are_as_steady_and_as_diverse_as_each_is_in_its_own_episode() {
+        // One keeps 1 m to the left, one 1 m to the right; the others sway by 1 m, and do two things in turns.
+        let still = |offset: f32, actions| Tally {
+            steps: 4,
+            offset: 4.0 * offset,
+            offset_squared: 4.0,
+            actions,
+            ..Tally::default()
+        };
+        let swaying = Tally { steps: 4, offset_squared: 4.0, actions: [2, 0, 2, 0], ..Tally::default() };
+        let mut sums = Sums::default();
+        sums.add(
+            [still(1.0, [4, 0, 0, 0]), still(-1.0, [1, 1, 1, 1]), swaying, swaying].map(|tally| (Ending::Goal, tally)),
+        );
+        let Evaluation { offset_variance, control_diversity, .. } = sums.evaluation();
+        assert_eq!((offset_variance, control_diversity), (0.5, (0.0 + 2.0 + 1.0 + 1.0) / 4.0));
     }
 
     #[test]

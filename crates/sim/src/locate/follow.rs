@@ -5,6 +5,7 @@ use glam::{DMat3, DVec3};
 use super::{Fit, Overlay, Pose};
 use crate::track::Track;
 use lapwing_core::{
+    car::REAR_AXLE_M,
     motion::{Motion, around},
     perception::Frame,
 };
@@ -155,7 +156,9 @@ impl Belief {
         // Nearer the centre of a bend, a metre of road is less.
         let along = motion.way_m * heading.cos() / (1.0 - bend * offset).max(0.3);
         let turned = motion.turn_rad - track.at(s + along / 2.0).curvature * along;
-        let aside = motion.way_m * (heading + turned / 2.0).sin();
+        // The rear axle goes where the car heads; the car's origin, ahead of it, also swings out as the car turns.
+        let aside = motion.way_m * (heading + turned / 2.0).sin()
+            + REAR_AXLE_M * motion.turn_rad * (heading + turned / 2.0).cos();
         let mean = self.mean + DVec3::new(along, aside, turned);
         let bend_per_m = (track.at(s + 1.0).curvature - track.at(s - 1.0).curvature) / 2.0;
         let by_s = DVec3::new(1.0, 0.0, -bend_per_m * along);

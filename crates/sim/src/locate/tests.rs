@@ -7,15 +7,19 @@ use crate::{
     vehicle::Car,
 };
 use lapwing_core::{
+    car::REAR_AXLE_M,
     motion::Motion,
     perception::{Frame, decode_jpeg},
 };
 
-/// A weaving drive along the lake: a pose each metre from here on.
+/// A weaving drive along the lake: a pose each metre from here on. The rear axle goes where the car heads.
 fn weaving(from_m: f64, count: usize) -> Vec<Pose> {
+    let (track, _) = scenery("lake");
     let pose = |i: usize| {
         let (s_m, phase) = (from_m + i as f64, i as f64 / 9.0);
-        Pose { s_m, offset_m: 0.7 * phase.sin(), heading_rad: 0.7 / 9.0 * phase.cos(), pitch_rad: 0.0 }
+        let (slope, bend) = (0.7 / 9.0 * phase.cos(), -0.7 / 81.0 * phase.sin());
+        let heading_rad = slope.atan() - REAR_AXLE_M * (bend + track.at(s_m).curvature);
+        Pose { s_m, offset_m: 0.7 * phase.sin(), heading_rad, pitch_rad: 0.0 }
     };
     (0..count).map(pose).collect()
 }

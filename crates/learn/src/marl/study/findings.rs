@@ -77,7 +77,7 @@ pub struct Row {
     pub gradient_steps: f64,
     /// Seconds of training.
     pub seconds: f64,
-    /// Runs in which 80 % of the agents of an update once reached their goals.
+    /// Runs in which all four agents once reached their goals in 80 % of the last hundred episodes.
     pub reached_80: usize,
     /// Without traffic and with it, over few episodes and over many: collision and completion rate.
     pub rates: [[f64; 2]; 4],
@@ -85,8 +85,10 @@ pub struct Row {
     pub completion: Estimate,
     /// Mean speed, in m/s.
     pub speed: f64,
-    /// Variance of the offset from the lane's middle, in m2.
+    /// Variance of the offset from the lane's middle during an agent's episode, in m2.
     pub offset_variance: f64,
+    /// Entropy of an agent's actions during its episode, in bits.
+    pub control_diversity: f64,
     /// Share of agents that were still driving after 1000 steps.
     pub time_up: f64,
     /// Mean duration of an agent's episode, in seconds.
@@ -168,7 +170,7 @@ fn ratio(groups: &[Strata]) -> f64 {
     pooled(&groups[0]) / pooled(&groups[1]).max(f64::MIN_POSITIVE)
 }
 
-/// Mean over the tasks of the standard deviation over the seeds, second minus first.
+/// Mean over the tasks of the standard deviation over the seeds: the first group's less the second's.
 fn spread(groups: &[Strata]) -> f64 {
     let of = |strata: &Strata| {
         let each = strata.iter().map(|values| {
@@ -256,6 +258,14 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         ),
         above(
             2,
+            "priorities by rank are steadier over seeds",
+            "difference of the standard deviations of the completion rate",
+            estimate(&both(Rank, Maddpg, &completion), spread),
+            0.0,
+            false,
+        ),
+        above(
+            2,
             "priorities by rank are steadier while learning",
             "difference of the largest falls of the completion rate",
             estimate(&both(Rank, Maddpg, &fall), difference),
@@ -335,6 +345,7 @@ fn row(variant: Variant, reward: Reward, cars: usize, cells: &[&CellResult]) -> 
         completion: estimate(&[vec![completions]], |groups| pooled(&groups[0])).unwrap_or(alone),
         speed: mean(&|cell| cell.random.speed),
         offset_variance: mean(&|cell| cell.random.offset_variance),
+        control_diversity: mean(&|cell| cell.random.control_diversity),
         time_up: mean(&|cell| cell.random.time_up_rate),
         duration: mean(&|cell| cell.random.seconds),
         earned: mean(&|cell| cell.random.reward),

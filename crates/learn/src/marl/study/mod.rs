@@ -153,7 +153,7 @@ pub struct CellResult {
     pub gradient_steps: u64,
     /// Seconds of training.
     pub seconds: f64,
-    /// Seconds until 80 % of the agents reached their goals for the first time.
+    /// Seconds until all four agents first reached their goals in 80 % of the last hundred episodes.
     pub seconds_to_80: Option<f64>,
     /// While it learnt.
     pub curve: Vec<Point>,
@@ -186,6 +186,11 @@ impl Cell {
     pub fn name(&self) -> String {
         let reward = if self.reward == Reward::Smarts { "smarts" } else { "corrected" };
         format!("{}-{reward}-{}-{}", self.variant.name(), self.cars, self.seed)
+    }
+
+    /// Whether it is done.
+    pub fn is_done(&self, out: &Path) -> bool {
+        out.join("cells").join(self.name()).join(RESULT).exists()
     }
 
     /// Trains and judges it in its folder, if that is not done. None if it was stopped; `told` is asked at each update, with
