@@ -65,8 +65,12 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         train_side_by_side(arguments, &cells, &stop)?;
     }
     for (i, cell) in cells.iter().enumerate() {
-        if stop.is_pressed() || arguments.most.is_some_and(|most| done.len() >= most as usize) {
+        if arguments.most.is_some_and(|most| done.len() >= most as usize) {
             break;
+        }
+        // Those that are done count, wherever they stand in the plan.
+        if stop.is_pressed() && !cell.is_done(&arguments.out) {
+            continue;
         }
         let message = format!("{} of {}: {}", i + 1, cells.len(), cell.name());
         bar.set_message(message.clone());
