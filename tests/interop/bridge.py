@@ -26,7 +26,7 @@ RUNS = WORK / "runs"
 SHARED = Path(os.environ.get("LAPWING_SHARED", ROOT.parent / "shared")).resolve()
 REQUIRE_SHARED = os.environ.get("LAPWING_REQUIRE_SHARED") == "1"
 FRAMES = SHARED / "recordings" / "lake" / "IMG"
-SHIPPED_RUN = ROOT / "recordings" / "plain-road.mcap"
+SHIPPED_RUN = ROOT / "recordings" / "lake.mcap"
 
 # The user's own settings must not change what is measured, nor a proxy stand between.
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith("LAPWING_")}

@@ -1,12 +1,13 @@
 """The live page in a real browser: of a bridge with two simulators, of `lapwing drive --page` and `record --page`."""
+import json
 import os
 import re
 import shutil
 import signal
 import subprocess
 
-from bridge import (ENVIRONMENT, HERE, LAPWING, REQUIRE_SHARED, RUNS, Bridge, Failed, Skipped, equal, lapwing, node,
-                    run_json, wait_for)
+from bridge import (ENVIRONMENT, HERE, LAPWING, REQUIRE_SHARED, RUNS, Bridge, Failed, Skipped, Unity, equal, lapwing, node,
+                    run_json, unharmed, wait_for, within)
 
 NAMES = {"chromium": ("chromium", "chromium-browser", "google-chrome"), "firefox": ("firefox-esr", "firefox")}
 NAMES["firefox-dark"] = NAMES["firefox"]  # Firefox cannot be switched, see browser.js
@@ -69,6 +70,44 @@ def live_serve(_):
     runs = [summary for summary in bridge.summaries if summary["run"]]
     equal("runs: two simulators, of which one had two", len(runs), 3)
     return f"{result['events']} events shown, at most {result['behind']} turns behind"
+
+
+def live_60_hz(quick):
+    """What the page itself does, counted, and compared with the same page idle before and after: how fast the machine is, and
+    what else it does, is no part of it."""
+    browser()
+    if ENVIRONMENT["INTEROP_BROWSER"] != "chromium":
+        raise Skipped("only Chromium tells of long tasks, and how long a page's thread works")
+    program, folder = node()
+    seconds, fps = 4 if quick else 8, 60
+    with Bridge("--no-recording") as bridge:
+        looks = [program, HERE / "jank.js", f"http://127.0.0.1:{bridge.port}/", str(seconds)]
+        looking = subprocess.Popen(looks, cwd=folder, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            equal("jank.js, once the page is open and idle", looking.stdout.readline(), "ready\n")
+            count = fps * (seconds + 8)
+            unharmed(Unity(bridge, "--fps", fps, "--count", count, "--seconds", 120).result(180))
+            out, err = looking.communicate(timeout=180)
+        finally:
+            looking.kill()
+    if looking.returncode:
+        raise Failed(f"jank.js: {err.strip()[-300:]}")
+    told = json.loads(out)
+    driven, stalled, idle = told["driven"], told["stalled"], (told["before"], told["after"])
+    # Each turn is shown, or a newer one in its place: at most once a frame of the screen, and never an older one.
+    within("draws", driven["draws"], min(driven["turns"], driven["frames"]) / 2, driven["frames"] + 1)
+    equal("second draws within a frame of the screen", driven["twice"], 0)
+    equal("draws of a turn that was not the newest", driven["old"], 0)
+    equal("pictures decoded at a time", driven["together"], 1)
+    within("turns per moment that came while the page did not listen", stalled["turns"] / stalled["moments"], 3)
+    # And the screen is drawn as often as if nothing were driven.
+    rate = lambda seen: seen["frames"] / seen["passed"]
+    within("frames of the screen per second", rate(driven), 0.8 * min(map(rate, idle)))
+    within("long tasks", driven["long"], 0, max(seen["long"] for seen in idle) + driven["frames"] / 100)
+    share = driven["busy"] / driven["passed"]
+    within("share of the time that the page's thread works", share, 0, 0.5)
+    return (f"{driven['turns'] / driven['passed']:.0f} turns, {driven['draws'] / driven['passed']:.0f} draws and {rate(driven):.0f} "
+            f"frames a second ({rate(idle[0]):.0f} idle), {driven['long']} long tasks, {100 * share:.0f} % of the page's thread")
 
 
 def live_drive(_):

@@ -49,6 +49,7 @@ CHECKS = [
     ("keras", checks_models.keras, False, "a network of tf.keras by ONNX and by safetensors answers as at home"),
     ("report", checks_page.report, False, "the pages of scores and suites, and a film, in a browser: cursor, zoom, sorting, links"),
     ("live-serve", checks_live.live_serve, False, "the live page of a bridge in a browser: values, controls, tabs"),
+    ("live-60-hz", checks_live.live_60_hz, True, "and that page at 60 telemetries a second: frames of the screen, long tasks, the newest turn"),
     ("live-drive", checks_live.live_drive, False, "and of the headless simulator: pause, step, reset, another world, runs"),
     ("live-record", checks_live.live_record, False, "and what is driven there by keys and gamepad is training data"),
     ("foxglove", checks_viewers.foxglove, False, "a drive as it happens and its run, by Foxglove's own schemas"),
