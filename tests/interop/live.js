@@ -316,6 +316,8 @@ async function main() {
     await page.waitForTimeout(500)
     const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth)
     if (wide > 0) fail(`at ${width} px: expected no cuts, got ${wide} px beyond the window`)
+    const cut = await page.evaluate(() => [document.getElementById('tabs'), ...document.querySelectorAll('#tabs button')].map((node) => node.scrollWidth - node.clientWidth))
+    if (cut.some((px) => px > 0)) fail(`tabs at ${width} px: expected whole titles, got ${cut} px cut off`)
     await shot(name)
   }
   // Every control is reached by keyboard alone.
