@@ -24,6 +24,67 @@ pub fn said(output: &Output) -> (i32, String, String) {
 
 const RUN: &str = "recordings/lake.mcap";
 
+/// What the program prints where stdout and stderr are a terminal.
+#[cfg(unix)]
+fn in_a_terminal(arguments: &[&str], no_color: Option<&str>) -> String {
+    use std::{fs::File, io::Read, os::fd::FromRawFd, ptr::null_mut};
+    let (mut ours, mut its) = (0, 0);
+    // SAFETY: both descriptors are written before it returns 0, and what is null is left out.
+    let opened = unsafe { libc::openpty(&mut ours, &mut its, null_mut(), null_mut(), null_mut()) };
+    assert_eq!(opened, 0, "no pseudo-terminal: {}", std::io::Error::last_os_error());
+    // SAFETY: they are open, and nobody else's.
+    let (mut ours, its) = unsafe { (File::from_raw_fd(ours), File::from_raw_fd(its)) };
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lapwing"));
+    command
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env("XDG_CONFIG_HOME", "/nonexistent")
+        .env("TERM", "xterm")
+        .env("LAPWING_LOG", "lapwing=debug")
+        .stdin(std::process::Stdio::null())
+        .stdout(its.try_clone().unwrap())
+        .stderr(its);
+    for name in ["NO_COLOR", "CLICOLOR", "CLICOLOR_FORCE"] {
+        command.env_remove(name);
+    }
+    if let Some(value) = no_color {
+        command.env("NO_COLOR", value);
+    }
+    let mut child = command.spawn().unwrap();
+    drop(command); // and with it our hold on the program's end
+    let (mut printed, mut piece) = (vec![], [0; 4096]);
+    // Once the program has ended, reading is an error on Linux, and the end elsewhere.
+    while let Ok(read @ 1..) = ours.read(&mut piece) {
+        printed.extend_from_slice(&piece[..read]);
+    }
+    child.wait().unwrap();
+    String::from_utf8_lossy(&printed).into_owned()
+}
+
+/// Escape codes for colours and weights of letters: ESC [ digits m. Others move the cursor, for a line of progress.
+#[cfg(unix)]
+fn colours(printed: &str) -> usize {
+    let ends_in_m = |code: &&str| code.trim_start_matches(|c: char| c.is_ascii_digit() || c == ';').starts_with('m');
+    printed.split("\u{1b}[").skip(1).filter(ends_in_m).count()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_terminal_gets_colours_and_none_with_no_color() {
+    // Help on stdout, wrong usage on stderr, the log.
+    for (arguments, words) in [
+        (&["--help"][..], "Drives, simulates, records"),
+        (&["drive", "--sped", "3"], "unexpected argument"),
+        (&["replay", RUN], "INFO"),
+    ] {
+        let coloured = in_a_terminal(arguments, None);
+        assert!(colours(&coloured) > 0 && coloured.contains(words), "{arguments:?}: {coloured:?}");
+        assert!(colours(&in_a_terminal(arguments, Some(""))) > 0, "{arguments:?}: an empty NO_COLOR asks for nothing");
+        let plain = in_a_terminal(arguments, Some("1"));
+        assert!(colours(&plain) == 0 && plain.contains(words), "{arguments:?}: {plain:?}");
+    }
+}
+
 #[test]
 fn wrong_usage_is_2_and_says_expected_and_got() {
     for (arguments, words) in [
