@@ -324,6 +324,12 @@ impl Environment {
         }
     }
 
+    /// The background cars, to be put where a test wants them.
+    #[cfg(test)]
+    pub(super) fn traffic_mut(&mut self) -> &mut Traffic {
+        &mut self.traffic
+    }
+
     /// What it is like.
     pub fn settings(&self) -> Settings {
         self.settings
@@ -377,8 +383,9 @@ impl Environment {
         }
     }
 
-    /// The whole situation, see [`observation`].
+    /// The whole situation, see [`observation`]. Agents whose time is up are still there.
     pub fn state(&self, out: &mut [f32; STATE]) {
-        observation::state(&self.agents, self.alive, &self.traffic, out);
+        let there = std::array::from_fn(|i| self.alive[i] || self.endings[i] == Some(Ending::TimeUp));
+        observation::state(&self.agents, there, &self.traffic, out);
     }
 }

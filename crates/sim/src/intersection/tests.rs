@@ -1,6 +1,10 @@
 //! The environment as a whole.
 
-use super::{parallel::Parallel, *};
+use super::{
+    parallel::Parallel,
+    roads::{Arm, Turn, way_of},
+    *,
+};
 
 /// Drives an episode; returns the last state.
 fn episode(settings: Settings, seed: u64, act: impl Fn(&Environment, usize) -> Action) -> Environment {
@@ -135,6 +139,45 @@ fn crashes_among_traffic(steps: usize) -> usize {
 }
 
 #[test]
+fn crashes_among_background_cars_are_counted_where_there_are_some() {
+    let mut environment = Environment::new(Settings::default(), 0);
+    let way = way_of(Arm::East, Turn::Straight, 1);
+    // Alone; a hand's breadth behind the first; touching it; touching that one and the first.
+    for (along, expected) in [(20.0, 0), (20.0 - LENGTH_M - 0.1, 0), (20.0 + LENGTH_M - 0.1, 1), (22.0, 3)] {
+        environment.traffic_mut().put(way, along, 0.0);
+        assert_eq!(environment.crashes_among_traffic(), expected, "{along} m");
+    }
+}
+
+/// Two cars that would be at the point where their ways cross at the same time, without agents. Returns pairs that touched,
+/// added up over the steps, and whether each got through.
+fn meet(right: Right) -> (usize, [bool; 2]) {
+    let mut environment = Environment::new(Settings::default(), 0);
+    environment.leave_only(0);
+    environment.leave_only(1);
+    assert!(environment.is_over());
+    for (from, lane, into_m) in [(Arm::South, 1, 5.6), (Arm::West, 0, 12.0)] {
+        let way = way_of(from, Turn::Straight, lane);
+        let traffic = environment.traffic_mut();
+        let i = traffic.put(way, roads::ALL[way].approach_m + into_m - 25.0, 8.0);
+        traffic.right[i] = right;
+    }
+    let (mut crashes, mut through) = (0, [false; 2]);
+    for _ in 0..150 {
+        environment.step([Action::SlowDown; AGENTS]);
+        crashes += environment.crashes_among_traffic();
+        (0..2).for_each(|i| through[i] |= environment.traffic().right[i] == Right::Past);
+    }
+    (crashes, through)
+}
+
+#[test]
+fn two_cars_that_are_both_let_in_crash_and_two_that_ask_do_not() {
+    assert!(meet(Right::Granted).0 > 0);
+    assert_eq!(meet(Right::None), (0, [true; 2]));
+}
+
+#[test]
 fn traffic_flows_and_nobody_waits_for_ever() {
     let mut environment = Environment::new(BUSY, 3);
     let (mut passed, mut longest) = (0, 0);
@@ -185,6 +228,73 @@ fn an_agent_that_drives_past_its_goal_leaves_the_road_at_its_end() {
         _ => scripted::act(environment, i),
     });
     assert_eq!(environment.endings()[1], Some(Ending::OffRoad), "{:?}", environment.endings());
+}
+
+#[test]
+fn leaving_the_road_costs_as_much_as_a_crash_and_ends_the_episode_for_good() {
+    for reward in [Reward::Smarts, Reward::Corrected] {
+        let mut environment = Environment::new(Settings { reward, ..Settings::default() }, 0);
+        environment.leave_only(1);
+        let mut last = Step::default();
+        let mut most = f32::NEG_INFINITY;
+        while !environment.is_over() {
+            last = environment.step([Action::KeepLane; AGENTS]);
+            if !environment.is_over() {
+                assert!(last.rewards[1] > -5.0, "{reward:?}: {last:?}");
+            }
+            most = most.max(last.rewards[1]);
+        }
+        assert_eq!(environment.endings()[1], Some(Ending::OffRoad), "it stays in the wrong lane");
+        assert!((-52.0..-48.0).contains(&last.rewards[1]) && most < 5.0, "{reward:?}: {last:?}");
+        assert_eq!((last.terminated[1], last.truncated[1]), (true, false));
+    }
+}
+
+#[test]
+fn an_observation_of_sectors_is_the_last_three_frames_the_oldest_first() {
+    let settings = Settings { cars: CARS, ..Settings::default() };
+    let mut environment = Environment::new(settings, 1);
+    let now = |environment: &Environment| {
+        let mut frame = [0.0; FRAME];
+        observation::observe(
+            environment.agents(),
+            0,
+            environment.alive(),
+            environment.traffic(),
+            settings.axes,
+            &mut frame,
+        );
+        frame
+    };
+    // At first all three are the first one.
+    let mut frames = vec![now(&environment); 3];
+    for _ in 0..5 {
+        assert_eq!(environment.observation(0), frames[frames.len() - 3..].as_flattened());
+        environment.step([Action::SlowDown; AGENTS]);
+        assert_eq!(environment.alive(), [true; AGENTS]);
+        frames.push(now(&environment));
+        assert!(frames[frames.len() - 1] != frames[frames.len() - 2]);
+    }
+}
+
+#[test]
+fn agents_whose_time_is_up_are_still_in_the_situation_and_those_that_reached_their_goals_are_not() {
+    let of = |environment: &Environment| {
+        let mut state = [f32::NAN; STATE];
+        environment.state(&mut state);
+        state
+    };
+    let mut environment = Environment::new(Settings::default(), 0);
+    environment.leave_only(1);
+    let (before, mut after) = (of(&environment), [0.0; STATE]);
+    while !environment.is_over() {
+        environment.step([Action::SlowDown; AGENTS]);
+        after = of(&environment);
+    }
+    for state in [before, after] {
+        assert_eq!([state[0], state[9], state[18], state[27]], [0.0, 1.0, 0.0, 0.0]);
+    }
+    assert!(after[14] < 1e-3 && environment.endings()[1] == Some(Ending::TimeUp), "it stands: {after:?}");
 }
 
 #[test]

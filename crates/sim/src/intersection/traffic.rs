@@ -290,6 +290,16 @@ impl Traffic {
         }
     }
 
+    /// Adds a car whose driver wants the limit and is impatient; returns its place.
+    #[cfg(test)]
+    pub(super) fn put(&mut self, way: usize, along: f32, speed: f32) -> usize {
+        let i = self.places;
+        self.places += 1;
+        (self.present[i], self.way[i], self.along[i], self.speed[i]) = (true, way as u8, along, speed);
+        (self.wish[i], self.margin_s[i], self.pose[i]) = (SPEED_LIMIT, 0.3, roads::ALL[way].at(along));
+        i
+    }
+
     /// How many cars there are.
     pub fn count(&self) -> usize {
         self.present.iter().filter(|present| **present).count()
