@@ -38,12 +38,13 @@ fn scored(folder: &Path) -> Scorecard {
 }
 
 /// The road of a recording, whether it is driven the other way round, and its rows.
-const REAL: [(&str, &str, bool, usize); 5] = [
+const REAL: [(&str, &str, bool, usize); 6] = [
     ("lake", "lake", false, 2200),
     ("lake-clockwise", "lake", true, 700),
     ("lake-high-graphics", "lake", false, 700),
     ("jungle", "jungle", false, 1500),
     ("jungle-rest", "jungle", false, 1800),
+    ("mountain", "mountain", false, 1084),
 ];
 
 /// Of one drive: its road and its laps, if they are known. An interval is never of no width.
@@ -62,6 +63,7 @@ fn found(card: &Scorecard) -> Option<(&str, bool, f64)> {
 #[test]
 fn a_real_drive_is_named_with_its_way_round_and_its_thirds_are_named_alike_or_not_at_all() {
     let Some(folder) = shared("recordings") else { return };
+    let mut thirds_known = 0;
     for (name, track, reversed, rows) in REAL {
         let log = folder.join(name);
         let whole = scored(&log);
@@ -76,11 +78,14 @@ fn a_real_drive_is_named_with_its_way_round_and_its_thirds_are_named_alike_or_no
             assert!(found.is_none_or(|(named, way, _)| (named, way) == (track, reversed)), "{name}, {third}: {card}");
             known.extend(found.map(|(.., laps)| laps));
         }
+        thirds_known += known.len();
         if known.len() == 3 {
             let parts: f64 = known.iter().sum();
             assert!((parts - laps).abs() < 0.06, "{name}: {laps} laps, its thirds {known:?}");
         }
     }
+    // Two of the lake in high graphics bend too little, and one of the jungle is explained a little too badly.
+    assert!(thirds_known >= 15, "{thirds_known} of 18");
 }
 
 #[test]
