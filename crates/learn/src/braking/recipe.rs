@@ -17,7 +17,7 @@ pub struct BrakingRecipe {
     /// Passes at most.
     #[serde(default = "defaults::epochs")]
     pub epochs: usize,
-    /// Windows drawn for each. The live network's are longer and have eight answers each.
+    /// Windows drawn for each. The live network's are longer and have 23 answers each.
     #[serde(default = "defaults::windows")]
     pub windows_per_epoch: usize,
     /// Windows in a step.

@@ -3,8 +3,8 @@
 //! ```text
 //! labels, values of each episode ─▶ Counts (paper) + activations (guard) ─▶ Evaluation, with intervals
 //! ```
-//! A guard's *activation* is a run of at least two frames at or above the threshold, whatever its length, as the bridge
-//! would brake. It is right if it begins at most [`EARLY_S`] before a labelled signal does, and before that ends. Each signal
+//! A guard's *activation* is a run of at least two frames at or above the threshold, whatever its length. The
+//! bridge's guard joins some of them, and starts none below 1.5 mph. It is right if it begins at most [`EARLY_S`] before a labelled signal does, and before that ends. Each signal
 //! needs one. So a predictor that fires all the time is wrong, though by the paper's counting its one run touches every
 //! signal and is no false positive.
 
@@ -16,8 +16,8 @@ use serde::Serialize;
 
 use super::counting::{CountingRule, Counts, runs};
 
-/// An activation this much before a label, in seconds, is still for the same danger: the longest reaction of a driver, 1.3 s,
-/// and as long again.
+/// An activation this much before a label, in seconds, is still for the same danger: a driver's reaction that is one
+/// standard deviation longer than the mean, 1.3 s, and as long again.
 pub const EARLY_S: f64 = 2.6;
 
 /// Intervals are those of so many draws of as many episodes, with replacement (Efron, Bootstrap methods, 1979).

@@ -7,7 +7,7 @@
 //! | when the danger is noticed, if the driver looked away | at a time to collision of 2.4 s | the earliest of the three times by which U.S. NCAP wants a forward collision warning (2.0 s slower, 2.1 s standing, 2.4 s braking car) |
 //! | when it is noticed, if the driver looks ahead | at 1.5 s | below it an encounter is critical: van der Horst and Hogema, Time-to-collision and collision avoidance systems (1993) |
 //! | from there to the foot | the reaction time, drawn around 1 s | ours, see `plan` |
-//! | how fast the foot goes down then | so that 4 m/s² are reached in 0.2 s, all of it in 0.37 s | the braking robot of Euro NCAP's AEB Car-to-Car protocol, for forward collision warnings |
+//! | how fast the foot goes down then | so that 4 m/s² are reached in 0.2 s, all of it in 0.35 s | the braking robot of Euro NCAP's AEB Car-to-Car protocol, for forward collision warnings |
 //!
 //! The texts of U.S. NCAP and Euro NCAP, and the two papers of 1993 and 2000, were not at hand: these numbers are from memory.
 //!
