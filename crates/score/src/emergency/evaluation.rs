@@ -3,10 +3,10 @@
 //! ```text
 //! labels, values of each episode ─▶ Counts (paper) + activations (guard) ─▶ Evaluation, with intervals
 //! ```
-//! A guard's *activation* is a run of at least two frames at or above the threshold, whatever its length. The
-//! bridge's guard joins some of them, and starts none below 1.5 mph. It is right if it begins at most [`EARLY_S`] before a labelled signal does, and before that ends. Each signal
-//! needs one. So a predictor that fires all the time is wrong, though by the paper's counting its one run touches every
-//! signal and is no false positive.
+//! A guard's *activation* is a run of at least two frames at or above the threshold, whatever its length. The bridge's guard
+//! joins some of them, and starts none below 1.5 mph. It is right if it begins at most [`EARLY_S`] before a labelled signal
+//! does, and before that ends. Each signal needs one. So a predictor that fires all the time is wrong, though by the paper's
+//! counting its one run touches every signal and is no false positive.
 
 use std::ops::Range;
 
