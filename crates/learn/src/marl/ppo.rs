@@ -13,9 +13,12 @@
 //! With [`Critic::Central`] the value is that of the whole situation together with the agent's own view (MAPPO's
 //! agent-specific global state); the actor is the same.
 
+mod settings;
+
+pub use settings::{Critic, PpoSettings};
+
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, no_grad};
 
 use super::{
@@ -28,138 +31,6 @@ use lapwing_sim::intersection::{
     ACTIONS, AGENTS, Batch, Buffers, STATE,
     evaluation::{Evaluation, Sums},
 };
-
-/// What the critic sees.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Critic {
-    /// What the agent sees.
-    #[default]
-    Own,
-    /// The whole situation, too.
-    Central,
-}
-
-/// The settings of the algorithm. Defaults are cleanrl's unless a reason is given.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PpoSettings {
-    /// What the critic sees.
-    pub critic: Critic,
-    /// Agent-steps in all: those of agents that drive.
-    pub agent_steps: u64,
-    /// Intersections side by side; 64, as stepping them costs little.
-    pub intersections: usize,
-    /// Steps of each before an update; 128.
-    pub steps: usize,
-    /// Agent-steps in a minibatch; 1024.
-    pub minibatch: usize,
-    /// Passes over the batch in an update; 4.
-    pub epochs: usize,
-    /// At the begin; it falls to 0. 1e-3: four times cleanrl's, as minibatches are eight times as large.
-    pub learning_rate: f64,
-    /// Discount at the begin; 0.99.
-    pub gamma: f32,
-    /// At the end; none: as at the begin. The time that it looks ahead, 1 / (1 - gamma) steps, grows by the same factor in
-    /// each part of the training. Agents that look far ahead from the beginning first learn to wait.
-    pub gamma_end: Option<f32>,
-    /// Of generalised advantage estimation; 0.95.
-    pub lambda: f32,
-    /// How far the policy's ratio and the value may move; 0.2.
-    pub clip: f64,
-    /// Weight of the entropy at the begin; 0.01.
-    pub entropy: f64,
-    /// At the end; none: as at the begin, and evenly from one to the other. The likeliest actions are what drives in the end,
-    /// but with sectors agents learn to stand still if it falls to 0.
-    pub entropy_end: Option<f64>,
-    /// Weight of the value loss; 0.5.
-    pub value: f64,
-    /// Largest norm of all gradients; 0.5.
-    pub largest_gradient: f64,
-    /// Units in each hidden layer; 64.
-    pub hidden: usize,
-    /// What rewards are multiplied with: 0.05, so that a goal is worth 1.
-    pub reward_scale: f32,
-    /// Of everything random.
-    pub seed: u64,
-}
-
-impl Default for PpoSettings {
-    fn default() -> Self {
-        Self {
-            critic: Critic::Own,
-            agent_steps: 3_000_000,
-            intersections: 64,
-            steps: 128,
-            minibatch: 1024,
-            epochs: 4,
-            learning_rate: 1e-3,
-            gamma: 0.99,
-            gamma_end: None,
-            lambda: 0.95,
-            clip: 0.2,
-            entropy: 0.01,
-            entropy_end: None,
-            value: 0.5,
-            largest_gradient: 0.5,
-            hidden: 64,
-            reward_scale: 0.05,
-            seed: 0,
-        }
-    }
-}
-
-impl PpoSettings {
-    fn check(&self) -> Result<(), MarlError> {
-        let wrong = |name, expected, got: String| Err(MarlError::Setting { name, expected, got });
-        let counts = [
-            ("intersections", self.intersections),
-            ("steps", self.steps),
-            ("minibatch", self.minibatch),
-            ("epochs", self.epochs),
-            ("hidden", self.hidden),
-        ];
-        if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
-            return wrong(name, "1 to 65536", got.to_string());
-        }
-        if self.minibatch < 2 {
-            return wrong(
-                "minibatch",
-                "at least 2, as advantages are divided by their deviation",
-                self.minibatch.to_string(),
-            );
-        }
-        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
-            return wrong("learning_rate", "a number above 0", self.learning_rate.to_string());
-        }
-        let shares = [self.gamma, self.lambda].into_iter().chain(self.gamma_end);
-        if let Some(got) = shares.into_iter().find(|share| !(0.0..=1.0).contains(share)) {
-            return wrong("gamma and lambda", "0 to 1", got.to_string());
-        }
-        let rises = self.gamma_end.is_some_and(|end| end != self.gamma);
-        if rises && (self.gamma >= 1.0 || self.gamma_end.is_some_and(|end| end >= 1.0)) {
-            return wrong("gamma_end", "below 1, as gamma, where they differ", format!("{:?}", self.gamma_end));
-        }
-        Ok(())
-    }
-}
-
-impl PpoSettings {
-    /// The discount once a share of the training is done.
-    pub(super) fn gamma_at(&self, done: f64) -> f32 {
-        match self.gamma_end {
-            Some(end) if end != self.gamma => {
-                1.0 - (1.0 - self.gamma) * ((1.0 - end) / (1.0 - self.gamma)).powf(done as f32)
-            }
-            _ => self.gamma,
-        }
-    }
-
-    /// The weight of the entropy then.
-    pub(super) fn entropy_at(&self, done: f64) -> f64 {
-        self.entropy + (self.entropy_end.unwrap_or(self.entropy) - self.entropy) * done
-    }
-}
 
 /// What is logged of an update (detail 12): policy loss, value loss, the policy's entropy in nats (at most ln 4), how far
 /// the policy moved (Schulman's estimator `(r - 1) - ln r` of the KL divergence), and the share of the ratios that were
@@ -227,6 +98,41 @@ struct Rollout {
     advantages: Vec<f32>,
 }
 
+impl Rollout {
+    /// Generalised advantage estimation (Schulman et al. 2015), detail 5.
+    fn estimate_advantages(&mut self, agents: usize, gamma: f32, lambda: f32) {
+        for agent in 0..agents {
+            let mut advantage = 0.0;
+            for row in (agent..self.rewards.len()).step_by(agents).rev() {
+                if self.drove[row] {
+                    // A terminal state is worth nothing; a truncated one what it promises, but nothing follows it here.
+                    let next = if self.terminated[row] { 0.0 } else { self.values[row + agents] };
+                    let goes_on = !self.terminated[row] && !self.truncated[row];
+                    let surprise = self.rewards[row] + gamma * next - self.values[row];
+                    advantage = surprise + if goes_on { gamma * lambda * advantage } else { 0.0 };
+                } else {
+                    advantage = 0.0;
+                }
+                self.advantages[row] = advantage;
+            }
+        }
+    }
+
+    /// How much of the returns' variance the values explain (detail 12).
+    fn explained(&self) -> f64 {
+        let rows = || (0..self.drove.len()).filter(|row| self.drove[*row]);
+        let variance = |of: &dyn Fn(usize) -> f32| {
+            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+            for number in rows().map(|row| f64::from(of(row))) {
+                (n, sum, squares) = (n + 1.0, sum + number, squares + number * number);
+            }
+            squares / f64::max(n, 1.0) - (sum / f64::max(n, 1.0)).powi(2)
+        };
+        let returns = variance(&|row| self.advantages[row] + self.values[row]);
+        1.0 - variance(&|row| self.advantages[row]) / returns.max(1e-12)
+    }
+}
+
 impl Ppo {
     /// The begin of a training.
     ///
@@ -283,8 +189,9 @@ impl Ppo {
         let done = self.progress();
         let learning_rate = self.settings.learning_rate * (1.0 - done).max(1e-3); // detail 4
         let drove = self.collect()?;
-        self.estimate_advantages(self.settings.gamma_at(done));
-        let explained = self.explained();
+        let agents = self.world.agents();
+        self.rollout.estimate_advantages(agents, self.settings.gamma_at(done), self.settings.lambda);
+        let explained = self.rollout.explained();
         self.updates += 1;
         self.agent_steps += self.rollout.drove.iter().filter(|drove| **drove).count() as u64;
         let losses = self.learn(learning_rate, self.settings.entropy_at(done))?;
@@ -386,42 +293,6 @@ impl Ppo {
         Ok(each.f_repeat_interleave_self_int(AGENTS as i64, 0, None)?)
     }
 
-    /// Generalised advantage estimation (Schulman et al. 2015), detail 5.
-    fn estimate_advantages(&mut self, gamma: f32) {
-        let (agents, rollout) = (self.world.agents(), &mut self.rollout);
-        let PpoSettings { lambda, .. } = self.settings;
-        for agent in 0..agents {
-            let mut advantage = 0.0;
-            for row in (agent..rollout.rewards.len()).step_by(agents).rev() {
-                if rollout.drove[row] {
-                    // A terminal state is worth nothing; a truncated one what it promises, but nothing follows it here.
-                    let next = if rollout.terminated[row] { 0.0 } else { rollout.values[row + agents] };
-                    let goes_on = !rollout.terminated[row] && !rollout.truncated[row];
-                    let surprise = rollout.rewards[row] + gamma * next - rollout.values[row];
-                    advantage = surprise + if goes_on { gamma * lambda * advantage } else { 0.0 };
-                } else {
-                    advantage = 0.0;
-                }
-                rollout.advantages[row] = advantage;
-            }
-        }
-    }
-
-    /// How much of the returns' variance the values explain (detail 12).
-    fn explained(&self) -> f64 {
-        let rollout = &self.rollout;
-        let rows = || (0..rollout.drove.len()).filter(|row| rollout.drove[*row]);
-        let variance = |of: &dyn Fn(usize) -> f32| {
-            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            for number in rows().map(|row| f64::from(of(row))) {
-                (n, sum, squares) = (n + 1.0, sum + number, squares + number * number);
-            }
-            squares / f64::max(n, 1.0) - (sum / f64::max(n, 1.0)).powi(2)
-        };
-        let returns = variance(&|row| rollout.advantages[row] + rollout.values[row]);
-        1.0 - variance(&|row| rollout.advantages[row]) / returns.max(1e-12)
-    }
-
     /// Several passes over the rollout. Returns the means of [`LOSSES`].
     fn learn(&mut self, learning_rate: f64, entropy_weight: f64) -> Result<[f64; 5], MarlError> {
         let all = self.rollout.drove.len();
@@ -438,7 +309,7 @@ impl Ppo {
         let values = Tensor::f_from_slice(&self.rollout.values[..all])?;
         let returns = advantages.f_add(&values)?;
         let (mut sums, mut count) = ([0.0; 5], 0.0);
-        let (low, high) = (1.0 - self.settings.clip, 1.0 + self.settings.clip);
+        let clip = self.settings.clip;
         for _ in 0..self.settings.epochs {
             rows.shuffle(&mut self.random);
             // Detail 6; of the remainder, one row alone has no deviation.
@@ -451,22 +322,13 @@ impl Ppo {
                 let log_ratio = log.f_sub(&pick(&old)?)?;
                 let ratio = log_ratio.f_exp()?;
 
-                let advantage = pick(&advantages)?;
-                let spread = advantage.f_std(true)?.f_add_scalar(1e-8)?;
-                let advantage = advantage.f_sub(&advantage.f_mean(Kind::Float)?)?.f_div(&spread)?; // detail 7
-                let free = advantage.f_mul(&ratio)?;
-                let clipped = advantage.f_mul(&ratio.f_clamp(low, high)?)?;
-                let policy_loss = free.f_minimum(&clipped)?.f_mean(Kind::Float)?.f_neg()?; // detail 8
+                let policy_loss = surrogate(&normalised(&pick(&advantages)?)?, &ratio, clip)?;
 
                 let value = match &situations {
                     None => self.critic.forward(&seen)?,
                     Some(situations) => self.critic.forward(&Tensor::f_cat(&[&seen, &pick(situations)?], 1)?)?,
                 };
-                let (value, was, target) = (value.f_flatten(0, -1)?, pick(&values)?, pick(&returns)?);
-                let moved = value.f_sub(&was)?.f_clamp(-self.settings.clip, self.settings.clip)?;
-                let free = value.f_sub(&target)?.f_square()?;
-                let clipped = was.f_add(&moved)?.f_sub(&target)?.f_square()?;
-                let value_loss = free.f_maximum(&clipped)?.f_mean(Kind::Float)?.f_mul_scalar(0.5)?; // detail 9
+                let value_loss = value_loss(&value.f_flatten(0, -1)?, &pick(&values)?, &pick(&returns)?, clip)?;
 
                 let entropy = logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist(1, false, Kind::Float)?;
                 let entropy = entropy.f_mean(Kind::Float)?.f_neg()?;
@@ -479,7 +341,7 @@ impl Ppo {
 
                 let (divergence, out) = no_grad(|| -> Result<_, MarlError> {
                     let divergence = ratio.f_sub_scalar(1.0)?.f_sub(&log_ratio)?.f_mean(Kind::Float)?;
-                    let out = ratio.f_sub_scalar(1.0)?.f_abs()?.f_gt(self.settings.clip)?;
+                    let out = ratio.f_sub_scalar(1.0)?.f_abs()?.f_gt(clip)?;
                     Ok((divergence, out.f_to_kind(Kind::Float)?.f_mean(Kind::Float)?))
                 })?;
                 let found = [&policy_loss, &value_loss, &entropy, &divergence, &out];
@@ -496,3 +358,27 @@ impl Ppo {
         }
     }
 }
+
+/// (B) to the same with a mean of 0 and a deviation of 1: detail 7.
+fn normalised(advantage: &Tensor) -> Result<Tensor, MarlError> {
+    let spread = advantage.f_std(true)?.f_add_scalar(1e-8)?;
+    Ok(advantage.f_sub(&advantage.f_mean(Kind::Float)?)?.f_div(&spread)?)
+}
+
+/// The clipped surrogate of advantages (B) and of the ratios (B) of new to old probabilities, to be made small: detail 8.
+fn surrogate(advantage: &Tensor, ratio: &Tensor, clip: f64) -> Result<Tensor, MarlError> {
+    let free = advantage.f_mul(ratio)?;
+    let clipped = advantage.f_mul(&ratio.f_clamp(1.0 - clip, 1.0 + clip)?)?;
+    Ok(free.f_minimum(&clipped)?.f_mean(Kind::Float)?.f_neg()?)
+}
+
+/// Half the mean squared error of values (B) that were something else before the update, clipped as they move: detail 9.
+fn value_loss(value: &Tensor, was: &Tensor, target: &Tensor, clip: f64) -> Result<Tensor, MarlError> {
+    let moved = value.f_sub(was)?.f_clamp(-clip, clip)?;
+    let free = value.f_sub(target)?.f_square()?;
+    let clipped = was.f_add(&moved)?.f_sub(target)?.f_square()?;
+    Ok(free.f_maximum(&clipped)?.f_mean(Kind::Float)?.f_mul_scalar(0.5)?)
+}
+
+#[cfg(test)]
+mod tests;

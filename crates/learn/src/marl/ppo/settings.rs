@@ -1,0 +1,135 @@
+//! What PPO is told: its settings, and what they come to in the course of a training.
+
+use serde::{Deserialize, Serialize};
+
+use crate::marl::MarlError;
+
+/// What the critic sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Critic {
+    /// What the agent sees.
+    #[default]
+    Own,
+    /// The whole situation, too.
+    Central,
+}
+
+/// The settings of the algorithm. Defaults are cleanrl's unless a reason is given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PpoSettings {
+    /// What the critic sees.
+    pub critic: Critic,
+    /// Agent-steps in all: those of agents that drive.
+    pub agent_steps: u64,
+    /// Intersections side by side; 64, as stepping them costs little.
+    pub intersections: usize,
+    /// Steps of each before an update; 128.
+    pub steps: usize,
+    /// Agent-steps in a minibatch; 1024.
+    pub minibatch: usize,
+    /// Passes over the batch in an update; 4.
+    pub epochs: usize,
+    /// At the begin; it falls to 0. 1e-3: four times cleanrl's, as minibatches are eight times as large.
+    pub learning_rate: f64,
+    /// Discount at the begin; 0.99.
+    pub gamma: f32,
+    /// At the end; none: as at the begin. The time that it looks ahead, 1 / (1 - gamma) steps, grows by the same factor in
+    /// each part of the training. Agents that look far ahead from the beginning first learn to wait.
+    pub gamma_end: Option<f32>,
+    /// Of generalised advantage estimation; 0.95.
+    pub lambda: f32,
+    /// How far the policy's ratio and the value may move; 0.2.
+    pub clip: f64,
+    /// Weight of the entropy at the begin; 0.01.
+    pub entropy: f64,
+    /// At the end; none: as at the begin, and evenly from one to the other. The likeliest actions are what drives in the end,
+    /// but with sectors agents learn to stand still if it falls to 0.
+    pub entropy_end: Option<f64>,
+    /// Weight of the value loss; 0.5.
+    pub value: f64,
+    /// Largest norm of all gradients; 0.5.
+    pub largest_gradient: f64,
+    /// Units in each hidden layer; 64.
+    pub hidden: usize,
+    /// What rewards are multiplied with: 0.05, so that a goal is worth 1.
+    pub reward_scale: f32,
+    /// Of everything random.
+    pub seed: u64,
+}
+
+impl Default for PpoSettings {
+    fn default() -> Self {
+        Self {
+            critic: Critic::Own,
+            agent_steps: 3_000_000,
+            intersections: 64,
+            steps: 128,
+            minibatch: 1024,
+            epochs: 4,
+            learning_rate: 1e-3,
+            gamma: 0.99,
+            gamma_end: None,
+            lambda: 0.95,
+            clip: 0.2,
+            entropy: 0.01,
+            entropy_end: None,
+            value: 0.5,
+            largest_gradient: 0.5,
+            hidden: 64,
+            reward_scale: 0.05,
+            seed: 0,
+        }
+    }
+}
+
+impl PpoSettings {
+    pub(super) fn check(&self) -> Result<(), MarlError> {
+        let wrong = |name, expected, got: String| Err(MarlError::Setting { name, expected, got });
+        let counts = [
+            ("intersections", self.intersections),
+            ("steps", self.steps),
+            ("minibatch", self.minibatch),
+            ("epochs", self.epochs),
+            ("hidden", self.hidden),
+        ];
+        if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
+            return wrong(name, "1 to 65536", got.to_string());
+        }
+        if self.minibatch < 2 {
+            return wrong(
+                "minibatch",
+                "at least 2, as advantages are divided by their deviation",
+                self.minibatch.to_string(),
+            );
+        }
+        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
+            return wrong("learning_rate", "a number above 0", self.learning_rate.to_string());
+        }
+        let shares = [self.gamma, self.lambda].into_iter().chain(self.gamma_end);
+        if let Some(got) = shares.into_iter().find(|share| !(0.0..=1.0).contains(share)) {
+            return wrong("gamma and lambda", "0 to 1", got.to_string());
+        }
+        let rises = self.gamma_end.is_some_and(|end| end != self.gamma);
+        if rises && (self.gamma >= 1.0 || self.gamma_end.is_some_and(|end| end >= 1.0)) {
+            return wrong("gamma_end", "below 1, as gamma, where they differ", format!("{:?}", self.gamma_end));
+        }
+        Ok(())
+    }
+
+    /// The discount once a share of the training is done.
+    pub(in crate::marl) fn gamma_at(&self, done: f64) -> f32 {
+        match self.gamma_end {
+            Some(end) if end != self.gamma => {
+                1.0 - (1.0 - self.gamma) * ((1.0 - end) / (1.0 - self.gamma)).powf(done as f32)
+            }
+            _ => self.gamma,
+        }
+    }
+
+    /// The weight of the entropy then.
+    pub(in crate::marl) fn entropy_at(&self, done: f64) -> f64 {
+        self.entropy + (self.entropy_end.unwrap_or(self.entropy) - self.entropy) * done
+    }
+}
