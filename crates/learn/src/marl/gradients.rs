@@ -340,4 +340,53 @@ mod tests {
             assert_eq!(logits.argmax(1, false).int64_value(&[0]), wanted(number) as i64, "{number}");
         }
     }
+
+    #[test]
+    fn the_largest_part_of_a_relaxed_action_is_each_as_often_as_the_logits_say_at_any_temperature() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let logits = Tensor::from_slice(&[0.0_f32, 1.0, -1.0, 2.0]).repeat([20_000, 1]);
+        let mut sizes = Vec::new();
+        for temperature in [1.0, 0.1] {
+            let relaxed = relax(&logits, temperature, &mut random).unwrap();
+            let sums = relaxed.sum_dim_intlist(1, false, Kind::Float);
+            assert!((sums - 1.0).abs().max().double_value(&[]) < 1e-5);
+            let largest = relaxed.argmax(1, false);
+            for (action, share) in [0.0871, 0.2369, 0.0321, 0.6439].into_iter().enumerate() {
+                let found = largest.eq(action as i64).to_kind(Kind::Float).mean(Kind::Float).double_value(&[]);
+                assert!((found - share).abs() < 0.012, "{action} at {temperature}: {found}, expected {share}");
+            }
+            sizes.push(relaxed.amax(1, false).mean(Kind::Float).double_value(&[]));
+        }
+        assert!(sizes[0] < 0.8 && sizes[1] > 0.95, "the colder, the nearer to one action: {sizes:?}");
+    }
+
+    #[test]
+    fn what_follows_counts_with_the_discount_unless_the_agent_has_ended_for_good() {
+        let settings = MaddpgSettings { hidden: 4, gamma: 0.9, ..MaddpgSettings::default() };
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let networks = Networks::new(&settings, 2, &mut random).unwrap();
+        // Each situation is worth 2 now and 3 then.
+        for (critic, worth) in [(&networks.critic, 2.0), (&networks.target_critic, 3.0)] {
+            for (name, weight) in critic.weights() {
+                let _ = no_grad(|| weight.detach().fill_(if name == "critic.4.bias" { worth } else { 0.0 }));
+            }
+        }
+        let scale = Tensor::ones([2], (Kind::Float, tch::Device::Cpu));
+        // One agent each: the first goes on, the second has ended.
+        let batch = Drawing {
+            rows: vec![0, 1],
+            of: vec![0, 1],
+            seen: vec![0.1, 0.2, 0.3, 0.4, 0.0, 0.0],
+            actions: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0; 4]].concat(),
+            others: [(); AGENTS - 1].map(|()| vec![2, 2]),
+            rewards: vec![0.5, -0.5],
+            weights: vec![1.0, 1.0],
+            next: vec![0.5, 0.6, 0.0, 0.0],
+            next_others: [(); AGENTS - 1].map(|()| vec![1]),
+            then: vec![0, 1],
+        };
+        let errors = learn(&networks, &batch, &scale, &settings, &mut random).unwrap().errors;
+        // 0.5 + 0.9 x 3 - 2, and -0.5 - 2.
+        assert!((errors[0] - 1.2).abs() < 1e-5 && (errors[1] - 2.5).abs() < 1e-5, "{errors:?}");
+    }
 }

@@ -362,3 +362,6 @@ impl Learner for Maddpg {
         self.origin = Origin { steps: self.core.steps, transitions: counters.transitions };
     }
 }
+
+#[cfg(test)]
+mod tests;
