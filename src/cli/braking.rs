@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 
 #[cfg(feature = "simulator")]
 use super::GuardFlags;
-use super::parse::above_zero;
+use super::{examples, parse::above_zero};
 #[cfg(feature = "simulator")]
 use lapwing_core::words::did_you_mean;
 #[cfg(feature = "networks")]
@@ -25,18 +25,23 @@ pub struct Brake {
 #[derive(Debug, Subcommand)]
 pub enum BrakeVerb {
     /// Label when an emergency brake is due, by how fast the driver's pedal goes down
+    #[command(after_help = examples::BRAKE_LABEL)]
     Label(BrakeLabel),
     /// Record data to learn emergency braking from: hazards and harmless drives, with a driver who brakes as people do
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::BRAKE_RECORD)]
     Record(BrakeRecord),
     /// Drive every hazard and every harmless situation, without and with a guard, and count what is avoided
     #[cfg(feature = "simulator")]
+    #[command(after_help = examples::BRAKE_TRIAL)]
     Trial(BrakeTrial),
     /// Train a network to say when an emergency brake is due, on the data of brake record
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::BRAKE_TRAIN)]
     Train(BrakeTrain),
     /// Measure how many emergencies a network finds, and how often it is wrong
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::BRAKE_EVALUATE)]
     Evaluate(BrakeEvaluate),
 }
 

@@ -1,4 +1,4 @@
-//! Examples behind the help of each verb. Tests parse them all.
+//! Examples behind the help of each verb. Tests parse them all, and look for the files of this repository that they name.
 
 pub(super) const LAPWING: &str = "\
 Examples:
@@ -61,6 +61,19 @@ Examples:
   lapwing model rename weights.safetensors --network pilotnet --out net.safetensors";
 
 #[cfg(feature = "networks")]
+pub(super) const MODEL_CHECK: &str = "\
+Examples:
+  lapwing model check                                 the built-in PilotNet
+  lapwing model check models/cps.safetensors --json";
+
+#[cfg(feature = "networks")]
+pub(super) const MODEL_RENAME: &str = "\
+Examples:
+  lapwing model rename weights.safetensors --network pilotnet --out net.safetensors
+
+weights.safetensors is what safetensors.torch.save_file writes of your network's state_dict.";
+
+#[cfg(feature = "networks")]
 pub(super) const REPLAY: &str = "\
 Examples:
   lapwing replay recordings/lake.mcap
@@ -85,6 +98,37 @@ pub(super) const BRAKE: &str = "\
 Examples:
   lapwing brake label recordings/lake.mcap --out labels";
 
+pub(super) const BRAKE_LABEL: &str = "\
+Examples:
+  lapwing brake label recordings/lake.mcap
+  lapwing brake label recordings/lake.mcap --out labels --plot braking.svg";
+
+#[cfg(feature = "simulator")]
+pub(super) const BRAKE_RECORD: &str = "\
+Examples:
+  lapwing brake record --out data/brake              three hours of driving
+  lapwing brake record --out data/brake-test --hours 0.1 --seed 7";
+
+#[cfg(feature = "simulator")]
+pub(super) const BRAKE_TRIAL: &str = "\
+Examples:
+  lapwing brake trial --brake-model models/brake.safetensors --out runs/trial
+  lapwing brake trial --cases ccrs,parked --layers plain --speeds 20 --seeds 2 --laps 1     a short one, without a guard";
+
+#[cfg(feature = "networks")]
+pub(super) const BRAKE_TRAIN: &str = "\
+Examples:
+  lapwing brake train --recipe models/brake.toml --data data/brake --out runs/brake.safetensors
+
+data/brake is what lapwing brake record --out data/brake writes.";
+
+#[cfg(feature = "networks")]
+pub(super) const BRAKE_EVALUATE: &str = "\
+Examples:
+  lapwing brake evaluate models/brake.safetensors --data data/brake --plot braking.svg
+
+data/brake is what lapwing brake record --out data/brake writes.";
+
 #[cfg(feature = "simulator")]
 pub(super) const MARL: &str = "\
 Examples:
@@ -92,10 +136,38 @@ Examples:
   lapwing marl evaluate --json";
 
 #[cfg(all(feature = "networks", feature = "simulator"))]
+pub(super) const MARL_TRAIN: &str = "\
+Examples:
+  lapwing marl train --out runs/ppo
+  lapwing marl train --recipe models/intersection-ppo.toml --out runs/intersection-ppo
+  lapwing marl train --algorithm maddpg --batch 64 --every 3 --observation routes --out runs/maddpg";
+
+#[cfg(all(feature = "networks", feature = "simulator"))]
+pub(super) const MARL_STUDY: &str = "\
+Examples:
+  lapwing marl study --out runs/study                                       hours on one core
+  lapwing marl study --tasks corrected --seeds 3 --out runs/small-study";
+
+#[cfg(feature = "simulator")]
+pub(super) const MARL_WATCH: &str = "\
+Examples:
+  lapwing marl watch
+  lapwing marl watch --cars 12 --missions random --policy models/intersection-ppo.safetensors
+  lapwing marl watch --seed 3 --video crossing.mp4";
+
+#[cfg(feature = "simulator")]
+pub(super) const MARL_EVALUATE: &str = "\
+Examples:
+  lapwing marl evaluate
+  lapwing marl evaluate --episodes 200 --cars 12 --policy models/intersection-ppo.safetensors --json";
+
+#[cfg(all(feature = "networks", feature = "simulator"))]
 pub(super) const SUITE: &str = "\
 Examples:
   lapwing suite suite.toml --out suite
-  lapwing suite suite.toml --out suite --shard 2/8";
+  lapwing suite suite.toml --out suite --shard 2/8
+
+docs/how-to/suite.md has a suite.toml to begin with.";
 
 #[cfg(all(feature = "networks", feature = "simulator"))]
 pub(super) const MERGE: &str = "\
@@ -108,6 +180,30 @@ Examples:
   lapwing dataset inspect recordings/lake.mcap --sheet sheet.png --plot steering.svg
   lapwing dataset convert recordings/lake.mcap data/run
   lapwing dataset split data/run --out-train data/train --out-validation data/validation";
+
+#[cfg(feature = "networks")]
+pub(super) const DATASET_INSPECT: &str = "\
+Examples:
+  lapwing dataset inspect recordings/lake.mcap --sheet sheet.png --plot steering.svg
+  lapwing dataset inspect recordings/lake.mcap --json";
+
+#[cfg(feature = "networks")]
+pub(super) const DATASET_CONVERT: &str = "\
+Examples:
+  lapwing dataset convert recordings/lake.mcap data/run        a run to driving_log.csv and IMG/
+  lapwing dataset convert data/run run.mcap                    and back";
+
+#[cfg(feature = "networks")]
+pub(super) const DATASET_SPLIT: &str = "\
+Examples:
+  lapwing dataset split data/run --out-train data/train --out-validation data/validation
+  lapwing dataset split data/run --block 100 --every 10 --out-train data/train --out-validation data/validation";
+
+#[cfg(feature = "networks")]
+pub(super) const DATASET_PREVIEW: &str = "\
+Examples:
+  lapwing dataset preview recordings/lake.mcap --out augmented.png
+  lapwing dataset preview recordings/lake.mcap --recipe models/cps.toml --seed 3 --out augmented.png";
 
 #[cfg(feature = "bridge")]
 pub(super) const DOCTOR: &str = "\

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, Subcommand};
 
-use super::parse::{above_zero, not_negative, rows_and_columns};
+use super::{
+    examples,
+    parse::{above_zero, not_negative, rows_and_columns},
+};
 use lapwing_learn::{
     evaluate::Rows,
     nn::Precision,
@@ -171,12 +174,16 @@ pub struct Dataset {
 #[derive(Debug, Subcommand)]
 pub enum DatasetVerb {
     /// Decode every picture and report rows, cameras, steering, speed, gaps, missing and broken pictures
+    #[command(after_help = examples::DATASET_INSPECT)]
     Inspect(DatasetInspect),
     /// Convert a Udacity folder to a run (.mcap), or a run to a Udacity folder
+    #[command(after_help = examples::DATASET_CONVERT)]
     Convert(DatasetConvert),
     /// Split a log in two, one to train on and one to validate on; the pictures stay where they are
+    #[command(after_help = examples::DATASET_SPLIT)]
     Split(DatasetSplit),
     /// Draw what each augmentation does to pictures and labels
+    #[command(after_help = examples::DATASET_PREVIEW)]
     Preview(DatasetPreview),
 }
 

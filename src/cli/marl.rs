@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
+use super::examples;
 #[cfg(feature = "networks")]
 use super::parse::{above_zero, count, not_negative};
 use lapwing_sim::intersection::{CARS, Missions, Settings};
@@ -20,13 +21,17 @@ pub struct Marl {
 pub enum MarlVerb {
     /// Let the agents learn to drive
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::MARL_TRAIN)]
     Train(MarlTrain),
     /// Compare PPO and MADDPG, with several seeds, and say which claims about them hold
     #[cfg(feature = "networks")]
+    #[command(after_help = examples::MARL_STUDY)]
     Study(MarlStudy),
     /// Watch an episode from above, in the terminal or as a film
+    #[command(after_help = examples::MARL_WATCH)]
     Watch(MarlWatch),
     /// Measure collision and completion rates over held-out episodes
+    #[command(after_help = examples::MARL_EVALUATE)]
     Evaluate(MarlEvaluate),
 }
 

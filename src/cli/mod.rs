@@ -255,20 +255,18 @@ pub struct Thinking {
 mod tests {
     use super::*;
 
-    /// Verbs with the examples behind their help.
-    fn examples() -> Vec<(String, String)> {
-        let command = Cli::command();
-        let own = command.get_after_help().map(ToString::to_string);
-        let of_verbs = command.get_subcommands().map(|verb| {
-            let examples = verb.get_after_help().map(ToString::to_string);
-            (verb.get_name().to_owned(), examples.unwrap_or_default())
-        });
-        std::iter::once(("lapwing".to_owned(), own.unwrap_or_default())).chain(of_verbs).collect()
+    /// Verbs, and the verbs below them, with the examples behind their help.
+    fn examples(command: &clap::Command, name: &str) -> Vec<(String, String)> {
+        let own = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        let below = command.get_subcommands().flat_map(|verb| examples(verb, &format!("{name} {}", verb.get_name())));
+        std::iter::once((name.to_owned(), own)).chain(below).collect()
     }
 
     #[test]
-    fn every_verb_has_examples_and_each_of_them_parses() {
-        for (verb, examples) in examples() {
+    fn every_verb_has_examples_each_of_them_parses_and_the_files_that_they_name_are_here() {
+        let all = examples(&Cli::command(), "lapwing");
+        assert!(all.iter().any(|(verb, _)| verb == "lapwing model check"), "verbs below verbs count, too");
+        for (verb, examples) in all {
             let lines: Vec<_> = examples.lines().filter(|line| line.starts_with("  lapwing ")).collect();
             assert!(!lines.is_empty(), "{verb} has no examples");
             for line in lines {
@@ -278,7 +276,12 @@ mod tests {
                 if let Err(error) = Cli::read(words) {
                     panic!("{command}: {error}");
                 }
-                assert!(verb == "lapwing" || command.contains(&verb), "{verb}: {command}");
+                assert!(command.starts_with(&verb), "{verb}: {command}");
+                let is_ours = |word: &&str| word.starts_with("models/") || word.starts_with("recordings");
+                for file in command.split_whitespace().filter(is_ours) {
+                    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+                    assert!(path.exists(), "{command}: {file} is not in this repository");
+                }
             }
         }
     }

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::examples;
+
 /// `lapwing model`
 #[derive(Debug, Args)]
 pub struct Model {
@@ -15,8 +17,10 @@ pub struct Model {
 #[derive(Debug, Subcommand)]
 pub enum ModelVerb {
     /// Show a recorded run to a model: shapes, range of its answers, latency, and what looks wrong
+    #[command(after_help = examples::MODEL_CHECK)]
     Check(ModelCheck),
     /// Make a checkpoint from PyTorch tensors, whatever their names
+    #[command(after_help = examples::MODEL_RENAME)]
     Rename(ModelRename),
 }
 
