@@ -346,6 +346,20 @@ async fn every_simulator_has_its_line_and_a_storm_of_dials_hides_none() {
 }
 
 #[test]
+fn a_port_that_others_can_reach_is_told_to_be_open_to_any_simulator() {
+    for (bind, expected) in [("0.0.0.0", 1), ("127.0.0.1", 0)] {
+        let mut verb = Verb::start(PLAIN, &["serve", "--bind", bind, "--port", "0", "--no-recording"]);
+        verb.catches_signals();
+        verb.signal("TERM");
+        assert!(verb.ends().success());
+        let (_, said) = verb.said();
+        let warnings = said.lines().filter(|line| line.contains("cannot send a token"));
+        assert_eq!(warnings.count(), expected, "{bind}: {said}");
+        assert_eq!(said.contains("?token="), expected == 1, "{bind}: {said}");
+    }
+}
+
+#[test]
 fn a_taken_port_is_told_with_the_flag_that_chose_it_and_leaves_no_run() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();

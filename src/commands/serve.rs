@@ -25,6 +25,10 @@ use lapwing_live::{
 /// The flag for Foxglove and Lichtblick.
 pub(super) const FOXGLOVE: &str = "--foxglove";
 
+/// What else is to be known where others can reach the port.
+const NO_TOKEN: &str = "Warning: the simulator cannot send a token, so anyone who reaches this port can connect as a simulator, be \
+     driven and fill the folder of runs.";
+
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
     layers = guards::layers(layers, &arguments.guard)?;
@@ -68,6 +72,9 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     });
     let page = address_of("http", listener.address(), bridge.page())?;
     say!("{}\n  Page: {page}", how_to_connect(listener.address()));
+    if !listener.address().ip().is_loopback() {
+        say!("  {NO_TOKEN}");
+    }
     let (drives_are_over, over) = tokio::sync::oneshot::channel();
     let viewing = match foxglove {
         None => None,
