@@ -49,6 +49,22 @@ fn on_the_real_lake_the_side_cameras_are_found_where_they_sit_on_the_car() {
 }
 
 #[test]
+fn a_recording_without_side_cameras_says_in_one_line_that_there_are_none() {
+    let dir = tempdir().unwrap();
+    let runs = dir.path().join("runs");
+    let drive = ["drive", "--pilot", "expert", "--max-time", "4", "--speed", "20", "--recordings"];
+    let out = lapwing(&[&drive[..], &[runs.to_str().unwrap()]].concat());
+    let run = std::fs::read_dir(runs).unwrap().next().unwrap_or_else(|| panic!("{out:?}")).unwrap().path();
+    let [center, left, right] =
+        [CameraPosition::Center, CameraPosition::Left, CameraPosition::Right].map(|which| located(&run, which));
+    let line = "\nside cameras cannot be measured: the recording has none";
+    let told = Summary::new("lake".into(), &center, Some(&[left, right])).to_string();
+    assert_eq!(told.matches(line).count(), 1, "{told}");
+    let told = Summary::new("lake".into(), &center, None).to_string();
+    assert!(!told.contains("side cameras"), "nobody asked: {told}");
+}
+
+#[test]
 fn a_real_drive_the_other_way_round_is_located_too() {
     let Some(folder) = shared("recordings/lake-clockwise") else { return };
     let dir = rows(&folder, 0, 220);

@@ -113,6 +113,9 @@ pub struct Summary {
     pub unreadable: usize,
     /// Whether a keyboard steered whose release is at once.
     pub released_at_once: bool,
+    /// Why nothing is known of the side cameras, if they were asked for.
+    #[serde(skip)]
+    pub no_sides: Option<String>,
 }
 
 impl Summary {
@@ -132,14 +135,30 @@ impl Summary {
                 network,
             }
         };
+        let drives: Vec<_> = found.parts.iter().enumerate().map(drive).collect();
         Self {
             source,
-            drives: found.parts.iter().enumerate().map(drive).collect(),
+            no_sides: sides.and_then(|sides| no_sides(sides, &drives)),
+            drives,
             laps: found.laps.clone(),
             unreadable: found.unreadable.0,
             released_at_once: found.released_at_once,
         }
     }
+}
+
+/// How `pictures` says that a recording has no picture of a camera.
+const NO_PICTURE: &str = "the recording names no picture of this camera";
+
+/// Why none of the drives has side cameras.
+fn no_sides(sides: &[LocatedRecording; 2], drives: &[PartSummary]) -> Option<String> {
+    let of_network = |drive: &PartSummary| drive.network.as_ref().is_some_and(|network| network.sides.is_some());
+    let of_road = |drive: &PartSummary| drive.on.as_ref().is_some_and(|on| on.sides.is_some());
+    if drives.iter().any(|drive| of_network(drive) || of_road(drive)) {
+        return None;
+    }
+    let why = sides.iter().find_map(|side| side.unreadable.1.as_deref())?;
+    Some(if why == NO_PICTURE { "the recording has none".to_owned() } else { why.to_owned() })
 }
 
 fn placed(on: &On, rows: &[Row]) -> Placed {
@@ -272,6 +291,9 @@ impl fmt::Display for Summary {
         }
         if let Some(laps) = &self.laps {
             write!(f, "\n  {:<12} {laps}", "laps")?;
+        }
+        if let Some(why) = &self.no_sides {
+            write!(f, "\nside cameras cannot be measured: {why}")?;
         }
         if self.released_at_once {
             write!(f, "\nsteered by keyboard: when a key is released, the steering is zero at once")?;
