@@ -1,6 +1,6 @@
 //! Our own page: what it shows, what it changes, and who may look.
 
-use std::{cell::Cell, net::SocketAddr, time::Duration};
+use std::{net::SocketAddr, time::Duration};
 
 use futures_util::{SinkExt, StreamExt};
 use lapwing_core::recording::{EventRecord, Item, RunReader};
@@ -39,7 +39,7 @@ pub(super) async fn get(address: SocketAddr, path: &str) -> (u16, Value) {
     (status, serde_json::from_slice(&body).unwrap_or_default())
 }
 
-async fn control(address: SocketAddr, drive: u64, control: Value) -> (u16, Value) {
+pub(super) async fn control(address: SocketAddr, drive: u64, control: Value) -> (u16, Value) {
     let path = format!("POST /api/drives/{drive}/control");
     let (status, _, body) = ask(address, &path, "", &control.to_string()).await;
     (status, serde_json::from_slice(&body).unwrap_or_default())
@@ -108,70 +108,6 @@ async fn a_browser_gets_the_page_and_all_its_files_from_here_and_a_program_a_gre
         assert_eq!(ask(running.address, &format!("GET {path}"), "", "").await.0, 404, "{path}");
     }
     assert_eq!(ask(running.address, "GET /healthz", "", "").await.2, b"ok\n");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn every_documented_path_answers_as_documented() {
-    let dir = tempdir().unwrap();
-    let running = Running::start(settings(dir.path())).await;
-    let mut simulator = Wire::simulator(running.address).await;
-    // Once there is a drive, its score is made where a turn comes while somebody waits for it.
-    steer(&simulator.ask(&telemetry("4.0000")).await);
-    let done = Cell::new(false);
-    let scraped = async {
-        let (_, _, metrics) = ask(running.address, "GET /metrics", "", "").await;
-        done.set(true);
-        String::from_utf8(metrics).unwrap()
-    };
-    let driven = async {
-        let mut asked = 1;
-        while asked < 3 || !done.get() {
-            steer(&simulator.ask(&telemetry("4.0000")).await);
-            asked += 1;
-        }
-        asked
-    };
-    let (scored, asked) = tokio::join!(scraped, driven);
-    assert!(scored.contains("\nlapwing_score_max_mph{drive=\"1\"} 4.0\n"), "{scored}");
-    // A run that is whole, to be looked at.
-    control(running.address, 1, json!({ "control": "end-run" })).await;
-    steer(&simulator.ask(&telemetry("4.0000")).await);
-    let (_, runs) = get(running.address, "/api/runs").await;
-    let run = runs[0]["name"].as_str().unwrap().to_owned();
-    let (_, document) = get(running.address, "/api/openapi.json").await;
-    let paths = document["paths"].as_object().unwrap();
-    assert_eq!(paths.len(), 18);
-    for (path, methods) in paths {
-        for method in methods.as_object().unwrap().keys().filter(|key| *key != "parameters") {
-            let request = format!(
-                "{} {}",
-                method.to_uppercase(),
-                path.replace("{id}", "1")
-                    .replace("{name}", &run)
-                    .replace("{n}", "2")
-                    .replace("{looks}", "visual-back-prop")
-                    .replace("{pilot}", "0")
-            );
-            let body = if method == "post" { r#"{"control":"arm"}"# } else { "" };
-            let (status, head, answer) = ask(running.address, &request, "", body).await;
-            let documented = &methods[method]["responses"][status.to_string()];
-            // This bridge's model is not looked into.
-            let is_fine = status < 300 || (status == 409 && path.contains("explained"));
-            assert!(is_fine && documented.is_object(), "{request}: {status} {}", String::from_utf8_lossy(&answer));
-            let kind = documented["content"].as_object().and_then(|content| content.keys().next());
-            assert!(kind.is_none_or(|kind| head.contains(kind.as_str())), "{request}: {head}");
-        }
-    }
-    let (_, _, metrics) = ask(running.address, "GET /metrics", "", "").await;
-    let metrics = String::from_utf8(metrics).unwrap();
-    for line in [
-        format!("lapwing_messages_total {asked}\n"),
-        "lapwing_drives 1\n".into(),
-        format!("le=\"+Inf\",stage=\"answer\"}} {asked}\n"),
-    ] {
-        assert!(metrics.contains(&line), "{line}: {metrics}");
-    }
-    assert!(metrics.ends_with("# EOF\n"));
 }
 
 #[tokio::test(flavor = "multi_thread")]
