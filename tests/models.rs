@@ -8,6 +8,10 @@ use lapwing_learn::{
     nn::{Checkpoint, braking::BrakingCheckpoint},
     train::Recipe,
 };
+use lapwing_sim::intersection::{
+    CARS, Missions, Settings,
+    evaluation::{Evaluation, HELD_OUT, evaluate},
+};
 
 /// Those that drive or find the lane, those that brake, and the intersection's.
 fn models(extension: &str) -> [Vec<PathBuf>; 3] {
@@ -62,5 +66,39 @@ fn every_shipped_model_is_read_and_tells_the_recipe_beside_it() {
         let told: Recipe = serde_json::from_str(&checkpoint.metadata.training).unwrap();
         let beside = Recipe::parse(&fs::read_to_string(path.with_extension("toml")).unwrap()).unwrap();
         assert_eq!(told, beside, "{}", path.display());
+    }
+}
+
+/// The shipped policy of an algorithm on so many of the held-out episodes.
+fn drive(algorithm: &str, missions: Missions, cars: usize, episodes: u64) -> Evaluation {
+    let path = format!("{}/models/intersection-{algorithm}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let mut policy = Policy::load(path).unwrap();
+    let settings = Settings { missions, cars, ..policy.settings() };
+    evaluate(settings, HELD_OUT..HELD_OUT + episodes, 50, |environments, actions| policy.act(environments, actions))
+        .unwrap()
+}
+
+#[test]
+fn the_shipped_policies_bring_all_four_agents_to_the_benchmarks_goals() {
+    for algorithm in ["ppo", "maddpg"] {
+        let found = drive(algorithm, Missions::Benchmark, 0, 1);
+        assert_eq!((found.episodes, found.all_completed), (1, 1.0), "{algorithm}: {found}");
+    }
+}
+
+/// Completion rates are those of the card, which are of 1000 episodes. Fewer come out up to a few points beside them.
+#[test]
+fn the_shipped_policies_complete_about_as_much_as_their_card_says() {
+    for (algorithm, missions, cars, card) in [
+        ("ppo", Missions::Benchmark, CARS, 1.0),
+        ("ppo", Missions::Random, 0, 0.989),
+        ("ppo", Missions::Random, CARS, 0.971),
+        ("maddpg", Missions::Benchmark, CARS, 0.979),
+        ("maddpg", Missions::Random, 0, 0.89),
+        ("maddpg", Missions::Random, CARS, 0.853),
+    ] {
+        let found = drive(algorithm, missions, cars, 50);
+        let (lowest, highest) = (card - 0.05, card + 0.08);
+        assert!((lowest..=highest).contains(&found.completion_rate), "{algorithm}, {missions:?}, {cars} cars: {found}");
     }
 }
