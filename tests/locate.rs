@@ -111,5 +111,5 @@ fn simulated_drives_in_bad_weather_are_located_where_they_were() {
 
 #[test]
 fn simulated_drives_through_tight_bends_are_located_where_they_were() {
-    simulated_drives_are_located_where_they_were(&[("jungle", "haze=0.6"), ("mountain", "noise=3")]);
+    simulated_drives_are_located_where_they_were(&[("jungle", "rain=0.7"), ("mountain", "noise=3")]);
 }

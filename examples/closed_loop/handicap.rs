@@ -43,13 +43,13 @@ pub struct Handicap {
 /// Nothing is wrong with it.
 pub const NONE: Handicap = Handicap { sight: Sight::Clear, gain: 1.0, bias: 0.0, late: 0, noise: 0.0 };
 
-/// Negative controls: mistakes in what a network is fed, and an answer that is 0.4 s late at the stock recorder's 15 Hz.
+/// Negative controls: mistakes in what a network is fed, and an answer that is 0.8 s late at the stock recorder's 15 Hz.
 pub const CONTROLS: [(&str, Handicap); 5] = [
     ("BGR for RGB", Handicap { sight: Sight::Bgr, ..NONE }),
     ("mirrored", Handicap { sight: Sight::Mirrored, ..NONE }),
     ("cropped 20 rows too high", Handicap { sight: Sight::Moved(20), ..NONE }),
     ("cropped 20 rows too low", Handicap { sight: Sight::Moved(-20), ..NONE }),
-    ("0.4 s late", Handicap { late: 6, ..NONE }),
+    ("0.8 s late", Handicap { late: 12, ..NONE }),
 ];
 
 impl Handicap {
