@@ -71,7 +71,8 @@ fn along_a_weaving_recording_and_in_the_simulator_negative_controls_come_out_apa
             // How often they are put back depends on how they fail: one may drive nearly a metre beside the middle all the
             // time. The network learns from pictures that are shifted, and keeps the road on rows that are too low: it is
             // only a little worse, and no judge may call it bad.
-            let (put_back, times) = if name == MILD { (0.0..=0.0, 1.0..=5.0) } else { (1.0..=f64::MAX, 5.0..=f64::MAX) };
+            let (put_back, times) =
+                if name == MILD { (0.0..=0.0, 1.0..=5.0) } else { (1.0..=f64::MAX, 5.0..=f64::MAX) };
             assert!(put_back.contains(&control.interventions), "{name}: {control:?}");
             assert!(times.contains(&(control.p95_m / good.p95_m)), "{name}: {control:?}, good: {good:?}");
         }
