@@ -92,7 +92,8 @@ fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
             assert!(control.interventions == 0.0 && control.p95_m < 1.5 * good.p95_m, "{name}: {control:?}");
             continue;
         }
-        assert!(control.interventions >= 2.0, "{name}: {control:?}");
+        let least = if name.starts_with("cropped") { 2.0 } else { 8.0 };
+        assert!(control.interventions >= least, "{name}: {control:?}");
         assert!(control.p95_m >= 2.0 * good.p95_m, "{name}: {control:?}, good: {good:?}");
     }
 }

@@ -58,16 +58,16 @@ fn agents_learn_into_a_folder_and_drive_with_what_they_learnt() {
 #[test]
 fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let folder = tempdir().unwrap();
-    let run = |most: &str| {
+    let run = |more: &[&str]| {
         let study = ["marl", "study", "--out", "study", "--seeds", "1", "--agent-steps", "1000", "--episodes", "10"];
-        lapwing_in(folder.path(), "", &[&study[..], &["--most", most]].concat())
+        lapwing_in(folder.path(), "", &[&study[..], more].concat())
     };
-    let (status, out, err) = run("1");
+    let (status, out, err) = run(&["--most", "1"]);
     assert_eq!(status, 0, "{err}");
     assert!(out.contains("PPO ends better: open: no runs") && err.contains("1 of 28 trainings are done"), "{out}{err}");
     let cell = folder.path().join("study/cells/ppo-smarts-0-0/cell.json");
     let first = fs::read(&cell).unwrap();
-    let (status, out, err) = run("2");
+    let (status, out, err) = run(&["--most", "2"]);
     assert_eq!(status, 0, "{err}");
     assert!(fs::read(&cell).unwrap() == first, "what is done is kept");
     assert!(out.contains("PPO takes 3 to 3.5 times MADDPG's time: "), "{out}");
@@ -76,26 +76,7 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     assert!(rows.lines().count() == 3 && rows.lines().nth(2).unwrap().starts_with("maddpg,smarts,0,1,"), "{rows}");
     let page = fs::read_to_string(folder.path().join("study/study.html")).unwrap();
     assert!(page.contains("<svg") && page.contains("SMARTS PPO"), "{page}");
-    let (status, _, err) = lapwing_in(
-        folder.path(),
-        "",
-        &[
-            "marl",
-            "study",
-            "--out",
-            "study",
-            "--seeds",
-            "1",
-            "--agent-steps",
-            "1000",
-            "--episodes",
-            "10",
-            "--most",
-            "4",
-            "--jobs",
-            "2",
-        ],
-    );
+    let (status, _, err) = run(&["--most", "4", "--jobs", "2"]);
     assert!(status == 0 && err.contains("2 of 2: ") && err.contains("4 of 28 trainings are done"), "{err}");
     let left = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CURVES"].map(|part| page.contains(&format!("/*{part}*/")));
     assert_eq!(left, [false; 5], "{page}");

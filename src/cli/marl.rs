@@ -235,7 +235,7 @@ pub struct MarlStudy {
     /// Stop after this many trainings; the same command continues later
     #[arg(long, value_name = "N", value_parser = count)]
     pub most: Option<u32>,
-    /// Trainings at a time; each takes one core, and is told to have taken the longer the fewer are free
+    /// Trainings side by side, each on one core; if cores are short, the seconds in the table are too many
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,
     /// Run this training alone, named as its folder in cells/, and leave the table as it is

@@ -4,12 +4,15 @@ use std::{
     fs,
     io::{self, IsTerminal},
     process::{Command, Stdio},
-    sync::atomic::{AtomicUsize, Ordering},
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
+use rayon::{
+    ThreadPoolBuilder,
+    iter::{ParallelBridge, ParallelIterator},
+};
 
 use super::{Ended, print};
 use crate::{
@@ -106,35 +109,27 @@ fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted)
     let program = std::env::current_exe()?;
     let most = arguments.most.map_or(cells.len(), |most| most as usize);
     let waiting: Vec<&Cell> = cells.iter().take(most).filter(|cell| !cell.is_done(&arguments.out)).collect();
-    let next = AtomicUsize::new(0);
-    let worker = || {
-        while let Some((i, cell)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, *waiting.get(i)?)))
-        {
-            if stop.is_pressed() {
-                break;
-            }
-            let MarlStudy { seeds, agent_steps, episodes, every, .. } = arguments;
-            let mut command = Command::new(&program);
-            command.args(["marl", "study", "--only", &cell.name(), "--out"]).arg(&arguments.out);
-            let numbers = [("--seeds", seeds), ("--agent-steps", agent_steps), ("--episodes", episodes)];
-            for (name, number) in numbers {
-                command.arg(name).arg(number.to_string());
-            }
-            let status = command.arg("--every").arg(every.to_string()).stdout(Stdio::null()).status()?;
-            say!("{} of {}: {}", i + 1, waiting.len(), cell.name());
-            if !status.success() && !stop.is_pressed() {
-                bail!("{}: its process ended with {status}", cell.name());
-            }
+    let train = |(i, cell): (usize, &&Cell)| {
+        if stop.is_pressed() {
+            return Ok(());
+        }
+        let MarlStudy { out, seeds, agent_steps, episodes, every, .. } = arguments;
+        let status = Command::new(&program)
+            .args(["marl", "study", "--only", &cell.name(), "--out"])
+            .arg(out)
+            .args(["--seeds", &seeds.to_string(), "--agent-steps", &agent_steps.to_string()])
+            .args(["--episodes", &episodes.to_string(), "--every", &every.to_string()])
+            .stdout(Stdio::null())
+            .status()?;
+        say!("{} of {}: {}", i + 1, waiting.len(), cell.name());
+        if !status.success() && !stop.is_pressed() {
+            bail!("{}: its process ended with {status}", cell.name());
         }
         Ok(())
     };
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..arguments.jobs).map(|_| scope.spawn(worker)).collect();
-        workers.into_iter().try_for_each(|worker| match worker.join() {
-            Ok(ended) => ended,
-            Err(panic) => std::panic::resume_unwind(panic),
-        })
-    })
+    let pool = ThreadPoolBuilder::new().num_threads(usize::from(arguments.jobs)).build()?;
+    // In the plan's order, so that a study that is stopped is balanced.
+    pool.install(|| waiting.iter().enumerate().par_bridge().try_for_each(train))
 }
 
 fn tasks(arguments: &MarlStudy) -> Vec<(Reward, usize)> {

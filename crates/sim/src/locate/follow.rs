@@ -157,8 +157,8 @@ impl Belief {
         let along = motion.way_m * heading.cos() / (1.0 - bend * offset).max(0.3);
         let turned = motion.turn_rad - track.at(s + along / 2.0).curvature * along;
         // The rear axle goes where the car heads; the car's origin, ahead of it, also swings out as the car turns.
-        let aside = motion.way_m * (heading + turned / 2.0).sin()
-            + REAR_AXLE_M * motion.turn_rad * (heading + turned / 2.0).cos();
+        let (sin, cos) = (heading + turned / 2.0).sin_cos();
+        let aside = motion.way_m * sin + REAR_AXLE_M * motion.turn_rad * cos;
         let mean = self.mean + DVec3::new(along, aside, turned);
         let bend_per_m = (track.at(s + 1.0).curvature - track.at(s - 1.0).curvature) / 2.0;
         let by_s = DVec3::new(1.0, 0.0, -bend_per_m * along);
