@@ -56,6 +56,7 @@ fn command(i: u32) -> CommandRecord {
         i: None,
         saturated: false,
         brake_due: Some(0.125),
+        ahead_ns: Some(140_000_000),
         guard_ns: None,
         decode_ns: 1_000_000,
         preprocess_ns: 200_000,

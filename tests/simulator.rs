@@ -13,7 +13,7 @@ use lapwing_core::{
     drive::{DriveDigest, Eventful},
     driver::Driver,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
-    protocol::{Answer, CameraImage, Command, Observation, Sight, World},
+    protocol::{Answer, Command, Sight, World},
     recording::{EventRecord, Recorder, RecorderOptions, Recording, RecordingReport, RunHeader, RunKind, RunReader},
     units::{Mph, Steering, Throttle},
 };
@@ -57,16 +57,6 @@ fn driven(setup: Setup, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, J
 
 fn straight_on() -> ConstantPilot {
     ConstantPilot::new(Steering::ZERO)
-}
-
-fn picture(observation: &Observation) -> Vec<u8> {
-    match &observation.sight {
-        Sight::Telemetry(telemetry) => match &telemetry.image {
-            CameraImage::Jpeg(jpeg) => jpeg.to_vec(),
-            CameraImage::Base64(_) => panic!("no text in process"),
-        },
-        sight => panic!("expected telemetry, got {sight:?}"),
-    }
 }
 
 #[test]
@@ -136,23 +126,44 @@ fn the_same_seed_gives_the_same_run_in_another_process_with_other_threads() {
 }
 
 #[test]
-fn a_late_camera_shows_what_was_there_before() {
-    let shown = |latency_ms| {
+fn a_command_takes_effect_late() {
+    let in_effect = |latency_ms| {
         let conditions = Conditions { latency_ms, ..Conditions::default() };
         let mut world = Simulation::new(Setup { conditions, ..setup(lake()) }).unwrap();
-        let go = Answer::Steer(Command { steering: Steering::ZERO, throttle: Throttle::constant(0.5) });
-        (0..30)
-            .map(|_| {
-                let seen = world.observe().unwrap().unwrap();
-                world.apply(go);
-                picture(&seen)
+        (0..12)
+            .map(|i| {
+                let Sight::Telemetry(telemetry) = world.observe().unwrap().unwrap().sight else {
+                    panic!("no telemetry")
+                };
+                let steering = Steering::new(f64::from(i + 1) / 100.0).unwrap();
+                world.apply(Answer::Steer(Command { steering, throttle: Throttle::constant(0.5) }));
+                (telemetry.steering.steering().get() * 100.0).round()
             })
             .collect::<Vec<_>>()
     };
-    let (now, late) = (shown(0.0), shown(200.0));
-    // 200 ms are three frames at 15 Hz, give or take the physics' own step.
-    assert_ne!(now[20], late[20]);
-    assert!((16..=18).any(|i| now[i] == late[20]));
+    // Each telemetry tells the command before; 200 ms are three telemetries more, until which the wheels are straight.
+    assert_eq!(in_effect(0.0), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0]);
+    assert_eq!(in_effect(200.0), [0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]);
+}
+
+#[test]
+fn a_network_allows_for_commands_that_take_effect_late() {
+    // In the jungle, 24 s at 25 mph.
+    let off_road = |compensate: &str| {
+        let arguments =
+            ["drive", "--track", "jungle", "--speed", "25", "--conditions", "latency_ms=200", "--max-time", "24"];
+        let output = Process::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(arguments)
+            .args(["--no-recording", "--json"])
+            .env("LAPWING_CONTROL__COMPENSATE_LATENCY", compensate)
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let result: serde_json::Value = serde_json::from_str(&text).expect(&text);
+        result["off_roads"].as_u64().unwrap()
+    };
+    assert_eq!(off_road("true"), 0);
+    assert!(off_road("false") > 0, "it drives as well without");
 }
 
 #[test]

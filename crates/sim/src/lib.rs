@@ -22,6 +22,7 @@
 //! | [`known`] | a track as a known road, on which drives are located |
 //! | [`locate`] | where a car was in each picture of a recording |
 //! | [`along`] | a recording as a closed-loop world |
+//! | [`ahead`] | a pilot that allows for commands that take effect late |
 //! | [`braking`] | hazards, a driver who brakes as people do, and their recordings |
 //! | [`record`] | training data: what the expert would do, whoever drives |
 //! | [`intersection`] | four agents at an intersection: the world of multi-agent learning |
@@ -44,6 +45,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod ahead;
 pub mod along;
 pub mod braking;
 pub mod camera;

@@ -10,7 +10,7 @@ mod setup;
 
 pub use setup::{Ending, Eyes, Human, Setup};
 
-use std::{convert::Infallible, time::Duration};
+use std::{collections::VecDeque, convert::Infallible, time::Duration};
 
 use bytes::Bytes;
 use glam::DVec3;
@@ -54,7 +54,10 @@ pub struct Simulation {
     eyes: Option<Box<dyn Eyes>>,
     frame: Frame,
     sensor: Sensor,
+    /// In effect.
     command: Command,
+    /// On their way: the step from which on each is in effect, the earliest first.
+    late: VecDeque<(u64, Command)>,
     /// Steps of the physics so far.
     steps: u64,
     /// Telemetries so far.
@@ -104,6 +107,7 @@ impl Simulation {
             place,
             traffic,
             command: Command::default(),
+            late: VecDeque::new(),
             steps: 0,
             shown: 0,
             driven_m: 0.0,
@@ -271,7 +275,7 @@ impl Simulation {
 
     fn telemetry(&mut self) -> Telemetry {
         let taken = self.seen();
-        let image = self.sensor.see(self.time_s(), taken, &self.setup.conditions);
+        let image = self.sensor.see(taken, &self.setup.conditions);
         let track = &self.setup.track;
         let mut truth = Truth::default();
         path_ahead(track, &self.place, &self.car, &mut truth.path);
@@ -315,6 +319,9 @@ impl Simulation {
         self.shown += 1;
         let until = (self.shown as f64 / self.setup.hz / vehicle::STEP_S + 1e-9) as u64;
         while self.steps < until && self.ending.is_none() {
+            while let Some((_, command)) = self.late.pop_front_if(|(from, _)| *from <= self.steps) {
+                self.command = command;
+            }
             self.step(self.command);
         }
     }
@@ -359,8 +366,14 @@ impl World for Simulation {
 
     fn apply(&mut self, answer: Answer) {
         match (answer, self.human_now()) {
-            (_, Some(human)) => self.command = self.expert(human.speed),
-            (Answer::Steer(command), None) => self.command = command,
+            (_, Some(human)) => {
+                self.command = self.expert(human.speed);
+                self.late.clear();
+            }
+            (Answer::Steer(command), None) => {
+                let late = (self.setup.conditions.latency_ms / 1000.0 / vehicle::STEP_S).round() as u64;
+                self.late.push_back((self.steps + late, command));
+            }
             (Answer::Manual, None) => {} // the stock build keeps the last command
         }
         self.advance();

@@ -97,6 +97,9 @@ pub struct ControlSettings {
     pub ki: f64,
     /// What happens when a human lets go. Default `resume`.
     pub takeover: Takeover,
+    /// Whether a network is shown the road from where the car will be when its command takes effect, where that is late.
+    /// Default yes.
+    pub compensate_latency: bool,
 }
 
 /// The law that computes throttle.
@@ -157,7 +160,14 @@ impl Default for PerceptionSettings {
 
 impl Default for ControlSettings {
     fn default() -> Self {
-        Self { speed_law: SpeedLaw::Pi, speed_mph: Mph::constant(9.0), kp: 0.1, ki: 0.002, takeover: Takeover::Resume }
+        Self {
+            speed_law: SpeedLaw::Pi,
+            speed_mph: Mph::constant(9.0),
+            kp: 0.1,
+            ki: 0.002,
+            takeover: Takeover::Resume,
+            compensate_latency: true,
+        }
     }
 }
 

@@ -24,7 +24,7 @@ use crate::{
     control::{Handover, KnownSpeed, Release, SpeedController, Standstill},
     guard::Guard,
     perception::{self, Frame, ImageError},
-    pilot::{Pilot, PilotError, View},
+    pilot::{InEffect, Pilot, PilotError, View},
     protocol::{Answer, CameraImage, Command, Observation, Sight, Telemetry},
     turn::{By, EventRecord, Trace},
     units::{Clock, Mph, Steering, Throttle},
@@ -206,8 +206,10 @@ impl Driver {
         if let Some(watch) = &mut self.watch {
             watch.look(at, &self.frame, telemetry, self.clock, trace);
         }
-        let view = View { frame: &self.frame, speed: telemetry.speed, path: &telemetry.truth.path };
+        let in_effect = self.settings().compensate_latency.then_some(InEffect { at, steering: telemetry.steering });
+        let view = View { frame: &self.frame, speed: telemetry.speed, path: &telemetry.truth.path, in_effect };
         let prediction = self.pilot.steer(&view)?;
+        trace.ahead = prediction.ahead;
         trace.preprocess = prediction.preprocess;
         trace.forward = prediction.forward;
         trace.prediction = Some(prediction.steering);

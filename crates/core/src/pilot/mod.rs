@@ -20,7 +20,7 @@ pub use pure_pursuit::{PurePursuit, Pursuit, PursuitGains};
 
 use crate::{
     perception::Frame,
-    units::{Mph, PathPoint},
+    units::{Degrees, Mph, PathPoint},
 };
 
 /// What a pilot may know of this moment.
@@ -32,12 +32,23 @@ pub struct View<'a> {
     pub speed: Mph,
     /// The line to drive, from beside the car on; empty where the world reports none.
     pub path: &'a [PathPoint],
+    /// By what a pilot can tell how late its commands take effect; `None` if it is not to allow for that.
+    pub in_effect: Option<InEffect>,
+}
+
+/// The steering that was in effect when a picture was taken, and when the picture came.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InEffect {
+    /// Time since the run began.
+    pub at: Duration,
+    /// The angle of the front wheels, positive to the right.
+    pub steering: Degrees,
 }
 
 impl<'a> View<'a> {
     /// A picture seen from a standing car in a world that reports no path.
     pub fn of(frame: &'a Frame) -> Self {
-        Self { frame, speed: Mph::ZERO, path: &[] }
+        Self { frame, speed: Mph::ZERO, path: &[], in_effect: None }
     }
 }
 
@@ -48,6 +59,8 @@ pub struct Prediction {
     pub steering: f64,
     /// The highest speed that the pilot allows, if it judges that at all.
     pub speed_limit: Option<Mph>,
+    /// How far ahead of its picture the road was shown to the network, because commands take effect late.
+    pub ahead: Duration,
     /// From the frame to a network's input.
     pub preprocess: Duration,
     /// From the input to the answer.

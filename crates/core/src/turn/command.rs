@@ -42,6 +42,9 @@ pub struct CommandRecord {
     pub i: Option<f64>,
     /// Whether the speed controller's output was cut to the throttle's range.
     pub saturated: bool,
+    /// How far ahead of its picture the road was shown to the network, because commands take effect late.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ahead_ns: Option<u64>,
     /// How much an emergency brake is due, as a guard sees it, on its own scale.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake_due: Option<f64>,
@@ -72,6 +75,7 @@ impl CommandRecord {
             p: None,
             i: None,
             saturated: false,
+            ahead_ns: None,
             brake_due: None,
             guard_ns: None,
             decode_ns: 0,

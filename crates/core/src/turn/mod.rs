@@ -39,6 +39,8 @@ pub struct Trace {
     pub brake_due: Option<f64>,
     /// Time of the guard, if one watched.
     pub guard: Option<Duration>,
+    /// How far ahead of its picture the road was shown to the network.
+    pub ahead: Duration,
     /// Time from base64 to pixels.
     pub decode: Duration,
     /// Time from pixels to the network's input.
@@ -92,6 +94,7 @@ impl Turn {
             i: trace.throttle.map(|t| t.i),
             saturated: trace.throttle.is_some_and(|t| t.saturated),
             brake_due: trace.brake_due,
+            ahead_ns: (trace.ahead > Duration::ZERO).then(|| ns(trace.ahead)),
             guard_ns: trace.guard.map(ns),
             decode_ns: ns(trace.decode),
             preprocess_ns: ns(trace.preprocess),

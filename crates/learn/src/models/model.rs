@@ -16,6 +16,7 @@ use lapwing_core::{
     pilot::{self, Pilot},
     units::Clock,
 };
+use lapwing_sim::ahead::Ahead;
 
 /// A network in memory, whose weights any number of pilots share. Several threads may use it.
 #[derive(Debug)]
@@ -26,6 +27,7 @@ pub struct LoadedModel {
     outputs: Vec<String>,
     training: Option<String>,
     threads: Option<u16>,
+    clock: Clock,
     /// The pilot from which all others are made. It does not drive; it is behind a lock because a tensor's handle
     /// belongs to one thread at a time.
     prototype: Mutex<Prototype>,
@@ -73,13 +75,13 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
         Some(_) if is_torchscript(path) => {
             let bytes = read()?;
             let pilot = ForeignPilot::load(path, clock, |_| torchscript::load(path, &bytes))?;
-            Ok(LoadedModel::of_foreign("torchscript", path, &bytes, pilot, None))
+            Ok(LoadedModel::of_foreign("torchscript", path, &bytes, pilot, (None, clock)))
         }
         #[cfg(feature = "onnx")]
         Some("onnx") => {
             let bytes = read()?;
             let pilot = ForeignPilot::load(path, clock, |shape| onnx::load(path, &bytes, shape))?;
-            Ok(LoadedModel::of_foreign("onnx", path, &bytes, pilot, Some(1)))
+            Ok(LoadedModel::of_foreign("onnx", path, &bytes, pilot, (Some(1), clock)))
         }
         _ => Err(match foreign::advice(path) {
             Some((kind, todo)) => ModelError::Foreign { path: path.to_owned(), kind, todo },
@@ -102,11 +104,18 @@ impl LoadedModel {
             outputs: checkpoint.metadata.outputs.clone(),
             training: Some(checkpoint.metadata.training.clone()),
             threads: checkpoint.network.architecture().threads(),
+            clock,
             prototype: Mutex::new(Prototype::Network(Box::new(NetworkPilot::new(checkpoint, clock).map_err(unfit)?))),
         })
     }
 
-    fn of_foreign(kind: &str, path: &Path, bytes: &[u8], pilot: ForeignPilot, threads: Option<u16>) -> Self {
+    fn of_foreign(
+        kind: &str,
+        path: &Path,
+        bytes: &[u8],
+        pilot: ForeignPilot,
+        (threads, clock): (Option<u16>, Clock),
+    ) -> Self {
         Self {
             name: format!("{kind} ({})", path.display()),
             sha256: sha256(bytes),
@@ -114,6 +123,7 @@ impl LoadedModel {
             outputs: pilot.outputs().to_vec(),
             training: None,
             threads,
+            clock,
             prototype: Mutex::new(Prototype::Foreign(Box::new(pilot))),
         }
     }
@@ -156,12 +166,13 @@ impl LoadedModel {
         &self.sha256
     }
 
-    /// A new pilot for one car.
+    /// A new pilot for one car, which allows for commands that take effect late.
     pub fn pilot(&self) -> Box<dyn Pilot> {
-        match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
+        let pilot: Box<dyn Pilot> = match &*self.prototype.lock().unwrap_or_else(PoisonError::into_inner) {
             Prototype::Network(pilot) => Box::new(pilot.share()),
             Prototype::Foreign(pilot) => pilot.clone(),
-        }
+        };
+        Box::new(Ahead::of(pilot, self.clock))
     }
 }
 
