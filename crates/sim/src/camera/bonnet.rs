@@ -10,7 +10,11 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Camera, noise::mix3};
+use super::{
+    Camera,
+    noise::mix3,
+    paintwork::{Paintwork, Sheet},
+};
 use crate::vehicle::Car;
 
 /// Corners of an outline: column and row at 320x160.
@@ -119,88 +123,6 @@ pub fn bonnet_row(camera: &Camera, column: f32) -> f32 {
     };
     row(outline, column)
 }
-
-/// A surface: its colour in grey levels, and the share of that which a sun straight ahead at the horizon adds.
-#[derive(Debug, Clone, Copy)]
-struct Sheet {
-    colour: [f32; 3],
-    ahead: f32,
-}
-
-const fn sheet(colour: [f32; 3], ahead: f32) -> Sheet {
-    Sheet { colour, ahead }
-}
-
-/// The surfaces of one theme's car.
-#[derive(Debug)]
-pub(super) struct Paintwork {
-    /// Where the bonnet's sun stands, in degrees clockwise from the one that lights the ground: each fits its own pictures.
-    turned_deg: f32,
-    /// The lip at the far edge.
-    lip: Sheet,
-    hood: Sheet,
-    front: Sheet,
-    /// The bright edge above the upper gap.
-    brink: Sheet,
-    /// The upper gap, what is between the gaps, and the lower one.
-    gap: Sheet,
-    rim: Sheet,
-    sill: Sheet,
-    lower_gap: Sheet,
-    glass: Sheet,
-    /// What the side cameras see: the fender, what a sun from the side adds to it, and the lamp.
-    fender: Sheet,
-    fender_aside: f32,
-    lamp: Sheet,
-}
-
-pub(super) const LAKE: Paintwork = Paintwork {
-    turned_deg: 9.5,
-    lip: sheet([132.0, 127.0, 107.0], -0.28),
-    hood: sheet([164.0, 155.0, 130.0], 0.285),
-    front: sheet([138.0, 125.0, 100.0], -0.24),
-    brink: sheet([142.0, 132.0, 110.0], 0.25),
-    gap: sheet([90.0, 82.0, 67.0], -1.38),
-    rim: sheet([160.0, 155.0, 136.0], 0.4),
-    sill: sheet([149.0, 146.0, 128.0], -0.25),
-    lower_gap: sheet([117.0, 116.0, 98.0], -0.85),
-    glass: sheet([165.0, 168.0, 151.0], 0.31),
-    fender: sheet([143.0, 132.0, 107.0], 0.51),
-    fender_aside: 0.38,
-    lamp: sheet([246.0, 246.0, 232.0], 0.06),
-};
-
-pub(super) const JUNGLE: Paintwork = Paintwork {
-    turned_deg: -3.0,
-    lip: sheet([111.0, 111.0, 107.0], -0.29),
-    hood: sheet([137.0, 135.0, 126.0], 0.19),
-    front: sheet([100.0, 96.0, 83.0], -0.27),
-    brink: sheet([106.0, 102.0, 95.0], 0.15),
-    gap: sheet([58.0, 56.0, 52.0], -1.55),
-    rim: sheet([155.0, 155.0, 154.0], 0.27),
-    sill: sheet([143.0, 143.0, 144.0], -0.23),
-    lower_gap: sheet([100.0, 103.0, 105.0], -0.84),
-    glass: sheet([166.0, 173.0, 178.0], 0.2),
-    fender: sheet([106.0, 102.0, 90.0], 0.4),
-    fender_aside: 0.27,
-    lamp: sheet([205.0, 204.0, 200.0], 0.2),
-};
-
-pub(super) const MOUNTAIN: Paintwork = Paintwork {
-    turned_deg: -22.0,
-    lip: sheet([102.0, 102.0, 104.0], -0.17),
-    hood: sheet([119.0, 120.0, 122.0], 0.26),
-    front: sheet([94.0, 94.0, 94.0], -0.13),
-    brink: sheet([99.0, 99.0, 101.0], 0.22),
-    gap: sheet([53.0, 54.0, 57.0], -1.4),
-    rim: sheet([136.0, 137.0, 140.0], 0.34),
-    sill: sheet([119.0, 120.0, 125.0], -0.16),
-    lower_gap: sheet([86.0, 87.0, 92.0], -0.7),
-    glass: sheet([138.0, 141.0, 148.0], 0.28),
-    fender: sheet([99.0, 99.0, 99.0], 0.46),
-    fender_aside: 0.2,
-    lamp: sheet([190.0, 190.0, 188.0], 0.25),
-};
 
 /// What one pixel shows: a sheet, and the share of its colour that a sun at the horizon on the right adds.
 #[derive(Debug, Clone, Copy)]
@@ -333,7 +255,7 @@ fn aside((x, y): (f32, f32), left: bool, paint: &Paintwork) -> Option<Facet> {
             let pale = mix3(paint.glass.colour, fender.colour, (u / 16.0).clamp(0.0, 1.0));
             facet(Sheet { colour: pale, ahead: 0.4 }, paint.fender_aside)
         }
-        _ if seam => facet(darker(0.72), 1.0),
+        _ if seam => facet(darker(0.55), 0.8),
         u if u > 107.0 - (y - 153.0).max(0.0) * 1.4 && y > 146.0 => {
             let below = y - (154.8 - (u - 115.5) * 0.2);
             match below {
@@ -361,6 +283,7 @@ fn aside((x, y): (f32, f32), left: bool, paint: &Paintwork) -> Option<Facet> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::paintwork::{JUNGLE, LAKE, MOUNTAIN};
 
     fn drawn(camera: &Camera, paintwork: &Paintwork, car: &Car, sun: Vec3, tint: [f32; 3]) -> Vec<[u8; 3]> {
         let (width, height) = (camera.lens.width, camera.lens.height);

@@ -4,8 +4,8 @@
 //! where nothing could be averaged.
 
 use super::{
-    bonnet::{self, Paintwork},
     noise::{fractal, mix3, step},
+    paintwork::{self, Paintwork},
     section::{Band, Pattern, Section},
 };
 use crate::track::Theme;
@@ -46,7 +46,7 @@ impl ThemeLook {
                 sky: [[208.0, 224.0, 238.0], [146.0, 177.0, 218.0], [108.0, 136.0, 178.0]],
                 fog: [150.0, 176.0, 205.0],
                 fog_100m: 0.13,
-                bonnet: &bonnet::LAKE,
+                bonnet: &paintwork::LAKE,
                 sheen: [224.0, 217.0, 184.0],
                 rock: [190.0, 180.0, 150.0],
                 water: Some([146.0, 176.0, 208.0]),
@@ -61,7 +61,7 @@ impl ThemeLook {
                 sky: [[136.0, 160.0, 199.0], [117.0, 143.0, 182.0], [103.0, 129.0, 169.0]],
                 fog: [104.0, 120.0, 128.0],
                 fog_100m: 0.05,
-                bonnet: &bonnet::JUNGLE,
+                bonnet: &paintwork::JUNGLE,
                 sheen: [172.0, 171.0, 168.0],
                 rock: [82.0, 86.0, 66.0],
                 water: None,
@@ -76,7 +76,7 @@ impl ThemeLook {
                 sky: [[196.0, 222.0, 240.0], [114.0, 150.0, 206.0], [84.0, 114.0, 174.0]],
                 fog: [120.0, 132.0, 150.0],
                 fog_100m: 0.04,
-                bonnet: &bonnet::MOUNTAIN,
+                bonnet: &paintwork::MOUNTAIN,
                 sheen: [112.0, 109.0, 114.0],
                 rock: [58.0, 60.0, 66.0],
                 water: None,
@@ -132,7 +132,7 @@ pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Sectio
                 Band::plain(half + 0.2, half + 1.65, [150.0, 122.0, 88.0], 0.35),
                 Band::plain(half + 1.65, far, [200.0, 156.0, 100.0], 0.2),
             ];
-            let paved = [Band::plain(0.0, far, [160.0, 142.0, 130.0], 1.0)];
+            let paved = [Band::plain(0.0, far, [179.0, 158.0, 138.0], 1.0)];
             let bars = Pattern::Bars { period: 0.64, share: 0.5 };
             vec![
                 lay(0, Pattern::Plain, &road),

@@ -11,12 +11,13 @@
 //! | `road` | the road's strip, bridge walls, rock faces, concrete blocks |
 //! | `section` | the road's cross-section: lines, kerbs, verge, antialiased |
 //! | `plants`, `sprites` | trees, bushes, boulders, posts: where they stand, their pictures |
+//! | `wires` | the wires of power lines |
 //! | `models` | cars, people, cones and barriers |
 //! | `light` | sun and shadows on ground and road, worked out once for each sun |
 //! | `viewpoint` | where a camera is, and where in its picture a point falls |
 //! | `raster` | which triangle a pixel shows |
 //! | `shade` | which colour it has |
-//! | `bonnet` | the car's own bonnet |
+//! | `bonnet`, `paintwork` | the car's own bonnet, and its colours |
 //! | `contour` | where the road's own edges are seen |
 //! | `weather` | [`Conditions`], laid over the finished picture |
 //! | `texture`, `noise` | what surfaces are made of |
@@ -29,6 +30,7 @@ mod light;
 mod look;
 mod models;
 mod noise;
+mod paintwork;
 mod plants;
 mod raster;
 mod road;
@@ -40,6 +42,7 @@ mod terrain;
 mod texture;
 pub(crate) mod viewpoint;
 mod weather;
+mod wires;
 
 #[cfg(test)]
 mod graphics_tests;
@@ -215,6 +218,9 @@ impl Renderer {
         let shader = Shader { scenery: &self.scenery, light: &light, view: &view, sections, graphics };
         for sprite in &self.scenery.sprites {
             sprite.draw(&mut self.raster, &view, &self.scenery.pictures, |sprite, z| shader.tint(sprite, z));
+        }
+        for wire in &self.scenery.wires {
+            wire.draw(&mut self.raster, &view);
         }
         let in_shadow = light.shade.map(|shade| graphics.in_shadow(shade));
         let rgb = frame.rgb_mut();

@@ -14,6 +14,7 @@ use super::{
     sprites,
     terrain::Terrain,
     texture::{self, Texture},
+    wires::{self, Wire},
 };
 use crate::{
     conditions::Conditions,
@@ -49,6 +50,7 @@ pub struct Scenery {
     pub(super) walls: Vec<Cluster>,
     pub(super) land: Vec<Cluster>,
     pub(super) sprites: Vec<Sprite>,
+    pub(super) wires: Vec<Wire>,
     pub(super) pictures: Vec<Texture>,
     pub(super) sections: Vec<Section>,
     pub(super) surfaces: Vec<Surface>,
@@ -89,6 +91,7 @@ impl Scenery {
             strip,
             walls,
             land,
+            wires: wires::between(&sprites),
             sprites,
             pictures: sprites::all(),
             sections: look::sections(theme, track.half_width() as f32, 1.0),
