@@ -248,6 +248,7 @@ mod tests {
         for (text, by_chance) in [
             ("", false),
             ("sun_height_deg=20,sun_azimuth_deg=90,brightness=0.8,haze=0.5,night=0.5,blur=1,latency_ms=100", false),
+            ("grain=2,verge=0.5,warmth=-1,shadows=0.5", false),
             ("rain=0.5", true),
             ("noise=4", true),
             ("dropped=0.5", true),

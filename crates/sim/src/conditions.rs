@@ -1,7 +1,8 @@
 //! Weather, light and camera faults.
 //!
-//! All of it is off by default and then costs nothing. Light and weather are drawn by [`crate::camera`]; latency and
-//! dropped frames are left to the world. Whatever varies from frame to frame depends only on the run's seed and the
+//! All of it is off by default and then costs nothing. Light and weather are drawn by [`crate::camera`], and so is what
+//! the graphics settings of real builds change: grain, verge, warmth and shadows. Latency and dropped frames are left to
+//! the world. Whatever varies from frame to frame depends only on the run's seed and the
 //! simulated time.
 
 use rand::{RngExt, SeedableRng};
@@ -32,6 +33,17 @@ pub struct Conditions {
     pub noise: f64,
     /// Blur of the lens: standard deviation in pixels, 0 to 10.
     pub blur: f64,
+    /// Grain of the road's surface, 0 to 2: 0 is smooth, 1 smeared along the way as the stock build draws it at its low
+    /// settings, 2 as crisp as at its highest.
+    pub grain: f64,
+    /// How much lines and verge stand out from the asphalt, 0 to 2: 0 not at all, 1 as in the stock build, 2 twice as much.
+    pub verge: f64,
+    /// Tint of road and bonnet, -2 to 2: 0 is the stock build's at its low settings, -1 the bluer one at its high
+    /// settings, 1 as much warmer.
+    pub warmth: f64,
+    /// How dark shadows are on the road, 0 to 1: 0 is none, 1 leaves no sunlight; the track's own if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shadows: Option<f64>,
     /// Delay before a command takes effect, in milliseconds, 0 to 5000.
     pub latency_ms: f64,
     /// Share of the frames that are never sent, 0 to less than 1.
@@ -49,6 +61,10 @@ impl Default for Conditions {
             night: 0.0,
             noise: 0.0,
             blur: 0.0,
+            grain: 1.0,
+            verge: 1.0,
+            warmth: 0.0,
+            shadows: None,
             latency_ms: 0.0,
             dropped: 0.0,
         }
@@ -87,7 +103,10 @@ pub enum ConditionsError {
     },
 }
 
-const NAMES: [&str; 10] = [
+/// How many conditions there are.
+const COUNT: usize = 14;
+
+const NAMES: [&str; COUNT] = [
     "sun_height_deg",
     "sun_azimuth_deg",
     "brightness",
@@ -96,11 +115,15 @@ const NAMES: [&str; 10] = [
     "night",
     "noise",
     "blur",
+    "grain",
+    "verge",
+    "warmth",
+    "shadows",
     "latency_ms",
     "dropped",
 ];
 
-const RANGES: [(f64, f64); 10] = [
+const RANGES: [(f64, f64); COUNT] = [
     (3.0, 90.0),
     (-360.0, 360.0),
     (0.05, 4.0),
@@ -109,6 +132,10 @@ const RANGES: [(f64, f64); 10] = [
     (0.0, 1.0),
     (0.0, 100.0),
     (0.0, 10.0),
+    (0.0, 2.0),
+    (0.0, 2.0),
+    (-2.0, 2.0),
+    (0.0, 1.0),
     (0.0, 5000.0),
     (0.0, 0.99),
 ];
@@ -179,12 +206,21 @@ impl Conditions {
         conditions.rain = sometimes(0.25, 0.9);
         conditions.night = sometimes(0.15, 0.9);
         conditions.blur = sometimes(0.25, 1.2);
+        // The looks of several graphics settings, and what lies between and beyond them.
+        let mut looks = |share: f64, (least, most): (f64, f64)| {
+            let (on, part) = (unit() < share, unit());
+            on.then_some(least + (most - least) * part)
+        };
+        conditions.grain = looks(0.6, (0.0, 2.0)).unwrap_or(1.0);
+        conditions.verge = looks(0.5, (0.35, 1.8)).unwrap_or(1.0);
+        conditions.warmth = looks(0.5, (-1.8, 1.2)).unwrap_or(0.0);
+        conditions.shadows = looks(0.6, (0.0, 1.0));
         conditions
     }
 
     /// Every condition by name, with its smallest and largest value, and the one that fair weather has; the track's own
     /// sun has none.
-    pub fn ranges() -> [(&'static str, f64, f64, Option<f64>); 10] {
+    pub fn ranges() -> [(&'static str, f64, f64, Option<f64>); COUNT] {
         let fair = Self::default().values();
         std::array::from_fn(|i| (NAMES[i], RANGES[i].0, RANGES[i].1, fair[i]))
     }
@@ -194,7 +230,7 @@ impl Conditions {
         self.rain > 0.0 || self.noise > 0.0 || self.dropped > 0.0
     }
 
-    fn values(&self) -> [Option<f64>; 10] {
+    fn values(&self) -> [Option<f64>; COUNT] {
         [
             self.sun_height_deg,
             self.sun_azimuth_deg,
@@ -204,6 +240,10 @@ impl Conditions {
             Some(self.night),
             Some(self.noise),
             Some(self.blur),
+            Some(self.grain),
+            Some(self.verge),
+            Some(self.warmth),
+            self.shadows,
             Some(self.latency_ms),
             Some(self.dropped),
         ]
@@ -219,7 +259,11 @@ impl Conditions {
             5 => self.night = value,
             6 => self.noise = value,
             7 => self.blur = value,
-            8 => self.latency_ms = value,
+            8 => self.grain = value,
+            9 => self.verge = value,
+            10 => self.warmth = value,
+            11 => self.shadows = Some(value),
+            12 => self.latency_ms = value,
             _ => self.dropped = value,
         }
     }
@@ -249,6 +293,10 @@ mod tests {
                 "conditions: expected random, name=number (such as rain=0.5) or a file ending in .toml, got \"rain\"",
             ),
             ("rain=2", "conditions: rain: expected 0 to 1, got 2.0"),
+            ("grain=2.5", "conditions: grain: expected 0 to 2, got 2.5"),
+            ("verge=-0.1", "conditions: verge: expected 0 to 2, got -0.1"),
+            ("warmth=-3", "conditions: warmth: expected -2 to 2, got -3.0"),
+            ("shadows=1.1", "conditions: shadows: expected 0 to 1, got 1.1"),
             ("haze=NaN", "conditions: haze: expected 0 to 1, got NaN"),
             ("dropped=much", "conditions: dropped: expected 0 to 0.99, got much"),
         ] {
@@ -265,6 +313,48 @@ mod tests {
             assert_eq!(Conditions::random(seed), Conditions::random(seed));
             assert_ne!(Conditions::random(seed), Conditions::random(seed + 1));
         }
+    }
+
+    #[test]
+    fn every_name_sets_the_value_that_is_checked_under_it() {
+        for (i, (name, min, max, _)) in Conditions::ranges().into_iter().enumerate() {
+            for value in [min, max] {
+                let read = Conditions::parse(&format!("{name}={value}")).unwrap();
+                assert_eq!(read.values()[i], Some(value), "{name}");
+                let others = |conditions: &Conditions| {
+                    let mut values = conditions.values();
+                    values[i] = None;
+                    values
+                };
+                assert_eq!(others(&read), others(&Conditions::default()), "{name} changes nothing else");
+            }
+        }
+    }
+
+    #[test]
+    fn random_looks_reach_beyond_the_real_settings_each_in_some_of_the_runs() {
+        let all: Vec<Conditions> = (0..400).map(Conditions::random).collect();
+        let share = |of: &dyn Fn(&Conditions) -> bool| all.iter().filter(|c| of(c)).count() as f64 / all.len() as f64;
+        // As in the recordings of high graphics settings, and beyond; as in the others; smoother or warmer than any.
+        let looks: [(&str, &dyn Fn(&Conditions) -> bool); 11] = [
+            ("stock grain", &|c| c.grain == 1.0),
+            ("crisp", &|c| c.grain > 1.6),
+            ("smooth", &|c| c.grain < 0.4),
+            ("stock verge", &|c| c.verge == 1.0),
+            ("faint", &|c| c.verge < 0.7),
+            ("strong", &|c| c.verge > 1.4),
+            ("stock tint", &|c| c.warmth == 0.0),
+            ("bluer", &|c| c.warmth < -1.0),
+            ("warmer", &|c| c.warmth > 0.4),
+            ("the track's own shadows", &|c| c.shadows.is_none()),
+            ("faint shadows", &|c| c.shadows.is_some_and(|dark| dark < 0.5)),
+        ];
+        for (look, of) in looks {
+            assert!((0.08..0.6).contains(&share(of)), "{look}: {}", share(of));
+        }
+        assert!(share(&|c| c.shadows.is_some_and(|dark| dark > 0.5)) > 0.2);
+        let plain = share(&|c| (c.grain, c.verge, c.warmth, c.shadows) == (1.0, 1.0, 0.0, None));
+        assert!(plain > 0.01, "some runs look as the stock build: {plain}");
     }
 
     #[test]

@@ -43,6 +43,14 @@ pub(super) struct Light {
     sky: Vec<[u8; 3]>,
 }
 
+/// The sun's place in degrees, and whether trees and hills throw its shadows on the road.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sun {
+    pub(super) height_deg: f64,
+    pub(super) azimuth_deg: f64,
+    pub(super) casts: bool,
+}
+
 /// What light falls on.
 pub(super) struct Lit<'a> {
     pub(super) track: &'a Track,
@@ -54,8 +62,8 @@ pub(super) struct Lit<'a> {
 }
 
 impl Light {
-    /// Lights a country from a sun at a height and azimuth in degrees.
-    pub(super) fn new(lit: &Lit<'_>, height_deg: f64, azimuth_deg: f64) -> Self {
+    /// Lights a country.
+    pub(super) fn new(lit: &Lit<'_>, Sun { height_deg, azimuth_deg, casts }: Sun) -> Self {
         let (height, azimuth) = (height_deg.to_radians(), azimuth_deg.to_radians());
         let sun = glam::DVec3::new(azimuth.sin() * height.cos(), height.sin(), azimuth.cos() * height.cos()).as_vec3();
         // A low sun is warm and weak.
@@ -75,7 +83,7 @@ impl Light {
             sky: sky(lit.look, low),
         };
         light.map = light.light_ground(lit);
-        light.light_road(lit);
+        light.light_road(lit, casts);
         light
     }
 
@@ -124,11 +132,11 @@ impl Light {
         })
     }
 
-    fn light_road(&mut self, lit: &Lit<'_>) {
+    fn light_road(&mut self, lit: &Lit<'_>, casts: bool) {
         let length = lit.track.length();
         self.along = (length * f64::from(PATCHES_PER_M)) as usize;
         self.patches = vec![255; self.along * ACROSS];
-        if !lit.look.shadows {
+        if !casts {
             return;
         }
         let stations = lit.track.stations().len();

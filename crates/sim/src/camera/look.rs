@@ -5,6 +5,7 @@
 
 use super::{
     noise::{fractal, mix3, step},
+    paintwork::{self, Paintwork},
     section::{Band, Pattern, Section},
 };
 use crate::track::Theme;
@@ -24,8 +25,7 @@ pub(super) struct ThemeLook {
     pub(super) fog: GreyLevels,
     /// Share of fog after 100 m.
     pub(super) fog_100m: f32,
-    /// From the bonnet's near edge to its far one, the gap before the windscreen, and the glass below.
-    pub(super) bonnet: [GreyLevels; 4],
+    pub(super) bonnet: &'static Paintwork,
     /// The colour that the road approaches with distance: it shines at a flat angle.
     pub(super) sheen: GreyLevels,
     pub(super) rock: GreyLevels,
@@ -46,7 +46,7 @@ impl ThemeLook {
                 sky: [[208.0, 224.0, 238.0], [146.0, 177.0, 218.0], [108.0, 136.0, 178.0]],
                 fog: [150.0, 176.0, 205.0],
                 fog_100m: 0.13,
-                bonnet: [[155.0, 150.0, 130.0], [130.0, 119.0, 95.0], [162.0, 156.0, 135.0], [146.0, 150.0, 138.0]],
+                bonnet: &paintwork::LAKE,
                 sheen: [224.0, 217.0, 184.0],
                 rock: [190.0, 180.0, 150.0],
                 water: Some([146.0, 176.0, 208.0]),
@@ -61,7 +61,7 @@ impl ThemeLook {
                 sky: [[136.0, 160.0, 199.0], [117.0, 143.0, 182.0], [103.0, 129.0, 169.0]],
                 fog: [104.0, 120.0, 128.0],
                 fog_100m: 0.05,
-                bonnet: [[138.0, 134.0, 122.0], [96.0, 91.0, 79.0], [43.0, 41.0, 36.0], [166.0, 173.0, 180.0]],
+                bonnet: &paintwork::JUNGLE,
                 sheen: [172.0, 171.0, 168.0],
                 rock: [82.0, 86.0, 66.0],
                 water: None,
@@ -76,7 +76,7 @@ impl ThemeLook {
                 sky: [[196.0, 222.0, 240.0], [114.0, 150.0, 206.0], [84.0, 114.0, 174.0]],
                 fog: [120.0, 132.0, 150.0],
                 fog_100m: 0.04,
-                bonnet: [[130.0, 130.0, 132.0], [91.0, 91.0, 91.0], [41.0, 41.0, 41.0], [146.0, 150.0, 158.0]],
+                bonnet: &paintwork::MOUNTAIN,
                 sheen: [112.0, 109.0, 114.0],
                 rock: [58.0, 60.0, 66.0],
                 water: None,
@@ -99,9 +99,14 @@ pub(super) mod kind {
 const BANK: GreyLevels = [214.0, 207.0, 180.0];
 const YELLOW: GreyLevels = [184.0, 162.0, 72.0];
 
-/// The cross-sections of a theme's road, in the order of [`kind`].
-pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
+/// The cross-sections of a theme's road, in the order of [`kind`]. Lines and verge stand out from the asphalt so many
+/// times as much as usual.
+pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Section> {
     let far = 20.0;
+    let lay = |texture: u8, pattern: Pattern, bands: &[Band]| {
+        let bands: Vec<Band> = bands.iter().map(|band| band.standing_out(bands[0].colour, standing_out)).collect();
+        Section::new(texture, pattern, &bands)
+    };
     match theme {
         Theme::Lake => {
             // Lines and verge as far from the road's edge, and of the colours, that `real_or_drawn` in `tools/` measures.
@@ -127,13 +132,13 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band::plain(half + 0.2, half + 1.65, [150.0, 122.0, 88.0], 0.35),
                 Band::plain(half + 1.65, far, [200.0, 156.0, 100.0], 0.2),
             ];
-            let paved = [Band::plain(0.0, far, [160.0, 142.0, 130.0], 1.0)];
+            let paved = [Band::plain(0.0, far, [179.0, 158.0, 138.0], 1.0)];
             let bars = Pattern::Bars { period: 0.64, share: 0.5 };
             vec![
-                Section::new(0, Pattern::Plain, &road),
-                Section::new(0, bars, &kerbed),
-                Section::new(0, Pattern::Plain, &dirt),
-                Section::new(1, Pattern::Plain, &paved),
+                lay(0, Pattern::Plain, &road),
+                lay(0, bars, &kerbed),
+                lay(0, Pattern::Plain, &dirt),
+                lay(1, Pattern::Plain, &paved),
             ]
         }
         Theme::Jungle => {
@@ -147,7 +152,7 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band::plain(half - 0.02, far, [110.0, 118.0, 80.0], 0.6),
             ];
             let dashes = Pattern::Bars { period: 9.0, share: 0.34 };
-            (0..4).map(|_| Section::new(0, dashes, &road)).collect()
+            (0..4).map(|_| lay(0, dashes, &road)).collect()
         }
         Theme::Mountain => {
             let asphalt = [68.0, 66.0, 69.0];
@@ -174,7 +179,7 @@ pub(super) fn sections(theme: Theme, half: f32) -> Vec<Section> {
                 Band { colour: [66.0, 60.0, 54.0], ..leaves(half + 0.3, half + 0.6, 0.3) },
                 Band::plain(half + 0.6, far, [42.0, 42.0, 46.0], 0.5),
             ];
-            (0..4).map(|_| Section::new(0, Pattern::Flecks, &road)).collect()
+            (0..4).map(|_| lay(0, Pattern::Flecks, &road)).collect()
         }
     }
 }

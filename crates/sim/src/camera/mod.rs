@@ -11,12 +11,13 @@
 //! | `road` | the road's strip, bridge walls, rock faces, concrete blocks |
 //! | `section` | the road's cross-section: lines, kerbs, verge, antialiased |
 //! | `plants`, `sprites` | trees, bushes, boulders, posts: where they stand, their pictures |
+//! | `wires` | the wires of power lines |
 //! | `models` | cars, people, cones and barriers |
 //! | `light` | sun and shadows on ground and road, worked out once for each sun |
 //! | `viewpoint` | where a camera is, and where in its picture a point falls |
 //! | `raster` | which triangle a pixel shows |
 //! | `shade` | which colour it has |
-//! | `bonnet` | the car's own bonnet |
+//! | `bonnet`, `paintwork` | the car's own bonnet, and its colours |
 //! | `contour` | where the road's own edges are seen |
 //! | `weather` | [`Conditions`], laid over the finished picture |
 //! | `texture`, `noise` | what surfaces are made of |
@@ -29,6 +30,7 @@ mod light;
 mod look;
 mod models;
 mod noise;
+mod paintwork;
 mod plants;
 mod raster;
 mod road;
@@ -40,7 +42,10 @@ mod terrain;
 mod texture;
 pub(crate) mod viewpoint;
 mod weather;
+mod wires;
 
+#[cfg(test)]
+mod graphics_tests;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -50,9 +55,10 @@ use glam::{DVec3, Vec3};
 
 use self::{
     bonnet::Bonnet,
-    light::Light,
+    light::{Light, Sun},
     raster::{Paint, Raster},
-    shade::{Shader, model_light},
+    section::Section,
+    shade::{Graphics, Shader, model_light},
     viewpoint::Viewpoint,
     weather::Weather,
 };
@@ -160,7 +166,9 @@ pub struct Shot<'a> {
 pub struct Renderer {
     scenery: Arc<Scenery>,
     light: Arc<Light>,
-    sun: (f64, f64),
+    sun: Sun,
+    /// Cross-sections other than the scenery's own, and how much their lines and verge stand out.
+    sections: Option<(f64, Vec<Section>)>,
     raster: Raster,
     bonnets: Vec<(Camera, Bonnet)>,
     weather: Weather,
@@ -171,7 +179,8 @@ impl Renderer {
     pub fn new(scenery: Arc<Scenery>) -> Self {
         let sun = scenery.sun(&Conditions::default());
         let light = scenery.light(sun);
-        Self { scenery, light, sun, raster: Raster::default(), bonnets: Vec::new(), weather: Weather::default() }
+        let (raster, weather) = (Raster::default(), Weather::default());
+        Self { scenery, light, sun, sections: None, raster, bonnets: Vec::new(), weather }
     }
 
     /// Paints what a camera sees. The frame takes the camera's size; its memory is reused.
@@ -199,10 +208,21 @@ impl Renderer {
         for model in models.iter().filter(|model| view.sees(model.centre, model.radius)) {
             self.raster.draw(&view, model, true, |normal| model_light(&light, normal));
         }
-        let shader = Shader { scenery: &self.scenery, light: &light, view: &view };
+        let graphics = Graphics::of(shot.conditions);
+        let verge = shot.conditions.verge;
+        if verge != 1.0 && self.sections.as_ref().is_none_or(|(known, _)| *known != verge) {
+            self.sections = Some((verge, self.scenery.sections(verge as f32)));
+        }
+        let others = self.sections.as_ref().filter(|_| verge != 1.0);
+        let sections = others.map_or(&self.scenery.sections, |(_, sections)| sections);
+        let shader = Shader { scenery: &self.scenery, light: &light, view: &view, sections, graphics };
         for sprite in &self.scenery.sprites {
             sprite.draw(&mut self.raster, &view, &self.scenery.pictures, |sprite, z| shader.tint(sprite, z));
         }
+        for wire in &self.scenery.wires {
+            wire.draw(&mut self.raster, &view);
+        }
+        let in_shadow = light.shade.map(|shade| graphics.in_shadow(shade));
         let rgb = frame.rgb_mut();
         shader.shade(&self.raster, rgb);
         for model in &models {
@@ -213,7 +233,7 @@ impl Renderer {
                 |setup| matches!(setup.paint, Paint::Ground | Paint::Road { .. }),
                 |i| {
                     let pixel = &mut rgb[i * 3..i * 3 + 3];
-                    for (c, shade) in pixel.iter_mut().zip(light.shade) {
+                    for (c, shade) in pixel.iter_mut().zip(in_shadow) {
                         *c = (f32::from(*c) * shade) as u8;
                     }
                 },
@@ -222,10 +242,11 @@ impl Renderer {
         if camera.bonnet {
             let known = self.bonnets.iter().position(|(known, _)| known == camera);
             let i = known.unwrap_or_else(|| {
-                self.bonnets.push((*camera, Bonnet::new(camera, &self.scenery.look)));
+                self.bonnets.push((*camera, Bonnet::new(camera, self.scenery.look.bonnet)));
                 self.bonnets.len() - 1
             });
-            self.bonnets[i].1.draw(rgb, &mut self.raster.depth);
+            let tint = Graphics::bonnet_tint(shot.conditions);
+            self.bonnets[i].1.draw((rgb, &mut self.raster.depth), car, light.sun, tint);
         }
         self.weather.apply(shot.conditions, (shot.seed, shot.time_s), (&view, car), &self.raster, rgb);
     }

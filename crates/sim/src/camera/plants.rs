@@ -12,7 +12,11 @@ use super::{
     texture::Texture,
     viewpoint::Viewpoint,
 };
-use crate::track::{Edge, Side, Theme};
+use crate::track::{Edge, Landmark, LandmarkKind, Side, Theme};
+
+/// Width and height of the lake's pylons and signs, in metres: as large as they are seen from 360 to 450 m, and from 8 m.
+const PYLON_M: (f32, f32) = (44.0, 125.0);
+const SIGN_M: (f32, f32) = (1.1, 2.5);
 
 /// Something flat that faces the camera.
 #[derive(Debug, Clone, Copy)]
@@ -159,14 +163,32 @@ fn beside(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
         }
         s += 2.0;
     }
-    if track.file().theme == Theme::Lake {
-        let side = paver.ground.side();
+    landmarks(sprites, paver, dice);
+}
+
+/// Pylons and signs where the track's file has them; along a lake without any, a row of pylons.
+fn landmarks(sprites: &mut Vec<Sprite>, paver: &Paver<'_>, dice: &mut Dice) {
+    let (file, ground) = (paver.track.file(), paver.ground);
+    if file.theme == Theme::Lake && file.landmarks.is_empty() {
+        let side = ground.side();
         for k in 0..9 {
-            let (x, z) = (
-                paver.ground.x0 + side * (0.08 + 0.84 * k as f32 / 8.0),
-                paver.ground.z0 + side * (0.12 + 0.03 * (k % 3) as f32),
-            );
-            add(sprites, paver, dice, paver.ground.place(x, z), picture::PYLON, (17.0, 44.0));
+            let across = 0.08 + 0.84 * k as f32 / 8.0;
+            let (x, z) = (ground.x0 + side * across, ground.z0 + side * (0.12 + 0.03 * (k % 3) as f32));
+            add(sprites, paver, dice, ground.place(x, z), picture::PYLON, (17.0, 44.0));
+        }
+    }
+    let mut stand = |(x, z): (f32, f32), picture, size: (f32, f32)| {
+        let at = ground.place(x, z) - Vec3::Y * 0.12;
+        let tone = dice.between(0.82, 1.12);
+        if paver.clear(at, size.0 / 2.0 + 0.6) {
+            sprites.push(Sprite { at, width: size.0, height: size.1, picture, mirrored: false, tone });
+        }
+    };
+    for Landmark { kind, x, z } in &file.landmarks {
+        let at = (*x as f32, *z as f32);
+        match kind {
+            LandmarkKind::Pylon => stand(at, picture::PYLON, PYLON_M),
+            LandmarkKind::Sign => stand(at, picture::SIGN, SIGN_M),
         }
     }
 }

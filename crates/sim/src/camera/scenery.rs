@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{Vec3, Vec4};
 
 use super::{
-    light::{Light, Lit, MAP},
+    light::{Light, Lit, MAP, Sun},
     look::{self, ThemeLook},
     plants::{self, Sprite},
     raster::{Cluster, Paint},
@@ -14,6 +14,7 @@ use super::{
     sprites,
     terrain::Terrain,
     texture::{self, Texture},
+    wires::{self, Wire},
 };
 use crate::{
     conditions::Conditions,
@@ -23,8 +24,7 @@ use crate::{
 /// How many positions of the sun have their lights kept.
 const LIGHTS_KEPT: usize = 8;
 
-/// The light of a sun at a height and azimuth in degrees.
-type KnownLight = ((f64, f64), Arc<Light>);
+type KnownLight = (Sun, Arc<Light>);
 
 /// What a road is covered with.
 #[derive(Debug)]
@@ -50,6 +50,7 @@ pub struct Scenery {
     pub(super) walls: Vec<Cluster>,
     pub(super) land: Vec<Cluster>,
     pub(super) sprites: Vec<Sprite>,
+    pub(super) wires: Vec<Wire>,
     pub(super) pictures: Vec<Texture>,
     pub(super) sections: Vec<Section>,
     pub(super) surfaces: Vec<Surface>,
@@ -90,9 +91,10 @@ impl Scenery {
             strip,
             walls,
             land,
+            wires: wires::between(&sprites),
             sprites,
             pictures: sprites::all(),
-            sections: look::sections(theme, track.half_width() as f32),
+            sections: look::sections(theme, track.half_width() as f32, 1.0),
             surfaces: vec![
                 Surface::new(texture::asphalt(asphalt, seed + 1), side_m, stretched),
                 Surface::new(texture::cobbles(seed + 2), 2.94, 1.6),
@@ -113,14 +115,22 @@ impl Scenery {
         }
     }
 
-    /// Height and azimuth of the sun under some conditions, in degrees.
-    pub(super) fn sun(&self, conditions: &Conditions) -> (f64, f64) {
-        let height = conditions.sun_height_deg.unwrap_or(self.look.sun_height_deg);
-        (height.clamp(3.0, 90.0), conditions.sun_azimuth_deg.unwrap_or(self.look.sun_azimuth_deg))
+    /// The sun under some conditions.
+    pub(super) fn sun(&self, conditions: &Conditions) -> Sun {
+        Sun {
+            height_deg: conditions.sun_height_deg.unwrap_or(self.look.sun_height_deg).clamp(3.0, 90.0),
+            azimuth_deg: conditions.sun_azimuth_deg.unwrap_or(self.look.sun_azimuth_deg),
+            casts: conditions.shadows.map_or(self.look.shadows, |dark| dark > 0.0),
+        }
+    }
+
+    /// The road's cross-sections, with lines and verge that stand out so many times as much as usual.
+    pub(super) fn sections(&self, standing_out: f32) -> Vec<Section> {
+        look::sections(self.track.file().theme, self.track.half_width() as f32, standing_out)
     }
 
     /// The light of a sun: computed the first time, then kept.
-    pub(super) fn light(&self, sun: (f64, f64)) -> Arc<Light> {
+    pub(super) fn light(&self, sun: Sun) -> Arc<Light> {
         let mut lights = self.lights.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, light)) = lights.iter().find(|(known, _)| *known == sun) {
             return Arc::clone(light);
@@ -133,7 +143,7 @@ impl Scenery {
             sprites: &self.sprites,
             pictures: &self.pictures,
         };
-        let light = Arc::new(Light::new(&lit, sun.0, sun.1));
+        let light = Arc::new(Light::new(&lit, sun));
         if lights.len() == LIGHTS_KEPT {
             lights.remove(0);
         }

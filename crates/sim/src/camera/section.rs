@@ -57,6 +57,18 @@ impl Band {
     }
 }
 
+impl Band {
+    /// The same, its colours so many times as far from the asphalt's. Asphalt itself, the roughest of all, stays.
+    pub(super) fn standing_out(self, asphalt: [f32; 3], times: f32) -> Self {
+        let far = |c: [f32; 3]| mix3(asphalt, c, times).map(|c| c.clamp(0.0, 255.0));
+        if self.rough >= 1.0 || times == 1.0 {
+            self
+        } else {
+            Self { colour: far(self.colour), other: far(self.other), ..self }
+        }
+    }
+}
+
 impl Section {
     /// Lays bands over one another, the last on top.
     pub(super) fn new(texture: u8, pattern: Pattern, bands: &[Band]) -> Self {

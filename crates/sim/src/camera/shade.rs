@@ -9,10 +9,11 @@ use super::{
     plants::Sprite,
     raster::{COLOURED, FaceSetup, Paint, Plane, Raster, SKY},
     scenery::Surface,
-    section::STRIPES_PER_M,
+    section::{STRIPES_PER_M, Section},
     texture::Texel,
     viewpoint::Viewpoint,
 };
+use crate::conditions::Conditions;
 
 /// Fog hides no more than this share, in 256ths.
 const MOST_FOG: i32 = 205;
@@ -20,11 +21,71 @@ const MOST_FOG: i32 = 205;
 /// A road's texels span at least this many pixels of what is seen of it.
 const COARSER: f32 = 1.5;
 
+/// Where the grain is as crisp as it gets, the texture's copies are this many steps finer, and this much of its contrast
+/// is left: as in `recordings/lake-autonomous`, the crispest of all.
+const FINER: f32 = 1.2;
+const CRISP_CONTRAST: f32 = 0.78;
+
+/// How many times as bright road and bonnet are at the stock build's high graphics setting as at its low one, by colour:
+/// medians of 20 places of `recordings/lake-high-graphics` and the same of `recordings/lake`.
+const COLD_ROAD: [f32; 3] = [1.02, 1.05, 1.10];
+const COLD_BONNET: [f32; 3] = [1.13, 1.27, 1.42];
+
 /// Everything that colours depend on.
 pub(super) struct Shader<'a> {
     pub(super) scenery: &'a Scenery,
     pub(super) light: &'a Light,
     pub(super) view: &'a Viewpoint,
+    /// The road's cross-sections.
+    pub(super) sections: &'a [Section],
+    pub(super) graphics: Graphics,
+}
+
+/// What a build's graphics settings change on the road.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Graphics {
+    /// How much of the surface's contrast shows, 0 to 1.
+    grain: f32,
+    /// How crisp it is: 0 as usual, 1 as crisp as it gets, below 0 coarser.
+    crisp: f32,
+    /// Factor of the road's colours.
+    tint: Vec4,
+    /// How much of the sunlight shadows take away, 0 to 1.
+    shadows: f32,
+}
+
+impl Graphics {
+    /// As some conditions ask for.
+    pub(super) fn of(conditions: &Conditions) -> Self {
+        let grain = conditions.grain as f32;
+        Self {
+            grain: if grain > 1.0 { 1.0 + (CRISP_CONTRAST - 1.0) * (grain - 1.0) } else { grain },
+            crisp: grain - 1.0,
+            tint: Vec3::from_array(tint(conditions.warmth, COLD_ROAD)).extend(0.0),
+            shadows: conditions.shadows.unwrap_or(1.0) as f32,
+        }
+    }
+
+    /// Factors of the bonnet's colours under some conditions.
+    pub(super) fn bonnet_tint(conditions: &Conditions) -> [f32; 3] {
+        tint(conditions.warmth, COLD_BONNET)
+    }
+
+    /// What is left of the light in a shadow where `shade` of it would be left in the darkest.
+    pub(super) fn in_shadow(self, shade: f32) -> f32 {
+        if self.shadows == 1.0 { shade } else { 1.0 - self.shadows * (1.0 - shade) }
+    }
+
+    /// The sun's share where `lit` of it would remain in the darkest shadow.
+    #[inline]
+    fn lit(self, lit: f32) -> f32 {
+        lit + (1.0 - lit) * (1.0 - self.shadows)
+    }
+}
+
+/// Factors of colours where `cold` are those of the coldest real setting.
+fn tint(warmth: f64, cold: [f32; 3]) -> [f32; 3] {
+    cold.map(|cold| cold.powf(-warmth as f32))
 }
 
 /// A piece of a row that shows one triangle.
@@ -173,9 +234,11 @@ impl Shader<'_> {
     }
 
     fn road(&self, run: &PixelRun<'_>, section: u8, station: u16, out: &mut [u8]) {
-        let section = &self.scenery.sections[section as usize];
+        let section = &self.sections[section as usize];
+        let graphics = self.graphics;
         let Surface { texture, along_per_m, across_per_m } = &self.scenery.surfaces[section.texture as usize];
         let texels = texture.width() as f32;
+        let coarser = COARSER * (-FINER * graphics.crisp).exp2();
         let shaded = self.light.shaded[station as usize];
         let light = run.setup.light;
         let (shade, direct) = (Vec4::from_array(self.light.shade4), Vec4::from_array(self.light.direct4));
@@ -184,12 +247,12 @@ impl Shader<'_> {
             // As coarse as the longer side of what a pixel spans, which at a flat angle is the one along the road: real
             // roads are smeared like this.
             let longer = (piece.across * across_per_m).max(piece.along * along_per_m) * texels;
-            let surface = texture.level(log2(longer * COARSER));
+            let surface = texture.level(log2(longer * coarser));
             let stripes = section.level(log2(piece.across * (STRIPES_PER_M * 0.7)));
             let veiled = (piece.depth * self.scenery.fog_per_m * (1.0 / 256.0)).min(0.8);
             let add = fog * veiled;
             let shine = piece.depth / (piece.depth + 14.0);
-            let mut multiply = (shade + direct * light) * (1.0 - veiled);
+            let mut multiply = (shade + direct * light) * (1.0 - veiled) * graphics.tint;
             let (mut s, mut offset) = (piece.u + run.setup.base, piece.v);
             for pixel in out.as_chunks_mut::<3>().0 {
                 let stripe = stripes.at(offset.abs());
@@ -200,9 +263,10 @@ impl Shader<'_> {
                 }
                 colour += (sheen - colour) * (shine * stripe.rough);
                 if shaded {
-                    multiply = (shade + direct * (light * self.light.on_road(s, offset))) * (1.0 - veiled);
+                    let sun = graphics.lit(self.light.on_road(s, offset));
+                    multiply = (shade + direct * (light * sun)) * (1.0 - veiled) * graphics.tint;
                 }
-                let grey = 1.0 + (f32::from(texel[0]) * (1.0 / 128.0) - 1.0) * stripe.rough;
+                let grey = 1.0 + (f32::from(texel[0]) * (1.0 / 128.0) - 1.0) * (stripe.rough * graphics.grain);
                 *pixel = bytes(colour * multiply * grey + add);
                 s += piece.du;
                 offset += piece.dv;

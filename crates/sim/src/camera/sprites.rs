@@ -21,6 +21,7 @@ pub(super) mod picture {
     pub(in super::super) const AUTUMN_DARK: u8 = 11;
     pub(in super::super) const LAMP: u8 = 12;
     pub(in super::super) const CHEVRON: u8 = 13;
+    pub(in super::super) const SIGN: u8 = 14;
 }
 
 /// All pictures, in the order of [`picture`].
@@ -61,6 +62,7 @@ pub(super) fn all() -> Vec<Texture> {
         ),
         lamp(),
         chevron(),
+        sign(),
     ]
 }
 
@@ -264,5 +266,15 @@ fn chevron() -> Texture {
             return solid(if arrow { [178.0, 160.0, 84.0] } else { [48.0, 50.0, 54.0] });
         }
         if (14..18).contains(&px) { solid([72.0, 74.0, 78.0]) } else { NONE }
+    })
+}
+
+/// A sign from behind: a dark panel on two posts.
+fn sign() -> Texture {
+    Texture::paint(32, 64, |px, py| match (px, py) {
+        (3..29, 4..7) => solid([96.0, 102.0, 112.0]),
+        (_, 0..21) => solid([40.0, 45.0, 58.0]),
+        (7..10 | 22..25, _) => solid([46.0, 52.0, 66.0]),
+        _ => NONE,
     })
 }

@@ -22,12 +22,18 @@ pub(crate) fn scenery(name: &str) -> (Track, Arc<Scenery>) {
     ALL[i].get_or_init(build).clone()
 }
 
-fn car(track: &Track, s: f64, offset: f64) -> Car {
+pub(super) fn car(track: &Track, s: f64, offset: f64) -> Car {
     let station = track.at(s);
     Car { position: track.point(s, offset), yaw: station.yaw, pitch: station.grade.atan(), ..Car::default() }
 }
 
-fn picture(renderer: &mut Renderer, camera: &Camera, car: &Car, actors: &[Actor], conditions: &Conditions) -> Frame {
+pub(super) fn picture(
+    renderer: &mut Renderer,
+    camera: &Camera,
+    car: &Car,
+    actors: &[Actor],
+    conditions: &Conditions,
+) -> Frame {
     let mut frame = Frame::new(0, 0, vec![]).unwrap();
     renderer.render(camera, &Shot { car, actors, conditions, seed: 7, time_s: 1.5 }, &mut frame);
     frame
@@ -144,6 +150,10 @@ fn every_condition_of_the_picture_changes_it() {
         "night=1",
         "noise=4",
         "blur=1",
+        "grain=0",
+        "grain=2",
+        "verge=2",
+        "warmth=-1",
     ] {
         let changed = picture(&mut renderer, &Camera::CENTER, &car, &[], &Conditions::parse(text).unwrap());
         let pixels = plain.rgb().iter().zip(changed.rgb()).filter(|(a, b)| a != b).count();

@@ -1,6 +1,6 @@
 //! Pictures that surfaces and plants are covered with, in ever smaller copies.
 
-use super::noise::{fractal, mix, mix3, nearest, step, unit, value};
+use super::noise::{fractal, mix, nearest, step, unit, value};
 
 /// Red, green, blue and a fourth number, which is coverage for sprites and a mask for surfaces.
 pub(super) type Texel = [u8; 4];
@@ -134,21 +134,28 @@ pub(super) fn asphalt(contrast: f32, seed: u32) -> Texture {
     })
 }
 
-/// Paving stones in staggered rows, six by eight a picture.
+/// Round cobbles in ten crooked rows along the way, each of which repeats after eight, with pale joints between them.
+/// Grey level 128 is their mean; only the first channel counts, so they are grey.
 pub(super) fn cobbles(seed: u32) -> Texture {
     Texture::paint(256, 256, |x, y| {
-        let row = y / 32;
-        let shift = if row % 2 == 0 { 0 } else { 21 };
-        let column = (x + shift) * 6 / 256 % 6;
-        let (in_x, in_y) = (((x + shift) * 6 % 256) as f32 / 256.0, (y % 32) as f32 / 32.0);
-        let joint = step(0.0, 0.10, in_x.min(1.0 - in_x)) * step(0.0, 0.14, in_y.min(1.0 - in_y));
-        let tone = 0.82 + 0.36 * unit(column as i32, row as i32, seed);
-        let rough = 0.9 + 0.2 * fractal(x as f32 / 8.0, y as f32 / 8.0, 2, 32, seed + 2);
-        let stone = [134.0, 128.0, 126.0].map(|c: f32| c * tone * rough);
-        let colour = mix3([84.0, 76.0, 71.0], stone, joint);
-        [colour[0], colour[1], colour[2], 0.0]
+        let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
+        // Crooked: no joint is straight, no stone as wide as the next.
+        let bent = |seed: u32| fractal(fx * 16.0, fy * 16.0, 2, 16, seed) - 0.5;
+        let across = (fy * 10.0 + 0.5 * bent(seed + 1)).rem_euclid(10.0);
+        let row = across as i32;
+        let along = (fx * 8.0 + 0.7 * bent(seed + 2) + 0.37 * (row * row % 7) as f32).rem_euclid(8.0);
+        let (in_x, in_y) = (2.0 * along.fract() - 1.0, 2.0 * across.fract() - 1.0);
+        let out = (in_x.powi(4) + in_y.powi(4)).sqrt().sqrt();
+        let stone = step(1.02, 0.84, out);
+        let rough = fractal(fx * 32.0, fy * 32.0, 2, 32, seed + 3) - 0.5;
+        let tone = 0.68 + 0.44 * unit(along as i32, row, seed) + 0.16 * rough;
+        let grey = 128.0 * mix(COBBLE_JOINT, tone, stone);
+        [grey, grey, grey, 0.0]
     })
 }
+
+/// How much brighter than their mean the joints between cobbles are.
+const COBBLE_JOINT: f32 = 1.45;
 
 /// Fine structure of open ground: grey level 128 is the ground's own colour.
 pub(super) fn ground(contrast: f32, seed: u32) -> Texture {
@@ -203,7 +210,7 @@ mod tests {
 
     #[test]
     fn surfaces_are_of_their_colour_on_average() {
-        for texture in [asphalt(0.6, 1), ground(0.5, 2), rock(0.5, 3)] {
+        for texture in [asphalt(0.6, 1), cobbles(4), ground(0.5, 2), rock(0.5, 3)] {
             let mean = texture.level(12).texels[0][0];
             assert!((108..=148).contains(&mean), "{mean}");
         }

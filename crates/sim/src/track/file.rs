@@ -28,6 +28,31 @@ pub struct TrackFile {
     /// What is special along the road.
     #[serde(default, rename = "stretch")]
     pub stretches: Vec<Stretch>,
+    /// What stands alone in the landscape, in its own place.
+    #[serde(default, rename = "landmark", skip_serializing_if = "Vec::is_empty")]
+    pub landmarks: Vec<Landmark>,
+}
+
+/// Something that stands alone in the landscape.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Landmark {
+    /// What it is.
+    pub kind: LandmarkKind,
+    /// Metres to Unity's right.
+    pub x: f64,
+    /// Metres to Unity's front.
+    pub z: f64,
+}
+
+/// What a landmark can be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LandmarkKind {
+    /// A pylon of a power line; wires hang from each to the next.
+    Pylon,
+    /// A road sign on two posts, seen from behind.
+    Sign,
 }
 
 /// Colours, plants, rocks, light.

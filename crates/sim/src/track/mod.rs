@@ -18,7 +18,7 @@ use glam::DVec3;
 use lapwing_core::{motion::turn, recording::Roadway};
 
 pub use driving::LinePoint;
-pub use file::{Edge, Side, Start, Stretch, Theme, TrackError, TrackFile};
+pub use file::{Edge, Landmark, LandmarkKind, Side, Start, Stretch, Theme, TrackError, TrackFile};
 pub use random::RandomTrack;
 
 /// Distance between stations, at most: they divide the length evenly.

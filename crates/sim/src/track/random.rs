@@ -136,6 +136,7 @@ impl RandomTrack {
             start: Start { x: 0.0, y: 0.0, z: 0.0, yaw_deg: 0.0 },
             control_points: plan.iter().map(|p| [p.x, 0.0, p.y]).collect(),
             stretches: vec![],
+            landmarks: vec![],
         };
         // Scaled to exactly the length asked for, measured along its middle; then it begins on its longest straight.
         let long = Track::new(file.clone())?.length();
