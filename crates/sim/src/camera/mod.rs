@@ -11,7 +11,7 @@
 //! | `road` | the road's strip, bridge walls, rock faces, concrete blocks |
 //! | `section` | the road's cross-section: lines, kerbs, verge, antialiased |
 //! | `plants`, `sprites` | trees, bushes, boulders, posts: where they stand, their pictures |
-//! | `models` | cars, people, cones and barriers |
+//! | `models`, `wardrobe` | cars, people, cones and barriers, and their colours |
 //! | `light` | sun and shadows on ground and road, worked out once for each sun |
 //! | `viewpoint` | where a camera is, and where in its picture a point falls |
 //! | `raster` | which triangle a pixel shows |
@@ -39,6 +39,7 @@ mod sprites;
 mod terrain;
 mod texture;
 pub(crate) mod viewpoint;
+mod wardrobe;
 mod weather;
 
 #[cfg(test)]
