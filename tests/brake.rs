@@ -72,6 +72,19 @@ fn a_guard_that_is_told_the_time_to_collision_keeps_the_expert_from_running_into
 }
 
 #[test]
+fn the_shipped_network_keeps_the_expert_from_running_into_a_standing_car() {
+    let folder = tempdir().unwrap();
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/models/brake.safetensors");
+    let trial = ["brake", "trial", "--brake-model", model, "--cases", "ccrs", "--layers", "plain", "--speeds", "20"];
+    let (status, out, err) =
+        lapwing_in(folder.path(), "", &[&trial[..], &["--seeds", "2", "--laps", "0", "--json"]].concat());
+    assert_eq!(status, 0, "{err}");
+    let row = &serde_json::from_str::<Value>(&out).unwrap()["hazards"][0];
+    let count = |key: &str| row[key].as_u64().unwrap();
+    assert_eq!((count("hit_without"), count("avoidable"), count("avoided")), (2, 2, 2), "{row}");
+}
+
+#[test]
 fn without_a_scenario_there_is_no_time_to_collision_and_the_run_says_so() {
     let folder = tempdir().unwrap();
     let drive = ["drive", "--pilot", "expert", "--max-time", "2", "--brake-guard", "ttc", "--recordings", "runs"];

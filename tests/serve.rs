@@ -14,7 +14,7 @@ use tempfile::{TempDir, tempdir};
 use crate::support::{Wire, steer, telemetry};
 
 /// A verb that runs in a shell's `script`, where `"$0" "$@"` stands for the program and its arguments.
-struct Verb {
+pub struct Verb {
     child: Child,
     dir: TempDir,
 }
@@ -45,7 +45,7 @@ impl Verb {
         Self { child, dir }
     }
 
-    fn signal(&self, name: &str) {
+    pub fn signal(&self, name: &str) {
         let pid = self.child.id().to_string();
         assert!(Command::new("kill").args(["-s", name, &pid]).status().unwrap().success());
     }
@@ -65,7 +65,7 @@ impl Verb {
         }
     }
 
-    fn ends(&mut self) -> ExitStatus {
+    pub fn ends(&mut self) -> ExitStatus {
         until("the program ends", || self.child.try_wait().unwrap())
     }
 
@@ -111,11 +111,16 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-const PLAIN: &str = r#"exec "$0" "$@""#;
+pub const PLAIN: &str = r#"exec "$0" "$@""#;
 
 /// A bridge with its model loaded that records below its folder, its address, and what it says on.
 fn serve(script: &str) -> (Verb, SocketAddr, BufReader<Box<dyn Read>>) {
-    let mut verb = Verb::start(script, &["serve", "--port", "0", "--recordings", "runs"]);
+    serve_with(script, &[])
+}
+
+/// The same with more flags.
+pub fn serve_with(script: &str, flags: &[&str]) -> (Verb, SocketAddr, BufReader<Box<dyn Read>>) {
+    let mut verb = Verb::start(script, &[&["serve", "--port", "0", "--recordings", "runs"], flags].concat());
     let merged = script.contains("2>&1");
     let pipe: Box<dyn Read> =
         if merged { Box::new(verb.child.stdout.take().unwrap()) } else { Box::new(verb.child.stderr.take().unwrap()) };

@@ -85,6 +85,9 @@ pub struct BrakeTrain {
     /// Go on where an earlier training with the same output ended
     #[arg(long)]
     pub resume: bool,
+    /// Threads for one operation; other numbers round differently, so the result is another one
+    #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: u16,
     /// Random seed [default: the recipe's]
     #[arg(long)]
     pub seed: Option<u64>,

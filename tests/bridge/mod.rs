@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod beside;
+mod braking;
 mod clients;
 mod dialects;
 mod documented;

@@ -28,6 +28,9 @@ const SHORTER: [(&str, &[(&str, &str)]); 6] = [
     ("train", &[("--epochs", "1"), ("--batch", "8"), ("--samples-per-epoch", "8"), ("--validation-samples", "4")]),
 ];
 
+/// A network that brakes has seen enough after 20 frames: a drive with one is longer.
+const WITH_A_GUARD: [(&str, &str); 1] = [("--max-time", "4")];
+
 /// Set in suites that a page shows.
 const SHORTER_SUITE: [(&str, &str); 4] =
     [("tracks", "[\"lake\"]"), ("speeds_mph", "[20]"), ("seeds", "1"), ("longest_s", "1.0")];
@@ -95,7 +98,9 @@ impl Room {
         let verb = if words[0] == "brake" { words[..2].join(" ") } else { words[0].clone() };
         let is_long = invocation.shown.is_none() && !words.iter().any(|word| word == "--stances");
         let shorter = SHORTER.iter().find(|(known, _)| *known == verb && is_long);
-        for (flag, value) in shorter.map_or(&[][..], |(_, flags)| flags) {
+        let has_guard = verb == "drive" && words.iter().any(|word| word == "--brake-model");
+        let flags = shorter.map_or(&[][..], |(_, flags)| if has_guard { &WITH_A_GUARD } else { flags });
+        for (flag, value) in flags {
             match words.iter().position(|word| word == flag) {
                 Some(at) => words[at + 1] = (*value).to_owned(),
                 None => words.extend([*flag, *value].map(str::to_owned)),

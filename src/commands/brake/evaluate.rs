@@ -15,8 +15,10 @@ pub(super) fn run(arguments: &BrakeEvaluate) -> anyhow::Result<Ended> {
     runtime::set_threads(1);
     let model = BrakingModel::load(model, *threshold)?;
     let drives = load(data, *part, episodes.unwrap_or(usize::MAX), model.network().architecture())?;
+    let mut told = 0;
     let report = BrakingReport::of(&model, &drives, *seed, |done, all| {
-        if done % 100 == 0 {
+        if done >= told + 100 {
+            told = done;
             tracing::info!("{done} of {all}");
         }
     })?;

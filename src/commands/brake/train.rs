@@ -9,20 +9,15 @@ use crate::{
     cli::BrakeTrain,
     commands::{Ended, outputs, print, sorted_json},
 };
-use lapwing_learn::{
-    braking::{self, BrakingRecipe, Epoch, TrainOptions},
-    nn::runtime,
-};
+use lapwing_learn::braking::{self, BrakingRecipe, Epoch, TrainOptions};
 
 pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
-    let BrakeTrain { recipe: file, data, out, epochs, minutes, resume, seed, json } = arguments;
+    let BrakeTrain { recipe: file, data, out, epochs, minutes, resume, threads, seed, json } = arguments;
     outputs::check(out)?;
     let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
     let mut recipe = BrakingRecipe::read(&text).with_context(|| file.display().to_string())?;
     recipe.epochs = epochs.unwrap_or(recipe.epochs);
     recipe.seed = seed.unwrap_or(recipe.seed);
-    // Other numbers of threads round differently.
-    runtime::set_threads(1);
     let most = minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes));
     let told = |epoch: &Epoch| {
         let Epoch { epoch, windows, loss, validation, learning_rate, seconds, best } = epoch;
@@ -32,7 +27,7 @@ pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
              learning rate {learning_rate:.6}"
         );
     };
-    let trained = braking::train(&recipe, data, out, TrainOptions { most, resume: *resume }, told)?;
+    let trained = braking::train(&recipe, data, out, TrainOptions { most, resume: *resume, threads: *threads }, told)?;
     if *json {
         print(&sorted_json(&json!({
             "model": trained.path, "sha256": trained.sha256, "epochs": trained.epochs, "limits": trained.limits,

@@ -5,11 +5,13 @@ mod emergency;
 mod handover;
 mod speed;
 mod standstill;
+mod warned;
 
 pub use emergency::{BrakeChange, BrakeLimits, EmergencyBrake, Release, TO_FIRE};
 pub use handover::{Handover, HandoverChange};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
 pub use standstill::{KnownSpeed, Standstill};
+pub use warned::Warned;
 
 use crate::{car, units::Mph};
 

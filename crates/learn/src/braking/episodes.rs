@@ -233,7 +233,7 @@ pub fn load(
 
 impl Drive {
     /// Reads an episode's run.
-    fn open(folder: &Path, story: Story, preprocess: &Preprocess) -> Result<Self, BrakingDataError> {
+    pub(super) fn open(folder: &Path, story: Story, preprocess: &Preprocess) -> Result<Self, BrakingDataError> {
         let path = folder.join(format!("{}.mcap", story.name));
         let [channels, height, width] = preprocess.shape();
         let mut reader = Reader::new(preprocess.clone()).map_err(|why| wrong(&path, 0, why.to_string()))?;

@@ -8,13 +8,13 @@ use std::{
 
 use tch::Tensor;
 
-use super::{episodes::Reader, watch::Watch};
+use super::episodes::Reader;
 use crate::nn::{
     NnError,
     braking::{BrakingCheckpoint, BrakingError, BrakingNetwork, HZ, NO_SPEED, Seen},
 };
 use lapwing_core::{
-    control::BrakeLimits,
+    control::{BrakeLimits, Warned},
     guard::{Guard, GuardError, GuardModel, Watched},
     perception::Frame,
     recording::LONGEST_GAP,
@@ -103,7 +103,7 @@ impl GuardModel for BrakingModel {
             network: prototype.0.share(),
             reader: prototype.1.clone(),
             seen: Seen::default(),
-            watch: Watch::default(),
+            warned: Warned::default(),
             last: None,
             due: Duration::ZERO,
         })
@@ -117,7 +117,7 @@ struct NetworkGuard {
     network: BrakingNetwork,
     reader: Reader,
     seen: Seen,
-    watch: Watch,
+    warned: Warned,
     /// When a frame came last, and when it looks next.
     last: Option<Duration>,
     due: Duration,
@@ -126,7 +126,7 @@ struct NetworkGuard {
 impl NetworkGuard {
     fn forget(&mut self) {
         self.seen.clear();
-        self.watch = Watch::default();
+        self.warned = Warned::default();
     }
 
     fn look(&mut self, frame: &Frame, speed_kmh: f64) -> Result<Option<f64>, GuardError> {
@@ -136,7 +136,7 @@ impl NetworkGuard {
         let frame =
             Tensor::f_from_slice(pixels).and_then(|t| t.f_view([1, height, width])).map_err(|e| failed(e.into()))?;
         let said = self.network.answer(&frame, speed_kmh, &mut self.seen).map_err(failed)?;
-        match said.map(|said| self.watch.value(said, self.limits)) {
+        match said.map(|said| self.warned.value(said.due, said.blocked, self.limits)) {
             Some(value) if !value.is_finite() => Err(GuardError::NotFinite(value)),
             value => Ok(value),
         }
@@ -177,19 +177,38 @@ mod tests {
     use tch::{Device, nn::VarStore};
 
     use super::*;
-    use crate::nn::{
-        Precision,
-        braking::{BrakingArchitecture, BrakingMetadata, save_braking},
-        in_variable_store,
+    use crate::{
+        braking::{Part, SpeedFailure, Story, episodes, episodes::Drive},
+        nn::{
+            Precision,
+            braking::{BrakingArchitecture, BrakingMetadata, save_braking},
+            in_variable_store,
+        },
     };
-    use lapwing_core::units::Mph;
+    use lapwing_core::{
+        config::ControlSettings,
+        driver::Driver,
+        pilot::ConstantPilot,
+        protocol::{CameraImage, Observation, Sight},
+        recording::{EventRecord, Picture, Recording},
+        units::{Mph, Steering},
+    };
 
     fn model(threshold: Option<f64>) -> (tempfile::TempDir, BrakingModel) {
+        changed(threshold, BrakeLimits { fires: 0.5, releases: 0.2 }, |_| {})
+    }
+
+    /// A model of random weights, changed.
+    fn changed(
+        threshold: Option<f64>,
+        limits: BrakeLimits,
+        change: impl Fn(&BrakingNetwork),
+    ) -> (tempfile::TempDir, BrakingModel) {
         tch::manual_seed(5);
         let store = VarStore::new(Device::Cpu);
         let architecture = BrakingArchitecture::Live;
         let network = BrakingNetwork::build(architecture, &mut in_variable_store(store.root())).unwrap();
-        let limits = BrakeLimits { fires: 0.5, releases: 0.2 };
+        tch::no_grad(|| change(&network));
         let (training, result) = ("none".to_owned(), "none".to_owned());
         let metadata = BrakingMetadata { preprocess: architecture.preprocess(), limits, training, result };
         let dir = tempfile::tempdir().unwrap();
@@ -225,6 +244,59 @@ mod tests {
     fn of_faster_frames_it_looks_at_as_many_as_it_learnt_from() {
         let (_dir, model) = model(None);
         assert_eq!(says(&mut *model.guard(), 60.0, 85, Duration::ZERO), [76, 80, 84]);
+    }
+
+    /// A network of random weights speaks loudly if its last layer is multiplied: of pictures that change, now one thing and
+    /// now the other.
+    fn loud(network: &BrakingNetwork) {
+        for (name, mut tensor) in network.tensors() {
+            match name.as_str() {
+                "fc2.weight" => drop(tensor.g_mul_scalar_(40.0)),
+                "fc2.bias" => drop(tensor.copy_(&Tensor::from_slice(&[LOUD.0 as f32, LOUD.1 as f32]))),
+                _ => {}
+            }
+        }
+    }
+
+    /// The two biases of its last layer by which it says both often.
+    const LOUD: (f64, f64) = (0.0, 0.0);
+
+    #[test]
+    fn in_a_drive_it_brakes_where_the_evaluation_says_that_it_would() {
+        let limits = BrakeLimits { fires: 0.6, releases: 0.45 };
+        let (_dir, model) = changed(None, limits, loud);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings");
+        let story = Story {
+            name: "lake".into(),
+            part: Part::Train,
+            scenario: String::new(),
+            hazard: false,
+            layer: String::new(),
+            reaction_s: 1.0,
+        };
+        let drive = Drive::open(&folder, story, &model.network().architecture().preprocess()).unwrap();
+        let judged = episodes(&model.network(), &[drive], SpeedFailure::NONE, |_| {}).unwrap();
+        let said = judged[0].activations(limits);
+
+        let pilot = Box::new(ConstantPilot::new(Steering::ZERO));
+        let mut driver =
+            Driver::new(pilot, &ControlSettings::default(), std::time::Instant::now).guarded(Some(model.guard()));
+        let (mut began, mut ended) = (vec![], 0);
+        for (i, moment) in Recording::open(folder.join("lake.mcap")).unwrap().map(Result::unwrap).enumerate() {
+            let Some(Picture::Jpeg(jpeg)) = &moment.pictures[0] else { panic!("a run has pictures") };
+            let telemetry = lapwing_core::protocol::Telemetry {
+                image: CameraImage::Jpeg(jpeg.clone()),
+                ..moment.telemetry.clone()
+            };
+            let (_, trace) = driver.drive(&Observation { at: moment.at, sight: Sight::Telemetry(telemetry) });
+            began.extend(trace.events.iter().filter(|e| matches!(e, EventRecord::GuardBrakes { .. })).map(|_| i));
+            ended += trace.events.iter().filter(|e| matches!(e, EventRecord::GuardReleases { .. })).count();
+            // Not only the moments at which it begins.
+            let offline = judged[0].values[i];
+            assert_eq!(trace.brake_due.is_some(), offline.is_finite(), "moment {i}");
+        }
+        assert_eq!(began, said);
+        assert!(began.len() >= 3 && ended >= 2, "{began:?} {ended}");
     }
 
     #[test]

@@ -138,7 +138,7 @@ impl<'a> Learning<'a> {
         tch::manual_seed((recipe.seed as i64) << 32 | epoch as i64);
         let (mut sum, mut weight, mut windows) = (0.0, 0.0, 0);
         while windows < recipe.windows_per_epoch && (windows == 0 || !is_over()) {
-            let Some((batch, cards)) = self.draw.batch(self.drives, &self.wanted, recipe, &mut self.reader)? else {
+            let Some((batch, cards)) = self.draw.batch(self.drives, &self.wanted, recipe, &self.reader)? else {
                 break;
             };
             let answers = self.network.forward(&batch.frames, &batch.speeds, true)?;
@@ -272,11 +272,11 @@ impl<'a> Measured<'a> {
 
     pub(super) fn loss(&self, network: &BrakingNetwork) -> Result<f64, BrakingTrainError> {
         let Self { recipe, drives, wanted, drawn } = self;
-        let mut reader = Reader::new(recipe.network.preprocess()).map_err(NnError::from)?;
+        let reader = Reader::new(recipe.network.preprocess()).map_err(NnError::from)?;
         let mut random = ChaCha8Rng::seed_from_u64(0); // no speed fails
         let (mut sum, mut weight) = (0.0, 0.0);
         for drawn in drawn.chunks(recipe.batch) {
-            let batch = batch(drawn, drives, wanted, recipe, &mut reader, &mut random)?;
+            let batch = batch(drawn, drives, wanted, recipe, &reader, &mut random)?;
             let answers = tch::no_grad(|| network.forward(&batch.frames, &batch.speeds, false))?;
             let [error, weights] = errors(&answers, &batch)?;
             sum += error.f_sum(Kind::Float)?.f_double_value(&[])?;
@@ -289,7 +289,7 @@ impl<'a> Measured<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::braking::windows::tests::{drive, recipe};
+    use crate::braking::windows::tests::{drive, recipe, seen};
 
     #[test]
     fn a_training_that_is_resumed_has_all_that_it_had_and_draws_what_it_would_have_drawn() {
@@ -311,7 +311,7 @@ mod tests {
         }
         let next = |learning: &mut Learning<'_>| {
             learning.draw.begin(2);
-            let drawn = learning.draw.batch(&drives, &learning.wanted, &recipe, &mut learning.reader);
+            let drawn = learning.draw.batch(&drives, &learning.wanted, &recipe, &learning.reader);
             let (batch, cards) = drawn.unwrap().unwrap();
             (batch.frames, batch.speeds, cards)
         };
@@ -319,5 +319,20 @@ mod tests {
         let other = BrakingRecipe { batch: 4, ..recipe.clone() };
         let error = Learning::new(&other, &drives).unwrap().resume(&state).unwrap_err().to_string();
         assert!(error.ends_with("expected the state of a training by this recipe, got that of another one"), "{error}");
+    }
+
+    #[test]
+    fn the_papers_network_takes_a_step_too() {
+        let recipe = BrakingRecipe::read(
+            "network = \"brake-stacked\"\nwindows_per_epoch = 4\nbatch = 2\nspeed_dropout = 0.5\nvalidation_windows = 2",
+        );
+        let (recipe, drives) = (recipe.unwrap(), [seen(300 * 300)]);
+        let mut learning = Learning::new(&recipe, &drives).unwrap();
+        let measured = Measured::new(&drives, &recipe).unwrap();
+        let before = measured.loss(&learning.mean).unwrap();
+        let (loss, windows) = learning.epoch(1, &|| false).unwrap();
+        let after = measured.loss(&learning.mean).unwrap();
+        assert_eq!((windows, learning.stepper.steps), (4, 2));
+        assert!(loss.is_finite() && loss > 0.0 && (before - after).abs() > 1e-6, "{loss}, {before} to {after}");
     }
 }

@@ -16,7 +16,6 @@
 //! | `state` | where a training is, to be resumed |
 //! | `values` | what a network says over whole episodes, with and without speed |
 //! | `report` | how good a network is on a part of the data set |
-//! | `watch` | when a guard goes on braking for what is close |
 //! | `guard` | a network from its file, as a [`GuardModel`](lapwing_core::guard::GuardModel) |
 //!
 //! The networks are in [`nn::braking`](crate::nn::braking).
@@ -30,7 +29,6 @@ mod state;
 mod targets;
 mod train;
 mod values;
-mod watch;
 mod windows;
 
 pub use episodes::{BrakingDataError, Drive, Part, Story, load, stories};

@@ -17,7 +17,7 @@ pub struct BrakingRecipe {
     /// Passes at most.
     #[serde(default = "defaults::epochs")]
     pub epochs: usize,
-    /// Windows drawn for each. The live network's are longer and have 23 answers each.
+    /// Windows drawn for each. The live networks' are longer and have 23 answers each.
     #[serde(default = "defaults::windows")]
     pub windows_per_epoch: usize,
     /// Windows in a step.
@@ -29,7 +29,7 @@ pub struct BrakingRecipe {
     /// How it changes: not at all, by half a cosine to zero at the last step, or where the validation loss no longer falls.
     #[serde(default = "defaults::schedule")]
     pub schedule: Schedule,
-    /// Numbers of the live network's convolutions while it learns: `f32` (default), or `bf16` for less than half the time on
+    /// Numbers of the live networks' convolutions while they learn: `f32` (default), or `bf16` for less than half the time on
     /// processors that know them.
     #[serde(default = "defaults::precision")]
     pub precision: Precision,

@@ -8,9 +8,13 @@ use super::{BrakingModel, BrakingTrainError, SpeedFailure, episodes, episodes::D
 use lapwing_core::{guard::GuardModel, words::count};
 use lapwing_score::{
     drawing::chart::{Axis, Chart, Marks, Series},
-    emergency::{CountingRule, Episode, Evaluation, evaluation::Rate},
+    emergency::{
+        CountingRule, Episode, Evaluation,
+        evaluation::{Lead, Rate},
+    },
     score::aligned,
 };
+use lapwing_sim::braking::Case;
 
 /// What a network should reach on episodes that it did not learn from, by the paper's counting: the project's own targets,
 /// above the paper's pooled recall of 0.872 and precision of 0.704.
@@ -18,6 +22,8 @@ const LEAST_RECALL: f64 = 0.95;
 const LEAST_PRECISION: f64 = 0.90;
 /// How much lower the F1 may be where speeds fail.
 const MOST_LOST: f64 = 0.05;
+/// A guard must brake less often than this an hour of laps.
+const FALSE_ALARMS_PER_H: f64 = 1.0;
 
 /// A row of the table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -73,9 +79,9 @@ impl BrakingReport {
         seed: u64,
         mut told: impl FnMut(usize, usize),
     ) -> Result<Self, BrakingTrainError> {
-        let (network, threshold) = (model.network(), model.limits().fires);
+        let (network, limits) = (model.network(), model.limits());
         let rule = CountingRule::default();
-        let judge = |episodes: &[Episode]| Evaluation::of(episodes, threshold, rule, seed);
+        let judge = |episodes: &[Episode]| Evaluation::of(episodes, limits, rule, seed);
         let total = drives.len() * (1 + FAILURES.len());
         let whole = episodes(&network, drives, SpeedFailure::NONE, |done| told(done, total))?;
         let all = judge(&whole);
@@ -114,6 +120,14 @@ impl BrakingReport {
             let reached = got.is_some_and(|lost| lost <= MOST_LOST);
             Target { name: format!("F1 lost, {}", row.name), wanted: MOST_LOST, got, reached }
         }));
+        let got = laps(&scenarios).and_then(|laps| laps.false_alarms_per_h.value);
+        let reached = got.is_some_and(|got| got < FALSE_ALARMS_PER_H);
+        targets.push(Target {
+            name: "activations an hour of laps, below".into(),
+            wanted: FALSE_ALARMS_PER_H,
+            got,
+            reached,
+        });
         Ok(Self {
             model: GuardModel::name(model).to_owned(),
             sha256: GuardModel::sha256(model).unwrap_or_default().to_owned(),
@@ -141,6 +155,11 @@ impl BrakingReport {
             ..Chart::new(format!("Emergencies found by {}", self.model), axis("recall"), axis("precision"))
         }
     }
+}
+
+/// What was found on ordinary laps, if there are any.
+fn laps(scenarios: &[Row]) -> Option<&Evaluation> {
+    scenarios.iter().find(|row| row.name == Case::Lap.name()).map(|row| &row.evaluation)
 }
 
 const HEADINGS: [&str; 10] = [
@@ -195,17 +214,19 @@ impl fmt::Display for BrakingReport {
             rounded(all.false_positive_rate, 5),
             rounded(all.silent_accuracy, 4),
         )?;
-        let alarms = match (all.false_alarms_per_h.value, all.false_alarms_per_h.interval) {
+        let alarms = |of: &Evaluation| match (of.false_alarms_per_h.value, of.false_alarms_per_h.interval) {
             (Some(value), Some([low, high])) => format!("{value:.2} [{low:.2}, {high:.2}]"),
             (value, _) => rounded(value, 2),
         };
-        writeln!(f, "activations: F1 {}, {alarms} wrong ones an hour", rounded(all.event_f1.value, 3))?;
-        if let Some(lead) = all.before_impact {
-            writeln!(
-                f,
-                "before an impact of the driver's: {:.2} s (median of {}, a tenth less than {:.2} s)",
-                lead.median, lead.count, lead.tenth
-            )?;
+        write!(f, "activations: F1 {}, {} wrong ones an hour", rounded(all.event_f1.value, 3), alarms(all))?;
+        if let Some(laps) = laps(&self.scenarios) {
+            write!(f, ", {} an hour of laps ({:.2} h)", alarms(laps), laps.hours)?;
+        }
+        writeln!(f)?;
+        for (name, lead) in [("the driver's foot", all.before_pedal), ("an impact of the driver's", all.before_impact)]
+        {
+            let Some(Lead { count, median, tenth }) = lead else { continue };
+            writeln!(f, "before {name}: {median:.2} s (median of {count}, a tenth less than {tenth:.2} s)")?;
         }
         let told = self.targets.iter().map(|Target { name, wanted, got, reached }| {
             format!("  {name}: {} of {wanted:.2}, {}", rounded(*got, 3), if *reached { "reached" } else { "missed" })

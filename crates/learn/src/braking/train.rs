@@ -18,11 +18,12 @@ use crate::{
     nn::{
         NnError, Precision,
         braking::{BrakingMetadata, save_braking},
+        runtime,
     },
     train::TrainError,
 };
 use lapwing_core::control::BrakeLimits;
-use lapwing_score::emergency::{CountingRule, Evaluation, evaluation::guarding_threshold};
+use lapwing_score::emergency::{CountingRule, Evaluation, evaluation::guarding_limits};
 use lapwing_sim::braking::Case;
 
 /// Below the upper limit of a guard, its lower one.
@@ -121,8 +122,8 @@ pub struct Trained {
     pub sha256: String,
     /// All epochs.
     pub epochs: Vec<Epoch>,
-    /// Between which values its guards brake and rest: the upper one is
-    /// [`guarding_threshold`](lapwing_score::emergency::evaluation::guarding_threshold)'s on the validation episodes, among
+    /// Between which values its guards brake and rest:
+    /// [`guarding_limits`](lapwing_score::emergency::evaluation::guarding_limits)'s on the validation episodes, among
     /// which laps are harmless.
     pub limits: BrakeLimits,
     /// How good it is on those, at that limit.
@@ -136,6 +137,8 @@ pub struct TrainOptions {
     pub most: Option<Duration>,
     /// Goes on where an earlier one ended, if there is its state beside the network's file.
     pub resume: bool,
+    /// Threads of each of libtorch's operations while it learns, at least 1: other numbers round differently.
+    pub threads: u16,
 }
 
 /// Trains a network on a data set and writes it to `path`, and its own state beside it after each epoch. `told` is told of each
@@ -163,6 +166,7 @@ pub fn train(
     let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
     let state = state::path_of(path);
+    runtime::set_threads(options.threads);
     if options.resume && state.is_file() {
         learning.resume(&state)?;
     }
@@ -193,13 +197,15 @@ pub fn train(
         }
     }
     learning.take_best()?;
+    // Episodes are judged side by side.
+    runtime::set_threads(1);
     let (network, epochs) = (&learning.mean, &learning.position.epochs);
     let judged = episodes(network, &held, SpeedFailure::NONE, |_| {})?;
     let laps: Vec<_> = held.iter().zip(&judged).filter(|(drive, _)| drive.story.scenario == Case::Lap.name()).collect();
     let laps: Vec<_> = laps.into_iter().map(|(_, judged)| judged.clone()).collect();
-    let fires = guarding_threshold(&judged, &laps).unwrap_or(0.5);
-    let limits = BrakeLimits { fires, releases: fires * RELEASES };
-    let validation = Evaluation::of(&judged, fires, CountingRule::default(), recipe.seed);
+    let limits =
+        guarding_limits(&judged, &laps, RELEASES).unwrap_or(BrakeLimits { fires: 0.5, releases: 0.5 * RELEASES });
+    let validation = Evaluation::of(&judged, limits, CountingRule::default(), recipe.seed);
     let kinds = if recipe.emergencies.is_some() { ["emergencies", "others"] } else { ["standing", "moving"] };
     let training = json!({
         "recipe": recipe,
@@ -210,7 +216,7 @@ pub fn train(
     });
     let least = epochs.iter().map(|epoch| epoch.validation).fold(f64::INFINITY, f64::min);
     let result = json!({
-        "part": "validation", "loss": least, "threshold": fires, "precision": validation.precision.value,
+        "part": "validation", "loss": least, "threshold": limits.fires, "precision": validation.precision.value,
         "recall": validation.recall.value, "f1": validation.f1.value, "event_f1": validation.event_f1.value,
         "false_alarms_per_h": validation.false_alarms_per_h.value, "episodes": validation.episodes,
     });

@@ -2,6 +2,7 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use tch::{Kind, Tensor};
 
 use super::{
@@ -10,10 +11,13 @@ use super::{
     windows::failing,
 };
 use crate::nn::braking::{BrakingArchitecture, BrakingNetwork, FRAMES};
+use lapwing_core::units::{MPS_PER_KMH, MPS_PER_MPH};
 use lapwing_score::emergency::Episode;
 
 /// Frames that go through the live network together; longer drives are cut, with an overlap.
 const AT_ONCE: usize = 160;
+/// Drives that each processor takes before it is told how many are done.
+const AT_ONCE_EACH: usize = 8;
 
 /// How many of the speeds are not known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,7 +33,8 @@ impl SpeedFailure {
     pub const NONE: Self = Self { share: 0.0, seed: 0 };
 }
 
-/// The drives with how much the network says a brake to be due at each frame, one after the other; `told` is told of each.
+/// The drives with how much the network says a brake to be due at each frame, on all processors; `told` is told how many are
+/// done.
 ///
 /// # Errors
 /// [`BrakingTrainError`].
@@ -40,35 +45,50 @@ pub fn episodes(
     mut told: impl FnMut(usize),
 ) -> Result<Vec<Episode>, BrakingTrainError> {
     let mut random = ChaCha8Rng::seed_from_u64(failure.seed);
-    let mut reader = Reader::new(network.architecture().preprocess()).map_err(crate::nn::NnError::from)?;
-    let mut episode = |(i, drive): (usize, &Drive)| {
-        let speeds = failing(&drive.speed_kmh, failure.share, &mut random);
-        let values = tch::no_grad(|| values(network, drive, &speeds, &mut reader))?;
-        told(i + 1);
-        Ok(Episode {
+    let reader = Reader::new(network.architecture().preprocess()).map_err(crate::nn::NnError::from)?;
+    let speeds: Vec<Vec<f32>> =
+        drives.iter().map(|drive| failing(&drive.speed_kmh, failure.share, &mut random)).collect();
+    let episode = |network: &BrakingNetwork, reader: &mut Reader, (drive, speeds): (&Drive, &Vec<f32>)| {
+        let [values, blocked] = tch::no_grad(|| values(network, drive, speeds, reader))?;
+        Ok::<_, BrakingTrainError>(Episode {
             name: drive.story.name.clone(),
             at_s: drive.at_s.clone(),
             due: drive.due.clone(),
             onsets: drive.onsets.clone(),
             values,
+            blocked,
+            // The bridge knows the speed, though the network may not.
+            speed_mph: drive.speed_kmh.iter().map(|kmh| f64::from(*kmh) * MPS_PER_KMH / MPS_PER_MPH).collect(),
             impact_s: drive.impact_s,
         })
     };
-    drives.iter().enumerate().map(&mut episode).collect()
+    // A tensor's handle belongs to one thread at a time: each has its own.
+    let mut hands: Vec<(BrakingNetwork, Reader)> =
+        (0..rayon::current_num_threads()).map(|_| (network.share(), reader.clone())).collect();
+    let (each, mut all) = (AT_ONCE_EACH, Vec::with_capacity(drives.len()));
+    for (drives, speeds) in drives.chunks(hands.len() * each).zip(speeds.chunks(hands.len() * each)) {
+        let shares = drives.par_chunks(each).zip(speeds.par_chunks(each)).zip(&mut hands);
+        let done = shares.map(|((drives, speeds), (network, reader))| {
+            drives.iter().zip(speeds).map(|both| episode(network, reader, both)).collect::<Result<Vec<_>, _>>()
+        });
+        all.extend(done.collect::<Result<Vec<_>, _>>()?.into_iter().flatten());
+        told(all.len());
+    }
+    Ok(all)
 }
 
-/// What the network says at each frame; NaN at the first 19.
+/// How much the network says a brake to be due at each frame, NaN at the first 19, and whether something is close ahead.
 fn values(
     network: &BrakingNetwork,
     drive: &Drive,
     speeds: &[f32],
     reader: &mut Reader,
-) -> Result<Vec<f64>, BrakingTrainError> {
-    let mut values = vec![f64::NAN; drive.frames()];
+) -> Result<[Vec<f64>; 2], BrakingTrainError> {
+    let (mut values, mut blocked) = (vec![f64::NAN; drive.frames()], vec![0.0; drive.frames()]);
     let [_, height, width] = network.architecture().preprocess().shape().map(|n| n as i64);
     // The live network answers every second frame of a piece, so there are pieces for both.
     let (phases, step) = match network.architecture() {
-        BrakingArchitecture::Live => (2, 2),
+        BrakingArchitecture::Live | BrakingArchitecture::Wide => (2, 2),
         BrakingArchitecture::Stacked => (1, 1),
     };
     for phase in 0..phases {
@@ -81,15 +101,18 @@ fn values(
             drive.pictures(from, length, reader, &mut pixels)?;
             let frames = Tensor::f_from_data_size(&pixels, &[1, length as i64, height, width], Kind::Uint8)?;
             let speeds = Tensor::f_from_slice(&speeds[from..from + length])?.f_view([1, -1])?;
-            let answers = network.forward(&frames.f_to_kind(Kind::Float)?, &speeds, false)?.due;
-            let answers = Vec::<f64>::try_from(&answers.f_view([-1])?.f_to_kind(Kind::Double)?)?;
-            for (end, answer) in (from + FRAMES - 1..).step_by(2).zip(&answers) {
-                values[end] = *answer;
+            let said = network.forward(&frames.f_to_kind(Kind::Float)?, &speeds, false)?;
+            let numbers = |x: &Tensor| Vec::<f64>::try_from(&x.f_reshape([-1])?.f_to_kind(Kind::Double)?);
+            let due = numbers(&said.due)?;
+            let ends = || (from + FRAMES - 1..).step_by(2);
+            ends().zip(&due).for_each(|(end, due)| values[end] = *due);
+            if let Some(said) = &said.blocked {
+                ends().zip(numbers(said)?).for_each(|(end, said)| blocked[end] = said);
             }
-            from += answers.len() * step;
+            from += due.len() * step;
         }
     }
-    Ok(values)
+    Ok([values, blocked])
 }
 
 #[cfg(test)]
@@ -128,7 +151,9 @@ mod tests {
             assert_eq!(live.is_some(), i >= 19);
             assert_eq!(live.is_some(), episode.values[i].is_finite(), "frame {i}");
             if let Some(live) = live {
-                assert!((live.due - episode.values[i]).abs() < 1e-4, "frame {i}: {live:?} {}", episode.values[i]);
+                let (due, blocked) = (episode.values[i], episode.blocked[i]);
+                assert!((live.due - due).abs() < 1e-4, "frame {i}: {live:?} {due}");
+                assert!((live.blocked - blocked).abs() < 1e-4, "frame {i}: {live:?} {blocked}");
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use tch::{Kind, Tensor};
 
 use super::{
@@ -47,7 +48,7 @@ pub(super) struct Batch {
 pub(super) fn length(architecture: BrakingArchitecture) -> usize {
     match architecture {
         BrakingArchitecture::Stacked => FRAMES,
-        BrakingArchitecture::Live => FRAMES + MORE,
+        BrakingArchitecture::Live | BrakingArchitecture::Wide => FRAMES + MORE,
     }
 }
 
@@ -145,7 +146,7 @@ impl Draw {
         drives: &[Drive],
         wanted: &[Vec<Wanted>],
         recipe: &BrakingRecipe,
-        reader: &mut Reader,
+        reader: &Reader,
     ) -> Result<Option<(Batch, Vec<Card>)>, BrakingDataError> {
         let (length, weights) = (length(recipe.network), Windows::weights(recipe, self.share));
         let (mut drawn, mut cards) = (vec![], vec![]);
@@ -155,7 +156,7 @@ impl Draw {
             let random = &mut self.random;
             // The live network answers every second frame; which of the two, the draw says.
             let late = usize::from(
-                recipe.network == BrakingArchitecture::Live
+                recipe.network != BrakingArchitecture::Stacked
                     && from + length < drives[d].frames()
                     && random.random::<bool>(),
             );
@@ -225,25 +226,25 @@ pub(super) fn batch(
     drives: &[Drive],
     wanted: &[Vec<Wanted>],
     recipe: &BrakingRecipe,
-    reader: &mut Reader,
+    reader: &Reader,
     random: &mut ChaCha8Rng,
 ) -> Result<Batch, BrakingDataError> {
     let (length, count) = (length(recipe.network), drawn.len() as i64);
     let [_, height, width] = recipe.network.preprocess().shape();
-    let (mut pixels, mut window_pixels) = (Vec::with_capacity(drawn.len() * length * height * width), vec![]);
+    // Decoding and changing pictures is a large part of the work.
+    let pixels = |reader: &mut Reader, Drawn { window: (d, from), change, .. }: &Drawn| {
+        let mut pixels = Vec::with_capacity(length * height * width);
+        drives[*d].pictures(*from, length, reader, &mut pixels)?;
+        let Some(change) = change else { return Ok(pixels) };
+        let mut changed = Vec::with_capacity(pixels.len());
+        pixels.chunks_exact(height * width).for_each(|picture| change.apply(picture, [height, width], &mut changed));
+        Ok(changed)
+    };
+    let pixels = drawn.par_iter().map_init(|| reader.clone(), pixels).collect::<Result<Vec<_>, BrakingDataError>>()?;
     let (mut speeds, mut due, mut weights, mut blocked) = (vec![], vec![], vec![], vec![]);
     let (mut near, mut seen) = (vec![], vec![]);
-    for Drawn { window: (d, from), unknown, weight, change } in drawn {
+    for Drawn { window: (d, from), unknown, weight, .. } in drawn {
         let (drive, wanted) = (&drives[*d], &wanted[*d][*from..from + length]);
-        match change {
-            None => drive.pictures(*from, length, reader, &mut pixels)?,
-            Some(change) => {
-                window_pixels.clear();
-                drive.pictures(*from, length, reader, &mut window_pixels)?;
-                let pictures = window_pixels.chunks_exact(height * width);
-                pictures.for_each(|picture| change.apply(picture, [height, width], &mut pixels));
-            }
-        }
         speeds.extend(failing(&drive.speed_kmh[*from..from + length], *unknown, random));
         for wanted in wanted[FRAMES - 1..].iter().step_by(2) {
             due.push(wanted.due);
@@ -258,7 +259,7 @@ pub(super) fn batch(
     let size = [count, length as i64, height as i64, width as i64];
     let rows = |values: &[f32]| Tensor::from_slice(values).view([count, -1]);
     Ok(Batch {
-        frames: Tensor::from_data_size(&pixels, &size, Kind::Uint8).to_kind(Kind::Float),
+        frames: Tensor::from_data_size(&pixels.concat(), &size, Kind::Uint8).to_kind(Kind::Float),
         speeds: rows(&speeds),
         due: rows(&due),
         weights: rows(&weights),
@@ -281,6 +282,11 @@ pub(super) mod tests {
 
     /// 20 s: drives at 30 km/h, is braked hard from frame 150 on, and stands from 170 on.
     pub(in crate::braking) fn drive() -> Drive {
+        seen(64 * 240)
+    }
+
+    /// The same in pictures of so many pixels.
+    pub(in crate::braking) fn seen(pixels: usize) -> Drive {
         let story = Story {
             name: "made".into(),
             part: Part::Train,
@@ -291,7 +297,7 @@ pub(super) mod tests {
         };
         let speed = |i: i32| if i < 150 { 30.0 } else { (30.0 - 1.5 * (i - 150) as f32).max(0.0) };
         let pedal = (0..300).map(|i| f64::from(u8::from((150..200).contains(&i)))).collect();
-        Drive::made(story, (0..300).map(speed).collect(), pedal, 64 * 240, 7)
+        Drive::made(story, (0..300).map(speed).collect(), pedal, pixels, 7)
     }
 
     pub(in crate::braking) fn recipe(more: &str) -> BrakingRecipe {
@@ -320,10 +326,10 @@ pub(super) mod tests {
         let recipe = recipe("standing = 0.2\nspeed_dropout = 1.0\nshift_px = 3");
         let wanted: Vec<_> = drives.iter().map(|drive| wanted(drive, &recipe)).collect();
         let mut draw = Draw::new(Windows::of(&drives, &wanted, &recipe), &recipe);
-        let mut reader = Reader::new(recipe.network.preprocess()).unwrap();
+        let reader = Reader::new(recipe.network.preprocess()).unwrap();
         let (mut standing, mut moving, mut unknown) = (0.0, 0.0, 0.0);
         for _ in 0..200 {
-            let (batch, _) = draw.batch(&drives, &wanted, &recipe, &mut reader).unwrap().unwrap();
+            let (batch, _) = draw.batch(&drives, &wanted, &recipe, &reader).unwrap().unwrap();
             assert_eq!((batch.frames.size(), batch.due.size()), (vec![8, 64, 64, 240], vec![8, 23]));
             assert_eq!((batch.near.size(), batch.seen.size()), (vec![8, 31, 2], vec![8, 31, 1]));
             for i in 0..8 {

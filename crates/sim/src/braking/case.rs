@@ -156,6 +156,17 @@ named! {
     }
 }
 
+impl Part {
+    /// The piece of a road that all parts share on which this one is played, as shares of the lap.
+    pub const fn piece(self) -> [f64; 2] {
+        match self {
+            Self::Train => [0.0, 0.55],
+            Self::Validation => [0.55, 0.75],
+            Self::HeldOut => [0.75, 1.0],
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -28,6 +28,9 @@ const FAILING: f64 = 0.3;
 const FAILS_S: (f64, f64) = (0.6, 3.0);
 /// Of so many episodes, the last is part of a lap.
 const LAP_EVERY: usize = 5;
+/// What comes once more for each time that it comes by itself, to learn from alone: the hazards that a network missed most often,
+/// and what it braked for in vain.
+const MORE: [Case; 7] = [Case::Cpfa, Case::Child, Case::Cbna, Case::Parked, Case::Bends, Case::Bystanders, Case::Waits];
 /// The layers of laps, in turn.
 const LAP_LAYERS: [Layer; 6] = [Layer::Plain, Layer::Rain, Layer::Plain, Layer::LowSun, Layer::Plain, Layer::Night];
 /// Of ten episodes of a kind: seven to learn from, one to choose by, two to judge by.
@@ -44,19 +47,47 @@ const PARTS: [Part; 10] = [
     Part::Train,
 ];
 
-/// The roads of a part, but for laps. What is held out is played on roads of its own.
+/// The roads of a part, but for laps. What is held out is played on roads of its own. There are many to learn from: of a few, a
+/// network knows every post.
 pub fn tracks(part: Part) -> &'static [&'static str] {
     match part {
-        Part::Train => {
-            &["lake", "jungle", "mountain", "random:1", "random:2", "random:3", "random:4", "random:5", "random:6"]
-        }
+        Part::Train => &[
+            "lake",
+            "jungle",
+            "mountain",
+            "random:1",
+            "random:2",
+            "random:3",
+            "random:4",
+            "random:5",
+            "random:6",
+            "random:13",
+            "random:14",
+            "random:15",
+            "random:16",
+            "random:17",
+            "random:18",
+            "random:19",
+            "random:20",
+            "random:21",
+            "random:22",
+            "random:23",
+            "random:24",
+            "random:25",
+            "random:26",
+            "random:27",
+            "random:28",
+            "random:29",
+            "random:30",
+            "random:31",
+            "random:32",
+        ],
         Part::Validation => &["random:7", "random:8"],
         Part::HeldOut => &["random:9", "random:10", "random:11", "random:12"],
     }
 }
 
-/// The roads of a lap of a part: the three tracks as often as its other roads. Who drives laps knows the road; what is held out
-/// is their weather, and where they begin.
+/// The roads of a lap of a part: the three tracks, of which each part has its own piece, as often as its other roads.
 fn lap_track(part: Part, drawn: f64) -> &'static str {
     let others = tracks(part);
     let both = |i: f64, of: &[&'static str]| of[((i * of.len() as f64) as usize).min(of.len() - 1)];
@@ -114,14 +145,20 @@ impl Episode {
     }
 }
 
+/// A case in a layer, and whether it is to learn from alone.
+type Cell = (Case, Layer, bool);
+
 /// Episodes without end: two hazards and two negatives in turn, then part of a lap; and every case in every layer before the
 /// first comes again, so that any beginning is as balanced as can be.
 pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
     let cells = |kind| {
-        let cases = Case::of(kind).filter(|case| *case != Case::Lap);
-        cases.flat_map(|case| case.layers().map(move |layer| (case, layer))).collect::<Vec<_>>()
+        let of = |more: bool| {
+            let cases = Case::of(kind).filter(move |case| *case != Case::Lap && (!more || MORE.contains(case)));
+            cases.flat_map(move |case| case.layers().map(move |layer| (case, layer, more)))
+        };
+        of(false).chain(of(true)).collect::<Vec<Cell>>()
     };
-    let laps: Vec<(Case, Layer)> = LAP_LAYERS.map(|layer| (Case::Lap, layer)).to_vec();
+    let laps: Vec<Cell> = LAP_LAYERS.map(|layer| (Case::Lap, layer, false)).to_vec();
     let [hazards, negatives] = [Kind::Hazard, Kind::Negative].map(cells);
     (0_usize..).map(move |i| {
         let (group, within) = (i / LAP_EVERY, i % LAP_EVERY);
@@ -132,8 +169,8 @@ pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
         let count = cells.len();
         // A step that is prime to their numbers mixes cases and layers.
         let (round, cell) = (turn / count, turn * 7 % count);
-        let (case, layer) = cells[cell];
-        let part = PARTS[(round + 3 * cell) % PARTS.len()];
+        let (case, layer, to_learn_from) = cells[cell];
+        let part = if to_learn_from { Part::Train } else { PARTS[(round + 3 * cell) % PARTS.len()] };
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(i as u64 + 1);
         let around = SPEEDS_MPH[(round + cell) % SPEEDS_MPH.len()] + AROUND_MPH * (2.0 * rng.random::<f64>() - 1.0);
@@ -174,6 +211,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn what_is_hardest_comes_more_often_to_learn_from_and_no_more_often_to_judge_by() {
+        let all: Vec<Episode> = episodes(1).take(6000).collect();
+        let count = |case: Case, part: Part| all.iter().filter(|e| e.case == case && e.part == part).count() as f64;
+        let times = |part| count(Case::Cpfa, part) / count(Case::Cpna, part);
+        assert!((2.2..2.7).contains(&times(Part::Train)), "{}", times(Part::Train)); // 0.7 + 1 of 0.7
+        assert!((0.8..1.25).contains(&times(Part::HeldOut)), "{}", times(Part::HeldOut));
+        let held_out = all.iter().filter(|e| e.part == Part::HeldOut).count();
+        assert!((850..1000).contains(&held_out), "{held_out}");
+    }
+
+    #[test]
     fn reaction_times_are_about_a_second_and_never_beyond_their_limits() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let drawn: Vec<f64> = (0..4000).map(|_| reaction_s(&mut rng)).collect();
@@ -185,8 +233,9 @@ mod tests {
 
     #[test]
     fn every_case_in_every_layer_comes_before_the_first_comes_again_and_each_part_has_its_own_roads() {
-        let first: Vec<Episode> = episodes(1).take(225).collect();
-        let cells: BTreeSet<_> = first.iter().take(115).map(|episode| (episode.case, episode.layer)).collect();
+        let first: Vec<Episode> = episodes(1).take(310).collect();
+        // Two of five are hazards, and 60 of them are all in all layers and three more of each of three.
+        let cells: BTreeSet<_> = first.iter().take(155).map(|episode| (episode.case, episode.layer)).collect();
         assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Hazard).count(), 45);
         assert_eq!(cells.iter().filter(|(case, _)| case.kind() == Kind::Negative).count(), 45);
         let names: BTreeSet<_> = first.iter().map(|episode| &episode.name).collect();
@@ -198,8 +247,8 @@ mod tests {
         }
         let elsewhere = |part| tracks(Part::Train).iter().all(|track| !tracks(part).contains(track));
         assert!(elsewhere(Part::Validation) && elsewhere(Part::HeldOut));
-        assert_eq!(first.iter().filter(|episode| episode.case == Case::Lap).count(), 225 / LAP_EVERY);
-        let again: Vec<Episode> = episodes(1).take(225).collect();
+        assert_eq!(first.iter().filter(|episode| episode.case == Case::Lap).count(), 310 / LAP_EVERY);
+        let again: Vec<Episode> = episodes(1).take(310).collect();
         assert_eq!(again, first);
         assert_ne!(episodes(2).next().map(|episode| episode.seed), Some(first[0].seed));
     }

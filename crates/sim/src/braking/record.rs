@@ -39,8 +39,9 @@ const PRESSED_BEFORE_S: f64 = 0.45;
 const DRAWS: u64 = 24;
 /// No episode is much shorter, in seconds: the target is reached later.
 const SHORTEST_S: f64 = 5.0;
-/// So many episodes are rehearsed, and recorded, before it is looked whether there are enough, and the table is written.
-const AT_ONCE: usize = 32;
+/// So many episodes for each processor are rehearsed, and recorded, before it is looked whether there are enough, and the table
+/// is written: with fewer, most processors wait for the longest episode.
+const AT_ONCE: usize = 16;
 
 /// How much is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,7 +150,7 @@ pub fn record(
     let path = |recorded: &Recorded| folder.join(format!("{}.mcap", recorded.episode.name));
     report.kept = drawn.iter().filter(|recorded| path(recorded).is_file()).count();
     let total = drawn.len();
-    for some in drawn.chunks(AT_ONCE) {
+    for some in drawn.chunks(at_once()) {
         let record = |recorded: &Recorded| {
             let path = path(recorded);
             if path.is_file() { Ok(()) } else { write(&places, &recorded.episode, options, &path) }
@@ -167,6 +168,10 @@ pub fn record(
     Ok(report)
 }
 
+fn at_once() -> usize {
+    AT_ONCE * rayon::current_num_threads()
+}
+
 /// Draws episodes until they are long enough.
 fn rehearse(places: &mut Places, options: DataOptions) -> Result<(DataReport, Vec<Recorded>), DataError> {
     let (mut report, mut drawn, mut frames) = (DataReport::default(), vec![], 0);
@@ -175,7 +180,7 @@ fn rehearse(places: &mut Places, options: DataOptions) -> Result<(DataReport, Ve
     while (frames as f64) < wanted {
         // No more than may be needed: each road that is opened takes a second.
         let missing = (wanted - frames as f64) / (SHORTEST_S * options.hz);
-        let some: Vec<Episode> = planned.by_ref().take((missing.ceil() as usize).clamp(1, AT_ONCE)).collect();
+        let some: Vec<Episode> = planned.by_ref().take((missing.ceil() as usize).clamp(1, at_once())).collect();
         places.open(some.iter().map(|episode| &*episode.track).collect::<BTreeSet<_>>())?;
         let places = &*places;
         let rehearsed = some.par_iter().map(|episode| of_use(places, episode, options));

@@ -63,6 +63,8 @@ pub struct Place {
     track: Arc<Track>,
     scenery: Arc<Scenery>,
     stretches: Stretches,
+    /// Whether all parts are played on it, each on its own piece.
+    shared: bool,
 }
 
 impl Place {
@@ -73,7 +75,13 @@ impl Place {
     pub fn open(name: &str) -> Result<Self, TrackError> {
         let track = Track::open(name)?;
         let scenery = Arc::new(Scenery::new(&track));
-        Ok(Self { stretches: Stretches::of(&track), track: Arc::new(track), scenery })
+        let shared = Track::NAMES.contains(&name);
+        Ok(Self { stretches: Stretches::of(&track), track: Arc::new(track), scenery, shared })
+    }
+
+    /// The piece of it on which a part is played, from and to in metres along the road; all of a road that no other part has.
+    pub fn piece(&self, part: Part) -> Option<[f64; 2]> {
+        self.shared.then(|| part.piece().map(|share| share * self.track.length()))
     }
 
     /// The road.
@@ -106,6 +114,8 @@ impl Staging {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let speed = self.speed_mph * MPS_PER_MPH;
         let mut scenario = match self.case {
+            // In a bend, who stands beside the road stands straight ahead: what is judged are cars alone.
+            Case::Bends if self.part == Part::Train && rng.random() => Scenario::named(Case::Bystanders.name())?,
             Case::Bends => Scenario::named(Case::Parked.name())?,
             Case::Lap | Case::Shadows => nothing(),
             Case::Crosses | Case::Waits => Scenario::named(CROSSERS[rng.random_range(0..CROSSERS.len())].name())?,
@@ -121,10 +131,19 @@ impl Staging {
             Case::GentleStop => lead_s + GENTLE_AFTER_S,
             _ => lead_s + AFTER_S,
         };
+        let (piece, chosen) = (place.piece(self.part), rng.random::<f64>());
+        if let (Case::Lap | Case::Shadows, Some([from, to])) = (self.case, piece) {
+            scenario.duration_s = scenario.duration_s.min((to - from) / speed);
+        }
+        // Where it may begin, so that it ends in the piece as well.
+        let starts = piece.map(|[from, to]| [from, (to - speed * scenario.duration_s).max(from)]);
         let s = match self.case {
-            Case::Lap | Case::Shadows => rng.random::<f64>() * place.track.length(),
-            Case::Bends => place.stretches.bent(rng.random()),
-            _ => place.stretches.straight(&place.track, &scenario, rng.random()),
+            Case::Lap | Case::Shadows => {
+                let [from, to] = starts.unwrap_or([0.0, place.track.length()]);
+                from + chosen * (to - from)
+            }
+            Case::Bends => place.stretches.bent(starts, chosen),
+            _ => place.stretches.straight(&place.track, &scenario, starts, chosen),
         };
         scenario.ego.s_m = Some(Draw::Exactly(s.min(place.track.length() - 0.1)));
         let longest_s = Some(scenario.duration_s);
@@ -145,7 +164,10 @@ impl Staging {
         let brightness = between((0.85, 1.15));
         let plain = Conditions { brightness, noise: between((0.0, 2.0)), ..Conditions::default() };
         match self.layer {
-            Layer::Plain | Layer::Hidden => plain,
+            Layer::Plain | Layer::Hidden if held_out => {
+                Conditions { brightness: between((0.7, 0.8)), haze: between((0.15, 0.3)), ..plain }
+            }
+            Layer::Plain | Layer::Hidden => Conditions { haze: between((0.0, 0.1)), ..plain },
             Layer::Rain => {
                 let rain = between(if held_out { (0.75, 0.95) } else { (0.3, 0.7) });
                 Conditions { rain, haze: between((0.0, 0.3)), ..plain }

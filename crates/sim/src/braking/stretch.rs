@@ -40,20 +40,28 @@ impl Stretches {
         Self { places: places.into_iter().map(|(_, s)| s).collect() }
     }
 
-    /// One of the straightest places, by a number from 0 to 1, where everything in the scenario has ground to stand on; where
-    /// there is none, one of the straightest.
-    pub fn straight(&self, track: &Track, scenario: &Scenario, chosen: f64) -> f64 {
-        let reach = Reach::of(track, scenario);
-        let suits: Vec<f64> = self.places.iter().copied().filter(|s| reach.suits(track, *s)).collect();
-        let from = if suits.is_empty() { &self.places } else { &suits };
-        let count = ((self.places.len() as f64 * STRAIGHTEST) as usize).clamp(1, from.len());
+    /// One of the straightest places between two, by a number from 0 to 1, where everything in the scenario has ground to stand
+    /// on; where there is none, one of the straightest.
+    pub fn straight(&self, track: &Track, scenario: &Scenario, starts: Option<[f64; 2]>, chosen: f64) -> f64 {
+        let (reach, places) = (Reach::of(track, scenario), self.between(starts));
+        let suits: Vec<f64> = places.iter().copied().filter(|s| reach.suits(track, *s)).collect();
+        let from = if suits.is_empty() { &places } else { &suits };
+        let count = ((places.len() as f64 * STRAIGHTEST) as usize).clamp(1, from.len());
         pick(&from[..count], chosen)
     }
 
-    /// One of the places with the sharpest bends.
-    pub fn bent(&self, chosen: f64) -> f64 {
-        let first = (self.places.len() as f64 * (1.0 - BENT)) as usize;
-        pick(&self.places[first..], chosen)
+    /// One of the places with the sharpest bends between two.
+    pub fn bent(&self, starts: Option<[f64; 2]>, chosen: f64) -> f64 {
+        let places = self.between(starts);
+        let first = (places.len() as f64 * (1.0 - BENT)) as usize;
+        pick(&places[first..], chosen)
+    }
+
+    /// Those between two, of which there is always one; all by default.
+    fn between(&self, starts: Option<[f64; 2]>) -> Vec<f64> {
+        let Some([from, to]) = starts else { return self.places.clone() };
+        let own: Vec<f64> = self.places.iter().copied().filter(|s| (from..=to).contains(s)).collect();
+        if own.is_empty() { vec![from] } else { own }
     }
 }
 

@@ -35,11 +35,12 @@ fn episode(case: Case, layer: Layer, speed_mph: f64, seed: u64) -> Episode {
 
 #[test]
 fn every_hazard_is_hit_in_every_layer_if_nobody_brakes() {
-    let places = lake();
+    let mut places = Places::default();
+    places.open(["random:9", "random:10"]).unwrap();
     for case in Case::of(Kind::Hazard) {
         for (i, layer) in case.layers().enumerate() {
             for (k, speed_mph) in [10.0, 20.0, 30.0].into_iter().enumerate() {
-                let (seed, track) = ((i * 3 + k) as u64, ["lake", "random:9"][k % 2].to_owned());
+                let (seed, track) = ((i * 3 + k) as u64, ["random:10", "random:9"][k % 2].to_owned());
                 let trial = Trial { case, layer, track, speed_mph, seed, laps: None };
                 let outcome = trial.drive(&places, Braker::Nobody, &mut |_| Ok(())).unwrap();
                 assert!(outcome.impact_mph.is_some(), "{trial:?}: {outcome:?}");
@@ -130,6 +131,66 @@ fn each_layer_changes_the_picture_and_what_is_held_out_looks_different() {
     let staging = Staging { case: Case::Ccrs, layer: Layer::Plain, part: Part::HeldOut, speed_mph: 20.0, seed: 6 };
     let world = Simulation::new(staging.setup(places.get("random:9").unwrap()).unwrap()).unwrap();
     assert!(world.actors().iter().all(|actor| Looks::of(actor.look) == Looks::HeldOut));
+}
+
+#[test]
+fn on_a_road_that_all_parts_share_each_has_its_own_piece() {
+    let places = lake();
+    // From where to where it may be driven, in each part.
+    let driven = |part: Part, case: Case| {
+        let staged = (0..60).map(|seed| {
+            let speed_mph = [10.0, 20.0, 29.5][seed as usize % 3];
+            let place = places.get("lake").unwrap();
+            let setup = Staging { case, layer: Layer::Plain, part, speed_mph, seed }.setup(place).unwrap();
+            let (scenario, length) = (setup.scenario.unwrap(), place.track().length());
+            let s = scenario.ego.s_m.unwrap().value();
+            let way_m = scenario.ego.speed_kmh.value() / 3.6 * scenario.duration_s;
+            (s / length, (s + way_m) / length, scenario.duration_s)
+        });
+        staged.fold((f64::MAX, f64::MIN, f64::MAX), |(from, to, least_s), (a, b, s)| {
+            (f64::min(from, a), f64::max(to, b), f64::min(least_s, s))
+        })
+    };
+    for case in [Case::Lap, Case::Ccrs, Case::Bends] {
+        let [train, validation, held_out] = Part::ALL.map(|part| driven(part, case));
+        assert!(
+            train.1 <= validation.0 + 1e-9 && validation.1 <= held_out.0 + 1e-9,
+            "{case}: {train:?} {validation:?}"
+        );
+        assert!(held_out.1 <= 1.0 + 1e-9 && held_out.0 >= 0.75, "{case}: {held_out:?}");
+        assert!(train.2 > 10.0 && held_out.2 > 10.0, "{case}: no drive is short: {train:?} {held_out:?}");
+    }
+    let weather = |part| {
+        let staging = Staging { case: Case::Lap, layer: Layer::Plain, part, speed_mph: 20.0, seed: 3 };
+        staging.setup(places.get("lake").unwrap()).unwrap().conditions
+    };
+    assert!(weather(Part::Train).haze < 0.1 && weather(Part::HeldOut).haze >= 0.15);
+    assert!(weather(Part::Train).brightness >= 0.85 && weather(Part::HeldOut).brightness <= 0.8);
+}
+
+#[test]
+fn what_is_hidden_is_out_of_sight_for_a_while_and_what_is_not_never_is() {
+    let mut places = Places::default();
+    places.open(["random:9"]).unwrap();
+    // For how long the target cannot be seen in the last six seconds before it is hit, and whether it can in the last one.
+    let unseen = |case: Case, layer: Layer| {
+        let trial = Trial { case, layer, track: "random:9".into(), speed_mph: 20.0, seed: 1, laps: None };
+        let mut seen = vec![];
+        let mut show = |world: &Simulation| {
+            let target = world.actors()[0].position;
+            seen.push(sight::Sight::of(world).seen().iter().any(|actor| actor.position == target));
+            Ok(())
+        };
+        trial.drive(&places, Braker::Nobody, &mut show).unwrap();
+        let unseen = seen.iter().rev().take(90).filter(|seen| !**seen).count();
+        (unseen as f64 / 15.0, seen.iter().rev().take(15).all(|seen| *seen))
+    };
+    for case in Case::of(Kind::Hazard) {
+        let (hidden_s, ends_seen) = unseen(case, Layer::Hidden);
+        assert!(hidden_s >= 0.3 && ends_seen, "{case}: {hidden_s} s {ends_seen}");
+        let (plain_s, _) = unseen(case, Layer::Plain);
+        assert!(plain_s == 0.0 || case == Case::Child, "{case}: {plain_s} s");
+    }
 }
 
 #[test]

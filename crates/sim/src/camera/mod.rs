@@ -12,7 +12,7 @@
 //! | `section` | the road's cross-section: lines, kerbs, verge, antialiased |
 //! | `plants`, `sprites` | trees, bushes, boulders, posts: where they stand, their pictures |
 //! | `wires` | the wires of power lines |
-//! | `models` | cars, people, cones and barriers |
+//! | `models`, `wardrobe` | cars, people, cones and barriers, and their colours |
 //! | `light` | sun and shadows on ground and road, worked out once for each sun |
 //! | `viewpoint` | where a camera is, and where in its picture a point falls |
 //! | `raster` | which triangle a pixel shows |
@@ -41,6 +41,7 @@ mod sprites;
 mod terrain;
 mod texture;
 pub(crate) mod viewpoint;
+mod wardrobe;
 mod weather;
 mod wires;
 

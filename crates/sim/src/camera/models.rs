@@ -2,86 +2,14 @@
 
 use glam::Vec3;
 
-use super::raster::{Cluster, Paint};
+use super::{
+    raster::{Cluster, Paint},
+    wardrobe::{Colour, Wardrobe},
+};
 use crate::{
     scene::{Actor, ActorKind, Looks},
     vehicle::BODY,
 };
-
-type Colour = [u8; 3];
-
-const CARS: [Colour; 6] = [[186, 40, 36], [50, 80, 150], [212, 212, 208], [60, 62, 66], [206, 166, 52], [58, 112, 74]];
-const CLOTHES: [Colour; 5] = [[170, 50, 44], [56, 84, 140], [196, 180, 60], [80, 128, 84], [122, 84, 136]];
-const TROUSERS: [Colour; 3] = [[48, 52, 66], [84, 72, 58], [36, 36, 38]];
-const SKIN: Colour = [206, 162, 132];
-
-/// The colours of a wardrobe: cars, clothes, trousers, skin, hair.
-struct Wardrobe {
-    cars: &'static [Colour],
-    clothes: &'static [Colour],
-    trousers: &'static [Colour],
-    skin: &'static [Colour],
-    hair: &'static [Colour],
-}
-
-const PLAIN: Wardrobe =
-    Wardrobe { cars: &CARS, clothes: &CLOTHES, trousers: &TROUSERS, skin: &[SKIN], hair: &[[52, 40, 30]] };
-
-const LEARNT: Wardrobe = Wardrobe {
-    cars: &[
-        [186, 40, 36],
-        [50, 80, 150],
-        [212, 212, 208],
-        [60, 62, 66],
-        [206, 166, 52],
-        [58, 112, 74],
-        [22, 24, 28],
-        [140, 146, 152],
-        [96, 40, 48],
-        [232, 232, 232],
-        [96, 128, 160],
-    ],
-    clothes: &[
-        [170, 50, 44],
-        [56, 84, 140],
-        [196, 180, 60],
-        [80, 128, 84],
-        [122, 84, 136],
-        [30, 32, 40],
-        [226, 226, 220],
-        [120, 120, 124],
-        [176, 112, 64],
-    ],
-    trousers: &[[48, 52, 66], [84, 72, 58], [36, 36, 38], [110, 118, 136]],
-    skin: &[SKIN, [150, 104, 78], [228, 190, 164]],
-    hair: &[[52, 40, 30], [24, 20, 18], [150, 116, 66]],
-};
-
-const HELD_OUT: Wardrobe = Wardrobe {
-    cars: &[
-        [214, 104, 36],
-        [44, 132, 140],
-        [170, 156, 128],
-        [118, 68, 132],
-        [156, 190, 204],
-        [74, 58, 44],
-        [110, 130, 60],
-    ],
-    clothes: &[[220, 112, 40], [40, 140, 140], [206, 120, 150], [146, 170, 70], [90, 60, 44], [170, 190, 214]],
-    trousers: &[[64, 84, 60], [130, 104, 84], [70, 40, 48], [160, 156, 146]],
-    skin: &[[96, 66, 50], [188, 140, 104], [240, 208, 186]],
-    hair: &[[90, 44, 28], [120, 118, 116], [14, 12, 12]],
-};
-
-impl Wardrobe {
-    fn of(look: u32) -> &'static Self {
-        match Looks::of(look) {
-            Looks::Plain => &PLAIN,
-            Looks::Learnt => &LEARNT,
-            Looks::HeldOut => &HELD_OUT,
-        }
-    }
-}
 
 /// What someone has on, and is.
 #[derive(Clone, Copy)]

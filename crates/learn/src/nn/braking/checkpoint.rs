@@ -6,7 +6,7 @@
 //! | key | holds |
 //! |---|---|
 //! | `format` | `lapwing/1` |
-//! | `architecture` | `brake-stacked` or `brake-live` |
+//! | `architecture` | `brake-stacked`, `brake-live` or `brake-wide` |
 //! | `preprocess` | JSON of [`Preprocess`] |
 //! | `limits` | JSON, `{"fires":0.5,"releases":0.25}`: between which values a guard brakes and rests |
 //! | `training` | how it was trained and on what: text or JSON, for people |
@@ -229,7 +229,7 @@ mod tests {
         let pilot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/pilotnet.safetensors");
         let error = BrakingCheckpoint::load(&pilot).unwrap_err().to_string();
         assert!(
-            error.ends_with("expected a network that brakes (brake-stacked, brake-live), got \"pilotnet\""),
+            error.ends_with("expected a network that brakes (brake-stacked, brake-live, brake-wide), got \"pilotnet\""),
             "{error}"
         );
         let missing = BrakingCheckpoint::load(Path::new("/nowhere/brake.safetensors")).unwrap_err().to_string();

@@ -1,12 +1,13 @@
-//! The small network for live use: it looks at each frame once, beside the one a fifth of a second before it, and keeps what
-//! it saw; two linear layers decide by what was seen at each second of the last 20 frames, and by their speeds.
+//! The small network for live use, in two widths: it looks at each frame once, beside the one a fifth of a second before it, and
+//! keeps what it saw; two linear layers decide by what was seen at each second of the last 20 frames, and by their speeds.
 //!
 //! ```text
 //! frame, less the one 3 before ─▶ 5 convolutions, linear ─▶ 48 numbers ┐ of frames t, t-2, … t-16
 //! speed, and whether it is known ─────────────────────────────────────┴─▶ 2 linear layers ─▶ due, blocked
 //! ```
-//! A live step so costs one frame's convolutions, 9.4 million multiplications, not those of 20 frames. With its predecessor
-//! three frames earlier, the oldest of the nine frames reaches back to the first of the 20.
+//! A live step so costs one frame's convolutions, 9.4 million multiplications, not those of 20 frames; of the wide one, which
+//! keeps 64 numbers, 18.5 million. With its predecessor three frames earlier, the oldest of the nine frames reaches back to the
+//! first of the 20.
 //!
 //! Each frame is brought to a mean of 0 and a standard deviation of 1 first, as for the [`lane`](crate::nn::lane): it drives
 //! by night and against a low sun.
@@ -22,23 +23,38 @@ use crate::nn::{
 /// Rows and columns that it takes.
 pub const SIZE: [usize; 2] = [64, 240];
 
-/// How many numbers it learns.
-pub const PARAMETERS: usize = 132_708;
+/// How wide one is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Width {
+    /// Outputs, inputs, kernel and stride of each convolution.
+    convolutions: [[i64; 4]; 5],
+    /// What is kept of a frame.
+    features: i64,
+    hidden: i64,
+}
 
-/// Outputs, inputs, kernel and stride of each convolution.
-const CONVOLUTIONS: [[i64; 4]; 5] = [[16, 2, 5, 2], [24, 16, 3, 2], [32, 24, 3, 2], [48, 32, 3, 2], [64, 48, 3, 2]];
+/// 132,708 parameters.
+pub(super) const LIVE: Width = Width {
+    convolutions: [[16, 2, 5, 2], [24, 16, 3, 2], [32, 24, 3, 2], [48, 32, 3, 2], [64, 48, 3, 2]],
+    features: 48,
+    hidden: 64,
+};
 
-/// 64 channels of 2 x 8, channel by channel.
-const FLAT: i64 = 1024;
-/// What is kept of a frame.
-const FEATURES: i64 = 48;
+/// 285,740 parameters.
+pub(super) const WIDE: Width = Width {
+    convolutions: [[24, 2, 5, 2], [36, 24, 3, 2], [48, 36, 3, 2], [64, 48, 3, 2], [96, 64, 3, 2]],
+    features: 64,
+    hidden: 128,
+};
+
+/// The channels of the last convolution are 2 x 8, channel by channel.
+const LAST_PIXELS: i64 = 16;
 /// A frame is seen beside the one so many before it.
 pub(crate) const LAG: i64 = 3;
 /// Of every so many frames, one is taken into account.
 pub(crate) const STEP: i64 = 2;
 /// How many those are of 20 frames.
 const TAPS: i64 = (FRAMES as i64 - LAG - 1) / STEP + 1;
-const HIDDEN: i64 = 64;
 const DROPOUT: f64 = 0.2;
 
 /// Speeds are counted in this many km/h.
@@ -50,6 +66,7 @@ const LEAST_VARIANCE: f64 = 4.0;
 /// `fc1.weight` to `fc2.bias`, shaped as PyTorch's.
 #[derive(Debug)]
 pub(super) struct Live {
+    width: Width,
     convolutions: [NormedConvolution; 5],
     /// Numbers of the convolutions: bf16 takes half the time in training.
     kind: Kind,
@@ -65,7 +82,7 @@ pub(super) struct Live {
 pub struct Seen {
     /// The newest last: (1, 1, H, W), as brought to one light, or as they came.
     frames: Vec<Tensor>,
-    /// (1, 1, FEATURES) of each frame that has a predecessor.
+    /// (1, 1, features) of each frame that has a predecessor.
     features: Vec<Tensor>,
     speeds_kmh: Vec<f32>,
 }
@@ -114,20 +131,23 @@ fn every(x: &Tensor, first: i64, step: i64) -> Result<Tensor, NnError> {
 }
 
 impl Live {
-    pub(super) fn build(source: &mut TensorSource<'_>) -> Result<Self, NnError> {
+    pub(super) fn build(source: &mut TensorSource<'_>, width: Width) -> Result<Self, NnError> {
+        let Width { features, hidden, .. } = width;
+        let flat = width.convolutions[4][0] * LAST_PIXELS;
         let mut convolution = |i: usize| {
-            let [outputs, inputs, kernel, stride] = CONVOLUTIONS[i];
+            let [outputs, inputs, kernel, stride] = width.convolutions[i];
             let (convolution, norm) = (format!("conv{}", i + 1), format!("norm{}", i + 1));
             NormedConvolution::build(source, &convolution, &norm, [outputs, inputs, kernel], stride)
         };
         let convolutions = [convolution(0)?, convolution(1)?, convolution(2)?, convolution(3)?, convolution(4)?];
         Ok(Self {
+            width,
             convolutions,
             kind: Kind::Float,
-            see: Linear::build(source, "see", FEATURES, FLAT)?,
-            near: Linear::build(source, "near", 2, FEATURES)?,
-            hidden: Linear::build(source, "fc1", HIDDEN, TAPS * FEATURES + 2 * FRAMES as i64)?,
-            last: Linear::build(source, "fc2", 2, HIDDEN)?,
+            see: Linear::build(source, "see", features, flat)?,
+            near: Linear::build(source, "near", 2, features)?,
+            hidden: Linear::build(source, "fc1", hidden, TAPS * features + 2 * FRAMES as i64)?,
+            last: Linear::build(source, "fc2", 2, hidden)?,
         })
     }
 
@@ -138,15 +158,15 @@ impl Live {
         let before = every(&lit.f_narrow(1, 0, lit.size()[1] - LAG)?, 0, STEP)?;
         let [batch, seen] = [now.size()[0], now.size()[1]];
         let pairs = Tensor::f_stack(&[&now, &now.f_sub(&before)?], 2)?.f_flatten(0, 1)?; // (B * S, 2, H, W)
-        let features = self.see(&pairs, train)?.f_reshape([batch, seen, FEATURES])?;
-        let windows = features.f_unfold(1, TAPS, 1)?.f_flatten(2, 3)?; // (B, 1 + n, FEATURES * TAPS)
+        let features = self.see(&pairs, train)?.f_reshape([batch, seen, self.width.features])?;
+        let windows = features.f_unfold(1, TAPS, 1)?.f_flatten(2, 3)?; // (B, 1 + n, features * TAPS)
         let speeds = speeds.f_unfold(1, FRAMES as i64, STEP)?; // (B, 1 + n, 20)
         let said = self.decide(&windows, &speeds, train)?; // (B, 1 + n, 2)
         let near = if train { Some(self.near.forward(&features)?) } else { None };
         Ok(Answers { due: said.f_select(2, 0)?, blocked: Some(said.f_select(2, 1)?), near })
     }
 
-    /// Frames and what changed in them, (N, 2, H, W), to (N, FEATURES).
+    /// Frames and what changed in them, (N, 2, H, W), to (N, features).
     fn see(&self, pairs: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let mut x = channels_last(&pairs.f_to_kind(self.kind)?)?;
         for convolution in &self.convolutions {
@@ -155,7 +175,7 @@ impl Live {
         Ok(self.see.forward(&x.f_flatten(1, -1)?.f_to_kind(Kind::Float)?)?.f_relu()?)
     }
 
-    /// (B, N, FEATURES * TAPS) and (B, N, 20) in km/h to (B, N, 2).
+    /// (B, N, features * TAPS) and (B, N, 20) in km/h to (B, N, 2).
     fn decide(&self, windows: &Tensor, speeds_kmh: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let known = speeds_kmh.f_ne(NO_SPEED)?.f_to_kind(Kind::Float)?;
         let speeds = speeds_kmh.f_mul_scalar(1.0 / SPEED_UNIT_KMH)?.f_mul(&known)?;
@@ -180,7 +200,7 @@ impl Live {
             return Ok(None);
         }
         let features: Vec<&Tensor> = seen.features.iter().step_by(STEP as usize).collect();
-        let window = Tensor::f_cat(&features, 1)?.f_transpose(1, 2)?.f_reshape([1, 1, -1])?; // FEATURES by TAPS, as unfolded
+        let window = Tensor::f_cat(&features, 1)?.f_transpose(1, 2)?.f_reshape([1, 1, -1])?; // features by TAPS, as unfolded
         let speeds = seen.speeds()?.f_unsqueeze(0)?; // (1, 1, 20)
         let said = self.decide(&window, &speeds, false)?; // (1, 1, 2)
         Ok(Some(Said { due: said.f_double_value(&[0, 0, 0])?, blocked: said.f_double_value(&[0, 0, 1])? }))
@@ -196,6 +216,7 @@ impl Live {
 
     pub(super) fn share(&self) -> Self {
         Self {
+            width: self.width,
             convolutions: self.convolutions.each_ref().map(NormedConvolution::share),
             kind: self.kind,
             see: self.see.share(),

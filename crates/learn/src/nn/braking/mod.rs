@@ -1,12 +1,13 @@
-//! Whether an emergency brake is due: two networks that look at the last [`FRAMES`] grey frames and speeds.
+//! Whether an emergency brake is due: three networks that look at the last [`FRAMES`] grey frames and speeds.
 //!
 //! | architecture | frames | parameters | looks |
 //! |---|---|---|---|
 //! | [`brake-stacked`](stacked) | 300 x 300 | 5,909,219 | at all frames at once, as 20 channels: Itu and Danescu's |
 //! | [`brake-live`](live) | 64 x 240 | 132,708 | at each frame once, and keeps what it saw: for driving on a CPU |
+//! | [`brake-wide`](live) | 64 x 240 | 285,740 | the same with more channels |
 //!
-//! Both take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
-//! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere; the live one also whether
+//! All take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
+//! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere; the live ones also whether
 //! something is close ahead, so that a guard knows when the way is free.
 
 mod checkpoint;
@@ -31,7 +32,7 @@ pub const HZ: f64 = 15.0;
 /// What a speed is where none is known.
 pub const NO_SPEED: f64 = -1.0;
 
-/// Which of the two.
+/// Which of the three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum BrakingArchitecture {
     /// Itu and Danescu's.
@@ -40,17 +41,21 @@ pub enum BrakingArchitecture {
     /// The small one.
     #[serde(rename = "brake-live")]
     Live,
+    /// The small one with more channels.
+    #[serde(rename = "brake-wide")]
+    Wide,
 }
 
 impl BrakingArchitecture {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::Stacked, Self::Live];
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Stacked, Self::Live, Self::Wide];
 
     /// Its name in a checkpoint.
     pub fn name(self) -> &'static str {
         match self {
             Self::Stacked => "brake-stacked",
             Self::Live => "brake-live",
+            Self::Wide => "brake-wide",
         }
     }
 
@@ -66,7 +71,9 @@ impl BrakingArchitecture {
             Self::Stacked => (None, stacked::SIZE),
             // Around the horizon, pixel by pixel: a person 20 m ahead is 4 of them wide. What is cut off at the sides is more than 10 m
             // beside the car's way there; above, it is sky; below, the bonnet and the last metres of road.
-            Self::Live => (Some(Crop { left: Some(40), right: Some(280), ..Crop::rows(48, 112) }), live::SIZE),
+            Self::Live | Self::Wide => {
+                (Some(Crop { left: Some(40), right: Some(280), ..Crop::rows(48, 112) }), live::SIZE)
+            }
         };
         let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
         Preprocess::of(crop, resize, ColourSpace::Grey, PixelScale::Unit)
@@ -122,7 +129,8 @@ impl BrakingNetwork {
         };
         let layers = match architecture {
             BrakingArchitecture::Stacked => Layers::Stacked(Box::new(Stacked::build(source)?)),
-            BrakingArchitecture::Live => Layers::Live(Box::new(Live::build(source)?)),
+            BrakingArchitecture::Live => Layers::Live(Box::new(Live::build(source, live::LIVE)?)),
+            BrakingArchitecture::Wide => Layers::Live(Box::new(Live::build(source, live::WIDE)?)),
         };
         Ok(Self { architecture, layers, tensors })
     }
@@ -236,9 +244,7 @@ mod tests {
 
     #[test]
     fn they_have_the_parameters_that_the_documentation_says() {
-        for (architecture, parameters) in
-            [(BrakingArchitecture::Stacked, 5_909_219), (BrakingArchitecture::Live, live::PARAMETERS)]
-        {
+        for (architecture, parameters) in BrakingArchitecture::ALL.into_iter().zip([5_909_219, 132_708, 285_740]) {
             assert_eq!(network(architecture).0.parameters(), parameters, "{}", architecture.name());
             assert_eq!(BrakingArchitecture::named(architecture.name()), Some(architecture));
         }
