@@ -336,7 +336,8 @@ mod tests {
         let all: Vec<Conditions> = (0..400).map(Conditions::random).collect();
         let share = |of: &dyn Fn(&Conditions) -> bool| all.iter().filter(|c| of(c)).count() as f64 / all.len() as f64;
         // As in the recordings of high graphics settings, and beyond; as in the others; smoother or warmer than any.
-        let looks: [(&str, &dyn Fn(&Conditions) -> bool); 11] = [
+        type Look<'a> = (&'a str, &'a dyn Fn(&Conditions) -> bool);
+        let looks: [Look<'_>; 11] = [
             ("stock grain", &|c| c.grain == 1.0),
             ("crisp", &|c| c.grain > 1.6),
             ("smooth", &|c| c.grain < 0.4),

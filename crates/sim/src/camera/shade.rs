@@ -241,7 +241,8 @@ impl Shader<'_> {
         let coarser = COARSER * (-FINER * graphics.crisp).exp2();
         let shaded = self.light.shaded[station as usize];
         let light = run.setup.light;
-        let (shade, direct) = (Vec4::from_array(self.light.shade4), Vec4::from_array(self.light.direct4));
+        let tinted = |light: [f32; 4]| Vec4::from_array(light) * graphics.tint;
+        let (shade, direct) = (tinted(self.light.shade4), tinted(self.light.direct4));
         let (sheen, fog) = (self.scenery.sheen4, self.scenery.fog4);
         for (piece, out) in run.pieces(out) {
             // As coarse as the longer side of what a pixel spans, which at a flat angle is the one along the road: real
@@ -252,7 +253,7 @@ impl Shader<'_> {
             let veiled = (piece.depth * self.scenery.fog_per_m * (1.0 / 256.0)).min(0.8);
             let add = fog * veiled;
             let shine = piece.depth / (piece.depth + 14.0);
-            let mut multiply = (shade + direct * light) * (1.0 - veiled) * graphics.tint;
+            let mut multiply = (shade + direct * light) * (1.0 - veiled);
             let (mut s, mut offset) = (piece.u + run.setup.base, piece.v);
             for pixel in out.as_chunks_mut::<3>().0 {
                 let stripe = stripes.at(offset.abs());
@@ -264,7 +265,7 @@ impl Shader<'_> {
                 colour += (sheen - colour) * (shine * stripe.rough);
                 if shaded {
                     let sun = graphics.lit(self.light.on_road(s, offset));
-                    multiply = (shade + direct * (light * sun)) * (1.0 - veiled) * graphics.tint;
+                    multiply = (shade + direct * (light * sun)) * (1.0 - veiled);
                 }
                 let grey = 1.0 + (f32::from(texel[0]) * (1.0 / 128.0) - 1.0) * (stripe.rough * graphics.grain);
                 *pixel = bytes(colour * multiply * grey + add);

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{raster::COLOURED, *};
 use crate::{
     scene::ActorKind,
-    track::{Theme, Track, TrackFile},
+    track::{LandmarkKind, Theme, Track, TrackFile},
 };
 
 /// A shipped track and what stands along it, built once for all tests.
@@ -254,6 +254,20 @@ fn no_plant_reaches_over_a_road() {
             let nearest = near.fold(f32::MAX, f32::min);
             assert!(nearest > track.half_width() as f32 + sprite.width / 2.0, "{name}: {sprite:?}");
         }
+    }
+}
+
+#[test]
+fn landmarks_stand_where_the_tracks_file_has_them() {
+    let (track, scenery) = scenery("lake");
+    for (kind, picture, count) in
+        [(LandmarkKind::Pylon, sprites::picture::PYLON, 3), (LandmarkKind::Sign, sprites::picture::SIGN, 6)]
+    {
+        let told = track.file().landmarks.iter().filter(|landmark| landmark.kind == kind);
+        let told: Vec<[f32; 2]> = told.map(|landmark| [landmark.x as f32, landmark.z as f32]).collect();
+        let stand = scenery.sprites.iter().filter(|sprite| sprite.picture == picture);
+        let stand: Vec<[f32; 2]> = stand.map(|sprite| [sprite.at.x, sprite.at.z]).collect();
+        assert_eq!((stand.len(), stand), (count, told), "{kind:?}");
     }
 }
 
