@@ -246,25 +246,33 @@ mod tests {
         assert_eq!(says(&mut *model.guard(), 60.0, 85, Duration::ZERO), [76, 80, 84]);
     }
 
-    /// A network of random weights speaks loudly if its last layer is multiplied: of pictures that change, now one thing and
-    /// now the other.
-    fn loud(network: &BrakingNetwork) {
-        for (name, mut tensor) in network.tensors() {
-            match name.as_str() {
-                "fc2.weight" => drop(tensor.g_mul_scalar_(40.0)),
-                "fc2.bias" => drop(tensor.copy_(&Tensor::from_slice(&[LOUD.0 as f32, LOUD.1 as f32]))),
-                _ => {}
+    /// Brings what a network of random weights says of a drive to a mean of nought and a deviation of two, before the sigmoid: so
+    /// it says everything, and often something else.
+    fn enliven(network: &BrakingNetwork, drive: &Drive) {
+        let said = &episodes(network, std::slice::from_ref(drive), SpeedFailure::NONE, |_| {}).unwrap()[0];
+        let scale = |values: &[f64]| {
+            let logits: Vec<f64> = values[19..].iter().map(|value| (value / (1.0 - value)).ln()).collect();
+            let mean = logits.iter().sum::<f64>() / logits.len() as f64;
+            let variance = logits.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / logits.len() as f64;
+            [2.0 / variance.sqrt(), mean]
+        };
+        for (row, [factor, mean]) in [scale(&said.values), scale(&said.blocked)].into_iter().enumerate() {
+            for (name, tensor) in network.tensors() {
+                let mut part = match name.as_str() {
+                    "fc2.weight" | "fc2.bias" => tensor.narrow(0, row as i64, 1),
+                    _ => continue,
+                };
+                if name == "fc2.bias" {
+                    let _ = part.g_sub_scalar_(mean);
+                }
+                let _ = part.g_mul_scalar_(factor);
             }
         }
     }
 
-    /// The two biases of its last layer by which it says both often.
-    const LOUD: (f64, f64) = (0.0, 0.0);
-
     #[test]
     fn in_a_drive_it_brakes_where_the_evaluation_says_that_it_would() {
         let limits = BrakeLimits { fires: 0.6, releases: 0.45 };
-        let (_dir, model) = changed(None, limits, loud);
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings");
         let story = Story {
             name: "lake".into(),
@@ -274,7 +282,8 @@ mod tests {
             layer: String::new(),
             reaction_s: 1.0,
         };
-        let drive = Drive::open(&folder, story, &model.network().architecture().preprocess()).unwrap();
+        let drive = Drive::open(&folder, story, &BrakingArchitecture::Live.preprocess()).unwrap();
+        let (_dir, model) = changed(None, limits, |network| enliven(network, &drive));
         let judged = episodes(&model.network(), &[drive], SpeedFailure::NONE, |_| {}).unwrap();
         let said = judged[0].activations(limits);
 
@@ -291,12 +300,10 @@ mod tests {
             let (_, trace) = driver.drive(&Observation { at: moment.at, sight: Sight::Telemetry(telemetry) });
             began.extend(trace.events.iter().filter(|e| matches!(e, EventRecord::GuardBrakes { .. })).map(|_| i));
             ended += trace.events.iter().filter(|e| matches!(e, EventRecord::GuardReleases { .. })).count();
-            // Not only the moments at which it begins.
-            let offline = judged[0].values[i];
-            assert_eq!(trace.brake_due.is_some(), offline.is_finite(), "moment {i}");
+            assert_eq!(trace.brake_due.is_some(), judged[0].values[i].is_finite(), "moment {i}");
         }
         assert_eq!(began, said);
-        assert!(began.len() >= 3 && ended >= 2, "{began:?} {ended}");
+        assert!(began.len() >= 2 && ended >= 2, "{began:?} {ended} {:?}", judged[0].values);
     }
 
     #[test]

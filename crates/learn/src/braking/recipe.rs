@@ -95,6 +95,10 @@ pub struct BrakingRecipe {
     /// Windows by which the validation loss is measured at most.
     #[serde(default = "defaults::validation_windows")]
     pub validation_windows: usize,
+    /// Validation episodes that are read at most, spread over all: the threshold is chosen by every frame of them, which takes the
+    /// paper's network longer than its training. Default all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub validation_episodes: Option<usize>,
 }
 
 mod defaults {
@@ -163,6 +167,7 @@ impl BrakingRecipe {
             ("rivals", self.rivals),
             ("episodes", self.episodes.unwrap_or(1)),
             ("validation_windows", self.validation_windows),
+            ("validation_episodes", self.validation_episodes.unwrap_or(1)),
         ] {
             if value == 0 {
                 return wrong(name, "at least 1", value.to_string());

@@ -155,8 +155,9 @@ pub fn train(
 ) -> Result<Trained, BrakingTrainError> {
     recipe.check()?;
     let architecture = recipe.network;
-    let read = |part| load(data, part, recipe.episodes.unwrap_or(usize::MAX), architecture);
-    let (drives, held) = (read(Part::Train)?, read(Part::Validation)?);
+    let most = recipe.episodes.unwrap_or(usize::MAX);
+    let drives = load(data, Part::Train, most, architecture)?;
+    let held = load(data, Part::Validation, recipe.validation_episodes.unwrap_or(most), architecture)?;
     for (drives, part) in [(&drives, Part::Train), (&held, Part::Validation)] {
         if !drives.iter().any(|drive| drive.due.iter().any(|due| *due)) {
             return Err(BrakingTrainError::NoEmergency(part));

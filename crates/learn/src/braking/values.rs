@@ -91,15 +91,17 @@ fn values(
         BrakingArchitecture::Live | BrakingArchitecture::Wide => (2, 2),
         BrakingArchitecture::Stacked => (1, 1),
     };
+    // The paper's network sees each picture in twenty windows: it is decoded once.
+    let (mut pixels, size) = (vec![], (height * width) as usize);
+    drive.pictures(0, drive.frames(), reader, &mut pixels)?;
     for phase in 0..phases {
         let mut from = phase;
         while from + FRAMES <= drive.frames() {
             let most = if step == 1 { FRAMES } else { AT_ONCE };
             let length = (drive.frames() - from).min(most);
             let length = FRAMES + (length - FRAMES) / 2 * 2;
-            let mut pixels = vec![];
-            drive.pictures(from, length, reader, &mut pixels)?;
-            let frames = Tensor::f_from_data_size(&pixels, &[1, length as i64, height, width], Kind::Uint8)?;
+            let pixels = &pixels[from * size..(from + length) * size];
+            let frames = Tensor::f_from_data_size(pixels, &[1, length as i64, height, width], Kind::Uint8)?;
             let speeds = Tensor::f_from_slice(&speeds[from..from + length])?.f_view([1, -1])?;
             let said = network.forward(&frames.f_to_kind(Kind::Float)?, &speeds, false)?;
             let numbers = |x: &Tensor| Vec::<f64>::try_from(&x.f_reshape([-1])?.f_to_kind(Kind::Double)?);
