@@ -133,7 +133,8 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     let (code, out, err) = run(&along);
     assert_eq!(code, 0, "{err}");
     let along: serde_json::Value = serde_json::from_str(&out).unwrap();
-    assert_eq!(along["from_lane_share"], 1.0, "{along}");
+    assert_eq!((&along["from_lane_share"], &along["of_another_lap"]), (&1.0.into(), &0.into()), "{along}");
+    assert!((0.01..0.5).contains(&along["apart_m"].as_f64().unwrap()), "{along}");
     let (code, _, err) = run(&[&drive[..], &["--conditions", "rain=1"]].concat());
     assert!(code == 2 && err.contains("expected latency_ms or dropped with --world"), "{code}: {err}");
     std::fs::write(dir.path().join("nothing.txt"), "").unwrap();
