@@ -221,30 +221,50 @@ fn of_any_lap_pictures_are_nearer_to_what_is_seen_there_than_of_the_same() {
     assert!(world.filled <= film.filled, "{} of {}", world.filled, film.filled);
 }
 
-/// What is shown, against the truth, by how far from there it was taken.
 #[test]
-#[ignore = "prints a table"]
+fn what_stands_beside_the_road_is_moved_aside_as_the_car_moves() {
+    let mut place = Place::on("lake");
+    let beside = Beside { offset_m: 0.4, ..Beside::default() };
+    let (mut warped, mut unwarped) = (0.0, 0.0);
+    for s_m in [120.0, 330.0, 560.0, 800.0] {
+        let there = Pose { s_m, ..Pose::default() };
+        let (recorded, here) = (place.taken(there, &Camera::CENTER), place.beside(there, beside));
+        let (truth, mut shown) = (place.taken(here, &Camera::CENTER), Frame::default());
+        place.warp.render(&[Glimpse { pictures: [Some(&recorded), None, None], beside }], &mut shown).unwrap();
+        warped += place.errors(here, &shown, &truth).above;
+        unwarped += place.errors(here, &recorded, &truth).above;
+    }
+    assert!(warped < 0.85 * unwarped, "above the horizon: {warped:.1} against {unwarped:.1}");
+}
+
+/// The tables of docs/explanation/closed-loop.md.
+#[test]
+#[ignore = "prints tables"]
 fn how_near_the_pictures_are_to_the_truth_by_distance() {
+    let told = |[above, verge, road]: [f64; 3]| format!("{above:.1}, {verge:.1}, {road:.1}");
+    let mut by_distance = vec![String::new(); 4];
     for (name, from_m) in [("lake", 300.0), ("jungle", 320.0), ("mountain", 700.0)] {
         let mut place = Place::on(name);
         for cameras in [1, 3] {
             let laps = Laps::record(&mut place, from_m, cameras);
             let [film, world] = [false, true].map(|of_all| laps.judge(&mut place, of_all));
-            println!("{name}, {cameras} cameras, {} of another lap", world.of_another_lap);
-            let lines = [("as recorded", &film, true), ("same lap", &film, false), ("any lap", &world, false)];
-            for (what, judged, unwarped) in lines {
-                for from in [ANY, 0.0..0.3, 0.3..0.6, 0.6..1.0, 1.0..2.0] {
-                    let number = judged.seen.iter().filter(|seen| from.contains(&seen.apart_m)).count();
-                    let apart_m = judged.mean(|seen| seen.apart_m, from.clone());
-                    let errors = judged.errors(|seen| if unwarped { seen.unwarped } else { seen.shown }, from.clone());
-                    println!(
-                        "  {what:12} {:3.1} m and more: {number:3} taken {apart_m:.2} m away, errors {errors:5.1?}",
-                        from.start
-                    );
+            let unwarped = told(film.errors(|seen| seen.unwarped, ANY));
+            let [same, any] = [&film, &world].map(|judged| {
+                let apart_m = judged.mean(|seen| seen.apart_m, ANY);
+                format!("{} | {apart_m:.2} m", told(judged.errors(|seen| seen.shown, ANY)))
+            });
+            let (shown, pictures) = (world.of_another_lap, world.seen.len());
+            println!("| {name}, {cameras} | {unwarped} | {same} | {any} | {shown} of {pictures} |");
+            if cameras == 1 {
+                let both = Judged { seen: [film.seen, world.seen].concat(), ..Judged::default() };
+                for (line, from) in by_distance.iter_mut().zip([0.0..0.3, 0.3..0.6, 0.6..1.0, 1.0..2.0]) {
+                    let (unwarped, shown) = (both.errors(|s| s.unwarped, from.clone()), both.errors(|s| s.shown, from));
+                    *line += &format!(" {} | {} |", told(unwarped), told(shown));
                 }
             }
         }
     }
+    println!("by distance, one camera:\n{}", by_distance.join("\n"));
 }
 
 /// What a picture costs that was taken elsewhere: the weights of what is nearest come from here.
