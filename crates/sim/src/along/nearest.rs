@@ -78,7 +78,7 @@ pub(super) struct Taken {
 impl Taken {
     /// How far the seeing car's centre camera is to the side and ahead of the nearest camera that took it, in metres; `None` if
     /// none did.
-    fn from_camera(&self) -> Option<(f64, f64)> {
+    fn camera_apart(&self) -> Option<(f64, f64)> {
         let Beside { offset_m, ahead_m, heading_rad } = self.beside;
         let (sin, cos) = heading_rad.sin_cos();
         let from = CAMERAS[0].mount.position.z;
@@ -90,12 +90,12 @@ impl Taken {
 
     /// How far apart those two are, in metres.
     pub(super) fn apart_m(&self) -> f64 {
-        self.from_camera().map_or(0.0, |(aside_m, ahead_m)| aside_m.hypot(ahead_m))
+        self.camera_apart().map_or(0.0, |(aside_m, ahead_m)| aside_m.hypot(ahead_m))
     }
 
     /// What it costs, as metres along the road; `None` if it cannot be shown.
     fn cost(&self, last: Option<When>) -> Option<f64> {
-        let (aside_m, ahead_m) = self.from_camera()?;
+        let (aside_m, ahead_m) = self.camera_apart()?;
         let turned = self.beside.heading_rad.abs();
         let is_here = ahead_m.abs() <= NEAR_M && turned <= FACES_ELSEWHERE;
         is_here.then(|| ahead_m.max(-BEHIND * ahead_m) + ASIDE * aside_m + ASKEW * turned + self.changed(last))

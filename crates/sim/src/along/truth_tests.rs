@@ -140,9 +140,9 @@ impl Laps {
     /// Drives in the lane's middle along all laps, each shown only its own pictures, or those of all.
     fn judge(&self, place: &mut Place, of_all: bool) -> Judged {
         let mut judged = Judged::default();
-        let parts: Vec<Range<usize>> =
-            if of_all { vec![0..LAPS * ROWS] } else { (0..LAPS).map(|lap| lap * ROWS..(lap + 1) * ROWS).collect() };
-        for rows in parts {
+        let parts = if of_all { 1 } else { LAPS };
+        let rows = LAPS * ROWS / parts;
+        for rows in (0..parts).map(|part| part * rows..(part + 1) * rows) {
             let path: &Path = self.dir.path();
             let mut world = RecordedWorld::within(path, rows, None, Yaw::Pictures, Some(self.located.clone())).unwrap();
             let mut expert = LaneExpert::new(Arc::clone(&place.track)).unwrap();
