@@ -46,8 +46,9 @@ pub const PILOTNET_ROWS: Range<usize> = 60..135;
 const BONNET_MARGIN: f32 = 2.0;
 
 /// What is seen above the horizon is taken to stand so far away, in metres. The centre camera's pictures, warped to where the
-/// side cameras stand, differ above the horizon by 12.4, 13.6 and 11.7 grey levels from theirs on the real lake, jungle and
-/// mountain; by 15.3, 16.1 and 14.0 if it is taken to be infinitely far away, and by 18.6, 13.5 and 11.0 at 40 m (2026-11-26).
+/// side cameras stand, differ above the horizon by 12.3, 13.5 and 11.7 grey levels from theirs on the real lake, jungle and
+/// mountain (`tests/recorded_world.rs`); by 15.3, 16.1 and 14.0 if it is taken to be infinitely far away, and by 18.6, 13.5
+/// and 11.0 at 40 m (2026-11-26).
 const FAR_M: f32 = 80.0;
 
 /// The cameras in the order in which a [`Glimpse`] has their pictures.
