@@ -8,6 +8,7 @@ use lapwing_core::{
     perception::{Frame, decode_jpeg},
     pilot::{ConstantPilot, Pilot, PurePursuit},
     protocol::{Answer, CameraImage, Observation, Sight, World},
+    recording::Recording,
     units::{MPS_PER_MPH, Mph, Steering},
 };
 use lapwing_learn::models;
@@ -16,7 +17,7 @@ use lapwing_score::{
     score::{Figure, Scorecard},
 };
 use lapwing_sim::{
-    along::{PILOTNET_ROWS, Views},
+    along::{Beside, Glimpse, PILOTNET_ROWS, Views, Warp, read_stock},
     camera::{Camera, Renderer, Scenery},
     world::{Setup, Simulation},
 };
@@ -133,7 +134,8 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     let (code, out, err) = run(&along);
     assert_eq!(code, 0, "{err}");
     let along: serde_json::Value = serde_json::from_str(&out).unwrap();
-    assert_eq!(along["from_lane_share"], 1.0, "{along}");
+    assert_eq!((&along["from_lane_share"], &along["of_another_lap"]), (&1.0.into(), &0.into()), "{along}");
+    assert!((0.01..0.5).contains(&along["apart_m"].as_f64().unwrap()), "{along}");
     let (code, _, err) = run(&[&drive[..], &["--conditions", "rain=1"]].concat());
     assert!(code == 2 && err.contains("expected latency_ms or dropped with --world"), "{code}: {err}");
     std::fs::write(dir.path().join("nothing.txt"), "").unwrap();
@@ -153,4 +155,42 @@ fn the_real_lake_is_driven_clockwise_where_it_was_recorded_clockwise() {
     let result: serde_json::Value = serde_json::from_str(&out).unwrap();
     println!("{result:#}");
     assert!(result["seen"]["recorded"].as_u64().unwrap() > 200, "{result}");
+}
+
+/// How far the luminances of two pictures are apart above the horizon, in grey levels.
+fn apart_above(a: &Frame, b: &Frame) -> f64 {
+    let luminance = |[r, g, b]: [u8; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
+    let [a, b] = [a, b].map(|frame| frame.rgb().as_chunks::<3>().0.iter().take(56 * frame.width()));
+    let apart: Vec<f64> = a.zip(b).map(|(a, b)| (luminance(*a) - luminance(*b)).abs()).collect();
+    apart.iter().sum::<f64>() / apart.len() as f64
+}
+
+/// The centre camera's picture, warped to where a side camera stands, is what that shows.
+#[test]
+fn real_side_cameras_show_nearly_what_the_centre_pictures_do_from_where_they_stand() {
+    let warp = Warp::new();
+    for (name, most) in [("lake", 14.0), ("jungle", 15.0), ("mountain", 13.0)] {
+        let Some(path) = shared(&format!("recordings/{name}")) else { return };
+        let moments = Recording::open(&path).unwrap().seen().skip(105).take(1896).step_by(35);
+        let mut errors = vec![];
+        for moment in moments {
+            let frames = moment.unwrap().pictures.map(|picture| {
+                let mut frame = Frame::default();
+                read_stock(&picture.unwrap(), &mut frame).unwrap();
+                frame
+            });
+            for (side, camera) in [(1, Camera::LEFT), (2, Camera::RIGHT)] {
+                let beside = Beside { offset_m: camera.mount.position.x, ..Beside::default() };
+                let (mut from_center, mut from_side) = (Frame::default(), Frame::default());
+                let mut pictures = [Some(&frames[0]), None, None];
+                warp.render(&[Glimpse { pictures, beside }], &mut from_center).unwrap();
+                pictures[side] = Some(&frames[side]);
+                warp.render(&[Glimpse { pictures, beside }], &mut from_side).unwrap();
+                errors.push(apart_above(&from_center, &from_side));
+            }
+        }
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        println!("{name}: {mean:.1} levels above the horizon in {} pictures", errors.len());
+        assert!(mean < most, "{name}: {mean:.1}");
+    }
 }

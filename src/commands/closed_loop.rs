@@ -34,7 +34,7 @@ use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;
 use lapwing_sim::{
-    along::{Limit, Measured, Protocol, RecordedWorld, Sources, Yaw},
+    along::{Limit, Measured, Protocol, RecordedWorld, Sights, Sources, Yaw},
     locate::LocatedDrive,
     track::Track,
 };
@@ -98,7 +98,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let missed = score::missed(&settings.thresholds, &card);
     let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
     let Sources { lane, pictures, steering } = world.sources();
-    let (filled_mean, filled_most) = world.filled();
+    let Sights { recorded, apart_m, filled: (filled, filled_most), .. } = *world.sights();
+    let [apart_m, filled_mean] = [apart_m, filled].map(|sum| sum / f64::from(recorded.max(1)));
+    let of_another_lap = world.of_another_lap();
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
         let how = AlongRows {
@@ -109,6 +111,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             turned_by_lane: lane,
             turned_by_pictures: pictures,
             turned_by_steering: steering,
+            of_another_lap,
+            apart_m,
             filled_mean,
             filled_most,
             fingerprint: &fingerprint,
@@ -139,6 +143,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let turning =
             format!("from the lane {}, from pictures {pictures}, from steering {steering}", count(lane, "time"));
         text += &line("recorded turning", turning);
+        let another = 100.0 * f64::from(of_another_lap) / f64::from(recorded.max(1));
+        let taken = format!("{apart_m:.2} m away on average; {of_another_lap} ({another:.1} %) in another lap");
+        text += &line("pictures taken", taken);
         let [mean, most] = [filled_mean, filled_most].map(|share| 100.0 * share);
         let no_sides = if sides { "" } else { "; no side cameras, so more is filled in the further the car is off" };
         text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most{no_sides}"));

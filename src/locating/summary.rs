@@ -113,8 +113,7 @@ pub struct Summary {
     pub unreadable: usize,
     /// Whether a keyboard steered whose release is at once.
     pub released_at_once: bool,
-    /// Why nothing is known of the side cameras, if they were asked for.
-    #[serde(skip)]
+    /// Why nothing is known of the side cameras, if they were asked for and `sides` is empty in all drives.
     pub no_sides: Option<String>,
 }
 
@@ -157,8 +156,11 @@ fn no_sides(sides: &[LocatedRecording; 2], drives: &[PartSummary]) -> Option<Str
     if drives.iter().any(|drive| of_network(drive) || of_road(drive)) {
         return None;
     }
-    let why = sides.iter().find_map(|side| side.unreadable.1.as_deref())?;
-    Some(if why == NO_PICTURE { "the recording has none".to_owned() } else { why.to_owned() })
+    Some(match sides.iter().find_map(|side| side.unreadable.1.as_deref()) {
+        Some(why) if why == NO_PICTURE => "the recording has none".to_owned(),
+        Some(why) => why.to_owned(),
+        None => "no moment's pictures of the centre camera and of both side cameras were located".to_owned(),
+    })
 }
 
 fn placed(on: &On, rows: &[Row]) -> Placed {
@@ -349,5 +351,38 @@ impl fmt::Display for Sides {
         let Self { errors_m, left_m, right_m } = self;
         let means = format!("on average {left_m:+.2} and {right_m:+.2} m, they sit at -0.81 and +0.82");
         write!(f, "{} ({means})", errors_m.told(" m"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nothing was located, for this reason.
+    fn nothing(why: Option<&str>) -> LocatedRecording {
+        LocatedRecording {
+            parts: vec![],
+            rows: vec![],
+            released_at_once: false,
+            network: None,
+            laps: None,
+            unreadable: (usize::from(why.is_some()), why.map(str::to_owned)),
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_known_of_side_cameras_that_were_asked_for_json_and_text_say_why() {
+        let center = nothing(None);
+        for (why, told) in [
+            (Some(NO_PICTURE), "the recording has none"),
+            (Some("left.jpg: expected 320x160 pixels, got 2x2"), "left.jpg: expected 320x160 pixels, got 2x2"),
+            (None, "no moment's pictures of the centre camera and of both side cameras were located"),
+        ] {
+            let summary = Summary::new("lake".into(), &center, Some(&[nothing(why), nothing(why)]));
+            assert_eq!(serde_json::to_value(&summary).unwrap()["no_sides"], told);
+            assert!(summary.to_string().contains(&format!("side cameras cannot be measured: {told}")), "{summary}");
+        }
+        let unasked = Summary::new("lake".into(), &center, None);
+        assert_eq!(serde_json::to_value(&unasked).unwrap()["no_sides"], serde_json::Value::Null);
     }
 }

@@ -110,6 +110,10 @@ pub struct AlongRows<'a> {
     pub turned_by_pictures: usize,
     /// Intervals in which its steering was used instead.
     pub turned_by_steering: usize,
+    /// Pictures that were taken in another lap of the recording than the one that is driven along, as its camera was nearer.
+    pub of_another_lap: u32,
+    /// How far from where they were seen the pictures had been taken: the mean, in metres.
+    pub apart_m: f64,
     /// Share of the rows that PilotNet sees which no recorded camera showed and which was filled in: the mean over the
     /// pictures …
     pub filled_mean: f64,

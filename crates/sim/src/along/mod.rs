@@ -8,7 +8,8 @@
 //! ```
 //! A virtual car starts on the line. It drives as fast as the recorded one, abreast of it, and turns as it is steered;
 //! its offset and heading relative to the recorded car follow from how both cars moved. The pilot sees the recorded
-//! picture, warped to where the virtual car is. Beyond its limit the car is put back on the line: an intervention.
+//! picture, warped to where the virtual car is; where places are known, that of whichever lap was nearest there. Beyond
+//! its limit the car is put back on the line: an intervention.
 //!
 //! Where the recording is [located](crate::locate), the line is the lane's middle: the place of the virtual car is that of
 //! the recorded one in its lane, and the offset between them. The recorded car moved as its places in the lane say, so
@@ -31,19 +32,26 @@
 //! | `judging` | what a place is measured from, limits, where a car goes on after an intervention |
 //! | `recorded` | rows and pictures of a recording, without standing and gaps |
 //! | `abreast` | two cars side by side |
-//! | `around` | which other pictures complete one; the rows around the one that is shown |
 //! | `motion` | how the recorded car moved between two rows |
+//! | `nearest` | which of the pictures around a place are shown there, of any lap; what that is chosen by |
+//! | `reel`, `album` | pictures: of the rows around one, in order; of all that were taken along a road, by place |
+//! | `screen` | what is shown to the virtual car of a [`RecordedWorld`] |
 //! | `warp` | the picture as seen from elsewhere; from where a second one of the same place was taken |
 //! | `views` | [`Views`]: what a car of the simulator sees along a road of which pictures were recorded |
 //! | `flow`, `rotation` | how far the car turned between two pictures |
 
 mod abreast;
-mod around;
+mod album;
 mod flow;
 mod judging;
 mod motion;
+mod nearest;
 mod recorded;
+mod reel;
 mod rotation;
+mod screen;
+#[cfg(test)]
+mod truth_tests;
 mod views;
 mod warp;
 mod world;

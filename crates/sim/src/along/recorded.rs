@@ -116,6 +116,11 @@ impl RecordedDrive {
         pairs.map(|pair| (pair[0].mps() + pair[1].mps()) / 2.0 * (pair[1].at_s - pair[0].at_s)).sum()
     }
 
+    /// Where the recording is.
+    pub(super) fn path(&self) -> &Path {
+        self.again.path()
+    }
+
     /// There are fewer rows than there were.
     pub(super) fn changed(&self) -> ClosedLoopError {
         ClosedLoopError::Changed { path: self.again.path().to_owned() }

@@ -1,18 +1,16 @@
 //! The recording as a world to drive in.
 
-use std::{collections::VecDeque, ops::Range, path::Path, time::Duration};
-
-use glam::DVec3;
+use std::{ops::Range, path::Path, time::Duration};
 
 use super::{
-    ClosedLoopError, DEFAULT_LIMIT_M, Limit, Measured, Protocol, Sources, Yaw,
+    ClosedLoopError, DEFAULT_LIMIT_M, Limit, Measured, Protocol, Sights, Sources, Yaw,
     abreast::{Abreast, RecordedStep as Then},
-    around::{ROWS, Reel, completing},
     flow::Pyramid,
     judging::{Line, lines, on_the_line},
     motion::{Interval, Moved},
     recorded::{PathBreak, PathRow, RecordedDrive},
-    warp::{Beside, Glimpse, Warp},
+    screen::Screen,
+    warp::Beside,
 };
 use crate::{
     camera::{JPEG_QUALITY_AGAIN, encode_jpeg},
@@ -42,16 +40,13 @@ pub struct RecordedWorld {
     limit: Limit,
     protocol: Protocol,
     yaw: Yaw,
-    warp: Warp,
     abreast: Abreast,
     /// The row that is shown next, or was shown last and waits for its answer.
     row: usize,
-    /// Its pictures and those around it, and its centre one prepared for the flow.
-    reel: Reel,
-    /// Where the recorded car was in the rows before, since the path began: row, place and yaw.
-    trail: VecDeque<(usize, (DVec3, f64))>,
+    /// What the virtual car sees there.
+    screen: Screen,
+    /// The row's own centre picture, prepared for the flow.
     pyramid: Option<Pyramid>,
-    seen: Frame,
     steering: Steering,
     steps: u64,
     driven_m: f64,
@@ -62,8 +57,6 @@ pub struct RecordedWorld {
     /// What the events last said that its place is measured from.
     announced: Option<(MeasuredLine, LimitEdge, (f64, f64))>,
     interventions: u32,
-    /// How much of PilotNet's rows was filled in: the sum over pictures, how many they are, and the most of one.
-    filled: (f64, u32, f64),
     sources: Sources,
     failed: Option<ClosedLoopError>,
     ended: Option<String>,
@@ -108,20 +101,16 @@ impl RecordedWorld {
             _ => limit.metres(),
         };
         let name = path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let mut reel = Reel::default();
-        reel.wind(&mut recorded, 0)?;
+        let screen = Screen::new(&mut recorded, located.as_ref())?;
         let length_m = recorded.length_m();
         let waypoints = ((length_m / WAYPOINT_M).ceil() as u32).max(1);
         let course = EventRecord::recorded_path(&name, length_m, waypoints, edge_m);
         let mut world = Self {
-            warp: Warp::new(),
             abreast: Abreast::default(),
             row: 0,
+            screen,
             pyramid: None,
-            reel,
-            trail: VecDeque::new(),
             lines,
-            seen: Frame::default(),
             steering: Steering::ZERO,
             steps: 0,
             driven_m: 0.0,
@@ -129,7 +118,6 @@ impl RecordedWorld {
             restarts: false,
             announced: None,
             interventions: 0,
-            filled: (0.0, 0, 0.0),
             sources: Sources::default(),
             failed: None,
             ended: None,
@@ -182,7 +170,7 @@ impl RecordedWorld {
 
     /// Whether a side camera took the place that is shown, too.
     pub fn has_side_cameras(&self) -> bool {
-        self.reel.at(self.row).is_some_and(|shown| shown.frames[1..].iter().any(Option::is_some))
+        self.screen.recorded(self.row).is_some_and(|shown| shown.frames[1..].iter().any(Option::is_some))
     }
 
     /// Where the recorded drive is known to have been.
@@ -202,7 +190,7 @@ impl RecordedWorld {
 
     /// The picture that was shown last, as the pilot saw it before JPEG.
     pub fn picture(&self) -> &Frame {
-        &self.seen
+        &self.screen.picture
     }
 
     /// How often the virtual car was put back so far.
@@ -210,11 +198,14 @@ impl RecordedWorld {
         self.interventions
     }
 
-    /// The share of [`PILOTNET_ROWS`](super::PILOTNET_ROWS) that no recorded camera showed and that was filled in: the mean
-    /// over the pictures so far, and the most of one.
-    pub fn filled(&self) -> (f64, f64) {
-        let (sum, count, most) = self.filled;
-        (sum / f64::from(count.max(1)), most)
+    /// What was shown so far.
+    pub fn sights(&self) -> &Sights {
+        &self.screen.sights
+    }
+
+    /// How many of the pictures so far were taken in another lap of the recording than the one that is driven along.
+    pub fn of_another_lap(&self) -> u32 {
+        self.screen.of_another_lap
     }
 
     /// Where it is put back.
@@ -248,7 +239,7 @@ impl RecordedWorld {
     /// The centre picture, ready for the flow.
     fn pyramid(&self) -> Option<Pyramid> {
         match self.yaw {
-            Yaw::Pictures => self.reel.at(self.row)?.frames[0].as_ref().and_then(Pyramid::of),
+            Yaw::Pictures => self.screen.recorded(self.row)?.frames[0].as_ref().and_then(Pyramid::of),
             Yaw::Steering => None,
         }
     }
@@ -258,7 +249,7 @@ impl RecordedWorld {
         let Some(row) = self.recorded.rows.get(self.row).copied() else { return };
         if std::mem::take(&mut self.restarts) || row.cut.is_some() {
             self.abreast = Abreast::default();
-            self.trail.clear();
+            self.screen.cut(&row);
             self.put_on_the_line();
             self.steps = (row.at_s / STEP_S) as u64;
         }
@@ -266,41 +257,8 @@ impl RecordedWorld {
             self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
         }
         self.announce();
-        self.trail.push_back((self.row, self.abreast.place()));
-        if self.trail.len() > ROWS {
-            self.trail.pop_front();
-        }
-        if let Some(filled) = self.paint() {
-            let (sum, count, most) = self.filled;
-            self.filled = (sum + filled, count + 1, most.max(filled));
-        }
-    }
-
-    /// Paints what the virtual car sees, from the pictures of this row and of those around it. Returns how much had to be
-    /// filled in.
-    fn paint(&mut self) -> Option<f64> {
-        let beside = self.abreast.beside();
-        let mut moments = vec![Glimpse { pictures: self.reel.at(self.row)?.frames(), beside }];
-        // A car that is where the recorded one was sees all in its picture.
-        if beside != Beside::default() {
-            let others = self.reel.around().filter(|(row, _)| *row != self.row);
-            let others = others.filter_map(|(row, shown)| Some((shown, self.beside_row(row)?)));
-            let others = completing(others).into_iter();
-            moments.extend(others.map(|(shown, beside)| Glimpse { pictures: shown.frames(), beside }));
-        }
-        self.warp.render(&moments, &mut self.seen)
-    }
-
-    /// Where the virtual car is beside the recorded one of another row: one before, or one of which it is known where it was.
-    fn beside_row(&self, row: usize) -> Option<Beside> {
-        let beside = self.abreast.beside();
-        if let Some((_, there)) = self.trail.iter().find(|(before, _)| *before == row) {
-            return Some(Beside::between(beside.from(self.abreast.place()), *there));
-        }
-        let LocatedDrive { track, places } = self.located.as_ref()?;
-        let place =
-            |row: usize| Some(places.get(self.recorded.rows.get(row)?.index).copied().flatten()?.pose.in_world(track));
-        Some(Beside::between(beside.from(place(self.row)?), place(row)?))
+        let cars = (self.abreast.beside(), self.abreast.place());
+        self.screen.paint(&self.recorded.rows, self.row, self.located.as_ref(), cars);
     }
 
     /// Drives from a row to the next one under a steering command.
@@ -373,7 +331,7 @@ impl RecordedWorld {
 
     /// Loads the pictures of this row.
     fn show(&mut self) -> Result<(), ClosedLoopError> {
-        self.reel.wind(&mut self.recorded, self.row)?;
+        self.screen.wind(&mut self.recorded, self.row)?;
         self.pyramid = self.pyramid();
         Ok(())
     }
@@ -390,9 +348,9 @@ impl RecordedWorld {
     fn telemetry(&self, row: PathRow) -> Telemetry {
         let Measured { offset_m, heading_rad, .. } = self.measured();
         // On the path there is nothing to warp, so no second compression blurs the picture.
-        let recorded = self.reel.at(self.row).filter(|_| self.abreast.beside() == Beside::default());
+        let recorded = self.screen.recorded(self.row).filter(|_| self.abreast.beside() == Beside::default());
         let jpeg = recorded.map(|shown| shown.jpeg.clone());
-        let jpeg = jpeg.unwrap_or_else(|| encode_jpeg(&self.seen, JPEG_QUALITY_AGAIN).into());
+        let jpeg = jpeg.unwrap_or_else(|| encode_jpeg(self.picture(), JPEG_QUALITY_AGAIN).into());
         Telemetry {
             steering: self.steering.degrees(),
             throttle: row.throttle,

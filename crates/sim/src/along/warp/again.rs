@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::{super::flow::luminance, Beside, PixelTarget, SIZE, Warp};
+use super::{super::flow::luminance, Beside, SIZE, Warp};
 use lapwing_core::perception::Frame;
 
 /// The ground that is compared: these rows, no farther ahead than this, in metres, as roads are flat no farther.
@@ -109,10 +109,7 @@ impl Warp {
     fn ground(&self, step: usize) -> Vec<(usize, Vec3)> {
         let pixels =
             ROWS.step_by(step.div_ceil(2)).flat_map(|y| (0..SIZE.0).step_by(step).map(move |x| y * SIZE.0 + x));
-        let place = |i: usize| match self.points[i] {
-            PixelTarget::Ground(to) if to.z <= FAR_M => Some((i, to)),
-            _ => None,
-        };
+        let place = |i: usize| Some((i, self.points[i].filter(|to| to.z <= FAR_M)?));
         pixels.filter_map(place).collect()
     }
 }
@@ -131,7 +128,7 @@ impl Pair<'_> {
         let view = self.warp.view(&self.warp.cameras[0], beside);
         let (mut n, mut sums, mut squares, mut product) = (0.0, [0.0; 2], [0.0; 2], 0.0);
         for (i, to) in &self.ground {
-            let at = view.find(*to, 1.0);
+            let at = view.find(*to);
             if view.shows(at) {
                 let pair = [f64::from(self.first.at(at)), f64::from(self.second.0[*i])];
                 n += 1.0;

@@ -1,35 +1,14 @@
-//! The pictures taken around a place: what one moment's cameras do not show from beside their car, those of another may.
+//! The rows of a recording around the one that is abreast of the car, with their pictures: they are read in order.
 
 use std::collections::VecDeque;
 
 use super::{
     ClosedLoopError,
     recorded::{MomentPictures, RecordedDrive},
-    warp::Beside,
 };
 
-/// A picture that was taken farther ahead or behind than this completes no other: over such a distance the road is not the
-/// plane that the warp takes it for, in metres.
-pub(super) const REACH_M: f64 = 12.0;
-/// Of pictures nearer to one another than this along the road one is enough, in metres.
-const APART_M: f64 = 2.0;
 /// So many rows ahead and behind are kept.
 pub(super) const ROWS: usize = 24;
-
-/// Which of these moments complete the picture of one that is abreast of the car, the nearest first.
-pub(super) fn completing<T>(moments: impl Iterator<Item = (T, Beside)>) -> Vec<(T, Beside)> {
-    let mut moments: Vec<(T, Beside)> = moments.filter(|(_, at)| at.ahead_m.abs() <= REACH_M).collect();
-    moments.sort_by(|(_, a), (_, b)| a.ahead_m.abs().total_cmp(&b.ahead_m.abs()));
-    let mut taken = vec![0.0];
-    moments.retain(|(_, at)| {
-        let is_apart = taken.iter().all(|ahead_m: &f64| (ahead_m - at.ahead_m).abs() >= APART_M);
-        if is_apart {
-            taken.push(at.ahead_m);
-        }
-        is_apart
-    });
-    moments
-}
 
 /// The pictures of the row that is shown and of those around it.
 #[derive(Default)]
@@ -73,18 +52,5 @@ impl Reel {
     /// All rows that are loaded.
     pub(super) fn around(&self) -> impl Iterator<Item = (usize, &MomentPictures)> {
         self.rows.iter().map(|(row, pictures)| (*row, pictures))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn of_pictures_close_together_one_is_enough_and_none_is_taken_from_afar() {
-        let ahead = [0.5, -1.0, 2.5, -2.2, 3.0, -5.0, 11.0, 12.5, -30.0];
-        let moments = ahead.into_iter().map(|ahead_m| (ahead_m, Beside { ahead_m, ..Beside::default() }));
-        let taken: Vec<f64> = completing(moments).into_iter().map(|(ahead_m, _)| ahead_m).collect();
-        assert_eq!(taken, [-2.2, 2.5, -5.0, 11.0]);
     }
 }
