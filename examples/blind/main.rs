@@ -239,7 +239,8 @@ fn drive(
         Who::Cps => roads.cps.pilot(),
         Who::Constant(steering) => Box::new(ConstantPilot::new(Steering::saturating(steering))),
     };
-    let control = ControlSettings { speed_mph: Mph::new(mph)?, compensate_latency: false, ..ControlSettings::default() };
+    let control =
+        ControlSettings { speed_mph: Mph::new(mph)?, compensate_latency: false, ..ControlSettings::default() };
     let mut driver = Driver::new(pilot, &control, Instant::now);
     let recorder = Recorder::create(to, header(run), RecorderOptions::default())?;
     let mut world = Simulation::new(setup)?;

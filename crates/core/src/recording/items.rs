@@ -97,10 +97,6 @@ impl ModelId {
 
 /// One thing that is recorded.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a third of all items are telemetries; a box would cost an allocation a frame"
-)]
 pub enum Item {
     /// What the simulator reported. Its picture is recorded separately, as a [`Frame`](Self::Frame).
     Telemetry(Telemetry),
