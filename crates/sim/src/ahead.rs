@@ -7,17 +7,17 @@
 //! picture ───────────────────────────────────────▶ warp ───────────────────────┘
 //! ```
 //! A network learns what to steer where it is. If its command takes effect 200 ms later, a car at 30 mph has gone 2.7 m by
-//! then, and in a hairpin it has missed the bend. No network of single pictures can allow for that, as it knows neither
-//! its speed nor the delay. The pilot here does: it wraps any other one, which needs no training for it.
+//! then, and in a hairpin it has missed the bend. A network that sees single pictures cannot allow for that, as it knows
+//! neither its speed nor the delay. The pilot here does: it wraps any other pilot, which needs no training for it.
 //!
-//! - *How late?* A simulator reports the steering in effect when it took the picture. Whichever of the own commands that
-//!   was, was sent that long ago. Less the time from picture to picture, which a command of the training was in effect
-//!   as well, that is the delay.
-//! - *Where to?* The commands that are still on their way are known, too, and the simulator's own car ([`Car`]) moves
-//!   under them, at the speed that is reported.
+//! - *How late?* The simulator reports the steering that was in effect when it took the picture, and we know when we sent
+//!   that command. How long ago that was, less the time from one picture to the next, which passes without any latency,
+//!   too, is the delay.
+//! - *Where to?* The commands that are still on their way are known, too. The simulator's own model of the car ([`Car`])
+//!   moves as they say, at the speed that is reported.
 //! - *What is seen there?* The picture, warped as if all of it lay on the ground ([`Warp`]). Cliffs, posts and crests do
-//!   not, and a turning car sees past the picture's edge. So the car is taken for 0.7 of the way only, which drives better
-//!   than all of it: the rest of the delay is then one that a network stands anyway.
+//!   not, and a turning car sees past the picture's edge. So the car is moved for 0.7 of the delay only, which drives
+//!   better than all of it; the network copes with the rest.
 //!
 //! Pictures of another size than the stock camera's are passed on as they are.
 
@@ -36,36 +36,36 @@ use lapwing_core::{
     units::{Clock, Degrees, Mph, Steering, Throttle},
 };
 
-/// From one picture to the next where networks learn, in seconds: as the stock simulator records.
+/// The time from one picture to the next in training data, in seconds: as the stock simulator records.
 const PERIOD_S: f64 = 1.0 / 15.0;
 /// A shorter delay is left alone, in seconds.
 const LEAST_S: f64 = 0.02;
-/// A longer one is not allowed for in full, in seconds: of where the car is by then too little is seen.
+/// No more of a longer delay than this is allowed for, in seconds: the picture shows too little of the road from further on.
 const MOST_S: f64 = 0.5;
-/// The share of the delay that the picture is taken ahead. In the jungle at 25 mph with 200 ms, `pilotnet` leaves the road at
+/// The share of the delay that is allowed for. In the jungle at 25 mph with 200 ms, `pilotnet` leaves the road at
 /// 15 % of the lap without it, at 54 % with 0.8, and at 86 % with 1; with 0.6 and 0.7 it gets around, 0.26 m and 0.28 m from
 /// the line.
 const SHARE: f64 = 0.7;
-/// The delay is the median of so many, and unknown before half of them are.
+/// The delay is the median of the last so many measurements, and unknown until there are more than half of them.
 const AGES: usize = 15;
 /// After so long without a picture everything begins anew, in seconds; older commands are forgotten.
 const FORGOTTEN_S: f64 = 1.5;
-/// The steering that is reported is that of a command, if they differ by no more, in degrees: it is written with four
-/// decimals, and read from a text with about as many.
+/// The reported steering is that of a command if they differ by no more than this, in degrees: both are sent as text with
+/// about four decimals.
 const SAME_DEG: f64 = 0.002;
 
 /// A pilot that is shown the road from where the car will be when its command takes effect.
 pub struct Ahead {
     pilot: Box<dyn Pilot>,
     clock: Clock,
-    /// Made when it is needed first.
+    /// Made when it is first needed.
     warp: Option<Warp>,
     ahead: Frame,
     /// What was answered, and when, the oldest first.
     sent: VecDeque<(Duration, Steering)>,
-    /// How long ago the command in effect was sent, in seconds, lately.
+    /// How long ago the command in effect had been sent, in seconds: the latest measurements.
     ages: VecDeque<f64>,
-    /// The car, as it moves by what is reported.
+    /// The car, moved by the steering and speed that are reported.
     car: Car,
     last: Option<Duration>,
 }
@@ -115,7 +115,7 @@ impl Ahead {
         }
     }
 
-    /// How late the next command will take effect, in seconds, if that is worth anything.
+    /// How late the next command will take effect, in seconds; `None` if that is unknown or too short to matter.
     fn late_s(&self) -> Option<f64> {
         let mut ages: Vec<f64> = self.ages.iter().copied().collect();
         ages.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Pictures that were taken along a road, by place: of any drive and lap.
+//! Pictures that were taken along a road in any drive and lap, ordered by place.
 
 use std::{collections::VecDeque, path::Path};
 
@@ -17,14 +17,14 @@ use lapwing_core::{
     recording::{Picture, Recording},
 };
 
-/// The pictures of so many moments are kept in memory: a car at rest asks for at most a dozen again and again.
+/// How many moments' pictures are kept in memory: a car at rest asks for the same dozen at most, again and again.
 const LOADED: usize = 48;
 
 /// A moment's pictures, and where they were taken.
 #[derive(Debug)]
 pub(super) struct View {
     pub when: When,
-    /// Metres along the road, in the direction in which that is driven here.
+    /// Metres along the road, in the direction in which it is driven here.
     pub s_m: f64,
     /// The car's place in the world, without its height, and its yaw.
     pub at: (DVec3, f64),
@@ -38,12 +38,12 @@ pub(super) struct Album {
     views: Vec<View>,
     /// The pictures that were read last.
     loaded: VecDeque<(usize, [Option<Frame>; 3])>,
-    /// Pictures that could not be used, and why not, of the first one.
+    /// How many pictures could not be used, and why the first of them could not.
     unusable: (u32, Option<String>),
 }
 
 impl Album {
-    /// Of a road of this length.
+    /// The pictures of a road of this length.
     pub(super) fn new(length_m: f64, mut views: Vec<View>) -> Self {
         views.sort_by(|a, b| a.s_m.total_cmp(&b.s_m));
         Self { length_m, views, ..Self::default() }
@@ -57,7 +57,7 @@ impl Album {
         &self.unusable
     }
 
-    /// Those this near to a place along the road, and how the car that is here is beside them.
+    /// The moments within `reach_m` of a place along the road, and where the car that is `here` is beside each of them.
     pub(super) fn near(
         &self,
         here: (DVec3, f64),
@@ -107,7 +107,7 @@ impl Album {
     }
 }
 
-/// The moments of a drive whose place along the road `s_m` tells, given their row.
+/// The moments of a drive for whose row `s_m` gives a place along the road.
 ///
 /// # Errors
 /// Those of reading the recording; pictures are read later.

@@ -1,10 +1,9 @@
 //! Which of the pictures that were taken around a place are shown there: first the one whose camera was nearest, of any lap,
 //! then those that complete it. Drives along a recording and worlds made of recordings choose by this.
 //!
-//! *Nearest* is what costs least. What a picture costs that was taken elsewhere was measured in the simulator, where what a
-//! camera there would have taken can be drawn (`cargo test --release -p lapwing-sim --lib what_a_warp_costs -- --ignored
-//! --nocapture`; 2026-11-26). A metre along the road is the unit. Mean errors in grey levels of one camera's picture, on lake,
-//! jungle and mountain:
+//! *Nearest* is what costs least. The costs come from the simulator, which can draw what a camera there would have taken
+//! (`cargo test --release -p lapwing-sim --lib what_a_warp_costs -- --ignored --nocapture`; 2026-11-26). Their unit is a metre
+//! along the road. Mean errors in grey levels of one camera's picture, on lake, jungle and mountain:
 //!
 //! | the camera is | costs | above the horizon | beside the road | on the road |
 //! |---|---|---|---|---|
@@ -23,32 +22,33 @@ use super::{
 };
 use lapwing_core::perception::Frame;
 
-/// A picture that was taken farther ahead or behind than this is not shown: it is of another piece of road, in metres.
+/// A picture that was taken farther ahead or behind than this, in metres, is not the one that is warped first: it is of another
+/// piece of road.
 pub(super) const NEAR_M: f64 = 3.0;
-/// A picture that was taken farther ahead or behind than this completes no other: over such a distance the road is not the
-/// plane that the warp takes it for, in metres.
+/// A picture that was taken farther ahead or behind than this, in metres, completes no other: over such a distance the road is
+/// not the plane that the warp takes it for.
 pub(super) const REACH_M: f64 = 12.0;
-/// Nor is one shown of a car that faced elsewhere by more than this, in radians: it drove the other way round, or stood across.
+/// Nor is a picture shown if its car was turned by more than this, in radians: it drove the other way round, or stood across.
 const FACES_ELSEWHERE: f64 = 1.0;
 
-/// What a metre costs that the car is behind the place where a picture was taken, as metres ahead of it: the ground just ahead of
-/// the bonnet is in no such picture, and what is in it is enlarged.
+/// What a metre behind the place where a picture was taken costs, in metres ahead of it: the ground just ahead of the bonnet is
+/// not in such a picture, while a car that is ahead sees everything that it needs, only enlarged.
 const BEHIND: f64 = 2.0;
 /// What a metre costs to the side of the nearest camera: what stands up leans.
 const ASIDE: f64 = 1.5;
-/// What a radian costs: the picture ends, and is drawn from between its pixels.
+/// What a radian costs: the camera sees past the picture's edge, and colours are interpolated between pixels.
 const ASKEW: f64 = 6.0;
-/// What another lap than the last one costs. Where two laps were located differs by 0.15 m and half a degree (medians, of the
-/// real lake), by which the road jumps; so a lap is left only for one that is nearer by more than that.
+/// What another lap than the last one costs. Places found in two laps disagree by 0.15 m and half a degree (medians, on the real
+/// lake), and by that the road jumps. So a lap is left only for one that is nearer by more than that.
 const ANOTHER: f64 = 0.5;
-/// So much lighter or darker than the last picture, in grey levels over PilotNet's rows, one of another lap is not taken: it is
-/// of another weather. Two laps of the real lake, in one light, differ by 2.0 (median) and 15.5 at most.
+/// A picture of another lap that is lighter or darker than the last one by more than this, in grey levels over PilotNet's rows, is
+/// not used: it shows other weather. Two laps of the real lake, in the same light, differ by 2.0 (median) and 15.5 at most.
 const ANOTHER_LIGHT: f64 = 16.0;
 
-/// Of pictures nearer to one another than this along the road one is enough to complete another, in metres.
+/// Of pictures nearer to one another than this along the road, in metres, only one is used to complete another.
 const APART_M: f64 = 2.0;
 
-/// Rows of a recording that are more than this apart, and of one place, are of two laps.
+/// Two rows of a recording that show the same place and are more than this many rows apart are of two laps.
 const LAP: usize = 100;
 
 /// When a moment was recorded: in which drive, and in which of its rows.
@@ -59,7 +59,7 @@ pub(super) struct When {
 }
 
 impl When {
-    /// Whether both are of one lap, given that they are of one place.
+    /// Whether both are of the same lap, given that they are of the same place.
     pub(super) fn is_same_lap(self, other: Self) -> bool {
         self.drive == other.drive && self.row.abs_diff(other.row) <= LAP
     }
@@ -69,15 +69,15 @@ impl When {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Taken {
     pub when: When,
-    /// Where the car is that is to see it, beside the one that took it.
+    /// Where the car that is to see it is, beside the one that took it.
     pub beside: Beside,
-    /// Which cameras did.
+    /// Which cameras took a picture.
     pub cameras: [bool; 3],
 }
 
 impl Taken {
-    /// How far the seeing car's centre camera is to the side and ahead of the nearest camera that took it, in metres; `None` if
-    /// none did.
+    /// How far the seeing car's centre camera is to the side and ahead of the nearest camera that took a picture, in metres;
+    /// `None` if none did.
     fn camera_apart(&self) -> Option<(f64, f64)> {
         let Beside { offset_m, ahead_m, heading_rad } = self.beside;
         let (sin, cos) = heading_rad.sin_cos();
@@ -88,7 +88,7 @@ impl Taken {
         places.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// How far apart those two are, in metres.
+    /// How far apart these two cameras are, in metres.
     pub(super) fn apart_m(&self) -> f64 {
         self.camera_apart().map_or(0.0, |(aside_m, ahead_m)| aside_m.hypot(ahead_m))
     }
@@ -111,13 +111,13 @@ impl Taken {
 pub(super) struct Last(Option<(When, Option<f64>)>);
 
 impl Last {
-    /// A car that begins where this was recorded.
+    /// For a car that begins where this was recorded.
     pub(super) fn of(when: When) -> Self {
         Self(Some((when, None)))
     }
 
-    /// Which of `around` are shown, the one that is warped first, which is one of those `that_lead`. `light` reads a moment's
-    /// pictures and says how [light] the centre one is; `None` if it cannot be used.
+    /// Which of `around` are shown. The first is the one that is warped first; only those `that_lead` can be. `light` reads a
+    /// moment's pictures and says how [light] the centre one is; `None` if it cannot be used.
     pub(super) fn next<T: Copy + PartialEq>(
         &mut self,
         around: &[(T, Taken)],
@@ -131,7 +131,7 @@ impl Last {
             .filter_map(|(what, taken)| Some((taken.cost(last)?, *what, *taken)))
             .collect();
         nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Whatever the light: better than nothing.
+        // One in any light is better than none.
         let mut usable = None;
         let first = nearest.into_iter().find_map(|(_, what, taken)| {
             let found = (what, taken, light(what)?);

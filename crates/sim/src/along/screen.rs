@@ -1,9 +1,9 @@
 //! What the virtual car of a drive along a recording is shown: the nearest picture, warped.
 //!
-//! The rows before and behind the one that is abreast of the car are there anyway; where their places are known, or how the car
-//! moved since, it is known where the car is beside them. If places are known, so are those that another lap of the recording
-//! shows, too, and its pictures are as good. They are taken as they are: where a lap was recorded in another light, its pictures
-//! are [left](super::nearest) where they are.
+//! The rows before and after the one that is abreast of the car are at hand anyway. Where the car is beside them is known from
+//! their places or, for those before, from how the car has moved since. If places are known, pictures of other laps of the
+//! recording that show the same place serve as well. Their brightness is never changed: those of a lap that was recorded in
+//! other light [are not used](super::nearest).
 
 use std::collections::VecDeque;
 
@@ -24,7 +24,7 @@ use lapwing_core::{motion::around, perception::Frame};
 pub(super) struct Screen {
     warp: Warp,
     reel: Reel,
-    /// Moments of places that the recording shows more than once.
+    /// The moments whose places the recording shows more than once.
     album: Album,
     /// Where the recorded car was in the rows before, since the path began: row, place and yaw.
     trail: VecDeque<(usize, (DVec3, f64))>,
@@ -76,7 +76,7 @@ impl Screen {
         self.reel.at(row)
     }
 
-    /// Goes on in this row, to which nothing leads from before.
+    /// Starts again in this row, to which no path leads from the rows before.
     pub(super) fn cut(&mut self, row: &PathRow) {
         self.trail.clear();
         self.last = Last::of(when(row));
@@ -97,7 +97,7 @@ impl Screen {
         let Some(own) = rows.get(row).map(when) else { return };
         let pose = located.and_then(|drive| Some((drive, pose(drive, own.row)?)));
         let around = self.around(rows, row, pose, (beside, place));
-        // Where it is not known where other rows were taken, the road may be elsewhere in them.
+        // Without a located pose, the road may lie elsewhere in pictures of other rows.
         let leads = |taken: &Taken| taken.when == own || pose.is_some();
         let (reel, album) = (&self.reel, &mut self.album);
         let shown = self.last.next(&around, leads, |source| match source {
@@ -142,7 +142,7 @@ impl Screen {
             let taken = Taken { when: when(rows.get(other)?), beside: beside_row(other)?, cameras };
             Some((Source::Reel(other), taken))
         });
-        // A car that is where the recorded one was sees all in its picture.
+        // A car that is where the recorded one was needs no other picture.
         if beside == Beside::default() {
             return on_reel.filter(|(source, _)| *source == Source::Reel(row)).collect();
         }
@@ -162,7 +162,7 @@ fn pose(drive: &LocatedDrive, row: usize) -> Option<Pose> {
     Some(drive.places.get(row).copied().flatten()?.pose)
 }
 
-/// The rows that are driven along of places that another lap of them shows, too.
+/// Those of the rows driven along whose place another lap shows, too.
 fn seen_again(recorded: &RecordedDrive, drive: &LocatedDrive) -> Result<Album, ClosedLoopError> {
     let length_m = drive.track.length();
     let known = recorded.rows.iter().filter_map(|row| Some((when(row), pose(drive, row.index)?)));
