@@ -47,7 +47,7 @@ pub const NONE: Handicap = Handicap { sight: Sight::Clear, gain: 1.0, bias: 0.0,
 pub const CONTROLS: [(&str, Handicap); 5] = [
     ("BGR for RGB", Handicap { sight: Sight::Bgr, ..NONE }),
     ("mirrored", Handicap { sight: Sight::Mirrored, ..NONE }),
-    ("cropped 20 rows too high", Handicap { sight: Sight::Moved(20), ..NONE }),
+    ("cropped 30 rows too high", Handicap { sight: Sight::Moved(30), ..NONE }),
     ("cropped 20 rows too low", Handicap { sight: Sight::Moved(-20), ..NONE }),
     ("0.8 s late", Handicap { late: 12, ..NONE }),
 ];

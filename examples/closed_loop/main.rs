@@ -153,7 +153,7 @@ fn compare(arguments: &Arguments, recorded: &Recorded<'_>, pilots: &[Pilot]) -> 
 /// Along the recording, closed loop and open loop, and on the road.
 fn drive_both(arguments: &Arguments, recorded: &Recorded<'_>, pilot: &Pilot) -> Result<Driven> {
     let Recorded { road, speed, folder, located } = recorded;
-    let control = ControlSettings { speed_mph: *speed, ..ControlSettings::default() };
+    let control = ControlSettings { speed_mph: *speed, compensate_latency: false, ..ControlSettings::default() };
     let driver = || Driver::new(pilot.ready(), &control, Instant::now);
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let limit = Some(Limit::Metres(arguments.limit));
