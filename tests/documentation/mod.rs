@@ -105,6 +105,9 @@ fn missing(words: &[String]) -> Option<String> {
             let absent = |bench: &&&str| !text.contains(&format!("fn {bench}")) && !is_file(bench);
             benches.iter().find(absent).map(|bench| format!("benchmark {bench}"))
         }
+        ["cargo", "test", "--release", "-p", _, "--lib", filter, ..] => {
+            has(&texts("crates", &["rs"]), format!("fn {filter}"))
+        }
         ["cargo", "test", "--release", filter, ..] => has(&texts("tests", &["rs"]), format!("mod {filter}")),
         ["cargo", "run", ..] if words.contains(&"--example") => {
             let name = after("--example").unwrap();
