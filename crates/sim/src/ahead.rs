@@ -27,13 +27,12 @@ use glam::DVec3;
 
 use crate::{
     along::{Beside, Glimpse, Warp},
-    vehicle::{Car, Ground, STEP_S},
+    vehicle::{Car, STEP_S},
 };
 use lapwing_core::{
     perception::Frame,
     pilot::{InEffect, Pilot, PilotError, Prediction, View},
-    protocol::Command,
-    units::{Clock, Degrees, Mph, Steering, Throttle},
+    units::{Clock, Degrees, Mph, Steering},
 };
 
 /// The time from one picture to the next in training data, in seconds: as the stock simulator records.
@@ -94,14 +93,15 @@ impl Ahead {
 
     /// Takes note of what is reported.
     fn told(&mut self, InEffect { at, steering }: InEffect, speed: Mph) {
-        let gone_s = self.last.map(|last| at.as_secs_f64() - last.as_secs_f64());
-        if gone_s.is_some_and(|gone_s| !(0.0..=FORGOTTEN_S).contains(&gone_s)) {
+        let gone_s = self.last.map_or(0.0, |last| at.as_secs_f64() - last.as_secs_f64());
+        if (0.0..=FORGOTTEN_S).contains(&gone_s) {
+            for _ in 0..(gone_s / STEP_S).round() as usize {
+                self.car.step_at(speed.metres_per_second().get(), steering.steering());
+            }
+        } else {
             self.forget();
         }
         self.last = Some(at);
-        for _ in 0..(gone_s.unwrap_or_default() / STEP_S).round() as usize {
-            roll(&mut self.car, speed, steering.steering());
-        }
         let age_s = |sent: &Duration| at.saturating_sub(*sent).as_secs_f64();
         while self.sent.pop_front_if(|(sent, _)| age_s(sent) > FORGOTTEN_S).is_some() {}
         // A command that was given several times tells nothing.
@@ -135,7 +135,7 @@ impl Ahead {
             while let Some((_, next)) = sent.next_if(|(sent, _)| sent.as_secs_f64() <= by_s) {
                 steering = *next;
             }
-            roll(&mut car, speed, steering);
+            car.step_at(speed.metres_per_second().get(), steering);
         }
         Beside { offset_m: car.position.x, ahead_m: car.position.z, heading_rad: car.yaw }
     }
@@ -150,12 +150,6 @@ impl Ahead {
             .render(&[Glimpse { pictures: [Some(frame), None, None], beside }], &mut self.ahead)?;
         Some(Duration::from_secs_f64(ahead_s))
     }
-}
-
-/// One step of [`STEP_S`] at a given speed.
-fn roll(car: &mut Car, speed: Mph, steering: Steering) {
-    car.speed = speed.metres_per_second().get();
-    car.step(Command { steering, throttle: Throttle::ZERO }, Ground::default());
 }
 
 impl Pilot for Ahead {

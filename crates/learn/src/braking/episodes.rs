@@ -398,8 +398,26 @@ impl Reader {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+
+    /// Where the run lies that comes with the program.
+    pub(in crate::braking) fn shipped_runs() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings")
+    }
+
+    /// That run, for the live network.
+    pub(in crate::braking) fn shipped_run() -> Drive {
+        let story = Story {
+            name: "lake".into(),
+            part: Part::Train,
+            scenario: String::new(),
+            hazard: false,
+            layer: String::new(),
+            reaction_s: 1.0,
+        };
+        Drive::open(&shipped_runs(), story, &BrakingArchitecture::Live.preprocess()).unwrap()
+    }
 
     fn read(table: &str) -> Result<Vec<Story>, String> {
         let dir = tempfile::tempdir().unwrap();
@@ -436,17 +454,7 @@ mod tests {
 
     #[test]
     fn a_run_is_read_with_its_frames_and_labels() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings");
-        let story = Story {
-            name: "lake".into(),
-            part: Part::Train,
-            scenario: String::new(),
-            hazard: false,
-            layer: String::new(),
-            reaction_s: 1.0,
-        };
-        let preprocess = BrakingArchitecture::Live.preprocess();
-        let drive = Drive::open(&folder, story, &preprocess).unwrap();
+        let (drive, preprocess) = (shipped_run(), BrakingArchitecture::Live.preprocess());
         assert_eq!((drive.frames(), drive.due.iter().any(|due| *due)), (225, false));
         let mut pixels = vec![];
         drive.pictures(3, 2, &mut Reader::new(preprocess).unwrap(), &mut pixels).unwrap();

@@ -178,7 +178,13 @@ mod tests {
 
     use super::*;
     use crate::{
-        braking::{Part, SpeedFailure, Story, episodes, episodes::Drive},
+        braking::{
+            SpeedFailure, episodes,
+            episodes::{
+                Drive,
+                tests::{shipped_run, shipped_runs},
+            },
+        },
         nn::{
             Precision,
             braking::{BrakingArchitecture, BrakingMetadata, save_braking},
@@ -273,16 +279,7 @@ mod tests {
     #[test]
     fn in_a_drive_it_brakes_where_the_evaluation_says_that_it_would() {
         let limits = BrakeLimits { fires: 0.6, releases: 0.45 };
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings");
-        let story = Story {
-            name: "lake".into(),
-            part: Part::Train,
-            scenario: String::new(),
-            hazard: false,
-            layer: String::new(),
-            reaction_s: 1.0,
-        };
-        let drive = Drive::open(&folder, story, &BrakingArchitecture::Live.preprocess()).unwrap();
+        let drive = shipped_run();
         let (_dir, model) = changed(None, limits, |network| enliven(network, &drive));
         let judged = episodes(&model.network(), &[drive], SpeedFailure::NONE, |_| {}).unwrap();
         let said = judged[0].activations(limits);
@@ -291,7 +288,7 @@ mod tests {
         let mut driver =
             Driver::new(pilot, &ControlSettings::default(), std::time::Instant::now).guarded(Some(model.guard()));
         let (mut began, mut ended) = (vec![], 0);
-        for (i, moment) in Recording::open(folder.join("lake.mcap")).unwrap().map(Result::unwrap).enumerate() {
+        for (i, moment) in Recording::open(shipped_runs().join("lake.mcap")).unwrap().map(Result::unwrap).enumerate() {
             let Some(Picture::Jpeg(jpeg)) = &moment.pictures[0] else { panic!("a run has pictures") };
             let telemetry = lapwing_core::protocol::Telemetry {
                 image: CameraImage::Jpeg(jpeg.clone()),

@@ -5,7 +5,10 @@ use std::{
 
 use super::*;
 use crate::{
-    camera::{Camera, Renderer, tests::scenery},
+    camera::{
+        Camera, Renderer,
+        tests::{apart, scenery},
+    },
     conditions::Conditions,
     world::{Setup, Simulation},
 };
@@ -52,13 +55,6 @@ fn driven(latency_ms: f64, compensate_latency: bool) -> Vec<(Frame, f64, Frame)>
     seen.into_iter().zip(ahead).zip(really.into_iter().skip(2)).map(|((seen, s), really)| (seen, s, really)).collect()
 }
 
-/// Mean difference over the road's rows, out of 255.
-fn apart(a: &Frame, b: &Frame) -> f64 {
-    let rows = 62 * 320 * 3..134 * 320 * 3;
-    let differences = a.rgb()[rows.clone()].iter().zip(&b.rgb()[rows.clone()]);
-    differences.map(|(&a, &b)| f64::from(a.abs_diff(b))).sum::<f64>() / rows.len() as f64
-}
-
 #[test]
 fn the_picture_shows_the_road_from_where_the_car_will_be() {
     let mean = |seen: &[(Frame, f64, Frame)]| {
@@ -89,4 +85,23 @@ fn a_command_that_was_given_several_times_tells_no_delay() {
         let prediction = ahead.steer(&View { in_effect, ..View::of(&frame) }).unwrap();
         assert_eq!(prediction.ahead, Duration::ZERO);
     }
+}
+
+#[test]
+fn after_a_long_pause_the_car_begins_anew_at_rest() {
+    let mut ahead = Ahead::of(Box::new(lapwing_core::pilot::ConstantPilot::new(Steering::ZERO)), Instant::now);
+    let frame = Frame::default();
+    let mut steer = |at| {
+        let in_effect = Some(InEffect { at, steering: Degrees::saturating(10.0) });
+        ahead.steer(&View { in_effect, speed: Mph::constant(20.0), ..View::of(&frame) }).unwrap();
+        (ahead.car.yaw_rate, ahead.sent.len())
+    };
+    for i in 0..10 {
+        steer(Duration::from_millis(67 * i));
+    }
+    let (yaw_rate, sent) = steer(Duration::from_millis(700));
+    assert!(yaw_rate > 0.1 && sent == 11, "{yaw_rate} {sent}");
+    // A day later, and then a clock that goes back.
+    assert_eq!(steer(Duration::from_secs(86_400)), (0.0, 1));
+    assert_eq!(steer(Duration::from_secs(60)), (0.0, 1));
 }

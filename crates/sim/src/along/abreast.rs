@@ -3,11 +3,8 @@
 use glam::DVec3;
 
 use super::warp::Beside;
-use crate::vehicle::{Car, Ground, STEP_S};
-use lapwing_core::{
-    protocol::Command,
-    units::{Steering, Throttle},
-};
+use crate::vehicle::{Car, STEP_S};
+use lapwing_core::units::Steering;
 
 /// The recorded car, and the virtual one abreast of it at the recorded speed.
 #[derive(Debug, Clone, Copy, Default)]
@@ -59,7 +56,7 @@ impl Abreast {
     pub(super) fn step(&mut self, recorded: RecordedStep, steering: Steering) {
         let RecordedStep { speed, yaw_rate, aside, .. } = recorded;
         let Beside { offset_m, heading_rad, .. } = self.beside;
-        roll(&mut self.recorded, speed, recorded.steering);
+        self.recorded.step_at(speed, recorded.steering);
         // What the pictures show overrides what the steering says; the tyres slip accordingly.
         self.recorded.yaw_rate = yaw_rate.unwrap_or(self.recorded.yaw_rate);
         let aside = aside.unwrap_or(self.recorded.lateral_speed);
@@ -69,19 +66,13 @@ impl Abreast {
         // To stay abreast, the car further out in a bend goes faster.
         let (sin, cos) = heading_rad.sin_cos();
         let forward = (speed - self.recorded.yaw_rate * offset_m + self.driven.lateral_speed * sin) / cos.max(0.3);
-        roll(&mut self.driven, forward.max(0.0), steering);
+        self.driven.step_at(forward.max(0.0), steering);
         self.beside = Beside {
             offset_m: offset_m + STEP_S * (forward * sin + self.driven.lateral_speed * cos - aside),
             heading_rad: heading_rad + STEP_S * (self.driven.yaw_rate - self.recorded.yaw_rate),
             ..self.beside
         };
     }
-}
-
-/// The simulator's car at a given speed.
-fn roll(car: &mut Car, speed: f64, steering: Steering) {
-    car.speed = speed;
-    car.step(Command { steering, throttle: Throttle::ZERO }, Ground::default());
 }
 
 #[cfg(test)]

@@ -2,7 +2,10 @@ use std::sync::Arc;
 
 use super::*;
 use crate::{
-    camera::{Renderer, tests::scenery},
+    camera::{
+        Renderer,
+        tests::{apart, scenery},
+    },
     world::{Setup, Simulation},
 };
 
@@ -19,13 +22,6 @@ fn seen(world: &mut (Simulation, Renderer), s: f64, at: Beside, camera: &Camera)
     world.0.put(s, at.offset_m, at.heading_rad, 9.0);
     world.0.draw(&mut world.1, camera, &mut frame);
     frame
-}
-
-/// Mean difference over the road's rows, which a pilot steers by, out of 255.
-fn apart(a: &Frame, b: &Frame) -> f64 {
-    let rows = 62 * SIZE.0 * 3..134 * SIZE.0 * 3;
-    let differences = a.rgb()[rows.clone()].iter().zip(&b.rgb()[rows.clone()]);
-    differences.map(|(&a, &b)| f64::from(a.abs_diff(b))).sum::<f64>() / rows.len() as f64
 }
 
 /// Errors of the warped and of the recorded picture, each compared with what is really seen there, over four places.

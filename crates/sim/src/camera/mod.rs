@@ -223,7 +223,7 @@ impl Renderer {
         for wire in &self.scenery.wires {
             wire.draw(&mut self.raster, &view);
         }
-        let in_shadow = light.shade.map(|shade| graphics.in_shadow(shade));
+        let in_shadow = light.shade.map(|shade| graphics.lit(shade));
         let rgb = frame.rgb_mut();
         shader.shade(&self.raster, rgb);
         for model in &models {

@@ -71,14 +71,9 @@ impl Graphics {
         tint(conditions.warmth, COLD_BONNET)
     }
 
-    /// What is left of the light in a shadow where `shade` of it would be left in the darkest.
-    pub(super) fn in_shadow(self, shade: f32) -> f32 {
-        if self.shadows == 1.0 { shade } else { 1.0 - self.shadows * (1.0 - shade) }
-    }
-
-    /// The sun's share where `lit` of it would remain in the darkest shadow.
+    /// The share of the light that is left where `lit` of it would be left in the darkest shadow.
     #[inline]
-    fn lit(self, lit: f32) -> f32 {
+    pub(super) fn lit(self, lit: f32) -> f32 {
         lit + (1.0 - lit) * (1.0 - self.shadows)
     }
 }

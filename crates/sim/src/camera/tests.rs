@@ -10,6 +10,13 @@ use crate::{
     track::{LandmarkKind, Theme, Track, TrackFile},
 };
 
+/// Mean difference over the road's rows, which a pilot steers by, out of 255.
+pub(crate) fn apart(a: &Frame, b: &Frame) -> f64 {
+    let rows = 62 * Lens::STOCK.width * 3..134 * Lens::STOCK.width * 3;
+    let differences = a.rgb()[rows.clone()].iter().zip(&b.rgb()[rows.clone()]);
+    differences.map(|(&a, &b)| f64::from(a.abs_diff(b))).sum::<f64>() / rows.len() as f64
+}
+
 /// A shipped track and what stands along it, built once for all tests.
 pub(crate) fn scenery(name: &str) -> (Track, Arc<Scenery>) {
     static ALL: [OnceLock<(Track, Arc<Scenery>)>; Track::NAMES.len()] = [const { OnceLock::new() }; _];

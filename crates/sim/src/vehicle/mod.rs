@@ -18,7 +18,7 @@ use lapwing_core::{
         WHEELBASE_M, WIDTH_M,
     },
     protocol::Command,
-    units::{MPS_PER_MPH, Mph, Throttle},
+    units::{MPS_PER_MPH, Mph, Steering, Throttle},
 };
 
 /// One step of the physics, in seconds (Unity's fixed timestep).
@@ -186,6 +186,12 @@ impl Car {
         self.yaw += self.yaw_rate * STEP_S;
         self.position += self.velocity() * STEP_S;
         self.position.y = ground.height;
+    }
+
+    /// One step of [`STEP_S`] on level asphalt at a speed that is known, in metres a second.
+    pub fn step_at(&mut self, speed: f64, steering: Steering) {
+        self.speed = speed;
+        self.step(Command { steering, throttle: Throttle::ZERO }, Ground::default());
     }
 
     /// Whether negative throttle brakes; otherwise it reverses.
