@@ -60,7 +60,7 @@ impl ActorKind {
             Self::Bicycle => DVec3::new(0.5, 1.865, 1.89), // Euro NCAP's bicyclist target, from memory
             Self::Cone => DVec3::new(0.4, 0.75, 0.4),
             Self::Barrier => DVec3::new(2.0, 1.0, 0.4),
-            Self::SteelPlate => DVec3::new(2.4, 0.025, 3.7), // FMVSS 127's trench plate, from memory
+            Self::SteelPlate => DVec3::new(2.4, 0.025, 3.7), // FMVSS 127's trench plate, as others quote it
         }
     }
 
