@@ -34,6 +34,9 @@ pub struct ModelCheck {
     /// Run (.mcap), or folder with driving_log.csv, to show to the model
     #[arg(long, value_name = "RUN", default_value = "recordings/lake.mcap")]
     pub run: PathBuf,
+    /// Write the first 100 pictures as the model sees them, decoded but not preprocessed (PNG), and its answers (answers.csv)
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
     /// Print the findings as JSON
     #[arg(long)]
     pub json: bool,

@@ -20,13 +20,15 @@ pub(super) fn run(arguments: &cli::Model) -> anyhow::Result<Ended> {
 }
 
 fn checked(arguments: &cli::ModelCheck) -> anyhow::Result<Ended> {
+    let pictures = arguments.pictures.as_deref();
+    pictures.map(outputs::check_folder).transpose()?;
     let model = match &arguments.model {
         Some(path) => models::load(path, Instant::now)?,
         None => models::built_in(Instant::now)?,
     };
     // As `drive` does.
     runtime::set_threads(1);
-    let checked = check::check(&model, &arguments.run).with_context(|| {
+    let checked = check::check(&model, &arguments.run, pictures).with_context(|| {
         format!("{}: cannot be shown to {} (--run RUN names another recording)", arguments.run.display(), model.name())
     })?;
     outputs::print(&if arguments.json { serde_json::to_string_pretty(&checked)? } else { checked.to_string() })?;

@@ -4,7 +4,10 @@ use std::{fmt, path::Path, time::Duration};
 
 use serde::Serialize;
 
-use super::LoadedModel;
+use super::{
+    LoadedModel,
+    shown::{Shown, ShownError},
+};
 use lapwing_core::{
     perception::{Frame, ImageError, decode_jpeg},
     pilot::{PilotError, View},
@@ -61,6 +64,9 @@ pub enum CheckError {
         /// What it answers.
         why: PilotError,
     },
+    /// A picture cannot be kept.
+    #[error(transparent)]
+    Shown(#[from] ShownError),
 }
 
 /// What a model is and does. Its [`Display`](fmt::Display) is for people.
@@ -97,12 +103,14 @@ pub struct Answered {
     pub latency_ms: [f64; 2],
 }
 
-/// Shows a recording to a model, picture by picture, as while driving.
+/// Shows a recording to a model, picture by picture, as while driving. The first ones, and the answers to
+/// them, are kept in the folder `pictures`, see [`shown`](super::shown).
 ///
 /// # Errors
 /// [`CheckError`].
-pub fn check(model: &LoadedModel, recording: &Path) -> Result<Checked, CheckError> {
+pub fn check(model: &LoadedModel, recording: &Path, pictures: Option<&Path>) -> Result<Checked, CheckError> {
     let name = recording.display().to_string();
+    let mut shown = pictures.map(Shown::new).transpose()?;
     let (mut pilot, mut frame) = (model.pilot(), Frame::default());
     let (mut pairs, mut times) = (vec![], vec![]);
     for moment in Recording::open(recording)?.seen() {
@@ -113,11 +121,17 @@ pub fn check(model: &LoadedModel, recording: &Path) -> Result<Checked, CheckErro
         decode_jpeg(&bytes, &mut frame).map_err(|why| CheckError::Image { recording: name.clone(), row, why })?;
         let view = View { speed: moment.telemetry.speed, ..View::of(&frame) };
         let answer = pilot.steer(&view).map_err(|why| CheckError::Pilot { row, why })?;
+        if let Some(shown) = &mut shown {
+            shown.keep(row, &frame, answer.steering)?;
+        }
         pairs.push((answer.steering, steered.get()));
         times.push(answer.preprocess + answer.forward);
     }
     if pairs.is_empty() {
         return Err(CheckError::Empty(name));
+    }
+    if let Some(shown) = shown {
+        shown.finish()?;
     }
     let answers = answered(name, &pairs, times);
     let parameters = model.network().map(|network| {
@@ -228,7 +242,7 @@ mod tests {
 
     #[test]
     fn nothing_looks_wrong_with_the_shipped_model() {
-        let checked = check(&super::super::built_in(Instant::now).unwrap(), &lake()).unwrap();
+        let checked = check(&super::super::built_in(Instant::now).unwrap(), &lake(), None).unwrap();
         assert_eq!(checked.troubles, [""; 0]);
         assert_eq!((checked.input, checked.parameters), ([1, 3, 66, 200], Some(252_219)));
         let agreement = checked.answers.agreement.unwrap();

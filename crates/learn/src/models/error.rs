@@ -53,6 +53,16 @@ pub enum ModelError {
         /// The first line of what it says.
         why: String,
     },
+    /// A model that is not whole: what a run says of its model would not tell these weights from others.
+    #[error(
+        "{path}: expected a model with its weights, got one whose weights are in a second file: export it with \
+         external_data=False, as torch.onnx.export calls it",
+        path = path.display()
+    )]
+    OnnxWeights {
+        /// The model.
+        path: PathBuf,
+    },
     /// A network that does not take what the file beside it prepares.
     #[error("{path}: expected a network with one input of shape {expected:?} f32, as {side} says, got {got}", path = path.display(), side = path.with_extension("toml").display())]
     OnnxInput {

@@ -13,6 +13,7 @@ mod model;
 pub mod network;
 #[cfg(feature = "onnx")]
 pub mod onnx;
+pub mod shown;
 mod side_file;
 pub mod torchscript;
 

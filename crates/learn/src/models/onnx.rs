@@ -38,13 +38,22 @@ pub fn use_library(path: &Path) {
 /// answer one after the other, each on one thread of the CPU.
 ///
 /// # Errors
-/// [`ModelError::NoOnnxRuntime`], [`ModelError::Onnx`], [`ModelError::OnnxInput`].
+/// [`ModelError::OnnxWeights`], [`ModelError::NoOnnxRuntime`], [`ModelError::Onnx`], [`ModelError::OnnxInput`].
 pub(super) fn load(path: &Path, bytes: &[u8], expected: [usize; 4]) -> Result<Mutex<Session>, ModelError> {
     let path = || path.to_owned();
+    if has_weights_elsewhere(bytes) {
+        return Err(ModelError::OnnxWeights { path: path() });
+    }
     let environment = environment().map_err(|why| ModelError::NoOnnxRuntime { path: path(), why })?;
     let session = session(environment, bytes).map_err(|why| ModelError::Onnx { path: path(), why })?;
     check_input(&session, expected).map_err(|got| ModelError::OnnxInput { path: path(), expected, got })?;
     Ok(Mutex::new(session))
+}
+
+/// Whether a tensor names the file that has its numbers: an entry of the key `location`, as protobuf writes it.
+fn has_weights_elsewhere(bytes: &[u8]) -> bool {
+    const KEY: &[u8] = b"\x0a\x08location\x12";
+    bytes.windows(KEY.len()).any(|window| window == KEY)
 }
 
 /// ONNX Runtime, loaded once; or why it cannot be.
@@ -98,5 +107,19 @@ impl Forward for Mutex<Session> {
             all.extend_from_slice(output.try_extract_tensor::<f32>().map_err(wrong)?.1);
         }
         Ok(Tensor::f_from_slice(&all)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_in_a_second_file_are_refused_with_what_to_do() {
+        // A tensor as torch.onnx.export writes it: entries of its data's location, offset and length.
+        let bytes = b"\x08\x0a\x6a\x19\x0a\x08location\x12\x0dnet.onnx.data\x70\x01";
+        let error = load(Path::new("net.onnx"), bytes, [1, 3, 66, 200]).err().unwrap().to_string();
+        assert!(error.starts_with("net.onnx: ") && error.contains("external_data=False"), "{error}");
+        assert!(!has_weights_elsewhere(b"\x0a\x08location of the car"));
     }
 }
