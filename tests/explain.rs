@@ -107,10 +107,14 @@ fn what_is_marked_lies_on_the_roads_edges_more_often_than_chance() {
             println!("{road}: {name} {learnt:.2} times as often as chance, {control:.2} with random weights");
             let least = match (method, road) {
                 (Method::IntegratedGradients, _) => 2.0,
-                (Method::VisualBackProp, "lake") => 0.0,
+                // Less often than chance, but still more often than with random weights.
+                (Method::VisualBackProp, "lake") => 0.3,
                 (Method::VisualBackProp, _) => 1.2,
             };
-            assert!(learnt > least, "{road}: {name} {learnt:.2} times as often as chance");
+            assert!(
+                learnt > least && learnt > control,
+                "{road}: {name} {learnt:.2} times as often as chance, {control:.2} with random weights"
+            );
         }
     }
 }
