@@ -21,7 +21,7 @@ use self::{
 };
 
 /// Commands that are not run, and why. `lapwing`'s are parsed all the same.
-const NOT_RUN: [(&str, &str); 15] = [
+const NOT_RUN: [(&str, &str); 17] = [
     ("lapwing brake record", "drives for hours"),
     ("lapwing brake train", "needs the data of brake record, and takes half an hour"),
     ("lapwing brake evaluate", "needs the data of brake record"),
@@ -35,6 +35,8 @@ const NOT_RUN: [(&str, &str); 15] = [
         "lapwing model rename weights.safetensors",
         "needs the reader's weights; tests/interop/checks_models.py renames some",
     ),
+    ("lapwing model check net.safetensors", "needs what model rename makes of the reader's weights"),
+    ("lapwing drive --model net.safetensors", "needs what model rename makes of the reader's weights"),
     ("lapwing train --recipe models/", "takes half an hour, and some recipes need the team's recordings"),
     ("lapwing record --page", "waits for a person to drive"),
     ("LAPWING_LANE_ROWS=300 cargo", "is a test, with more rows than CI has time for"),
