@@ -87,9 +87,9 @@ fn the_users_own_settings_stay_his_where_they_are_named_or_lie_in_the_folder() {
 
 #[test]
 fn every_verb_that_takes_a_model_says_that_torchscript_is_code() {
-    for verb in ["drive", "serve", "replay", "suite", "evaluate", "doctor"] {
+    for verb in ["drive", "serve", "replay", "suite", "evaluate", "doctor", "model check"] {
         for help in ["-h", "--help"] {
-            let (_, out, _) = said(&lapwing(&[verb, help]));
+            let (_, out, _) = said(&lapwing(&verb.split(' ').chain([help]).collect::<Vec<_>>()));
             let words = out.split_whitespace().collect::<Vec<_>>().join(" ");
             assert!(words.contains("TorchScript") && words.contains("code"), "{verb} {help}: {out}");
         }

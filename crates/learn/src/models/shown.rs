@@ -83,11 +83,7 @@ mod tests {
 
     use super::*;
     use crate::models::{built_in, check::check};
-    use lapwing_core::{
-        perception::decode_jpeg,
-        pilot::{Pilot, View},
-        recording::Recording,
-    };
+    use lapwing_core::{perception::decode_jpeg, pilot::View, recording::Recording};
 
     #[test]
     fn the_pictures_are_those_that_the_model_saw_and_the_answers_its_own() {
