@@ -31,7 +31,7 @@ CUDA = ("libcudnn.so.9", "libcufile.so.0", "libnccl.so.2")
 def python():
     """The interpreter of an environment with requirements-torch.txt and PyTorch, made where it is not there yet."""
     requirements, venv = HERE / "requirements-torch.txt", WORK / "venv-torch"
-    stamp = hashlib.sha256(requirements.read_bytes() + Path(__file__).read_bytes()).hexdigest()
+    stamp = hashlib.sha256(requirements.read_bytes() + Path(__file__).read_bytes() + bytes(LIBTORCH)).hexdigest()
     interpreter = venv / "bin" / "python"
     if (venv / stamp).exists():
         return interpreter
