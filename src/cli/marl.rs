@@ -137,7 +137,7 @@ pub struct MarlTrain {
     #[arg(long)]
     pub resume: bool,
     /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners", "collectors"])]
     pub recipe: Option<PathBuf>,
     /// How the agents learn
     #[arg(long, value_enum, default_value_t)]
@@ -199,6 +199,9 @@ pub struct MarlTrain {
     /// MADDPG's learner threads beside a collector thread; 0: one thread does both in turn, with the same result each time
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub learners: u16,
+    /// PPO's collector threads, which share the intersections, 32 to a thread or more; the policy is the same with any number
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub collectors: u16,
     /// Random seed [default: 0, or the recipe's]
     #[arg(long)]
     pub seed: Option<u64>,

@@ -96,6 +96,7 @@ fn ppo(arguments: &MarlTrain) -> PpoSettings {
         entropy_end: arguments.entropy_end,
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
         gamma_end: arguments.gamma_end.map(|gamma| gamma as f32),
+        collectors: usize::from(arguments.collectors),
         seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
     }

@@ -13,6 +13,7 @@
 //! With [`Critic::Central`] the value is that of the whole situation together with the agent's own view (MAPPO's
 //! agent-specific global state); the actor is the same.
 
+mod collectors;
 mod settings;
 
 pub use settings::{Critic, PpoSettings};
@@ -21,16 +22,14 @@ use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor, no_grad};
 
+use self::collectors::{ActorCritic, Part, collect, draw_luck};
 use super::{
     MarlError,
     learner::{Counters, Learner, Update, World},
     policy::{Mlp, scale},
 };
 use crate::train::{Optimiser, Stepper};
-use lapwing_sim::intersection::{
-    ACTIONS, AGENTS, Batch, Buffers, STATE,
-    evaluation::{Evaluation, Sums},
-};
+use lapwing_sim::intersection::{ACTIONS, STATE, evaluation::Sums};
 
 /// What is logged of an update (detail 12): policy loss, value loss, the policy's entropy in nats (at most ln 4), how far
 /// the policy moved (Schulman's estimator `(r - 1) - ln r` of the KL divergence), and the share of the ratios that were
@@ -41,13 +40,10 @@ const LOSSES: [&str; 5] = ["policy_loss", "value_loss", "entropy", "divergence",
 #[derive(Debug)]
 pub struct Ppo {
     settings: PpoSettings,
-    actor: Mlp,
-    critic: Mlp,
+    networks: ActorCritic,
     stepper: Stepper,
-    scale: Tensor,
-    world: Batch,
+    parts: Vec<Part>,
     random: ChaCha8Rng,
-    rollout: Rollout,
     agent_steps: u64,
     updates: u64,
 }
@@ -62,12 +58,13 @@ impl Learner for Ppo {
     }
 
     fn actor(&self) -> &Mlp {
-        &self.actor
+        &self.networks.actor
     }
 
     fn tensors(&self) -> Vec<(String, Tensor)> {
         let moments = self.stepper.state().map(|(name, tensor)| (name, tensor.shallow_clone()));
-        self.actor.weights().into_iter().chain(self.critic.weights()).chain(moments).collect()
+        let ActorCritic { actor, critic, .. } = &self.networks;
+        actor.weights().into_iter().chain(critic.weights()).chain(moments).collect()
     }
 
     fn counters(&self) -> Counters {
@@ -81,7 +78,7 @@ impl Learner for Ppo {
     }
 }
 
-/// What a number of steps gave: for each step, each agent of each intersection in turn.
+/// What a number of steps gave: for each step, each agent of each intersection of a part in turn.
 #[derive(Debug, Default)]
 struct Rollout {
     /// One step more than the others: what is seen after the last.
@@ -117,20 +114,22 @@ impl Rollout {
             }
         }
     }
+}
 
-    /// How much of the returns' variance the values explain (detail 12).
-    fn explained(&self) -> f64 {
-        let rows = || (0..self.drove.len()).filter(|row| self.drove[*row]);
-        let variance = |of: &dyn Fn(usize) -> f32| {
-            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            for number in rows().map(|row| f64::from(of(row))) {
+/// How much of the returns' variance the values explain (detail 12).
+fn explained<'a>(rollouts: impl Iterator<Item = &'a Rollout> + Clone) -> f64 {
+    let variance = |of: fn(&Rollout, usize) -> f32| {
+        let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+        for rollout in rollouts.clone() {
+            for row in (0..rollout.drove.len()).filter(|row| rollout.drove[*row]) {
+                let number = f64::from(of(rollout, row));
                 (n, sum, squares) = (n + 1.0, sum + number, squares + number * number);
             }
-            squares / f64::max(n, 1.0) - (sum / f64::max(n, 1.0)).powi(2)
-        };
-        let returns = variance(&|row| self.advantages[row] + self.values[row]);
-        1.0 - variance(&|row| self.advantages[row]) / returns.max(1e-12)
-    }
+        }
+        squares / f64::max(n, 1.0) - (sum / f64::max(n, 1.0)).powi(2)
+    };
+    let returns = variance(|rollout, row| rollout.advantages[row] + rollout.values[row]);
+    1.0 - variance(|rollout, row| rollout.advantages[row]) / returns.max(1e-12)
 }
 
 impl Ppo {
@@ -151,49 +150,26 @@ impl Ppo {
         let weights = actor.weights().into_iter().chain(critic.weights()).collect();
         let optimiser = Optimiser { clip: Some(settings.largest_gradient), ..Optimiser::default() }; // detail 11
         let stepper = Stepper::new(optimiser, weights)?.with_epsilon(1e-5); // detail 3
-        let world = world.batch(settings.intersections, random.random());
-        let agents = world.agents();
-        let rows = settings.steps * agents;
-        let mut rollout = Rollout {
-            observations: vec![0.0; (rows + agents) * numbers],
-            states: Vec::new(),
-            actions: vec![0; rows],
-            log_probabilities: vec![0.0; rows],
-            rewards: vec![0.0; rows],
-            drove: vec![false; rows],
-            terminated: vec![false; rows],
-            truncated: vec![false; rows],
-            values: vec![0.0; rows + agents],
-            advantages: vec![0.0; rows],
-        };
-        if settings.critic == Critic::Central {
-            rollout.states = vec![0.0; (settings.steps + 1) * settings.intersections * STATE];
-        }
-        world.observe(&mut rollout.observations[rows * numbers..]);
-        Ok(Self {
-            settings,
-            actor,
-            critic,
-            stepper,
-            scale: scale(sight)?,
-            world,
-            random,
-            rollout,
-            agent_steps: 0,
-            updates: 0,
-        })
+        let parts = Part::all(world.batch(settings.intersections, random.random()), &settings);
+        let networks = ActorCritic { actor, critic, scale: scale(sight)? };
+        Ok(Self { settings, networks, stepper, parts, random, agent_steps: 0, updates: 0 })
     }
 
     /// Drives a number of steps, and learns from them.
     fn rollout_and_learn(&mut self) -> Result<Update, MarlError> {
         let done = self.progress();
         let learning_rate = self.settings.learning_rate * (1.0 - done).max(1e-3); // detail 4
-        let drove = self.collect()?;
-        let agents = self.world.agents();
-        self.rollout.estimate_advantages(agents, self.settings.gamma_at(done), self.settings.lambda);
-        let explained = self.rollout.explained();
+        draw_luck(&mut self.parts, self.settings.steps, &mut self.random);
+        let mut sums = Sums::default();
+        collect(&mut self.parts, &self.networks, &self.settings)?.into_iter().for_each(|episode| sums.add(episode));
+        let drove = sums.evaluation();
+        for part in &mut self.parts {
+            let agents = part.world.agents();
+            part.rollout.estimate_advantages(agents, self.settings.gamma_at(done), self.settings.lambda);
+        }
+        let explained = explained(self.rollouts());
         self.updates += 1;
-        self.agent_steps += self.rollout.drove.iter().filter(|drove| **drove).count() as u64;
+        self.agent_steps += self.rows().len() as u64;
         let losses = self.learn(learning_rate, self.settings.entropy_at(done))?;
         Ok(Update {
             number: self.updates,
@@ -210,103 +186,42 @@ impl Ppo {
         })
     }
 
-    /// Fills the rollout (detail 1). Returns what became of the episodes that ended.
-    fn collect(&mut self) -> Result<Evaluation, MarlError> {
-        let (agents, mut sums) = (self.world.agents(), Sums::default());
-        // What was seen after the last step of the last rollout comes first.
-        let each = agents * self.world.numbers();
-        let last = self.settings.steps * each;
-        self.rollout.observations.copy_within(last.., 0);
+    fn rollouts(&self) -> impl Iterator<Item = &Rollout> + Clone {
+        self.parts.iter().map(|part| &part.rollout)
+    }
+
+    /// Where in all rollouts, one part after the other, somebody drove; in the order of the steps.
+    fn rows(&self) -> Vec<i64> {
+        let mut rows = Vec::new();
         for step in 0..self.settings.steps {
-            self.look(step)?;
-            let at = step * agents..(step + 1) * agents;
-            let rollout = &mut self.rollout;
-            self.world.step(
-                &rollout.actions[at.clone()],
-                Buffers {
-                    observations: &mut rollout.observations[(step + 1) * each..(step + 2) * each],
-                    rewards: &mut rollout.rewards[at.clone()],
-                    drove: &mut rollout.drove[at.clone()],
-                    terminated: &mut rollout.terminated[at.clone()],
-                    truncated: &mut rollout.truncated[at],
-                },
-            );
-            self.world.finished().for_each(|episode| sums.add(episode));
+            let mut begin = 0;
+            for part in &self.parts {
+                let (agents, drove) = (part.world.agents(), &part.rollout.drove);
+                let here = (step * agents..(step + 1) * agents).filter(|row| drove[*row]);
+                rows.extend(here.map(|row| (begin + row) as i64));
+                begin += drove.len();
+            }
         }
-        self.look(self.settings.steps)?;
-        for reward in &mut self.rollout.rewards {
-            *reward *= self.settings.reward_scale;
-        }
-        Ok(sums.evaluation())
+        rows
     }
 
-    /// Writes the values of what is seen before a step and, but for the step after the last, draws actions.
-    fn look(&mut self, step: usize) -> Result<(), MarlError> {
-        let agents = self.world.agents();
-        let (rows, seen) = (step * agents, self.observations(step * agents, agents)?);
-        if self.settings.critic == Critic::Central {
-            let each = self.settings.intersections * STATE;
-            self.world.states(&mut self.rollout.states[step * each..(step + 1) * each]);
-        }
-        let (logits, values) = no_grad(|| -> Result<_, MarlError> {
-            Ok((self.actor.forward(&seen)?.f_log_softmax(1, Kind::Float)?, self.value(&seen, rows, agents)?))
-        })?;
-        values.f_copy_data(&mut self.rollout.values[rows..rows + agents], agents)?;
-        if step == self.settings.steps {
-            return Ok(());
-        }
-        let mut logs = vec![0.0_f32; agents * ACTIONS];
-        logits.f_copy_data(&mut logs, agents * ACTIONS)?;
-        for (i, logs) in logs.chunks_exact(ACTIONS).enumerate() {
-            let mut left = self.random.random_range(0.0..1.0_f32);
-            let chosen = logs.iter().position(|log| {
-                left -= log.exp();
-                left < 0.0
-            });
-            let action = chosen.unwrap_or(ACTIONS - 1);
-            self.rollout.actions[rows + i] = action as u8;
-            self.rollout.log_probabilities[rows + i] = logs[action];
-        }
-        Ok(())
-    }
-
-    /// (count, numbers of an observation): scaled observations of rows of the rollout.
-    fn observations(&self, from: usize, count: usize) -> Result<Tensor, MarlError> {
-        let numbers = self.world.numbers();
-        let seen = &self.rollout.observations[from * numbers..(from + count) * numbers];
-        Ok(Tensor::f_from_slice(seen)?.f_view([count as i64, numbers as i64])?.f_mul(&self.scale)?)
-    }
-
-    /// (count): values of rows of the rollout that begin with an intersection's first agent.
-    fn value(&self, seen: &Tensor, from: usize, count: usize) -> Result<Tensor, MarlError> {
-        let value = match self.settings.critic {
-            Critic::Own => self.critic.forward(seen)?,
-            Critic::Central => self.critic.forward(&Tensor::f_cat(&[seen, &self.situations(from, count)?], 1)?)?,
-        };
-        Ok(value.f_flatten(0, -1)?)
-    }
-
-    /// (count, STATE): the situation that each of the agents is in.
-    fn situations(&self, from: usize, count: usize) -> Result<Tensor, MarlError> {
-        let numbers = &self.rollout.states[from / AGENTS * STATE..(from + count) / AGENTS * STATE];
-        let each = Tensor::f_from_slice(numbers)?.f_view([(count / AGENTS) as i64, STATE as i64])?;
-        Ok(each.f_repeat_interleave_self_int(AGENTS as i64, 0, None)?)
+    /// (rows of all rollouts): one part after the other.
+    fn all<T: tch::kind::Element + Copy>(&self, of: impl Fn(&Rollout) -> &[T]) -> Result<Tensor, MarlError> {
+        Ok(Tensor::f_from_slice(&self.rollouts().map(of).collect::<Vec<_>>().concat())?)
     }
 
     /// Several passes over the rollout. Returns the means of [`LOSSES`].
     fn learn(&mut self, learning_rate: f64, entropy_weight: f64) -> Result<[f64; 5], MarlError> {
-        let all = self.rollout.drove.len();
-        let mut rows: Vec<i64> = (0..all).filter(|row| self.rollout.drove[*row]).map(|row| row as i64).collect();
-        let seen = self.observations(0, all)?;
-        let situations = match self.settings.critic {
-            Critic::Own => None,
-            Critic::Central => Some(self.situations(0, all)?),
-        };
-        let actions: Vec<i64> = self.rollout.actions.iter().map(|action| i64::from(*action)).collect();
-        let actions = Tensor::f_from_slice(&actions)?.f_view([all as i64, 1])?;
-        let old = Tensor::f_from_slice(&self.rollout.log_probabilities)?;
-        let advantages = Tensor::f_from_slice(&self.rollout.advantages)?;
-        let values = Tensor::f_from_slice(&self.rollout.values[..all])?;
+        let mut rows = self.rows();
+        let seen = self.parts.iter().map(|part| part.seen(0, part.rollout.drove.len(), &self.networks.scale));
+        let seen = Tensor::f_cat(&seen.collect::<Result<Vec<_>, _>>()?, 0)?;
+        let situations = self.parts.iter().map(|part| part.situations(0, part.rollout.drove.len()));
+        let situations = situations.collect::<Result<Option<Vec<_>>, _>>()?;
+        let situations = situations.map(|situations| Tensor::f_cat(&situations, 0)).transpose()?;
+        let actions = self.all(|rollout| &rollout.actions)?.f_to_kind(Kind::Int64)?.f_view([-1, 1])?;
+        let old = self.all(|rollout| &rollout.log_probabilities)?;
+        let advantages = self.all(|rollout| &rollout.advantages)?;
+        let values = self.all(|rollout| &rollout.values[..rollout.drove.len()])?;
         let returns = advantages.f_add(&values)?;
         let (mut sums, mut count) = ([0.0; 5], 0.0);
         let clip = self.settings.clip;
@@ -317,18 +232,15 @@ impl Ppo {
                 let rows = Tensor::f_from_slice(rows)?; // (B)
                 let pick = |from: &Tensor| from.f_index_select(0, &rows);
                 let seen = pick(&seen)?; // (B, numbers)
-                let logs = self.actor.forward(&seen)?.f_log_softmax(1, Kind::Float)?; // (B, ACTIONS)
+                let logs = self.networks.actor.forward(&seen)?.f_log_softmax(1, Kind::Float)?; // (B, ACTIONS)
                 let log = logs.f_gather(1, &pick(&actions)?, false)?.f_flatten(0, -1)?; // (B)
                 let log_ratio = log.f_sub(&pick(&old)?)?;
                 let ratio = log_ratio.f_exp()?;
 
                 let policy_loss = surrogate(&normalised(&pick(&advantages)?)?, &ratio, clip)?;
 
-                let value = match &situations {
-                    None => self.critic.forward(&seen)?,
-                    Some(situations) => self.critic.forward(&Tensor::f_cat(&[&seen, &pick(situations)?], 1)?)?,
-                };
-                let value_loss = value_loss(&value.f_flatten(0, -1)?, &pick(&values)?, &pick(&returns)?, clip)?;
+                let value = self.networks.value(&seen, situations.as_ref().map(pick).transpose()?.as_ref())?;
+                let value_loss = value_loss(&value, &pick(&values)?, &pick(&returns)?, clip)?;
 
                 let entropy = logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist(1, false, Kind::Float)?;
                 let entropy = entropy.f_mean(Kind::Float)?.f_neg()?;

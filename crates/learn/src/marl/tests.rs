@@ -157,6 +157,7 @@ fn settings_that_cannot_be_followed_are_refused() {
         (PpoSettings { steps: 0, ..PpoSettings::default() }, "steps: expected 1 to 65536, got 0"),
         (PpoSettings { gamma_end: Some(1.0), ..PpoSettings::default() }, "gamma_end: expected below 1"),
         (PpoSettings { gamma: 1.5, ..PpoSettings::default() }, "gamma and lambda: expected 0 to 1, got 1.5"),
+        (PpoSettings { collectors: 0, ..PpoSettings::default() }, "collectors: expected 1 to 64, got 0"),
         (PpoSettings { learning_rate: f64::NAN, ..PpoSettings::default() }, "learning_rate: expected a number above 0"),
     ] {
         let error = Ppo::new(settings, World::default()).unwrap_err().to_string();

@@ -51,6 +51,16 @@ impl Batch {
         Self { environments, numbers: settings.sight.numbers() }
     }
 
+    /// The same intersections in batches of so many; the last may have fewer.
+    pub fn split(mut self, count: usize) -> Vec<Self> {
+        let mut batches = Vec::new();
+        while !self.environments.is_empty() {
+            let rest = self.environments.split_off(count.clamp(1, self.environments.len()));
+            batches.push(Self { environments: std::mem::replace(&mut self.environments, rest), numbers: self.numbers });
+        }
+        batches
+    }
+
     /// Number of agents in all intersections.
     pub fn agents(&self) -> usize {
         self.environments.len() * AGENTS

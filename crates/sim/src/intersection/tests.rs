@@ -109,6 +109,22 @@ fn the_same_seed_and_actions_give_the_same_episode_bit_by_bit() {
     assert!(drive(5) != drive(6));
 }
 
+#[test]
+fn a_batch_that_is_split_keeps_its_intersections_in_their_order() {
+    let seen = |batch: &Batch| {
+        let mut observations = vec![0.0; batch.agents() * OBSERVATION];
+        batch.observe(&mut observations);
+        observations
+    };
+    let whole = Batch::mixed(BUSY, 5, 3);
+    let parts = whole.clone().split(2);
+    assert_eq!(parts.iter().map(Batch::agents).collect::<Vec<_>>(), [8, 8, 4]);
+    assert!(parts.iter().flat_map(seen).collect::<Vec<_>>() == seen(&whole));
+    let settings = |batch: &Batch| batch.environments().iter().map(Environment::settings).collect::<Vec<_>>();
+    assert_eq!(parts.iter().flat_map(settings).collect::<Vec<_>>(), settings(&whole));
+    assert_eq!(whole.split(8).len(), 1);
+}
+
 /// Whoever drives, and however badly.
 #[test]
 fn background_cars_never_crash_among_themselves_in_a_million_steps() {

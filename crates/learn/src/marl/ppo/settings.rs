@@ -55,6 +55,8 @@ pub struct PpoSettings {
     pub hidden: usize,
     /// What rewards are multiplied with: 0.05, so that a goal is worth 1.
     pub reward_scale: f32,
+    /// Threads that drive while a rollout is collected; 1. The result is the same with any number of them.
+    pub collectors: usize,
     /// Of everything random.
     pub seed: u64,
 }
@@ -79,6 +81,7 @@ impl Default for PpoSettings {
             largest_gradient: 0.5,
             hidden: 64,
             reward_scale: 0.05,
+            collectors: 1,
             seed: 0,
         }
     }
@@ -96,6 +99,9 @@ impl PpoSettings {
         ];
         if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
             return wrong(name, "1 to 65536", got.to_string());
+        }
+        if !(1..=64).contains(&self.collectors) {
+            return wrong("collectors", "1 to 64", self.collectors.to_string());
         }
         if self.minibatch < 2 {
             return wrong(

@@ -2,12 +2,31 @@
 
 use super::*;
 use crate::nn::runtime;
+use lapwing_sim::intersection::{AGENTS, Buffers};
 
-/// With 32 agents.
+/// With 32 agents, all in one part.
 fn small(critic: Critic, seed: u64) -> Ppo {
+    of_size(8, PpoSettings { critic, seed, ..PpoSettings::default() })
+}
+
+fn of_size(intersections: usize, settings: PpoSettings) -> Ppo {
     runtime::set_threads(1);
-    let settings = PpoSettings { critic, intersections: 8, steps: 64, minibatch: 256, seed, ..PpoSettings::default() };
-    Ppo::new(settings, World::default()).unwrap()
+    Ppo::new(PpoSettings { intersections, steps: 64, minibatch: 256, ..settings }, World::default()).unwrap()
+}
+
+/// A whole rollout.
+fn drive(ppo: &mut Ppo) {
+    draw_luck(&mut ppo.parts, ppo.settings.steps, &mut ppo.random);
+    collect(&mut ppo.parts, &ppo.networks, &ppo.settings).unwrap();
+}
+
+/// Actions and values for what was seen, without driving.
+fn look(ppo: &mut Ppo) {
+    draw_luck(&mut ppo.parts, ppo.settings.steps, &mut ppo.random);
+    for part in &mut ppo.parts {
+        (0..ppo.settings.steps).for_each(|step| part.act(step, &ppo.networks).unwrap());
+        part.judge(&ppo.networks).unwrap();
+    }
 }
 
 fn numbers(tensor: &Tensor) -> Vec<f32> {
@@ -18,9 +37,14 @@ fn of(numbers: &[f32]) -> Tensor {
     Tensor::from_slice(numbers)
 }
 
+/// Of the actor.
+fn weights(ppo: &Ppo) -> Vec<f32> {
+    ppo.actor().weights().iter().flat_map(|(_, weight)| numbers(weight)).collect()
+}
+
 /// Whatever an agent sees, its actions are as likely as these logits say.
 fn prefer(ppo: &Ppo, logits: [f32; ACTIONS]) {
-    let weights = ppo.actor.weights();
+    let weights = ppo.networks.actor.weights();
     let [.., (_, weight), (_, bias)] = &weights[..] else { panic!("no last layer") };
     no_grad(|| {
         let _ = weight.detach().zero_();
@@ -69,14 +93,15 @@ fn advantages_end_with_an_episode_and_one_that_is_truncated_is_worth_what_it_pro
 
 #[test]
 fn values_explain_the_returns_as_far_as_they_are_right_where_somebody_drove() {
-    let explained = |values: [f32; 4], advantages: [f32; 4]| {
+    let found = |values: [f32; 4], advantages: [f32; 4]| {
         let drove = vec![true, true, true, false];
-        Rollout { values: values.to_vec(), advantages: advantages.to_vec(), drove, ..Rollout::default() }.explained()
+        let all = Rollout { values: values.to_vec(), advantages: advantages.to_vec(), drove, ..Rollout::default() };
+        explained([&all].into_iter())
     };
     // The returns are 1, 2 and 3.
-    assert!((explained([1.0, 2.0, 3.0, 50.0], [0.0, 0.0, 0.0, 9.0]) - 1.0).abs() < 1e-9);
-    assert!(explained([2.0, 2.0, 2.0, 50.0], [-1.0, 0.0, 1.0, 9.0]).abs() < 1e-9);
-    assert!(explained([3.0, 2.0, 1.0, 50.0], [-2.0, 0.0, 2.0, 9.0]) < -2.9);
+    assert!((found([1.0, 2.0, 3.0, 50.0], [0.0, 0.0, 0.0, 9.0]) - 1.0).abs() < 1e-9);
+    assert!(found([2.0, 2.0, 2.0, 50.0], [-1.0, 0.0, 1.0, 9.0]).abs() < 1e-9);
+    assert!(found([3.0, 2.0, 1.0, 50.0], [-2.0, 0.0, 2.0, 9.0]) < -2.9);
 }
 
 #[test]
@@ -137,10 +162,11 @@ fn actions_are_drawn_as_often_as_the_policy_says_and_their_probabilities_are_tol
     let mut ppo = small(Critic::Own, 1);
     prefer(&ppo, [0.0, 1.0, -1.0, 2.0]);
     let shares = [0.0871, 0.2369, 0.0321, 0.6439];
-    let (mut counts, rows) = ([0_u32; ACTIONS], ppo.rollout.actions.len());
+    let (mut counts, rows) = ([0_u32; ACTIONS], ppo.parts[0].rollout.actions.len());
     for _ in 0..4 {
-        (0..ppo.settings.steps).for_each(|step| ppo.look(step).unwrap());
-        for (action, log) in ppo.rollout.actions.iter().zip(&ppo.rollout.log_probabilities) {
+        look(&mut ppo);
+        let rollout = &ppo.parts[0].rollout;
+        for (action, log) in rollout.actions.iter().zip(&rollout.log_probabilities) {
             counts[usize::from(*action)] += 1;
             assert!((log.exp() - shares[usize::from(*action)]).abs() < 1e-3, "{action}: {log}");
         }
@@ -154,17 +180,20 @@ fn actions_are_drawn_as_often_as_the_policy_says_and_their_probabilities_are_tol
 #[test]
 fn a_rollout_holds_what_was_seen_before_each_step_and_what_the_step_then_gave() {
     let mut ppo = small(Critic::Central, 2);
-    let (agents, each) = (ppo.world.agents(), ppo.world.numbers());
+    let (agents, each) = (ppo.parts[0].world.agents(), ppo.parts[0].world.numbers());
     let rows = ppo.settings.steps * agents;
     let mut gone = 0;
     // The second goes on where the first one ended.
     for _ in 0..2 {
-        let mut world = ppo.world.clone();
-        ppo.collect().unwrap();
-        let rollout = &ppo.rollout;
-        let (seen, situations) = (ppo.observations(0, rows).unwrap(), numbers(&ppo.situations(0, rows).unwrap()));
-        let logs = ppo.actor.forward(&seen).unwrap().log_softmax(1, Kind::Float);
-        let (logs, values) = (numbers(&logs), numbers(&ppo.value(&seen, 0, rows).unwrap()));
+        let mut world = ppo.parts[0].world.clone();
+        drive(&mut ppo);
+        let ([part], networks) = (&ppo.parts[..], &ppo.networks) else { panic!("expected one part") };
+        let rollout = &part.rollout;
+        let seen = part.seen(0, rows, &networks.scale).unwrap();
+        let situations = part.situations(0, rows).unwrap();
+        let logs = numbers(&networks.actor.forward(&seen).unwrap().log_softmax(1, Kind::Float));
+        let values = numbers(&networks.value(&seen, situations.as_ref()).unwrap());
+        let situations = numbers(&situations.unwrap());
         let (mut observations, mut states) = (vec![0.0; agents * each], vec![0.0; agents / AGENTS * STATE]);
         let (mut rewards, mut flags) = (vec![0.0; agents], [(); 3].map(|()| vec![false; agents]));
         for step in 0..ppo.settings.steps {
@@ -206,24 +235,27 @@ fn a_rollout_holds_what_was_seen_before_each_step_and_what_the_step_then_gave() 
 fn agents_that_are_not_there_do_not_count() {
     for critic in [Critic::Own, Critic::Central] {
         let learn = |spoil: bool| {
-            let mut ppo = small(critic, 3);
-            ppo.collect().unwrap();
-            let (agents, each) = (ppo.world.agents(), ppo.world.numbers());
-            ppo.rollout.estimate_advantages(agents, 0.99, 0.95);
-            let gone: Vec<usize> = (0..ppo.rollout.drove.len()).filter(|row| !ppo.rollout.drove[*row]).collect();
-            assert!(gone.len() > 20);
-            for row in gone.into_iter().filter(|_| spoil) {
-                ppo.rollout.observations[row * each..][..each].fill(f32::NAN);
-                ppo.rollout.actions[row] = 3;
-                ppo.rollout.log_probabilities[row] = f32::NAN;
-                ppo.rollout.values[row] = f32::NAN;
-                ppo.rollout.advantages[row] = f32::NAN;
+            // Of 32 intersections and of 8.
+            let mut ppo = of_size(40, PpoSettings { critic, seed: 3, ..PpoSettings::default() });
+            drive(&mut ppo);
+            for Part { world, rollout, .. } in &mut ppo.parts {
+                let each = world.numbers();
+                rollout.estimate_advantages(world.agents(), 0.99, 0.95);
+                let gone: Vec<usize> = (0..rollout.drove.len()).filter(|row| !rollout.drove[*row]).collect();
+                assert!(gone.len() > 20);
+                for row in gone.into_iter().filter(|_| spoil) {
+                    rollout.observations[row * each..][..each].fill(f32::NAN);
+                    rollout.actions[row] = 3;
+                    rollout.log_probabilities[row] = f32::NAN;
+                    rollout.values[row] = f32::NAN;
+                    rollout.advantages[row] = f32::NAN;
+                }
             }
-            let before: Vec<f32> = ppo.actor.weights().iter().flat_map(|(_, weight)| numbers(weight)).collect();
+            let before = weights(&ppo);
             let losses = ppo.learn(1e-3, 0.01).unwrap();
             let after: Vec<f32> = ppo.tensors().iter().flat_map(|(_, tensor)| numbers(tensor)).collect();
             assert!(before != after[..before.len()], "it learnt");
-            (losses, ppo.rollout.explained(), after)
+            (losses, explained(ppo.rollouts()), after)
         };
         assert!(learn(true) == learn(false), "{critic:?}");
     }
@@ -233,10 +265,9 @@ fn agents_that_are_not_there_do_not_count() {
 fn the_entropys_weight_makes_the_policy_more_even_and_without_it_nothing_changes_it_where_all_is_as_good() {
     let mut ppo = small(Critic::Own, 4);
     prefer(&ppo, [2.0, 0.0, 0.0, 0.0]);
-    let weights = |ppo: &Ppo| ppo.actor.weights().iter().flat_map(|(_, weight)| numbers(weight)).collect::<Vec<_>>();
     let before = weights(&ppo);
-    (0..ppo.settings.steps).for_each(|step| ppo.look(step).unwrap());
-    ppo.rollout.drove.fill(true);
+    look(&mut ppo);
+    ppo.parts[0].rollout.drove.fill(true);
     let [.., even, moved, _] = ppo.learn(1e-2, 0.0).unwrap();
     // Probabilities of 0.7113 and three times 0.0963.
     assert!((even - 0.9185).abs() < 1e-3 && moved.abs() < 1e-6 && weights(&ppo) == before, "{even}");
@@ -247,17 +278,18 @@ fn the_entropys_weight_makes_the_policy_more_even_and_without_it_nothing_changes
 #[test]
 fn what_is_paid_is_learnt_by_the_policy_and_by_the_value_and_those_who_are_gone_teach_nothing() {
     let mut ppo = small(Critic::Own, 5);
-    let each = ppo.world.numbers();
+    let each = ppo.parts[0].world.numbers();
     // Where the lane's middle is on one side the first action is paid, otherwise the third; one side pays more.
     let wanted = |offset: f32| if offset > 0.0 { 2 } else { 0 };
     let paid = |offset: f32, action: u8| f32::from(action == wanted(offset)) + offset;
     for _ in 0..30 {
-        ppo.rollout.observations.fill(0.0);
-        for seen in ppo.rollout.observations.chunks_exact_mut(each) {
+        let rollout = &mut ppo.parts[0].rollout;
+        rollout.observations.fill(0.0);
+        for seen in rollout.observations.chunks_exact_mut(each) {
             seen[2] = if ppo.random.random_bool(0.5) { 1.0 } else { -1.0 };
         }
-        (0..ppo.settings.steps).for_each(|step| ppo.look(step).unwrap());
-        let rollout = &mut ppo.rollout;
+        look(&mut ppo);
+        let rollout = &mut ppo.parts[0].rollout;
         for row in 0..rollout.drove.len() {
             let (offset, action) = (rollout.observations[row * each + 2], rollout.actions[row]);
             rollout.drove[row] = row % 3 > 0;
@@ -267,13 +299,46 @@ fn what_is_paid_is_learnt_by_the_policy_and_by_the_value_and_those_who_are_gone_
         rollout.estimate_advantages(32, 0.99, 0.95);
         ppo.learn(2e-3, 0.0).unwrap();
     }
-    assert!(ppo.rollout.explained() > 0.9, "{}", ppo.rollout.explained());
+    assert!(explained(ppo.rollouts()) > 0.9, "{}", explained(ppo.rollouts()));
     for offset in [-1.0_f32, 1.0] {
-        ppo.rollout.observations[2] = offset;
-        let seen = ppo.observations(0, 1).unwrap();
-        let likely = numbers(&ppo.actor.forward(&seen).unwrap().softmax(1, Kind::Float));
+        ppo.parts[0].rollout.observations[2] = offset;
+        let seen = ppo.parts[0].seen(0, 1, &ppo.networks.scale).unwrap();
+        let likely = numbers(&ppo.actor().forward(&seen).unwrap().softmax(1, Kind::Float));
         assert!(likely[usize::from(wanted(offset))] > 0.9, "{offset}: {likely:?}");
-        let value = ppo.value(&seen, 0, 1).unwrap().double_value(&[0]);
+        let value = ppo.networks.value(&seen, None).unwrap().double_value(&[0]);
         assert!((value - f64::from(1.0 + offset)).abs() < 0.2, "{offset}: {value}");
+    }
+}
+
+#[test]
+fn the_same_is_learnt_however_many_collectors_there_are() {
+    for critic in [Critic::Own, Critic::Central] {
+        let train = |collectors| {
+            // 32 intersections, 32 and 6.
+            let mut ppo = of_size(70, PpoSettings { critic, collectors, seed: 6, ..PpoSettings::default() });
+            let updates = [(); 3].map(|()| ppo.update().unwrap());
+            assert!(updates.iter().map(|update| update.episodes).sum::<u64>() > 0);
+            (updates, ppo.tensors().iter().flat_map(|(_, tensor)| numbers(tensor)).collect::<Vec<_>>())
+        };
+        let one = train(1);
+        for collectors in [2, 3, 5] {
+            assert!(train(collectors) == one, "{critic:?}, {collectors} collectors");
+        }
+    }
+}
+
+#[test]
+fn what_an_agent_did_is_learnt_with_what_it_saw_in_whichever_part_it_was() {
+    for critic in [Critic::Own, Critic::Central] {
+        let settings = PpoSettings { critic, epochs: 1, seed: 7, ..PpoSettings::default() };
+        let mut ppo = of_size(40, settings);
+        // All agents in one batch, and a policy that is less even than at first.
+        ppo.settings.minibatch = 40 * AGENTS * ppo.settings.steps;
+        no_grad(|| {
+            let _ = ppo.actor().weights()[4].1.detach().f_mul_scalar_(300.0);
+        });
+        drive(&mut ppo);
+        let [_, _, entropy, moved, _] = ppo.learn(1e-4, 0.0).unwrap();
+        assert!(entropy < 1.2 && moved.abs() < 1e-5, "{critic:?}: {entropy}, {moved}");
     }
 }
