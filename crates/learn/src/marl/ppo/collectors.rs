@@ -1,7 +1,7 @@
 //! What collects the rollouts of PPO: threads, each with some of the intersections.
 //!
 //! ```text
-//! luck ─▶ parts ─▶ collectors: look, act, step, 128 times; then values ─▶ rollouts ─▶ learning
+//! luck ─▶ parts ─▶ collectors: look, act, step; in the end values ─▶ rollouts ─▶ learning
 //! ```
 //!
 //! The result does not depend on the number of threads. All that is random is drawn before they start. And a network is
@@ -21,7 +21,7 @@ use crate::marl::{
 };
 use lapwing_sim::intersection::{ACTIONS, AGENTS, Batch, Buffers, Ending, STATE, Tally};
 
-/// Intersections in a part; the last part may have fewer. With 16 the calls of the networks cost 3 % more time.
+/// Intersections in a part; the last part may have fewer. Fewer would mean more, smaller calls of the networks.
 const PART: usize = 32;
 
 /// How each agent of an intersection ended, and what is told of it.
