@@ -169,7 +169,7 @@ impl Ppo {
         }
         let explained = explained(self.rollouts());
         self.updates += 1;
-        self.agent_steps += self.rows().len() as u64;
+        self.agent_steps += self.rollouts().flat_map(|rollout| &rollout.drove).filter(|drove| **drove).count() as u64;
         let losses = self.learn(learning_rate, self.settings.entropy_at(done))?;
         Ok(Update {
             number: self.updates,
