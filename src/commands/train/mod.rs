@@ -193,6 +193,7 @@ fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()>
     if let Some(unknown) = names.iter().find(|name| !Augmentation::NAMES.contains(name)) {
         anyhow::bail!("--augment: expected {} or none, got {unknown:?}", Augmentation::NAMES.join(", "));
     }
+    augmentation.late = 0.0;
     let defaults = &mut Augmentation::default();
     for name in Augmentation::NAMES {
         let probability = augmentation.probability(name).zip(defaults.probability(name));

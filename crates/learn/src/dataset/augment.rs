@@ -1,6 +1,7 @@
 //! Changes to a picture that change its label in a known way, or not at all.
 //!
-//! The five of Lu, "End to End Learning for Self-Driving Cars", with Lu's ranges as defaults. Each sample is changed
+//! The five of Lu, "End to End Learning for Self-Driving Cars", with Lu's ranges as defaults, and one of our own, an older
+//! picture warped to where the car is now. Each sample is changed
 //! anew each time it is drawn; Lu wrote 4.8 million changed pictures to disk beforehand, drawn from the same
 //! distribution. All pictures of a sequence are changed in the same way.
 //!
@@ -44,6 +45,11 @@ pub struct Augmentation {
     pub erase_ratio: (f64, f64),
     /// The value that replaces it, 0 to 255; default 0.
     pub erase_value: u8,
+    /// Probability of an older picture of the same camera in its place, warped to where the car is now, as networks see the road
+    /// where commands take effect late ([`Ahead`](lapwing_sim::ahead::Ahead)); default 0.
+    pub late: f64,
+    /// How much older it is at most, in seconds; default 0.2.
+    pub late_s: f64,
 }
 
 impl Default for Augmentation {
@@ -62,6 +68,8 @@ impl Default for Augmentation {
             erase_area: 0.4,
             erase_ratio: (0.5, 2.5),
             erase_value: 0,
+            late: 0.0,
+            late_s: 0.2,
         }
     }
 }
@@ -70,12 +78,12 @@ impl Default for Augmentation {
 const ERASE_LEAST: f64 = 0.02;
 
 impl Augmentation {
-    /// Their names, as `--augment` takes them.
+    /// The names of Lu's five, as `--augment` takes them.
     pub const NAMES: [&str; 5] = ["flip", "translate", "brightness", "shadow", "erase"];
 
     /// No change at all.
     pub fn none() -> Self {
-        Self { flip: 0.0, translate: 0.0, brightness: 0.0, shadow: 0.0, erase: 0.0, ..Self::default() }
+        Self { flip: 0.0, translate: 0.0, brightness: 0.0, shadow: 0.0, erase: 0.0, late: 0.0, ..Self::default() }
     }
 
     /// How likely the change of that name is.
@@ -96,8 +104,10 @@ impl Augmentation {
     /// [`DatasetError::Setting`] for the first invalid one.
     pub fn check(&self) -> Result<(), DatasetError> {
         let wrong = |name, expected, got| Err(DatasetError::Setting { name, expected, got });
-        for (name, p) in
-            Self::NAMES.into_iter().zip([self.flip, self.translate, self.brightness, self.shadow, self.erase])
+        for (name, p) in Self::NAMES
+            .into_iter()
+            .zip([self.flip, self.translate, self.brightness, self.shadow, self.erase])
+            .chain([("late", self.late)])
         {
             if !(0.0..=1.0).contains(&p) {
                 return wrong(name, "a probability from 0 to 1", p.to_string());
@@ -114,6 +124,9 @@ impl Augmentation {
         }
         if !(ERASE_LEAST..=1.0).contains(&self.erase_area) {
             return wrong("erase_area", "0.02 to 1", self.erase_area.to_string());
+        }
+        if !(0.0..=1.0).contains(&self.late_s) {
+            return wrong("late_s", "0 to 1 second", self.late_s.to_string());
         }
         if !(-1.0..=1.0).contains(&self.steering_per_px) {
             return wrong("steering_per_px", "-1 to 1", self.steering_per_px.to_string());
@@ -149,7 +162,9 @@ impl Augmentation {
         // Uniform in the logarithm: as likely tall as wide.
         let ratio = within((self.erase_ratio.0.ln(), self.erase_ratio.1.ln())).exp();
         let gone = Rectangle { area, ratio, at: (within((0.0, 1.0)), within((0.0, 1.0))), value: self.erase_value };
+        let (late, late_s) = (random.random::<f64>() < self.late, self.late_s * random.random::<f64>());
         AugmentationDraw {
+            late_s: if late { late_s } else { 0.0 },
             flip,
             shift: if shift { by } else { (0, 0) },
             steering_per_px: self.steering_per_px,
@@ -163,6 +178,8 @@ impl Augmentation {
 /// One draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AugmentationDraw {
+    /// How much older a picture is shown, in seconds, warped to where the car is now.
+    pub late_s: f64,
     /// Mirrored, before all else.
     pub flip: bool,
     /// Recorded pixels to the right and down that the picture moves.
@@ -204,7 +221,15 @@ pub struct Rectangle {
 impl AugmentationDraw {
     /// None.
     pub fn none() -> Self {
-        Self { flip: false, shift: (0, 0), steering_per_px: 0.0, brightness: 1.0, shadow: None, erase: None }
+        Self {
+            late_s: 0.0,
+            flip: false,
+            shift: (0, 0),
+            steering_per_px: 0.0,
+            brightness: 1.0,
+            shadow: None,
+            erase: None,
+        }
     }
 
     /// The label of the changed picture, one pixel of which is `scale` recorded pixels wide.

@@ -1,19 +1,31 @@
 //! Data sets for the tests of this module.
 
 use std::{
+    fs,
     ops::ControlFlow,
     path::{Path, PathBuf},
-    time::Duration,
+    sync::Arc,
+    time::{Duration, Instant},
 };
 
 use image::{ColorType, codecs::jpeg::JpegEncoder};
 
 use super::*;
 use lapwing_core::{
+    config::ControlSettings,
+    driver::Driver,
+    pilot::PurePursuit,
     protocol::Telemetry,
     recording::udacity::{DrivingLogWriter, NewRow},
     recording::{CommandRecord, Entry, Item, Recorder, RecorderOptions, RunHeader, RunKind, RunReader, Step},
     units::{Mph, Steering, Throttle},
+};
+use lapwing_sim::{
+    camera::Scenery,
+    locate::{Pose, table},
+    record::{self as lesson, RecordOptions},
+    track::Track,
+    world::{Setup, Simulation},
 };
 
 /// 64 x 32 pixels that tell one row's picture from another's.
@@ -94,4 +106,31 @@ pub(super) fn record(run: &Path, pictures: &[Option<Vec<u8>>], answer: Option<&C
         }
     }
     assert!(recorder.finish().error.is_none());
+}
+
+const SPEED: Mph = Mph::constant(20.0);
+
+/// A drive that weaves, with the table of its places but for one row in ten; returns what the expert would have
+/// steered in each.
+pub(super) fn weaving(folder: &Path) -> Vec<f64> {
+    let track = Arc::new(Track::named("lake").unwrap());
+    let scenery = Arc::new(Scenery::new(&track));
+    let setup = Setup { laps: None, longest_s: Some(12.0), ..Setup::new(Arc::clone(&track), scenery) };
+    let mut world = Simulation::new(setup).unwrap();
+    let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0)).unwrap();
+    let (mut text, mut expert) = (table::heading(), vec![]);
+    let mut see = |world: &mut Simulation| {
+        let pose = Some(Pose::of(world)).filter(|_| expert.len() % 10 != 5);
+        text += &table::line(expert.len(), world.time_s(), &track, pose);
+        expert.push(world.expert(SPEED).steering.get());
+    };
+    see(&mut world);
+    let options = RecordOptions { weave_m: 1.6, ..RecordOptions::at(SPEED) };
+    let pilot = Box::new(PurePursuit::default());
+    let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
+    let rows = lesson::record(&mut world, &mut driver, log, options, see).unwrap().rows as usize;
+    // What was seen last is not recorded any more.
+    let text: Vec<&str> = text.lines().take(1 + rows).collect();
+    fs::write(folder.join("lane.csv"), text.join("\n") + "\n").unwrap();
+    expert
 }

@@ -3,7 +3,7 @@
 
 use std::{collections::HashMap, path::Path, sync::Arc};
 
-use super::{CameraPosition, DatasetError, Source, samples::CameraInLane};
+use super::{CameraPosition, DatasetError, Source, places, samples::CameraInLane};
 use lapwing_core::{
     units::{Mph, Steering},
     words::count,
@@ -35,6 +35,7 @@ impl LaneLabels {
     /// Reads the table, and makes the centre camera's labels those of the rows.
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
         let table = LaneTable::of(&source.path, path, Track::open)?;
+        source.places = places::of(&table, source);
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
         let poses: HashMap<usize, Pose> =
@@ -95,47 +96,11 @@ impl LaneLabels {
 
 #[cfg(test)]
 mod tests {
-    use std::{fs, time::Instant};
+    use std::fs;
 
     use super::*;
-    use crate::dataset::{Balance, Samples, Selection, Set};
-    use lapwing_core::{
-        config::ControlSettings, driver::Driver, pilot::PurePursuit, recording::udacity::DrivingLogWriter,
-    };
-    use lapwing_sim::{
-        camera::Scenery,
-        locate::table,
-        record::{RecordOptions, record},
-        track::Track,
-        world::{Setup, Simulation},
-    };
-
-    const SPEED: Mph = Mph::constant(20.0);
-
-    /// A drive that weaves, with the table of its places but for one row in ten; returns what the expert would have
-    /// steered in each.
-    fn weaving(folder: &Path) -> Vec<f64> {
-        let track = Arc::new(Track::named("lake").unwrap());
-        let scenery = Arc::new(Scenery::new(&track));
-        let setup = Setup { laps: None, longest_s: Some(12.0), ..Setup::new(Arc::clone(&track), scenery) };
-        let mut world = Simulation::new(setup).unwrap();
-        let log = DrivingLogWriter::create(folder, jiff::civil::date(2026, 11, 23).at(8, 0, 0, 0)).unwrap();
-        let (mut text, mut expert) = (table::heading(), vec![]);
-        let mut see = |world: &mut Simulation| {
-            let pose = Some(Pose::of(world)).filter(|_| expert.len() % 10 != 5);
-            text += &table::line(expert.len(), world.time_s(), &track, pose);
-            expert.push(world.expert(SPEED).steering.get());
-        };
-        see(&mut world);
-        let options = RecordOptions { weave_m: 1.6, ..RecordOptions::at(SPEED) };
-        let pilot = Box::new(PurePursuit::default());
-        let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
-        let rows = record(&mut world, &mut driver, log, options, see).unwrap().rows as usize;
-        // What was seen last is not recorded any more.
-        let text: Vec<&str> = text.lines().take(1 + rows).collect();
-        fs::write(folder.join("lane.csv"), text.join("\n") + "\n").unwrap();
-        expert
-    }
+    use crate::dataset::{Balance, Samples, Selection, Set, fixture::weaving};
+    use lapwing_sim::locate::table;
 
     #[test]
     fn labels_of_a_weaving_drive_are_the_experts_whatever_was_steered() {

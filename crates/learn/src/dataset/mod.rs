@@ -14,6 +14,7 @@
 //! | `source` | recordings as rows with a label |
 //! | `split`, `samples`, `balance` | which rows and cameras count, held out or learnt from, and how often each is drawn |
 //! | `lane` | labels from where in its lane the car was |
+//! | `places` | where the car was in each row, for pictures of other moments than the row's |
 //! | `strip`, `augment` | a picture at the size of the network's input, and how it is changed |
 //! | `loader` | batches of numbers, ahead of the training |
 //! | `inspect`, `sheet`, `chart`, `preview` | what is in a data set, for people |
@@ -31,6 +32,7 @@ mod fixture;
 mod inspect;
 mod lane;
 mod loader;
+mod places;
 mod preview;
 mod samples;
 mod sheet;

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels};
+use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels, places};
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
@@ -303,6 +303,14 @@ impl Samples {
             }
         }
         self.sources.push(source);
+    }
+
+    /// Finds out where the car was in each row, for pictures of other moments ([`Augmentation::late`](super::Augmentation)).
+    ///
+    /// # Errors
+    /// [`DatasetError::Lane`] if the table beside a log is not its own.
+    pub fn place(&mut self) -> Result<(), DatasetError> {
+        self.sources.iter_mut().try_for_each(places::place)
     }
 
     /// Keeps this many at equal distances, or all if there are no more.

@@ -7,11 +7,12 @@ use std::{
 
 use bytes::Bytes;
 
-use super::DatasetError;
+use super::{DatasetError, places::CarPlace};
 use lapwing_core::{
     recording::{Picture, Recording},
     units::{Mph, Steering},
 };
+use lapwing_sim::along::Beside;
 
 /// The bytes of a picture.
 ///
@@ -54,6 +55,8 @@ pub struct Source {
     pub rows: Vec<Labelled>,
     /// Whether its pictures may be mirrored ([`Selection::flip`](super::Selection::flip)).
     pub flip: bool,
+    /// Where the car was in each row, as far as that is known; empty if nobody asked ([`Samples::place`](super::Samples::place)).
+    pub(super) places: Vec<Option<CarPlace>>,
 }
 
 /// Checks that there is a data set, as far as possible without reading all of it.
@@ -77,7 +80,7 @@ impl Source {
         if rows.is_empty() {
             return Err(DatasetError::Empty { path: path.to_owned() });
         }
-        let mut source = Self { path: path.to_owned(), rows, flip: true };
+        let mut source = Self { path: path.to_owned(), rows, flip: true, places: vec![] };
         source.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
         Ok(source)
     }
@@ -121,7 +124,7 @@ impl Source {
         }
     }
 
-    fn one_stretch(&self, i: usize, k: usize) -> bool {
+    pub(super) fn one_stretch(&self, i: usize, k: usize) -> bool {
         let (a, b) = (&self.rows[i], &self.rows[k]);
         (a.drive, a.stretch) == (b.drive, b.stretch)
     }
@@ -132,6 +135,17 @@ impl Source {
         let first = (0..i).rev().take_while(|k| self.one_stretch(i, *k)).take(count.saturating_sub(1)).last();
         let first = first.unwrap_or(i);
         (0..count).rev().map(move |back| i.saturating_sub(back).max(first))
+    }
+
+    /// Which row of row `i`'s stretch was recorded nearest to this many seconds before it, and where the car of row `i` is beside
+    /// that row's; `None` if that is row `i` itself, or where the car was is not known.
+    pub(super) fn earlier(&self, i: usize, by_s: f64) -> Option<(usize, Beside)> {
+        let ago_s = |k: usize| self.rows[i].at.as_secs_f64() - self.rows[k].at.as_secs_f64();
+        let off_s = |k: &usize| (ago_s(*k) - by_s).abs();
+        let rows = (0..=i).rev().take_while(|k| self.one_stretch(i, *k) && ago_s(*k) <= 2.0 * by_s);
+        let then = rows.min_by(|a, b| off_s(a).total_cmp(&off_s(b))).filter(|k| *k != i)?;
+        let place = |k: usize| self.places.get(k).copied().flatten();
+        Some((then, Beside::between(place(i)?, place(then)?)))
     }
 
     /// Mean steering of the `width` rows around row `i` that belong to its drive; `width` is odd.

@@ -51,7 +51,10 @@ pub(super) fn data(recipe: &Recipe, architecture: Architecture) -> Result<(Sampl
         let got = format!("none for {}", unknown.path.display());
         return Err(DatasetError::Setting { name, expected, got }.into());
     }
-    let training = Samples::open(&recipe.data, Set::Training, blocks, &recipe.balance)?;
+    let mut training = Samples::open(&recipe.data, Set::Training, blocks, &recipe.balance)?;
+    if recipe.augment.late > 0.0 {
+        training.place()?;
+    }
     check_sides(&training, recipe.augment.flip)?;
     let mut validation = if recipe.validation.is_empty() {
         Samples::open(&recipe.data, Set::Validation, blocks, &recipe.balance)?

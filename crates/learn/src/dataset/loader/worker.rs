@@ -21,6 +21,7 @@ use crate::dataset::{
     strip::{Strip, StripCut},
 };
 use lapwing_core::perception::{Frame, Preprocessor, decode_jpeg};
+use lapwing_sim::along::{Glimpse, Warp};
 
 /// What the threads share.
 pub(super) struct LoadPlan {
@@ -46,6 +47,9 @@ pub(super) struct Worker {
     channels: Vec<Vec<f32>>,
     /// (C, H, W), of a whole picture.
     numbers: Vec<f32>,
+    /// Moves pictures to where the car is later; made when it is first needed.
+    warp: Option<Warp>,
+    warped: Frame,
 }
 
 impl Worker {
@@ -58,6 +62,8 @@ impl Worker {
             row: Default::default(),
             channels: vec![vec![0.0; width]; channels],
             numbers: vec![],
+            warp: None,
+            warped: Frame::default(),
         }
     }
 
@@ -125,7 +131,9 @@ impl Worker {
         number: impl Fn(f32) -> T,
     ) -> Result<f64, DatasetError> {
         let is_plain = plan.inputs.preprocess.is_plain();
-        let Some(picture) = &plan.samples.sources[source as usize].rows[row].pictures[camera as usize] else {
+        let from = &plan.samples.sources[source as usize];
+        let earlier = from.earlier(row, change.late_s);
+        let Some(picture) = &from.rows[earlier.map_or(row, |(then, _)| then)].pictures[camera as usize] else {
             let why = format!("row {row} has no picture of the camera {camera:?}, but rows after it have");
             return Err(DatasetError::Picture { picture: "a sequence".into(), why });
         };
@@ -140,14 +148,24 @@ impl Worker {
             out.iter_mut().zip(&self.numbers).for_each(|(to, x)| *to = number(*x));
             return Ok(1.0);
         }
-        let slot = plan.cache.slot(source, row, camera);
+        let slot = plan.cache.slot(source, row, camera).filter(|_| earlier.is_none());
         let strip = match slot.and_then(OnceLock::get) {
             Some(strip) if strip.is_of(&plan.cut) => strip,
             _ => {
                 let bytes = dataset::read(picture)?;
                 decode_jpeg(&bytes, &mut self.decoded)
                     .map_err(|why| DatasetError::Image { picture: picture.to_string(), why })?;
-                self.strip = Strip::cut(&plan.cut, &mut self.preprocessor, &self.decoded)
+                let frame = match earlier {
+                    None => &self.decoded,
+                    Some((_, beside)) => {
+                        // What a side camera sees is what the centre one would see from a car that far to the side.
+                        let glimpse = Glimpse { pictures: [Some(&self.decoded), None, None], beside };
+                        let shown = self.warp.get_or_insert_default().render(&[glimpse], &mut self.warped);
+                        shown.ok_or_else(|| not_stock(&self.decoded))?;
+                        &self.warped
+                    }
+                };
+                self.strip = Strip::cut(&plan.cut, &mut self.preprocessor, frame)
                     .map_err(|why| DatasetError::Preprocess { picture: picture.to_string(), why })?;
                 if let Some(slot) = slot
                     && plan.cache.take(self.strip.bytes())
@@ -187,6 +205,13 @@ impl Worker {
         });
         Ok(strip.scale().0)
     }
+}
+
+/// Only the stock camera's lens is known.
+fn not_stock(frame: &Frame) -> DatasetError {
+    let expected = "0 unless all pictures are 320x160, as the stock camera takes them";
+    let got = format!("a picture of {}x{}", frame.width(), frame.height());
+    DatasetError::Setting { name: "augment.late", expected, got }
 }
 
 /// To the nearest number of 16 bits, ties to even; `x` is finite.

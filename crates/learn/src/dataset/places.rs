@@ -1,0 +1,159 @@
+//! Where the car was in each row: what a picture has to be warped by to show the road as the car sees it a moment later.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::{DatasetError, Labelled, Source};
+use lapwing_core::recording::udacity::LOG_NAME;
+use lapwing_sim::{
+    locate::{LaneTable, Pose},
+    record::LANE_NAME,
+    track::Track,
+    vehicle::{Car, STEP_S},
+};
+
+/// A place in the world, in metres, and a yaw, in radians.
+pub(super) type CarPlace = (DVec3, f64);
+
+/// As the table has it.
+pub(super) fn of(table: &LaneTable, source: &Source) -> Vec<Option<CarPlace>> {
+    let known = |(moment, pose): &(usize, Option<Pose>)| Some((*moment, (*pose)?));
+    let poses: HashMap<usize, Pose> = table.rows.iter().filter_map(known).collect();
+    source.rows.iter().map(|row| Some(poses.get(&row.moment)?.in_world(&table.track))).collect()
+}
+
+/// Fills in where the car was, if its labels from the lane have not told: from the table that `record` writes beside a log, and
+/// otherwise from speed and steering. (What `record --recovery` logs is not what was steered.)
+pub(super) fn place(source: &mut Source) -> Result<(), DatasetError> {
+    if !source.places.is_empty() {
+        return Ok(());
+    }
+    let beside = match source.path.ends_with(LOG_NAME) {
+        true => source.path.with_file_name(LANE_NAME),
+        false => source.path.join(LANE_NAME),
+    };
+    source.places = match beside.is_file() {
+        true => of(&LaneTable::of(&source.path, &beside, Track::open)?, source),
+        false => reckoned(source),
+    };
+    Ok(())
+}
+
+/// Where the simulator's own model of the car comes to, from the beginning of each stretch: right from one row to the next few.
+fn reckoned(source: &Source) -> Vec<Option<CarPlace>> {
+    // Counted from the beginning, so that no part of a step is lost from row to row.
+    let steps = |row: &Labelled| (row.at.as_secs_f64() / STEP_S).round() as u64;
+    let mut car = Car::default();
+    let place = |(i, row): (usize, &Labelled)| {
+        if i > 0 && source.one_stretch(i - 1, i) {
+            for _ in steps(&source.rows[i - 1])..steps(row) {
+                car.step_at(row.speed.metres_per_second().get(), row.steering);
+            }
+        }
+        Some((car.position, car.yaw))
+    };
+    source.rows.iter().enumerate().map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{path::Path, sync::Arc};
+
+    use super::*;
+    use crate::dataset::{
+        Augmentation, Balance, Cache, CameraPosition, Inputs, Loader, Numbers, Samples, Selection, Set, Workers,
+        fixture::weaving,
+    };
+    use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter};
+
+    /// The centre camera's pictures of a drive.
+    fn samples(folder: &Path) -> Samples {
+        let centre = Selection { cameras: vec![CameraPosition::Center], ..Selection::of(folder) };
+        let mut samples = Samples::open(&[centre], Set::Training, None, &Balance::default()).unwrap();
+        samples.place().unwrap();
+        samples
+    }
+
+    #[test]
+    fn speed_and_steering_tell_how_the_car_moved_in_a_moment() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("weaving");
+        weaving(&folder);
+        let known = samples(&folder).sources.remove(0);
+        std::fs::remove_file(folder.join(LANE_NAME)).unwrap();
+        let reckoned = samples(&folder).sources.remove(0);
+        let mut compared = 0;
+        for row in 15..known.rows.len() {
+            let Some((then, truth)) = known.earlier(row, 0.2) else { continue };
+            let (from, beside) = reckoned.earlier(row, 0.2).unwrap();
+            assert_eq!(then, from);
+            let off = [truth.ahead_m - beside.ahead_m, truth.offset_m - beside.offset_m];
+            let turned_deg = (truth.heading_rad - beside.heading_rad).to_degrees();
+            assert!(off.iter().all(|m| m.abs() < 0.1) && turned_deg.abs() < 0.5, "{row}: {truth:?}, {beside:?}");
+            compared += 1;
+        }
+        assert!(compared > 100, "{compared}");
+    }
+
+    /// (B), each picture's numbers, in the order of the rows.
+    fn seen(samples: &Arc<Samples>, augmentation: Augmentation) -> Vec<Vec<f32>> {
+        let resize = Resize { height: 38, width: 160, filter: ResizeFilter::BilinearAntialiased };
+        let preprocess = Preprocess::of(Some(Crop::rows(60, 135)), resize, ColourSpace::Grey, PixelScale::Unit);
+        let count = preprocess.shape().iter().product();
+        let order = (0..samples.samples.len() as u32).collect();
+        let workers = Workers { threads: 1, beside: true };
+        let cache = Cache::new(samples, 1 << 26);
+        let inputs = Inputs::plain(preprocess, 1);
+        let loader = Loader::start(Arc::clone(samples), cache, inputs, augmentation, order, 16, (1, 0, 0), workers);
+        let rows = |batch: crate::dataset::Batch| match &*batch.frames {
+            Numbers::F32(all) => all.chunks(count).map(<[f32]>::to_vec).collect::<Vec<_>>(),
+            Numbers::Bf16(_) => unreachable!(),
+        };
+        loader.unwrap().flat_map(|batch| rows(batch.unwrap())).collect()
+    }
+
+    #[test]
+    fn an_older_picture_moved_to_where_the_car_is_shows_what_the_car_sees() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("weaving");
+        weaving(&folder);
+        let samples = Arc::new(samples(&folder));
+        let now = seen(&samples, Augmentation::none());
+        let moved = seen(&samples, Augmentation { late: 1.0, late_s: 0.4, ..Augmentation::none() });
+        let differ = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>() / a.len() as f32;
+        let from_now: Vec<f32> = now.iter().zip(&moved).map(|(a, b)| differ(a, b)).collect();
+        let older: Vec<f32> = now.windows(3).map(|of| differ(&of[0], &of[2])).collect();
+        let mean = |all: &[f32]| all.iter().sum::<f32>() / all.len() as f32;
+        let replaced = from_now.iter().filter(|x| **x > 0.0).count() as f64 / now.len() as f64;
+        assert!(replaced > 0.6, "{replaced} of the pictures");
+        assert!(mean(&from_now) < 0.7 * mean(&older), "{} of {}", mean(&from_now), mean(&older));
+    }
+
+    #[test]
+    fn pictures_of_an_unknown_lens_cannot_be_moved() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = crate::dataset::fixture::folder(&dir.path().join("small"), 20, false);
+        let samples = Arc::new(samples(&folder));
+        let inputs = Inputs::plain(
+            Preprocess::of(
+                None,
+                Resize { height: 4, width: 8, filter: ResizeFilter::BilinearAntialiased },
+                ColourSpace::Grey,
+                PixelScale::Unit,
+            ),
+            1,
+        );
+        let order = (0..20).collect();
+        let augmentation = Augmentation { late: 1.0, ..Augmentation::none() };
+        let workers = Workers { threads: 1, beside: true };
+        let cache = Cache::new(&samples, 0);
+        let loader = Loader::start(samples, cache, inputs, augmentation, order, 20, (1, 0, 0), workers).unwrap();
+        let error = loader.map(|batch| batch.map(|_| ())).collect::<Result<(), _>>().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "augment.late: expected 0 unless all pictures are 320x160, as the stock camera takes them, got a picture \
+             of 64x32"
+        );
+    }
+}
