@@ -105,7 +105,8 @@ pub struct Train {
     /// Draw a row at full lock this many times more often than a straight one [default: 0]
     #[arg(long, value_name = "TIMES", value_parser = not_negative)]
     pub large_angles: Option<f64>,
-    /// Augmentations to use: flip, translate, brightness, shadow, erase, or none [default: all]
+    /// Augmentations to use: flip, translate, brightness, shadow, erase, or none [default: all]; a recipe's late is off
+    /// then, too
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub augment: Option<Vec<String>>,
     /// Where in its lane the car was, as locate --csv writes it, one file for each --data: labels lead back to the lane's

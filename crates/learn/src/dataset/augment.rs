@@ -46,9 +46,10 @@ pub struct Augmentation {
     /// The value that replaces it, 0 to 255; default 0.
     pub erase_value: u8,
     /// Probability of an older picture of the same camera in its place, warped to where the car is now, as networks see the road
-    /// where commands take effect late ([`Ahead`](lapwing_sim::ahead::Ahead)); default 0.
+    /// where commands take effect late ([`Ahead`](lapwing_sim::ahead::Ahead)), from 0 to 1; default 0. Needs
+    /// [`Samples::place`](super::Samples::place). Where it is not known how the car moved, the picture stays.
     pub late: f64,
-    /// How much older it is at most, in seconds; default 0.2.
+    /// How much older it is at most, from 0 to 1 second; default 0.2. Every age up to that is as likely.
     pub late_s: f64,
 }
 
@@ -178,7 +179,7 @@ impl Augmentation {
 /// One draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AugmentationDraw {
-    /// How much older a picture is shown, in seconds, warped to where the car is now.
+    /// How much older a picture is shown, in seconds, warped to where the car is now; 0: the row's own. The loader does that.
     pub late_s: f64,
     /// Mirrored, before all else.
     pub flip: bool,

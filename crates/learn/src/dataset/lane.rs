@@ -1,7 +1,7 @@
 //! Labels from where in its lane the car was: the place of each camera, and what the simulator's expert steers from there,
 //! not what was recorded.
 
-use std::{collections::HashMap, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
 use super::{CameraPosition, DatasetError, Source, places, samples::CameraInLane};
 use lapwing_core::{
@@ -35,11 +35,10 @@ impl LaneLabels {
     /// Reads the table, and makes the centre camera's labels those of the rows.
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
         let table = LaneTable::of(&source.path, path, Track::open)?;
-        source.places = places::of(&table, source);
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
-        let poses: HashMap<usize, Pose> =
-            table.rows.iter().filter_map(|(moment, pose)| Some((*moment, (*pose)?))).collect();
+        source.places = places::of(&table, source);
+        let mut poses = places::poses(&table, source).into_iter();
         let mut labels = |pose: Pose, speed: Mph| {
             [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| {
                 // What a side camera sees is what the centre one would see from a car that far to the side.
@@ -54,7 +53,7 @@ impl LaneLabels {
         };
         let mut rows = Vec::with_capacity(source.rows.len());
         source.relabel(|row| {
-            let of_cameras = poses.get(&row.moment).map(|pose| labels(*pose, row.speed));
+            let of_cameras = poses.next().flatten().map(|pose| labels(pose, row.speed));
             rows.push(of_cameras);
             of_cameras.map(|[center, ..]| center.steering)
         });

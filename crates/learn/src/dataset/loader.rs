@@ -230,6 +230,10 @@ impl Loader {
                 ("augment", "none for a network with the steps of OpenCV or Pillow in its preprocessing");
             return Err(DatasetError::Setting { name, expected, got: "some".into() });
         }
+        if augmentation.late > 0.0 && samples.sources.iter().any(|source| source.places.is_empty()) {
+            let (name, expected) = ("augment.late", "0 unless it was asked where the car was (Samples::place)");
+            return Err(DatasetError::Setting { name, expected, got: augmentation.late.to_string() });
+        }
         let reach_px = if augmentation.translate > 0.0 { augmentation.translate_y_px } else { 0 };
         let cut = StripCut { preprocess: inputs.preprocess.clone(), reach_px };
         let plan = Arc::new(LoadPlan { samples, cache, inputs, cut, augmentation, order, batch, seed, epoch });

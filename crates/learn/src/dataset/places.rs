@@ -5,8 +5,12 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::{DatasetError, Labelled, Source};
-use lapwing_core::recording::udacity::LOG_NAME;
+use lapwing_core::{
+    perception::{Frame, decode_jpeg},
+    recording::udacity::LOG_NAME,
+};
 use lapwing_sim::{
+    along::SIZE,
     locate::{LaneTable, Pose},
     record::LANE_NAME,
     track::Track,
@@ -16,16 +20,22 @@ use lapwing_sim::{
 /// A place in the world, in metres, and a yaw, in radians.
 pub(super) type CarPlace = (DVec3, f64);
 
-/// As the table has it.
-pub(super) fn of(table: &LaneTable, source: &Source) -> Vec<Option<CarPlace>> {
+/// Each row's pose in the table, where that is known.
+pub(super) fn poses(table: &LaneTable, source: &Source) -> Vec<Option<Pose>> {
     let known = |(moment, pose): &(usize, Option<Pose>)| Some((*moment, (*pose)?));
     let poses: HashMap<usize, Pose> = table.rows.iter().filter_map(known).collect();
-    source.rows.iter().map(|row| Some(poses.get(&row.moment)?.in_world(&table.track))).collect()
+    source.rows.iter().map(|row| poses.get(&row.moment).copied()).collect()
+}
+
+/// The same as places.
+pub(super) fn of(table: &LaneTable, source: &Source) -> Vec<Option<CarPlace>> {
+    poses(table, source).into_iter().map(|pose| Some(pose?.in_world(&table.track))).collect()
 }
 
 /// Fills in where the car was, if its labels from the lane have not told: from the table that `record` writes beside a log, and
 /// otherwise from speed and steering. (What `record --recovery` logs is not what was steered.)
 pub(super) fn place(source: &mut Source) -> Result<(), DatasetError> {
+    check_size(source)?;
     if !source.places.is_empty() {
         return Ok(());
     }
@@ -40,7 +50,24 @@ pub(super) fn place(source: &mut Source) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Where the simulator's own model of the car comes to, from the beginning of each stretch: right from one row to the next few.
+/// Only the stock camera's lens is known: refuses a data set whose first picture is not one of its.
+fn check_size(source: &Source) -> Result<(), DatasetError> {
+    let Some(picture) = source.rows.iter().flat_map(|row| &row.pictures).flatten().next() else { return Ok(()) };
+    let mut frame = Frame::default();
+    let image = |why| DatasetError::Image { picture: picture.to_string(), why };
+    decode_jpeg(&super::read(picture)?, &mut frame).map_err(image)?;
+    if (frame.width(), frame.height()) == SIZE { Ok(()) } else { Err(not_stock(&frame)) }
+}
+
+/// A picture that cannot be moved to where the car is.
+pub(super) fn not_stock(frame: &Frame) -> DatasetError {
+    let expected = "0 unless all pictures are 320x160, as the stock camera takes them";
+    let got = format!("a picture of {}x{}", frame.width(), frame.height());
+    DatasetError::Setting { name: "augment.late", expected, got }
+}
+
+/// Dead reckoning with the simulator's own model of the car: only what is between rows of a stretch that are a second apart or less
+/// means anything.
 fn reckoned(source: &Source) -> Vec<Option<CarPlace>> {
     // Counted from the beginning, so that no part of a step is lost from row to row.
     let steps = |row: &Labelled| (row.at.as_secs_f64() / STEP_S).round() as u64;
@@ -134,24 +161,9 @@ mod tests {
     fn pictures_of_an_unknown_lens_cannot_be_moved() {
         let dir = tempfile::tempdir().unwrap();
         let folder = crate::dataset::fixture::folder(&dir.path().join("small"), 20, false);
-        let samples = Arc::new(samples(&folder));
-        let inputs = Inputs::plain(
-            Preprocess::of(
-                None,
-                Resize { height: 4, width: 8, filter: ResizeFilter::BilinearAntialiased },
-                ColourSpace::Grey,
-                PixelScale::Unit,
-            ),
-            1,
-        );
-        let order = (0..20).collect();
-        let augmentation = Augmentation { late: 1.0, ..Augmentation::none() };
-        let workers = Workers { threads: 1, beside: true };
-        let cache = Cache::new(&samples, 0);
-        let loader = Loader::start(samples, cache, inputs, augmentation, order, 20, (1, 0, 0), workers).unwrap();
-        let error = loader.map(|batch| batch.map(|_| ())).collect::<Result<(), _>>().unwrap_err();
+        let mut samples = Samples::open(&[Selection::of(folder)], Set::Training, None, &Balance::default()).unwrap();
         assert_eq!(
-            error.to_string(),
+            samples.place().unwrap_err().to_string(),
             "augment.late: expected 0 unless all pictures are 320x160, as the stock camera takes them, got a picture \
              of 64x32"
         );

@@ -13,7 +13,7 @@ use lapwing_score::drawing::{LINE_PX, MARGIN, Shape, Sheet};
 
 /// A sheet with a line for the pictures as recorded, one for each of the five changes alone, and one for all together,
 /// each drawn anew with its probability. The arrow shows the label as corrected by the change. Here the whole picture
-/// is changed; in training, only the network's input.
+/// is changed; in training, only the network's input. Older pictures ([`Augmentation::late`]) are not shown.
 ///
 /// # Errors
 /// [`DatasetError::Picture`], [`DatasetError::Image`] if one of the pictures shown is missing or broken.

@@ -55,7 +55,8 @@ pub struct Source {
     pub rows: Vec<Labelled>,
     /// Whether its pictures may be mirrored ([`Selection::flip`](super::Selection::flip)).
     pub flip: bool,
-    /// Where the car was in each row, as far as that is known; empty if nobody asked ([`Samples::place`](super::Samples::place)).
+    /// Where the car was in each row, as far as that is known; empty until labels from the lane or
+    /// [`Samples::place`](super::Samples::place) tell.
     pub(super) places: Vec<Option<CarPlace>>,
 }
 

@@ -18,6 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use super::{Batch, Cache, Frames, Inputs, Numbers};
 use crate::dataset::{
     self, Augmentation, AugmentationDraw, CameraPosition, DatasetError, Label, Samples,
+    places::not_stock,
     strip::{Strip, StripCut},
 };
 use lapwing_core::perception::{Frame, Preprocessor, decode_jpeg};
@@ -205,13 +206,6 @@ impl Worker {
         });
         Ok(strip.scale().0)
     }
-}
-
-/// Only the stock camera's lens is known.
-fn not_stock(frame: &Frame) -> DatasetError {
-    let expected = "0 unless all pictures are 320x160, as the stock camera takes them";
-    let got = format!("a picture of {}x{}", frame.width(), frame.height());
-    DatasetError::Setting { name: "augment.late", expected, got }
 }
 
 /// To the nearest number of 16 bits, ties to even; `x` is finite.
