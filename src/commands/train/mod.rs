@@ -345,3 +345,24 @@ impl TrainBar {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_that_are_named_are_the_only_ones_and_those_of_a_recipe_keep_their_probability() {
+        let recipe = Augmentation { flip: 0.3, shadow: 0.0, late: 0.4, ..Augmentation::default() };
+        let kept = |names: &[&str]| {
+            let mut augmentation = recipe.clone();
+            only(&mut augmentation, &names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>()).unwrap();
+            augmentation
+        };
+        let Augmentation { flip, translate, brightness, shadow, erase, late, .. } = kept(&["flip", "shadow"]);
+        assert_eq!([flip, translate, brightness, shadow, erase, late], [0.3, 0.0, 0.0, 0.5, 0.0, 0.0]);
+        let Augmentation { flip, translate, brightness, shadow, erase, late, .. } = kept(&["none"]);
+        assert_eq!([flip, translate, brightness, shadow, erase, late], [0.0; 6]);
+        let unknown = only(&mut recipe.clone(), &["flop".into()]).unwrap_err().to_string();
+        assert_eq!(unknown, "--augment: expected flip, translate, brightness, shadow, erase or none, got \"flop\"");
+    }
+}
