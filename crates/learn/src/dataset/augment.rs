@@ -1,9 +1,8 @@
 //! Changes to a picture that change its label in a known way, or not at all.
 //!
 //! The five of Lu, "End to End Learning for Self-Driving Cars", with Lu's ranges as defaults, and one of our own, an older
-//! picture warped to where the car is now. Each sample is changed
-//! anew each time it is drawn; Lu wrote 4.8 million changed pictures to disk beforehand, drawn from the same
-//! distribution. All pictures of a sequence are changed in the same way.
+//! picture warped to where the car is now. Each sample is changed anew each time it is drawn; Lu wrote 4.8 million changed
+//! pictures to disk beforehand, drawn from the same distribution. All pictures of a sequence are changed in the same way.
 //!
 //! The picture is changed at the network's input size, a third of the work of changing the recorded one. Shifts are
 //! given in recorded pixels and rounded to whole pixels of the network's input (1.6 recorded pixels for PilotNet, 2 for
@@ -49,7 +48,7 @@ pub struct Augmentation {
     /// where commands take effect late ([`Ahead`](lapwing_sim::ahead::Ahead)), from 0 to 1; default 0. Needs
     /// [`Samples::place`](super::Samples::place). Where it is not known how the car moved, the picture stays.
     pub late: f64,
-    /// How much older it is at most, from 0 to 1 second; default 0.2. Every age up to that is as likely.
+    /// How much older it is at most, from 0 to 1 second; default 0.2. All ages up to that are equally likely.
     pub late_s: f64,
 }
 

@@ -37,8 +37,9 @@ impl LaneLabels {
         let table = LaneTable::of(&source.path, path, Track::open)?;
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
-        source.places = places::of(&table, source);
-        let mut poses = places::poses(&table, source).into_iter();
+        let poses = places::poses(&table, source);
+        source.places = places::of(&poses, &table.track);
+        let mut poses = poses.into_iter();
         let mut labels = |pose: Pose, speed: Mph| {
             [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| {
                 // What a side camera sees is what the centre one would see from a car that far to the side.

@@ -27,9 +27,9 @@ pub(super) fn poses(table: &LaneTable, source: &Source) -> Vec<Option<Pose>> {
     source.rows.iter().map(|row| poses.get(&row.moment).copied()).collect()
 }
 
-/// The same as places.
-pub(super) fn of(table: &LaneTable, source: &Source) -> Vec<Option<CarPlace>> {
-    poses(table, source).into_iter().map(|pose| Some(pose?.in_world(&table.track))).collect()
+/// Poses on the track as places.
+pub(super) fn of(poses: &[Option<Pose>], track: &Track) -> Vec<Option<CarPlace>> {
+    poses.iter().map(|pose| Some((*pose)?.in_world(track))).collect()
 }
 
 /// Fills in where the car was, if its labels from the lane have not told: from the table that `record` writes beside a log, and
@@ -44,7 +44,10 @@ pub(super) fn place(source: &mut Source) -> Result<(), DatasetError> {
         false => source.path.join(LANE_NAME),
     };
     source.places = match beside.is_file() {
-        true => of(&LaneTable::of(&source.path, &beside, Track::open)?, source),
+        true => {
+            let table = LaneTable::of(&source.path, &beside, Track::open)?;
+            of(&poses(&table, source), &table.track)
+        }
         false => reckoned(source),
     };
     Ok(())
@@ -89,8 +92,8 @@ mod tests {
 
     use super::*;
     use crate::dataset::{
-        Augmentation, Balance, Cache, CameraPosition, Inputs, Loader, Numbers, Samples, Selection, Set, Workers,
-        fixture::weaving,
+        Augmentation, Balance, Batch, Cache, CameraPosition, Inputs, Loader, Numbers, Samples, Selection, Set, Workers,
+        fixture::{folder, weaving},
     };
     use lapwing_core::perception::{ColourSpace, Crop, PixelScale, Preprocess, Resize, ResizeFilter};
 
@@ -133,7 +136,7 @@ mod tests {
         let cache = Cache::new(samples, 1 << 26);
         let inputs = Inputs::plain(preprocess, 1);
         let loader = Loader::start(Arc::clone(samples), cache, inputs, augmentation, order, 16, (1, 0, 0), workers);
-        let rows = |batch: crate::dataset::Batch| match &*batch.frames {
+        let rows = |batch: Batch| match &*batch.frames {
             Numbers::F32(all) => all.chunks(count).map(<[f32]>::to_vec).collect::<Vec<_>>(),
             Numbers::Bf16(_) => unreachable!(),
         };
@@ -160,7 +163,7 @@ mod tests {
     #[test]
     fn pictures_of_an_unknown_lens_cannot_be_moved() {
         let dir = tempfile::tempdir().unwrap();
-        let folder = crate::dataset::fixture::folder(&dir.path().join("small"), 20, false);
+        let folder = folder(&dir.path().join("small"), 20, false);
         let mut samples = Samples::open(&[Selection::of(folder)], Set::Training, None, &Balance::default()).unwrap();
         assert_eq!(
             samples.place().unwrap_err().to_string(),

@@ -308,7 +308,8 @@ impl Samples {
     /// Finds out where the car was in each row, for pictures of other moments ([`Augmentation::late`](super::Augmentation)).
     ///
     /// # Errors
-    /// [`DatasetError::Lane`] if the table beside a log is not its own.
+    /// [`DatasetError::Lane`] if the table beside a log is not its own, [`DatasetError::Setting`] if a data set's first picture is
+    /// not the stock camera's 320x160, [`DatasetError::Picture`] and [`DatasetError::Image`] if it cannot be read.
     pub fn place(&mut self) -> Result<(), DatasetError> {
         self.sources.iter_mut().try_for_each(places::place)
     }
