@@ -24,9 +24,11 @@ TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 PROGRAM = TARGET / "release" / "lapwing"
 # Parts of glibc: the machine's own, or nothing starts.
 LIBC = re.compile(r"^(libc|libm|libdl|librt|libpthread|libutil|ld-linux.*|linux-vdso)\.so")
-# What examples of the documentation name.
-WITH = ["models/pilotnet.safetensors", "models/brake.safetensors", "recordings/lake.mcap", "recordings/lake.golden",
-        "README.md", "NOTICES", "LICENSE-MIT", "LICENSE-APACHE"]
+# The documentation, and what its examples and those of --help name.
+WITH = ["models/pilotnet.safetensors", "models/cps.safetensors", "models/cps.toml", "models/brake.safetensors", "models/brake.toml",
+        "models/intersection-ppo.safetensors", "models/intersection-ppo.toml", "models/README.md",
+        "recordings/lake.mcap", "recordings/lake.golden",
+        "docs", "README.md", "NOTICES", "LICENSE-MIT", "LICENSE-APACHE"]
 
 
 def linked(program):
@@ -55,7 +57,7 @@ def gather(folder):
         shutil.copytree(torch / "licenses", folder / "licenses")
     for name in WITH:
         (folder / name).parent.mkdir(exist_ok=True)
-        shutil.copy2(ROOT / name, folder / name)
+        (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, folder / name)
 
 
 def pack(quick):

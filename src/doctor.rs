@@ -2,12 +2,16 @@
 
 use std::{
     fmt, fs, io,
-    net::SocketAddr,
+    net::{Ipv4Addr, Ipv6Addr, SocketAddr},
     path::{Path, PathBuf},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use serde::Serialize;
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+};
 
 use lapwing_core::{
     config::Settings,
@@ -18,7 +22,7 @@ use lapwing_core::{
     units::{Degrees, Mph, Throttle},
 };
 use lapwing_learn::{models::LoadedModel, nn::runtime};
-use lapwing_live::bridge::Listener;
+use lapwing_live::bridge::{BindError, Listener};
 
 /// What was found; as JSON, what `lapwing doctor --json` prints. Its [`Display`](fmt::Display) is for people.
 #[derive(Debug, Clone, Serialize)]
@@ -37,6 +41,8 @@ pub struct Findings {
     pub free_mb: Option<u64>,
     /// The last simulator that was driven, by the newest run.
     pub last_simulator: Option<LastSimulator>,
+    /// Where Lapwing serves already, if it holds the port.
+    pub serving: Option<SocketAddr>,
     /// What is wrong, in words; empty if all is well.
     pub troubles: Vec<String>,
 }
@@ -48,7 +54,7 @@ pub struct LastSimulator {
     pub run: PathBuf,
     /// Which build it was.
     pub dialect: Dialect,
-    /// What separates the decimals of its numbers, which tells the language of its system; absent where the world was in this program.
+    /// What separates the decimals of its numbers, which tells the language of its system; absent in runs of older versions.
     pub decimal_separator: Option<char>,
     /// When the run began, RFC 3339.
     pub started: String,
@@ -56,6 +62,11 @@ pub struct LastSimulator {
 
 /// A run takes some 13 MB a minute: below half an hour of them, the disk is nearly full.
 const SCARCE_MB: u64 = 400;
+
+/// How long a program at the port may take to greet, in how many bytes, and how Lapwing does.
+const PATIENCE: Duration = Duration::from_secs(2);
+const GREETING_BYTES: u64 = 4096;
+const GREETING: &str = "\r\n\r\nLapwing is here. ";
 
 /// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be.
 ///
@@ -81,22 +92,47 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
     }
     let address = SocketAddr::new(settings.bridge.bind, settings.bridge.port);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    if let Err(error) = runtime.block_on(Listener::bind(address)) {
+    let bound = runtime.block_on(Listener::bind(address));
+    let is_taken = matches!(bound, Err(BindError::Taken { .. }));
+    let serving = (is_taken && runtime.block_on(is_lapwing(address))).then_some(address);
+    if let (Err(error), None) = (bound, serving) {
         troubles.push(error.to_string());
     }
     let model = model.map(|model| model.name().to_owned());
     let last_simulator = last_simulator(&recordings);
     let lapwing = env!("CARGO_PKG_VERSION");
-    Ok(Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, troubles })
+    Ok(Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, serving, troubles })
 }
 
-/// By the newest run in a folder that a simulator with a dialect drove.
+/// Whether the program at this address greets as Lapwing does.
+async fn is_lapwing(address: SocketAddr) -> bool {
+    let local = match address {
+        SocketAddr::V4(v4) if v4.ip().is_unspecified() => (Ipv4Addr::LOCALHOST, v4.port()).into(),
+        SocketAddr::V6(v6) if v6.ip().is_unspecified() => (Ipv6Addr::LOCALHOST, v6.port()).into(),
+        other => other,
+    };
+    let asked = async {
+        let mut stream = TcpStream::connect(local).await?;
+        stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await?;
+        let mut answer = vec![];
+        stream.take(GREETING_BYTES).read_to_end(&mut answer).await?;
+        io::Result::Ok(String::from_utf8_lossy(&answer).contains(GREETING))
+    };
+    tokio::time::timeout(PATIENCE, asked).await.is_ok_and(|greeted| greeted.unwrap_or(false))
+}
+
+/// By the newest run in a folder that was not driven in the headless simulator.
 fn last_simulator(folder: &Path) -> Option<LastSimulator> {
     let age = |path: &PathBuf| fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
     let mut runs: Vec<_> = recordings_in(folder).ok()?.into_iter().filter(|path| path.extension().is_some()).collect();
     runs.sort_by_key(age);
     runs.into_iter().rev().find_map(|run| {
-        let RunHeader { dialect, decimal_separator, started, .. } = Recording::open(&run).ok()?.header().clone();
+        let header = Recording::open(&run).ok()?.header().clone();
+        let RunHeader { dialect, decimal_separator, started, config, .. } = header;
+        // What a world in this process says of itself.
+        if config.get("world").is_some() {
+            return None;
+        }
         Some(LastSimulator { dialect: dialect?, decimal_separator, started: started.to_string(), run })
     })
 }
@@ -122,7 +158,8 @@ fn free_mb(_: &Path) -> Option<u64> {
 
 impl fmt::Display for Findings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, troubles } = self;
+        let Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, serving, troubles } =
+            self;
         writeln!(f, "lapwing     {lapwing}\nlibtorch    {libtorch}")?;
         writeln!(f, "model       {}", model.as_deref().unwrap_or("none"))?;
         if let Some(ms) = driver_ms {
@@ -139,6 +176,9 @@ impl fmt::Display for Findings {
                 // From a wire or a file: it may be any character.
                 writeln!(f, "            it writes numbers as 0{}0000{advice}", separator.escape_debug())?;
             }
+        }
+        if let Some(address) = serving {
+            writeln!(f, "port        {address}: Lapwing is serving there")?;
         }
         if troubles.is_empty() {
             return f.write_str("all is well");
@@ -172,7 +212,10 @@ fn grey_jpeg() -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use lapwing_core::config::Layers;
+    use lapwing_core::{
+        config::Layers,
+        recording::{Recorder, RecorderOptions, RunKind},
+    };
 
     use super::*;
 
@@ -211,6 +254,20 @@ mod tests {
         assert!(told(Some('.')).contains("\n            it writes numbers as 0.0000\n"));
         assert!(told(Some('\u{1b}')).contains("\n            it writes numbers as 0\\u{1b}0000: "));
         assert!(!told(None).contains("numbers"));
+    }
+
+    #[test]
+    fn a_run_of_the_headless_simulator_names_no_simulator() {
+        let dir = tempfile::tempdir().unwrap();
+        let headless = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/lake.mcap");
+        fs::copy(headless, dir.path().join("a.mcap")).unwrap();
+        assert_eq!(last_simulator(dir.path()), None);
+        let config = serde_json::json!({ "settings": {} });
+        let header = RunHeader::new(RunKind::Driven, config, jiff::Timestamp::now());
+        let header = RunHeader { dialect: Some(Dialect::Term1), ..header };
+        let run = Recorder::create(dir.path(), header, RecorderOptions::default()).unwrap().finish().path;
+        fs::copy(headless, dir.path().join("b.mcap")).unwrap();
+        assert_eq!(last_simulator(dir.path()).map(|simulator| simulator.run), Some(run));
     }
 
     #[test]

@@ -118,6 +118,12 @@ fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() 
     let (status, out, err) = run(&train);
     assert_eq!(status, 0, "{err}");
     assert!(out.starts_with("brake.safetensors (threshold ") && err.contains("epoch 2 after"), "{out}{err}");
+    fs::write(folder.path().join("more.toml"), format!("{recipe}pretrained = \"brake.safetensors\"\n")).unwrap();
+    let more =
+        ["brake", "train", "--recipe", "more.toml", "--data", "data", "--out", "new/more.safetensors", "--epochs", "1"];
+    let (status, out, err) = run(&more);
+    assert_eq!(status, 0, "{err}");
+    assert!(out.starts_with("new/more.safetensors (threshold ") && err.contains("epoch 1 after"), "{out}{err}");
     let evaluate = ["brake", "evaluate", "brake.safetensors", "--data", "data", "--plot", "curve.svg"];
     let (status, out, err) = run(&evaluate);
     assert_eq!(status, 0, "{err}");

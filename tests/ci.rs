@@ -10,15 +10,16 @@ use crate::program::{lapwing, said};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
+fn executable(folder: &Path, name: &str, text: &str) {
+    use std::os::unix::fs::PermissionsExt;
+    fs::write(folder.join(name), text).unwrap();
+    fs::set_permissions(folder.join(name), fs::Permissions::from_mode(0o755)).unwrap();
+}
+
 /// A folder with `lapwing`, and a `gh` that keeps what it is called with.
 fn tools(folder: &Path) {
-    let executable = |name: &str, text: &str| {
-        use std::os::unix::fs::PermissionsExt;
-        fs::write(folder.join(name), text).unwrap();
-        fs::set_permissions(folder.join(name), fs::Permissions::from_mode(0o755)).unwrap();
-    };
-    executable("lapwing", &format!("#!/bin/sh\nexec '{}' \"$@\"\n", env!("CARGO_BIN_EXE_lapwing")));
-    executable("gh", "#!/bin/sh\necho \"$@\" > gh.called\n");
+    executable(folder, "lapwing", &format!("#!/bin/sh\nexec '{}' \"$@\"\n", env!("CARGO_BIN_EXE_lapwing")));
+    executable(folder, "gh", "#!/bin/sh\necho \"$@\" > gh.called\n");
 }
 
 fn script(name: &str, folder: &Path, variables: &[(&str, &str)]) -> Output {
@@ -106,6 +107,30 @@ fn the_action_builds_once_for_each_state_of_the_sources_and_of_the_network() {
 }
 
 #[test]
+fn the_action_names_the_library_that_onnx_models_need_or_fails() {
+    let dir = tempfile::tempdir().unwrap();
+    tools(dir.path());
+    let at = |name: &str| dir.path().join(name);
+    // Instead of pip: it installs what $WHEEL says into the folder behind --target.
+    let pip = "#!/bin/sh\nmkdir -p \"$5/onnxruntime/capi\" && touch \"$5/onnxruntime/capi/$WHEEL\"\n";
+    executable(dir.path(), "python3", pip);
+    let run = |wheel: &str, temp: &str| {
+        let (variables, temp) = (at("variables"), at(temp));
+        let (temp, variables) = (temp.to_str().unwrap(), variables.to_str().unwrap());
+        said(&script(
+            "onnxruntime.sh",
+            dir.path(),
+            &[("WHEEL", wheel), ("RUNNER_TEMP", temp), ("GITHUB_ENV", variables)],
+        ))
+    };
+    let (code, _, err) = run("nothing.py", "one");
+    assert!(code == 1 && err.contains("expected a libonnxruntime.so.1"), "{err}");
+    assert_eq!(run("libonnxruntime.so.1.24.1", "two").0, 0);
+    let library = at("two/onnxruntime/onnxruntime/capi/libonnxruntime.so.1.24.1");
+    assert_eq!(fs::read_to_string(at("variables")).unwrap(), format!("ORT_DYLIB_PATH={}\n", library.display()));
+}
+
+#[test]
 fn the_action_runs_scripts_that_are_there_and_gives_them_variables_that_they_read() {
     let action = fs::read_to_string(Path::new(ROOT).join("action.yml")).unwrap();
     let mut text = String::new();
@@ -153,7 +178,18 @@ fn a_model_is_checked_and_a_file_of_another_tool_is_told_what_to_do() {
     );
     let (code, _, err) = said(&lapwing(&["drive", "--model", "net.keras"]));
     assert!(code == 1 && err.contains("a Keras model: in Python, keras.models.load_model"), "{err}");
+    let (code, _, err) =
+        said(&lapwing(&["model", "rename", "net.onnx", "--network", "pilotnet", "--out", "x.safetensors"]));
+    assert!(code == 1 && err.contains("whole networks (.onnx, .pt) drive as they are, with --model"), "{err}");
     let dir = tempfile::tempdir().unwrap();
+    let saved = dir.path().join("saved");
+    fs::create_dir(&saved).unwrap();
+    fs::write(saved.join("saved_model.pb"), "").unwrap();
+    let (code, _, err) = said(&lapwing(&["drive", "--model", saved.to_str().unwrap()]));
+    assert!(code == 1 && err.contains("a TensorFlow SavedModel: tf2onnx makes an ONNX model of it"), "{err}");
+    let checked = Command::new(env!("CARGO_BIN_EXE_lapwing")).args(["model", "check"]).current_dir(dir.path()).output();
+    let (code, _, err) = said(&checked.unwrap());
+    assert!(code == 1 && err.contains("--run RUN names a recording"), "{err}");
     let out = dir.path().join("net.safetensors");
     // Elsewhere: the file beside the shipped model is its recipe.
     let shipped = dir.path().join("theirs.safetensors");

@@ -95,7 +95,7 @@ fn untrained(folder: &Path) -> Explainer {
 }
 
 #[test]
-fn what_is_marked_lies_on_the_roads_edges_more_often_than_chance() {
+fn what_is_marked_lies_on_the_roads_edges_more_often_than_with_random_weights_and_mostly_than_chance() {
     let dir = tempfile::tempdir().unwrap();
     let mut trained = Explainer::of(&models::built_in(Instant::now).unwrap()).unwrap();
     let mut untrained = untrained(dir.path());

@@ -255,6 +255,12 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
     let room = DESK.path("room");
     fs::create_dir(&room).unwrap();
     fs::write(room.join("file"), "").unwrap();
+    fs::create_dir(room.join("driven")).unwrap();
+    fs::write(room.join("driven/driving_log.csv"), "").unwrap();
+    for name in ["drive.mcap", "named.run"] {
+        fs::copy(RUN, room.join(name)).unwrap();
+    }
+    std::os::unix::fs::symlink("drive.mcap", room.join("link.xml")).unwrap();
     let recipe = |name: &str, top: &str, rest: &str| {
         let ring = DESK.text("ring.toml");
         let text = format!("{top}\n[[record]]\nout = \"never\"\ntrack = {ring:?}\nlaps = 50\n{rest}\n");
@@ -290,6 +296,13 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
         ("replay {desk}/data --closed-loop --protocol rally-estonia --limit 3", 2, "expected 1 or 2 with"),
         ("score {run} --junit no/x.xml", 1, "no/x.xml: cannot be written"),
         ("score {run} --html {desk}", 1, "cannot be written: is a directory"),
+        ("score {run} --html drive.mcap", 1, "drive.mcap: cannot be written: it is a recording, which would be lost"),
+        ("score {run} --junit link.xml", 1, "link.xml: cannot be written: it is a recording"),
+        ("score named.run --html ./named.run", 1, "named.run: cannot be written: it is also an input"),
+        ("score named.run drive.mcap --markdown=named.run", 1, "named.run: cannot be written: it is also an input"),
+        ("locate driven --csv driven/driving_log.csv", 1, "driving_log.csv: cannot be written: it is"),
+        ("replay {run} --write-golden drive.mcap", 1, "drive.mcap: cannot be written: it is a recording"),
+        ("suite {desk}/suite.toml --out s --html {desk}/suite.toml", 1, "cannot be written: it is also an input"),
         ("score {run} --against no.json --html x.html", 1, "no.json: cannot be read"),
         ("suite {desk}/suite.toml --out s --html no/x.html", 1, "no/x.html: cannot be written"),
         ("suite {desk}/suite.toml --out file/s", 1, "file/s: cannot be written"),
@@ -315,6 +328,19 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
         assert!(err.contains(words), "{arguments}: {err}");
         assert_eq!(DESK.names("room"), before, "{arguments}");
     }
+    for name in ["drive.mcap", "named.run"] {
+        assert_eq!(fs::read(room.join(name)).unwrap(), fs::read(RUN).unwrap(), "{name} is as before");
+    }
+}
+
+#[test]
+fn a_run_that_follows_the_flag_for_a_summary_is_scored_and_kept() {
+    fs::copy(RUN, DESK.path("kept.mcap")).unwrap();
+    let (code, out, err) = DESK.ran("score --markdown {desk}/kept.mcap");
+    assert!(code == 0 && out.starts_with("## Lapwing\n\n**Scored.**\n"), "{out}{err}");
+    let (code, out, err) = DESK.ran("score --markdown {desk}/kept.mcap --min-completion 1");
+    assert!(code == 0 && out.contains("\n**Passed.**\n"), "{out}{err}");
+    assert_eq!(fs::read(DESK.path("kept.mcap")).unwrap(), fs::read(RUN).unwrap());
 }
 
 #[test]

@@ -352,7 +352,9 @@ async fn every_simulator_has_its_line_and_a_storm_of_dials_hides_none() {
 
 #[test]
 fn a_port_that_others_can_reach_is_told_to_be_open_to_any_simulator() {
-    for (bind, expected) in [("0.0.0.0", 1), ("127.0.0.1", 0)] {
+    for (bind, expected, local) in
+        [("0.0.0.0", 1, "127.0.0.1"), ("127.0.0.1", 0, "127.0.0.1"), ("127.0.0.2", 0, "127.0.0.2")]
+    {
         let mut verb = Verb::start(PLAIN, &["serve", "--bind", bind, "--port", "0", "--no-recording"]);
         verb.catches_signals();
         verb.signal("TERM");
@@ -361,6 +363,7 @@ fn a_port_that_others_can_reach_is_told_to_be_open_to_any_simulator() {
         let warnings = said.lines().filter(|line| line.contains("cannot send a token"));
         assert_eq!(warnings.count(), expected, "{bind}: {said}");
         assert_eq!(said.contains("?token="), expected == 1, "{bind}: {said}");
+        assert!(said.contains(&format!("ssh -N -L 4567:{local}:")), "a tunnel ends where it listens: {bind}: {said}");
     }
 }
 
@@ -388,6 +391,38 @@ fn a_taken_port_is_told_with_the_flag_that_chose_it_and_leaves_no_run() {
         assert_eq!(program.status.code(), Some(1), "{said}");
         let advice = format!("choose another port with {flag}");
         assert!(said.contains(&format!("port {port} is taken")) && said.contains(&advice), "{said}");
+        let holder = format!("by process {} (", std::process::id());
+        assert!(said.contains(&holder) || !cfg!(target_os = "linux"), "{said}");
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+}
+
+#[test]
+fn the_doctor_takes_the_flags_of_serve_and_knows_a_lapwing_that_serves() {
+    let (verb, address, _said) = serve(PLAIN);
+    let port = address.port().to_string();
+    let doctor = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(["doctor", "--json", "--bind", "127.0.0.1", "--port", &port, "--recordings", "runs"])
+        .current_dir(verb.dir.path())
+        .output()
+        .unwrap();
+    let found: serde_json::Value = serde_json::from_slice(&doctor.stdout).unwrap();
+    assert_eq!(found["serving"], address.to_string(), "{found}");
+    assert_eq!((&found["troubles"], doctor.status.code()), (&serde_json::json!([]), Some(0)), "{found}");
+    assert!(found["recordings"].as_str().unwrap().ends_with("runs"), "{found}");
+}
+
+#[test]
+fn the_page_of_a_world_listens_where_it_is_told_and_wants_a_token_there() {
+    for (verb, code) in [(&["drive", "--pilot", "expert", "--no-recording"][..], 0), (&["record", "--out", "data"], 1)]
+    {
+        let page = ["--page", "0", "--bind", "0.0.0.0", "--max-time", "1"];
+        let mut program = Verb::start(PLAIN, &[verb, &page[..]].concat());
+        let ended = program.ends();
+        let (_, said) = program.said();
+        assert_eq!(ended.code(), Some(code), "nobody drove by hand, so nothing is recorded: {said}");
+        assert!(said.contains("Page: http://ADDRESS-OF-THIS-MACHINE:") && said.contains("/?token="), "{said}");
+        let mut alone = Verb::start(PLAIN, &[verb, &page[2..4]].concat());
+        assert_eq!(alone.ends().code(), Some(2), "{}", alone.said().1);
     }
 }

@@ -5,7 +5,7 @@
 set -eu
 : "${LAPWING_OUT:=lapwing-out}" "${LAPWING_THRESHOLDS:=}"
 lapwing score "$LAPWING_OUT/runs" --json > "$LAPWING_OUT/score.json"
-set -- score "$LAPWING_OUT/runs" --junit "$LAPWING_OUT/score.xml" --html "$LAPWING_OUT/score.html" --markdown "$LAPWING_OUT/summary.md"
+set -- score "$LAPWING_OUT/runs" --junit "$LAPWING_OUT/score.xml" --html "$LAPWING_OUT/score.html" "--markdown=$LAPWING_OUT/summary.md"
 [ -z "${LAPWING_BASELINE:-}" ] || set -- "$@" --against "$LAPWING_BASELINE"
 [ -z "${LAPWING_PICTURES_AT:-}" ] || set -- "$@" --pictures-at "$LAPWING_PICTURES_AT"
 status=0

@@ -142,7 +142,7 @@ pub struct BrakeTrial {
     #[arg(long, value_name = "MPH", value_delimiter = ',', value_parser = speed_in_trial)]
     pub speeds: Vec<f64>,
     /// Drives of each case at each speed
-    #[arg(long, value_name = "COUNT", default_value_t = 20)]
+    #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..))]
     pub seeds: u64,
     /// Laps of each of lake, jungle and mountain, without traffic
     #[arg(long, value_name = "COUNT", default_value_t = 10)]

@@ -72,6 +72,9 @@ pub struct PageFlags {
     /// unless --laps or --max-time is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4568")]
     pub page: Option<u16>,
+    /// Address that the page listens on; 0.0.0.0 lets other machines reach it, with the token that is printed [default: 127.0.0.1]
+    #[arg(long, value_name = "ADDRESS", requires = "page")]
+    pub bind: Option<String>,
     /// Another model to switch to or to compare runs with on the page, or a folder of models; may be given several times
     #[arg(long, value_name = "FILE", requires = "page")]
     pub also_model: Vec<PathBuf>,
@@ -154,6 +157,20 @@ pub struct Record {
     pub page: PageFlags,
 }
 
+/// Where the bridge listens, and where its runs go; shared by `serve` and `doctor`.
+#[derive(Debug, Args)]
+pub struct ServerFlags {
+    /// Address to listen on; 0.0.0.0 lets other machines reach the port, which a tunnel does not need [default: 127.0.0.1]
+    #[arg(long, value_name = "ADDRESS")]
+    pub bind: Option<String>,
+    /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
+    #[arg(long)]
+    pub port: Option<u16>,
+    /// Folder for the runs [default: recordings]
+    #[arg(long, value_name = "DIR")]
+    pub recordings: Option<PathBuf>,
+}
+
 /// `lapwing serve`
 #[derive(Debug, Args)]
 pub struct Serve {
@@ -163,12 +180,8 @@ pub struct Serve {
     pub guard: GuardFlags,
     #[command(flatten)]
     pub thinking: Thinking,
-    /// Address to listen on; 0.0.0.0 lets other machines reach the port, which a tunnel does not need [default: 127.0.0.1]
-    #[arg(long, value_name = "ADDRESS")]
-    pub bind: Option<String>,
-    /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
-    #[arg(long)]
-    pub port: Option<u16>,
+    #[command(flatten)]
+    pub server: ServerFlags,
     /// Another model to switch to or to compare runs with on the page, or a folder of models; may be given several times
     #[arg(long, value_name = "FILE")]
     pub also_model: Vec<PathBuf>,
@@ -178,11 +191,8 @@ pub struct Serve {
     /// Event to send to each simulator when it connects, in JSON: '["reset",{}]'; may be given several times
     #[arg(long, value_name = "EVENT")]
     pub greet: Vec<String>,
-    /// Folder for the runs [default: recordings]
-    #[arg(long, value_name = "DIR", conflicts_with = "no_recording")]
-    pub recordings: Option<PathBuf>,
     /// Record nothing
-    #[arg(long)]
+    #[arg(long, conflicts_with = "recordings")]
     pub no_recording: bool,
     /// Print the summary of each drive as one line of JSON
     #[arg(long)]
@@ -297,6 +307,8 @@ pub struct Doctor {
     pub driving: Driving,
     #[command(flatten)]
     pub thinking: Thinking,
+    #[command(flatten)]
+    pub server: ServerFlags,
     /// Print the findings as JSON
     #[arg(long)]
     pub json: bool,

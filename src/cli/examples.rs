@@ -12,7 +12,7 @@ lapwing VERB --help shows a verb's flags and examples. The documentation: docs/R
 pub(super) const DRIVE: &str = "\
 Examples:
   lapwing drive                                                  the shipped model, one lap of the lake, at 9 mph
-  lapwing drive --track jungle --laps 3 --speed 15 --model models/resnet50.safetensors
+  lapwing drive --track jungle --laps 3 --speed 15 --model models/cps.safetensors
   lapwing drive --track random:7 --conditions rain=0.5,haze=0.3 --seed 4
   lapwing drive --pilot expert --video lap.mp4 --map lap.svg
   lapwing drive --min-completion 100 --max-collisions 0          exit status 3 below a threshold";
@@ -21,7 +21,7 @@ Examples:
 pub(super) const SERVE: &str = "\
 Examples:
   lapwing serve                                      then start the simulator in Autonomous Mode
-  lapwing serve --speed 20 --model models/resnet50.safetensors
+  lapwing serve --speed 20 --model models/cps.safetensors
   lapwing serve --takeover latch                     stay off after a takeover until you press Enter
   lapwing serve --bind 0.0.0.0                       let other machines reach the port; the page then wants its token";
 
@@ -91,7 +91,7 @@ Examples:
   lapwing score recordings/lake.mcap
   lapwing score recordings --json > baseline.json
   lapwing score recordings --against baseline.json --junit report.xml --html report.html
-  lapwing score recordings --markdown summary.md
+  lapwing score recordings --markdown=summary.md
   lapwing score --explain                            each figure: JSON key, unit, formula, source";
 
 pub(super) const BRAKE: &str = "\
@@ -209,7 +209,7 @@ Examples:
 pub(super) const DOCTOR: &str = "\
 Examples:
   lapwing doctor
-  lapwing doctor --model models/resnet50.safetensors --json";
+  lapwing doctor --model models/cps.safetensors --json";
 
 pub(super) const CONFIG: &str = "\
 Examples:

@@ -266,6 +266,7 @@ mod tests {
     fn every_verb_has_examples_each_of_them_parses_and_the_files_that_they_name_are_here() {
         let all = examples(&Cli::command(), "lapwing");
         assert!(all.iter().any(|(verb, _)| verb == "lapwing model check"), "verbs below verbs count, too");
+        let archive = include_str!("../../scripts/dist.py");
         for (verb, examples) in all {
             let lines: Vec<_> = examples.lines().filter(|line| line.starts_with("  lapwing ")).collect();
             assert!(!lines.is_empty(), "{verb} has no examples");
@@ -281,6 +282,8 @@ mod tests {
                 for file in command.split_whitespace().filter(is_ours) {
                     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
                     assert!(path.exists(), "{command}: {file} is not in this repository");
+                    let packed = path.is_dir() || archive.contains(&format!("\"{file}\""));
+                    assert!(packed, "{command}: {file} is not in the archive of a release (scripts/dist.py)");
                 }
             }
         }

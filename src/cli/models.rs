@@ -31,9 +31,10 @@ pub struct ModelCheck {
     /// only files that you trust [default: the built-in PilotNet]
     #[arg(value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Run (.mcap), or folder with driving_log.csv, to show to the model
-    #[arg(long, value_name = "RUN", default_value = "recordings/lake.mcap")]
-    pub run: PathBuf,
+    /// Run (.mcap), or folder with driving_log.csv, to show to the model [default: recordings/lake.mcap, here or beside the
+    /// program]
+    #[arg(long, value_name = "RUN")]
+    pub run: Option<PathBuf>,
     /// Write the first 100 pictures as the model sees them, decoded but not preprocessed (PNG), and its answers (answers.csv)
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,

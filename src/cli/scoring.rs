@@ -111,8 +111,8 @@ pub struct Score {
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Write a summary in Markdown for a CI job or a pull request, with each run's map and worst moment as pictures beside it;
-    /// without FILE print it, without pictures
-    #[arg(long, value_name = "FILE", num_args = 0..=1, conflicts_with = "json")]
+    /// without =FILE print it, without pictures
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, conflicts_with = "json")]
     pub markdown: Option<Option<PathBuf>>,
     /// Address under which the pictures of --markdown will be found [default: beside it]
     #[arg(long, value_name = "URL", requires = "markdown")]

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use super::Ended;
+use super::{Ended, serve};
 use crate::{cli, doctor};
 
 pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Result<Ended> {
-    let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
+    let layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
+    let settings = serve::layers(layers, &arguments.server)?.resolve()?;
     // The model first: it chooses the number of threads.
     let model = super::load_model(&settings).map_err(|error| super::told(&error));
     let findings = doctor::examine(&settings, model)?;

@@ -178,6 +178,10 @@ pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow:
     let layers = world::layers(super::layers(config, &arguments.driving)?, &arguments.world)?;
     let layers = guards::layers(layers, &arguments.guard)?;
     let mut layers = thresholds::layers(layers, &arguments.thresholds)?;
+    #[cfg(feature = "bridge")]
+    {
+        layers = super::paged::layers(layers, &arguments.page)?;
+    }
     if let Some(dir) = &arguments.recordings {
         layers = layers.set_path("--recordings", "recording.dir", dir)?;
     }

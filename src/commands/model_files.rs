@@ -1,6 +1,10 @@
 //! `lapwing model`: looks at a model's file, or makes one.
 
-use std::{fs, path::Path, time::Instant};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use anyhow::{Context, bail};
 
@@ -12,6 +16,9 @@ use lapwing_learn::{
     nn::{Architecture, Design, Metadata, Precision, rename::rename, runtime, save},
 };
 
+/// A run of the lake, which the repository and the archive of a release hold.
+const SHIPPED: &str = "recordings/lake.mcap";
+
 pub(super) fn run(arguments: &cli::Model) -> anyhow::Result<Ended> {
     match &arguments.verb {
         ModelVerb::Check(arguments) => checked(arguments),
@@ -22,17 +29,33 @@ pub(super) fn run(arguments: &cli::Model) -> anyhow::Result<Ended> {
 fn checked(arguments: &cli::ModelCheck) -> anyhow::Result<Ended> {
     let pictures = arguments.pictures.as_deref();
     pictures.map(outputs::check_folder).transpose()?;
+    let run = match &arguments.run {
+        Some(run) => run.clone(),
+        None => {
+            let program = std::env::current_exe().unwrap_or_default();
+            let folders = [Some(Path::new("")), program.parent()];
+            shipped_run(folders.into_iter().flatten())?
+        }
+    };
     let model = match &arguments.model {
         Some(path) => models::load(path, Instant::now)?,
         None => models::built_in(Instant::now)?,
     };
     // As `drive` does.
     runtime::set_threads(1);
-    let checked = check::check(&model, &arguments.run, pictures).with_context(|| {
-        format!("{}: cannot be shown to {} (--run RUN names another recording)", arguments.run.display(), model.name())
+    let checked = check::check(&model, &run, pictures).with_context(|| {
+        format!("{}: cannot be shown to {} (--run RUN names another recording)", run.display(), model.name())
     })?;
     outputs::print(&if arguments.json { serde_json::to_string_pretty(&checked)? } else { checked.to_string() })?;
     Ok(if checked.troubles.is_empty() { Ended::Passed } else { Ended::Failed })
+}
+
+/// The run that Lapwing ships, in the first of these folders that has it.
+fn shipped_run<'a>(mut folders: impl Iterator<Item = &'a Path>) -> anyhow::Result<PathBuf> {
+    let found = folders.find_map(|folder| Some(folder.join(SHIPPED)).filter(|run| run.is_file()));
+    found.with_context(|| {
+        format!("expected {SHIPPED} here or beside the program, found none: --run RUN names a recording")
+    })
 }
 
 fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
@@ -41,6 +64,13 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         let names = Architecture::ALL.map(Architecture::name);
         bail!("--network: expected one of {}, got {network:?}{}", names.join(", "), did_you_mean(network, names));
     };
+    if input.extension().is_none_or(|ending| ending != "safetensors") {
+        let todo = match models::advice(input) {
+            Some((kind, todo)) => format!("got {kind}: {todo}"),
+            None => "whole networks (.onnx, .pt) drive as they are, with --model (docs/how-to/own-network.md)".into(),
+        };
+        bail!("{}: expected PyTorch's tensors, a file ending in .safetensors; {todo}", input.display());
+    }
     outputs::check(out)?;
     if out.extension().is_none_or(|extension| extension != "safetensors") {
         bail!("--out: expected a file ending in .safetensors, got {}", out.display());
@@ -86,4 +116,21 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
 
 fn name_of(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_run_is_looked_for_here_and_beside_the_program() {
+        let [here, program] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let found = || shipped_run([here.path(), program.path()].into_iter());
+        assert!(found().unwrap_err().to_string().contains("--run RUN names a recording"));
+        for folder in [&program, &here] {
+            fs::create_dir(folder.path().join("recordings")).unwrap();
+            fs::write(folder.path().join(SHIPPED), "").unwrap();
+            assert_eq!(found().unwrap(), folder.path().join(SHIPPED));
+        }
+    }
 }

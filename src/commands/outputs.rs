@@ -5,17 +5,22 @@
 
 use std::{
     error::Error,
+    fs,
     io::{self, Write},
     path::Path,
 };
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 #[cfg(feature = "networks")]
 use serde::Serialize;
 
 #[cfg(feature = "simulator")]
 use crate::film::{Film, FilmError};
-use lapwing_core::{config::ConfigError, files};
+use lapwing_core::{
+    config::ConfigError,
+    files,
+    recording::{is_run_name, udacity},
+};
 use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
@@ -43,9 +48,29 @@ pub(super) fn sorted_json(result: &impl Serialize) -> Result<String, serde_json:
     serde_json::to_string_pretty(&serde_json::to_value(result)?)
 }
 
-/// Whether a file could be written at the end of the work.
+/// Whether a file could be written at the end of the work. No recording is ever overwritten.
 pub(super) fn check(path: &Path) -> anyhow::Result<()> {
+    if is_recording(path) {
+        bail!("{}: it is a recording, which would be lost; name another file", cannot(path));
+    }
     files::check(path).with_context(|| cannot(path))
+}
+
+/// Whether a file could be written that is none of those from which the work begins.
+#[cfg(any(feature = "networks", feature = "simulator"))]
+pub(super) fn check_beside<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    let place = fs::canonicalize(path).ok();
+    if place.is_some() && inputs.into_iter().any(|input| fs::canonicalize(input).ok() == place) {
+        bail!("{}: it is also an input, which would be lost; name another file", cannot(path));
+    }
+    check(path)
+}
+
+/// Whether a file is there that is called as recordings are; a link is what it leads to.
+fn is_recording(path: &Path) -> bool {
+    fs::canonicalize(path).is_ok_and(|path| {
+        path.is_file() && (is_run_name(&path) || path.file_name().is_some_and(|name| name == udacity::LOG_NAME))
+    })
 }
 
 /// Whether a drawing could be.

@@ -12,7 +12,7 @@ use crate::{
     staged::{self, Console, HandLog, Screen, Staged},
 };
 use lapwing_core::{
-    config::{ConfigError, Settings},
+    config::{ConfigError, Layers, Settings},
     drive::{DriveDigest, Observer},
     driver::Driver,
     guard::GuardModel,
@@ -38,6 +38,14 @@ use lapwing_sim::{
 
 /// What its tab is called.
 const TITLE: &str = "headless simulator";
+
+/// Those, then the flag that says where the page listens.
+pub(super) fn layers(layers: Layers, page: &cli::PageFlags) -> Result<Layers, ConfigError> {
+    match &page.bind {
+        Some(bind) => layers.set("--bind", "bridge.bind", bind.as_str()),
+        None => Ok(layers),
+    }
+}
 
 pub(super) fn drive(
     arguments: &cli::Drive,

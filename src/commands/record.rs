@@ -15,7 +15,8 @@ use lapwing_sim::{
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
     #[cfg(feature = "bridge")]
     if let Some(port) = arguments.page.page {
-        let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
+        let layers = world::layers(super::undriven_layers(config)?, &arguments.world)?;
+        let settings = super::paged::layers(layers, &arguments.page)?.resolve()?;
         return super::paged::record(arguments, settings, port, super::interrupted());
     }
     if let Some(wanted) = arguments.stances {

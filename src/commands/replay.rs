@@ -37,7 +37,8 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
     let settings = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?.resolve()?;
     // Read first, so that a wrong file does not waste a whole replay.
     let golden = arguments.golden.as_deref().map(Golden::read).transpose()?;
-    arguments.write_golden.as_deref().map_or(Ok(()), outputs::check)?;
+    let inputs = [arguments.source.as_path()];
+    arguments.write_golden.as_deref().map_or(Ok(()), |golden| outputs::check_beside(golden, inputs))?;
     let connect = arguments.connect.as_deref().map(super::bridge_address).transpose()?;
     let replay = Replay::open(&arguments.source, arguments.rate)?;
     let ReplayAnswers { driver, answers, times, losses, wall, here } = match connect {

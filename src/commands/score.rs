@@ -2,9 +2,10 @@
 
 mod markdown;
 
-#[cfg(feature = "networks")]
-use std::path::PathBuf;
-use std::{path::Path, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use anyhow::bail;
 
@@ -46,13 +47,15 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let baseline = arguments.against.as_deref().map(Baseline::read).transpose()?;
     let summary = arguments.markdown.as_ref().and_then(Option::as_ref);
+    let paths = runs_in(&arguments.runs)?;
+    let inputs = || paths.iter().chain(&arguments.against).map(PathBuf::as_path);
     [arguments.junit.as_ref(), arguments.html.as_ref(), summary]
         .into_iter()
         .flatten()
-        .try_for_each(|path| outputs::check(path))?;
+        .try_for_each(|path| outputs::check_beside(path, inputs()))?;
     let roads = Roads::with(&arguments.tracks);
     let (mut runs, mut unscored) = (vec![], vec![]);
-    for path in runs_in(&arguments.runs)? {
+    for path in paths {
         let name = path.display().to_string();
         let mut collector = arguments.html.is_some().then(Collector::with_pictures);
         let mut worst = arguments.markdown.is_some().then(WorstWatch::default);

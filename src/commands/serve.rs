@@ -2,7 +2,7 @@
 
 use std::{
     io::{self, BufRead, IsTerminal},
-    net::SocketAddr,
+    net::{Ipv4Addr, SocketAddr},
     path::Path,
     sync::{
         Arc,
@@ -14,7 +14,10 @@ use anyhow::Context;
 
 use super::{Ended, guards, outputs::Unprinted, terminal::Asked};
 use crate::cli;
-use lapwing_core::{config::Settings, pilot::Model};
+use lapwing_core::{
+    config::{ConfigError, Layers, Settings},
+    pilot::Model,
+};
 use lapwing_learn::models::LoadedModel;
 use lapwing_live::{
     bridge::{self, Bridge, Listener, Summary},
@@ -31,18 +34,9 @@ const NO_TOKEN: &str = "Warning: the simulator cannot send a token, so anyone wh
 
 pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Result<Ended> {
     let mut layers = super::thinking_layers(config, &arguments.driving, &arguments.thinking)?;
-    layers = guards::layers(layers, &arguments.guard)?;
-    if let Some(bind) = &arguments.bind {
-        layers = layers.set("--bind", "bridge.bind", bind.as_str())?;
-    }
-    if let Some(port) = arguments.port {
-        layers = layers.set("--port", "bridge.port", i64::from(port))?;
-    }
+    layers = self::layers(guards::layers(layers, &arguments.guard)?, &arguments.server)?;
     if !arguments.greet.is_empty() {
         layers = layers.set("--greet", "bridge.greet", arguments.greet.clone())?;
-    }
-    if let Some(dir) = &arguments.recordings {
-        layers = layers.set_path("--recordings", "recording.dir", dir)?;
     }
     if arguments.no_recording {
         layers = layers.set("--no-recording", "recording.enabled", false)?;
@@ -144,6 +138,21 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     Ok(if unprinted.load(Ordering::Relaxed) { Ended::Failed } else { Ended::Passed })
 }
 
+/// Those, then the flags that say where the bridge listens and where its runs go.
+pub(super) fn layers(mut layers: Layers, server: &cli::ServerFlags) -> Result<Layers, ConfigError> {
+    let cli::ServerFlags { bind, port, recordings } = server;
+    if let Some(bind) = bind {
+        layers = layers.set("--bind", "bridge.bind", bind.as_str())?;
+    }
+    if let Some(port) = port {
+        layers = layers.set("--port", "bridge.port", i64::from(*port))?;
+    }
+    if let Some(dir) = recordings {
+        layers = layers.set_path("--recordings", "recording.dir", dir)?;
+    }
+    Ok(layers)
+}
+
 /// Waits until the program is asked to end. A second Ctrl-C ends it at once.
 async fn end_asked_for(mut asked: Asked) {
     asked.first().await;
@@ -191,12 +200,13 @@ pub(super) fn address_of(scheme: &str, address: SocketAddr, page: &Page) -> anyh
 
 fn how_to_connect(address: SocketAddr) -> String {
     let port = address.port();
+    let local = if address.ip().is_unspecified() { SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port) } else { address };
     let warning = if port == 4567 { "" } else { "\n  Note: the simulator connects only to port 4567." };
     format!(
         "Waiting for a simulator on {address}. Press Ctrl-C to stop.{warning}
   Simulator on this machine: start it and choose Autonomous Mode; it connects by itself.
   On another machine or in a VM it still connects to its own 127.0.0.1:4567, so bring that port here. Over there, run
-    ssh -N -L 4567:127.0.0.1:{port} USER@THIS-MACHINE
+    ssh -N -L 4567:{local} USER@THIS-MACHINE
   or, on Windows as administrator, with lapwing serve --bind 0.0.0.0 here,
     netsh interface portproxy add v4tov4 listenaddress=127.0.0.1 listenport=4567 connectaddress=THIS-MACHINE connectport={port}
   On Windows with Lapwing in WSL 2: Windows passes 127.0.0.1 on to WSL; if nothing arrives, use the netsh line with the

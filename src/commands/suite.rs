@@ -29,7 +29,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     let settings = layers.clone().resolve()?;
     let named = || arguments.suite.display().to_string();
     let suite = Suite::parse(&text_of(&arguments.suite)?).with_context(named)?;
-    arguments.html.as_deref().map_or(Ok(()), outputs::check)?;
+    arguments.html.as_deref().map_or(Ok(()), |html| outputs::check_beside(html, [arguments.suite.as_path()]))?;
     outputs::check_folder(&arguments.out)?;
     let mut models = BTreeMap::new();
     for pilot in &suite.pilots {

@@ -13,6 +13,9 @@ use lapwing_learn::braking::{self, BrakingRecipe, Epoch, TrainOptions};
 
 pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
     let BrakeTrain { recipe: file, data, out, epochs, minutes, resume, threads, seed, json } = arguments;
+    if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
+    }
     outputs::check(out)?;
     let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
     let mut recipe = BrakingRecipe::read(&text).with_context(|| file.display().to_string())?;

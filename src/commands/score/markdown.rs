@@ -49,7 +49,9 @@ pub(super) fn summary(
                 worst = Some((pictures.address(nth, "worst.jpg"), moment.words.clone()));
             }
         }
-        shown.push(ShownRun { title: run.title(), card: &run.card, missed: run.missed().collect(), map, worst });
+        let has_thresholds = !run.checks.is_empty();
+        let missed = run.missed().collect();
+        shown.push(ShownRun { title: run.title(), card: &run.card, has_thresholds, missed, map, worst });
     }
     let text = markdown::render(report, &shown, against);
     if let Some(pictures) = pictures {

@@ -1,4 +1,4 @@
-//! Settings of the server.
+//! Settings of the server, and of the port for viewers.
 
 use std::{
     net::{IpAddr, Ipv4Addr},
@@ -34,6 +34,15 @@ pub struct BridgeSettings {
     pub allow_hosts: Vec<String>,
     /// Limits on what clients may use.
     pub limits: Limits,
+}
+
+/// `[foxglove]`: the port for Foxglove and Lichtblick.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FoxgloveSettings {
+    /// Origins of the web pages that may look at drives there, each `scheme://host[:port]`, besides Foxglove's own. Default none.
+    /// They can steer nothing, unlike those of [`BridgeSettings::allow_origins`].
+    pub allow_origins: Vec<String>,
 }
 
 /// `[bridge.limits]`: limits on what clients may use.
@@ -116,14 +125,7 @@ impl BridgeSettings {
                 return Err(format!(r#"bridge.greet: expected ["name"] or ["name",{{…}}] in JSON, got {event:?}"#));
             }
         }
-        for origin in &self.allow_origins {
-            let host = origin.split_once("://").filter(|(scheme, _)| !scheme.is_empty()).map_or("", |(_, host)| host);
-            if host.is_empty() || host.contains(['/', '*', '@', ' ']) {
-                return Err(format!(
-                    "bridge.allow_origins: expected scheme://host or scheme://host:port, such as http://localhost:3000, got {origin:?}"
-                ));
-            }
-        }
+        check_origins("bridge.allow_origins", &self.allow_origins)?;
         for host in &self.allow_hosts {
             let is_address = host.parse::<IpAddr>().is_ok();
             if host.is_empty() || (!is_address && host.contains([':', '/', '*', '@', ' '])) {
@@ -158,4 +160,23 @@ impl BridgeSettings {
         }
         Ok(())
     }
+}
+
+impl FoxgloveSettings {
+    /// Checks the values; the error says what was expected and what it got.
+    pub(super) fn check(&self) -> Result<(), String> {
+        check_origins("foxglove.allow_origins", &self.allow_origins)
+    }
+}
+
+fn check_origins(key: &str, origins: &[String]) -> Result<(), String> {
+    for origin in origins {
+        let host = origin.split_once("://").filter(|(scheme, _)| !scheme.is_empty()).map_or("", |(_, host)| host);
+        if host.is_empty() || host.contains(['/', '*', '@', ' ']) {
+            return Err(format!(
+                "{key}: expected scheme://host or scheme://host:port, such as http://localhost:3000, got {origin:?}"
+            ));
+        }
+    }
+    Ok(())
 }

@@ -10,7 +10,7 @@ mod simulator;
 mod thresholds;
 
 pub use brake::{BrakeSettings, GuardKind, Guarding};
-pub use bridge::{BridgeSettings, Limits};
+pub use bridge::{BridgeSettings, FoxgloveSettings, Limits};
 pub use layers::{Layers, Origin, Told};
 pub use simulator::{OnCrash, Rules, RulesError, SimulatorSettings};
 pub use thresholds::{Bound, LimitUnit, Threshold, Thresholds};
@@ -37,6 +37,8 @@ pub const PREFIX: &str = "LAPWING_";
 pub struct Settings {
     /// The server.
     pub bridge: BridgeSettings,
+    /// The port for viewers.
+    pub foxglove: FoxgloveSettings,
     /// The network that drives.
     pub model: ModelSettings,
     /// Camera images.
@@ -228,6 +230,7 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
         }
     }
     settings.bridge.check().map_err(error)?;
+    settings.foxglove.check().map_err(error)?;
     settings.brake.check().map_err(error)?;
     let pixels = settings.perception.max_pixels;
     if !(1..=4096 * 4096).contains(&pixels) {
@@ -273,6 +276,7 @@ mod tests {
         assert!(
             error("bridge.allow_origins", list("http://localhost:3000/")).contains("got \"http://localhost:3000/\"")
         );
+        assert!(error("foxglove.allow_origins", list("localhost:8080")).contains("foxglove.allow_origins: expected"));
         assert!(error("bridge.allow_hosts", list("car:4567")).contains("without a port"));
         assert!(error("brake.threshold", 0.into()).contains("above 0, got 0"));
         assert!(error("brake.guard", "model".into()).contains("brake.model to be the network's file, got none"));

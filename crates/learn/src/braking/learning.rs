@@ -8,16 +8,16 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Reduction, Tensor, nn};
 
 use super::{
-    BrakingRecipe, BrakingTrainError, Epoch, Part,
+    BrakingRecipe, BrakingTrainError, Epoch, Part, SpeedFailure, episodes,
     episodes::{Drive, Reader},
     state::{self, Position},
     targets::{Wanted, wanted},
-    windows::{Batch, Draw, Drawn, Windows, batch, length},
+    windows::{Batch, Draw, Drawn, LEAST_WEIGHT, Windows, batch, length},
 };
 use crate::{
     nn::{
         NnError, Precision,
-        braking::{Answers, BrakingNetwork},
+        braking::{Answers, BrakingArchitecture, BrakingCheckpoint, BrakingNetwork},
         in_variable_store,
     },
     train::{Optimiser, Schedule, Stepper},
@@ -25,6 +25,9 @@ use crate::{
 
 /// Running means begin with as few steps as they have: after so many, they keep one half.
 const WARM_UP_STEPS: f64 = 10.0;
+
+/// PyTorch's bound on the logarithms of a cross-entropy.
+const LEAST_LOGARITHM: f64 = -100.0;
 
 /// The loss of a window that was not seen yet, in a file.
 const UNSEEN: f64 = 1e6;
@@ -84,6 +87,14 @@ impl<'a> Learning<'a> {
         tch::manual_seed(recipe.seed as i64);
         let store = nn::VarStore::new(Device::Cpu);
         let mut network = BrakingNetwork::build(recipe.network, &mut in_variable_store(store.root()))?;
+        if let Some(path) = &recipe.pretrained {
+            let read = BrakingCheckpoint::read(path)?.network;
+            let (expected, got) = (recipe.network.name(), read.architecture().name());
+            if expected != got {
+                return Err(BrakingTrainError::OtherNetwork { path: path.clone(), expected, got });
+            }
+            copy(&network.tensors(), &read.tensors())?;
+        }
         let copies = &mut |name: &str, _: &[i64], _| {
             let tensors = network.tensors();
             let tensor = tensors.iter().find(|(own, _)| own == name).map(|(_, tensor)| tensor.f_detach_copy());
@@ -117,6 +128,24 @@ impl<'a> Learning<'a> {
         })
     }
 
+    /// Asks the network about every window, unchanged and with all speeds known: what it knows least is drawn first.
+    pub(super) fn ask(&mut self) -> Result<(), BrakingTrainError> {
+        let said = episodes(&self.mean, self.drives, SpeedFailure::NONE, |_| {})?;
+        let wanted = &self.wanted;
+        self.draw.judge(length(self.recipe.network), |drive, frame| {
+            let (said, wanted) = (&said[drive], &wanted[drive][frame]);
+            let (value, due) = (said.values[frame], f64::from(wanted.due));
+            let error = if self.recipe.network == BrakingArchitecture::Stacked {
+                (value - due).powi(2)
+            } else {
+                let logarithm = |share: f64| share.ln().max(LEAST_LOGARITHM);
+                -due * logarithm(value) - (1.0 - due) * logarithm(1.0 - value)
+            };
+            [error, f64::from(wanted.weight)]
+        });
+        Ok(())
+    }
+
     /// The learning rate at a share of an epoch.
     pub(super) fn rate(&self, epoch: usize, share: f64) -> f64 {
         let done = ((epoch - 1) as f64 + share) / self.recipe.epochs as f64;
@@ -144,7 +173,7 @@ impl<'a> Learning<'a> {
             let answers = self.network.forward(&batch.frames, &batch.speeds, true)?;
             let [error, weights] = errors(&answers, &batch)?;
             let (errors, weighed) = (error.f_sum(Kind::Float)?, weights.f_sum(Kind::Float)?);
-            let mut loss = errors.f_div(&weighed.f_clamp_min(1e-6)?)?;
+            let mut loss = errors.f_div(&weighed.f_clamp_min(LEAST_WEIGHT)?)?;
             if let Some(besides) = besides(&answers, &batch)? {
                 loss = loss.f_add(&besides.f_mul_scalar(recipe.besides)?)?;
             }
@@ -152,7 +181,7 @@ impl<'a> Learning<'a> {
             loss.f_backward()?;
             self.stepper.step(self.rate(epoch, windows as f64 / recipe.windows_per_epoch as f64))?;
             self.average()?;
-            let each = error.f_detach()?.f_div(&weights.f_clamp_min(1e-6)?)?;
+            let each = error.f_detach()?.f_div(&weights.f_clamp_min(LEAST_WEIGHT)?)?;
             self.draw.learnt(&cards, &Vec::<f32>::try_from(&each)?);
             sum += errors.f_double_value(&[])?;
             weight += weighed.f_double_value(&[])?;
@@ -289,7 +318,11 @@ impl<'a> Measured<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::braking::windows::tests::{drive, recipe, seen};
+    use crate::{
+        braking::windows::tests::{drive, recipe, seen},
+        nn::braking::{BrakingMetadata, save_braking},
+    };
+    use lapwing_core::control::BrakeLimits;
 
     #[test]
     fn a_training_that_is_resumed_has_all_that_it_had_and_draws_what_it_would_have_drawn() {
@@ -319,6 +352,61 @@ mod tests {
         let other = BrakingRecipe { batch: 4, ..recipe.clone() };
         let error = Learning::new(&other, &drives).unwrap().resume(&state).unwrap_err().to_string();
         assert!(error.ends_with("expected the state of a training by this recipe, got that of another one"), "{error}");
+    }
+
+    /// A file of a network of random weights.
+    fn file_of(recipe: &BrakingRecipe, drives: &[Drive], dir: &Path) -> std::path::PathBuf {
+        let path = dir.join("first.safetensors");
+        let metadata = BrakingMetadata {
+            preprocess: recipe.network.preprocess(),
+            limits: BrakeLimits { fires: 0.5, releases: 0.25 },
+            training: "none".into(),
+            result: "none".into(),
+        };
+        save_braking(&path, &metadata, &Learning::new(recipe, drives).unwrap().network, Precision::F32).unwrap();
+        path
+    }
+
+    #[test]
+    fn a_network_that_learns_more_begins_as_it_was_and_knows_of_each_window_how_wrong_it_is() {
+        let drives = [drive()];
+        let dir = tempfile::tempdir().unwrap();
+        let first = recipe("seed = 3\nemergencies = 0.5\ndue_weight = 2.0\nnear_s = [2.4, 1.3]\nlead = 1.0");
+        let more = BrakingRecipe { seed: 4, pretrained: Some(file_of(&first, &drives, dir.path())), ..first.clone() };
+        let mut learning = Learning::new(&more, &drives).unwrap();
+        for ((name, a), (_, b)) in
+            learning.mean.tensors().iter().zip(&Learning::new(&first, &drives).unwrap().network.tensors())
+        {
+            assert_eq!(a, b, "{name}");
+        }
+        learning.ask().unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(0);
+        let windows = Windows::of(&drives, &learning.wanted, &more);
+        for (windows, losses) in [windows.apart, windows.others].into_iter().zip(&learning.draw.losses) {
+            assert!(windows.len() > 1 && losses.iter().any(|loss| (loss - losses[0]).abs() > 1e-3), "{losses:?}");
+            for (window, loss) in windows.into_iter().zip(losses) {
+                let drawn = [Drawn { window, unknown: 0.0, weight: 1.0, change: None }];
+                let batch = batch(&drawn, &drives, &learning.wanted, &more, &learning.reader, &mut random).unwrap();
+                let answers = learning.mean.forward(&batch.frames, &batch.speeds, false).unwrap();
+                let [error, weight] = errors(&answers, &batch).unwrap().map(|x| x.double_value(&[0]));
+                assert!((error / weight - f64::from(*loss)).abs() < 1e-4, "{window:?}: {} {loss}", error / weight);
+            }
+        }
+    }
+
+    #[test]
+    fn of_another_network_or_of_none_nothing_can_be_learnt_on() {
+        let drives = [drive()];
+        let dir = tempfile::tempdir().unwrap();
+        let file = file_of(&recipe(""), &drives, dir.path());
+        let error = |network, file| {
+            let recipe = BrakingRecipe { network, pretrained: Some(file), ..recipe("") };
+            Learning::new(&recipe, &drives).err().expect("it must be refused").to_string()
+        };
+        let wide = error(BrakingArchitecture::Wide, file);
+        assert!(wide.ends_with("expected a brake-wide, as the recipe's network is, got a brake-live"), "{wide}");
+        let missing = error(BrakingArchitecture::Live, "/nowhere/first.safetensors".into());
+        assert!(missing.starts_with("pretrained: /nowhere/first.safetensors cannot be read"), "{missing}");
     }
 
     #[test]

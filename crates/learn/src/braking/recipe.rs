@@ -1,5 +1,7 @@
 //! How a braking network is trained, as a file.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
 use super::BrakingTrainError;
@@ -14,6 +16,10 @@ use crate::{
 pub struct BrakingRecipe {
     /// Which network.
     pub network: BrakingArchitecture,
+    /// Weights to begin from: a file of the same network. It is asked about every window before it learns, so that `rivals`
+    /// are drawn by what it does not know. Random weights by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pretrained: Option<PathBuf>,
     /// Passes at most.
     #[serde(default = "defaults::epochs")]
     pub epochs: usize,

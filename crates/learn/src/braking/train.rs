@@ -17,7 +17,7 @@ use super::{
 use crate::{
     nn::{
         NnError, Precision,
-        braking::{BrakingMetadata, save_braking},
+        braking::{BrakingError, BrakingMetadata, save_braking},
         runtime,
     },
     train::TrainError,
@@ -57,6 +57,19 @@ pub enum BrakingTrainError {
     /// The optimiser.
     #[error(transparent)]
     Optimiser(#[from] TrainError),
+    /// The file of `pretrained`.
+    #[error("pretrained: {0}")]
+    Pretrained(#[from] BrakingError),
+    /// Another network's.
+    #[error("pretrained: {}: expected a {expected}, as the recipe's network is, got a {got}", path.display())]
+    OtherNetwork {
+        /// The file.
+        path: PathBuf,
+        /// The recipe's.
+        expected: &'static str,
+        /// The file's.
+        got: &'static str,
+    },
     /// The file from which a training is resumed.
     #[error("{}: expected the state of a training, got an error: {why}", path.display())]
     State {
@@ -167,10 +180,12 @@ pub fn train(
     let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
     let state = state::path_of(path);
-    runtime::set_threads(options.threads);
     if options.resume && state.is_file() {
         learning.resume(&state)?;
+    } else if recipe.pretrained.is_some() {
+        learning.ask()?;
     }
+    runtime::set_threads(options.threads);
     let before_s = learning.position.epochs.last().map_or(0.0, |epoch| epoch.seconds);
     let began = Instant::now();
     let is_over = || options.most.is_some_and(|most| began.elapsed() >= most);

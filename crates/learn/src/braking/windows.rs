@@ -25,6 +25,9 @@ pub(super) const FAILURES: [f64; 3] = [0.5, 0.8, 1.0];
 /// Pictures become darker or lighter by up to this exponent.
 const GAMMA: f64 = 1.5;
 
+/// A window in which nothing matters is no division by nought.
+pub(super) const LEAST_WEIGHT: f64 = 1e-6;
+
 /// A window: which drive, and from which frame.
 pub(super) type Window = (usize, usize);
 
@@ -118,6 +121,20 @@ impl Draw {
     pub(super) fn begin(&mut self, epoch: usize) {
         self.random.set_stream(epoch as u64);
         self.random.set_word_pos(0);
+    }
+
+    /// Sets what the network gets wrong in each window of this length, from its error at each frame of a drive and how much that
+    /// matters.
+    pub(super) fn judge(&mut self, length: usize, error: impl Fn(usize, usize) -> [f64; 2]) {
+        for (windows, losses) in self.windows.iter().zip(&mut self.losses) {
+            for ((drive, from), loss) in windows.iter().zip(losses) {
+                let frames = (from + FRAMES - 1..from + length).step_by(2);
+                let [sum, weight] = frames
+                    .map(|frame| error(*drive, frame))
+                    .fold([0.0; 2], |[sum, all], [error, weight]| [sum + error * weight, all + weight]);
+                *loss = (sum / weight.max(LEAST_WEIGHT)) as f32;
+            }
+        }
     }
 
     /// What the network got wrong in these.

@@ -2,8 +2,12 @@
 
 use std::path::Path;
 
-/// Of a file that cannot be loaded: what it is, and what to do.
-pub(super) fn advice(path: &Path) -> Option<(&'static str, &'static str)> {
+/// Of a file or folder that is no model to us: what it is, and what to do.
+pub fn advice(path: &Path) -> Option<(&'static str, &'static str)> {
+    let tensorflow = "tf2onnx makes an ONNX model of it (docs/how-to/own-network.md)";
+    if path.join("saved_model.pb").is_file() {
+        return Some(("a TensorFlow SavedModel", tensorflow));
+    }
     let extension = path.extension()?.to_str()?.to_lowercase();
     let keras = "in Python, keras.models.load_model(\"IN\").export(\"net.onnx\", format=\"onnx\") makes an ONNX model of it; \
                  write net.toml beside it; then --model net.onnx (docs/how-to/own-network.md)";
@@ -13,9 +17,7 @@ pub(super) fn advice(path: &Path) -> Option<(&'static str, &'static str)> {
     match extension.as_str() {
         "h5" | "hdf5" => Some(("a Keras model in HDF5", keras)),
         "keras" => Some(("a Keras model", keras)),
-        "pb" | "tflite" => {
-            Some(("a TensorFlow model", "tf2onnx makes an ONNX model of it (docs/how-to/own-network.md)"))
-        }
+        "pb" | "tflite" => Some(("a TensorFlow model", tensorflow)),
         "pth" | "ckpt" | "bin" | "pkl" => Some(("weights that PyTorch has pickled", weights)),
         "pt2" => {
             Some(("a program of torch.export", "torch.onnx.export(program, f=\"net.onnx\") makes an ONNX model of it"))

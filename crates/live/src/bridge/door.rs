@@ -23,7 +23,7 @@ use super::{Bridge, guests::Peer};
 use lapwing_core::config;
 
 /// The origins of viewers: Foxglove in a browser, and Foxglove and Lichtblick as programs of their own, whose pages are
-/// files. Whoever serves Lichtblick elsewhere puts its origin into `bridge.allow_origins`.
+/// files. Whoever serves Lichtblick elsewhere puts its origin into `foxglove.allow_origins`.
 const VIEWERS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
 /// Which port this is.
@@ -59,12 +59,17 @@ enum Refused {
     },
     /// The request comes from a web page.
     #[error(
-        "the Origin header: expected none or one in bridge.allow_origins, got {0:?}; if you trust that page, put its origin into bridge.allow_origins"
+        "the Origin header: expected none or one in {list}, got {got:?}; if you trust that page, put its origin into {list}"
     )]
-    Page(String),
+    Page {
+        /// The setting that lists origins.
+        list: &'static str,
+        /// The page's.
+        got: String,
+    },
     /// The request comes from a web page that does not say which.
-    #[error("request from another site: expected a program, or a page whose origin is in bridge.allow_origins")]
-    Site,
+    #[error("request from another site: expected a program, or a page whose origin is in {0}")]
+    Site(&'static str),
 }
 
 /// Checks each request before anything else sees it.
@@ -74,7 +79,7 @@ pub(super) async fn ask(
     request: Request,
     next: Next,
 ) -> Response {
-    match admit(&request, bound, port, &bridge.settings.bridge) {
+    match admit(&request, bound, port, &bridge.settings) {
         Ok(None) => next.run(request).await,
         // A page that may connect may also read the answer.
         Ok(Some(origin)) => {
@@ -99,11 +104,15 @@ fn admit(
     request: &Request,
     bound: IpAddr,
     port: Port,
-    settings: &config::BridgeSettings,
+    settings: &config::Settings,
 ) -> Result<Option<HeaderValue>, Refused> {
+    let (list, origins) = match port {
+        Port::Bridge => ("bridge.allow_origins", &settings.bridge.allow_origins),
+        Port::Viewers => ("foxglove.allow_origins", &settings.foxglove.allow_origins),
+    };
     let headers = request.headers();
     let host = text(headers, header::HOST.as_str());
-    if !is_this_machine(name_of(host), bound, &settings.allow_hosts) {
+    if !is_this_machine(name_of(host), bound, &settings.bridge.allow_hosts) {
         let expected = match bound {
             bound if bound.is_unspecified() => "an address".to_owned(),
             bound if bound.is_loopback() => "a loopback address".to_owned(),
@@ -116,16 +125,17 @@ fn admit(
     let Some(origin) = headers.get(header::ORIGIN) else {
         // A browser sends no origin when a page shows a picture or a frame from here; it sends another header instead.
         return match text(headers, "sec-fetch-site") {
-            "cross-site" | "same-site" if !is_open => Err(Refused::Site),
+            "cross-site" | "same-site" if !is_open => Err(Refused::Site(list)),
             _ => Ok(None),
         };
     };
     let is = |allowed: &str| origin.as_bytes().eq_ignore_ascii_case(allowed.as_bytes());
-    let listed = settings.allow_origins.iter().any(|allowed| is(allowed));
+    let listed = origins.iter().any(|allowed| is(allowed));
+    let refused = || Refused::Page { list, got: shortened(origin) };
     if port == Port::Viewers {
         return match listed || VIEWERS.into_iter().any(is) {
             true => Ok(Some(origin.clone())),
-            false => Err(Refused::Page(shortened(origin))),
+            false => Err(refused()),
         };
     }
     // `Host` was checked above, so this is no page whose name was pointed here; and a page of another program on this
@@ -137,7 +147,7 @@ fn admit(
     match () {
         () if listed => Ok(Some(origin.clone())),
         () if is_open || (own && ours) => Ok(None),
-        () => Err(Refused::Page(shortened(origin))),
+        () => Err(refused()),
     }
 }
 
@@ -179,22 +189,17 @@ mod tests {
 
     use super::*;
 
-    fn settings(origins: &[&str], hosts: &[&str]) -> config::BridgeSettings {
-        let owned = |list: &[&str]| list.iter().map(|&s| s.to_owned()).collect();
-        config::BridgeSettings {
-            allow_origins: owned(origins),
-            allow_hosts: owned(hosts),
-            ..config::BridgeSettings::default()
-        }
+    fn owned(list: &[&str]) -> Vec<String> {
+        list.iter().map(|&s| s.to_owned()).collect()
     }
 
-    fn asked(
-        method: &str,
-        path: &str,
-        headers: &[(&str, &str)],
-        settings: &config::BridgeSettings,
-        bound: &str,
-    ) -> bool {
+    fn settings(origins: &[&str], hosts: &[&str]) -> config::Settings {
+        let mut settings = config::Settings::default();
+        (settings.bridge.allow_origins, settings.bridge.allow_hosts) = (owned(origins), owned(hosts));
+        settings
+    }
+
+    fn asked(method: &str, path: &str, headers: &[(&str, &str)], settings: &config::Settings, bound: &str) -> bool {
         let mut request = Request::builder().method(method).uri(path);
         for (name, value) in headers {
             request = request.header(*name, *value);
@@ -210,7 +215,10 @@ mod tests {
                 request = request.header(*name, *value);
             }
             let request = request.body(Body::empty()).unwrap();
-            admit(&request, "127.0.0.1".parse().unwrap(), Port::Viewers, &settings(origins, &[])).is_ok()
+            // Who may steer is no matter of this port.
+            let mut settings = settings(&["http://localhost:3000"], &[]);
+            settings.foxglove.allow_origins = owned(origins);
+            admit(&request, "127.0.0.1".parse().unwrap(), Port::Viewers, &settings).is_ok()
         };
         let host = ("host", "localhost:8765");
         for origin in ["https://app.foxglove.dev", "file://"] {
@@ -224,6 +232,7 @@ mod tests {
             "",
             "http://localhost:8765",
             "http://localhost:8080",
+            "http://localhost:3000",
             "http://app.foxglove.dev",
             "https://app.foxglove.dev.evil.example",
         ] {
@@ -269,6 +278,16 @@ mod tests {
         }
         assert!(admits("POST", "/arm", "http://localhost:3000", &["http://LOCALHOST:3000"]));
         assert!(!admits("POST", "/arm", "http://localhost:3001", &["http://localhost:3000"]));
+    }
+
+    #[test]
+    fn a_page_that_may_look_at_the_viewers_port_may_not_steer() {
+        let page = [("host", "127.0.0.1:4567"), ("origin", "http://localhost:8080")];
+        let mut settings = settings(&[], &[]);
+        settings.foxglove.allow_origins = owned(&["http://localhost:8080"]);
+        for (method, path) in [("POST", "/api/drives/1/control"), ("POST", "/arm"), ("GET", "/live")] {
+            assert!(!asked(method, path, &page, &settings, "127.0.0.1"), "{path}");
+        }
     }
 
     #[test]

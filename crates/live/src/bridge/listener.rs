@@ -28,12 +28,12 @@ const TURN: usize = 16 << 10;
 #[derive(Debug, thiserror::Error)]
 pub enum BindError {
     /// Another program listens there.
-    #[error("port {port} is taken{}: end that program, or choose another port with {choose}", holder.as_ref().map(|h| format!(" by {h}")).unwrap_or_default())]
+    #[error("port {port} is taken{}choose another port with {choose}", taken_by(holder.as_ref()))]
     Taken {
         /// The port.
         port: u16,
         /// The process, if the system reports it.
-        holder: Option<String>,
+        holder: Option<Holder>,
         /// How the user chooses another port.
         choose: &'static str,
     },
@@ -45,6 +45,23 @@ pub enum BindError {
         /// Why not.
         source: io::Error,
     },
+}
+
+/// Which process holds a port.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Holder {
+    /// This one, which was given the same port twice.
+    ThisProgram,
+    /// Another one: its number and command line.
+    Process(String),
+}
+
+fn taken_by(holder: Option<&Holder>) -> String {
+    match holder {
+        None => ": end that program, or ".into(),
+        Some(Holder::ThisProgram) => " by this very program: ".into(),
+        Some(Holder::Process(process)) => format!(" by {process}: end that program, or "),
+    }
 }
 
 /// How another port for simulators is chosen.
@@ -202,7 +219,7 @@ impl AsyncWrite for QuickAck {
 
 /// The process that listens on a port, by Linux's /proc; `None` if that does not show it (another system, or a process
 /// of another user).
-fn holder_of(port: u16) -> Option<String> {
+fn holder_of(port: u16) -> Option<Holder> {
     let listening = |table: &str| {
         let text = std::fs::read_to_string(table).ok()?;
         text.lines().skip(1).find_map(|line| {
@@ -219,12 +236,20 @@ fn holder_of(port: u16) -> Option<String> {
             .ok()?
             .flatten()
             .any(|fd| std::fs::read_link(fd.path()).is_ok_and(|link| link.as_os_str() == socket.as_str()));
-        let command = || std::fs::read(process.path().join("cmdline")).ok();
         holds.then(|| {
-            let command = String::from_utf8_lossy(&command().unwrap_or_default()).replace('\0', " ");
-            format!("process {pid} ({})", command.trim().chars().take(100).collect::<String>())
+            if pid == std::process::id() {
+                return Holder::ThisProgram;
+            }
+            let command = std::fs::read(process.path().join("cmdline")).unwrap_or_default();
+            Holder::Process(format!("process {pid} ({})", command_line(&command)))
         })
     })
+}
+
+/// A command line for a message: others wrote it, and it may hold line breaks and escape codes.
+fn command_line(arguments: &[u8]) -> String {
+    let text = String::from_utf8_lossy(arguments).replace(char::is_control, " ");
+    text.trim().chars().take(100).collect()
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -235,11 +260,18 @@ mod tests {
     };
 
     #[tokio::test]
-    async fn a_taken_port_names_the_process_that_holds_it() {
+    async fn a_port_that_this_program_holds_already_is_told_so() {
         let first = Listener::bind(([127, 0, 0, 1], 0).into()).await.unwrap();
-        let error = Listener::bind(first.address()).await.err().unwrap().to_string();
-        let me = format!("process {} (", std::process::id());
-        assert!(error.contains(&first.address().port().to_string()) && error.contains(&me), "{error}");
+        let error = Listener::bind(first.address()).await.err().unwrap().with_flag("--foxglove").to_string();
+        let port = first.address().port();
+        let expected = format!("port {port} is taken by this very program: choose another port with --foxglove");
+        assert_eq!(error, expected);
+    }
+
+    #[test]
+    fn the_command_line_of_another_program_breaks_no_message() {
+        assert_eq!(command_line(b"python\0-c\0import a\nrun()\x1b[31m\0"), "python -c import a run() [31m");
+        assert_eq!(command_line(&[b'x'; 200]).len(), 100);
     }
 
     /// The option does not stay set: the kernel clears it as soon as data flows both ways.

@@ -38,7 +38,7 @@ mod waiting;
 
 pub use account::Summary;
 pub use foxglove::serve_foxglove;
-pub use listener::{BindError, Listener};
+pub use listener::{BindError, Holder, Listener};
 
 use std::{
     collections::{HashMap, HashSet},

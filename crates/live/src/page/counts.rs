@@ -46,12 +46,13 @@ impl Times {
     }
 }
 
-/// The times of a turn's stages; none where it was not answered.
+/// The times of a turn's stages; none where it was not answered, and none of a network's where none was asked: the expert
+/// has no forward pass.
 pub(super) fn times(turn: &Turn) -> [Option<Duration>; STAGES.len()] {
     let trace = &turn.trace;
-    let piloted = trace.prediction.is_some();
-    let by_pilot = |time| piloted.then_some(time);
-    [by_pilot(trace.decode), by_pilot(trace.preprocess), by_pilot(trace.forward), Some(trace.total), turn.latency]
+    let looked = trace.prediction.is_some() && trace.forward > Duration::ZERO;
+    let by_network = |time| looked.then_some(time);
+    [by_network(trace.decode), by_network(trace.preprocess), by_network(trace.forward), Some(trace.total), turn.latency]
 }
 
 impl Counts {

@@ -152,6 +152,8 @@ pub struct Page {
     ended: Mutex<Counts>,
     /// Pages that look now.
     open: Places<{ socket::PAGES }>,
+    /// Pages that have looked so far, which numbers them.
+    looked: AtomicU64,
     /// Recorded runs that are being shown to models.
     comparisons: Places<{ compared::AT_A_TIME }>,
     /// Where what is not urgent is done.

@@ -61,6 +61,8 @@ struct Inbox {
     wishes: Vec<Wish>,
     /// The wheel, and when it was last turned; none once it was let go.
     by_hand: Option<(Command, Instant)>,
+    /// The page that turned it.
+    holder: u64,
 }
 
 impl std::fmt::Debug for Inbox {
@@ -122,11 +124,18 @@ impl Drive {
         work();
     }
 
-    /// A page turns the wheel, or lets go of it.
-    pub fn by_hand(&self, command: Option<Command>) {
+    /// The page of this number turns the wheel, or lets go of it. False, and nothing happens, while another page has it.
+    pub fn by_hand(&self, page: u64, command: Option<Command>) -> bool {
         let mut inbox = self.inbox.lock().unwrap_or_else(PoisonError::into_inner);
-        inbox.by_hand = command.map(|command| (command, Instant::now()));
+        let now = Instant::now();
+        let is_held = inbox.by_hand.is_some_and(|(_, at)| now.saturating_duration_since(at) < LET_GO);
+        if is_held && inbox.holder != page {
+            return false;
+        }
+        inbox.by_hand = command.map(|command| (command, now));
+        inbox.holder = page;
         self.asked.store(true, Ordering::Release);
+        true
     }
 }
 

@@ -1,14 +1,15 @@
 //! `/live`: a drive as it happens.
 //!
 //! To the page go JSON texts, told apart by `kind`: `drives` (the tabs), `status`, `course`, `events`, `score` and
-//! `moment`; a picture follows its moment as a binary message, the JPEG bytes as they came. The page says `{"watch":id}`,
-//! `{"seen":n}` for each moment, and `{"hand":{"steering":…,"throttle":…}}` or `{"hand":null}`.
+//! `moment`; a picture follows its moment as a binary message, the JPEG bytes as they came. `wheel` tells a page that
+//! wants to drive by hand that another one does. The page says `{"watch":id}`, `{"seen":n}` for each moment, and
+//! `{"hand":{"steering":…,"throttle":…}}` or `{"hand":null}`.
 //!
 //! A moment is sent only once the page has seen the one before the last: a slow reader gets the newest and skips the
 //! rest, and a stalled one costs nothing.
 
 use std::{
-    sync::{Arc, PoisonError},
+    sync::{Arc, PoisonError, atomic::Ordering},
     time::Duration,
 };
 
@@ -89,7 +90,8 @@ pub(crate) fn live(page: Arc<Page>, request: Request) -> Response {
 async fn serve(socket: Socket, page: Arc<Page>, _place: Place) -> Result<(), tungstenite::Error> {
     let config = WebSocketConfig::default().read_buffer_size(4 << 10).max_message_size(Some(LARGEST));
     let socket = WebSocketStream::from_raw_socket(socket, Role::Server, Some(config)).await;
-    let mut viewer = Viewer { socket, page, watched: None, steers: false };
+    let id = page.looked.fetch_add(1, Ordering::Relaxed) + 1;
+    let mut viewer = Viewer { socket, page, id, watched: None, refused: false };
     let ended = viewer.run().await;
     viewer.let_go();
     ended
@@ -98,9 +100,11 @@ async fn serve(socket: Socket, page: Arc<Page>, _place: Place) -> Result<(), tun
 struct Viewer {
     socket: WebSocketStream<Socket>,
     page: Arc<Page>,
+    /// Its number, from 1.
+    id: u64,
     watched: Option<Watched>,
-    /// Whether it has the wheel of the drive.
-    steers: bool,
+    /// Whether it was refused the wheel, which another page has, and was told so.
+    refused: bool,
 }
 
 /// The drive that a page looks at, and what it has seen of it.
@@ -147,7 +151,7 @@ impl Viewer {
                     let Some(text) = text else { continue };
                     heard = Instant::now();
                     match serde_json::from_str(&text) {
-                        Ok(said) => self.hear(said),
+                        Ok(said) => self.hear(said).await?,
                         Err(_) => return self.close("expected seen, watch or hand, as JSON").await,
                     }
                 }
@@ -163,7 +167,7 @@ impl Viewer {
                     if is_there {
                         self.moment().await?;
                     } else {
-                        (self.watched, self.steers) = (None, false); // the drive is over
+                        (self.watched, self.refused) = (None, false); // the drive is over
                         self.tabs().await?;
                     }
                 }
@@ -172,7 +176,7 @@ impl Viewer {
         }
     }
 
-    fn hear(&mut self, said: Said) {
+    async fn hear(&mut self, said: Said) -> Result<(), tungstenite::Error> {
         match (said, &mut self.watched) {
             (Said::Seen(n), Some(watched)) => watched.seen = watched.seen.max(n.min(watched.sent)),
             (Said::Watch(id), _) => {
@@ -182,11 +186,15 @@ impl Viewer {
                 }
             }
             (Said::Hand(hand), Some(watched)) => {
-                watched.drive.by_hand(hand.map(ByHand::command));
-                self.steers = hand.is_some();
+                let is_mine = watched.drive.by_hand(self.id, hand.map(ByHand::command));
+                let told = std::mem::replace(&mut self.refused, hand.is_some() && !is_mine);
+                if self.refused && !told {
+                    self.say(&json!({ "kind": "wheel", "why": "another page drives by hand" })).await?;
+                }
             }
             (Said::Seen(_) | Said::Hand(_), None) => {}
         }
+        Ok(())
     }
 
     fn watch(&mut self, drive: Arc<Drive>) {
@@ -198,8 +206,9 @@ impl Viewer {
 
     /// A page that leaves takes no wheel along.
     fn let_go(&mut self) {
-        if let (true, Some(watched)) = (std::mem::take(&mut self.steers), &self.watched) {
-            watched.drive.by_hand(None);
+        self.refused = false;
+        if let Some(watched) = &self.watched {
+            watched.drive.by_hand(self.id, None);
         }
     }
 

@@ -72,6 +72,22 @@ async fn a_drive_is_on_the_page_for_as_long_as_it_is_shown_and_its_counts_stay()
     assert!(text.contains("lapwing_latency_seconds_bucket{le=\"+Inf\",stage=\"answer\"} 5\n"), "{text}");
 }
 
+#[tokio::test]
+async fn the_stages_of_a_network_are_counted_where_a_network_drove() {
+    let page = page();
+    let mut showing = page.show("a simulator", Abilities::of_a_connection());
+    for (second, forward) in [(0, Duration::ZERO), (1, Duration::ZERO), (2, Duration::from_millis(2))] {
+        let turn = turn(second, b"jpeg");
+        let trace = Trace { prediction: Some(0.1), forward, ..turn.trace };
+        showing.turn(&Turn { trace, ..turn }, Hands::Pilot, Instant::now());
+    }
+    let text = metrics::text(&page).await.unwrap();
+    for (stage, times) in [("decode", 1), ("preprocess", 1), ("forward", 1), ("driver", 3), ("answer", 3)] {
+        let line = format!("lapwing_latency_seconds_count{{stage=\"{stage}\"}} {times}\n");
+        assert!(text.contains(&line), "{line}{text}");
+    }
+}
+
 #[test]
 fn who_looks_sees_the_newest_moment_and_none_of_those_before() {
     let page = page();
@@ -136,14 +152,32 @@ fn a_page_that_falls_silent_has_let_go_of_the_wheel() {
         showing.direct(&mut driver, now);
         driver.drive(&turn(1, include_bytes!("../../../sim/src/starts/lake.jpg")).observation).0
     };
-    drive.by_hand(Some(command));
+    assert!(drive.by_hand(1, Some(command)));
     let now = Instant::now();
     assert_eq!(steers(&mut showing, now), Answer::Steer(command));
     assert_ne!(steers(&mut showing, now + Duration::from_secs(1)), Answer::Steer(command));
-    drive.by_hand(Some(command));
+    assert!(drive.by_hand(1, Some(command)));
     assert_eq!(steers(&mut showing, Instant::now()), Answer::Steer(command));
-    drive.by_hand(None);
+    assert!(drive.by_hand(1, None));
     assert_ne!(steers(&mut showing, Instant::now()), Answer::Steer(command));
+}
+
+#[test]
+fn who_took_the_wheel_first_keeps_it_until_they_let_go() {
+    let page = page();
+    let mut showing = page.show("a simulator", Abilities::of_a_connection());
+    let (mut driver, drive) = (driver(), page.drive(1).unwrap());
+    let [left, right] = [Steering::MIN, Steering::MAX].map(|steering| Command { steering, throttle: Throttle::MAX });
+    let mut steers = || {
+        showing.direct(&mut driver, Instant::now());
+        driver.drive(&turn(1, include_bytes!("../../../sim/src/starts/lake.jpg")).observation).0
+    };
+    assert!(drive.by_hand(1, Some(left)) && !drive.by_hand(2, Some(right)));
+    assert_eq!(steers(), Answer::Steer(left));
+    assert!(!drive.by_hand(2, None), "who has no wheel lets go of none");
+    assert_eq!(steers(), Answer::Steer(left));
+    assert!(drive.by_hand(1, None) && drive.by_hand(2, Some(right)));
+    assert_eq!(steers(), Answer::Steer(right));
 }
 
 #[test]

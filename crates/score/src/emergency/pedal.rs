@@ -183,10 +183,10 @@ fn text_of_table(path: &Path) -> Result<Option<String>, PedalError> {
     let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
     let text = String::from_utf8_lossy(&bytes).into_owned();
     let heading = heading(&text);
-    // A driving log names its pictures, and knows no time.
-    let is_table =
-        [&TIME, &SPEED, &BRAKE].iter().any(|column| column.find(&heading).is_ok()) && !heading.contains(&"center");
-    Ok(is_table.then_some(text))
+    // A driving log names its pictures, or begins with them and numbers.
+    let is_log = heading.iter().any(|name| name.eq_ignore_ascii_case("center"))
+        || heading.iter().any(|field| field.parse::<f64>().is_ok());
+    Ok((!is_log).then_some(text))
 }
 
 /// The names of a table's columns.
@@ -292,6 +292,16 @@ mod tests {
             (
                 "time_s,speed_kmh\n0,0\n".into(),
                 "drive.csv: line 1: expected one column of brake, brake_percent, got \"time_s,speed_kmh\": name the columns by \
+                 what they hold and in which unit",
+            ),
+            (
+                "Time,Speed,BrakePressure\n0,36,12\n".into(),
+                "drive.csv: line 1: expected one column of time_s, time_ms, got \"Time,Speed,BrakePressure\": name the columns by \
+                 what they hold and in which unit",
+            ),
+            (
+                "time_s;speed_kmh;brake\n0;36;0\n".into(),
+                "drive.csv: line 1: expected one column of time_s, time_ms, got \"time_s;speed_kmh;brake\": name the columns by \
                  what they hold and in which unit",
             ),
             (

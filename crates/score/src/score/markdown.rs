@@ -11,6 +11,9 @@ use lapwing_core::{
     units::{Degrees, Metres},
 };
 
+/// A drive begins where the car was put down, not where the pilot took it: what is merely large in so many seconds comes last.
+const START_S: f64 = 3.0;
+
 /// How bad a moment is: the later kind is the worse, and within one the larger number.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 enum Badness {
@@ -38,7 +41,8 @@ pub struct WorstMoment {
 /// Watches a run for its worst moment, and for the way that it drove.
 #[derive(Debug, Default)]
 pub struct WorstWatch {
-    worst: Option<(Badness, WorstMoment)>,
+    /// With whether it counts beyond the start.
+    worst: Option<((bool, Badness), WorstMoment)>,
     picture: Bytes,
     position: Option<[Metres; 3]>,
     /// Of each telemetry: seconds, where it was if it says so, and miles per hour.
@@ -63,7 +67,8 @@ impl WorstWatch {
                         (Badness::Steering(steering), format!("{steering:.0} degrees of steering, the most"))
                     }
                 };
-                self.see(seconds, how);
+                let began = self.line.first().map_or(seconds, |(began, ..)| *began);
+                self.see(seconds, seconds - began >= START_S, how);
             }
             Item::Event(event) => {
                 let bad = match event {
@@ -72,13 +77,14 @@ impl WorstWatch {
                     _ => return,
                 };
                 self.marks.extend(self.position.map(|place| (matches!(bad, Badness::Collision(_)), place)));
-                self.see(seconds, (bad, event.in_words().unwrap_or_default()));
+                self.see(seconds, true, (bad, event.in_words().unwrap_or_default()));
             }
             Item::Command(_) => {}
         }
     }
 
-    fn see(&mut self, seconds: f64, (badness, what): (Badness, String)) {
+    fn see(&mut self, seconds: f64, counts: bool, (badness, what): (Badness, String)) {
+        let badness = (counts, badness);
         let worse = self.worst.as_ref().is_none_or(|(worst, _)| badness > *worst);
         if worse && !self.picture.is_empty() {
             let words = format!("{what}, after {seconds:.1} s");
@@ -99,7 +105,9 @@ pub struct ShownRun<'a> {
     pub title: String,
     /// Its judgement.
     pub card: &'a Scorecard,
-    /// Thresholds that it missed.
+    /// Whether it was held to thresholds.
+    pub has_thresholds: bool,
+    /// Those that it missed.
     pub missed: Vec<&'a str>,
     /// Address of its map, if there is one.
     pub map: Option<String>,
@@ -113,8 +121,10 @@ pub fn render(report: &Report<'_>, runs: &[ShownRun<'_>], against: Option<&Compa
     let worse: Vec<String> =
         against.iter().flat_map(|against| against.worse()).map(|change| change.to_string()).collect();
     let missed: usize = runs.iter().map(|run| run.missed.len()).sum();
+    let was_asked = against.is_some() || runs.iter().any(|run| run.has_thresholds);
     text += match (missed + worse.len(), report.unscored.len()) {
-        (0, 0) => "**Passed.**\n",
+        (0, 0) if was_asked => "**Passed.**\n",
+        (0, 0) => "**Scored.**\n",
         (_, 0) => "**Below what was asked for:**\n",
         _ => "**Not all runs can be scored:**\n",
     };
@@ -205,6 +215,18 @@ mod tests {
         let (words, picture) = worst(items);
         assert!(words.contains("a tree") && words.ends_with("after 9.0 s"), "{words}");
         assert_eq!(picture, [4]);
+    }
+
+    #[test]
+    fn where_the_car_was_put_down_is_the_worst_only_of_a_run_that_ends_there() {
+        let frame = |byte: u8| Item::Frame(vec![byte].into());
+        let mut items = vec![frame(1)];
+        items.extend([0.74, 0.6, 0.5].map(|cte| telemetry(Some(cte), 0.0)));
+        assert_eq!(worst(items.clone()), ("0.74 m beside the line, after 1.0 s".into(), vec![1]));
+        items.extend([frame(2), telemetry(Some(0.3), 0.0)]);
+        assert_eq!(worst(items.clone()), ("0.30 m beside the line, after 5.0 s".into(), vec![2]));
+        items.insert(2, Item::Event(EventRecord::OffRoad { offset_m: 4.0 }));
+        assert!(worst(items).0.ends_with("after 2.0 s"), "what happened at the start counts");
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub const EPISODES_NAME: &str = "episodes.csv";
 /// Its heading.
 pub const HEADING: &str = "name,part,scenario,kind,layer,seed,track,speed_mph,reaction_s,frames,hit";
 
-/// So long before an impact the foot must be down, in seconds: a label is 0.67 s long and begins 0.2 s before the foot.
+/// So long before an impact the foot must be down, in seconds: a label is 0.67 s long and begins two samples before the pedal moves.
 const PRESSED_BEFORE_S: f64 = 0.45;
 /// Draws of one episode before it is given up.
 const DRAWS: u64 = 24;

@@ -6,7 +6,12 @@ use crate::{
     scene::Looks,
     world::Simulation,
 };
-use lapwing_core::{perception::Frame, recording::Recording};
+use lapwing_core::{
+    control::BrakeLimits,
+    guard::{Guard, GuardError, GuardModel, Watched},
+    perception::Frame,
+    recording::Recording,
+};
 
 fn lake() -> Places {
     let mut places = Places::default();
@@ -226,4 +231,56 @@ fn a_data_set_is_read_back_is_the_same_again_and_goes_on_where_it_was_broken_off
     for (recorded, bytes) in first.episodes.iter().zip(&bytes) {
         assert!(fs::read(path(recorded)).unwrap() == *bytes, "{recorded:?}");
     }
+}
+
+/// Warns for nothing: of 50 s, it does so for five, which holds the car.
+struct Nervous;
+
+impl GuardModel for Nervous {
+    fn name(&self) -> &str {
+        "nervous"
+    }
+
+    fn sha256(&self) -> Option<&str> {
+        None
+    }
+
+    fn guard(&self) -> Box<dyn Guard> {
+        Box::new(Self)
+    }
+}
+
+impl Guard for Nervous {
+    fn name(&self) -> &str {
+        "nervous"
+    }
+
+    fn limits(&self) -> BrakeLimits {
+        BrakeLimits { fires: 0.5, releases: 0.25 }
+    }
+
+    fn watch(&mut self, now: &Watched<'_>) -> Result<Option<f64>, GuardError> {
+        Ok(Some(if now.at.as_secs_f64() % 50.0 > 45.0 { 1.0 } else { 0.0 }))
+    }
+
+    fn needs_picture(&self) -> bool {
+        false
+    }
+
+    fn reset(&mut self) {}
+}
+
+#[test]
+fn a_lap_goes_on_after_a_guard_that_held_the_car_for_nothing() {
+    let mut places = Places::default();
+    places.open(["lake"]).unwrap();
+    let options = TrialOptions { cases: vec![], laps: 1, ..TrialOptions::default() };
+    let lap = trials(&options).into_iter().find(|trial| trial.track == "lake").unwrap();
+    let plain = lap.drive(&places, Braker::Nobody, &mut |_| Ok(())).unwrap();
+    let held = lap.drive(&places, Braker::Guard(&Nervous), &mut |_| Ok(())).unwrap();
+    // Each braking takes its five seconds, and the way back to 20 mph; the car does not drive on while it is held.
+    let lost_s = (held.frames as f64 - plain.frames as f64) / 15.0;
+    assert!(held.activations >= 2, "{held:?} and {plain:?} without");
+    let each_s = lost_s / f64::from(held.activations);
+    assert!((4.0..12.0).contains(&each_s), "{each_s} s: {held:?} and {plain:?} without");
 }

@@ -34,7 +34,7 @@ use crate::{
 use lapwing_core::{
     car::GRAVITY,
     config::ControlSettings,
-    control::{KnownSpeed, Standstill},
+    control::{HELD_S, KnownSpeed, Standstill},
     drive::{self, Eventful, Observer, ObserverError, TurnError},
     driver::Driver,
     guard::GuardModel,
@@ -50,9 +50,12 @@ const LAP_MPH: f64 = 20.0;
 /// as it stands, as in Euro NCAP's tests: the stock car has no brake that holds it on a slope, and a pilot that brakes for
 /// nothing would drive on into what it stands before.
 const STOOD_S: f64 = 3.0;
+/// A lap goes on when a guard that holds the car lets go, which it does in any case after [`HELD_S`].
+const HELD_IN_A_LAP_S: f64 = HELD_S + STOOD_S;
 /// Slower than this the car stands, in m/s.
 const STANDING: f64 = 0.4;
-/// A throttle of this or less is the guard's: no pilot's speed controller asks for it near its speed.
+/// A throttle of this or less is the guard's, and 0 or less of a car that stands: no pilot's speed controller asks for the one near
+/// its speed, or for the other so far below it.
 const GUARDS: f64 = -0.99;
 
 /// What is tried.
@@ -231,6 +234,7 @@ impl Trial {
             Staging { case, layer, part: Part::HeldOut, speed_mph, seed }.setup(places.get(&self.track)?)?;
         if let Some(laps) = self.laps {
             (setup.laps, setup.longest_s) = (Some(laps), None);
+            setup.rules.stuck_s = HELD_IN_A_LAP_S;
             setup.scenario.iter_mut().for_each(|scenario| scenario.duration_s = 3600.0);
         }
         let guard = match braker {
@@ -253,7 +257,12 @@ impl Trial {
         };
         let settings = ControlSettings { speed_mph: Mph::saturating(speed_mph), ..ControlSettings::default() };
         let mut driver = Driver::new(Box::new(PurePursuit::default()), &settings, Instant::now).guarded(guard);
-        let mut watched = Watched::new(speed_mph, case.kind(), show);
+        let longest_stand_s = match (case.kind(), self.laps) {
+            (Kind::Hazard, _) => 0.0,
+            (Kind::Negative, None) => STOOD_S,
+            (Kind::Negative, Some(_)) => HELD_IN_A_LAP_S,
+        };
+        let mut watched = Watched::new(speed_mph, longest_stand_s, show);
         let mut driven = Driven { world, foot };
         drive::run(&mut driven, &mut driver, &mut [&mut watched]).map_err(|error| match error {
             TurnError::World(never) => match never {},
@@ -291,7 +300,9 @@ impl World for Driven {
         let answer = match (answer, foot) {
             (Answer::Steer(command), Foot::Human(human)) => {
                 let own = human.drive(world, world.setup().hz.recip());
-                let throttle = if command.throttle.get() <= GUARDS { command.throttle } else { own.throttle };
+                let stands = world.car().speed.abs() <= STANDING;
+                let is_guards = command.throttle.get() <= if stands { 0.0 } else { GUARDS };
+                let throttle = if is_guards { command.throttle } else { own.throttle };
                 Answer::Steer(Command { throttle, ..command })
             }
             (Answer::Steer(command), Foot::Perfect(pressed)) => {
@@ -337,9 +348,12 @@ struct Watched<'a> {
 }
 
 impl<'a> Watched<'a> {
-    fn new(speed_mph: f64, kind: Kind, show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>) -> Self {
+    fn new(
+        speed_mph: f64,
+        longest_stand_s: f64,
+        show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>,
+    ) -> Self {
         let outcome = Outcome { least_gap_m: f64::INFINITY, ..Outcome::default() };
-        let longest_stand_s = if kind == Kind::Hazard { 0.0 } else { STOOD_S };
         Self { outcome, speed_mph, before_mph: speed_mph, moved_s: 0.0, stood: false, longest_stand_s, show }
     }
 }

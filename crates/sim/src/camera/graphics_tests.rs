@@ -193,3 +193,27 @@ fn a_car_without_shadow_stands_on_a_road_as_bright_as_any() {
     // Beside what hides a part of it, the road's grain is a little elsewhere.
     assert!(dark > 80 && none * 10 < dark, "{none} of {dark} pixels are much darker than without a car");
 }
+
+#[test]
+fn the_shadow_of_somebody_behind_the_camera_falls_into_the_picture_whole() {
+    let (track, scenery) = scenery("lake");
+    let mut renderer = Renderer::new(Arc::clone(&scenery));
+    let here = car(&track, 455.0, 0.0);
+    // The sun is low behind the car, so that the shadow begins beside the camera and ends 12 m ahead of it.
+    let low = format!("sun_height_deg=8,sun_azimuth_deg={}", (here.yaw.to_degrees() + 180.0).rem_euclid(360.0));
+    let low = Conditions::parse(&low).unwrap();
+    let position = track.point(454.6, 1.0);
+    let somebody = Actor { kind: ActorKind::Pedestrian, position, yaw: here.yaw, speed: 0.0, look: 1 };
+    let empty = picture(&mut renderer, &Camera::CENTER, &here, &[], &low);
+    let frame = picture(&mut renderer, &Camera::CENTER, &here, &[somebody], &low);
+    let pixels = empty.rgb().as_chunks::<3>().0.iter().zip(frame.rgb().as_chunks::<3>().0).zip(shown(&renderer));
+    let dark = pixels.map(|((a, b), road)| matches!(road, Shown::Road(..)) && 4 * sum(*b) < 3 * sum(*a));
+    let dark: Vec<bool> = dark.collect();
+    let widths: Vec<usize> = dark.chunks(320).map(|row| row.iter().filter(|dark| **dark).count()).collect();
+    let begins = widths.iter().position(|width| *width > 0).unwrap();
+    // Down to the bonnet, 27 rows from the bottom, it widens towards the eye and has no gap.
+    let seen = &widths[begins..133];
+    assert!(seen.len() > 40, "{widths:?}");
+    assert!(seen.array_windows().all(|[far, near]| near + 1 >= *far && *near <= far + 2), "{widths:?}");
+    assert!(seen[seen.len() - 1] > 20, "{widths:?}");
+}

@@ -190,21 +190,10 @@ impl Raster {
     fn clipped(&mut self, view: &Viewpoint, corners: [Vec3; 3], w: &Plane, id: u32) -> bool {
         let mut kept = [(0.0, 0.0); 4];
         let mut n = 0;
-        for i in 0..3 {
-            let (a, b) = (corners[i], corners[(i + 1) % 3]);
-            if a.z >= NEAR {
-                kept[n] = view.project(a);
-                n += 1;
-            }
-            if (a.z >= NEAR) != (b.z >= NEAR) {
-                // Always from the nearer to the farther point, so that neighbours cut their common edge at the same
-                // place.
-                let (near, far) = if a.z < b.z { (a, b) } else { (b, a) };
-                let cut = near + (far - near) * ((NEAR - near.z) / (far.z - near.z));
-                kept[n] = view.project(Vec3::new(cut.x, cut.y, NEAR));
-                n += 1;
-            }
-        }
+        ahead(view, &corners, |point| {
+            kept[n] = point;
+            n += 1;
+        });
         let mut drawn = false;
         for i in 1..n.saturating_sub(1) {
             drawn |= self.triangle([kept[0], kept[i], kept[i + 1]], w, id);
@@ -248,12 +237,11 @@ impl Raster {
         let foot = model.points.iter().map(|p| p.at.y).fold(f32::MAX, f32::min) + 0.02;
         let mut fallen: Vec<Vec3> = model.points.iter().map(|p| p.at - sun * ((p.at.y - foot) / sun.y)).collect();
         convex_hull(&mut fallen);
-        for i in 1..fallen.len().saturating_sub(1) {
-            let [a, b, c] = [fallen[0], fallen[i], fallen[i + 1]].map(|p| view.turn(p));
-            if a.z.min(b.z).min(c.z) < NEAR {
-                continue;
-            }
-            spans([view.project(a), view.project(b), view.project(c)], self.width, self.height, |y, from, to| {
+        let turned: Vec<Vec3> = fallen.into_iter().map(|p| view.turn(p)).collect();
+        let mut outline = Vec::with_capacity(turned.len() + 1);
+        ahead(view, &turned, |point| outline.push(point));
+        for i in 1..outline.len().saturating_sub(1) {
+            spans([outline[0], outline[i], outline[i + 1]], self.width, self.height, |y, from, to| {
                 for at in y * self.width + from..y * self.width + to {
                     let id = self.ids[at];
                     if id != SKY && id & COLOURED == 0 && is_ground(&self.setups[id as usize - 1]) {
@@ -261,6 +249,24 @@ impl Raster {
                     }
                 }
             });
+        }
+    }
+}
+
+/// Calls `keep` for each corner of what is left of a convex outline, in the camera's axes, once it is cut off at the nearest
+/// distance that is drawn: at most one more than it had.
+#[inline]
+fn ahead(view: &Viewpoint, corners: &[Vec3], mut keep: impl FnMut((f32, f32))) {
+    for (i, a) in corners.iter().enumerate() {
+        let b = corners[(i + 1) % corners.len()];
+        if a.z >= NEAR {
+            keep(view.project(*a));
+        }
+        if (a.z >= NEAR) != (b.z >= NEAR) {
+            // Always from the nearer to the farther point, so that neighbours cut their common edge at the same place.
+            let (near, far) = if a.z < b.z { (*a, b) } else { (b, *a) };
+            let cut = near + (far - near) * ((NEAR - near.z) / (far.z - near.z));
+            keep(view.project(Vec3::new(cut.x, cut.y, NEAR)));
         }
     }
 }

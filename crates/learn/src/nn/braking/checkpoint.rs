@@ -102,6 +102,16 @@ impl BrakingCheckpoint {
     /// # Errors
     /// [`BrakingError`].
     pub fn load(path: &Path) -> Result<Self, BrakingError> {
+        let mut read = Self::read(path)?;
+        read.network.fold().map_err(|source| BrakingError::Content { path: path.to_owned(), source })?;
+        Ok(read)
+    }
+
+    /// Reads a file whose network is to learn more: its layers are those of the file.
+    ///
+    /// # Errors
+    /// [`BrakingError`].
+    pub(crate) fn read(path: &Path) -> Result<Self, BrakingError> {
         let bytes = fs::read(path).map_err(|source| BrakingError::Read { path: path.to_owned(), source })?;
         let content = |source| BrakingError::Content { path: path.to_owned(), source };
         let safe = |source| content(NnError::NotSafetensors(source));
@@ -132,9 +142,7 @@ impl BrakingCheckpoint {
             return Err(BrakingError::Limits { path: path.to_owned(), limits });
         }
         let build = |name: &str, shape: &[i64]| read_tensor(&file, name, shape);
-        let mut network =
-            BrakingNetwork::build(architecture, &mut |name, shape, _| build(name, shape)).map_err(content)?;
-        network.fold().map_err(content)?;
+        let network = BrakingNetwork::build(architecture, &mut |name, shape, _| build(name, shape)).map_err(content)?;
         Ok(Self { metadata, network, sha256: sha256(&bytes) })
     }
 }

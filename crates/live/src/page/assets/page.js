@@ -40,6 +40,7 @@ const HEARD = {
   course: ({ course }) => showCourse(course),
   events: ({ events }) => showEvents(events),
   score: ({ score }) => showScore(score),
+  wheel: ({ why }) => { takeWheel(false); say($("answer"), why); },
   moment: ({ message, turn, place }) => {
     // Seen, even if it is not drawn: the next one may come.
     tell({ seen: message });

@@ -13,6 +13,11 @@ function gamepad() {
   return null;
 }
 
+// Firefox, for one, has gamepads only for pages of this machine or with https.
+const wheelHint = () => gamepad() ? "gamepad connected"
+  : navigator.getGamepads ? "arrow keys or WASD, or a gamepad"
+  : "arrow keys or WASD; for a gamepad this browser wants an address of its own machine: use a tunnel";
+
 function turnWheel() {
   const pad = gamepad();
   let throttle = (wheel.down.has("faster") ? 1 : 0) - (wheel.down.has("slower") ? 1 : 0), by = "keys";
@@ -44,7 +49,7 @@ function takeWheel(on) {
     wheel.timer = setInterval(turnWheel, SEND_MS);
   } else {
     wheel.say({ hand: null });
-    say($("wheel"), gamepad() ? "gamepad connected" : "arrow keys or WASD, or a gamepad");
+    say($("wheel"), wheelHint());
   }
 }
 
@@ -58,3 +63,4 @@ addEventListener("keyup", (event) => wheel.down.delete(KEYS[event.code]));
 addEventListener("blur", () => takeWheel(false));
 document.addEventListener("visibilitychange", () => document.hidden && takeWheel(false));
 addEventListener("gamepadconnected", () => wheel.on || say($("wheel"), "gamepad connected"));
+say($("wheel"), wheelHint());
