@@ -97,6 +97,21 @@ fn without_a_scenario_there_is_no_time_to_collision_and_the_run_says_so() {
 }
 
 #[test]
+fn a_threshold_needs_the_network_to_which_it_belongs() {
+    let folder = tempdir().unwrap();
+    for more in [&[][..], &["--brake-guard", "ttc"]] {
+        let flags = ["drive", "--pilot", "expert", "--no-recording", "--max-time", "1", "--brake-threshold", "0.5"];
+        let (status, _, err) = lapwing_in(folder.path(), "", &[&flags[..], more].concat());
+        assert_eq!(status, 1, "{err}");
+        assert!(err.contains("expected a network to which it belongs (brake.model, --brake-model), got 0.5"), "{err}");
+    }
+    // Who has both in a file may do without for once.
+    fs::write(folder.path().join("lapwing.toml"), "[brake]\nthreshold = 0.5\n").unwrap();
+    let flags = ["drive", "--pilot", "expert", "--no-recording", "--max-time", "1", "--brake-guard", "none"];
+    assert_eq!(lapwing_in(folder.path(), "", &flags).0, 0);
+}
+
+#[test]
 fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() {
     let folder = tempdir().unwrap();
     let data = folder.path().join("data");

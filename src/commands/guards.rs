@@ -28,6 +28,13 @@ pub(super) fn layers(mut layers: Layers, flags: &GuardFlags) -> Result<Layers, C
 
 /// Loads the guard that the settings name, if any.
 pub(super) fn load(settings: &BrakeSettings) -> anyhow::Result<Option<Box<dyn GuardModel>>> {
+    // Once all layers are known: a file may hold the threshold, and a flag the network.
+    if let (Some(threshold), None, None | Some(GuardKind::Ttc)) = (settings.threshold, &settings.model, settings.guard)
+    {
+        anyhow::bail!(
+            "brake.threshold: expected a network to which it belongs (brake.model, --brake-model), got {threshold} and none"
+        );
+    }
     let guard: Box<dyn GuardModel> = match settings.guarding() {
         Guarding::Nobody => return Ok(None),
         Guarding::TimeToCollision => Box::new(TimeToCollision::default()),

@@ -61,12 +61,6 @@ impl BrakeSettings {
         if self.guard == Some(GuardKind::Model) && self.model.is_none() {
             return Err("brake.guard: expected brake.model to be the network's file, got none".into());
         }
-        if let Some(threshold) = self.threshold.filter(|_| self.model.is_none() && self.guard != Some(GuardKind::None))
-        {
-            return Err(format!(
-                "brake.threshold: expected a network to which it belongs (brake.model, --brake-model), got {threshold} and none"
-            ));
-        }
         match self.threshold {
             Some(threshold) if !(threshold > 0.0 && threshold.is_finite()) => {
                 Err(format!("brake.threshold: expected a value above 0, got {threshold}"))
@@ -96,23 +90,6 @@ mod tests {
             (Some(GuardKind::None), Some("net.safetensors"), Guarding::Nobody),
         ] {
             assert_eq!(settings(guard, model).guarding(), expected);
-        }
-    }
-
-    #[test]
-    fn a_threshold_needs_the_network_to_which_it_belongs() {
-        let checked = |guard, model: Option<&str>| {
-            let model = model.map(PathBuf::from);
-            BrakeSettings { guard, model, threshold: Some(0.5) }.check()
-        };
-        let network = Some("net.safetensors");
-        let none =
-            "brake.threshold: expected a network to which it belongs (brake.model, --brake-model), got 0.5 and none";
-        assert_eq!(checked(None, None).unwrap_err(), none);
-        assert_eq!(checked(Some(GuardKind::Ttc), None).unwrap_err(), none);
-        // Who has both in a file may do without the guard, or take another, for once.
-        for (guard, model) in [(None, network), (Some(GuardKind::Ttc), network), (Some(GuardKind::None), None)] {
-            assert_eq!(checked(guard, model), Ok(()), "{guard:?}");
         }
     }
 }

@@ -166,10 +166,10 @@ impl BrakingReport {
 /// How quick a driver was, in words that sort by it.
 fn reaction(reaction_s: f64) -> &'static str {
     match reaction_s {
-        s if s < 0.7 => "reaction under 0.7 s",
-        s if s < 0.9 => "reaction under 0.9 s",
-        s if s < 1.2 => "reaction under 1.2 s",
-        _ => "reaction under 1.6 s",
+        s if s < 0.7 => "reaction 0.4 to 0.7 s",
+        s if s < 0.9 => "reaction 0.7 to 0.9 s",
+        s if s < 1.2 => "reaction 0.9 to 1.2 s",
+        _ => "reaction 1.2 to 1.6 s",
     }
 }
 
