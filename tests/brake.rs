@@ -103,7 +103,10 @@ fn a_threshold_needs_the_network_to_which_it_belongs() {
         let flags = ["drive", "--pilot", "expert", "--no-recording", "--max-time", "1", "--brake-threshold", "0.5"];
         let (status, _, err) = lapwing_in(folder.path(), "", &[&flags[..], more].concat());
         assert_eq!(status, 1, "{err}");
-        assert!(err.contains("expected a network to which it belongs (brake.model, --brake-model), got 0.5"), "{err}");
+        assert!(
+            err.contains("expected a braking network as well (brake.model, --brake-model), got 0.5 without one"),
+            "{err}"
+        );
     }
     // Who has both in a file may do without for once.
     fs::write(folder.path().join("lapwing.toml"), "[brake]\nthreshold = 0.5\n").unwrap();

@@ -72,7 +72,7 @@ pub struct PageFlags {
     /// unless --laps or --max-time is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4568")]
     pub page: Option<u16>,
-    /// Address that the page listens on; 0.0.0.0 lets other machines reach it, with the token that is printed [default: 127.0.0.1]
+    /// Address that the page listens on; 0.0.0.0 lets other machines connect, using the token that is printed [default: 127.0.0.1]
     #[arg(long, value_name = "ADDRESS", requires = "page")]
     pub bind: Option<String>,
     /// Another model to switch to or to compare runs with on the page, or a folder of models; may be given several times
@@ -160,13 +160,13 @@ pub struct Record {
 /// Where the bridge listens, and where its runs go; shared by `serve` and `doctor`.
 #[derive(Debug, Args)]
 pub struct ServerFlags {
-    /// Address to listen on; 0.0.0.0 lets other machines reach the port, which a tunnel does not need [default: 127.0.0.1]
+    /// Address that serve listens on; 0.0.0.0 lets other machines connect, which a tunnel does not need [default: 127.0.0.1]
     #[arg(long, value_name = "ADDRESS")]
     pub bind: Option<String>,
-    /// Port to listen on; the simulator connects only to port 4567 [default: 4567]
+    /// Port that serve listens on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
-    /// Folder for the runs [default: recordings]
+    /// Folder where serve saves its runs [default: recordings]
     #[arg(long, value_name = "DIR")]
     pub recordings: Option<PathBuf>,
 }

@@ -32,7 +32,7 @@ pub(super) fn load(settings: &BrakeSettings) -> anyhow::Result<Option<Box<dyn Gu
     if let (Some(threshold), None, None | Some(GuardKind::Ttc)) = (settings.threshold, &settings.model, settings.guard)
     {
         anyhow::bail!(
-            "brake.threshold: expected a network to which it belongs (brake.model, --brake-model), got {threshold} and none"
+            "brake.threshold: expected a braking network as well (brake.model, --brake-model), got {threshold} without one"
         );
     }
     let guard: Box<dyn GuardModel> = match settings.guarding() {

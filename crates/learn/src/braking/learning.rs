@@ -404,7 +404,7 @@ mod tests {
             Learning::new(&recipe, &drives).err().expect("it must be refused").to_string()
         };
         let wide = error(BrakingArchitecture::Wide, file);
-        assert!(wide.ends_with("expected a brake-wide, as the recipe's network is, got a brake-live"), "{wide}");
+        assert!(wide.ends_with("expected a brake-wide network, as in the recipe, got brake-live"), "{wide}");
         let missing = error(BrakingArchitecture::Live, "/nowhere/first.safetensors".into());
         assert!(missing.starts_with("pretrained: /nowhere/first.safetensors cannot be read"), "{missing}");
     }

@@ -16,8 +16,8 @@ use crate::{
 pub struct BrakingRecipe {
     /// Which network.
     pub network: BrakingArchitecture,
-    /// Weights to begin from: a file of the same network. It is asked about every window before it learns, so that `rivals`
-    /// are drawn by what it does not know. Random weights by default.
+    /// Weights to begin from: a file of the same network, its path from the current folder. It is asked about every window before
+    /// it learns, so that `rivals` chooses the windows that it predicts worst from the start. Random weights by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
     /// Passes at most.

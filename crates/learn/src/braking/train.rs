@@ -61,7 +61,7 @@ pub enum BrakingTrainError {
     #[error("pretrained: {0}")]
     Pretrained(#[from] BrakingError),
     /// Another network's.
-    #[error("pretrained: {}: expected a {expected}, as the recipe's network is, got a {got}", path.display())]
+    #[error("pretrained: {}: expected a {expected} network, as in the recipe, got {got}", path.display())]
     OtherNetwork {
         /// The file.
         path: PathBuf,

@@ -16,7 +16,7 @@ function gamepad() {
 // Firefox, for one, has gamepads only for pages of this machine or with https.
 const wheelHint = () => gamepad() ? "gamepad connected"
   : navigator.getGamepads ? "arrow keys or WASD, or a gamepad"
-  : "arrow keys or WASD; for a gamepad this browser wants an address of its own machine: use a tunnel";
+  : "arrow keys or WASD; this browser allows gamepads only on localhost or https: use an SSH tunnel";
 
 function turnWheel() {
   const pad = gamepad();
