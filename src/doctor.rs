@@ -2,7 +2,7 @@
 
 use std::{
     fmt, fs, io,
-    net::{Ipv4Addr, Ipv6Addr, SocketAddr},
+    net::SocketAddr,
     path::{Path, PathBuf},
     time::{Duration, Instant},
 };
@@ -22,7 +22,10 @@ use lapwing_core::{
     units::{Degrees, Mph, Throttle},
 };
 use lapwing_learn::{models::LoadedModel, nn::runtime};
-use lapwing_live::bridge::{BindError, Listener};
+use lapwing_live::{
+    bridge::{BindError, Listener, reached_here},
+    page::GREETING,
+};
 
 /// What was found; as JSON, what `lapwing doctor --json` prints. Its [`Display`](fmt::Display) is for people.
 #[derive(Debug, Clone, Serialize)]
@@ -63,10 +66,9 @@ pub struct LastSimulator {
 /// A run takes some 13 MB a minute: below half an hour of them, the disk is nearly full.
 const SCARCE_MB: u64 = 400;
 
-/// How long a program at the port may take to greet, in how many bytes, and how Lapwing does.
+/// How long a program at the port may take to greet, and in how many bytes.
 const PATIENCE: Duration = Duration::from_secs(2);
 const GREETING_BYTES: u64 = 4096;
-const GREETING: &str = "\r\n\r\nLapwing is here. ";
 
 /// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be.
 ///
@@ -106,17 +108,12 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
 
 /// Whether the program at this address greets as Lapwing does.
 async fn is_lapwing(address: SocketAddr) -> bool {
-    let local = match address {
-        SocketAddr::V4(v4) if v4.ip().is_unspecified() => (Ipv4Addr::LOCALHOST, v4.port()).into(),
-        SocketAddr::V6(v6) if v6.ip().is_unspecified() => (Ipv6Addr::LOCALHOST, v6.port()).into(),
-        other => other,
-    };
     let asked = async {
-        let mut stream = TcpStream::connect(local).await?;
+        let mut stream = TcpStream::connect(reached_here(address)).await?;
         stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await?;
         let mut answer = vec![];
         stream.take(GREETING_BYTES).read_to_end(&mut answer).await?;
-        io::Result::Ok(String::from_utf8_lossy(&answer).contains(GREETING))
+        io::Result::Ok(String::from_utf8_lossy(&answer).ends_with(&format!("\r\n\r\n{GREETING}")))
     };
     tokio::time::timeout(PATIENCE, asked).await.is_ok_and(|greeted| greeted.unwrap_or(false))
 }

@@ -2,7 +2,7 @@
 
 use std::{
     io::{self, BufRead, IsTerminal},
-    net::{Ipv4Addr, SocketAddr},
+    net::SocketAddr,
     path::Path,
     sync::{
         Arc,
@@ -200,7 +200,7 @@ pub(super) fn address_of(scheme: &str, address: SocketAddr, page: &Page) -> anyh
 
 fn how_to_connect(address: SocketAddr) -> String {
     let port = address.port();
-    let local = if address.ip().is_unspecified() { SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port) } else { address };
+    let local = bridge::reached_here(address);
     let warning = if port == 4567 { "" } else { "\n  Note: the simulator connects only to port 4567." };
     format!(
         "Waiting for a simulator on {address}. Press Ctrl-C to stop.{warning}

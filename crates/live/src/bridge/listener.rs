@@ -6,7 +6,7 @@
 
 use std::{
     io,
-    net::SocketAddr,
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr},
     pin::Pin,
     task::{Context, Poll, ready},
     time::{Duration, Instant},
@@ -62,6 +62,16 @@ fn taken_by(holder: Option<&Holder>) -> String {
         Some(Holder::ThisProgram) => " by this very program: ".into(),
         Some(Holder::Process(process)) => format!(" by {process}: end that program, or "),
     }
+}
+
+/// Where programs on this machine reach who listens on an address.
+pub fn reached_here(address: SocketAddr) -> SocketAddr {
+    let ip = match address.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+        ip => ip,
+    };
+    SocketAddr::new(ip, address.port())
 }
 
 /// How another port for simulators is chosen.

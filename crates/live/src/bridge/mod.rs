@@ -38,7 +38,7 @@ mod waiting;
 
 pub use account::Summary;
 pub use foxglove::serve_foxglove;
-pub use listener::{BindError, Holder, Listener};
+pub use listener::{BindError, Holder, Listener, reached_here};
 
 use std::{
     collections::{HashMap, HashSet},

@@ -30,7 +30,7 @@ use lapwing_score::score::{
 const BODY: usize = 4 << 10;
 
 /// What a program that is no browser is told at `/`.
-const GREETING: &str = "Lapwing is here. Start the simulator in autonomous mode.\n";
+pub const GREETING: &str = "Lapwing is here. Start the simulator in autonomous mode.\n";
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE: &str = "text/css; charset=utf-8";
