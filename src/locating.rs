@@ -21,8 +21,11 @@ mod rows;
 mod stretch;
 mod summary;
 mod table;
+#[cfg(test)]
+mod tests;
 
 use std::{
+    cmp::Reverse,
     collections::HashMap,
     ops::Range,
     path::Path,
@@ -93,7 +96,15 @@ pub enum LocateError {
 /// # Errors
 /// [`LocateError`]: what cannot be read, and a table of another recording.
 pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDrive, LocateError> {
-    Ok(LaneTable::of(path, table, by_name(roads))?.drive(0..usize::MAX))
+    Ok(table_of(path, table, roads)?.drive(0..usize::MAX))
+}
+
+/// The table of places that was made of this recording.
+///
+/// # Errors
+/// [`LocateError`]: what cannot be read, and a table of another recording.
+pub fn table_of(path: &Path, table: &Path, roads: &Roads) -> Result<LaneTable, LocateError> {
+    Ok(LaneTable::of(path, table, by_name(roads))?)
 }
 
 /// Reads a table of places on one of these roads.
@@ -117,6 +128,8 @@ pub struct Part {
     pub way_m: f64,
     /// Where it was; `None` if no known road explains it, or several do.
     pub on: Option<On>,
+    /// Why its road is unknown.
+    pub unknown: Option<String>,
 }
 
 /// A drive on a road.
@@ -155,18 +168,26 @@ pub struct LocatedRecording {
 impl LocatedRecording {
     /// All drives on the track that most of the pictures show; where another one was driven, no place is known.
     pub fn drive(&self) -> Option<LocatedDrive> {
-        let known = |track: &Track| {
-            let on = self.parts.iter().filter_map(|part| part.on.as_ref());
-            let here = on.filter(|on| on.drive.track.file().name == track.file().name);
-            here.map(|on| on.drive.places.iter().flatten().count()).sum::<usize>()
-        };
-        let tracks = self.parts.iter().filter_map(|part| Some(&part.on.as_ref()?.drive.track));
-        let track = tracks.filter(|track| known(track) > 0).max_by_key(|track| known(track))?.clone();
-        let places = self.parts.iter().flat_map(|part| {
-            let on = part.on.as_ref().filter(|on| on.drive.track.file().name == track.file().name);
-            part.rows.clone().map(move |i| on.and_then(|on| on.drive.places[i - part.rows.start]))
-        });
-        Some(LocatedDrive { places: places.collect(), track })
+        self.drives().into_iter().next()
+    }
+
+    /// On each track all drives, as one: where another one was driven, no place is known. The track that most of the pictures
+    /// show comes first.
+    pub fn drives(&self) -> Vec<LocatedDrive> {
+        let known = |drive: &LocatedDrive| drive.places.iter().flatten().count();
+        let mut drives: Vec<LocatedDrive> = vec![];
+        for part in &self.parts {
+            let Some(on) = &part.on else { continue };
+            let begun = drives.iter().position(|drive| drive.track.file().name == on.road());
+            let i = begun.unwrap_or(drives.len());
+            if begun.is_none() {
+                drives.push(LocatedDrive { track: on.drive.track.clone(), places: vec![None; self.rows.len()] });
+            }
+            drives[i].places[part.rows.clone()].copy_from_slice(&on.drive.places);
+        }
+        drives.retain(|drive| known(drive) > 0);
+        drives.sort_by_key(|drive| Reverse(known(drive)));
+        drives
     }
 }
 
@@ -203,6 +224,7 @@ pub fn locate(
         let look = looks.get(&part.start);
         let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
         let likely = odometry::find(&legs, look, roads.both_ways()?);
+        let why = unknown(&likely);
         let found = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
         if let Some(found) = &found {
             let scene = scenes.of(&found.road.name)?;
@@ -211,7 +233,7 @@ pub fn locate(
                 stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
             }
         }
-        parts.push((part, way_m, found));
+        parts.push((part, way_m, found, why));
     }
     let unreadable = Mutex::new((0, None));
     let pictures = Pictures::open(path, camera, stretches)?;
@@ -233,7 +255,8 @@ pub fn locate(
     }
     let parts = parts
         .into_iter()
-        .map(|(part, way_m, found)| {
+        .map(|(part, way_m, found, why)| {
+            let unknown = why.filter(|_| found.is_none());
             let on = found
                 .map(|found| {
                     let track = scenes.of(&found.road.name)?.0;
@@ -241,7 +264,7 @@ pub fn locate(
                     Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
                 })
                 .transpose()?;
-            Ok(Part { rows: part, way_m, on })
+            Ok(Part { rows: part, way_m, on, unknown })
         })
         .collect::<Result<_, TrackError>>()?;
     let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -280,6 +303,15 @@ impl Scenes<'_> {
         self.tracks.insert(road.to_owned(), scene.clone());
         Ok(scene)
     }
+}
+
+/// Why the road of a drive is unknown, if its pictures do not show it either, and what helps.
+fn unknown(likely: &odometry::Found) -> Option<String> {
+    let why = likely.road().err()?;
+    Some(match &likely.likely[..] {
+        [] => format!("{why}: if it was on another road, name that with --track FILE.toml"),
+        _ => format!("{why}, and its pictures do not show which it was: more of the drive may tell"),
+    })
 }
 
 /// Of roads that explain a drive about as well, the one that its pictures show.

@@ -1,10 +1,18 @@
 //! Real drives without a known truth: on which road they were, which way round, how many laps; whole, in slices, and joined.
 
-use std::{fs, ops::Range, path::Path};
+use std::{
+    fs,
+    ops::Range,
+    path::Path,
+    sync::{Arc, LazyLock},
+};
 
 use lapwing::{known::Roads, locating};
 use lapwing_core::recording::Recording;
-use lapwing_score::score::{self, Figure, Measure, Scorecard, Scorer};
+use lapwing_score::{
+    odometry::Road,
+    score::{self, Figure, Measure, Scorecard, Scorer},
+};
 use tempfile::tempdir;
 
 use crate::support::shared;
@@ -29,10 +37,12 @@ fn joined(of: &[(&Path, Range<usize>)], to: &Path) {
     fs::write(to.join("driving_log.csv"), rows.collect::<Vec<_>>().join("\n")).unwrap();
 }
 
+/// The known roads, both ways round.
+static ROADS: LazyLock<Vec<Arc<Road>>> = LazyLock::new(|| Roads::default().both_ways().unwrap().to_vec());
+
 fn scored(folder: &Path) -> Scorecard {
     let path = folder.to_owned();
-    let roads = Roads::default();
-    let scorer = Scorer::on(roads.both_ways().unwrap(), Some(1));
+    let scorer = Scorer::on(&ROADS, Some(1));
     let scorer = scorer.seeing(move || locating::turns(&path).map_err(|error| error.to_string()));
     score::of_recording(&mut Recording::open(folder).unwrap(), scorer, |_, _| ()).unwrap()
 }
@@ -69,6 +79,9 @@ fn a_real_drive_is_named_with_its_way_round_and_its_thirds_are_named_alike_or_no
         let whole = scored(&log);
         let Some((named, way, laps)) = found(&whole) else { panic!("{name}: {whole}") };
         assert_eq!((named, way), (track, reversed), "{name}");
+        if name == "mountain" {
+            assert!((laps - 0.8).abs() < 0.02, "up to its barrier; the rest of our lap is not there: {whole}");
+        }
         let mut known = vec![];
         for third in 0..3 {
             let dir = tempdir().unwrap();
@@ -89,14 +102,6 @@ fn a_real_drive_is_named_with_its_way_round_and_its_thirds_are_named_alike_or_no
 }
 
 #[test]
-fn the_real_mountain_is_known_up_to_its_barrier() {
-    let Some(folder) = shared("recordings/mountain") else { return };
-    let card = scored(&folder);
-    let Some(("mountain", false, laps)) = found(&card) else { panic!("{card}") };
-    assert!((laps - 0.8).abs() < 0.02, "the rest of our lap is not there: {card}");
-}
-
-#[test]
 fn drives_joined_in_one_log_are_counted_apart_and_added_up() {
     let Some(folder) = shared("recordings") else { return };
     let dir = tempdir().unwrap();
@@ -107,8 +112,12 @@ fn drives_joined_in_one_log_are_counted_apart_and_added_up() {
     let ways: Vec<_> =
         card.drives.iter().map(|drive| drive.on.as_ref().map(|on| (on.track.as_str(), on.reversed))).collect();
     assert_eq!(ways, [Some(("lake", true)), Some(("lake", false)), Some(("lake", true))], "{card}");
-    let each: u32 = card.drives.iter().map(|drive| drive.on.as_ref().unwrap().laps as u32).sum();
-    assert_eq!((card.value(Figure::Laps), card.road().unwrap()), (Some(each.into()), "lake, both ways round".into()));
+    for (drive, expected) in card.drives.iter().zip([0.925, 1.735, 0.925]) {
+        let laps = drive.on.as_ref().unwrap().laps;
+        assert!((laps - expected).abs() < 0.04, "{laps}, expected {expected}: {card}");
+    }
+    // One whole lap, in the second drive.
+    assert_eq!((card.value(Figure::Laps), card.road().unwrap()), (Some(1.0), "lake, both ways round".into()));
     assert!(card.to_string().contains("drives            3\n"), "{card}");
     let json = serde_json::to_value(&card).unwrap();
     assert_eq!(json["drives"][1]["moments"], serde_json::json!([700, 2899]));

@@ -24,7 +24,7 @@ use lapwing_sim::{
 };
 use tempfile::{TempDir, tempdir};
 
-use crate::support::jpeg;
+use crate::{program, support::jpeg};
 
 /// NVIDIA's limit.
 const METRE: Limit = Limit::Metres(1.0);
@@ -212,6 +212,12 @@ fn a_recording_that_cannot_be_driven_along_says_why() {
         |dir: &TempDir| RecordedWorld::open(dir.path(), Some(METRE), Yaw::Pictures, None).err().unwrap().to_string();
     assert!(error(&folder(&jpeg(90), 0.2)).contains("expected a recorded drive, got 3 rows with a picture, 3 of them"));
     assert!(error(&folder(b"no picture", 9.0)).contains("center_2026_11_22_08_00_00_000.jpg: expected a JPEG"));
+    let part = |rows| {
+        let dir = folder(&jpeg(90), 0.2);
+        RecordedWorld::within(dir.path(), rows, Some(METRE), Yaw::Pictures, None).err().unwrap().to_string()
+    };
+    assert!(part(0..2).contains("expected a recorded drive in rows 0..2, got 2 rows with a picture, 2 of them"));
+    assert!(part(1..4).ends_with("expected rows of 0 to 3, got 1..4"), "{}", part(1..4));
     let mut small = Vec::new();
     image::codecs::jpeg::JpegEncoder::new(&mut small).encode(&[90; 12], 2, 2, image::ExtendedColorType::Rgb8).unwrap();
     assert!(error(&folder(&small, 9.0)).contains("expected a picture of 320x160 pixels, got 2x2"));
@@ -221,4 +227,35 @@ fn a_recording_that_cannot_be_driven_along_says_why() {
     world.observe().unwrap();
     world.apply(Answer::Manual);
     assert!(world.observe().unwrap_err().to_string().contains("center_2026_11_22_08_00_00_100.jpg"));
+}
+
+#[test]
+fn flags_that_do_not_suit_the_recording_are_wrong_usage() {
+    let data = program::folder(20, |_| jpeg(90));
+    let path = data.path().to_str().unwrap();
+    for (flags, words) in [
+        (&["--rows", "30..40"][..], "--rows: expected rows of 0 to 20, got 30..40"),
+        (&["--rows", "10..40"], "--rows: expected rows of 0 to 20, got 10..40"),
+        (&["--from-path", "--limit", "road"], "--limit: expected a number of metres with --from-path"),
+        (&["--limit", "-1"], "expected road, or a number of metres above 0"),
+    ] {
+        let closed_loop = [&["replay", path, "--closed-loop"][..], flags].concat();
+        let (code, out, err) = program::lapwing_in(data.path(), "", &closed_loop);
+        assert_eq!((code, out.as_str()), (2, ""), "{flags:?}: {err}");
+        assert!(err.contains(words), "{flags:?}: {err}");
+    }
+}
+
+#[test]
+fn the_result_says_what_the_limit_is_without_a_lane_and_how_many_pictures_lack_side_cameras() {
+    let data = program::folder(20, |_| jpeg(90));
+    let log = data.path().join("driving_log.csv");
+    let text = fs::read_to_string(&log).unwrap();
+    fs::write(&log, text.replacen(".jpg,,,", ".jpg,IMG/0.jpg,IMG/0.jpg,", 5)).unwrap();
+    let closed_loop = ["replay", data.path().to_str().unwrap(), "--closed-loop", "--limit", "road"];
+    let (code, out, err) = program::lapwing_in(data.path(), "", &closed_loop);
+    assert_eq!(code, 0, "{out}{err}");
+    let limit = "put back beyond the road's edge, or 1 m from the recorded path where the lane is not known\n";
+    assert!(out.contains(limit), "{out}");
+    assert!(out.contains("; no side cameras in 15 of 20 pictures, so more is filled in"), "{out}");
 }

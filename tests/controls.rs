@@ -72,9 +72,9 @@ fn along_a_weaving_recording_and_in_the_simulator_negative_controls_come_out_apa
         for (name, control) in controls {
             // How often they are put back depends on how they fail: one may drive nearly a metre beside the middle all the
             // time. The network learns from pictures that are shifted, and keeps the road on rows that are too low: it is
-            // only a little worse, and no judge may call it bad.
+            // about three times as far from the middle, but never a metre, so no judge may call it bad.
             let (put_back, times) =
-                if name == MILD { (0.0..=0.0, 1.0..=5.0) } else { (1.0..=f64::MAX, 5.0..=f64::MAX) };
+                if name == MILD { (0.0..=0.0, 1.5..=5.0) } else { (1.0..=f64::MAX, 5.0..=f64::MAX) };
             assert!(put_back.contains(&control.interventions), "{name}: {control:?}");
             assert!(times.contains(&(control.p95_m / good.p95_m)), "{name}: {control:?}, good: {good:?}");
         }
@@ -94,8 +94,8 @@ fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
             assert!(control.interventions == 0.0 && control.p95_m < 2.0 * good.p95_m, "{name}: {control:?}");
             continue;
         }
-        // Having learnt from roads in many tints, the network stands BGR better than the one before, which was put back 25 times.
-        let least = if name.starts_with("cropped") { 2.0 } else { 5.0 };
+        // Rows that are too high cost the least: 10 times put back. With the others, it is 15 to 26 times.
+        let least = if name.starts_with("cropped") { 2.0 } else { 12.0 };
         assert!(control.interventions >= least, "{name}: {control:?}");
         assert!(control.p95_m >= 2.0 * good.p95_m, "{name}: {control:?}, good: {good:?}");
     }

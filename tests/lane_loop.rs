@@ -19,7 +19,7 @@ use lapwing_score::{
     score::{Figure, Scorecard},
 };
 use lapwing_sim::{
-    along::{Limit, Protocol, RecordedWorld, Yaw},
+    along::{Limit, Protocol, RecordedWorld, Sources, Yaw},
     locate::LocatedDrive,
     record::RecordOptions,
     track::Track,
@@ -97,6 +97,7 @@ fn a_pilot_in_the_middle_of_the_lane_is_measured_there_however_the_recorded_driv
     assert!(from_lane.value(Figure::MeanCte).unwrap() < 0.25, "{from_lane}");
     assert_eq!(from_lane.value(Figure::Beyond1m), Some(0.0), "{from_lane}");
     assert_eq!((world.sources().pictures, world.sources().steering), (0, 0));
+    assert!(world.knows_the_lane());
     // The same pilot, which drives the same way, is off the path of a driver who weaves.
     let from_path = driven(&mut weaving.open(metre, None), built_in());
     println!("from the path\n{from_path}");
@@ -137,6 +138,7 @@ fn where_the_lane_is_not_known_the_recorded_path_is_the_line_and_the_card_says_f
     let half = places.len() / 2;
     places.truncate(half);
     let mut world = weaving.open(Some(Limit::Road), Some(weaving.located.clone()));
+    assert!(!world.knows_the_lane());
     let card = driven(&mut world, built_in());
     let share = card.value(Figure::FromLane).unwrap();
     assert!((0.35..0.6).contains(&share), "{card}");
@@ -152,6 +154,16 @@ fn where_the_lane_is_not_known_the_recorded_path_is_the_line_and_the_card_says_f
             assert!((edge_m..edge_m + 0.7).contains(&offset_m.abs()), "{at_s}: {offset_m}, {edge_m}");
         }
     }
+}
+
+#[test]
+fn by_steering_the_recorded_car_turns_as_it_was_steered_even_where_its_lane_is_known() {
+    let weaving = Weaving::drive(8.0);
+    let (path, located) = (weaving.dir.path().join("lake"), Some(weaving.located.clone()));
+    let mut world = RecordedWorld::open(&path, None, Yaw::Steering, located).unwrap();
+    straight_on(&mut world);
+    let Sources { lane, pictures, steering } = world.sources();
+    assert!((lane, pictures) == (0, 0) && steering > 60, "{:?}", world.sources());
 }
 
 #[test]
@@ -173,15 +185,17 @@ fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
     assert_eq!(card.value(Figure::SteeringRate), Some(0.0), "{card}");
 }
 
+/// Rows of a real recording, and where in its lane the car was.
+fn real(name: &str, first: usize, count: usize) -> Option<(TempDir, Option<LocatedDrive>)> {
+    let dir = locate::rows(&shared(&format!("recordings/{name}"))?, first, count);
+    let located = locate::located(dir.path(), CameraPosition::Center).drive();
+    Some((dir, located))
+}
+
 /// The beginning of the real lake's recording, and where in its lane the car was: located once for all tests.
 pub fn real_lake() -> Option<&'static (TempDir, Option<LocatedDrive>)> {
     static BEGINNING: OnceLock<Option<(TempDir, Option<LocatedDrive>)>> = OnceLock::new();
-    let beginning = || {
-        let dir = locate::rows(&shared("recordings/lake")?, 0, 330);
-        let located = locate::located(dir.path(), CameraPosition::Center).drive();
-        Some((dir, located))
-    };
-    BEGINNING.get_or_init(beginning).as_ref()
+    BEGINNING.get_or_init(|| real("lake", 0, 330)).as_ref()
 }
 
 #[test]
@@ -192,4 +206,18 @@ fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
     println!("from the lane\n{card}");
     assert_eq!(card.value(Figure::Interventions), Some(0.0), "{card}");
     assert!(card.value(Figure::MeanCte).unwrap() < 0.25 && card.value(Figure::MaxCte).unwrap() < 1.0, "{card}");
+}
+
+#[test]
+fn along_the_last_third_of_each_real_road_which_it_has_not_seen_the_built_in_pilot_keeps_to_its_lane() {
+    for (name, first, most_m) in [("lake", 1500, 0.25), ("jungle", 1150, 0.4), ("mountain", 800, 0.6)] {
+        let Some((dir, located)) = real(name, first, 200) else { return };
+        let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
+        assert_eq!(world.limit(), Limit::Road, "{name}: the lane is known along most of the way");
+        let card = driven(&mut world, built_in());
+        println!("{name}\n{card}");
+        assert_eq!(card.value(Figure::Interventions), Some(0.0), "{name}: {card}");
+        assert!(card.value(Figure::FromLane).unwrap() > 0.9, "{name}: {card}");
+        assert!(card.value(Figure::MeanCte).unwrap() <= most_m, "{name}: {card}");
+    }
 }

@@ -35,17 +35,21 @@ fn placed(summary: Summary) -> Placed {
 }
 
 #[test]
-fn on_the_real_lake_the_side_cameras_are_found_where_they_sit_on_the_car() {
-    let Some(folder) = shared("recordings/lake") else { return };
-    // The second half of a lap, with the bridge and the bend into the open.
-    let dir = rows(&folder, 600, 450);
-    let [center, left, right] =
-        [CameraPosition::Center, CameraPosition::Left, CameraPosition::Right].map(|which| located(dir.path(), which));
-    let placed = placed(Summary::new("lake".into(), &center, Some(&[left, right])));
-    assert_eq!((placed.track.as_str(), placed.reversed), ("lake", false));
-    assert!(placed.located > 0.85);
-    let errors = placed.sides.unwrap().errors_m;
-    assert!(errors.median <= 0.10 && errors.p95 <= 0.25, "{errors:?}");
+fn on_the_real_roads_the_side_cameras_are_found_where_they_sit_on_the_car() {
+    let Some(folder) = shared("recordings") else { return };
+    // Of the lake the second half of a lap, with the bridge and the bend into the open. On the mountain, where leaves cover
+    // the edges of the road, each picture says less: 95 % of the whole recording are within 0.294 m.
+    let slices = [("lake", 600, 450, 0.25), ("jungle", 1150, 200, 0.25), ("mountain", 800, 120, 0.33)];
+    for (road, first, count, p95_m) in slices {
+        let dir = rows(&folder.join(road), first, count);
+        let [center, left, right] = [CameraPosition::Center, CameraPosition::Left, CameraPosition::Right]
+            .map(|which| located(dir.path(), which));
+        let placed = placed(Summary::new(road.into(), &center, Some(&[left, right])));
+        assert_eq!((placed.track.as_str(), placed.reversed), (road, false));
+        assert!(placed.located > 0.85, "{road}");
+        let errors = placed.sides.unwrap().errors_m;
+        assert!(errors.median <= 0.10 && errors.p95 <= p95_m, "{road}: {errors:?}");
+    }
 }
 
 /// The run of an expert's drive at 20 mph, in a folder of its own.

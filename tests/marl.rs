@@ -56,6 +56,94 @@ fn agents_learn_into_a_folder_and_drive_with_what_they_learnt() {
 }
 
 #[test]
+fn a_training_is_resumed_with_its_own_settings_and_only_made_longer() {
+    let folder = tempdir().unwrap();
+    let run = |arguments: &[&str]| lapwing_in(folder.path(), "", arguments);
+    let read = |name: &str| fs::read_to_string(folder.path().join("ppo").join(name)).unwrap();
+    let agent_steps = || {
+        let settings: serde_json::Value = serde_json::from_str(&read("settings.json")).unwrap();
+        settings["ppo"]["agent_steps"].as_u64()
+    };
+    let (status, _, err) =
+        run(&["marl", "train", "--agent-steps", "2000", "--intersections", "4", "--gamma", "0.9", "--out", "ppo"]);
+    assert_eq!(status, 0, "{err}");
+    let log = read("log.csv");
+
+    let resume = ["marl", "train", "--resume", "--out", "ppo"];
+    let (status, _, err) = run(&resume);
+    assert_eq!((status, agent_steps()), (0, Some(2000)), "{err}");
+    assert_eq!(read("log.csv"), log, "there is nothing left to train");
+    for flags in [["--algorithm", "maddpg"], ["--seed", "1"], ["--recipe", "any.toml"], ["--missions", "random"]] {
+        let (status, _, err) = run(&[&resume[..], &flags[..]].concat());
+        assert!(status == 2 && err.contains("cannot be used with"), "{flags:?}: {err}");
+    }
+    let (status, _, err) = run(&[&resume[..], &["--agent-steps", "1000"]].concat());
+    assert!(status == 2 && err.contains("--agent-steps: expected at least as many as"), "{err}");
+
+    let (status, _, err) = run(&[&resume[..], &["--agent-steps", "6000"]].concat());
+    assert_eq!((status, agent_steps()), (0, Some(6000)), "{err}");
+    assert!(read("log.csv").starts_with(&log) && read("log.csv") != log, "it went on");
+    let settings = read("settings.json");
+    assert!(settings.contains("\"gamma\": 0.9,"), "{settings}");
+}
+
+#[test]
+fn a_recipe_trains_maddpg_and_one_that_is_wrong_is_refused() {
+    let folder = tempdir().unwrap();
+    let recipe = "[intersection]\nmissions = \"benchmark\"\ncars = 0\nreward = \"corrected\"\naxes = \"world\"\n\
+                  [maddpg]\nagent_steps = 2000\nintersections = 4\nbatch = 16\nwarm_up = 100\nmemory = 5000\n\
+                  hidden = 8\n";
+    let run = |recipe: &str| {
+        fs::write(folder.path().join("recipe.toml"), recipe).unwrap();
+        lapwing_in(folder.path(), "", &["marl", "train", "--recipe", "recipe.toml", "--seed", "3", "--out", "maddpg"])
+    };
+    for (wrong, expected) in [
+        ("mixd = true\n".to_owned() + recipe, "did you mean \"mixed\"?"),
+        (recipe.replace("cars = 0", "cars = 50"), "recipe.toml: cars: expected 0 to 12, got 50"),
+        (recipe.to_owned() + "replai = \"rank\"\n", "unknown field `replai`"),
+        ("epochs = 3\n".to_owned(), "recipe.toml: "),
+    ] {
+        let (status, _, err) = run(&wrong);
+        assert!(status == 2 && err.contains(expected), "{expected}: {status}, {err}");
+    }
+    let (status, out, err) = run(recipe);
+    assert_eq!(status, 0, "{err}");
+    assert!(out.starts_with("maddpg/policy.safetensors ("), "{out}");
+    let settings = fs::read_to_string(folder.path().join("maddpg/settings.json")).unwrap();
+    let settings: serde_json::Value = serde_json::from_str(&settings).unwrap();
+    assert_eq!((settings["maddpg"]["batch"].as_u64(), settings["maddpg"]["seed"].as_u64()), (Some(16), Some(3)));
+    let log = fs::read_to_string(folder.path().join("maddpg/log.csv")).unwrap();
+    assert!(log.starts_with("update,") && log.contains("critic_loss"), "{log}");
+    let evaluate = ["marl", "evaluate", "--episodes", "2", "--policy", "maddpg/policy.safetensors"];
+    let (status, _, err) = lapwing_in(folder.path(), "", &evaluate);
+    assert_eq!((status, err.as_str()), (0, ""));
+}
+
+#[test]
+fn flags_that_a_training_cannot_follow_are_wrong_usage() {
+    let folder = tempdir().unwrap();
+    for (flags, expected) in [
+        (&["--learners", "2"][..], "--learners: expected --algorithm maddpg"),
+        (&["--replay", "rank"], "--replay: expected --algorithm maddpg"),
+        (&["--actor-rate", "9"], "--actor-rate: expected --algorithm maddpg"),
+        (&["--algorithm", "maddpg", "--critic", "central"], "--critic: expected --algorithm ppo"),
+        (&["--algorithm", "maddpg", "--gamma-end", "0.9"], "--gamma-end: expected --algorithm ppo"),
+        (&["--algorithm", "maddpg", "--collectors", "2"], "--collectors: expected --algorithm ppo"),
+        (&["--mixed", "--missions", "random"], "cannot be used with"),
+        (&["--gamma", "2"], "--gamma: expected 0 to 1, got 2"),
+        (&["--gamma-end", "1"], "--gamma-end: expected below 1, where gamma and gamma_end differ, got 1"),
+        (&["--batch", "0"], "--batch: expected 1 to 65536, got 0"),
+        (&["--hidden", "5000"], "--hidden: expected 1 to 4096, got 5000"),
+        (&["--threads", "0"], "--threads"),
+        (&["--agent-steps", "0"], "--agent-steps"),
+    ] {
+        let train = [&["marl", "train", "--out", "out"][..], flags].concat();
+        let (status, _, err) = lapwing_in(folder.path(), "", &train);
+        assert!(status == 2 && err.contains(expected), "{flags:?}: {status}, {err}");
+    }
+}
+
+#[test]
 fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let folder = tempdir().unwrap();
     let run = |more: &[&str]| {

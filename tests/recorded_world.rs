@@ -130,6 +130,8 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     assert!(code == 1 && err.contains("expected the places of the 150 pictures of laps, got 8 rows"), "{code}: {err}");
     let (code, _, err) = run(&[&drive[..], &["--lane", "short.csv", "laps/lane.csv"]].concat());
     assert!(code == 2 && err.contains("--lane: expected one file for each of 1 recording, got 2"), "{code}: {err}");
+    let (code, _, err) = run(&["train", "--data", "laps", "--lane", "short.csv", "laps/lane.csv", "--out", "trained"]);
+    assert!(code == 2 && err.contains("--lane: expected one file for each of 1 data set, got 2"), "{code}: {err}");
     let along = ["replay", "laps", "--closed-loop", "--lane", "laps/lane.csv", "--json"];
     let (code, out, err) = run(&along);
     assert_eq!(code, 0, "{err}");
@@ -137,10 +139,33 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     assert_eq!((&along["from_lane_share"], &along["of_another_lap"]), (&1.0.into(), &0.into()), "{along}");
     assert!((0.01..0.5).contains(&along["apart_m"].as_f64().unwrap()), "{along}");
     let (code, _, err) = run(&[&drive[..], &["--conditions", "rain=1"]].concat());
-    assert!(code == 2 && err.contains("expected latency_ms or dropped with --world"), "{code}: {err}");
+    assert!(code == 2 && err.contains("latency_ms or dropped with --world, got rain=1.0: light"), "{code}: {err}");
     std::fs::write(dir.path().join("nothing.txt"), "").unwrap();
     let (code, _, err) = run(&["drive", "--world", "nowhere"]);
     assert!(code == 1 && err.contains("nowhere"), "{code}: {err}");
+}
+
+#[test]
+fn of_two_recordings_the_one_of_another_road_is_named_and_its_run_says_that_pictures_were_recorded() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| program::lapwing_in(dir.path(), "", arguments);
+    for track in ["lake", "jungle"] {
+        let (code, _, err) = run(&["record", "--track", track, "--out", track, "--max-time", "3"]);
+        assert_eq!(code, 0, "{err}");
+    }
+    let world = ["--world", "lake", "jungle", "--lane", "lake/lane.csv", "jungle/lane.csv", "--track", "jungle"];
+    let drive = ["--laps", "2", "--max-time", "2", "--recordings", "runs"];
+    let (code, out, err) = run(&[&["drive"][..], &world, &drive].concat());
+    assert_eq!(code, 0, "{err}");
+    let left_out = "--world: lake: leaving out all 45 located pictures, taken on lake: the road is jungle\n";
+    assert!(err.contains(left_out) && !err.contains("jungle: leaving out"), "{err}");
+    assert!(out.contains(" on jungle, in recorded pictures, seed 0\n"), "{out}");
+    let (code, out, err) = run(&["score", "runs", "--json"]);
+    assert_eq!(code, 0, "{err}");
+    let score: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let of_run = &score["runs"][0];
+    assert_eq!(of_run["laps_asked"], 2, "{of_run}");
+    assert!(of_run["setting"].as_str().unwrap().starts_with("jungle, in recorded pictures, "), "{of_run}");
 }
 
 /// Rows of which no part was driven in the track's direction: the road is driven as they were.

@@ -113,3 +113,18 @@ fn what_the_rounds_lack_is_said_before_anything_is_trained() {
     let text = said("latency_ms=100", "latency=100");
     assert!(text.contains("latency"), "{text}");
 }
+
+#[test]
+fn without_a_recipe_it_drives_along_the_data_whose_lane_is_given() {
+    let dir = prepared();
+    let folder = dir.path();
+    let train = "train --data road --network cps --augment none --epochs 1 --batch 32 --samples-per-epoch 64 \
+                 --validation-samples 32 --closed-loop 1 --out out";
+    let train: Vec<_> = train.split(' ').collect();
+    let (code, text) = lapwing(folder, &train);
+    assert!(code != Some(0) && text.contains("give --lane") && !folder.join("out").exists(), "{text}");
+    let (code, text) = lapwing(folder, &[&train[..], &["--lane", "road/lane.csv"]].concat());
+    assert_eq!(code, Some(0), "{text}");
+    assert!(folder.join("out/round-1/along-1/driving_log.csv").exists(), "{text}");
+    assert!(text.contains("out/round-1/model.safetensors"), "{text}");
+}

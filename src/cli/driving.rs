@@ -236,13 +236,13 @@ pub struct Replay {
     /// Where the virtual car is put back: at the road's edge, or so many metres from the lane's middle, or from the recorded
     /// path where the lane is not known [default: road if the lane is known along most of the way, otherwise 1]
     #[cfg(feature = "simulator")]
-    #[arg(long, value_name = "road|METRES", requires = "closed_loop")]
+    #[arg(long, value_name = "road|METRES", requires = "closed_loop", allow_negative_numbers = true)]
     pub limit: Option<Limit>,
     /// How the drive goes on after an intervention; rally-estonia has a limit of 1 or 2 m [default: 2]
     #[cfg(feature = "simulator")]
     #[arg(long, value_enum, default_value_t, requires = "closed_loop")]
     pub protocol: ProtocolKind,
-    /// Derive the recorded car's turning from recorded steering and speed alone, not from the pictures
+    /// Derive the recorded car's turning from recorded steering and speed alone, not from its lane or the pictures
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub by_steering: bool,

@@ -133,8 +133,8 @@ pub struct MarlTrain {
     /// Folder for the policy, its log and its resume state
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Resume the training in that folder, with its settings; --agent-steps may be raised
-    #[arg(long)]
+    /// Resume the training in that folder, with its settings; of these, --agent-steps alone may be raised
+    #[arg(long, conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners", "collectors", "recipe", "seed"])]
     pub resume: bool,
     /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed
     #[arg(long, value_name = "FILE", conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "agent_steps", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners", "collectors"])]
@@ -143,7 +143,7 @@ pub struct MarlTrain {
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: AlgorithmKind,
     /// Half of the intersections have the benchmark's missions, the others random ones; half have no traffic
-    #[arg(long)]
+    #[arg(long, conflicts_with = "missions")]
     pub mixed: bool,
     /// What is rewarded
     #[arg(long, value_enum, default_value_t)]
@@ -154,11 +154,11 @@ pub struct MarlTrain {
     /// What the agents see
     #[arg(long, value_enum, default_value_t)]
     pub observation: ObservationKind,
-    /// What PPO's critic sees: its agent's view, or the whole situation, too (MAPPO)
-    #[arg(long, value_enum, default_value_t)]
-    pub critic: CriticKind,
-    /// Agent-steps to learn from [default: 3000000]
-    #[arg(long, value_name = "N")]
+    /// What PPO's critic sees: its agent's view, or the whole situation, too (MAPPO) [default: own]
+    #[arg(long, value_enum)]
+    pub critic: Option<CriticKind>,
+    /// Agent-steps to learn from [default: 3000000, or those of the resumed training]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub agent_steps: Option<u64>,
     /// Intersections side by side [default: 64, MADDPG 16]
     #[arg(long, value_name = "N")]
@@ -188,8 +188,8 @@ pub struct MarlTrain {
     #[arg(long, value_name = "N")]
     pub batch: Option<usize>,
     /// How MADDPG draws from its memory [default: uniform]
-    #[arg(long, value_enum, default_value_t)]
-    pub replay: ReplayKind,
+    #[arg(long, value_enum)]
+    pub replay: Option<ReplayKind>,
     /// Joint transitions that MADDPG collects for each gradient step [default: 100]
     #[arg(long, value_name = "N", value_parser = above_zero)]
     pub every: Option<f64>,
@@ -197,16 +197,18 @@ pub struct MarlTrain {
     #[arg(long, value_name = "N")]
     pub memory: Option<usize>,
     /// MADDPG's learner threads beside a collector thread; 0: one thread does both in turn, with the same result each time
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub learners: u16,
+    /// [default: 0]
+    #[arg(long, value_name = "N")]
+    pub learners: Option<u16>,
     /// PPO's collector threads, which share the intersections, 32 to a thread or more; the policy is the same with any number
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
-    pub collectors: u16,
+    /// [default: 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub collectors: Option<u16>,
     /// Random seed [default: 0, or the recipe's]
     #[arg(long)]
     pub seed: Option<u64>,
     /// Threads of libtorch; another number changes the last bits of the policy
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: u16,
     /// Print the outcome as JSON
     #[arg(long)]

@@ -34,7 +34,7 @@ use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score;
 use lapwing_sim::{
-    along::{Limit, Measured, Protocol, RecordedWorld, Sights, Sources, Yaw},
+    along::{ClosedLoopError, Limit, Measured, Protocol, RecordedWorld, Sights, Sources, Yaw},
     locate::LocatedDrive,
     track::Track,
 };
@@ -58,12 +58,20 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let source = arguments.source.display().to_string();
     let yaw = if arguments.by_steering { Yaw::Steering } else { Yaw::Pictures };
     let (protocol, limit) = (arguments.protocol.into(), limit(arguments)?);
-    let located = if arguments.from_path { None } else { located(arguments)? };
-    let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
-    let mut world = RecordedWorld::within(&arguments.source, rows, limit, yaw, located)?.by(protocol);
+    let open = |located| {
+        let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
+        RecordedWorld::within(&arguments.source, rows, limit, yaw, located).map_err(by_flag)
+    };
+    let located = if arguments.from_path {
+        None
+    } else {
+        // To locate takes minutes: what cannot be driven along is told before.
+        open(None)?;
+        located(arguments)?
+    };
+    let mut world = open(located)?.by(protocol);
     let limit = world.limit();
     let (rows, read, stood) = world.rows();
-    let sides = world.has_side_cameras();
     let config = json!({
         "settings": settings,
         "world": {
@@ -101,6 +109,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let Sights { recorded, apart_m, filled: (filled, filled_most), .. } = *world.sights();
     let [apart_m, filled_mean] = [apart_m, filled].map(|sum| sum / f64::from(recorded.max(1)));
     let of_another_lap = world.of_another_lap();
+    let (sideless, loaded) = world.without_side_cameras();
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
         let how = AlongRows {
@@ -132,7 +141,13 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             Protocol::Dave2 => "",
             Protocol::RallyEstonia => ", two seconds further on",
         };
-        let mut text = format!("{name} along {source}, put back beyond {limit}{further}\n{card}");
+        let or_path = match limit {
+            Limit::Road if !world.knows_the_lane() => {
+                format!(", or {} m from the recorded path where the lane is not known", limit.metres())
+            }
+            _ => String::new(),
+        };
+        let mut text = format!("{name} along {source}, put back beyond {limit}{or_path}{further}\n{card}");
         text += &line(
             "frames",
             format!(
@@ -147,7 +162,11 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let taken = format!("{apart_m:.2} m away on average; {of_another_lap} ({another:.1} %) in another lap");
         text += &line("pictures taken", taken);
         let [mean, most] = [filled_mean, filled_most].map(|share| 100.0 * share);
-        let no_sides = if sides { "" } else { "; no side cameras, so more is filled in the further the car is off" };
+        let some = if sideless < loaded { format!(" in {sideless} of {loaded} pictures") } else { String::new() };
+        let no_sides = match sideless {
+            0 => String::new(),
+            _ => format!("; no side cameras{some}, so more is filled in the further the car is off"),
+        };
         text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most{no_sides}"));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
@@ -181,9 +200,25 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     }
 }
 
+/// The flag that an error is about, if it is about one.
+fn by_flag(error: ClosedLoopError) -> anyhow::Error {
+    match error {
+        ClosedLoopError::Rows { rows, got, .. } => {
+            let why = format!("expected rows of 0 to {rows}, got {}..{}", got.start, got.end);
+            ConfigError::Value { layer: "--rows".into(), why }.into()
+        }
+        error => error.into(),
+    }
+}
+
 /// The limit that was asked for, which some protocols prescribe.
 fn limit(arguments: &cli::Replay) -> anyhow::Result<Option<Limit>> {
     match (arguments.protocol, arguments.limit) {
+        (cli::ProtocolKind::Dave2, Some(Limit::Road)) if arguments.from_path => {
+            let why = "expected a number of metres with --from-path, which knows no road, got road: \
+                       give metres, such as 1, or leave out --from-path";
+            Err(ConfigError::Value { layer: "--limit".into(), why: why.into() }.into())
+        }
         (cli::ProtocolKind::Dave2, limit) => Ok(limit),
         (cli::ProtocolKind::RallyEstonia, None) => Ok(Some(Limit::Metres(2.0))),
         (cli::ProtocolKind::RallyEstonia, Some(limit)) if RALLY_ESTONIA_M.contains(&limit) => Ok(Some(limit)),

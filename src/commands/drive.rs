@@ -26,7 +26,7 @@ use lapwing_core::{
 };
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{InProcess, ScoredDrive, Seen, Simulated};
-use lapwing_score::score::{self, Figure};
+use lapwing_score::score::{self, Figure, against::RECORDED};
 use lapwing_sim::world::{Setup, Simulation};
 
 /// The expert's name in a run.
@@ -106,7 +106,8 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         let how = InProcess { frames, fingerprint, times_real_time, seen, run };
         serde_json::to_string_pretty(&ScoredDrive { who, card: &card, how, missed: &missed })?
     } else {
-        let title = format!("{name} on {}, seed {seed}", simulation.setup().track.file().name);
+        let pictures = if seen.is_some() { format!(", {RECORDED}") } else { String::new() };
+        let title = format!("{name} on {}{pictures}, seed {seed}", simulation.setup().track.file().name);
         let mut text = format!("{title}\n{card}\n  {:<17} {frames} in {}", "frames", paced(wall, times_real_time));
         if let Some(seen) = &seen {
             text += &format!("\n  {:<17} {}", "recorded", shown(seen));

@@ -21,6 +21,8 @@ use lapwing_core::{
     files,
     recording::{is_run_name, udacity},
 };
+#[cfg(feature = "networks")]
+use lapwing_learn::marl::MarlError;
 use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
@@ -106,8 +108,19 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
         cause.is::<ConfigError>()
             || cause.is::<SuiteError>()
             || matches!(cause.downcast_ref(), Some(DrawingError::Kind { .. }))
+            || is_usage_of_the_agents(cause)
             || is_usage_of_the_simulator(cause)
     })
+}
+
+#[cfg(feature = "networks")]
+fn is_usage_of_the_agents(cause: &(dyn Error + 'static)) -> bool {
+    matches!(cause.downcast_ref(), Some(MarlError::Setting { .. } | MarlError::Recipe { .. }))
+}
+
+#[cfg(not(feature = "networks"))]
+fn is_usage_of_the_agents(_: &(dyn Error + 'static)) -> bool {
+    false
 }
 
 #[cfg(feature = "simulator")]

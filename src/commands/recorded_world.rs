@@ -6,10 +6,11 @@ use std::{
 };
 
 use anyhow::bail;
+use serde_json::json;
 
-use crate::{known::Roads, locating::from_table};
+use crate::{known::Roads, locating::table_of};
 use lapwing_core::{config::ConfigError, recording::CameraPosition, words::count};
-use lapwing_score::results::Seen;
+use lapwing_score::{odometry::words, results::Seen};
 use lapwing_sim::{
     along::{Sights, Views},
     camera::Scenery,
@@ -37,10 +38,11 @@ impl Recorded {
         track: Option<&str>,
         setup: &mut Setup,
     ) -> anyhow::Result<Self> {
-        let Conditions { latency_ms, dropped, .. } = setup.conditions;
-        if setup.conditions != (Conditions { latency_ms, dropped, ..Conditions::default() }) {
-            let why = "expected latency_ms or dropped with --world: light and weather are those of the recordings";
-            return Err(ConfigError::Value { layer: "--conditions".into(), why: why.into() }.into());
+        if let Some(got) = light_and_weather(&setup.conditions) {
+            let why = format!(
+                "expected latency_ms or dropped with --world, got {got}: light and weather are those of the recordings"
+            );
+            return Err(ConfigError::Value { layer: "--conditions".into(), why }.into());
         }
         if !lanes.is_empty() && lanes.len() != recordings.len() {
             let recordings = count(recordings.len(), "recording");
@@ -51,45 +53,45 @@ impl Recorded {
         let mut drives = vec![];
         for (i, path) in recordings.iter().enumerate() {
             if let Some(table) = lanes.get(i) {
-                drives.push((path.clone(), from_table(path, table, &roads)?));
+                let table = table_of(path, table, &roads)?;
+                if table.elsewhere > 0 {
+                    let (path, left_out) = (path.display(), count(table.elsewhere, "located picture"));
+                    say!("--world: {path}: leaving out {left_out}, not taken on {}", table.track.file().name);
+                }
+                drives.push((path.clone(), table.drive(0..usize::MAX)));
                 continue;
             }
-            match super::locate::located(path, CameraPosition::Center, &roads)?.drive() {
-                Some(drive) => drives.push((path.clone(), drive)),
-                None => bail!(
+            let located = super::locate::located(path, CameraPosition::Center, &roads)?.drives();
+            if located.is_empty() {
+                bail!(
                     "{}: expected a drive on a known road, got none (lapwing locate says more): if it was on another \
                      road, name that with --track FILE.toml",
                     path.display()
-                ),
+                );
             }
+            drives.extend(located.into_iter().map(|drive| (path.clone(), drive)));
         }
         let wanted = track.map(|name| Track::open(name).map(|track| track.file().name.clone())).transpose()?;
-        let places = |of: &dyn Fn(&LocatedDrive, f64) -> bool| {
-            let each = drives.iter().flat_map(|(_, drive)| drive.places.iter().flatten().map(move |at| (drive, at)));
-            each.filter(|(drive, at)| of(drive, at.pose.direction())).count()
+        let on = |road: &str| {
+            let here = drives.iter().filter(|(_, drive)| drive.track.file().name == road);
+            here.map(|(_, drive)| both_ways(drive)).fold([0_usize; 2], |[a, b], [c, d]| [a + c, b + d])
         };
         let most = drives.iter().map(|(_, drive)| &drive.track).max_by_key(|track| {
             let name = &track.file().name;
-            (wanted.as_ref() == Some(name), places(&|drive, _| drive.track.file().name == *name))
+            (wanted.as_ref() == Some(name), on(name).iter().sum::<usize>())
         });
         let Some(road) = most.cloned() else { bail!("--world: expected a recording") };
         let name = &road.file().name;
         if let Some(wanted) = wanted.filter(|wanted| wanted != name) {
             bail!("--world: expected drives on {wanted}, got some on {name}");
         }
-        let along = |reversed: bool| {
-            places(&|drive, direction| drive.track.file().name == *name && (direction < 0.0) == reversed)
-        };
-        let (forwards, backwards) = (along(false), along(true));
-        let all = places(&|_, _| true);
+        let [forwards, backwards] = on(name);
         let reversed = backwards > forwards;
         let moments = forwards.max(backwards);
-        let way = if reversed { ", the other way round" } else { "" };
-        if all > moments {
-            let left_out = count(all - moments, "picture");
-            say!("--world: {left_out} of another road or direction than {name}{way} are left out");
+        for left_out in left_out(&drives, name, reversed) {
+            say!("--world: {left_out}");
         }
-        drives.retain(|(_, drive)| drive.track.file().name == *name);
+        drives.retain(|(_, drive)| drive.track.file().name == *name && both_ways(drive)[usize::from(reversed)] > 0);
         let views = Views::open(&road, reversed, &drives)?;
         setup.track = views.track().clone();
         setup.scenery = Arc::new(Scenery::new(&setup.track));
@@ -127,5 +129,87 @@ impl Recorded {
             filled_mean: sights.filled.0 / each,
             filled_most: sights.filled.1,
         }
+    }
+}
+
+/// What recordings already have, of the conditions that were asked for.
+fn light_and_weather(conditions: &Conditions) -> Option<String> {
+    let (asked, usual) = (json!(conditions), json!(Conditions::default()));
+    let possible = |name: &str| ["latency_ms", "dropped"].contains(&name);
+    let asked = asked.as_object().into_iter().flatten();
+    let other = asked.filter(|(name, value)| !possible(name) && usual.get(name.as_str()) != Some(*value));
+    let other: Vec<_> = other.map(|(name, value)| format!("{name}={value}")).collect();
+    (!other.is_empty()).then(|| other.join(","))
+}
+
+/// How many pictures were taken in the track's direction, and how many the other way round.
+fn both_ways(drive: &LocatedDrive) -> [usize; 2] {
+    let places = || drive.places.iter().flatten();
+    let backwards = places().filter(|at| at.pose.direction() < 0.0).count();
+    [places().count() - backwards, backwards]
+}
+
+/// What is left out of each recording, as it was taken on another road than this one, or the other way round.
+fn left_out(drives: &[(PathBuf, LocatedDrive)], road: &str, reversed: bool) -> Vec<String> {
+    let mut told = vec![];
+    for (path, drive) in drives {
+        let there = &drive.track.file().name;
+        let of = drives.iter().filter(|(other, _)| other == path);
+        let all: usize = of.flat_map(|(_, drive)| both_ways(drive)).sum();
+        for (way, number) in [false, true].into_iter().zip(both_ways(drive)) {
+            if number == 0 || (there == road && way == reversed) {
+                continue;
+            }
+            let number = if number == all { "all".to_owned() } else { format!("{number} of") };
+            let (path, all) = (path.display(), count(all, "located picture"));
+            let (there, here) = (words(there, way), words(road, reversed));
+            told.push(format!("{path}: leaving out {number} {all}, taken on {there}: the road is {here}"));
+        }
+    }
+    told
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lapwing_sim::locate::{Located, Pose};
+
+    /// A drive on a road, of so many pictures, and as many the other way round.
+    fn drive(road: &str, [forwards, backwards]: [usize; 2]) -> LocatedDrive {
+        let track = Arc::new(Track::open(road).unwrap());
+        let place = |reversed| Some(Located::known(Pose::from_lane(&track, 9.0, reversed, 0.0, 0.0)));
+        let places = [vec![place(false); forwards], vec![None], vec![place(true); backwards]].concat();
+        LocatedDrive { places, track }
+    }
+
+    #[test]
+    fn what_is_left_out_is_told_for_each_recording_and_road() {
+        let of = |path: &str, road: &str, pictures: [usize; 2]| (PathBuf::from(path), drive(road, pictures));
+        let drives = [
+            of("first", "lake", [700, 10]),
+            of("clockwise", "lake", [0, 700]),
+            of("joined", "jungle", [40, 0]),
+            of("joined", "lake", [5, 0]),
+        ];
+        let told = left_out(&drives, "lake", false);
+        assert_eq!(
+            told,
+            [
+                "first: leaving out 10 of 710 located pictures, taken on lake, the other way round: the road is lake",
+                "clockwise: leaving out all 700 located pictures, taken on lake, the other way round: the road is lake",
+                "joined: leaving out 40 of 45 located pictures, taken on jungle: the road is lake",
+            ]
+        );
+        let told = left_out(&drives[..2], "lake", true);
+        let one =
+            "first: leaving out 700 of 710 located pictures, taken on lake: the road is lake, the other way round";
+        assert_eq!(told, [one]);
+    }
+
+    #[test]
+    fn conditions_that_recordings_have_are_named() {
+        let asked = Conditions { rain: 0.5, latency_ms: 80.0, ..Conditions::default() };
+        assert_eq!(light_and_weather(&asked).as_deref(), Some("rain=0.5"));
+        assert_eq!(light_and_weather(&Conditions { latency_ms: 80.0, dropped: 0.1, ..Conditions::default() }), None);
     }
 }

@@ -185,8 +185,9 @@ mod tests {
             Some(NetworkLane { offset_m: *offset_m, heading_deg: 2.5, deviation })
         };
         let rows = offsets_m.iter().enumerate().map(lane).collect();
+        let unknown = Some("no road is known".into());
         LocatedRecording {
-            parts: vec![Part { rows: 0..offsets_m.len(), way_m: 3.0, on: None }],
+            parts: vec![Part { rows: 0..offsets_m.len(), way_m: 3.0, on: None, unknown }],
             rows: (0..offsets_m.len()).map(row).collect(),
             network: Some(ByNetwork { model: "lane (a file)".into(), rows }),
             released_at_once: false,
@@ -204,7 +205,8 @@ mod tests {
         let errors = network.against_truth.as_ref().unwrap();
         assert!((errors.offset_m.median - 0.1).abs() < 1e-9 && errors.heading_deg.unwrap().median == 0.5);
         let told = summary.to_string();
-        assert!(told.contains("on no known road") && told.contains("sure of 75.0 % of the pictures"), "{told}");
+        assert!(told.contains("on no known road: no road is known"), "{told}");
+        assert!(told.contains("sure of 75.0 % of the pictures"), "{told}");
     }
 
     #[test]

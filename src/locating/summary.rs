@@ -96,6 +96,9 @@ pub struct PartSummary {
     /// On which road; absent if that is not known.
     #[serde(flatten)]
     pub on: Option<Placed>,
+    /// Why its road is unknown.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown: Option<String>,
     /// What a network sees in its pictures, if one was asked.
     pub network: Option<NetworkSummary>,
 }
@@ -131,6 +134,7 @@ impl Summary {
                 pictures: part.rows.len(),
                 way_m: part.way_m,
                 on: part.on.as_ref().map(|on| Placed { sides, ..placed(on, &found.rows[part.rows.clone()]) }),
+                unknown: part.unknown.clone(),
                 network,
             }
         };
@@ -312,7 +316,8 @@ impl fmt::Display for PartSummary {
         let (first, last) = self.moments;
         let pictures = count(self.pictures, "picture");
         let Some(on) = &self.on else {
-            write!(f, "\nmoments {first} to {last}: {pictures}, {:.0} m, on no known road", self.way_m)?;
+            let why = self.unknown.as_ref().map_or_else(String::new, |why| format!(": {why}"));
+            write!(f, "\nmoments {first} to {last}: {pictures}, {:.0} m, on no known road{why}", self.way_m)?;
             return self.network.as_ref().map_or(Ok(()), |network| write!(f, "{network}"));
         };
         let reversed = if on.reversed { ", the other way round" } else { "" };

@@ -12,10 +12,11 @@ use crate::{
     cli::{AlgorithmKind, AxesKind, CriticKind, MarlTrain, ObservationKind, ReplayKind, RewardKind},
     commands::{interrupted, outputs},
 };
+use lapwing_core::config::ConfigError;
 use lapwing_learn::{
     marl::{
-        Algorithm, MaddpgSettings, MarlOutcome, PpoSettings, Training, Update, World, ppo::Critic, priorities::Replay,
-        training::TrainingSettings,
+        Algorithm, MaddpgSettings, MarlError, MarlOutcome, PpoSettings, Training, Update, World, ppo::Critic,
+        priorities::Replay, training::TrainingSettings,
     },
     nn::runtime,
     train::Go,
@@ -28,7 +29,7 @@ const LINE_EVERY: u64 = 10;
 pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     outputs::check_folder(&arguments.out)?;
     runtime::set_threads(arguments.threads);
-    let mut training = Training::new(&arguments.out, settings(arguments)?, arguments.resume)?;
+    let mut training = begin(arguments)?;
     let stop = interrupted();
     let is_terminal = io::stderr().is_terminal();
     let bar = if is_terminal { ProgressBar::new(1000) } else { ProgressBar::hidden() };
@@ -51,6 +52,62 @@ pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
 }
 
+/// The training of the flags; what cannot be followed is told by flag, or by key of the recipe.
+fn begin(arguments: &MarlTrain) -> anyhow::Result<Training> {
+    let begun = match arguments.resume {
+        true => Training::resume(&arguments.out, arguments.agent_steps),
+        false => Training::new(&arguments.out, settings(arguments)?),
+    };
+    begun.map_err(|error| match (error, &arguments.recipe) {
+        (MarlError::Setting { name, expected, got }, None) => of_flag(name, expected, &got).into(),
+        (MarlError::Setting { name, expected, got }, Some(path)) => {
+            let why = format!("{name}: expected {expected}, got {got}");
+            MarlError::Recipe { path: path.clone(), why }.into()
+        }
+        (error, _) => error.into(),
+    })
+}
+
+/// The error about the flag from which a setting came.
+fn of_flag(name: &str, expected: &str, got: &str) -> ConfigError {
+    let flag = match name {
+        "minibatch" => "batch",
+        "critic_rate" => "learning-rate",
+        name => name,
+    };
+    let layer = format!("--{}", flag.replace('_', "-"));
+    ConfigError::Value { layer, why: format!("expected {expected}, got {got}") }
+}
+
+/// Refuses what only the other algorithm would follow.
+fn check_algorithm(arguments: &MarlTrain) -> Result<(), ConfigError> {
+    let of_ppo = [
+        ("--critic", arguments.critic.is_some()),
+        ("--entropy", arguments.entropy.is_some()),
+        ("--entropy-end", arguments.entropy_end.is_some()),
+        ("--gamma-end", arguments.gamma_end.is_some()),
+        ("--collectors", arguments.collectors.is_some()),
+    ];
+    let of_maddpg = [
+        ("--replay", arguments.replay.is_some()),
+        ("--every", arguments.every.is_some()),
+        ("--memory", arguments.memory.is_some()),
+        ("--learners", arguments.learners.is_some()),
+        ("--actor-rate", arguments.actor_rate.is_some()),
+    ];
+    let (flags, owner, got) = match arguments.algorithm {
+        AlgorithmKind::Ppo => (of_maddpg, "maddpg", "ppo"),
+        AlgorithmKind::Maddpg => (of_ppo, "ppo", "maddpg"),
+    };
+    match flags.into_iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) => Err(ConfigError::Value {
+            layer: flag.into(),
+            why: format!("expected --algorithm {owner}, to which this flag belongs, got {got}"),
+        }),
+        None => Ok(()),
+    }
+}
+
 fn settings(arguments: &MarlTrain) -> anyhow::Result<TrainingSettings> {
     if let Some(path) = &arguments.recipe {
         let mut settings = TrainingSettings::read(path)?;
@@ -59,6 +116,7 @@ fn settings(arguments: &MarlTrain) -> anyhow::Result<TrainingSettings> {
         }
         return Ok(settings);
     }
+    check_algorithm(arguments)?;
     let reward = match arguments.reward {
         RewardKind::Smarts => Reward::Smarts,
         RewardKind::Corrected => Reward::Corrected,
@@ -83,7 +141,7 @@ fn settings(arguments: &MarlTrain) -> anyhow::Result<TrainingSettings> {
 fn ppo(arguments: &MarlTrain) -> PpoSettings {
     let usual = PpoSettings::default();
     PpoSettings {
-        critic: match arguments.critic {
+        critic: match arguments.critic.unwrap_or_default() {
             CriticKind::Own => Critic::Own,
             CriticKind::Central => Critic::Central,
         },
@@ -96,7 +154,7 @@ fn ppo(arguments: &MarlTrain) -> PpoSettings {
         entropy_end: arguments.entropy_end,
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
         gamma_end: arguments.gamma_end.map(|gamma| gamma as f32),
-        collectors: usize::from(arguments.collectors),
+        collectors: arguments.collectors.map_or(usual.collectors, usize::from),
         seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
     }
@@ -110,7 +168,7 @@ fn maddpg(arguments: &MarlTrain) -> MaddpgSettings {
         batch: arguments.batch.unwrap_or(usual.batch),
         every: arguments.every.unwrap_or(usual.every),
         memory: arguments.memory.unwrap_or(usual.memory),
-        replay: match arguments.replay {
+        replay: match arguments.replay.unwrap_or_default() {
             ReplayKind::Uniform => Replay::Uniform,
             ReplayKind::Proportional => Replay::Proportional,
             ReplayKind::Rank => Replay::Rank,
@@ -119,7 +177,7 @@ fn maddpg(arguments: &MarlTrain) -> MaddpgSettings {
         critic_rate: arguments.learning_rate.unwrap_or(usual.critic_rate),
         actor_rate: arguments.actor_rate.unwrap_or(usual.actor_rate),
         gamma: arguments.gamma.map_or(usual.gamma, |gamma| gamma as f32),
-        learners: usize::from(arguments.learners),
+        learners: arguments.learners.map_or(usual.learners, usize::from),
         seed: arguments.seed.unwrap_or(usual.seed),
         ..usual
     }

@@ -66,7 +66,7 @@ fn show(
         (0..steps).try_for_each(|_| film.frame(&frame))?;
     }
     if let Some(screen) = screen {
-        screen.show(&top_view::draw(environment, TERMINAL)?)?;
+        screen.show(&top_view::draw(environment, TERMINAL)?, &mut io::stdout().lock())?;
     }
     Ok(())
 }
@@ -83,7 +83,7 @@ impl Screen {
     }
 
     /// Shows a picture when its time has come: two rows of pixels in a line of characters.
-    fn show(&mut self, frame: &Frame) -> io::Result<()> {
+    fn show(&mut self, frame: &Frame, out: &mut impl Write) -> io::Result<()> {
         let mut text = String::from(if self.is_clear { "\x1b[H" } else { "\x1b[2J\x1b[H" });
         let pixel = |x, y| frame.pixel(x, y).unwrap_or_default();
         for y in (0..frame.height()).step_by(2) {
@@ -101,9 +101,8 @@ impl Screen {
         }
         thread::sleep(self.next.saturating_duration_since(Instant::now()));
         (self.is_clear, self.next) = (true, Instant::now() + Duration::from_secs_f64(1.0 / HZ));
-        let mut stdout = io::stdout().lock();
-        stdout.write_all(text.as_bytes())?;
-        stdout.flush()
+        out.write_all(text.as_bytes())?;
+        out.flush()
     }
 }
 
@@ -144,4 +143,31 @@ fn crashed(Crash { with, manner, fault }: Crash) -> String {
         Fault::Shared => "the fault of both",
     };
     format!("crashed with {with}, {how}, {fault},")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lapwing_sim::intersection::Settings;
+
+    #[test]
+    fn a_picture_is_shown_two_rows_to_a_line_and_the_next_one_over_it() {
+        let (mut screen, mut out) = (Screen::new(), Vec::<u8>::new());
+        let (red, blue) = ([255_u8, 0, 0], [0_u8, 0, 255]);
+        let frame = Frame::new(2, 2, [red, red, blue, blue].concat()).unwrap();
+        screen.show(&frame, &mut out).unwrap();
+        screen.show(&frame, &mut out).unwrap();
+        let line = "\x1b[38;2;255;0;0m\x1b[48;2;0;0;255m\u{2580}\u{2580}\x1b[0m\n";
+        assert_eq!(String::from_utf8(out).unwrap(), format!("\x1b[2J\x1b[H{line}\x1b[H{line}"));
+    }
+
+    #[test]
+    fn the_intersection_fills_the_lines_of_a_terminal() {
+        let frame = top_view::draw(&Environment::new(Settings::default(), 0), TERMINAL).unwrap();
+        let mut out = Vec::<u8>::new();
+        Screen::new().show(&frame, &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert_eq!(text.lines().count(), frame.height() / 2);
+        assert!(text.lines().all(|line| line.matches('\u{2580}').count() == TERMINAL as usize), "{text}");
+    }
 }

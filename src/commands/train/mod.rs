@@ -15,10 +15,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, Interrupted, outputs, record, world};
 use crate::cli;
-use lapwing_core::words::count;
+use lapwing_core::{config::ConfigError, words::count};
 use lapwing_learn::{
     dataset::{self, Augmentation, Selection},
-    train::{ClosedLoop, Go, Metrics, Progress, Recipe, SimulatedData, TimedEpoch, TrainOutcome, Trainer},
+    train::{Go, Metrics, Progress, Recipe, SimulatedData, TimedEpoch, TrainOutcome, Trainer},
 };
 use lapwing_sim::{locate::LaneTable, record::RecordReport, track::Track, world::Ending};
 
@@ -113,11 +113,10 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     }
     if !arguments.lane.is_empty() {
         let (lanes, data) = (arguments.lane.len(), recipe.data.len());
-        anyhow::ensure!(
-            lanes == data,
-            "--lane: expected one file for each of {}, got {lanes}",
-            count(data, "data set")
-        );
+        if lanes != data {
+            let why = format!("expected one file for each of {}, got {lanes}", count(data, "data set"));
+            return Err(ConfigError::Value { layer: "--lane".into(), why }.into());
+        }
         recipe.data.iter_mut().zip(&arguments.lane).for_each(|(data, lane)| data.lane = Some(lane.clone()));
     }
     if !arguments.validation.is_empty() {
@@ -154,12 +153,10 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
         only(&mut recipe.augment, names)?;
     }
     if let Some(rounds) = arguments.closed_loop {
-        let mut closed_loop = recipe.closed_loop.take().unwrap_or_default();
-        closed_loop.rounds = rounds;
-        if closed_loop.drive.is_empty() && closed_loop.along.is_empty() {
-            closed_loop.drive = ClosedLoop::over(&recipe);
-        }
-        recipe.closed_loop = Some(closed_loop);
+        recipe.closed_loop.get_or_insert_default().rounds = rounds;
+    }
+    if let Some(closed_loop) = recipe.closed_loop.take() {
+        recipe.closed_loop = Some(closed_loop.with_drives_of(&recipe));
     }
     Ok(recipe)
 }

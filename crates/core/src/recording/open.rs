@@ -13,7 +13,7 @@ use super::{
     Break, Entries, Entry, EventRecord, Item, Moment, Picture, RecordingError, RunHeader, RunReader, Step, Truncation,
     udacity::{DrivingLog, LOG_NAME, Row},
 };
-use crate::protocol::CameraImage;
+use crate::{protocol::CameraImage, words::count};
 
 /// How many events are kept between two moments: only a damaged file has more, and memory must stay bounded.
 const MOST_EVENTS: usize = 1 << 16;
@@ -69,6 +69,19 @@ pub fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
     inside.retain(|file| is_run_name(file) || file.file_name().is_some_and(|name| name == LOG_NAME));
     inside.sort();
     Ok(inside)
+}
+
+/// What is said of a folder that holds pictures alone, which no drive can be read from: how many, and what to do.
+/// `None` if it holds none.
+///
+/// # Errors
+/// The system's, where the folder cannot be read.
+pub fn pictures_alone(folder: &Path) -> io::Result<Option<String>> {
+    let pictures = fs::read_dir(folder)?.flatten().filter(|entry| ends(&entry.path(), "jpg")).count();
+    Ok((pictures > 0).then(|| {
+        let pictures = count(pictures, "picture");
+        format!("{pictures} alone, and pictures contain neither speed nor steering: let lapwing serve record the drive")
+    }))
 }
 
 impl Recording {

@@ -25,6 +25,14 @@ pub enum MarlError {
         /// What was expected and found.
         why: String,
     },
+    /// A recipe that is none, or has a key that nothing reads.
+    #[error("{}: {why}", path.display())]
+    Recipe {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and found.
+        why: String,
+    },
     /// A setting with an invalid value.
     #[error("{name}: expected {expected}, got {got}")]
     Setting {

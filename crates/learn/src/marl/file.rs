@@ -2,6 +2,7 @@
 
 use std::{
     collections::HashMap,
+    fmt::Display,
     fs,
     path::{Path, PathBuf},
 };
@@ -11,7 +12,7 @@ use serde::de::DeserializeOwned;
 use tch::{Tensor, no_grad};
 
 use super::MarlError;
-use crate::nn::tensor_of;
+use crate::nn::{NnError, tensor_of};
 use lapwing_core::files;
 
 /// The bytes of a file with these tensors, as f32, and this text.
@@ -44,34 +45,43 @@ pub(super) fn save(path: &Path, text: HashMap<String, String>, tensors: &[(Strin
 /// Such a file as read.
 pub(super) struct Read {
     path: PathBuf,
+    /// What it should be, for messages.
+    what: &'static str,
     bytes: Vec<u8>,
     text: HashMap<String, String>,
 }
 
 impl Read {
-    pub fn open(path: &Path) -> Result<Self, MarlError> {
+    /// Reads a file; `what` it should be is told where it is something else.
+    pub fn open(path: &Path, what: &'static str) -> Result<Self, MarlError> {
         let bytes = fs::read(path).map_err(MarlError::io("read", path))?;
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(crate::nn::NnError::NotSafetensors)?;
-        let text = header.metadata().clone().unwrap_or_default();
-        Ok(Self { path: path.to_owned(), bytes, text })
+        let mut read = Self { path: path.to_owned(), what, bytes, text: HashMap::new() };
+        let header = SafeTensors::read_metadata(&read.bytes).map_err(NnError::NotSafetensors);
+        let (_, header) = header.map_err(|why| read.wrong(why))?;
+        read.text = header.metadata().clone().unwrap_or_default();
+        Ok(read)
+    }
+
+    /// The error that says why it is not what it should be.
+    pub fn wrong(&self, why: impl Display) -> MarlError {
+        MarlError::File { path: self.path.clone(), why: format!("expected {}, which this is not: {why}", self.what) }
     }
 
     /// The JSON under a key.
     pub fn json<T: DeserializeOwned>(&self, key: &str) -> Result<T, MarlError> {
-        let wrong = |why: String| MarlError::File { path: self.path.clone(), why };
-        let text = self.text.get(key).ok_or_else(|| wrong(format!("expected the key {key}, got none")))?;
-        serde_json::from_str(text).map_err(|why| wrong(format!("{key}: {why}")))
+        let none = || self.wrong(format_args!("expected the key {key}, got none"));
+        let text = self.text.get(key).ok_or_else(none)?;
+        serde_json::from_str(text).map_err(|why| self.wrong(format_args!("{key}: {why}")))
     }
 
     /// Copies the tensors of the file into those of the same names.
     pub fn copy_to(&self, tensors: &[(String, Tensor)]) -> Result<(), MarlError> {
-        let file = SafeTensors::deserialize(&self.bytes).map_err(crate::nn::NnError::NotSafetensors)?;
+        let file = SafeTensors::deserialize(&self.bytes).map_err(NnError::NotSafetensors);
+        let file = file.map_err(|why| self.wrong(why))?;
         for (name, tensor) in tensors {
-            let view = file.tensor(name).map_err(|_| MarlError::File {
-                path: self.path.clone(),
-                why: format!("expected the tensor {name}, got none"),
-            })?;
-            let stored = tensor_of(&view, name, &tensor.size())?;
+            let none = |_| self.wrong(format_args!("expected the tensor {name}, got none"));
+            let view = file.tensor(name).map_err(none)?;
+            let stored = tensor_of(&view, name, &tensor.size()).map_err(|why| self.wrong(why))?;
             no_grad(|| tensor.shallow_clone().f_copy_(&stored))?;
         }
         Ok(())

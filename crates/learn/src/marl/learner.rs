@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::{Maddpg, MaddpgSettings, MarlError, Ppo, PpoSettings, policy::Mlp};
-use lapwing_sim::intersection::{Batch, Settings};
+use lapwing_sim::intersection::{Batch, CARS, Settings};
 
 /// Where agents learn.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -19,6 +19,17 @@ pub struct World {
 }
 
 impl World {
+    /// Whether there can be such a world.
+    ///
+    /// # Errors
+    /// [`MarlError::Setting`], if there are too many cars.
+    fn check(self) -> Result<(), MarlError> {
+        match self.intersection.cars {
+            ..=CARS => Ok(()),
+            cars => Err(MarlError::Setting { name: "cars", expected: "0 to 12", got: cars.to_string() }),
+        }
+    }
+
     /// So many intersections.
     pub(super) fn batch(self, count: usize, seed: u64) -> Batch {
         let make = if self.mixed { Batch::mixed } else { Batch::new };
@@ -76,7 +87,11 @@ impl Algorithm {
     }
 
     /// At the begin of a training.
+    ///
+    /// # Errors
+    /// [`MarlError::Setting`], and those of libtorch.
     pub(super) fn begin(self, world: World) -> Result<Box<dyn Learner>, MarlError> {
+        world.check()?;
         Ok(match self {
             Self::Ppo(settings) => Box::new(Ppo::new(settings, world)?),
             Self::Maddpg(settings) => Box::new(Maddpg::new(settings, world)?),

@@ -12,7 +12,11 @@
 //! | 0.001 times the mean square of the actor's outputs is added to its loss | `p_reg` |
 //! | gradients clipped to 0.5; here all of a network together, there each tensor | `minimize_and_clip` |
 //! | a gradient step for each 100 joint transitions, batches of 1024, targets follow by 0.01 | paper, appendix; `update` |
-//! | learning rates of 1e-3 that fall to 0 | the paper has 1e-2, Biswas and Biswas 1e-4 for the actor and 1e-3; see below |
+//! | learning rates of 1e-3 that fall to 0 | the paper has 1e-2, Biswas and Biswas 1e-4 for the actor and 1e-3 for the critic; ours are from the experiments in `docs/how-to/marl.md`, "What lets MADDPG learn" |
+//! | they never fall below a thousandth of what they were | our choice, as for PPO here |
+//! | Adam with an epsilon of 1e-8 | the default of Kingma and Ba 2015, and of their `AdamOptimizer` |
+//! | orthogonal initial weights with a gain of the square root of 2, in the last layer 0.01 for the actor and 1 for the critic; biases of 0 | as for PPO here, detail 2 of Huang et al. 2022; theirs are `fully_connected`'s default (Glorot and Bengio 2010) |
+//! | no gradient step before 10,000 joint transitions, or a batch if that is more | our choice; theirs is a batch of the longest episodes, 25,600 (`max_replay_buffer_len`) |
 //! | a memory of a million | paper |
 //!
 //! What differs: the agents share both networks, as with PPO here, so the critic of an agent is given its own part of the
@@ -31,7 +35,7 @@ use super::{
     MarlError, asynchronous,
     gradients::{Core, LOSSES, Losses, learn, relax},
     learner::{Counters, Learner, Update, World},
-    policy::{Mlp, scale},
+    policy::{HIDDEN, Mlp, scale},
     priorities::Replay,
     replay::{Drawing, Memory, Moment},
 };
@@ -116,9 +120,15 @@ impl Default for MaddpgSettings {
 impl MaddpgSettings {
     fn check(&self) -> Result<(), MarlError> {
         let wrong = |name, expected, got: String| Err(MarlError::Setting { name, expected, got });
-        let counts = [("intersections", self.intersections), ("batch", self.batch), ("hidden", self.hidden)];
+        let counts = [("intersections", self.intersections), ("batch", self.batch)];
         if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
             return wrong(name, "1 to 65536", got.to_string());
+        }
+        if !HIDDEN.contains(&self.hidden) {
+            return wrong("hidden", "1 to 4096", self.hidden.to_string());
+        }
+        if self.agent_steps == 0 {
+            return wrong("agent_steps", "at least 1", self.agent_steps.to_string());
         }
         if !(1000..=10_000_000).contains(&self.memory) {
             return wrong("memory", "1000 to 10000000", self.memory.to_string());
@@ -132,13 +142,15 @@ impl MaddpgSettings {
             ("critic_rate", self.critic_rate),
             ("temperature", self.temperature),
             ("largest_gradient", self.largest_gradient),
+            ("reward_scale", f64::from(self.reward_scale)),
         ];
         if let Some((name, got)) = above_zero.into_iter().find(|(_, number)| !(*number > 0.0 && number.is_finite())) {
             return wrong(name, "a number above 0", got.to_string());
         }
-        let shares = [self.gamma, self.alpha, self.beta as f32, self.tau as f32];
-        if let Some(got) = shares.into_iter().find(|share| !(0.0..=1.0).contains(share)) {
-            return wrong("gamma, alpha, beta and tau", "0 to 1", got.to_string());
+        let shares =
+            [("gamma", self.gamma), ("alpha", self.alpha), ("beta", self.beta as f32), ("tau", self.tau as f32)];
+        if let Some((name, got)) = shares.into_iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
+            return wrong(name, "0 to 1", got.to_string());
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::{
     collections::HashMap,
+    ops::RangeInclusive,
     path::{Path, PathBuf},
 };
 
@@ -17,6 +18,8 @@ use lapwing_sim::intersection::{
 
 /// The value of the key `format`.
 pub(super) const FORMAT: &str = "lapwing.marl/1";
+/// Units in each hidden layer, of what is trained and of what is read.
+pub(super) const HIDDEN: RangeInclusive<usize> = 1..=4096;
 
 /// What stands between the layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -192,14 +195,14 @@ impl Policy {
     /// [`MarlError`], if the file is not a policy's or its network another one.
     pub fn load(path: impl Into<PathBuf>) -> Result<Self, MarlError> {
         let path = path.into();
-        let read = file::Read::open(&path)?;
+        let read = file::Read::open(&path, "a policy of lapwing marl train")?;
         let metadata: PolicyMetadata = read.json("lapwing.policy")?;
-        let wrong = |why: String| Err(MarlError::File { path: path.clone(), why });
         if metadata.format != FORMAT {
-            return wrong(format!("expected the format {FORMAT:?}, got {:?}", metadata.format));
+            return Err(read.wrong(format_args!("expected the format {FORMAT:?}, got {:?}", metadata.format)));
         }
-        if !(1..=4096).contains(&metadata.hidden) {
-            return wrong(format!("expected 1 to 4096 hidden units, got {}", metadata.hidden));
+        if !HIDDEN.contains(&metadata.hidden) {
+            let (least, most) = HIDDEN.into_inner();
+            return Err(read.wrong(format_args!("expected {least} to {most} hidden units, got {}", metadata.hidden)));
         }
         let sight = metadata.settings.sight;
         let actor = Mlp::blank("actor", [sight.numbers(), metadata.hidden, metadata.hidden, ACTIONS])?

@@ -6,7 +6,7 @@ use tch::Tensor;
 
 use super::{policy::Mlp, ppo::Critic, priorities::Replay, training::TrainingSettings, *};
 use crate::{nn::runtime, train::Go};
-use lapwing_sim::intersection::{Axes, Environment, Reward, Settings, evaluation};
+use lapwing_sim::intersection::{ACTIONS, Axes, Environment, OBSERVATION, Reward, Settings, evaluation};
 
 fn small(critic: Critic) -> TrainingSettings {
     let ppo = PpoSettings {
@@ -26,9 +26,21 @@ fn one_thread() {
     runtime::set_threads(1);
 }
 
-fn run(folder: &std::path::Path, settings: TrainingSettings, resume: bool) -> Result<MarlOutcome, MarlError> {
+fn run(folder: &std::path::Path, settings: TrainingSettings) -> Result<MarlOutcome, MarlError> {
     one_thread();
-    Training::new(folder, settings, resume)?.run(|| 0.0, |_, _, _| Go::On)
+    Training::new(folder, settings)?.run(|| 0.0, |_, _, _| Go::On)
+}
+
+fn resume(folder: &std::path::Path) -> Result<MarlOutcome, MarlError> {
+    one_thread();
+    Training::resume(folder, None)?.run(|| 0.0, |_, _, _| Go::On)
+}
+
+/// The numbers of the updates in a folder's log, and how many lines of it are headers.
+fn logged(folder: &std::path::Path) -> (Vec<u64>, usize) {
+    let log = std::fs::read_to_string(folder.join("log.csv")).unwrap();
+    let numbers = log.lines().filter_map(|line| line.split(',').next()?.parse().ok()).collect();
+    (numbers, log.lines().filter(|line| line.starts_with("update,")).count())
 }
 
 #[test]
@@ -38,7 +50,7 @@ fn the_same_seed_gives_the_same_policy_with_either_critic_and_another_seed_anoth
             let folder = tempfile::tempdir().unwrap();
             let mut settings = small(critic);
             *settings.algorithm.seed() = seed;
-            let outcome = run(folder.path(), settings, false).unwrap();
+            let outcome = run(folder.path(), settings).unwrap();
             assert!(outcome.finished && outcome.last.unwrap().agent_steps >= 4000);
             std::fs::read(outcome.policy).unwrap()
         };
@@ -67,7 +79,7 @@ fn maddpg_is_the_same_for_the_same_seed_with_each_kind_of_replay() {
     for replay in [Replay::Uniform, Replay::Proportional, Replay::Rank] {
         let train = || {
             let folder = tempfile::tempdir().unwrap();
-            let outcome = run(folder.path(), small_maddpg(0, replay), false).unwrap();
+            let outcome = run(folder.path(), small_maddpg(0, replay)).unwrap();
             let last = outcome.last.unwrap();
             assert!(outcome.finished && last.gradient_steps >= 70, "{last:?}");
             assert_eq!(last.losses["staleness"], 0.0);
@@ -84,14 +96,14 @@ fn two_learners_beside_a_collector_take_as_many_gradient_steps_as_one_after_the_
     let stop = |_: &Update, _, _| Go::Stop;
     let settings = small_maddpg(2, Replay::Proportional);
     one_thread();
-    let first = Training::new(folder.path(), settings.clone(), false).unwrap().run(|| 0.0, stop).unwrap();
+    let first = Training::new(folder.path(), settings).unwrap().run(|| 0.0, stop).unwrap();
     let alone = tempfile::tempdir().unwrap();
-    let other = Training::new(alone.path(), small_maddpg(0, Replay::Proportional), false).unwrap();
+    let other = Training::new(alone.path(), small_maddpg(0, Replay::Proportional)).unwrap();
     let other = { other }.run(|| 0.0, stop).unwrap();
     let (first, other) = (first.last.unwrap(), other.last.unwrap());
     assert_eq!(first.gradient_steps, other.gradient_steps);
     assert!((0.0..=2.0).contains(&first.losses["staleness"]), "{first:?}");
-    let resumed = run(folder.path(), settings, true).unwrap();
+    let resumed = resume(folder.path()).unwrap();
     assert!(resumed.finished && resumed.last.unwrap().gradient_steps > first.gradient_steps);
 }
 
@@ -112,7 +124,7 @@ fn a_policy_is_read_as_it_was_written_and_anything_else_is_refused_with_its_reas
     let folder = tempfile::tempdir().unwrap();
     let mut settings = small(Critic::Own);
     settings.world.intersection.axes = Axes::Car;
-    let outcome = run(folder.path(), settings, false).unwrap();
+    let outcome = run(folder.path(), settings).unwrap();
     let mut policy = Policy::load(&outcome.policy).unwrap();
     assert_eq!((policy.settings().axes, policy.metadata.agent_steps >= 4000), (Axes::Car, true));
     let act = |environments: &[Environment], actions: &mut [_]| policy.act(environments, actions);
@@ -121,10 +133,19 @@ fn a_policy_is_read_as_it_was_written_and_anything_else_is_refused_with_its_reas
 
     let lake = concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/pilotnet.safetensors");
     let other = Policy::load(lake).unwrap_err().to_string();
+    assert!(other.contains("pilotnet.safetensors: expected a policy of lapwing marl train"), "{other}");
     assert!(other.contains("expected the key lapwing.policy, got none"), "{other}");
     let broken = folder.path().join("broken.safetensors");
     std::fs::write(&broken, b"no tensors").unwrap();
-    assert!(Policy::load(&broken).unwrap_err().to_string().contains("expected a whole safetensors file"));
+    let broken = Policy::load(&broken).unwrap_err().to_string();
+    assert!(broken.contains("broken.safetensors: expected a policy of lapwing marl train"), "{broken}");
+    assert!(broken.contains("expected a whole safetensors file"), "{broken}");
+    let narrow = folder.path().join("narrow.safetensors");
+    let actor = Mlp::new("actor", [OBSERVATION, 8, 8, ACTIONS], 0.01, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+    Policy::save(&narrow, &actor, &policy.metadata).unwrap();
+    let narrow = Policy::load(&narrow).unwrap_err().to_string();
+    assert!(narrow.contains("narrow.safetensors: expected a policy of lapwing marl train"), "{narrow}");
+    assert!(narrow.contains("actor.0.weight: expected shape"), "{narrow}");
 }
 
 fn settings_of(axes: Axes) -> Settings {
@@ -136,18 +157,75 @@ fn a_training_goes_on_where_it_was_stopped_and_is_not_begun_twice() {
     let folder = tempfile::tempdir().unwrap();
     let settings = small(Critic::Own);
     let stop = |_: &Update, _, _| Go::Stop;
-    let first = Training::new(folder.path(), settings.clone(), false).unwrap().run(|| 0.0, stop).unwrap();
+    let first = Training::new(folder.path(), settings.clone()).unwrap().run(|| 0.0, stop).unwrap();
     assert!(!first.finished && first.last.unwrap().number == 1);
-    let twice = run(folder.path(), settings.clone(), false).unwrap_err().to_string();
+    let twice = run(folder.path(), settings).unwrap_err().to_string();
     assert!(twice.contains("add --resume"), "{twice}");
-    let second = run(folder.path(), settings, true).unwrap();
+    let second = resume(folder.path()).unwrap();
     assert!(second.finished && second.last.unwrap().number > 1);
-    let log = std::fs::read_to_string(folder.path().join("log.csv")).unwrap();
-    let numbers: Vec<_> = log.lines().skip(1).map(|line| line.split(',').next().unwrap()).collect();
-    assert_eq!(numbers[..2], ["1", "2"]);
-    assert_eq!(log.lines().filter(|line| line.starts_with("update")).count(), 1);
-    let none = run(tempfile::tempdir().unwrap().path(), small(Critic::Own), true).unwrap_err().to_string();
+    let (numbers, headers) = logged(folder.path());
+    assert_eq!((&numbers[..2], headers), (&[1, 2][..], 1));
+    let none = resume(tempfile::tempdir().unwrap().path()).unwrap_err().to_string();
     assert!(none.contains("expected a training to resume, got none"), "{none}");
+}
+
+#[test]
+fn a_resumed_training_is_as_long_as_it_was_or_longer_if_that_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    one_thread();
+    let stop = |_: &Update, _, _| Go::Stop;
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    let resumed = |agent_steps| Training::resume(folder.path(), agent_steps);
+    for (told, expected) in [(None, 4000), (Some(4000), 4000), (Some(5000), 5000)] {
+        let mut settings = resumed(told).unwrap().settings().clone();
+        assert_eq!(*settings.algorithm.agent_steps(), expected, "{told:?}");
+    }
+    let shorter = resumed(Some(3999)).unwrap_err().to_string();
+    assert!(shorter.starts_with("agent_steps: expected at least as many as"), "{shorter}");
+    let state = folder.path().join("state.safetensors");
+    let whole = std::fs::read(&state).unwrap();
+    std::fs::write(&state, &whole[..100]).unwrap();
+    let cut = resumed(None).unwrap_err().to_string();
+    assert!(cut.contains("state.safetensors: expected the resume state of lapwing marl train"), "{cut}");
+}
+
+#[test]
+fn the_log_has_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
+    let folder = tempfile::tempdir().unwrap();
+    one_thread();
+    let log = folder.path().join("log.csv");
+    std::fs::write(&log, "update,agent_steps\n1,2000\n2,4000\n").unwrap();
+    let stop = |_: &Update, _, _| Go::Stop;
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    assert_eq!(logged(folder.path()), (vec![1], 1));
+    let saved = std::fs::read_to_string(&log).unwrap();
+    std::fs::write(&log, saved.clone() + "2,4000\n3,6000\n4,80").unwrap();
+    resume(folder.path()).unwrap();
+    let (numbers, headers) = logged(folder.path());
+    let expected: Vec<u64> = (1..=numbers.len() as u64).collect();
+    assert_eq!((numbers, headers), (expected, 1));
+    assert!(std::fs::read_to_string(&log).unwrap().starts_with(&saved));
+}
+
+#[test]
+fn a_recipes_unknown_keys_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recipe.toml");
+    let read = |top: &str, intersection: &str, ppo: &str| {
+        let usual = "missions = \"random\"\ncars = 12\nreward = \"corrected\"\naxes = \"world\"";
+        std::fs::write(&path, format!("{top}\n[intersection]\n{usual}\n{intersection}\n[ppo]\n{ppo}\n")).unwrap();
+        TrainingSettings::read(&path).map_err(|error| error.to_string())
+    };
+    let settings = read("mixed = true", "sight = \"routes\"", "hidden = 8").unwrap();
+    assert_eq!((settings.world.mixed, settings.algorithm.hidden()), (true, 8));
+    for (told, expected) in [
+        (read("mixd = true", "", ""), "got mixd; did you mean \"mixed\"?"),
+        (read("", "sped = 3", ""), "got intersection.sped"),
+        (read("", "", "entrpy = 0.1"), "unknown field `entrpy`"),
+    ] {
+        let error = told.unwrap_err();
+        assert!(error.contains("recipe.toml: ") && error.contains(expected), "{error}");
+    }
 }
 
 #[test]
@@ -155,14 +233,37 @@ fn settings_that_cannot_be_followed_are_refused() {
     for (settings, expected) in [
         (PpoSettings { minibatch: 1, ..PpoSettings::default() }, "minibatch: expected at least 2"),
         (PpoSettings { steps: 0, ..PpoSettings::default() }, "steps: expected 1 to 65536, got 0"),
-        (PpoSettings { gamma_end: Some(1.0), ..PpoSettings::default() }, "gamma_end: expected below 1"),
-        (PpoSettings { gamma: 1.5, ..PpoSettings::default() }, "gamma and lambda: expected 0 to 1, got 1.5"),
+        (
+            PpoSettings { gamma_end: Some(1.0), ..PpoSettings::default() },
+            "gamma_end: expected below 1, where gamma and gamma_end differ, got 1",
+        ),
+        (PpoSettings { gamma: 1.5, ..PpoSettings::default() }, "gamma: expected 0 to 1, got 1.5"),
+        (PpoSettings { hidden: 4097, ..PpoSettings::default() }, "hidden: expected 1 to 4096, got 4097"),
+        (PpoSettings { agent_steps: 0, ..PpoSettings::default() }, "agent_steps: expected at least 1, got 0"),
+        (PpoSettings { entropy: -1.0, ..PpoSettings::default() }, "entropy: expected a number of at least 0, got -1"),
+        (PpoSettings { entropy_end: Some(-0.5), ..PpoSettings::default() }, "entropy_end: expected a number of at"),
+        (PpoSettings { value: -1.0, ..PpoSettings::default() }, "value: expected a number of at least 0, got -1"),
+        (PpoSettings { clip: 0.0, ..PpoSettings::default() }, "clip: expected a number above 0, got 0"),
+        (PpoSettings { largest_gradient: -1.0, ..PpoSettings::default() }, "largest_gradient: expected a number above"),
+        (PpoSettings { reward_scale: f32::NAN, ..PpoSettings::default() }, "reward_scale: expected a number above 0"),
         (PpoSettings { collectors: 0, ..PpoSettings::default() }, "collectors: expected 1 to 64, got 0"),
         (PpoSettings { learning_rate: f64::NAN, ..PpoSettings::default() }, "learning_rate: expected a number above 0"),
     ] {
         let error = Ppo::new(settings, World::default()).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
+    for (settings, expected) in [
+        (MaddpgSettings { hidden: 4097, ..MaddpgSettings::default() }, "hidden: expected 1 to 4096, got 4097"),
+        (MaddpgSettings { agent_steps: 0, ..MaddpgSettings::default() }, "agent_steps: expected at least 1, got 0"),
+        (MaddpgSettings { tau: 2.0, ..MaddpgSettings::default() }, "tau: expected 0 to 1, got 2"),
+        (MaddpgSettings { reward_scale: 0.0, ..MaddpgSettings::default() }, "reward_scale: expected a number above 0"),
+    ] {
+        let error = Maddpg::new(settings, World::default()).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let crowded = World { intersection: Settings { cars: 13, ..Settings::default() }, mixed: false };
+    let error = Algorithm::default().begin(crowded).unwrap_err().to_string();
+    assert_eq!(error, "cars: expected 0 to 12, got 13");
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::{
     MarlError, Policy, Update, file,
@@ -17,7 +18,7 @@ use super::{
     policy::{FORMAT, PolicyMetadata},
 };
 use crate::train::{Go, events::Events};
-use lapwing_core::files;
+use lapwing_core::{files, words::did_you_mean};
 
 const POLICY: &str = "policy.safetensors";
 const STATE: &str = "state.safetensors";
@@ -47,10 +48,25 @@ impl TrainingSettings {
     /// A recipe: the settings as TOML. What is not told of an algorithm is its default.
     ///
     /// # Errors
-    /// [`MarlError`], if the file cannot be read or is not a recipe.
+    /// [`MarlError`], if the file cannot be read, is not a recipe, or has a key that nothing reads.
     pub fn read(path: &Path) -> Result<Self, MarlError> {
+        let wrong = |why: String| MarlError::Recipe { path: path.to_owned(), why };
         let text = fs::read_to_string(path).map_err(MarlError::io("read", path))?;
-        toml::from_str(&text).map_err(|why| MarlError::File { path: path.to_owned(), why: why.to_string() })
+        let settings: Self = toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+        // Serde cannot refuse unknown keys here, as the tables are flattened; those of an algorithm it has refused.
+        let told: Value = toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+        let known = serde_json::to_value(&settings).map_err(|why| wrong(why.to_string()))?;
+        for (place, told, known) in
+            [("", &told, &known), ("intersection.", &told["intersection"], &known["intersection"])]
+        {
+            let (Some(told), Some(known)) = (told.as_object(), known.as_object()) else { continue };
+            if let Some(key) = told.keys().find(|key| !known.contains_key(*key)) {
+                let names: Vec<_> = known.keys().map(String::as_str).collect();
+                let meant = did_you_mean(key, names.iter().copied());
+                return Err(wrong(format!("expected one of {}, got {place}{key}{meant}", names.join(", "))));
+            }
+        }
+        Ok(settings)
     }
 }
 
@@ -93,43 +109,52 @@ pub struct Training {
 }
 
 impl Training {
-    /// Begins one in a new folder, or goes on with the one in it. A resumed training has new episodes: its weights and
-    /// the optimiser's state are kept, what was on the road is not, so it is not the same as one in a go.
+    /// Begins one in a folder.
     ///
     /// # Errors
-    /// [`MarlError`], if there is a training already, none to resume, or one with other settings.
-    pub fn new(out: &Path, mut settings: TrainingSettings, resume: bool) -> Result<Self, MarlError> {
-        let there = out.join(STATE).exists();
-        let wrong = |why: &str| Err(MarlError::File { path: out.to_owned(), why: why.into() });
-        let mut position = Position::default();
-        let stored = match (there, resume) {
-            (true, false) => {
-                return wrong("expected a new folder, got one with a training; add --resume to go on with it");
+    /// [`MarlError`], if there is a training already, or the settings cannot be followed.
+    pub fn new(out: &Path, settings: TrainingSettings) -> Result<Self, MarlError> {
+        if out.join(STATE).exists() {
+            let why = "expected a new folder, got one with a training; add --resume to go on with it";
+            return Err(MarlError::File { path: out.to_owned(), why: why.into() });
+        }
+        let learner = settings.algorithm.clone().begin(settings.world)?;
+        fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
+        Ok(Self { out: out.to_owned(), settings, learner, position: Position::default() })
+    }
+
+    /// Goes on with the one in a folder, with its settings; more `agent_steps` make it longer, and stretch what changes in
+    /// its course, such as the learning rate. It has new episodes: its weights and the optimiser's state are kept, what
+    /// was on the road is not, so it is not the same as one in a go.
+    ///
+    /// # Errors
+    /// [`MarlError`], if there is none, or one that is longer than `agent_steps`.
+    pub fn resume(out: &Path, agent_steps: Option<u64>) -> Result<Self, MarlError> {
+        let (path, state) = (out.join(SETTINGS), out.join(STATE));
+        if !state.exists() {
+            let why = "expected a training to resume, got none";
+            return Err(MarlError::File { path: out.to_owned(), why: why.into() });
+        }
+        let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
+        let mut settings: TrainingSettings =
+            serde_json::from_str(&text).map_err(|why| MarlError::File { path, why: why.to_string() })?;
+        if let Some(told) = agent_steps {
+            let stored = settings.algorithm.agent_steps();
+            if told < *stored {
+                let expected = "at least as many as the training in that folder has";
+                return Err(MarlError::Setting { name: "agent_steps", expected, got: told.to_string() });
             }
-            (false, true) => return wrong("expected a training to resume, got none"),
-            (false, false) => None,
-            (true, true) => {
-                let path = out.join(SETTINGS);
-                let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
-                let agent_steps = *settings.algorithm.agent_steps();
-                settings = serde_json::from_str(&text).map_err(|why| MarlError::File { path, why: why.to_string() })?;
-                let stored_steps = settings.algorithm.agent_steps();
-                *stored_steps = agent_steps.max(*stored_steps);
-                let stored = file::Read::open(&out.join(STATE))?;
-                position = stored.json(POSITION)?;
-                position.resumed += 1;
-                Some(stored)
-            }
-        };
+            *stored = told;
+        }
+        let stored = file::Read::open(&state, "the resume state of lapwing marl train")?;
+        let mut position: Position = stored.json(POSITION)?;
+        position.resumed += 1;
         let mut algorithm = settings.algorithm.clone();
         let seed = algorithm.seed();
         *seed = seed.wrapping_add(position.resumed << 32);
         let mut learner = algorithm.begin(settings.world)?;
-        if let Some(stored) = stored {
-            stored.copy_to(&learner.tensors())?;
-            learner.go_on_at(position.counters);
-        }
-        fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
+        stored.copy_to(&learner.tensors())?;
+        learner.go_on_at(position.counters);
         Ok(Self { out: out.to_owned(), settings, learner, position })
     }
 
@@ -152,6 +177,7 @@ impl Training {
         let text = serde_json::to_string_pretty(&self.settings).map_err(json)?;
         let path = self.out.join(SETTINGS);
         files::write(&path, text.as_bytes()).map_err(MarlError::io("write", &path))?;
+        self.cut_log()?;
         let named = self.out.join(EVENTS);
         let mut events = Events::create(&self.out, wall()).map_err(MarlError::io("write", &named))?;
         let (mut last, mut saved) = (None, Instant::now());
@@ -202,6 +228,22 @@ impl Training {
         };
         Policy::save(&policy, actor, &metadata)?;
         file::save(&path, HashMap::from([(POSITION.to_owned(), position)]), &self.learner.tensors())
+    }
+
+    /// Leaves in the log what led to the stored state: a training that was killed has logged more than it saved.
+    fn cut_log(&self) -> Result<(), MarlError> {
+        let path = self.out.join(LOG);
+        if !path.exists() {
+            return Ok(());
+        }
+        let stored = self.position.counters.updates;
+        let is_kept = |line: &&str| {
+            let number = line.split(',').next().and_then(|number| number.parse::<u64>().ok());
+            line.ends_with('\n') && number.map_or(stored > 0, |number| number <= stored)
+        };
+        let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
+        let kept: String = text.split_inclusive('\n').filter(is_kept).collect();
+        files::write(&path, kept.as_bytes()).map_err(MarlError::io("write", &path))
     }
 
     /// Adds a line to the log.

@@ -100,8 +100,12 @@ fn one_and_a_half() -> f64 {
 }
 
 impl ClosedLoop {
-    /// Drives over the roads, at the speeds and in the conditions of a recipe's own recordings.
-    pub fn over(recipe: &Recipe) -> Vec<PracticeDrive> {
+    /// The same; if it names no drives, with those that a recipe gives: over the roads, at the speeds and in the
+    /// conditions of its own recordings, or, if it makes none, along its data sets that have a lane.
+    pub fn with_drives_of(mut self, recipe: &Recipe) -> Self {
+        if !self.drive.is_empty() || !self.along.is_empty() {
+            return self;
+        }
         let drive = |data: &super::SimulatedData| PracticeDrive {
             track: data.track.clone(),
             seconds: a_minute(),
@@ -109,7 +113,14 @@ impl ClosedLoop {
             seed: data.seed,
             conditions: data.conditions.clone(),
         };
-        recipe.record.iter().map(drive).collect()
+        self.drive = recipe.record.iter().map(drive).collect();
+        if self.drive.is_empty() {
+            let along = |Selection { path, lane, rows, .. }: &Selection| {
+                Some(PracticeAlong { path: path.clone(), lane: lane.clone()?, rows: *rows, limit_m: one_and_a_half() })
+            };
+            self.along = recipe.data.iter().filter_map(along).collect();
+        }
+        self
     }
 
     /// Checks what can be checked without data.
@@ -133,7 +144,8 @@ impl ClosedLoop {
             return wrong("closed_loop.expert", "0 to below 1", self.expert.to_string());
         }
         if self.rounds > 0 && self.drive.is_empty() && self.along.is_empty() {
-            return wrong("closed_loop", "at least one drive or recording to drive along", "none".into());
+            let got = "none; give --lane with --data, or a recipe with [[closed_loop.drive]] or [[record]]";
+            return wrong("closed_loop", "at least one drive or recording to drive along", got.into());
         }
         for drive in &self.drive {
             if !(drive.seconds > 0.0 && drive.seconds <= 36_000.0) {
@@ -203,10 +215,29 @@ mod tests {
     }
 
     #[test]
+    fn without_drives_of_its_own_it_drives_on_the_recorded_roads_or_else_along_data_whose_lane_is_known() {
+        let data = "[[data]]\npath = \"x\"\n[[data]]\npath = \"y\"\nlane = \"y.csv\"\nrows = [0, 90]\n";
+        let filled = |text: &str| ClosedLoop::default().with_drives_of(&Recipe::parse(text).unwrap());
+        let along =
+            PracticeAlong { path: "y".into(), lane: "y.csv".into(), rows: Some((0, 90)), limit_m: one_and_a_half() };
+        let along = ClosedLoop { along: vec![along], ..ClosedLoop::default() };
+        along.check().unwrap();
+        assert_eq!(filled(data), along);
+        let roads = filled(&(data.to_owned() + "[[record]]\nout = \"z\"\ntrack = \"lake\"\n"));
+        assert_eq!((roads.drive.len(), roads.drive[0].track.as_str(), roads.along.len()), (1, "lake", 0));
+        let named = Recipe::parse(TEXT).unwrap().closed_loop.unwrap();
+        assert_eq!(named.clone().with_drives_of(&Recipe::parse(data).unwrap()), named);
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         let error = |text: &str| Recipe::parse(text).unwrap().check().unwrap_err().to_string();
         let none = error("[[data]]\npath = \"x\"\n[closed_loop]\nrounds = 1\n");
-        assert_eq!(none, "closed_loop: expected at least one drive or recording to drive along, got none");
+        assert_eq!(
+            none,
+            "closed_loop: expected at least one drive or recording to drive along, got none; \
+             give --lane with --data, or a recipe with [[closed_loop.drive]] or [[record]]"
+        );
         let expert = error(&TEXT.replace("rounds = 4", "expert = 1.0"));
         assert_eq!(expert, "closed_loop.expert: expected 0 to below 1, got 1");
         assert!(error(&(TEXT.to_owned() + "limit_m = 0.0\n")).starts_with("closed_loop.along.limit_m: expected"));

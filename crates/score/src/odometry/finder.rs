@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use super::{Look, Match, Matcher, Milestone, Road, filter::VAGUE_M};
+use super::{
+    Look, Match, Matcher, Milestone, Road,
+    filter::{EXPLAINED, VAGUE_M},
+};
 use lapwing_core::{
     motion::{Motion, around},
     recording::Break,
@@ -79,6 +82,25 @@ impl Found {
     pub fn sure(&self) -> Option<&Match> {
         let best = self.likely.first()?;
         self.likely.get(1).is_none_or(|next| best.evidence - next.evidence > SURE).then_some(best)
+    }
+
+    /// The same, or in words why the road is unknown.
+    ///
+    /// # Errors
+    /// If no road explains the drive, or several do about as well.
+    pub fn road(&self) -> Result<&Match, String> {
+        let Some(best) = self.likely.first() else {
+            return Err(self.tried.first().map_or_else(
+                || "no road is known".to_owned(),
+                |nearest| {
+                    let least = format!("a road that is the one explains a drive by more than {EXPLAINED}");
+                    let (words, fit) = (nearest.road.words(), nearest.fit);
+                    format!("the nearest, {words}, explains it by {fit:.1} each 10 m; {least}")
+                },
+            ));
+        };
+        let next = self.likely.get(1).map_or_else(String::new, |next| next.road.words());
+        self.sure().ok_or_else(|| format!("{} and {next} explain it about as well", best.road.words()))
     }
 }
 

@@ -109,17 +109,26 @@ pub struct Comparison {
     pub new: Vec<String>,
 }
 
-/// What runs must have in common to be compared: the track, the scenario, and the speed that was asked for, as far as
-/// the run reports them. Weather and seeds may differ.
+/// What runs must have in common to be compared: the track, whether its pictures were recorded or drawn, the scenario, and
+/// the speed that was asked for, as far as the run reports them. Weather and seeds may differ.
 pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
     // `drive` stores the settings beside the world; `serve` stores nothing else.
     let settings = header.config.get("settings").unwrap_or(&header.config);
     let mph = settings.pointer("/control/speed_mph").and_then(Value::as_f64).map(|mph| format!("{mph} mph"));
     let track = card.road().unwrap_or_else(|| UNKNOWN.to_owned());
-    [Some(track), card.scenario.clone(), mph].into_iter().flatten().collect::<Vec<_>>().join(", ")
+    let recorded = is_in_recorded_pictures(header).then(|| RECORDED.to_owned());
+    [Some(track), recorded, card.scenario.clone(), mph].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
 const UNKNOWN: &str = "unknown track";
+/// How a title says that a pilot saw pictures of recordings along the road, in place of drawn ones.
+pub const RECORDED: &str = "in recorded pictures";
+
+/// Whether the pilot of a run in the headless simulator saw pictures of recordings, in place of drawn ones.
+pub(super) fn is_in_recorded_pictures(header: &RunHeader) -> bool {
+    let recordings = header.config.pointer("/world/recordings").and_then(Value::as_array);
+    recordings.is_some_and(|recordings| !recordings.is_empty())
+}
 
 impl Baseline {
     /// Reads an earlier result.
@@ -236,7 +245,8 @@ impl fmt::Display for Change {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::score::card::Figures;
+    use crate::score::{card::Figures, report::JudgedRun};
+    use lapwing_core::recording::RunKind;
 
     fn changed(figure: Figure, before: &[f64], now: &[f64]) -> Trend {
         change("lake", figure, Spread::of(before).unwrap(), Spread::of(now)).unwrap().turn
@@ -268,6 +278,19 @@ mod tests {
         let worse: Vec<_> = before.compare(&runs).worse().collect();
         assert_eq!(worse.len(), 2, "{worse:?}");
         assert!(worse[0].starts_with("jungle: completion: 100 % before, 12.2 % now"), "{worse:?}");
+    }
+
+    #[test]
+    fn drawn_pictures_of_a_track_are_another_setting_than_recorded_ones() {
+        let run = |recordings: Value| {
+            let config = serde_json::json!({ "world": { "recordings": recordings } });
+            let header = RunHeader::new(RunKind::Driven, config, "2026-11-26T12:00:00Z".parse().unwrap());
+            let run = JudgedRun { path: "run.mcap".into(), header, card: card("lake", 1.0), checks: vec![] };
+            [run.setting(), run.title()]
+        };
+        let recorded = run(serde_json::json!(["data/lake"]));
+        assert_eq!(recorded, ["lake, in recorded pictures", "run.mcap on lake, in recorded pictures"]);
+        assert_eq!(run(Value::Null), ["lake", "run.mcap on lake"]);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use lapwing_core::{recording::recordings_in, words::count};
+use lapwing_core::recording::{pictures_alone, recordings_in};
 
 /// Paths that do not lead to runs.
 #[derive(Debug, thiserror::Error)]
@@ -58,17 +58,7 @@ fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
         return Err(FilesError::Name(file.clone()));
     }
     if inside.is_empty() {
-        let is_picture = |file: PathBuf| file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("jpg"));
-        let pictures = fs::read_dir(path).map_err(cannot)?.flatten().filter(|entry| is_picture(entry.path()));
-        let got = match pictures.count() {
-            0 => "neither".to_owned(),
-            n => {
-                let pictures = count(n, "picture");
-                format!(
-                    "{pictures} alone, and pictures contain neither speed nor steering: let lapwing serve record the drive"
-                )
-            }
-        };
+        let got = pictures_alone(path).map_err(cannot)?.unwrap_or_else(|| "neither".to_owned());
         return Err(FilesError::NoRuns { path: path.to_owned(), got });
     }
     Ok(inside)

@@ -83,8 +83,10 @@ impl JudgedRun {
     pub fn title(&self) -> String {
         let driver = self.model().map_or_else(String::new, |model| format!(", {model}"));
         let track = self.card.road().map_or_else(String::new, |road| format!(" on {road}"));
+        let is_recorded = against::is_in_recorded_pictures(&self.header);
+        let recorded = if is_recorded { format!(", {}", against::RECORDED) } else { String::new() };
         let seed = self.header.seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
-        format!("{}{driver}{track}{seed}", self.name())
+        format!("{}{driver}{track}{recorded}{seed}", self.name())
     }
 
     fn model(&self) -> Option<&str> {

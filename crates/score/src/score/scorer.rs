@@ -59,6 +59,10 @@ pub struct Scorer {
     from_lane_m: f64,
     /// How often a car along a recording was put back where the lane is not known.
     put_by_path: u32,
+    /// From the middle of the course's road to its edge, in metres, and whether the recorded path has a nearer limit:
+    /// then the limit is the road's edge, where that is known.
+    edge_m: f64,
+    lacks_edge: bool,
     wheel: Wheel,
     samples: Vec<Tick>,
     /// Whether the car was put elsewhere since the last sample.
@@ -277,7 +281,8 @@ impl Scorer {
         };
         self.latest_s = self.latest_s.max(at);
         match event {
-            EventRecord::Course { track, waypoints, laps, scenario, .. } => {
+            EventRecord::Course { track, waypoints, laps, edge_m, scenario, .. } => {
+                self.edge_m = *edge_m;
                 let (track, scenario) = (track.clone(), scenario.clone());
                 self.course = Some(DrivenTrack { track, waypoints: *waypoints, laps: *laps, scenario });
                 self.clock.is_the_worlds();
@@ -292,7 +297,10 @@ impl Scorer {
                 self.struck.push(Struck::by_name(with));
                 self.collided(at);
             }
-            EventRecord::MeasuredFrom { line, .. } => self.line = *line,
+            EventRecord::MeasuredFrom { line, right_m, .. } => {
+                self.line = *line;
+                self.lacks_edge |= *line == MeasuredLine::RecordedPath && *right_m < self.edge_m;
+            }
             EventRecord::OffRoad { offset_m } => {
                 if self.is_recorded() {
                     // The car is put back before a telemetry shows it there.

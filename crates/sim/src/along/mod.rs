@@ -56,7 +56,7 @@ mod views;
 mod warp;
 mod world;
 
-use std::{io, path::PathBuf};
+use std::{io, ops::Range, path::PathBuf};
 
 pub use flow::Pyramid;
 pub use judging::{DEFAULT_LIMIT_M, FURTHEST_HEADING_DEG, Limit, Measured, Protocol};
@@ -117,14 +117,29 @@ pub enum ClosedLoopError {
         telemetries: usize,
     },
     /// A recording in which the car is stationary.
-    #[error("{}: expected a recorded drive, got {read} rows with a picture, {stood} of them with the car stationary (under {STANDS_MPH} mph)", path.display())]
+    #[error(
+        "{}: expected a recorded drive{}, got {read} rows with a picture, {stood} of them with the car stationary (under {STANDS_MPH} mph)",
+        path.display(), in_rows(within)
+    )]
     NothingDriven {
         /// The recording.
         path: PathBuf,
-        /// Rows with a picture.
+        /// Which rows were to be driven along.
+        within: Range<usize>,
+        /// Rows with a picture among them.
         read: usize,
         /// Rows without motion.
         stood: usize,
+    },
+    /// Rows that the recording does not have.
+    #[error("{}: expected rows of 0 to {rows}, got {got:?}", path.display())]
+    Rows {
+        /// The recording.
+        path: PathBuf,
+        /// How many rows with a picture it has.
+        rows: usize,
+        /// Which were asked for.
+        got: Range<usize>,
     },
     /// The file has changed since it was opened.
     #[error("{}: expected as many pictures as when it was opened, got fewer: something has changed the recording", path.display())]
@@ -132,4 +147,9 @@ pub enum ClosedLoopError {
         /// The recording.
         path: PathBuf,
     },
+}
+
+/// Which part of a recording is meant, in words; nothing for all of it.
+fn in_rows(within: &Range<usize>) -> String {
+    if *within == recorded::ALL_ROWS { String::new() } else { format!(" in rows {within:?}") }
 }

@@ -8,10 +8,11 @@ use super::{
 use crate::locate::LocatedDrive;
 use lapwing_core::{car::FULL_STEERING_DEG, motion};
 
-/// Where the recorded car's yaw rate comes from while it is not known where in its lane it is.
+/// Where the recorded car's yaw rate comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Yaw {
-    /// The shift of the scenery from picture to picture if it can be seen, otherwise the steering.
+    /// Its places in its lane where they are known; elsewhere the shift of the scenery from picture to picture if it
+    /// can be seen, otherwise the steering.
     #[default]
     Pictures,
     /// Recorded steering and speed alone.

@@ -20,6 +20,9 @@ pub const STANDS_MPH: f64 = 1.0;
 /// astray.
 pub const GAP_S: f64 = LONGEST_GAP.as_secs_f64() / 2.0;
 
+/// Every row of a recording, however many it has.
+pub(super) const ALL_ROWS: Range<usize> = 0..usize::MAX;
+
 /// A recorded moment in which the car moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PathRow {
@@ -77,6 +80,9 @@ pub(super) struct RecordedDrive {
     again: Recording,
     /// Rows read so far of it, with a picture.
     seen: usize,
+    /// Rows whose pictures were loaded so far, and those of them without a side camera's.
+    pub loaded: usize,
+    pub sideless: usize,
 }
 
 /// One moment's pictures: of the centre camera, the left and the right one.
@@ -93,16 +99,19 @@ impl MomentPictures {
 }
 
 impl RecordedDrive {
-    /// Of the rows with a picture, these.
+    /// Of the rows with a picture, these; [`ALL_ROWS`] ends where the recording does.
     pub(super) fn open(path: &Path, within: Range<usize>) -> Result<Self, ClosedLoopError> {
         let raw = raw(path)?;
+        if within.start >= raw.len() || (within.end > raw.len() && within.end != ALL_ROWS.end) {
+            return Err(ClosedLoopError::Rows { path: path.to_owned(), rows: raw.len(), got: within });
+        }
         let rows = driven(&raw, &within);
         let wanted = raw.get(within.start..within.end.min(raw.len())).unwrap_or_default();
         let (read, stood) = (wanted.len(), wanted.iter().filter(|row| row.speed.get() < STANDS_MPH).count());
         if rows.len() < 2 {
-            return Err(ClosedLoopError::NothingDriven { path: path.to_owned(), read, stood });
+            return Err(ClosedLoopError::NothingDriven { path: path.to_owned(), within, read, stood });
         }
-        Ok(Self { rows, read, stood, again: Recording::open(path)?, seen: 0 })
+        Ok(Self { rows, read, stood, again: Recording::open(path)?, seen: 0, loaded: 0, sideless: 0 })
     }
 
     /// Metres that the car drove, stretch by stretch.
@@ -155,6 +164,8 @@ impl RecordedDrive {
                 shown.jpeg = jpeg;
             }
         }
+        self.loaded += 1;
+        self.sideless += usize::from(shown.frames[1..].iter().all(Option::is_none));
         Ok(shown)
     }
 }

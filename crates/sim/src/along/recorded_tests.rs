@@ -1,7 +1,5 @@
 use super::*;
 
-const ALL: Range<usize> = 0..usize::MAX;
-
 fn raw(rows: &[(f64, f64)]) -> Vec<Raw> {
     let row = |&(at_s, mph): &(f64, f64)| Raw {
         at_s,
@@ -20,7 +18,7 @@ fn cuts(rows: &[PathRow]) -> Vec<Option<PathBreak>> {
 #[test]
 fn a_car_that_stands_takes_no_time_and_a_new_stretch_begins_behind() {
     let rows =
-        driven(&raw(&[(0.0, 0.0), (0.1, 9.0), (0.2, 9.0), (0.3, 0.2), (0.4, 0.0), (0.5, 9.0), (0.6, 9.0)]), &ALL);
+        driven(&raw(&[(0.0, 0.0), (0.1, 9.0), (0.2, 9.0), (0.3, 0.2), (0.4, 0.0), (0.5, 9.0), (0.6, 9.0)]), &ALL_ROWS);
     assert_eq!(cuts(&rows), [Some(PathBreak::Begins), None, Some(PathBreak::Stood(2)), None]);
     let times: Vec<f64> = rows.iter().map(|row| row.at_s).collect();
     let between = FALLBACK_INTERVAL.as_secs_f64();
@@ -43,7 +41,7 @@ fn of_some_rows_the_clock_begins_at_the_first() {
 
 #[test]
 fn missing_time_is_cut_out() {
-    let rows = driven(&raw(&[(0.0, 9.0), (0.1, 9.0), (3.1, 9.0), (3.0, 9.0)]), &ALL);
+    let rows = driven(&raw(&[(0.0, 9.0), (0.1, 9.0), (3.1, 9.0), (3.0, 9.0)]), &ALL_ROWS);
     assert_eq!(
         cuts(&rows),
         [Some(PathBreak::Begins), None, Some(PathBreak::Gap(Some(3.0))), Some(PathBreak::Gap(None))]
@@ -54,5 +52,5 @@ fn missing_time_is_cut_out() {
 fn a_recording_that_says_that_it_is_broken_is_cut_there() {
     let mut rows = raw(&[(0.0, 9.0), (0.1, 9.0), (0.2, 9.0)]);
     rows[1].broken = Some(PathBreak::Put);
-    assert_eq!(cuts(&driven(&rows, &ALL)), [Some(PathBreak::Begins), Some(PathBreak::Put), None]);
+    assert_eq!(cuts(&driven(&rows, &ALL_ROWS)), [Some(PathBreak::Begins), Some(PathBreak::Put), None]);
 }

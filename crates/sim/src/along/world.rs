@@ -80,10 +80,11 @@ impl RecordedWorld {
         Self::within(path, 0..usize::MAX, limit, yaw, located)
     }
 
-    /// The same of a part of the recording: these of its rows with a picture, counted from 0.
+    /// The same of a part of the recording: these of its rows with a picture, counted from 0; up to its last one if the
+    /// range ends at `usize::MAX`.
     ///
     /// # Errors
-    /// [`ClosedLoopError`], as [`open`](Self::open).
+    /// [`ClosedLoopError`], as [`open`](Self::open); [`ClosedLoopError::Rows`].
     pub fn within(
         path: &Path,
         rows: Range<usize>,
@@ -168,9 +169,14 @@ impl RecordedWorld {
         Some(Pose::from_lane(&drive.track, recorded.s_m, recorded.direction() < 0.0, offset_m, heading_rad))
     }
 
-    /// Whether a side camera took the place that is shown, too.
-    pub fn has_side_cameras(&self) -> bool {
-        self.screen.recorded(self.row).is_some_and(|shown| shown.frames[1..].iter().any(Option::is_some))
+    /// Rows loaded so far without a picture of a side camera, and all that were loaded.
+    pub fn without_side_cameras(&self) -> (usize, usize) {
+        (self.recorded.sideless, self.recorded.loaded)
+    }
+
+    /// Whether it is known along all of the way where in its lane the recorded car was.
+    pub fn knows_the_lane(&self) -> bool {
+        self.lines.iter().all(|line| matches!(line, Line::Lane(_)))
     }
 
     /// Where the recorded drive is known to have been.
@@ -265,7 +271,8 @@ impl RecordedWorld {
     fn drive(&mut self, from: PathRow, to: PathRow, before: Option<Pyramid>) {
         let until = (to.at_s / STEP_S + 1e-9) as u64;
         let interval = Interval { from, to, simulated_s: until.saturating_sub(self.steps) as f64 * STEP_S };
-        let by_lane = self.located.as_ref().and_then(|drive| interval.by_lane(drive));
+        let located = self.located.as_ref().filter(|_| self.yaw != Yaw::Steering);
+        let by_lane = located.and_then(|drive| interval.by_lane(drive));
         let moved = by_lane.or_else(|| interval.by_pictures(&before?, self.pyramid.as_ref()?));
         match (by_lane, moved) {
             (Some(_), _) => self.sources.lane += 1,

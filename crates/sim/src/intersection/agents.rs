@@ -296,6 +296,16 @@ mod tests {
     }
 
     #[test]
+    fn a_car_reaches_15_m_per_s_in_its_lane_and_12_5_while_it_changes_lanes() {
+        assert_eq!(Action::ALL.map(Action::speed), [15.0, 0.0, 12.5, 12.5]);
+        let mission = Mission { from_m: 0.0, ..BENCHMARK[1] };
+        for (action, expected) in [(Action::KeepLane, 15.0), (Action::ChangeRight, 12.5)] {
+            let speed = drive(mission, 60, |_| action).speed[0];
+            assert!((speed - expected).abs() < 0.01, "{action:?}: {speed}");
+        }
+    }
+
+    #[test]
     fn braking_from_the_limit_takes_12_to_15_m_and_ends_in_a_standstill() {
         let mission = Mission { from_m: 0.0, ..BENCHMARK[1] };
         let agents = drive(mission, 60, |_| Action::SlowDown);

@@ -321,16 +321,52 @@ fn follow(speed: f32, wish: f32, gap: f32, its_speed: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+
     use super::*;
 
     #[test]
     fn idm_holds_its_gap_behind_a_car_of_the_same_speed_and_its_speed_on_a_free_road() {
         // Equilibrium of the model: gap = (s0 + vT) / sqrt(1 - (v/v0)^4).
         let (speed, wish) = (10.0_f32, 13.89_f32);
-        let gap = (GAP_M + speed * HEADWAY_S) / (1.0 - (speed / wish).powi(4)).sqrt();
+        let gap = (2.5 + speed * 1.0) / (1.0 - (speed / wish).powi(4)).sqrt();
         assert!(follow(speed, wish, gap, speed).abs() < 1e-4);
         assert!(follow(speed, wish, gap - 1.0, speed) < 0.0);
         assert!(follow(wish, wish, f32::INFINITY, 0.0).abs() < 1e-4);
-        assert!((follow(0.0, wish, f32::INFINITY, 0.0) - ACCELERATION).abs() < 1e-6);
+        assert!((follow(0.0, wish, f32::INFINITY, 0.0) - 2.6).abs() < 1e-6);
+    }
+
+    #[test]
+    fn idm_brakes_for_a_slower_car_and_keeps_less_distance_to_a_faster_one() {
+        // a = 2.6, b = 4.5, T = 1.0 s, s0 = 2.5 m: 2 sqrt(ab) = 6.841.
+        for (its_speed, expected) in [
+            (4.0, -2.790_67), // wanted 2.5 + 10 + 10 x 6 / 6.841 = 21.271 m; 2.6 x (1 - 0.0625 - (21.271 / 15)^2)
+            (16.0, 2.276_78), // wanted 2.5 + 10 - 10 x 6 / 6.841 = 3.729 m
+        ] {
+            let found = follow(10.0, 20.0, 15.0, its_speed);
+            assert!((found - expected).abs() < 1e-4, "behind {its_speed} m/s: {found}");
+        }
+    }
+
+    #[test]
+    fn half_of_the_drivers_want_the_limit_and_half_four_fifths_of_it_each_with_a_spread_of_a_fifth() {
+        let (mut traffic, mut random) = (Traffic::default(), ChaCha8Rng::seed_from_u64(0));
+        let (mut impatient, mut patient) = (Vec::new(), Vec::new());
+        for _ in 0..20_000 {
+            traffic.draw(0, &mut random);
+            let factor = f64::from(traffic.wish[0]) / 13.89;
+            assert!((0.4999..1.5001).contains(&factor), "{factor}");
+            let alike = if traffic.margin_s[0] > 0.5 { &mut patient } else { &mut impatient };
+            alike.push(factor);
+        }
+        // Who would be slower than half the limit drives at half of it; so quartiles, 0.6745 standard deviations off.
+        for (mut factors, middle) in [(impatient, 1.0), (patient, 0.8)] {
+            factors.sort_by(f64::total_cmp);
+            let n = factors.len();
+            assert!((9_500..10_500).contains(&n), "{n}");
+            let spread = (factors[3 * n / 4] - factors[n / 4]) / 2.0 / 0.6745;
+            assert!((factors[n / 2] - middle).abs() < 0.01, "{}", factors[n / 2]);
+            assert!((spread - 0.2).abs() < 0.01, "{spread}");
+        }
     }
 }

@@ -95,12 +95,16 @@ impl DrivingLog {
     /// with the line and field that cannot be read, [`RecordingError::NoRows`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
-        let none = |got| RecordingError::NoSource { path: path.to_owned(), got };
+        let none = |got: &str| RecordingError::NoSource { path: path.to_owned(), got: got.to_owned() };
         let is_there = |path: &Path| path.try_exists().map_err(RecordingError::io("read the driving log", path));
         let path = match path.is_dir().then(|| path.join(LOG_NAME)) {
             Some(log) if !is_there(&log)? => {
                 let runs = super::recordings_in(path).is_ok_and(|inside| !inside.is_empty());
-                return Err(none(if runs { "a folder of runs: name the runs in it" } else { "a folder without one" }));
+                if runs {
+                    return Err(none("a folder of runs: name the runs in it"));
+                }
+                let pictures = super::pictures_alone(path).ok().flatten();
+                return Err(none(pictures.as_deref().unwrap_or("a folder without one")));
             }
             Some(log) => log,
             None if !is_there(path)? => return Err(none("nothing: no such file or folder")),

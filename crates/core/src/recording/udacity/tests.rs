@@ -183,6 +183,18 @@ fn pictures_are_looked_up_in_img_or_beside_the_log() {
 }
 
 #[test]
+fn a_folder_of_pictures_alone_is_told_apart_from_one_without_a_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let error = || DrivingLog::open(dir.path()).unwrap_err().to_string();
+    assert!(error().ends_with("got a folder without one"), "{}", error());
+    for name in ["1.jpg", "2.JPG"] {
+        fs::write(dir.path().join(name), "").unwrap();
+    }
+    let words = "got 2 pictures alone, and pictures contain neither speed nor steering: let lapwing serve record";
+    assert!(error().contains(words), "{}", error());
+}
+
+#[test]
 fn a_picture_elsewhere_is_found_by_its_absolute_path_where_there_is_none_beside_the_log() {
     let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let elsewhere = other.path().join("Doe, Jane.jpg");

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::marl::MarlError;
+use crate::marl::{MarlError, policy::HIDDEN};
 
 /// What the critic sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -95,10 +95,15 @@ impl PpoSettings {
             ("steps", self.steps),
             ("minibatch", self.minibatch),
             ("epochs", self.epochs),
-            ("hidden", self.hidden),
         ];
         if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
             return wrong(name, "1 to 65536", got.to_string());
+        }
+        if !HIDDEN.contains(&self.hidden) {
+            return wrong("hidden", "1 to 4096", self.hidden.to_string());
+        }
+        if self.agent_steps == 0 {
+            return wrong("agent_steps", "at least 1", self.agent_steps.to_string());
         }
         if !(1..=64).contains(&self.collectors) {
             return wrong("collectors", "1 to 64", self.collectors.to_string());
@@ -110,18 +115,30 @@ impl PpoSettings {
                 self.minibatch.to_string(),
             );
         }
-        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
-            return wrong("learning_rate", "a number above 0", self.learning_rate.to_string());
+        let above_zero = [
+            ("learning_rate", self.learning_rate),
+            ("clip", self.clip),
+            ("largest_gradient", self.largest_gradient),
+            ("reward_scale", f64::from(self.reward_scale)),
+        ];
+        if let Some((name, got)) = above_zero.into_iter().find(|(_, number)| !(*number > 0.0 && number.is_finite())) {
+            return wrong(name, "a number above 0", got.to_string());
         }
-        let shares = [self.gamma, self.lambda].into_iter().chain(self.gamma_end);
-        if let Some(got) = shares.into_iter().find(|share| !(0.0..=1.0).contains(share)) {
-            return wrong("gamma and lambda", "0 to 1", got.to_string());
+        let weights = [("value", Some(self.value)), ("entropy", Some(self.entropy)), ("entropy_end", self.entropy_end)];
+        let mut weights = weights.into_iter().filter_map(|(name, weight)| Some((name, weight?)));
+        if let Some((name, got)) = weights.find(|(_, weight)| !(*weight >= 0.0 && weight.is_finite())) {
+            return wrong(name, "a number of at least 0", got.to_string());
         }
-        let rises = self.gamma_end.is_some_and(|end| end != self.gamma);
-        if rises && (self.gamma >= 1.0 || self.gamma_end.is_some_and(|end| end >= 1.0)) {
-            return wrong("gamma_end", "below 1, as gamma, where they differ", format!("{:?}", self.gamma_end));
+        let end = self.gamma_end.unwrap_or(self.gamma);
+        let shares = [("gamma", self.gamma), ("lambda", self.lambda), ("gamma_end", end)];
+        if let Some((name, got)) = shares.into_iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
+            return wrong(name, "0 to 1", got.to_string());
         }
-        Ok(())
+        let of_one = [("gamma", self.gamma), ("gamma_end", end)].into_iter().find(|(_, gamma)| *gamma >= 1.0);
+        match of_one.filter(|_| end != self.gamma) {
+            Some((name, got)) => wrong(name, "below 1, where gamma and gamma_end differ", got.to_string()),
+            None => Ok(()),
+        }
     }
 
     /// The discount once a share of the training is done.

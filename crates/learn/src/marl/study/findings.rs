@@ -37,11 +37,11 @@ pub struct Estimate {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// The interval lies on its side.
+    /// The interval lies on its side, or in its range.
     Holds,
-    /// It lies on the other.
+    /// It lies on the other, or outside the range.
     Fails,
-    /// It lies on both, or there are fewer than three seeds: more would tell.
+    /// It lies in part here, in part there, or there are fewer than three seeds: more would tell.
     Open,
 }
 
@@ -223,17 +223,19 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         completion_at(cell, pair.map(|other| other.seconds).fold(f64::INFINITY, f64::min))
     };
     let times = estimate(&both(Ppo, Maddpg, &|cell| cell.seconds), ratio);
-    let claimed = times.is_some_and(|times| times.interval[0] <= 3.5 && times.interval[1] >= 3.0);
     let within = Finding {
         claim: 1,
         says: "PPO takes 3 to 3.5 times MADDPG's time",
         measure: "ratio of the times for as many agent-steps",
         found: times,
-        verdict: match (claimed, times) {
-            (_, None) => Verdict::Open,
-            (_, Some(times)) if times.runs < ENOUGH => Verdict::Open,
-            (true, _) => Verdict::Holds,
-            (false, _) => Verdict::Fails,
+        verdict: match times {
+            Some(Estimate { interval: [low, high], runs, .. }) if runs >= ENOUGH && low >= 3.0 && high <= 3.5 => {
+                Verdict::Holds
+            }
+            Some(Estimate { interval: [low, high], runs, .. }) if runs >= ENOUGH && (low > 3.5 || high < 3.0) => {
+                Verdict::Fails
+            }
+            _ => Verdict::Open,
         },
     };
     let rate = "difference of the completion rates";

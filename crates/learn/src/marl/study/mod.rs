@@ -54,6 +54,21 @@ impl Default for StudySettings {
     }
 }
 
+impl StudySettings {
+    /// What differs from those of a cell that is done, if anything: its number of seeds does not matter to it.
+    fn differ_from(&self, done: &Self) -> Option<String> {
+        let settings = [
+            ("--agent-steps", self.agent_steps.to_string(), done.agent_steps.to_string()),
+            ("--episodes", self.episodes.to_string(), done.episodes.to_string()),
+            ("--every", self.every.to_string(), done.every.to_string()),
+        ];
+        let differ = settings.iter().filter(|(_, expected, got)| expected != got);
+        let each: Vec<_> = differ.map(|(flag, expected, got)| format!("{flag} {expected}, got {got}")).collect();
+        let each = each.join("; ");
+        (!each.is_empty()).then(|| format!("expected a training with {each}: use the same flags, or another --out"))
+    }
+}
+
 /// An algorithm as it is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -170,11 +185,13 @@ pub struct CellResult {
 pub const TASKS: [(Reward, usize); 4] =
     [(Reward::Smarts, 0), (Reward::Corrected, 0), (Reward::Smarts, CARS), (Reward::Corrected, CARS)];
 
-/// All cells of some tasks, those of the first seed first, so that a study that is stopped is balanced.
+/// All cells of some tasks, those of the first seed first, so that a study that is stopped is balanced. A task that is
+/// named twice counts once: the same run would be taken for another seed's.
 pub fn plan(study: &StudySettings, tasks: &[(Reward, usize)]) -> Vec<Cell> {
     let mut cells = Vec::new();
     for seed in 0..study.seeds {
-        for (reward, cars) in tasks.iter().copied() {
+        let once = tasks.iter().enumerate().filter(|(i, task)| !tasks[..*i].contains(task));
+        for (_, &(reward, cars)) in once {
             cells.extend(Variant::ALL.map(|variant| Cell { variant, reward, cars, seed }));
         }
     }
@@ -211,9 +228,9 @@ impl Cell {
         if path.exists() {
             let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
             let done: CellResult = serde_json::from_str(&text).map_err(|why| wrong(why.to_string()))?;
-            return match done.study == (StudySettings { seeds: done.study.seeds, ..*study }) {
-                true => Ok(Some(done)),
-                false => Err(wrong(format!("expected a cell of {study:?}, got one of {:?}", done.study))),
+            return match study.differ_from(&done.study) {
+                None => Ok(Some(done)),
+                Some(why) => Err(wrong(why)),
             };
         }
         if folder.exists() {
@@ -224,7 +241,7 @@ impl Cell {
         let algorithm = self.variant.algorithm(study, self.seed);
         let settings = TrainingSettings { world: World { intersection, mixed: true }, algorithm };
         let (mut curve, began) = (Vec::new(), Instant::now());
-        let outcome = Training::new(&folder, settings, false)?.run(wall, |update, _, done| {
+        let outcome = Training::new(&folder, settings)?.run(wall, |update, _, done| {
             if update.episodes > 0 {
                 curve.push(Point {
                     agent_steps: update.agent_steps,
@@ -287,6 +304,18 @@ mod tests {
         let second = run(&StudySettings { seeds: 3, ..study }).unwrap().unwrap();
         assert_eq!((first.agent_steps, first.random), (second.agent_steps, second.random));
         let other = run(&StudySettings { agent_steps: 3000, ..study }).unwrap_err().to_string();
-        assert!(other.contains("expected a cell of") && updates == 1, "{other}");
+        let expected = ": expected a training with --agent-steps 3000, got 2000: use the same flags, or another --out";
+        assert!(other.ends_with(expected), "{other}");
+        let other = run(&StudySettings { episodes: 5, every: 2.5, ..study }).unwrap_err().to_string();
+        assert!(other.contains("with --episodes 5, got 2; --every 2.5, got 100: "), "{other}");
+        assert_eq!(updates, 1);
+    }
+
+    #[test]
+    fn a_task_that_is_named_twice_is_planned_once() {
+        let study = StudySettings { seeds: 2, ..StudySettings::default() };
+        let cells = plan(&study, &[TASKS[1], TASKS[0], TASKS[1], TASKS[1]]);
+        assert_eq!(cells, plan(&study, &[TASKS[1], TASKS[0]]));
+        assert_eq!(cells.len(), 28);
     }
 }

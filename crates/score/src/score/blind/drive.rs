@@ -6,7 +6,7 @@ use bytes::Bytes;
 
 use super::passage::{DistanceLog, way_to};
 use crate::{
-    odometry::{BEGINNING_M, EVERY_M, EXPLAINED, Found, Leg, Look, Match, Road, SURE, Tried, find, laps},
+    odometry::{BEGINNING_M, EVERY_M, Found, Leg, Look, Match, Road, SURE, Tried, find, laps},
     score::drives::{DriveFound, OnRoad, RoadTried, Turned},
 };
 use lapwing_core::perception::{Frame, decode_jpeg};
@@ -147,20 +147,7 @@ impl Drive {
     /// The road that was driven, or why it is unknown.
     fn road(&self, found: &Found) -> Result<Match, String> {
         let way_m = self.way_m();
-        let least = format!("a road that is the one explains a drive by more than {EXPLAINED}");
-        let words = |tried: &Tried| tried.road.words();
-        let Some(best) = found.likely.first() else {
-            return Err(match found.tried.first() {
-                Some(nearest) => {
-                    format!("the nearest, {}, explains it by {:.1} each 10 m; {least}", words(nearest), nearest.fit)
-                }
-                None => "no road is known".to_owned(),
-            });
-        };
-        if found.sure().is_none() {
-            let next = found.likely.get(1).map_or_else(String::new, |next| next.road.words());
-            return Err(format!("{} and {next} explain it about as well", best.road.words()));
-        }
+        let best = found.road()?;
         if !found.by_start && way_m <= BENDS_M {
             return Err(format!("{way_m:.0} m of bends tell too little, {BENDS_M} m are needed"));
         }

@@ -116,7 +116,7 @@ impl Scorer {
             figures.told(F::FromLane, from_lane, NO_WAY);
             recorded::untell(&mut figures);
             self.notes.push(recorded::NOTE.to_owned());
-            if self.from_lane_m > 0.0 && self.put_by_path > 0 {
+            if (self.from_lane_m > 0.0 || self.lacks_edge) && self.put_by_path > 0 {
                 self.notes.push(recorded::put_by_path(self.put_by_path, self.off_roads));
             }
         }

@@ -147,6 +147,20 @@ mod tests {
     }
 
     #[test]
+    fn where_no_lane_is_known_the_card_says_so_if_the_limit_is_the_road() {
+        let notes = |edge_m: f64| {
+            let mut scorer = Scorer::default().of_kind(RunKind::RecordedPath);
+            scorer.event(Duration::ZERO, &EventRecord::recorded_path("data", 268.0, 14, edge_m));
+            let (line, edge) = (MeasuredLine::RecordedPath, LimitEdge::Metres);
+            scorer.event(Duration::ZERO, &EventRecord::MeasuredFrom { line, edge, left_m: -1.0, right_m: 1.0 });
+            scorer.event(Duration::from_secs(1), &EventRecord::OffRoad { offset_m: 1.1 });
+            scorer.finish().notes
+        };
+        assert!(notes(3.35).contains(&put_by_path(1, 1)), "{:?}", notes(3.35));
+        assert!(!notes(1.0).contains(&put_by_path(1, 1)), "the metres that were asked for");
+    }
+
+    #[test]
     fn an_offset_at_which_the_car_was_put_back_counts_with_those_of_the_telemetries() {
         // 61 telemetries at 0.5 m, and three that no telemetry shows.
         let card = minute([1.0, -1.5, 2.0]);

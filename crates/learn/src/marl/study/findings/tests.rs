@@ -70,6 +70,20 @@ fn verdict(cells: &[CellResult], says: &str) -> Verdict {
 }
 
 #[test]
+fn a_range_holds_with_the_whole_interval_in_it_fails_with_none_of_it_and_is_open_in_between() {
+    let ratio_of = |seconds: [f64; 5]| {
+        let pair = |(seconds, seed)| [cell(Variant::Ppo, seed, 0.5, seconds), cell(Variant::Maddpg, seed, 0.5, 10.0)];
+        let cells: Vec<_> = seconds.into_iter().zip(0..).flat_map(pair).collect();
+        verdict(&cells, "3 to 3.5 times")
+    };
+    assert_eq!(ratio_of([31.0, 32.0, 33.0, 33.5, 34.0]), Verdict::Holds);
+    assert_eq!(ratio_of([2.0, 2.1, 2.2, 2.3, 2.4]), Verdict::Fails);
+    assert_eq!(ratio_of([41.0, 42.0, 43.0, 44.0, 45.0]), Verdict::Fails);
+    assert_eq!(ratio_of([10.0, 10.0, 33.0, 1000.0, 1000.0]), Verdict::Open, "it says nothing");
+    assert_eq!(ratio_of([28.0, 29.0, 31.0, 32.0, 34.0]), Verdict::Open, "it reaches below 3");
+}
+
+#[test]
 fn the_spread_is_that_of_the_first_over_seeds_less_that_of_the_second_the_mean_over_tasks() {
     let steady: Strata = vec![vec![5.0, 5.0], vec![1.0, 3.0]];
     let wild: Strata = vec![vec![0.0, 2.0], vec![0.0, 4.0]];
