@@ -310,7 +310,7 @@ fn unknown(likely: &odometry::Found) -> Option<String> {
     let why = likely.road().err()?;
     Some(match &likely.likely[..] {
         [] => format!("{why}: if it was on another road, name that with --track FILE.toml"),
-        _ => format!("{why}, and its pictures do not show which it was: more of the drive may tell"),
+        _ => format!("{why}, and its pictures do not show which it was: a longer recording may tell"),
     })
 }
 

@@ -72,11 +72,10 @@ fn along_a_weaving_recording_and_in_the_simulator_negative_controls_come_out_apa
         for (name, control) in controls {
             // How often they are put back depends on how they fail: one may drive nearly a metre beside the middle all the
             // time. The network learns from pictures that are shifted, and keeps the road on rows that are too low: it is
-            // about three times as far from the middle, but never a metre, so no judge may call it bad.
-            let (put_back, times) =
-                if name == MILD { (0.0..=0.0, 1.5..=5.0) } else { (1.0..=f64::MAX, 5.0..=f64::MAX) };
+            // several times as far from the middle, but never a metre, so it is not put back.
+            let (put_back, times) = if name == MILD { (0.0..=0.0, 1.5) } else { (1.0..=f64::MAX, 5.0) };
             assert!(put_back.contains(&control.interventions), "{name}: {control:?}");
-            assert!(times.contains(&(control.p95_m / good.p95_m)), "{name}: {control:?}, good: {good:?}");
+            assert!(control.p95_m >= times * good.p95_m, "{name}: {control:?}, good: {good:?}");
         }
     }
 }
@@ -89,12 +88,13 @@ fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
         judge_all(|| RecordedWorld::open(dir.path(), metre, Yaw::Pictures, located.clone()).unwrap());
     assert!(good.interventions == 0.0, "{good:?}");
     for (name, control) in controls {
-        // On real pictures the good pilot is not that good, and rows that are too low cost it little.
+        // On real pictures the good pilot is not that good, so a mild control is less far from it.
         if name == MILD {
-            assert!(control.interventions == 0.0 && control.p95_m < 2.0 * good.p95_m, "{name}: {control:?}");
+            let apart = control.interventions == 0.0 && control.p95_m >= 1.2 * good.p95_m;
+            assert!(apart, "{name}: {control:?}, good: {good:?}");
             continue;
         }
-        // Rows that are too high cost the least: 10 times put back. With the others, it is 15 to 26 times.
+        // Rows that are too high cost the least: put back 8 times. With the others, it is 16 to 28 times.
         let least = if name.starts_with("cropped") { 2.0 } else { 12.0 };
         assert!(control.interventions >= least, "{name}: {control:?}");
         assert!(control.p95_m >= 2.0 * good.p95_m, "{name}: {control:?}, good: {good:?}");

@@ -133,7 +133,7 @@ pub struct MarlTrain {
     /// Folder for the policy, its log and its resume state
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Resume the training in that folder, with its settings; of these, --agent-steps alone may be raised
+    /// Resume the training in that folder, with its settings; only --agent-steps can be raised
     #[arg(long, conflicts_with_all = ["missions", "cars", "algorithm", "mixed", "reward", "axes", "observation", "critic", "intersections", "hidden", "learning_rate", "actor_rate", "entropy", "entropy_end", "gamma", "gamma_end", "batch", "replay", "every", "memory", "learners", "collectors", "recipe", "seed"])]
     pub resume: bool,
     /// Follow a recipe, such as models/intersection-ppo.toml, in place of all other flags but --seed

@@ -40,7 +40,7 @@ impl Recorded {
     ) -> anyhow::Result<Self> {
         if let Some(got) = light_and_weather(&setup.conditions) {
             let why = format!(
-                "expected latency_ms or dropped with --world, got {got}: light and weather are those of the recordings"
+                "expected only latency_ms or dropped with --world, got {got}: light and weather are those of the recordings"
             );
             return Err(ConfigError::Value { layer: "--conditions".into(), why }.into());
         }

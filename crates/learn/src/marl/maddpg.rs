@@ -12,8 +12,8 @@
 //! | 0.001 times the mean square of the actor's outputs is added to its loss | `p_reg` |
 //! | gradients clipped to 0.5; here all of a network together, there each tensor | `minimize_and_clip` |
 //! | a gradient step for each 100 joint transitions, batches of 1024, targets follow by 0.01 | paper, appendix; `update` |
-//! | learning rates of 1e-3 that fall to 0 | the paper has 1e-2, Biswas and Biswas 1e-4 for the actor and 1e-3 for the critic; ours are from the experiments in `docs/how-to/marl.md`, "What lets MADDPG learn" |
-//! | they never fall below a thousandth of what they were | our choice, as for PPO here |
+//! | learning rates of 1e-3 that fall towards 0 | the paper has 1e-2, Biswas and Biswas 1e-4 for the actor and 1e-3 for the critic; ours are from the experiments in `docs/how-to/marl.md`, "What lets MADDPG learn" |
+//! | they stop falling at a thousandth of their first value | our choice, as for PPO here |
 //! | Adam with an epsilon of 1e-8 | the default of Kingma and Ba 2015, and of their `AdamOptimizer` |
 //! | orthogonal initial weights with a gain of the square root of 2, in the last layer 0.01 for the actor and 1 for the critic; biases of 0 | as for PPO here, detail 2 of Huang et al. 2022; theirs are `fully_connected`'s default (Glorot and Bengio 2010) |
 //! | no gradient step before 10,000 joint transitions, or a batch if that is more | our choice; theirs is a batch of the longest episodes, 25,600 (`max_replay_buffer_len`) |

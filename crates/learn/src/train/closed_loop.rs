@@ -144,7 +144,7 @@ impl ClosedLoop {
             return wrong("closed_loop.expert", "0 to below 1", self.expert.to_string());
         }
         if self.rounds > 0 && self.drive.is_empty() && self.along.is_empty() {
-            let got = "none; give --lane with --data, or a recipe with [[closed_loop.drive]] or [[record]]";
+            let got = "none; give --lane with --data, or a recipe with [[closed_loop.drive]], [[closed_loop.along]] or [[record]]";
             return wrong("closed_loop", "at least one drive or recording to drive along", got.into());
         }
         for drive in &self.drive {
@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(
             none,
             "closed_loop: expected at least one drive or recording to drive along, got none; \
-             give --lane with --data, or a recipe with [[closed_loop.drive]] or [[record]]"
+             give --lane with --data, or a recipe with [[closed_loop.drive]], [[closed_loop.along]] or [[record]]"
         );
         let expert = error(&TEXT.replace("rounds = 4", "expert = 1.0"));
         assert_eq!(expert, "closed_loop.expert: expected 0 to below 1, got 1");

@@ -93,7 +93,7 @@ impl Found {
             return Err(self.tried.first().map_or_else(
                 || "no road is known".to_owned(),
                 |nearest| {
-                    let least = format!("a road that is the one explains a drive by more than {EXPLAINED}");
+                    let least = format!("the right road explains a drive by more than {EXPLAINED}");
                     let (words, fit) = (nearest.road.words(), nearest.fit);
                     format!("the nearest, {words}, explains it by {fit:.1} each 10 m; {least}")
                 },
