@@ -64,7 +64,10 @@ impl Read {
 
     /// The error that says why it is not what it should be.
     pub fn wrong(&self, why: impl Display) -> MarlError {
-        MarlError::File { path: self.path.clone(), why: format!("expected {}, but could not read it as one: {why}", self.what) }
+        MarlError::File {
+            path: self.path.clone(),
+            why: format!("expected {}, but could not read it as one: {why}", self.what),
+        }
     }
 
     /// The JSON under a key.

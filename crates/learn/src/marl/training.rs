@@ -142,7 +142,11 @@ impl Training {
             let stored = settings.algorithm.agent_steps();
             if told < *stored {
                 let expected = "at least as many as the training in that folder has";
-                return Err(MarlError::Setting { name: "agent_steps", expected, got: format!("{told}, and the training has {stored}") });
+                return Err(MarlError::Setting {
+                    name: "agent_steps",
+                    expected,
+                    got: format!("{told}, and the training has {stored}"),
+                });
             }
             *stored = told;
         }
