@@ -46,7 +46,7 @@ const MOST_S: f64 = 0.5;
 /// 0.28 m from the line. The `pilotnet` of today, trained on such pictures, drives it with the shares 0.6, 0.7, 0.8 and 0.9, too:
 /// 0.21, 0.23, 0.26 and 0.32 m from the line. With 1 it leaves the road at 28 % of the lap.
 const SHARE: f64 = 0.7;
-/// The delay is the median of the last so many measurements, and unknown until there are more than half of them.
+/// The delay is the median of the last so many measurements, and unknown until more than half of so many agree with it, to one period.
 const AGES: usize = 15;
 /// After so long without a picture everything begins anew, in seconds; older commands are forgotten.
 const FORGOTTEN_S: f64 = 1.5;
@@ -120,8 +120,11 @@ impl Ahead {
     fn late_s(&self) -> Option<f64> {
         let mut ages: Vec<f64> = self.ages.iter().copied().collect();
         ages.sort_by(f64::total_cmp);
-        let late_s = ages.get(ages.len() / 2).filter(|_| ages.len() > AGES / 2)? - PERIOD_S;
-        (late_s >= LEAST_S).then_some(late_s.min(MOST_S))
+        let median = *ages.get(ages.len() / 2)?;
+        // Where somebody else drives, what is reported equals one of our commands now and then, by chance, after any time.
+        let agree = ages.iter().filter(|age| (*age - median).abs() <= PERIOD_S).count();
+        let late_s = median - PERIOD_S;
+        (agree > AGES / 2 && late_s >= LEAST_S).then_some(late_s.min(MOST_S))
     }
 
     /// Where the car will be in `ahead_s` seconds, beside where it is now, if commands take effect `late_s` seconds late.

@@ -12,7 +12,12 @@ use crate::{
     conditions::Conditions,
     world::{Setup, Simulation},
 };
-use lapwing_core::{config::ControlSettings, driver::Driver, pilot::PurePursuit, protocol::World};
+use lapwing_core::{
+    config::ControlSettings,
+    driver::Driver,
+    pilot::{ConstantPilot, PurePursuit},
+    protocol::World,
+};
 
 /// What the pilot was shown.
 type Seen = Arc<Mutex<Vec<Frame>>>;
@@ -76,20 +81,50 @@ fn where_commands_take_effect_at_once_pictures_stay_as_they_are() {
 
 #[test]
 fn a_command_that_was_given_several_times_tells_no_delay() {
-    let mut ahead =
-        Ahead::of(Box::new(lapwing_core::pilot::ConstantPilot::new(Steering::saturating(0.1))), Instant::now);
+    let mut ahead = Ahead::of(Box::new(ConstantPilot::new(Steering::saturating(0.1))), Instant::now);
     let frame = Frame::default();
     for i in 0..40 {
         let steering = if i < 3 { Degrees::ZERO } else { Degrees::saturating(2.5) };
         let in_effect = Some(InEffect { at: Duration::from_millis(67 * i), steering });
-        let prediction = ahead.steer(&View { in_effect, ..View::of(&frame) }).unwrap();
-        assert_eq!(prediction.ahead, Duration::ZERO);
+        ahead.steer(&View { in_effect, ..View::of(&frame) }).unwrap();
+        assert_eq!(ahead.late_s(), None);
+    }
+}
+
+/// Gives another command each time.
+struct Turning(f64);
+
+impl Pilot for Turning {
+    fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
+        self.0 += 0.01;
+        ConstantPilot::new(Steering::saturating(self.0)).steer(view)
+    }
+
+    fn reset(&mut self) {}
+}
+
+#[test]
+fn commands_that_somebody_elses_steering_equals_by_chance_tell_no_delay() {
+    // How many commands ago the one was given that is reported: always three, or anything from two to eleven.
+    for (ago, late_s) in [([3; 10], Some(0.134)), ([2, 9, 5, 11, 3, 8, 6, 10, 4, 7], None)] {
+        let mut ahead = Ahead::of(Box::new(Turning(-0.5)), Instant::now);
+        let frame = Frame::default();
+        for i in 0..60_u64 {
+            let given = ahead.sent.len().checked_sub(ago[i as usize % 10]).map(|k| ahead.sent[k].1);
+            let steering = given.map_or(Degrees::ZERO, |steering| steering.degrees());
+            let in_effect = Some(InEffect { at: Duration::from_millis(67 * i), steering });
+            ahead.steer(&View { in_effect, ..View::of(&frame) }).unwrap();
+        }
+        match (ahead.late_s(), late_s) {
+            (Some(found), Some(late_s)) => assert!((found - late_s).abs() < 0.01, "{found}"),
+            (found, late_s) => assert_eq!(found, late_s),
+        }
     }
 }
 
 #[test]
 fn after_a_long_pause_the_car_begins_anew_at_rest() {
-    let mut ahead = Ahead::of(Box::new(lapwing_core::pilot::ConstantPilot::new(Steering::ZERO)), Instant::now);
+    let mut ahead = Ahead::of(Box::new(ConstantPilot::new(Steering::ZERO)), Instant::now);
     let frame = Frame::default();
     let mut steer = |at| {
         let in_effect = Some(InEffect { at, steering: Degrees::saturating(10.0) });
