@@ -105,10 +105,10 @@ impl Ahead {
         self.last = Some(at);
         let age_s = |sent: &Duration| at.saturating_sub(*sent).as_secs_f64();
         while self.sent.pop_front_if(|(sent, _)| age_s(sent) > FORGOTTEN_S).is_some() {}
-        // A command that was given several times tells nothing.
+        // A command that was given several times tells nothing, and neither does zero: hands and keys that rest report it, too.
         let is_it = |(_, sent): &&(Duration, Steering)| (sent.degrees().get() - steering.get()).abs() <= SAME_DEG;
         let mut of_it = self.sent.iter().filter(is_it);
-        if let (Some((sent, _)), None) = (of_it.next(), of_it.next()) {
+        if let (Some((sent, _)), None, true) = (of_it.next(), of_it.next(), steering.get().abs() > SAME_DEG) {
             self.ages.push_back(age_s(sent));
             if self.ages.len() > AGES {
                 self.ages.pop_front();
