@@ -46,7 +46,8 @@ const MOST_S: f64 = 0.5;
 /// 0.28 m from the line. The `pilotnet` of today, trained on such pictures, drives it with the shares 0.6, 0.7, 0.8 and 0.9, too:
 /// 0.21, 0.23, 0.26 and 0.32 m from the line. With 1 it leaves the road at 28 % of the lap.
 const SHARE: f64 = 0.7;
-/// The delay is the median of the last so many measurements, and unknown until more than half of so many agree with it, to one period.
+/// The delay is the median of the last so many measurements, and unknown until more than half of so many agree with it,
+/// to one period.
 const AGES: usize = 15;
 /// After so long without a picture everything begins anew, in seconds; older commands are forgotten.
 const FORGOTTEN_S: f64 = 1.5;
@@ -105,7 +106,7 @@ impl Ahead {
         self.last = Some(at);
         let age_s = |sent: &Duration| at.saturating_sub(*sent).as_secs_f64();
         while self.sent.pop_front_if(|(sent, _)| age_s(sent) > FORGOTTEN_S).is_some() {}
-        // A command that was given several times tells nothing, and neither does zero: hands and keys that rest report it, too.
+        // A command that was given several times tells nothing, and neither does zero: keys that nobody presses give it, too.
         let is_it = |(_, sent): &&(Duration, Steering)| (sent.degrees().get() - steering.get()).abs() <= SAME_DEG;
         let mut of_it = self.sent.iter().filter(is_it);
         if let (Some((sent, _)), None, true) = (of_it.next(), of_it.next(), steering.get().abs() > SAME_DEG) {
@@ -121,7 +122,7 @@ impl Ahead {
         let mut ages: Vec<f64> = self.ages.iter().copied().collect();
         ages.sort_by(f64::total_cmp);
         let median = *ages.get(ages.len() / 2)?;
-        // Where somebody else drives, what is reported equals one of our commands now and then, by chance, after any time.
+        // Where somebody else drives, what is reported equals one of our commands now and then, by chance.
         let agree = ages.iter().filter(|age| (*age - median).abs() <= PERIOD_S).count();
         let late_s = median - PERIOD_S;
         (agree > AGES / 2 && late_s >= LEAST_S).then_some(late_s.min(MOST_S))

@@ -1,6 +1,9 @@
 //! Why agents cannot learn or drive.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Display,
+    path::{Path, PathBuf},
+};
 
 use crate::{nn::NnError, train::TrainError};
 
@@ -72,4 +75,21 @@ impl From<tch::TchError> for MarlError {
     fn from(error: tch::TchError) -> Self {
         Self::Network(error.into())
     }
+}
+
+/// Checks some settings, each with its name, that must all be as expected; the error is about the first that is not.
+pub(super) fn expect<T: Copy + Display>(
+    settings: impl IntoIterator<Item = (&'static str, T)>,
+    expected: &'static str,
+    is_valid: impl Fn(T) -> bool,
+) -> Result<(), MarlError> {
+    match settings.into_iter().find(|(_, value)| !is_valid(*value)) {
+        Some((name, got)) => Err(MarlError::Setting { name, expected, got: got.to_string() }),
+        None => Ok(()),
+    }
+}
+
+/// The same of numbers that must be above zero, and no infinity.
+pub(super) fn expect_above_zero(settings: impl IntoIterator<Item = (&'static str, f64)>) -> Result<(), MarlError> {
+    expect(settings, "a number above 0", |number| number > 0.0 && number.is_finite())
 }

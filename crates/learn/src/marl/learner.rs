@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
-use super::{Maddpg, MaddpgSettings, MarlError, Ppo, PpoSettings, policy::Mlp};
+use super::{Maddpg, MaddpgSettings, MarlError, Ppo, PpoSettings, error::expect, policy::Mlp};
 use lapwing_sim::intersection::{Batch, CARS, Settings};
 
 /// Where agents learn.
@@ -24,10 +24,7 @@ impl World {
     /// # Errors
     /// [`MarlError::Setting`], if there are too many cars.
     fn check(self) -> Result<(), MarlError> {
-        match self.intersection.cars {
-            ..=CARS => Ok(()),
-            cars => Err(MarlError::Setting { name: "cars", expected: "0 to 12", got: cars.to_string() }),
-        }
+        expect([("cars", self.intersection.cars)], "0 to 12", |cars| cars <= CARS)
     }
 
     /// So many intersections.

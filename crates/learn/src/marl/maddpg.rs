@@ -33,6 +33,7 @@ use tch::{Tensor, no_grad};
 
 use super::{
     MarlError, asynchronous,
+    error::{expect, expect_above_zero},
     gradients::{Core, LOSSES, Losses, learn, relax},
     learner::{Counters, Learner, Update, World},
     policy::{HIDDEN, Mlp, scale},
@@ -119,40 +120,23 @@ impl Default for MaddpgSettings {
 
 impl MaddpgSettings {
     fn check(&self) -> Result<(), MarlError> {
-        let wrong = |name, expected, got: String| Err(MarlError::Setting { name, expected, got });
         let counts = [("intersections", self.intersections), ("batch", self.batch)];
-        if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
-            return wrong(name, "1 to 65536", got.to_string());
-        }
-        if !HIDDEN.contains(&self.hidden) {
-            return wrong("hidden", "1 to 4096", self.hidden.to_string());
-        }
-        if self.agent_steps == 0 {
-            return wrong("agent_steps", "at least 1", self.agent_steps.to_string());
-        }
-        if !(1000..=10_000_000).contains(&self.memory) {
-            return wrong("memory", "1000 to 10000000", self.memory.to_string());
-        }
-        if self.learners > 64 {
-            return wrong("learners", "0 to 64", self.learners.to_string());
-        }
-        let above_zero = [
+        expect(counts, "1 to 65536", |count| (1..=65_536).contains(&count))?;
+        expect([("hidden", self.hidden)], "1 to 4096", |units| HIDDEN.contains(&units))?;
+        expect([("agent_steps", self.agent_steps)], "at least 1", |steps| steps > 0)?;
+        expect([("memory", self.memory)], "1000 to 10000000", |moments| (1000..=10_000_000).contains(&moments))?;
+        expect([("learners", self.learners)], "0 to 64", |threads| threads <= 64)?;
+        expect_above_zero([
             ("every", self.every),
             ("actor_rate", self.actor_rate),
             ("critic_rate", self.critic_rate),
             ("temperature", self.temperature),
             ("largest_gradient", self.largest_gradient),
             ("reward_scale", f64::from(self.reward_scale)),
-        ];
-        if let Some((name, got)) = above_zero.into_iter().find(|(_, number)| !(*number > 0.0 && number.is_finite())) {
-            return wrong(name, "a number above 0", got.to_string());
-        }
+        ])?;
         let shares =
             [("gamma", self.gamma), ("alpha", self.alpha), ("beta", self.beta as f32), ("tau", self.tau as f32)];
-        if let Some((name, got)) = shares.into_iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
-            return wrong(name, "0 to 1", got.to_string());
-        }
-        Ok(())
+        expect(shares, "0 to 1", |share| (0.0..=1.0).contains(&share))
     }
 }
 

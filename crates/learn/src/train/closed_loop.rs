@@ -144,7 +144,8 @@ impl ClosedLoop {
             return wrong("closed_loop.expert", "0 to below 1", self.expert.to_string());
         }
         if self.rounds > 0 && self.drive.is_empty() && self.along.is_empty() {
-            let got = "none; give --lane with --data, or a recipe with [[closed_loop.drive]], [[closed_loop.along]] or [[record]]";
+            let got = "none; give --lane with --data, or a recipe with [[closed_loop.drive]], [[closed_loop.along]] or \
+                       [[record]]";
             return wrong("closed_loop", "at least one drive or recording to drive along", got.into());
         }
         for drive in &self.drive {

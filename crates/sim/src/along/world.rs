@@ -8,7 +8,7 @@ use super::{
     flow::Pyramid,
     judging::{Line, lines, on_the_line},
     motion::{Interval, Moved},
-    recorded::{PathBreak, PathRow, RecordedDrive},
+    recorded::{ALL_ROWS, PathBreak, PathRow, RecordedDrive},
     screen::Screen,
     warp::Beside,
 };
@@ -77,7 +77,7 @@ impl RecordedWorld {
         yaw: Yaw,
         located: Option<LocatedDrive>,
     ) -> Result<Self, ClosedLoopError> {
-        Self::within(path, 0..usize::MAX, limit, yaw, located)
+        Self::within(path, ALL_ROWS, limit, yaw, located)
     }
 
     /// The same of a part of the recording: these of its rows with a picture, counted from 0; up to its last one if the

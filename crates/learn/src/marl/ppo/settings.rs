@@ -2,7 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::marl::{MarlError, policy::HIDDEN};
+use crate::marl::{
+    MarlError,
+    error::{expect, expect_above_zero},
+    policy::HIDDEN,
+};
 
 /// What the critic sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -89,56 +93,32 @@ impl Default for PpoSettings {
 
 impl PpoSettings {
     pub(super) fn check(&self) -> Result<(), MarlError> {
-        let wrong = |name, expected, got: String| Err(MarlError::Setting { name, expected, got });
         let counts = [
             ("intersections", self.intersections),
             ("steps", self.steps),
             ("minibatch", self.minibatch),
             ("epochs", self.epochs),
         ];
-        if let Some((name, got)) = counts.into_iter().find(|(_, count)| !(1..=65_536).contains(count)) {
-            return wrong(name, "1 to 65536", got.to_string());
-        }
-        if !HIDDEN.contains(&self.hidden) {
-            return wrong("hidden", "1 to 4096", self.hidden.to_string());
-        }
-        if self.agent_steps == 0 {
-            return wrong("agent_steps", "at least 1", self.agent_steps.to_string());
-        }
-        if !(1..=64).contains(&self.collectors) {
-            return wrong("collectors", "1 to 64", self.collectors.to_string());
-        }
-        if self.minibatch < 2 {
-            return wrong(
-                "minibatch",
-                "at least 2, as advantages are divided by their deviation",
-                self.minibatch.to_string(),
-            );
-        }
-        let above_zero = [
+        expect(counts, "1 to 65536", |count| (1..=65_536).contains(&count))?;
+        expect([("hidden", self.hidden)], "1 to 4096", |units| HIDDEN.contains(&units))?;
+        expect([("agent_steps", self.agent_steps)], "at least 1", |steps| steps > 0)?;
+        expect([("collectors", self.collectors)], "1 to 64", |threads| (1..=64).contains(&threads))?;
+        let expected = "at least 2, as advantages are divided by their deviation";
+        expect([("minibatch", self.minibatch)], expected, |samples| samples >= 2)?;
+        expect_above_zero([
             ("learning_rate", self.learning_rate),
             ("clip", self.clip),
             ("largest_gradient", self.largest_gradient),
             ("reward_scale", f64::from(self.reward_scale)),
-        ];
-        if let Some((name, got)) = above_zero.into_iter().find(|(_, number)| !(*number > 0.0 && number.is_finite())) {
-            return wrong(name, "a number above 0", got.to_string());
-        }
+        ])?;
         let weights = [("value", Some(self.value)), ("entropy", Some(self.entropy)), ("entropy_end", self.entropy_end)];
-        let mut weights = weights.into_iter().filter_map(|(name, weight)| Some((name, weight?)));
-        if let Some((name, got)) = weights.find(|(_, weight)| !(*weight >= 0.0 && weight.is_finite())) {
-            return wrong(name, "a number of at least 0", got.to_string());
-        }
+        let weights = weights.into_iter().filter_map(|(name, weight)| Some((name, weight?)));
+        expect(weights, "a number of at least 0", |weight| weight >= 0.0 && weight.is_finite())?;
         let end = self.gamma_end.unwrap_or(self.gamma);
-        let shares = [("gamma", self.gamma), ("lambda", self.lambda), ("gamma_end", end)];
-        if let Some((name, got)) = shares.into_iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
-            return wrong(name, "0 to 1", got.to_string());
-        }
-        let of_one = [("gamma", self.gamma), ("gamma_end", end)].into_iter().find(|(_, gamma)| *gamma >= 1.0);
-        match of_one.filter(|_| end != self.gamma) {
-            Some((name, got)) => wrong(name, "below 1, where gamma and gamma_end differ", got.to_string()),
-            None => Ok(()),
-        }
+        let gammas = [("gamma", self.gamma), ("gamma_end", end)];
+        let shares = gammas.into_iter().chain([("lambda", self.lambda)]);
+        expect(shares, "0 to 1", |share| (0.0..=1.0).contains(&share))?;
+        expect(gammas, "below 1, where gamma and gamma_end differ", |gamma| gamma < 1.0 || end == self.gamma)
     }
 
     /// The discount once a share of the training is done.

@@ -228,13 +228,9 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         says: "PPO takes 3 to 3.5 times MADDPG's time",
         measure: "ratio of the times for as many agent-steps",
         found: times,
-        verdict: match times {
-            Some(Estimate { interval: [low, high], runs, .. }) if runs >= ENOUGH && low >= 3.0 && high <= 3.5 => {
-                Verdict::Holds
-            }
-            Some(Estimate { interval: [low, high], runs, .. }) if runs >= ENOUGH && (low > 3.5 || high < 3.0) => {
-                Verdict::Fails
-            }
+        verdict: match times.filter(|times| times.runs >= ENOUGH).map(|times| times.interval) {
+            Some([low, high]) if low >= 3.0 && high <= 3.5 => Verdict::Holds,
+            Some([low, high]) if low > 3.5 || high < 3.0 => Verdict::Fails,
             _ => Verdict::Open,
         },
     };

@@ -188,10 +188,11 @@ pub const TASKS: [(Reward, usize); 4] =
 /// All cells of some tasks, those of the first seed first, so that a study that is stopped is balanced. A task that is
 /// named twice counts once: the same run would be taken for another seed's.
 pub fn plan(study: &StudySettings, tasks: &[(Reward, usize)]) -> Vec<Cell> {
+    let once = tasks.iter().enumerate().filter(|(i, task)| !tasks[..*i].contains(task));
+    let once: Vec<_> = once.map(|(_, task)| *task).collect();
     let mut cells = Vec::new();
     for seed in 0..study.seeds {
-        let once = tasks.iter().enumerate().filter(|(i, task)| !tasks[..*i].contains(task));
-        for (_, &(reward, cars)) in once {
+        for &(reward, cars) in &once {
             cells.extend(Variant::ALL.map(|variant| Cell { variant, reward, cars, seed }));
         }
     }
