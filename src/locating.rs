@@ -36,7 +36,7 @@ use rayon::prelude::*;
 
 pub use self::{
     again::Laps,
-    car::Car,
+    car::{Car, gearing},
     rows::{Row, RowTruth},
     summary::{AgainstTruth, Errors, PartSummary, Placed, Sides, Spread, Summary},
 };
@@ -91,15 +91,7 @@ pub enum LocateError {
     },
 }
 
-/// Where a recording's pictures were taken, by the table that [`LocatedRecording::csv`] made of it.
-///
-/// # Errors
-/// [`LocateError`]: what cannot be read, and a table of another recording.
-pub fn from_table(path: &Path, table: &Path, roads: &Roads) -> Result<LocatedDrive, LocateError> {
-    Ok(table_of(path, table, roads)?.drive(0..usize::MAX))
-}
-
-/// The table of places that was made of this recording.
+/// The table of places that [`LocatedRecording::csv`] made of this recording.
 ///
 /// # Errors
 /// [`LocateError`]: what cannot be read, and a table of another recording.
@@ -194,10 +186,9 @@ impl LocatedRecording {
 impl LocatedRecording {
     /// Takes a table of places as the truth, for moments of which the recording itself tells none.
     pub fn tell(&mut self, truth: &LaneTable) {
-        let told: HashMap<usize, Pose> =
-            truth.rows.iter().filter_map(|(moment, pose)| Some((*moment, (*pose)?))).collect();
+        let told: HashMap<usize, (&Arc<Track>, Pose)> = truth.known().collect();
         for row in self.rows.iter_mut().filter(|row| row.truth.is_none()) {
-            row.truth = told.get(&row.moment).map(|pose| RowTruth::of_pose(*pose, &truth.track));
+            row.truth = told.get(&row.moment).map(|(track, pose)| RowTruth::of_pose(*pose, track));
         }
     }
 }

@@ -18,6 +18,7 @@ use lapwing_score::score::{self, Figure, Scorer};
 use lapwing_sim::{
     along::{Beside, Limit, RecordedWorld, Yaw},
     camera::Scenery,
+    locate::{Pose, table},
     record::{self, RecordOptions},
     track::Track,
     world::{Setup, Simulation},
@@ -237,6 +238,7 @@ fn flags_that_do_not_suit_the_recording_are_wrong_usage() {
         (&["--rows", "30..40"][..], "--rows: expected rows of 0 to 20, got 30..40"),
         (&["--rows", "10..40"], "--rows: expected rows of 0 to 20, got 10..40"),
         (&["--from-path", "--limit", "road"], "--limit: expected a number of metres with --from-path"),
+        (&["--limit", "road"], "--limit: expected a number of metres, as the road is not known of any row"),
         (&["--limit", "-1"], "expected road, or a number of metres above 0"),
     ] {
         let closed_loop = [&["replay", path, "--closed-loop"][..], flags].concat();
@@ -252,7 +254,17 @@ fn the_result_says_what_the_limit_is_without_a_lane_and_how_many_pictures_lack_s
     let log = data.path().join("driving_log.csv");
     let text = fs::read_to_string(&log).unwrap();
     fs::write(&log, text.replacen(".jpg,,,", ".jpg,IMG/0.jpg,IMG/0.jpg,", 5)).unwrap();
-    let closed_loop = ["replay", data.path().to_str().unwrap(), "--closed-loop", "--limit", "road"];
+    let track = Track::named("lake").unwrap();
+    let pose = Pose::from_lane(&track, 50.0, false, 0.0, 0.0);
+    let moments = Recording::open(data.path()).unwrap().seen().map(Result::unwrap);
+    let places = moments.fold(table::heading(), |text, moment| {
+        let known = (moment.row == 0).then_some(pose);
+        text + &table::line(moment.row, moment.at.as_secs_f64(), &track, known)
+    });
+    let lane = data.path().join("lane.csv");
+    fs::write(&lane, places).unwrap();
+    let (path, lane) = (data.path().to_str().unwrap(), lane.to_str().unwrap());
+    let closed_loop = ["replay", path, "--closed-loop", "--limit", "road", "--lane", lane];
     let (code, out, err) = program::lapwing_in(data.path(), "", &closed_loop);
     assert_eq!(code, 0, "{out}{err}");
     let limit = "put back beyond the road's edge, or 1 m from the recorded path where the lane is not known\n";

@@ -27,13 +27,19 @@ const MARKED: f64 = 0.05;
 /// So near, in pixels, is on an edge.
 const NEAR_PX: f64 = 3.0;
 
-/// How much oftener than chance what a method marks lies on the road's edges: in the mean over pictures from all over a road,
-/// the share of the marked pixels that do, over the share of all pixels that the network sees.
-fn on_edges(explainer: &mut Explainer, road: &str, method: Method) -> f64 {
+/// A picture of a road, and of each of its pixels, row by row, whether it is on one of the road's edges.
+struct Picture {
+    frame: Frame,
+    near: Vec<bool>,
+}
+
+/// Pictures from all over a road.
+fn pictures(road: &str) -> Vec<Picture> {
     let track = Arc::new(Track::open(road).unwrap());
     let scenery = Arc::new(Scenery::new(&track));
     let (overlay, mut renderer) = (Overlay::new(track.clone(), scenery.clone(), (320, 160)), Renderer::new(scenery));
-    let (mut marked, mut chance) = (0.0, 0.0);
+    let half = track.half_width();
+    let mut pictures = vec![];
     for i in 0..PICTURES {
         let (s_m, offset_m) = (track.length() * i as f64 / PICTURES as f64, track.file().driving_line_m);
         let pose = Pose { s_m, offset_m, ..Pose::default() };
@@ -46,17 +52,39 @@ fn on_edges(explainer: &mut Explainer, road: &str, method: Method) -> f64 {
             time_s: 0.0,
         };
         renderer.render(&Camera::CENTER, &shot, &mut frame);
-        let found = explainer.explain(&frame, Mph::ZERO, method).unwrap();
-        let half = track.half_width();
         let edges: Vec<_> = [-half, half].into_iter().flat_map(|edge_m| along(&overlay.line(pose, edge_m))).collect();
-        let is_near = |pixel: usize| {
-            let (x, y) = ((pixel % 320) as f64 + 0.5, (found.rows.start + pixel / 320) as f64 + 0.5);
-            edges.iter().any(|(column, row)| (x - column).hypot(y - row) <= NEAR_PX)
-        };
+        pictures.push(Picture { frame, near: near(&edges) });
+    }
+    pictures
+}
+
+/// Of each pixel of a picture, whether it is near one of these points.
+fn near(points: &[(f64, f64)]) -> Vec<bool> {
+    let mut near = vec![false; 320 * 160];
+    let around = |at: f64, size: usize| {
+        let [first, end] = [at - NEAR_PX - 1.0, at + NEAR_PX + 1.0].map(|at| at.max(0.0) as usize);
+        first..end.min(size)
+    };
+    for &(column, row) in points {
+        for y in around(row, 160) {
+            for x in around(column, 320) {
+                near[y * 320 + x] |= (x as f64 + 0.5 - column).hypot(y as f64 + 0.5 - row) <= NEAR_PX;
+            }
+        }
+    }
+    near
+}
+
+/// How much oftener than chance what a method marks lies on the road's edges: in the mean over pictures, the share of
+/// the marked pixels that do, over the share of all pixels that the network sees.
+fn on_edges(explainer: &mut Explainer, pictures: &[Picture], method: Method) -> f64 {
+    let (mut marked, mut chance) = (0.0, 0.0);
+    for Picture { frame, near } in pictures {
+        let found = explainer.explain(frame, Mph::ZERO, method).unwrap();
+        let near = &near[found.rows.start * 320..];
         let mut order: Vec<usize> = (0..found.values.len()).collect();
         order.sort_by(|a, b| found.values[*b].abs().total_cmp(&found.values[*a].abs()));
-        let share =
-            |pixels: &[usize]| pixels.iter().filter(|pixel| is_near(**pixel)).count() as f64 / pixels.len() as f64;
+        let share = |pixels: &[usize]| pixels.iter().filter(|pixel| near[**pixel]).count() as f64 / pixels.len() as f64;
         marked += share(&order[..(MARKED * order.len() as f64) as usize]);
         chance += share(&order);
     }
@@ -100,10 +128,12 @@ fn what_is_marked_lies_on_the_roads_edges_more_often_than_with_random_weights_an
     let mut trained = Explainer::of(&models::built_in(Instant::now).unwrap()).unwrap();
     let mut untrained = untrained(dir.path());
     for road in ["lake", "jungle", "mountain"] {
+        let pictures = pictures(road);
         for (name, method) in
             [("VisualBackProp", Method::VisualBackProp), ("integrated gradients", Method::IntegratedGradients)]
         {
-            let [learnt, control] = [&mut trained, &mut untrained].map(|explainer| on_edges(explainer, road, method));
+            let [learnt, control] =
+                [&mut trained, &mut untrained].map(|explainer| on_edges(explainer, &pictures, method));
             println!("{road}: {name} {learnt:.2} times as often as chance, {control:.2} with random weights");
             let least = match (method, road) {
                 (Method::IntegratedGradients, _) => 2.0,

@@ -1,7 +1,8 @@
 //! Driving along recordings that are located: what is measured from the lane.
 
-use std::{sync::OnceLock, time::Instant};
+use std::{fs, sync::OnceLock, time::Instant};
 
+use lapwing::locating;
 use lapwing_core::recording::CameraPosition;
 use lapwing_core::{
     config::ControlSettings,
@@ -183,6 +184,41 @@ fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
     let km = card.value(Figure::DistanceM).unwrap() / 1000.0;
     assert_eq!(card.value(Figure::InterventionsPerKm), Some(put_m.len() as f64 / km), "{card}");
     assert_eq!(card.value(Figure::SteeringRate), Some(0.0), "{card}");
+}
+
+#[test]
+fn cars_turn_as_far_for_what_they_are_steered_as_the_recorded_one_did() {
+    let weaving = Weaving::drive(25.0);
+    let folder = weaving.dir.path().join("lake");
+    let told = || locating::gearing(&folder, &weaving.located).unwrap();
+    let stock = told();
+    assert!((stock - 1.0).abs() < 0.05, "{stock}");
+    // The log of a build whose car turns a quarter further for what is written.
+    let log = folder.join("driving_log.csv");
+    let rows = fs::read_to_string(&log).unwrap();
+    let turned_further = rows.lines().map(|row| {
+        let mut fields: Vec<String> = row.split(',').map(str::to_owned).collect();
+        fields[3] = (fields[3].trim().parse::<f64>().unwrap() / 1.25).to_string();
+        fields.join(",") + "\n"
+    });
+    fs::write(&log, turned_further.collect::<String>()).unwrap();
+    let gearing = told();
+    assert!((gearing / stock - 1.25).abs() < 0.01, "{gearing} {stock}");
+    // Degrees to the right of where a car faces that is not steered.
+    let heading_deg = |gearing: f64, steering: f64| {
+        let mut world = weaving.open(None, Some(weaving.located.clone())).geared(gearing);
+        let steering = Steering::saturating(steering);
+        (0..8).fold(0.0, |_, _| {
+            let Some(Observation { sight: Sight::Telemetry(telemetry), .. }) = world.observe().unwrap() else {
+                panic!()
+            };
+            world.apply(Answer::Steer(Command { steering, throttle: Throttle::ZERO }));
+            telemetry.truth.heading_error.unwrap().get()
+        })
+    };
+    let straight = heading_deg(1.0, 0.0);
+    let [as_ours, as_recorded] = [1.0, 1.25].map(|gearing| heading_deg(gearing, 0.1) - straight);
+    assert!(as_ours > 0.5 && (as_recorded / as_ours - 1.25).abs() < 0.02, "{as_ours} {as_recorded}");
 }
 
 /// Rows of a real recording, and where in its lane the car was.

@@ -153,19 +153,36 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let (status, out, err) = run(&["--most", "1"]);
     assert_eq!(status, 0, "{err}");
     assert!(out.contains("PPO ends better: open: no runs") && err.contains("1 of 28 trainings are done"), "{out}{err}");
+    assert!(out.contains("\nThis call finished 1 training ("), "{out}");
     let cell = folder.path().join("study/cells/ppo-smarts-0-0/cell.json");
     let first = fs::read(&cell).unwrap();
     let (status, out, err) = run(&["--most", "2"]);
     assert_eq!(status, 0, "{err}");
     assert!(fs::read(&cell).unwrap() == first, "what is done is kept");
     assert!(out.contains("PPO takes 3 to 3.5 times MADDPG's time: "), "{out}");
+    assert!(out.contains("\nThis call finished 1 training ("), "what was done before does not count: {out}");
     assert_eq!(out.lines().filter(|line| line.starts_with("ppo ") || line.starts_with("maddpg ")).count(), 2, "{out}");
     let rows = fs::read_to_string(folder.path().join("study/study.csv")).unwrap();
     assert!(rows.lines().count() == 3 && rows.lines().nth(2).unwrap().starts_with("maddpg,smarts,0,1,"), "{rows}");
     let page = fs::read_to_string(folder.path().join("study/study.html")).unwrap();
     assert!(page.contains("<svg") && page.contains("SMARTS PPO"), "{page}");
-    let (status, _, err) = run(&["--most", "4", "--jobs", "2"]);
+    assert!(page.contains("The call that wrote this page finished 1 training ("), "{page}");
+    let (status, out, err) = run(&["--most", "4", "--jobs", "2", "--json"]);
     assert!(status == 0 && err.contains("2 of 2: ") && err.contains("4 of 28 trainings are done"), "{err}");
-    let left = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CURVES"].map(|part| page.contains(&format!("/*{part}*/")));
-    assert_eq!(left, [false; 5], "{page}");
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let steps_of = |cell: &str| {
+        let text = fs::read_to_string(folder.path().join("study/cells").join(cell).join("cell.json")).unwrap();
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["agent_steps"].as_u64().unwrap()
+    };
+    let both = steps_of("proportional-smarts-0-0") + steps_of("rank-smarts-0-0");
+    let call = &report["this_call"];
+    let counted = ["trainings", "agent_steps", "jobs"].map(|key| call[key].as_u64());
+    assert_eq!(counted, [Some(2), Some(both), Some(2)], "{call}");
+    assert_eq!(report["rows"].as_array().map(Vec::len), Some(4), "{report}");
+    let steps = call["agent_steps_per_s"].as_f64().unwrap() * call["seconds"].as_f64().unwrap();
+    assert!((steps - both as f64).abs() < 1.0, "{call}");
+    let (status, out, err) = run(&["--most", "4"]);
+    assert!(status == 0 && out.contains("\nThis call finished no training in "), "{out}{err}");
+    let parts = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CALL", "CURVES"];
+    assert_eq!(parts.map(|part| page.contains(&format!("/*{part}*/"))), [false; 6], "{page}");
 }

@@ -1,6 +1,6 @@
 //! Worlds made from recordings: a car that drives by itself, and sees what was recorded where it is.
 
-use std::{sync::Arc, time::Instant};
+use std::{fs, path::Path, sync::Arc, time::Instant};
 
 use lapwing_core::{
     config::ControlSettings,
@@ -19,6 +19,7 @@ use lapwing_score::{
 use lapwing_sim::{
     along::{Beside, Glimpse, PILOTNET_ROWS, Views, Warp, read_stock},
     camera::{Camera, Renderer, Scenery},
+    locate::table,
     world::{Setup, Simulation},
 };
 
@@ -180,6 +181,59 @@ fn the_real_lake_is_driven_clockwise_where_it_was_recorded_clockwise() {
     let result: serde_json::Value = serde_json::from_str(&out).unwrap();
     println!("{result:#}");
     assert!(result["seen"]["recorded"].as_u64().unwrap() > 200, "{result}");
+}
+
+/// Joins a drive in the jungle, some pictures of which have no side cameras, to one on the lake; returns the table of
+/// their places.
+fn joined(dir: &Path) -> String {
+    let (mut log, mut places) = (String::new(), vec![]);
+    for (track, longest_s) in [("lake", "3"), ("jungle", "2")] {
+        program::lapwing_in(dir, "", &["record", "--track", track, "--out", track, "--max-time", longest_s]);
+        for (i, row) in fs::read_to_string(dir.join(track).join("driving_log.csv")).unwrap().lines().enumerate() {
+            let mut fields: Vec<&str> = row.split(',').collect();
+            if track == "jungle" && i < 10 {
+                fields[1..3].fill("");
+            }
+            log += &(fields.join(",") + "\n");
+        }
+        let table = fs::read_to_string(dir.join(track).join("lane.csv")).unwrap();
+        places.extend(table.lines().skip(1).map(|line| line.splitn(3, ',').nth(2).unwrap().to_owned()));
+    }
+    let folder = dir.join("joined");
+    fs::create_dir(&folder).unwrap();
+    fs::write(folder.join("driving_log.csv"), log).unwrap();
+    let moments = Recording::open(&folder).unwrap().seen().zip(places);
+    moments.fold(table::heading(), |text, (moment, place)| {
+        let moment = moment.unwrap();
+        text + &format!("{},{:.3},{place}\n", moment.row, moment.at.as_secs_f64())
+    })
+}
+
+#[test]
+fn of_two_roads_in_one_log_each_drive_has_its_own_and_missing_side_cameras_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = joined(dir.path());
+    fs::write(dir.path().join("lane.csv"), table).unwrap();
+    let run = |arguments: &[&str]| program::lapwing_in(dir.path(), "", arguments);
+    let drive = ["drive", "--world", "joined", "--lane", "lane.csv", "--max-time", "2", "--no-recording"];
+    let (code, out, err) = run(&[&drive[..], &["--track", "jungle"]].concat());
+    assert_eq!(code, 0, "{out}{err}");
+    let left_out = "--world: joined: leaving out 45 of 75 located pictures, taken on lake: the road is jungle\n";
+    assert!(err.contains(left_out), "{err}");
+    let no_sides = "--world: joined: no side cameras in 10 of 30 pictures, so more is filled in";
+    assert!(err.contains(no_sides), "{err}");
+    let (code, out, err) = run(&drive);
+    assert_eq!(code, 0, "{out}{err}");
+    assert!(err.contains("leaving out 30 of 75 located pictures, taken on jungle: the road is lake\n"), "{err}");
+    assert!(!err.contains("no side cameras"), "those of the lake have all: {err}");
+    let along = ["replay", "joined", "--closed-loop", "--lane", "lane.csv", "--json"];
+    let (code, out, err) = run(&[&along[..], &["--rows", "45..75"]].concat());
+    assert_eq!(code, 0, "{err}");
+    let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&result["from_lane_share"], err.contains("another road")), (&1.0.into(), false), "{result}{err}");
+    let (code, _, err) = run(&along);
+    assert_eq!(code, 0, "{err}");
+    assert!(err.contains("30 located pictures taken on another road than lake"), "{err}");
 }
 
 /// How far the luminances of two pictures are apart above the horizon, in grey levels.

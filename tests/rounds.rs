@@ -1,8 +1,9 @@
 //! Training in closed loop, with the whole program.
 
-use std::{fs, path::Path, process::Command};
+use std::{fs, path::Path, process::Command, sync::LazyLock};
 
 use lapwing_core::hash::sha256;
+use tempfile::{TempDir, tempdir};
 
 /// A small network that learns from the expert's drive in the middle of the mountain road, as one camera saw it, drives
 /// there and along that recording, and learns again.
@@ -46,12 +47,19 @@ fn lapwing(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), text)
 }
 
-/// A folder with a data set and the recipe.
-fn prepared() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
+/// The data set, made once.
+static DATA: LazyLock<TempDir> = LazyLock::new(|| {
+    let dir = tempdir().unwrap();
     // Cut off before a lap: 1, with the rows written.
     let (code, text) = lapwing(dir.path(), &["record", "--track", "mountain", "--max-time", "20", "--out", "road"]);
     assert_eq!(code, Some(1), "{text}");
+    dir
+});
+
+/// A folder with the data set and the recipe.
+fn prepared() -> TempDir {
+    let dir = tempdir().unwrap();
+    std::os::unix::fs::symlink(DATA.path().join("road"), dir.path().join("road")).unwrap();
     fs::write(dir.path().join("recipe.toml"), RECIPE).unwrap();
     dir
 }

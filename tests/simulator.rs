@@ -12,6 +12,7 @@ use lapwing_core::{
     config::{ControlSettings, OnCrash, Takeover},
     drive::{DriveDigest, Eventful},
     driver::Driver,
+    perception::Frame,
     pilot::{ConstantPilot, Pilot, PilotError, Prediction, PurePursuit, View},
     protocol::{Answer, Command, Sight, World},
     recording::{EventRecord, Recorder, RecorderOptions, Recording, RecordingReport, RunHeader, RunKind, RunReader},
@@ -23,8 +24,9 @@ use lapwing_sim::{
     camera::Scenery,
     conditions::Conditions,
     scenario::Scenario,
-    track::Track,
-    world::{Ending, Human, Setup, Simulation},
+    track::{Place, Track},
+    vehicle::Car,
+    world::{Ending, Eyes, Human, Setup, Simulation},
 };
 
 /// The lake and what stands along it, built once for all tests.
@@ -49,8 +51,23 @@ fn driver(pilot: impl Pilot + 'static, mph: f64) -> Driver {
     Driver::new(Box::new(pilot), &control, Instant::now)
 }
 
+/// Eyes that see next to nothing: where nobody looks, nothing need be drawn.
+#[derive(Debug)]
+struct Blind;
+
+impl Eyes for Blind {
+    fn see(&mut self, _: &Car, _: &Place, frame: &mut Frame) -> bool {
+        frame.resize(16, 16);
+        true
+    }
+}
+
+/// A drive by a pilot that does not look.
 fn driven(setup: Setup, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, Judged) {
-    let mut world = Simulation::new(setup).unwrap();
+    played(Simulation::new(setup).unwrap().seen_by(Blind), pilot, mph)
+}
+
+fn played(mut world: Simulation, pilot: impl Pilot + 'static, mph: f64) -> (Simulation, Judged) {
     let drive = judged::run(&mut world, &mut driver(pilot, mph), &mut []).unwrap();
     (world, drive)
 }
@@ -100,7 +117,10 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_other_noise() {
         conditions: Conditions { noise: 6.0, rain: 0.5, dropped: 0.2, latency_ms: 70.0, ..Conditions::default() },
         ..setup(lake())
     };
-    let fingerprint = |seed| driven(noisy(seed), PurePursuit::default(), 20.0).1.driven.fingerprint;
+    let fingerprint = |seed| {
+        let world = Simulation::new(noisy(seed)).unwrap();
+        played(world, PurePursuit::default(), 20.0).1.driven.fingerprint
+    };
     let first = fingerprint(1);
     assert_eq!(first, fingerprint(1));
     assert_ne!(first, fingerprint(2));
@@ -170,7 +190,7 @@ fn a_network_allows_for_commands_that_take_effect_late() {
 fn a_human_takes_the_wheel_when_the_script_says() {
     let human = Human { from_s: 4.0, for_s: 3.0, speed: Mph::constant(15.0) };
     let setup = Setup { human: Some(human), longest_s: Some(10.0), ..setup(lake()) };
-    let mut world = Simulation::new(setup).unwrap();
+    let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
     let mut driver = driver(PurePursuit::default(), 10.0);
     let mut by_human = vec![];
     while let Some(seen) = world.observe().unwrap() {
@@ -196,7 +216,8 @@ fn a_stock_world_tells_a_pilot_nothing_but_what_the_stock_build_tells() {
 #[test]
 fn an_unbraked_car_hits_the_standing_one_at_the_speed_it_had() {
     let scenario = Scenario::named("ccrs").unwrap();
-    let mut world = Simulation::new(Setup { scenario: Some(scenario), laps: None, ..setup(lake()) }).unwrap();
+    let setup = Setup { scenario: Some(scenario), laps: None, ..setup(lake()) };
+    let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
     let began_mph = world.car().speed / lapwing_core::units::MPS_PER_MPH;
     let mut driver = driver(PurePursuit::default(), began_mph);
     let mut hit = None;

@@ -51,7 +51,7 @@ use self::{
 /// Ranks pilots along a recording and on the road.
 #[derive(Parser)]
 struct Arguments {
-    /// The roads: lake, jungle, mountain, random:SEED, or track files.
+    /// The roads: lake, jungle, mountain, random:SEED, random-lanes:SEED, or track files.
     #[arg(long, num_args = 1.., default_value = "lake")]
     track: Vec<String>,
     /// How fast, in mph.

@@ -216,7 +216,7 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
     pub closed_loop: bool,
-    /// Another road that the recording may have been driven on: random:SEED, or a track file (.toml)
+    /// Another road that the recording may have been driven on: random:SEED, random-lanes:SEED, or a track file (.toml)
     #[cfg(feature = "simulator")]
     #[arg(long = "track", value_name = "NAME", requires = "closed_loop", conflicts_with = "from_path")]
     pub tracks: Vec<String>,

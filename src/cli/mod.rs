@@ -128,7 +128,7 @@ pub enum Verb {
 /// Which world; shared by all verbs that simulate one.
 #[derive(Debug, Clone, Args)]
 pub struct WorldFlags {
-    /// lake, jungle, mountain, random:SEED, or a track file (.toml) [default: lake]
+    /// lake, jungle, mountain, random:SEED, random-lanes:SEED, or a track file (.toml) [default: lake]
     #[arg(long, value_name = "NAME")]
     pub track: Option<String>,
     /// Random seed

@@ -69,7 +69,13 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         open(None)?;
         located(arguments)?
     };
-    let mut world = open(located)?.by(protocol);
+    let gearing = located.as_ref().map_or(Ok(1.0), |drive| locating::gearing(&arguments.source, drive))?;
+    let mut world = open(located)?.by(protocol).geared(gearing);
+    if arguments.limit == Some(Limit::Road) && !world.knows_the_lane_somewhere() {
+        let why = "expected a number of metres, as the road is not known of any row (lapwing locate says more), \
+                   got road: give metres, such as 1, or name the road with --track FILE.toml";
+        return Err(ConfigError::Value { layer: "--limit".into(), why: why.into() }.into());
+    }
     let limit = world.limit();
     let (rows, read, stood) = world.rows();
     let config = json!({
@@ -80,6 +86,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             "limit_m": limit.metres(),
             "protocol": protocol.key(),
             "by_steering": arguments.by_steering,
+            "gearing": gearing,
             "rows": arguments.rows.as_ref().map(|rows| [rows.start, rows.end]),
         },
     });
@@ -120,6 +127,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             turned_by_lane: lane,
             turned_by_pictures: pictures,
             turned_by_steering: steering,
+            gearing,
             of_another_lap,
             apart_m,
             filled_mean,
@@ -158,6 +166,11 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let turning =
             format!("from the lane {}, from pictures {pictures}, from steering {steering}", count(lane, "time"));
         text += &line("recorded turning", turning);
+        if (gearing - 1.0_f64).abs() >= 0.005 {
+            let turned =
+                format!("both cars turn {gearing:.2} times as far as they are steered, as the recorded one did");
+            text += &line("gearing", turned);
+        }
         let another = 100.0 * f64::from(of_another_lap) / f64::from(recorded.max(1));
         let taken = format!("{apart_m:.2} m away on average; {of_another_lap} ({another:.1} %) in another lap");
         text += &line("pictures taken", taken);
@@ -185,19 +198,33 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     Ok(ended)
 }
 
-/// Where the recording was driven, if it was on a known road.
+/// Where the recording was driven, if it was on a known road: of several, on the one that most of the rows show.
 fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let roads = Roads::with(&arguments.tracks);
-    if let Some(table) = &arguments.lane {
-        return Ok(Some(locating::from_table(&arguments.source, table, &roads)?));
+    let drives = match &arguments.lane {
+        Some(table) => locating::table_of(&arguments.source, table, &roads)?.drives(),
+        None => match super::locate::located(&arguments.source, CameraPosition::Center, &roads) {
+            Ok(found) => found.drives(),
+            // The world says the same, in the words of a drive along a recording.
+            Err(LocateError::NoPictures { .. } | LocateError::Recording(_)) => vec![],
+            Err(error) => return Err(error.into()),
+        },
+    };
+    let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
+    let known = |drive: &LocatedDrive| {
+        let places = drive.places.iter().enumerate();
+        places.filter(|(row, place)| place.is_some() && rows.contains(row)).count()
+    };
+    let all: usize = drives.iter().map(known).sum();
+    // Of several that are equal, the last one is the greatest.
+    let Some(most) = drives.into_iter().rev().max_by_key(known) else { return Ok(None) };
+    if known(&most) < all {
+        let elsewhere = count(all - known(&most), "located picture");
+        let road = &most.track.file().name;
+        say!("{elsewhere} taken on another road than {road}: there, offsets are from the recorded path; see --rows");
     }
-    match super::locate::located(&arguments.source, CameraPosition::Center, &roads) {
-        Ok(found) => Ok(found.drive()),
-        // The world says the same, in the words of a drive along a recording.
-        Err(LocateError::NoPictures { .. } | LocateError::Recording(_)) => Ok(None),
-        Err(error) => Err(error.into()),
-    }
+    Ok(Some(most))
 }
 
 /// The flag that an error is about, if it is about one.

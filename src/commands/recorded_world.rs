@@ -56,9 +56,9 @@ impl Recorded {
                 let table = table_of(path, table, &roads)?;
                 if table.elsewhere > 0 {
                     let (path, left_out) = (path.display(), count(table.elsewhere, "located picture"));
-                    say!("--world: {path}: leaving out {left_out}, not taken on {}", table.track.file().name);
+                    say!("--world: {path}: leaving out {left_out}, taken on an unknown road: see --track FILE.toml");
                 }
-                drives.push((path.clone(), table.drive(0..usize::MAX)));
+                drives.extend(table.drives().into_iter().map(|drive| (path.clone(), drive)));
                 continue;
             }
             let located = super::locate::located(path, CameraPosition::Center, &roads)?.drives();
@@ -93,6 +93,11 @@ impl Recorded {
         }
         drives.retain(|(_, drive)| drive.track.file().name == *name && both_ways(drive)[usize::from(reversed)] > 0);
         let views = Views::open(&road, reversed, &drives)?;
+        for (i, (path, _)) in drives.iter().enumerate() {
+            if let Some(no_sides) = no_sides(views.without_side_cameras(i)) {
+                say!("--world: {}: {no_sides}", path.display());
+            }
+        }
         setup.track = views.track().clone();
         setup.scenery = Arc::new(Scenery::new(&setup.track));
         let sources = drives.iter().map(|(path, _)| path.display().to_string()).collect();
@@ -169,6 +174,12 @@ fn left_out(drives: &[(PathBuf, LocatedDrive)], road: &str, reversed: bool) -> V
     told
 }
 
+/// What is said of a recording if moments lack side cameras: so many, of all.
+fn no_sides((without, all): (usize, usize)) -> Option<String> {
+    let some = if without < all { format!(" in {without} of {}", count(all, "picture")) } else { String::new() };
+    (without > 0).then(|| format!("no side cameras{some}, so more is filled in the further the car is off"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -204,6 +215,14 @@ mod tests {
         let one =
             "first: leaving out 700 of 710 located pictures, taken on lake: the road is lake, the other way round";
         assert_eq!(told, [one]);
+    }
+
+    #[test]
+    fn missing_side_cameras_are_told_with_how_many() {
+        let told = |without| no_sides((without, 9)).unwrap_or_default();
+        assert_eq!(told(0), "");
+        assert_eq!(told(2), "no side cameras in 2 of 9 pictures, so more is filled in the further the car is off");
+        assert_eq!(told(9), "no side cameras, so more is filled in the further the car is off");
     }
 
     #[test]

@@ -1,9 +1,12 @@
 //! What a recording tells of its car: whether it went as far as its speed says, and turned as much as its steering says.
 
+use std::path::Path;
+
 use serde::Serialize;
 
-use super::{On, Row};
-use lapwing_core::motion::around;
+use super::{Row, rows::by_steering};
+use lapwing_core::{motion::around, recording::RecordingError};
+use lapwing_sim::locate::LocatedDrive;
 
 /// Rows that are compared in one go: what is wrong in single ones is evened out.
 const TOGETHER: usize = 10;
@@ -14,6 +17,11 @@ const LEAST_M: f64 = 2.0;
 /// How late a car may obey its steering, in seconds, and how finely that is told.
 const LATEST_S: f64 = 0.3;
 const STEP_S: f64 = 0.02;
+/// A car whose turning its steering explains this well, as a correlation, is geared as it tells: the real builds' have 0.983
+/// and more.
+const EXPLAINED: f64 = 0.95;
+/// No build is known to be geared outside of this.
+const GEARED: std::ops::RangeInclusive<f64> = 0.7..=1.4;
 
 /// The car of a recording, by where it was found in its pictures, held against its speed and its steering.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -37,8 +45,7 @@ struct Span {
 
 impl Car {
     /// By the rows of a drive and where they were found.
-    pub(super) fn of(on: &On, rows: &[Row]) -> Option<Self> {
-        let drive = &on.drive;
+    pub(super) fn of(drive: &LocatedDrive, rows: &[Row]) -> Option<Self> {
         let steered: Vec<(f64, f64)> = rows
             .iter()
             .scan(0.0, |sum, row| {
@@ -79,6 +86,18 @@ impl Car {
         let (r, late_s, turning) = told.filter(|(r, ..)| r.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))?;
         Some(Self { way: found_m / told_m, turning, late_s, r })
     }
+}
+
+/// How far the car of a recording turns for each radian that the front wheels' angle tells: 1 if it does as the simulator's,
+/// and if too little of its turning is explained to tell.
+///
+/// # Errors
+/// What cannot be read of the run or the driving log.
+pub fn gearing(path: &Path, drive: &LocatedDrive) -> Result<f64, RecordingError> {
+    let rows = by_steering(path)?;
+    let told = (rows.len() == drive.places.len()).then(|| Car::of(drive, &rows)).flatten();
+    let car = told.filter(|car| car.r >= EXPLAINED && GEARED.contains(&car.turning));
+    Ok(car.map_or(1.0, |car| car.turning))
 }
 
 /// What was turned until then.

@@ -97,14 +97,7 @@ pub(super) struct Rows {
 
 impl Rows {
     pub(super) fn read(path: &Path) -> Result<Self, RecordingError> {
-        let released_at_once = released_at_once(Recording::open(path)?)?;
-        let mut reader = Reader {
-            recording: Recording::open(path)?,
-            moments: 0,
-            before: None,
-            carried: Carried::default(),
-            released_at_once,
-        };
+        let mut reader = Reader::open(path)?;
         let mut last: Option<Picture> = None;
         let blocks = std::iter::from_fn(|| {
             let block: Result<Vec<_>, _> = reader.by_ref().take(BLOCK).collect();
@@ -127,8 +120,14 @@ impl Rows {
             looks.extend(look.map(|look| (rows.len(), look)));
             rows.push(row);
         }
-        Ok(Self { rows, looks, moments: reader.moments, released_at_once })
+        let Reader { moments, released_at_once, .. } = reader;
+        Ok(Self { rows, looks, moments, released_at_once })
     }
+}
+
+/// The moments with a picture, of which none is looked at: the car turned as it was steered.
+pub(super) fn by_steering(path: &Path) -> Result<Vec<Row>, RecordingError> {
+    Reader::open(path)?.map(|seen| Ok(seen?.0)).collect()
 }
 
 /// Rows whose turning comes from their pictures, where they show it, and what those look like that begin something.
@@ -171,6 +170,14 @@ struct Reader {
     before: Option<Moment>,
     carried: Carried,
     released_at_once: bool,
+}
+
+impl Reader {
+    fn open(path: &Path) -> Result<Self, RecordingError> {
+        let released_at_once = released_at_once(Recording::open(path)?)?;
+        let recording = Recording::open(path)?;
+        Ok(Self { recording, moments: 0, before: None, carried: Carried::default(), released_at_once })
+    }
 }
 
 impl Iterator for Reader {

@@ -199,7 +199,7 @@ fn placed(on: &On, rows: &[Row]) -> Placed {
             .collect(),
         against_truth: against_truth(on, rows),
         sides: None,
-        car: Car::of(on, rows),
+        car: Car::of(&on.drive, rows),
     }
 }
 

@@ -1,6 +1,6 @@
 use std::{collections::BTreeSet, fs};
 
-use lapwing_sim::track::{Edge, Side, Stretch};
+use lapwing_sim::track::{Edge, RandomTrack, Side, Stretch};
 
 use super::*;
 
@@ -156,6 +156,43 @@ fn a_png_has_road_where_the_road_is() {
     assert!(share(CRASH) > 1e-5 && share(INK) > 1e-4, "the mark and the letters");
     let colours: BTreeSet<_> = picture.pixels().map(|p| p.0).collect();
     assert!(colours.len() > 100, "edges are smooth");
+}
+
+/// Where a road crosses itself, if it does.
+fn crossing(track: &Track) -> Option<DVec3> {
+    let stations = track.stations();
+    let along = |a: f64, b: f64| (a - b).abs().min(track.length() - (a - b).abs());
+    let crosses = |(s, place): (f64, DVec3)| {
+        let near = |at: DVec3| (at - place).with_y(0.0).length() < 1.5;
+        stations.iter().any(|other| along(s, other.s) > 50.0 && near(other.position))
+    };
+    stations.iter().map(|station| (station.s, station.position)).find(|at| crosses(*at)).map(|(_, place)| place)
+}
+
+#[test]
+fn a_road_has_no_hole_where_it_crosses_itself() {
+    let roads = (0..60).filter_map(|seed| {
+        let random = RandomTrack { seed, crossings: true, ..RandomTrack::default() };
+        let track = Track::new(random.build().unwrap()).unwrap();
+        let place = crossing(&track)?;
+        Some((seed, track, place))
+    });
+    let crossed: Vec<_> = roads.take(3).collect();
+    assert_eq!(crossed.len(), 3);
+    for (seed, track, place) in crossed {
+        // A mark tells where on the sheet that is.
+        let marks = [Mark { position: place, kind: MarkKind::OffRoad }];
+        let marked = sheet(&track, &[], &marks, 1200.0);
+        let mark = marked.shapes.iter().find_map(|shape| match shape {
+            Shape::Area { points, colour: OFF_ROAD } => Some((points[0].0 as usize, points[1].1 as usize)),
+            _ => None,
+        });
+        let (x, y) = mark.unwrap();
+        let picture = sheet(&track, &[], &[], 1200.0).frame().unwrap();
+        let is_paper = |x: usize, y: usize| picture.rgb()[3 * (y * picture.width() + x)..][..3] == PAPER;
+        let mut near = (x - 4..=x + 4).flat_map(|x| (y - 4..=y + 4).map(move |y| (x, y)));
+        assert!(!near.any(|(x, y)| is_paper(x, y)), "{seed}: paper where the road crosses itself, at {x}, {y}");
+    }
 }
 
 #[test]

@@ -5,8 +5,10 @@ Everything made on the way lies under `target/interop/`: `venv-*` and `node`
 are made once and reused, `runs` is emptied at the start of each `run.py`.
 """
 import base64
+import collections
 import functools
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -14,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -68,9 +71,7 @@ class Bridge:
     stopped with SIGINT at the end; `summaries` and `log` are whole then."""
 
     def __init__(self, *arguments, port=0):
-        RUNS.mkdir(parents=True, exist_ok=True)
-        self.dir = RUNS / f"{len(list(RUNS.iterdir())):02}"
-        self.dir.mkdir()
+        self.dir = numbered(RUNS)
         runs = () if "--no-recording" in arguments else ("--recordings", self.dir / "mcap")
         self.command = [LAPWING, "serve", "--port", str(port), "--json", *runs, *arguments]
         self.ended = False
@@ -136,6 +137,18 @@ class Bridge:
         return self.summaries[0]
 
 
+def numbered(folder):
+    """A new folder in this one, by the lowest number that no other has."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count():
+        new = folder / f"{number:02}"
+        try:
+            new.mkdir()
+            return new
+        except FileExistsError:
+            pass
+
+
 def resident_mb(pid):
     """Memory that a process holds, as Linux tells it."""
     status = Path(f"/proc/{pid}/status").read_text()
@@ -188,6 +201,18 @@ def sent_frames(count):
 
 # -- stock packages ----------------------------------------------------------
 
+def one_at_a_time(make):
+    """`make`, whose second caller with the same arguments waits until the first has what it asked for."""
+    locks = collections.defaultdict(threading.Lock)
+
+    @functools.wraps(make)
+    def waiting(*arguments):
+        with locks[arguments]:
+            return make(*arguments)
+    return waiting
+
+
+@one_at_a_time
 def python(name):
     """The interpreter of a virtual environment with `requirements-NAME.txt`, made where it is not there yet."""
     requirements = HERE / f"requirements-{name}.txt"
@@ -200,6 +225,7 @@ def python(name):
     return venv / "bin" / "python"
 
 
+@one_at_a_time
 def node():
     """The command and the folder of Node with package.json's packages; without Node, the check is skipped or fails."""
     if not shutil.which("node") or not shutil.which("npm"):
@@ -238,6 +264,7 @@ def read_run(path, *arguments):
     return run_json([python("mcap"), HERE / "read_run.py", path, *arguments])
 
 
+@one_at_a_time
 @functools.lru_cache(maxsize=None)
 def jpeg_file():
     """A camera frame: a real one where the shared folder is, else the first of the shipped run."""

@@ -186,8 +186,32 @@ async function main() {
 
   if (!isFirefox) await byTouch(browser)
 
-  // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
+  // An eight, 10 m wide: its map is road all over the crossing, and what it goes around is none. Two places of the run are
+  // so far apart that no line is drawn between them; the car tells where on the map they are.
   const page = await open(report, 700, 'light')
+  const eight = await page.evaluate(() => {
+    const edge = (out) => Array.from({ length: 360 }, (_, degrees) => {
+      const a = (degrees * Math.PI) / 180, [dx, dz] = [Math.cos(a), Math.cos(2 * a)], length = Math.hypot(dx, dz)
+      return [100 * Math.sin(a) + (out * dz) / length, 50 * Math.sin(2 * a) - (out * dx) / length]
+    })
+    const places = [[0, 0], [60, 0], [100 * Math.SQRT1_2, 50]], t = [0, 10, 20]
+    const drawn = { at: places, t, speed: [9, 9, 9], cte: [null, null, null], events: [] }
+    const { part, follow } = map([{ drawn, outline: { left: edge(-5), right: edge(5), start: 90 } }], () => {})
+    document.querySelector('main').append(part)
+    redraws.at(-1)()
+    const [canvas, car] = [part.querySelector('canvas'), part.querySelector('.car')]
+    const [crossing, inside, elsewhere] = t.map((at) => { follow(() => at); return [parseFloat(car.style.left), parseFloat(car.style.top)] })
+    const pen = canvas.getContext('2d'), scale = (inside[0] - crossing[0]) / 60
+    const colour = ([x, y]) => [...pen.getImageData(x * devicePixelRatio, y * devicePixelRatio, 1, 1).data].join()
+    const near = [-4, -2, 0, 2, 4].flatMap((x) => [-4, -2, 0, 2, 4].map((z) => [x, z])).filter(([x, z]) => Math.hypot(x, z) <= 4)
+    const crossed = new Set(near.map(([x, z]) => colour([crossing[0] + scale * x, crossing[1] - scale * z])))
+    part.remove()
+    return { road: colour(elsewhere), crossed: [...crossed], inside: colour(inside) }
+  })
+  equal('colours where a road crosses itself', eight.crossed, [eight.road])
+  holds(`what a road goes around is no road: ${JSON.stringify(eight)}`, eight.inside !== eight.road)
+
+  // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
   result.film = await page.evaluate(async (source) => {
     const video = document.createElement('video')
     video.muted = true

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Real clients against the real bridge: `target/release/lapwing`, built before.
 
-    tests/interop/run.py [--quick] [--only NAME …] [--browser NAME] [--list]
+    tests/interop/run.py [--quick] [--only NAME …] [--jobs N] [--browser NAME] [--list]
 
 Each check prints one line with what it measured. The last line is
 `N passed, N failed[, N skipped]`; the exit status is 1 if a check failed.
+Checks that hold to no time and look at no page come first, two of them at a
+time, or as many as `--jobs` says; each of the others has the machine to itself.
 
 Python 3.9 or newer and its standard library. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
@@ -14,6 +16,7 @@ JavaScript clients and of the pages without Node.js, those of the pages
 without the browser; with LAPWING_REQUIRE_SHARED=1 they fail instead.
 """
 import argparse
+import concurrent.futures
 import shutil
 import sys
 import time
@@ -65,6 +68,10 @@ CHECKS = [
     ("socket.io-client", checks_clients.js_socketio, False, "socket.io-client 4 and 2"),
 ]
 
+# What installs, computes or waits, wherever it is done and however long it takes, in the order in which it is begun: what
+# computes beside what waits.
+BESIDE = ("keras", "python-socketio", "torch", "socket.io-client", "rerun", "schemas", "perception", "drive.py", "simulate")
+
 
 def outcome(check, needs_shared, quick):
     """Makes a check; returns the word for its outcome and the figures."""
@@ -82,10 +89,30 @@ def outcome(check, needs_shared, quick):
         return "FAILED", f"{type(why).__name__}: {why}"
 
 
+def make(name, check, needs_shared, quick):
+    """Makes a check; returns its name, the word for its outcome, the figures on one line, and the seconds it took."""
+    began = time.monotonic()
+    word, figures = outcome(check, needs_shared, quick)
+    return name, word, " ".join(figures.split()), time.monotonic() - began
+
+
+def made(beside, alone, jobs):
+    """What becomes of each check as it ends: of those that may be made beside one another, then of the others."""
+    pool = concurrent.futures.ThreadPoolExecutor(jobs)
+    try:
+        for done in concurrent.futures.as_completed([pool.submit(make, *check) for check in beside]):
+            yield done.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+    for check in alone:
+        yield make(*check)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", metavar="NAME", choices=[c[0] for c in CHECKS], help="this check, repeatable")
     parser.add_argument("--quick", action="store_true", help="shorten the checks that take time")
+    parser.add_argument("--jobs", type=int, choices=range(1, 9), default=2, metavar="N", help="so many checks at a time, of those that hold to no time")
     parser.add_argument("--browser", choices=list(checks_live.NAMES), default="chromium", help="in which the pages are looked at")
     parser.add_argument("--list", action="store_true", help="say what there is")
     arguments = parser.parse_args()
@@ -99,14 +126,12 @@ def main():
     shutil.rmtree(RUNS, ignore_errors=True)
     RUNS.mkdir(parents=True)
     counts = dict(ok=0, FAILED=0, skipped=0)
-    for name, check, needs_shared, _ in CHECKS:
-        if arguments.only and name not in arguments.only:
-            continue
-        began = time.monotonic()
-        word, figures = outcome(check, needs_shared, arguments.quick)
-        figures = " ".join(figures.split())
+    chosen = {name: (name, check, needs_shared, arguments.quick) for name, check, needs_shared, _ in CHECKS
+              if not arguments.only or name in arguments.only}
+    beside = [chosen.pop(name) for name in BESIDE if name in chosen] if arguments.jobs > 1 else []
+    for name, word, figures, took_s in made(beside, list(chosen.values()), arguments.jobs):
         counts[word] += 1
-        print(f"{name:17} {word:7} {figures}  [{time.monotonic() - began:.1f} s]", flush=True)
+        print(f"{name:17} {word:7} {figures}  [{took_s:.1f} s]", flush=True)
     skipped = f", {counts['skipped']} skipped" if counts["skipped"] else ""
     print(f"{counts['ok']} passed, {counts['FAILED']} failed{skipped}")
     return 1 if counts["FAILED"] else 0

@@ -223,6 +223,14 @@ mod tests {
     }
 
     #[test]
+    fn a_lap_of_each_of_six_random_roads_with_lanes_and_crests_stays_on_the_road() {
+        for seed in 0..6 {
+            let track = Track::open(&format!("random-lanes:{seed}")).unwrap();
+            drives_well(&track, 1, |drive| drive.mean < 0.15 && drive.worst < 0.6);
+        }
+    }
+
+    #[test]
     fn a_road_that_crosses_itself_is_driven_over_and_under_its_bridge() {
         let file = RandomTrack { seed: 7, crossings: true, ..RandomTrack::default() }.build().unwrap();
         drives_well(&Track::new(file).unwrap(), 3, |drive| drive.mean < 0.15 && drive.worst < 0.6);

@@ -4,6 +4,8 @@ mod drivers;
 #[cfg(feature = "networks")]
 mod study;
 #[cfg(feature = "networks")]
+mod this_call;
+#[cfg(feature = "networks")]
 mod train;
 mod watch;
 

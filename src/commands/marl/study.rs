@@ -4,7 +4,7 @@ use std::{
     fs,
     io::{self, IsTerminal},
     process::{Command, Stdio},
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use anyhow::{Context, bail};
@@ -13,8 +13,9 @@ use rayon::{
     ThreadPoolBuilder,
     iter::{ParallelBridge, ParallelIterator},
 };
+use serde::Serialize;
 
-use super::{Ended, print};
+use super::{Ended, print, this_call::ThisCall};
 use crate::{
     cli::{MarlStudy, TaskKind},
     commands::{Interrupted, interrupted, outputs},
@@ -42,6 +43,14 @@ const CHART: (u32, u32) = (960, 420);
 const PUBLISHED: [(&str, [[f64; 2]; 2]); 2] =
     [("SMARTS MADDPG", [[0.0, 1.0], [0.3, 0.7]]), ("SMARTS PPO", [[0.1, 0.07], [0.5, 0.45]])];
 
+/// What `study.json` holds.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    findings: &'a Findings,
+    this_call: ThisCall,
+}
+
 pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     outputs::check_folder(&arguments.out)?;
     let study = StudySettings {
@@ -64,6 +73,8 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         let result = cell.run(&study, &arguments.out, wall, |_| if stop.is_pressed() { Go::Stop } else { Go::On })?;
         return Ok(if result.is_some() { Ended::Passed } else { Ended::Failed });
     }
+    let (began, mut finished_now) = (Instant::now(), Vec::<u64>::new());
+    let done_before: Vec<bool> = cells.iter().map(|cell| cell.is_done(&arguments.out)).collect();
     if arguments.jobs > 1 {
         train_side_by_side(arguments, &cells, &stop)?;
     }
@@ -84,17 +95,19 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         if bar.is_hidden() {
             say!("{message}");
         }
+        finished_now.extend(result.iter().filter(|_| !done_before[i]).map(|result| result.agent_steps));
         done.extend(result);
     }
     bar.finish_and_clear();
+    let this_call = ThisCall::of(&finished_now, arguments.jobs, began.elapsed(), stop.is_pressed());
     let findings = Findings::of(&done);
-    let json = serde_json::to_string_pretty(&findings)?;
-    let told = told(&findings);
+    let json = serde_json::to_string_pretty(&Report { findings: &findings, this_call })?;
+    let told = told(&findings, &this_call);
     outputs::write(&arguments.out.join("study.json"), &json)?;
     outputs::write(&arguments.out.join("study.csv"), &csv(&findings.rows))?;
     let curves = stack(&charts(&done), CHART.0, CHART.1);
     curves.write(arguments.out.join("curves.svg"))?;
-    outputs::write(&arguments.out.join("study.html"), &page(&findings, &curves.svg()?))?;
+    outputs::write(&arguments.out.join("study.html"), &page(&findings, &this_call, &curves.svg()?))?;
     print(&if arguments.json { json } else { told })?;
     let finished = done.len() == cells.len();
     if !finished {
@@ -223,7 +236,7 @@ fn verdict(finding: &Finding) -> String {
     }
 }
 
-fn told(findings: &Findings) -> String {
+fn told(findings: &Findings, this_call: &ThisCall) -> String {
     let lines = table(findings);
     let width = |column: usize| {
         lines.iter().map(|line| line[column].len()).chain([HEADS[column].len()]).max().unwrap_or_default()
@@ -239,6 +252,8 @@ fn told(findings: &Findings) -> String {
         told += &line(&mut cells.iter().map(String::as_str));
     }
     told += "\nRates are collision / completion on the benchmark's missions, interquartile means over the runs; with random missions completion\nalone, with which the claims are judged.\n";
+    told += &this_call.told("This call");
+    told.push('\n');
     for finding in &findings.findings {
         told += &format!("\n{}. {}: {}", finding.claim, finding.says, verdict(finding));
     }
@@ -315,7 +330,7 @@ fn charts(cells: &[CellResult]) -> Vec<Chart> {
     charts
 }
 
-fn page(findings: &Findings, curves: &str) -> String {
+fn page(findings: &Findings, this_call: &ThisCall, curves: &str) -> String {
     let row = |tag: &str, cells: &mut dyn Iterator<Item = String>| {
         let cells: String = cells.map(|cell| format!("<{tag}>{cell}</{tag}>")).collect();
         format!("<tr>{cells}</tr>")
@@ -338,5 +353,6 @@ fn page(findings: &Findings, curves: &str) -> String {
         .replace("/*SORTING*/", SORTING)
         .replace("/*CLAIMS*/", &claims)
         .replace("/*ROWS*/", &rows)
+        .replace("/*CALL*/", &this_call.told("The call that wrote this page"))
         .replace("/*CURVES*/", curves)
 }

@@ -17,6 +17,7 @@ use super::{
     super::{undriven_layers, world},
     Interrupted, learn, whole,
 };
+use crate::locating;
 use lapwing_core::{
     config::{ControlSettings, Settings},
     drive::Eventful,
@@ -195,7 +196,8 @@ impl Round<'_> {
         let (first, end) = along.rows.unwrap_or((0, usize::MAX));
         let located = LaneTable::of(&along.path, &along.lane, Track::open)?.drive(first..end);
         let limit = Some(Limit::Metres(along.limit_m));
-        let mut world = RecordedWorld::open(&along.path, limit, Yaw::Pictures, Some(located))?;
+        let gearing = locating::gearing(&along.path, &located)?;
+        let mut world = RecordedWorld::open(&along.path, limit, Yaw::Pictures, Some(located))?.geared(gearing);
         let log = DrivingLogWriter::create(folder, jiff::Zoned::now().datetime())?;
         let mut driver = self.driver(self.settings.control.speed_mph);
         Ok(record::along(&mut world, &mut driver, log, || self.interrupted.is_pressed())?)

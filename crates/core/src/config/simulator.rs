@@ -8,7 +8,7 @@ use crate::car;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimulatorSettings {
-    /// `lake`, `jungle`, `mountain`, `random:SEED`, or the path of a track file. Default `lake`.
+    /// `lake`, `jungle`, `mountain`, `random:SEED`, `random-lanes:SEED`, or the path of a track file. Default `lake`.
     pub track: String,
     /// Telemetries a second of simulated time. Default 15, as the stock recorder.
     pub hz: f64,

@@ -1,7 +1,7 @@
 //! Labels from where in its lane the car was: the place of each camera, and what the simulator's expert steers from there,
 //! not what was recorded.
 
-use std::{path::Path, sync::Arc};
+use std::{collections::HashMap, path::Path, sync::Arc};
 
 use super::{CameraPosition, DatasetError, Source, places, samples::CameraInLane};
 use lapwing_core::{
@@ -27,7 +27,7 @@ struct LaneLabel {
 pub(super) struct LaneLabels {
     /// `None` where the car's place is not known.
     rows: Vec<Option<[LaneLabel; 3]>>,
-    /// Pictures of another road than most.
+    /// Pictures of roads that are not known.
     elsewhere: usize,
 }
 
@@ -36,25 +36,29 @@ impl LaneLabels {
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
         let table = LaneTable::of(&source.path, path, Track::open)?;
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
-        let mut expert = LaneExpert::new(Arc::clone(&table.track)).map_err(wrong)?;
+        let mut experts = HashMap::new();
+        for track in table.tracks() {
+            experts.insert(track.file().name.as_str(), LaneExpert::new(Arc::clone(track)).map_err(wrong)?);
+        }
         let poses = places::poses(&table, source);
-        source.places = places::of(&poses, &table.track);
+        source.places = places::of(&poses);
         let mut poses = poses.into_iter();
-        let mut labels = |pose: Pose, speed: Mph| {
-            [&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| {
+        let mut labels = |track: &Track, pose: Pose, speed: Mph| {
+            let expert = experts.get_mut(track.file().name.as_str())?;
+            Some([&Camera::CENTER, &Camera::LEFT, &Camera::RIGHT].map(|camera| {
                 // What a side camera sees is what the centre one would see from a car that far to the side.
                 let (sin, cos) = pose.heading_rad.sin_cos();
                 let right_m = camera.mount.position.x;
                 let (s_m, offset_m) = (pose.s_m - right_m * sin, pose.offset_m + right_m * cos);
                 let pose = Pose { s_m, offset_m, ..pose };
-                let InLane { offset_m, heading_rad, .. } = pose.in_lane(&table.track);
+                let InLane { offset_m, heading_rad, .. } = pose.in_lane(track);
                 let at = CameraInLane { offset_m, heading_deg: heading_rad.to_degrees() };
                 LaneLabel { steering: expert.steering(pose, speed), at }
-            })
+            }))
         };
         let mut rows = Vec::with_capacity(source.rows.len());
         source.relabel(|row| {
-            let of_cameras = poses.next().flatten().map(|pose| labels(pose, row.speed));
+            let of_cameras = poses.next().flatten().and_then(|(track, pose)| labels(track, pose, row.speed));
             rows.push(of_cameras);
             of_cameras.map(|[center, ..]| center.steering)
         });
@@ -87,7 +91,7 @@ impl LaneLabels {
         let left_out = count(selected.len() - known, "row");
         let elsewhere = match self.elsewhere {
             0 => String::new(),
-            pictures => format!("; {} of the whole table of another road", count(pictures, "picture")),
+            pictures => format!("; {} of the whole table of roads that are not known", count(pictures, "picture")),
         };
         let path = source.path.display();
         tracing::info!("{path}: {} labelled from the lane, {left_out} left out{elsewhere}", count(known, "row"));
@@ -99,7 +103,10 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::dataset::{Balance, Samples, Selection, Set, fixture::weaving};
+    use crate::dataset::{
+        Balance, Samples, Selection, Set,
+        fixture::{folder, weaving},
+    };
     use lapwing_sim::locate::table;
 
     #[test]
@@ -134,6 +141,34 @@ mod tests {
             assert!((left.offset_m - center.offset_m + 0.806 * along).abs() < 1e-6, "{three:?}");
             assert!((right.offset_m - center.offset_m - 0.825 * along).abs() < 1e-6, "{three:?}");
             assert!((left.heading_deg - center.heading_deg).abs() < 0.5, "only as far as the road bends: {three:?}");
+        }
+    }
+
+    #[test]
+    fn rows_of_two_roads_in_one_log_are_labelled_each_from_its_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = folder(&dir.path().join("joined"), 20, false);
+        let tracks = ["lake", "jungle"].map(|name| Arc::new(Track::named(name).unwrap()));
+        let offsets_m = [0.3, -0.4];
+        let road = |row: usize| usize::from(row >= 12);
+        let pose = |row: usize| {
+            let road = road(row);
+            Pose::from_lane(&tracks[road], 50.0 + row as f64, false, offsets_m[road], 0.0)
+        };
+        let text = (0..20).fold(table::heading(), |text, row| {
+            text + &table::line(row, 0.067 * row as f64, &tracks[road(row)], Some(pose(row)))
+        });
+        fs::write(folder.join("lane.csv"), text).unwrap();
+        let selection = Selection { lane: Some(folder.join("lane.csv")), ..Selection::of(&folder) };
+        let samples = Samples::open(&[selection], Set::Training, None, &Balance::default()).unwrap();
+        assert_eq!(samples.samples.len(), 20);
+        let mut experts = tracks.each_ref().map(|track| LaneExpert::new(Arc::clone(track)).unwrap());
+        for sample in &samples.samples {
+            let row = sample.row as usize;
+            let expected = experts[road(row)].steering(pose(row), samples.sources[0].rows[row].speed).get();
+            assert!((sample.steering - expected).abs() < 0.01, "{row}: {}, expected {expected}", sample.steering);
+            let offset_m = sample.in_lane.unwrap().offset_m;
+            assert!((offset_m - offsets_m[road(row)]).abs() < 1e-3, "{row}: {offset_m}");
         }
     }
 

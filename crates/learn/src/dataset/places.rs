@@ -1,6 +1,6 @@
 //! Where the car was in each row: what a picture has to be warped by to show the road as the car sees it a moment later.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::Arc};
 
 use glam::DVec3;
 
@@ -20,16 +20,15 @@ use lapwing_sim::{
 /// A place in the world, in metres, and a yaw, in radians.
 pub(super) type CarPlace = (DVec3, f64);
 
-/// Each row's pose in the table, where that is known.
-pub(super) fn poses(table: &LaneTable, source: &Source) -> Vec<Option<Pose>> {
-    let known = |(moment, pose): &(usize, Option<Pose>)| Some((*moment, (*pose)?));
-    let poses: HashMap<usize, Pose> = table.rows.iter().filter_map(known).collect();
+/// Each row's road and pose in the table, where that is known.
+pub(super) fn poses<'a>(table: &'a LaneTable, source: &Source) -> Vec<Option<(&'a Arc<Track>, Pose)>> {
+    let poses: HashMap<usize, (&Arc<Track>, Pose)> = table.known().collect();
     source.rows.iter().map(|row| poses.get(&row.moment).copied()).collect()
 }
 
-/// Poses on the track as places.
-pub(super) fn of(poses: &[Option<Pose>], track: &Track) -> Vec<Option<CarPlace>> {
-    poses.iter().map(|pose| Some((*pose)?.in_world(track))).collect()
+/// Poses on their tracks as places.
+pub(super) fn of(poses: &[Option<(&Arc<Track>, Pose)>]) -> Vec<Option<CarPlace>> {
+    poses.iter().map(|known| known.map(|(track, pose)| pose.in_world(track))).collect()
 }
 
 /// Fills in where the car was, if its labels from the lane have not told: from the table that `record` writes beside a log, and
@@ -46,7 +45,7 @@ pub(super) fn place(source: &mut Source) -> Result<(), DatasetError> {
     source.places = match beside.is_file() {
         true => {
             let table = LaneTable::of(&source.path, &beside, Track::open)?;
-            of(&poses(&table, source), &table.track)
+            of(&poses(&table, source))
         }
         false => reckoned(source),
     };
@@ -88,7 +87,7 @@ fn reckoned(source: &Source) -> Vec<Option<CarPlace>> {
 
 #[cfg(test)]
 mod tests {
-    use std::{path::Path, sync::Arc};
+    use std::path::Path;
 
     use super::*;
     use crate::dataset::{

@@ -5,7 +5,10 @@ use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
 use super::{policy::Mlp, ppo::Critic, priorities::Replay, training::TrainingSettings, *};
-use crate::{nn::runtime, train::Go};
+use crate::{
+    nn::runtime,
+    train::{Go, events},
+};
 use lapwing_sim::intersection::{ACTIONS, Axes, Environment, OBSERVATION, Reward, Settings, evaluation};
 
 fn small(critic: Critic) -> TrainingSettings {
@@ -205,6 +208,27 @@ fn the_log_has_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
     let expected: Vec<u64> = (1..=numbers.len() as u64).collect();
     assert_eq!((numbers, headers), (expected, 1));
     assert!(std::fs::read_to_string(&log).unwrap().starts_with(&saved));
+}
+
+#[test]
+fn the_curves_have_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
+    let folder = tempfile::tempdir().unwrap();
+    one_thread();
+    let state = folder.path().join("state.safetensors");
+    let stop = |_: &Update, _, _| Go::Stop;
+    let shown = || events::tests::steps_shown(folder.path(), "charts/learning_rate");
+    let first = Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    let saved = std::fs::read(&state).unwrap();
+    resume(folder.path()).unwrap();
+    std::fs::write(&state, saved).unwrap();
+    let resumed = resume(folder.path()).unwrap();
+    assert!(shown().is_sorted_by(|before, after| before < after), "{:?}", shown());
+    assert_eq!(shown().len() as u64, resumed.last.unwrap().number);
+    assert_eq!(shown()[0] as u64, first.last.unwrap().agent_steps, "what was saved stays");
+    // One that was killed before it saved anything begins anew.
+    std::fs::remove_file(&state).unwrap();
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    assert_eq!(shown().len(), 1);
 }
 
 #[test]

@@ -183,7 +183,8 @@ impl Training {
         files::write(&path, text.as_bytes()).map_err(MarlError::io("write", &path))?;
         self.cut_log()?;
         let named = self.out.join(EVENTS);
-        let mut events = Events::create(&self.out, wall()).map_err(MarlError::io("write", &named))?;
+        let from = step_of(self.position.counters.agent_steps.saturating_add(1));
+        let mut events = Events::create(&self.out, wall(), from).map_err(MarlError::io("write", &named))?;
         let (mut last, mut saved) = (None, Instant::now());
         let mut recent = Recent::default();
         let mut finished = self.learner.progress() >= 1.0;
@@ -302,8 +303,13 @@ fn columns(update: &Update) -> impl Iterator<Item = (&'static str, Option<f64>)>
     charts.into_iter().chain(update.losses.iter().map(|(name, value)| (*name, Some(*value))))
 }
 
+/// A point's position along a curve.
+fn step_of(agent_steps: u64) -> i64 {
+    i64::try_from(agent_steps).unwrap_or(i64::MAX)
+}
+
 fn curves(events: &mut Events, update: &Update, pace: f64, wall: f64) -> std::io::Result<()> {
-    let step = i64::try_from(update.agent_steps).unwrap_or(i64::MAX);
+    let step = step_of(update.agent_steps);
     for (name, value) in columns(update).chain([("agent_steps_per_s", Some(pace))]) {
         let Some(value) = value else { continue };
         let group = if update.losses.contains_key(name) { "losses" } else { "charts" };

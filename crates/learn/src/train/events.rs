@@ -28,11 +28,13 @@ struct TfEvent {
     wall_time: f64,
     #[prost(int64, tag = "2")]
     step: i64,
-    // One of the next two is present: `oneof what`.
+    // One of the next three is present: `oneof what`.
     #[prost(string, optional, tag = "3")]
     file_version: Option<String>,
     #[prost(message, optional, tag = "5")]
     summary: Option<TfSummary>,
+    #[prost(message, optional, tag = "7")]
+    session_log: Option<TfSessionLog>,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]
@@ -50,6 +52,16 @@ struct TfValue {
     simple_value: Option<f32>,
 }
 
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+struct TfSessionLog {
+    /// `SessionStatus`.
+    #[prost(int32, tag = "1")]
+    status: i32,
+}
+
+/// `SessionLog.START`.
+const START: i32 = 1;
+
 /// Writes an event file.
 ///
 /// Events wait in memory until [`flush`](Self::flush), or until it is dropped. A file that a crash cuts off can be read
@@ -65,9 +77,12 @@ impl Events {
     /// it names the file: `events.out.tfevents.<seconds>.lapwing`, followed by a number if one of that second exists
     /// already. TensorBoard shows all files of a folder as one run.
     ///
+    /// `from` is the least step of the points to come. What the folder's earlier files hold from there on, TensorBoard
+    /// drops: a training that was killed has written more than it saved, and writes it again when it is resumed.
+    ///
     /// # Errors
     /// Those of the file system.
-    pub fn create(dir: &Path, now: f64) -> io::Result<Self> {
+    pub fn create(dir: &Path, now: f64, from: i64) -> io::Result<Self> {
         fs::create_dir_all(dir)?;
         let name = format!("events.out.tfevents.{:010}.lapwing", now.max(0.0) as u64);
         let mut number = 0;
@@ -82,6 +97,9 @@ impl Events {
         };
         let mut events = Self { path, file: BufWriter::new(file) };
         events.write(&TfEvent { wall_time: now, file_version: Some(VERSION.into()), ..TfEvent::default() })?;
+        // In each file, the first too: TensorBoard takes a folder's first START for its beginning, and drops nothing.
+        let session_log = Some(TfSessionLog { status: START });
+        events.write(&TfEvent { wall_time: now, step: from, session_log, ..TfEvent::default() })?;
         events.flush()?;
         Ok(events)
     }
@@ -99,7 +117,7 @@ impl Events {
     pub fn scalar(&mut self, tag: &str, step: i64, wall: f64, value: f32) -> io::Result<()> {
         let value = TfValue { tag: tag.into(), simple_value: Some(value) };
         let summary = Some(TfSummary { value: vec![value] });
-        self.write(&TfEvent { wall_time: wall, step, summary, file_version: None })
+        self.write(&TfEvent { wall_time: wall, step, summary, ..TfEvent::default() })
     }
 
     /// Hands what waits in memory to the system, so that TensorBoard sees it.
@@ -127,7 +145,7 @@ fn masked_crc(bytes: &[u8]) -> u32 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// The events of a file, each with its checksums checked.
@@ -145,6 +163,26 @@ mod tests {
         events
     }
 
+    /// The steps of a curve of a folder as TensorBoard shows them (`plugin_event_accumulator.py`,
+    /// `_CheckForRestartAndMaybePurge`): files go by name; each START but the first drops what came before it, from its
+    /// step on.
+    pub(crate) fn steps_shown(dir: &Path, tag: &str) -> Vec<i64> {
+        let mut files: Vec<_> = fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.retain(|path| path.to_string_lossy().contains("events.out.tfevents."));
+        files.sort();
+        let (mut steps, mut has_begun) = (Vec::<i64>::new(), false);
+        for event in files.iter().flat_map(|path| read(&fs::read(path).unwrap())) {
+            if event.session_log == Some(TfSessionLog { status: START }) {
+                steps.retain(|step| !has_begun || *step < event.step);
+                has_begun = true;
+            }
+            if event.summary.iter().flat_map(|summary| &summary.value).any(|value| value.tag == tag) {
+                steps.push(event.step);
+            }
+        }
+        steps
+    }
+
     #[test]
     fn the_checksum_is_crc_32c_masked_as_tensorflow_does() {
         // The check value from the catalogue, and its mask calculated by hand.
@@ -155,21 +193,24 @@ mod tests {
     #[test]
     fn a_file_begins_with_the_bytes_that_tensorflow_writes() {
         let dir = tempfile::tempdir().unwrap();
-        let events = Events::create(dir.path(), 1_700_000_000.5).unwrap();
+        let events = Events::create(dir.path(), 1_700_000_000.5, 1).unwrap();
         let bytes = fs::read(events.path()).unwrap();
         // Length 24 and its checksum open every event file there is; then wall_time, and file_version.
         assert_eq!(bytes[..12], [0x18, 0, 0, 0, 0, 0, 0, 0, 0xa3, 0x7f, 0x4b, 0x22]);
         assert_eq!(bytes[12], 0x09);
         assert_eq!(bytes[13..21], 1_700_000_000.5f64.to_le_bytes());
         assert_eq!(bytes[21..36], *b"\x1a\x0dbrain.Event:2");
-        assert_eq!(bytes.len(), 40);
+        // wall_time; step 1; session_log { status START }
+        assert_eq!(bytes[40..48], 15u64.to_le_bytes());
+        assert_eq!(bytes[52..67], [&bytes[12..21], b"\x10\x01\x3a\x02\x08\x01"].concat());
+        assert_eq!(bytes.len(), 71);
         assert_eq!(events.path().file_name().unwrap(), "events.out.tfevents.1700000000.lapwing");
     }
 
     #[test]
     fn a_scalar_is_the_message_of_the_published_schema() {
         let dir = tempfile::tempdir().unwrap();
-        let mut events = Events::create(dir.path(), 0.0).unwrap();
+        let mut events = Events::create(dir.path(), 0.0, 0).unwrap();
         let begin = fs::read(events.path()).unwrap().len();
         events.scalar("a", 3, 0.5, 1.0).unwrap();
         events.flush().unwrap();
@@ -182,7 +223,7 @@ mod tests {
     #[test]
     fn what_is_written_is_read_back_with_its_zeros() {
         let dir = tempfile::tempdir().unwrap();
-        let mut events = Events::create(&dir.path().join("runs/first"), 12.0).unwrap();
+        let mut events = Events::create(&dir.path().join("runs/first"), 12.0, -1).unwrap();
         let written = [("loss/train", 0, 0.0), ("loss/train", 1, 0.25), ("loss/validation", -1, f32::NAN)];
         for (tag, step, value) in written {
             events.scalar(tag, step, 13.0, value).unwrap();
@@ -191,20 +232,34 @@ mod tests {
         drop(events);
         let read = read(&fs::read(path).unwrap());
         assert_eq!(read[0].file_version.as_deref(), Some(VERSION));
-        for (event, (tag, step, value)) in read[1..].iter().zip(written) {
+        assert_eq!((read[1].step, read[1].session_log), (-1, Some(TfSessionLog { status: START })));
+        for (event, (tag, step, value)) in read[2..].iter().zip(written) {
             let [got] = &event.summary.as_ref().unwrap().value[..] else { panic!() };
             assert_eq!((got.tag.as_str(), event.step, event.wall_time), (tag, step, 13.0));
             assert_eq!(got.simple_value.unwrap().to_bits(), value.to_bits());
         }
-        assert_eq!(read.len(), 4);
+        assert_eq!(read.len(), 5);
     }
 
     #[test]
     fn a_second_file_of_the_same_second_leaves_the_first_alone() {
         let dir = tempfile::tempdir().unwrap();
-        let first = Events::create(dir.path(), 5.0).unwrap().path().to_owned();
-        let second = Events::create(dir.path(), 5.9).unwrap().path().to_owned();
+        let first = Events::create(dir.path(), 5.0, 0).unwrap().path().to_owned();
+        let before = fs::read(&first).unwrap();
+        let second = Events::create(dir.path(), 5.9, 0).unwrap().path().to_owned();
         assert_ne!(first, second);
-        assert_eq!(fs::read(first).unwrap().len(), 40);
+        assert_eq!(fs::read(first).unwrap(), before);
+    }
+
+    #[test]
+    fn a_later_file_takes_back_what_earlier_ones_hold_from_its_first_step_on() {
+        let dir = tempfile::tempdir().unwrap();
+        for (from, steps) in [(0, [1, 2, 3]), (3, [3, 4, 5]), (5, [5, 6, 7])] {
+            let mut events = Events::create(dir.path(), 5.0, from).unwrap();
+            for step in steps {
+                events.scalar("loss", step, 5.0, 0.5).unwrap();
+            }
+        }
+        assert_eq!(steps_shown(dir.path(), "loss"), [1, 2, 3, 4, 5, 6, 7]);
     }
 }

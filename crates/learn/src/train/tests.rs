@@ -328,6 +328,20 @@ fn a_training_with_pauses_leaves_what_one_without_leaves() {
 }
 
 #[test]
+fn an_epoch_that_is_repeated_after_a_kill_stands_once_on_the_curves() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let out = dir.path().join("out");
+    stopped(recipe(dir.path()), &out, false, 4);
+    let state = fs::read(out.join("state.safetensors")).unwrap();
+    stopped(recipe(dir.path()), &out, true, 0);
+    // As if it had been killed before it saved what it had written.
+    fs::write(out.join("state.safetensors"), state).unwrap();
+    stopped(recipe(dir.path()), &out, true, 0);
+    assert_eq!(events::tests::steps_shown(&out, "mse/training"), [1, 2, 3]);
+}
+
+#[test]
 fn a_validation_error_that_is_no_number_ends_the_training_and_is_not_kept() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), 40, swaying);

@@ -357,7 +357,7 @@ impl Trainer {
         let write = || -> std::io::Result<()> {
             let events = match events {
                 Some(events) => events,
-                none => none.insert(Events::create(&self.out, log::now())?),
+                none => none.insert(Events::create(&self.out, log::now(), self.position.epoch as i64)?),
             };
             self.position.history.last().map_or(Ok(()), |timed| log::curves(events, timed))
         };

@@ -119,6 +119,14 @@ impl Views {
         self.album.views().len()
     }
 
+    /// Of the moments of a drive, counted from 0 in the order in which [`open`](Self::open) was given them, those without a
+    /// picture of a side camera, and all.
+    pub fn without_side_cameras(&self, drive: usize) -> (usize, usize) {
+        let of = self.album.views().iter().filter(|view| view.when.drive == drive);
+        let (with, without): (Vec<_>, Vec<_>) = of.partition(|view| view.pictures[1..].iter().any(Option::is_some));
+        (without.len(), with.len() + without.len())
+    }
+
     /// The share of the road along which there is a picture near enough.
     pub fn covered(&self) -> f64 {
         let (length_m, views) = (self.track.length(), self.album.views());

@@ -40,6 +40,8 @@ pub struct RecordedWorld {
     limit: Limit,
     protocol: Protocol,
     yaw: Yaw,
+    /// How far both cars turn for each radian that the simulator's would.
+    gearing: f64,
     abreast: Abreast,
     /// The row that is shown next, or was shown last and waits for its answer.
     row: usize,
@@ -130,6 +132,7 @@ impl RecordedWorld {
             limit,
             protocol: Protocol::default(),
             yaw,
+            gearing: 1.0,
         };
         world.pyramid = world.pyramid();
         world.arrive();
@@ -139,6 +142,12 @@ impl RecordedWorld {
     /// The same world by another protocol.
     pub fn by(self, protocol: Protocol) -> Self {
         Self { protocol, ..self }
+    }
+
+    /// The same world with cars that turn this many times as far as the simulator's when they are steered: as the
+    /// recorded one did.
+    pub fn geared(self, gearing: f64) -> Self {
+        Self { gearing, ..self }
     }
 
     /// The recording's name, without folders and extension.
@@ -177,6 +186,11 @@ impl RecordedWorld {
     /// Whether it is known along all of the way where in its lane the recorded car was.
     pub fn knows_the_lane(&self) -> bool {
         self.lines.iter().all(|line| matches!(line, Line::Lane(_)))
+    }
+
+    /// Whether it is known anywhere along the way.
+    pub fn knows_the_lane_somewhere(&self) -> bool {
+        self.lines.iter().any(|line| matches!(line, Line::Lane(_)))
     }
 
     /// Where the recorded drive is known to have been.
@@ -280,11 +294,13 @@ impl RecordedWorld {
             (None, None) => self.sources.steering += 1,
         }
         let Moved { yaw_rate, aside } = moved.unwrap_or_default();
+        let geared = |steering: Steering| Steering::saturating(self.gearing * steering.get());
+        let (recorded, driven) = (geared(from.steering), geared(self.steering));
         while self.steps < until {
             self.steps += 1;
             let share = ((self.steps as f64 * STEP_S - from.at_s) / interval.seconds()).clamp(0.0, 1.0);
             let speed = from.mps() + share * (to.mps() - from.mps());
-            self.abreast.step(Then { speed, steering: from.steering, yaw_rate, aside }, self.steering);
+            self.abreast.step(Then { speed, steering: recorded, yaw_rate, aside }, driven);
         }
         self.driven_m += interval.mps() * interval.seconds();
     }

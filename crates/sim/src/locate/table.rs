@@ -2,7 +2,9 @@
 //! locate`, and read to label the recording or to drive along it.
 
 use std::{
+    cmp::Reverse,
     fs, io,
+    ops::Range,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -95,15 +97,17 @@ impl From<RecordingError> for LaneTableError {
     }
 }
 
-/// A recording's places on the road that most of its pictures show.
+/// A recording's places on the roads that its pictures show: several, if drives of several are joined in it.
 #[derive(Debug, Clone)]
 pub struct LaneTable {
-    /// The road.
+    /// The road that most of its pictures show.
     pub track: Arc<Track>,
-    /// The moment of each picture, counted from 0, and the pose in it; `None` where that is not known.
+    /// The moment of each picture, counted from 0, and the pose in it; `None` where none on this road is known.
     pub rows: Vec<(usize, Option<Pose>)>,
-    /// Pictures of another road, whose poses are left out.
+    /// Pictures of roads that cannot be opened, whose poses are left out.
     pub elsewhere: usize,
+    /// The other roads, that of most pictures first, and the pose on each in each picture.
+    others: Vec<(Arc<Track>, Vec<Option<Pose>>)>,
     /// The time of each picture, in seconds.
     times_s: Vec<f64>,
 }
@@ -124,20 +128,30 @@ impl LaneTable {
         let mut roads: Vec<&str> = names.collect();
         roads.sort_unstable();
         roads.dedup();
-        let Some(name) = roads.into_iter().max_by_key(|name| named(name)) else {
+        roads.sort_by_cached_key(|name| Reverse(named(name)));
+        let Some((name, others)) = roads.split_first() else {
             return Err(LaneTableError::NoPlace { path: path.to_owned(), rows: lines.len() });
         };
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let track = Arc::new(road(name).map_err(wrong)?);
-        let mut elsewhere = 0;
-        let rows = lines.iter().map(|(moment, _, at)| {
-            let here = at.as_ref().filter(|(road, ..)| road == name);
-            elsewhere += usize::from(at.is_some() && here.is_none());
-            (*moment, here.map(|(_, reversed, numbers)| pose(&track, *reversed, *numbers)))
+        let poses = |name: &str, track: &Track| -> Vec<Option<Pose>> {
+            let on = |(.., at): &Line| {
+                let (_, reversed, numbers) = at.as_ref().filter(|at| at.0 == name)?;
+                Some(pose(track, *reversed, *numbers))
+            };
+            lines.iter().map(on).collect()
+        };
+        let rows = lines.iter().map(|(moment, ..)| *moment).zip(poses(name, &track)).collect();
+        let others = others.iter().filter_map(|name| {
+            let track = road(name).ok()?;
+            let poses = poses(name, &track);
+            Some((Arc::new(track), poses))
         });
-        let rows = rows.collect();
+        let others: Vec<(Arc<Track>, Vec<Option<Pose>>)> = others.collect();
+        let known = others.iter().flat_map(|(_, poses)| poses).flatten().count();
+        let elsewhere = lines.iter().filter(|(.., at)| at.is_some()).count() - named(name) - known;
         let times_s = lines.iter().map(|(_, at_s, _)| *at_s).collect();
-        Ok(Self { track, rows, elsewhere, times_s })
+        Ok(Self { track, rows, elsewhere, others, times_s })
     }
 
     /// The same, of this recording: a row for each moment with a picture, taken then.
@@ -166,11 +180,43 @@ impl LaneTable {
         Err(LaneTableError::OtherRecording { path, recording, pictures: pictures.len(), rows })
     }
 
-    /// The drive, to be driven along, as far as its moments are in `moments`.
-    pub fn drive(&self, moments: std::ops::Range<usize>) -> LocatedDrive {
-        let known = |(moment, pose): &(usize, Option<Pose>)| pose.filter(|_| moments.contains(moment));
-        let places = self.rows.iter().map(|row| known(row).map(Located::known)).collect();
-        LocatedDrive { track: Arc::clone(&self.track), places }
+    /// The roads, that of most pictures first.
+    pub fn tracks(&self) -> impl Iterator<Item = &Arc<Track>> {
+        std::iter::once(&self.track).chain(self.others.iter().map(|(track, _)| track))
+    }
+
+    /// The moments in which a pose is known, each with its road and the pose there.
+    pub fn known(&self) -> impl Iterator<Item = (usize, (&Arc<Track>, Pose))> {
+        let here = self.rows.iter().filter_map(move |(moment, pose)| Some((*moment, (&self.track, (*pose)?))));
+        let there = self.others.iter().flat_map(move |(track, poses)| {
+            self.rows.iter().zip(poses).filter_map(move |((moment, _), pose)| Some((*moment, (track, (*pose)?))))
+        });
+        here.chain(there)
+    }
+
+    /// On each road all drives, as one: where another one was driven, no place is known. In the order of
+    /// [`tracks`](Self::tracks).
+    pub fn drives(&self) -> Vec<LocatedDrive> {
+        let place = |pose: &Option<Pose>| pose.map(Located::known);
+        let here = self.rows.iter().map(|(_, pose)| place(pose)).collect();
+        let here = LocatedDrive { track: Arc::clone(&self.track), places: here };
+        let there = self.others.iter().map(|(track, poses)| {
+            let places = poses.iter().map(place).collect();
+            LocatedDrive { track: Arc::clone(track), places }
+        });
+        std::iter::once(here).chain(there).collect()
+    }
+
+    /// The drive, to be driven along, as far as its moments are in `moments`: on the road that most of these show.
+    pub fn drive(&self, moments: Range<usize>) -> LocatedDrive {
+        let mut drives = self.drives();
+        for drive in &mut drives {
+            let beyond = self.rows.iter().zip(&mut drive.places).filter(|((moment, _), _)| !moments.contains(moment));
+            beyond.for_each(|(_, place)| *place = None);
+        }
+        // Of several that are equal, the last one is the greatest.
+        let most = drives.into_iter().rev().max_by_key(|drive| drive.places.iter().flatten().count());
+        most.unwrap_or_else(|| LocatedDrive { track: Arc::clone(&self.track), places: vec![] })
     }
 }
 
@@ -289,9 +335,31 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_another_road_are_left_out_and_counted() {
+    fn of_roads_that_are_joined_each_picture_has_its_own() {
+        let [lake, jungle] = ["lake", "jungle"].map(|name| Track::named(name).unwrap());
+        let on = |i: usize| if i < 5 { &lake } else { &jungle };
+        let at = |i: usize| Pose { s_m: 10.0 + i as f64, offset_m: 0.5, ..Pose::default() };
+        let text = (0..8).fold(heading(), |text, i| text + &line(i, 0.1 * i as f64, on(i), (i != 6).then(|| at(i))));
+        let table = read(&text).unwrap();
+        let roads: Vec<String> = table.drives().iter().map(|drive| drive.track.file().name.clone()).collect();
+        assert_eq!((roads.join(", ").as_str(), table.elsewhere), ("lake, jungle", 0));
+        let known: Vec<_> = table.known().collect();
+        assert_eq!(known.iter().map(|(moment, _)| *moment).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 7]);
+        for (moment, (track, pose)) in known {
+            assert_eq!(track.file().name, on(moment).file().name, "{moment}");
+            assert!((pose.s_m - at(moment).s_m).abs() < 1e-3 && (pose.offset_m - 0.5).abs() < 1e-3, "{pose:?}");
+        }
+        // Of some moments it is the road that these show.
+        let part = table.drive(4..8);
+        assert_eq!(part.track.file().name, "jungle");
+        let places: Vec<bool> = part.places.iter().map(Option::is_some).collect();
+        assert_eq!(places, [false, false, false, false, false, true, false, true]);
+    }
+
+    #[test]
+    fn pictures_of_a_road_that_cannot_be_opened_are_left_out_and_counted() {
         let text = "moment,at_s,track,reversed,place_m,offset_m,heading_deg,agreement\n\
-                    3,0.0,lake,false,10.0,0.1,1.0,0.5\n4,0.1,jungle,false,1.0,0.0,0.0,0.5\n5,0.2,lake,true,20.0,0,0,1\n";
+                    3,0.0,lake,false,10.0,0.1,1.0,0.5\n4,0.1,moon,false,1.0,0.0,0.0,0.5\n5,0.2,lake,true,20.0,0,0,1\n";
         let table = read(text).unwrap();
         assert_eq!((table.elsewhere, table.rows[1].1.is_none(), table.rows[2].0), (1, true, 5));
         assert!(table.rows[2].1.unwrap().direction() < 0.0);

@@ -91,16 +91,24 @@ impl Track {
         Self::new(TrackFile::parse(text)?)
     }
 
-    /// A track by name: one of [`Track::NAMES`], `random:SEED` for a [`RandomTrack`] (`random` means seed 0), or the
-    /// path of a track's file, which ends in `.toml`.
+    /// A track by name: one of [`Track::NAMES`], `random:SEED` for a [`RandomTrack`], `random-lanes:SEED` for one of
+    /// [`RandomTrack::lanes`] (without `:SEED`, seed 0), or the path of a track's file, which ends in `.toml`.
     ///
     /// # Errors
     /// [`TrackError`], naming the file if there is one.
     pub fn open(name: &str) -> Result<Self, TrackError> {
         let unknown = || TrackError::Unknown { got: name.to_owned() };
-        if let Some(seed) = if name == "random" { Some("0") } else { name.strip_prefix("random:") } {
+        let seed_of = |kind: &str| match name.strip_prefix(kind)? {
+            "" => Some("0"),
+            rest => rest.strip_prefix(':'),
+        };
+        if let Some(seed) = seed_of("random") {
             let seed = seed.parse().map_err(|_| unknown())?;
             return Self::new(RandomTrack { seed, ..RandomTrack::default() }.build()?);
+        }
+        if let Some(seed) = seed_of("random-lanes") {
+            let seed = seed.parse().map_err(|_| unknown())?;
+            return Self::new(RandomTrack::lanes(seed).build()?);
         }
         if !name.ends_with(".toml") {
             return Self::named(name);
@@ -344,9 +352,11 @@ mod tests {
         assert_eq!(Track::open("lake").unwrap(), Track::named("lake").unwrap());
         assert_eq!(Track::open("random:3").unwrap().file().name, "random:3");
         assert_eq!(Track::open("random").unwrap(), Track::open("random:0").unwrap());
+        assert_eq!(Track::open("random-lanes:3").unwrap().file().name, "random-lanes:3");
+        assert_eq!(Track::open("random-lanes").unwrap(), Track::open("random-lanes:0").unwrap());
         let own = concat!(env!("CARGO_MANIFEST_DIR"), "/src/track/jungle.toml");
         assert_eq!(Track::open(own).unwrap(), Track::named("jungle").unwrap());
-        for name in ["moon", "random:", "random:-1", "random:x"] {
+        for name in ["moon", "random:", "random:-1", "random:x", "random-", "random-lanes:", "random-lanes:x"] {
             let error = Track::open(name).unwrap_err().to_string();
             assert!(error.ends_with(&format!("or a file ending in .toml, got {name:?}")), "{error}");
         }

@@ -21,6 +21,13 @@ pub const CROSSING_HEIGHT_M: f64 = 6.0;
 /// Draws before giving up; of 200 seeds at the defaults 189 need one, 10 two and one three.
 const DRAWS: u32 = 80;
 
+/// What is drawn for [`RandomTrack::lanes`], from a stream of its own: draws of roads have the low numbers.
+const LANES_STREAM: u64 = 1 << 32;
+/// Widths of roads without a lane of their own, and the least of those with one, in metres: in the middle of a
+/// narrower lane our car would be too near to the edge for the line to drive.
+const LANES_WIDTH_M: (f64, f64) = (6.0, 11.0);
+const LEAST_WITH_LANE_M: f64 = 7.5;
+
 /// What a random track should be like.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -33,6 +40,8 @@ pub struct RandomTrack {
     pub min_radius_m: f64,
     /// Width of the road, in metres, 5 to 20.
     pub width_m: f64,
+    /// The line to drive: metres to the right of the middle, 0 to half of the width.
+    pub driving_line_m: f64,
     /// From the lowest to the highest place, in metres, 0 to 100; less if [`RandomTrack::max_grade`] requires it.
     pub hills_m: f64,
     /// Most metres climbed per metre, 0 to 0.3.
@@ -41,6 +50,8 @@ pub struct RandomTrack {
     pub theme: Option<Theme>,
     /// Whether it may cross itself, on a bridge with at least 6 m from road to road.
     pub crossings: bool,
+    /// Whether its hills are short, with posts on their crests, as in the jungle; its name then begins with `random-lanes`.
+    pub crests: bool,
 }
 
 impl Default for RandomTrack {
@@ -50,10 +61,12 @@ impl Default for RandomTrack {
             length_m: 1000.0,
             min_radius_m: 25.0,
             width_m: 7.0,
+            driving_line_m: 0.0,
             hills_m: 8.0,
             max_grade: 0.12,
             theme: None,
             crossings: false,
+            crests: false,
         }
     }
 }
@@ -66,6 +79,27 @@ struct Crossing {
 }
 
 impl RandomTrack {
+    /// The track that is called `random-lanes:SEED`: a road of the jungle, 6 to 11 m wide, with posts on its crests. About half
+    /// of the seeds have two lanes, of which the right one is driven: its middle is a quarter of the road's width to the right.
+    pub fn lanes(seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(LANES_STREAM);
+        let has_lane = rng.random_bool(0.5);
+        let (least, most) = LANES_WIDTH_M;
+        let least = if has_lane { LEAST_WITH_LANE_M } else { least };
+        let width_m = (rng.random_range(least..most) * 10.0).round() / 10.0;
+        Self {
+            seed,
+            width_m,
+            driving_line_m: if has_lane { width_m / 4.0 } else { 0.0 },
+            hills_m: 20.0,
+            max_grade: 0.25,
+            theme: Some(Theme::Jungle),
+            crests: true,
+            ..Self::default()
+        }
+    }
+
     /// The track of this seed.
     ///
     /// # Errors
@@ -87,7 +121,7 @@ impl RandomTrack {
     }
 
     fn name(&self) -> String {
-        format!("random:{}", self.seed)
+        format!("{}:{}", if self.crests { "random-lanes" } else { "random" }, self.seed)
     }
 
     fn wrong(&self, what: &str, expected: &'static str, got: String) -> TrackError {
@@ -99,6 +133,7 @@ impl RandomTrack {
             ("length_m", self.length_m, (300.0, 5000.0), "300 to 5000"),
             ("min_radius_m", self.min_radius_m, (10.0, 100.0), "10 to 100"),
             ("width_m", self.width_m, (5.0, 20.0), "5 to 20"),
+            ("driving_line_m", self.driving_line_m, (0.0, self.width_m / 2.0), "0 to half of the width"),
             ("hills_m", self.hills_m, (0.0, 100.0), "0 to 100"),
             ("max_grade", self.max_grade, (0.0, 0.3), "0 to 0.3"),
         ] {
@@ -131,7 +166,7 @@ impl RandomTrack {
             name: self.name(),
             theme,
             width_m: self.width_m,
-            driving_line_m: 0.0,
+            driving_line_m: self.driving_line_m,
             scenery_seed,
             start: Start { x: 0.0, y: 0.0, z: 0.0, yaw_deg: 0.0 },
             control_points: plan.iter().map(|p| [p.x, 0.0, p.y]).collect(),
@@ -156,7 +191,7 @@ impl RandomTrack {
         if !self.keeps_promises(&track) {
             return Ok(None);
         }
-        file.stretches = dress::stretches(&track, &crossings, rng);
+        file.stretches = dress::stretches(self, &track, &crossings, rng);
         let start = track.driving_line()[0];
         let round = |x: f64| (x * 100.0).round() / 100.0;
         file.start = Start {

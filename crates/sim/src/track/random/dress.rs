@@ -9,8 +9,13 @@ use rand_chacha::ChaCha8Rng;
 use super::{CROSSING_HEIGHT_M, Crossing, RandomTrack, WIDTHS_APART};
 use crate::track::{Edge, Side, Station, Stretch, Theme, Track};
 
-/// The shortest wave of the hills, in metres.
-const SHORTEST_WAVE_M: f64 = 150.0;
+/// The shortest wave of the hills, in metres, and how many waves there are at most: usually, and where there are crests. The
+/// latter, like [`CREST`], makes a third of a road its crests, as in the jungle.
+const WAVES: (f64, u32) = (150.0, 8);
+const CREST_WAVES: (f64, u32) = (60.0, 16);
+/// On a crest the grade falls by this much at least, over this many metres.
+const CREST: f64 = 0.04;
+const CREST_OVER_M: f64 = 20.0;
 /// The height between roads that cross, with an allowance for what the spline takes off.
 const CROSSING_WITH_SPARE_M: f64 = 1.12 * CROSSING_HEIGHT_M;
 /// A straight bends less than this, 1/m.
@@ -53,7 +58,8 @@ pub(super) fn heights(
 ) -> Option<Vec<f64>> {
     let points = flat.file().control_points.len();
     let length = flat.length();
-    let waves: Vec<(f64, f64, f64)> = (1..=((length / SHORTEST_WAVE_M) as u32).clamp(1, 8))
+    let (shortest_m, most) = if random.crests { CREST_WAVES } else { WAVES };
+    let waves: Vec<(f64, f64, f64)> = (1..=((length / shortest_m) as u32).clamp(1, most))
         .map(|k| (f64::from(k), rng.random_range(0.3..1.0) / f64::from(k), rng.random_range(0.0..TAU)))
         .collect();
     let s = |i: usize| length * i as f64 / points as f64; // control points are a link apart
@@ -114,7 +120,12 @@ fn scale(heights: &mut [f64], peak: f64) {
 }
 
 /// What stands along the road.
-pub(super) fn stretches(track: &Track, crossings: &[Crossing], rng: &mut ChaCha8Rng) -> Vec<Stretch> {
+pub(super) fn stretches(
+    random: &RandomTrack,
+    track: &Track,
+    crossings: &[Crossing],
+    rng: &mut ChaCha8Rng,
+) -> Vec<Stretch> {
     let mut dressing = Dressing { track, taken: vec![], stretches: vec![] };
     let wide = track.half_width() * 2.0;
     for crossing in crossings {
@@ -124,6 +135,9 @@ pub(super) fn stretches(track: &Track, crossings: &[Crossing], rng: &mut ChaCha8
     let step = track.length() / stations.len() as f64;
     let tightest = stations.iter().map(|s| s.curvature.abs()).fold(0.0, f64::max);
 
+    if random.crests {
+        posts_on_crests(&mut dressing, rng);
+    }
     // A bridge on one of the straights.
     let mut straights = runs(stations, |s| s.curvature.abs() < STRAIGHT);
     straights.retain(|(_, count)| *count as f64 * step > 45.0);
@@ -177,6 +191,19 @@ pub(super) fn stretches(track: &Track, crossings: &[Crossing], rng: &mut ChaCha8
     }
     dressing.stretches.sort_by(|a, b| a.from_m.total_cmp(&b.from_m));
     dressing.stretches
+}
+
+/// Posts along each crest: along half of them on both sides.
+fn posts_on_crests(dressing: &mut Dressing<'_>, rng: &mut ChaCha8Rng) {
+    let track = dressing.track;
+    let stations = track.stations();
+    let step = track.length() / stations.len() as f64;
+    let grade = |s: f64| track.at(s).grade;
+    let half_m = CREST_OVER_M / 2.0;
+    for (from, count) in runs(stations, |here| grade(here.s - half_m) - grade(here.s + half_m) > CREST) {
+        let side = [Side::Both, Side::Both, Side::Right, Side::Left][rng.random_range(0..4)];
+        dressing.put(stations[from].s, count as f64 * step, side, Edge::Posts);
+    }
 }
 
 /// Whether no other part of the road lies within 45 m beside a stretch, where water would be.

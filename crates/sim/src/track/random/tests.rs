@@ -1,5 +1,8 @@
 use super::*;
-use crate::track::Edge;
+use crate::{
+    track::{Edge, Side},
+    vehicle::BODY,
+};
 
 fn road(random: &RandomTrack) -> Track {
     Track::new(random.build().unwrap_or_else(|e| panic!("{e}: {random:?}"))).unwrap()
@@ -95,6 +98,53 @@ fn other_wishes_are_kept_too() {
 }
 
 #[test]
+fn roads_with_lanes_have_many_widths_and_about_half_of_them_a_lane_on_the_right() {
+    let all: Vec<RandomTrack> = (0..100).map(RandomTrack::lanes).collect();
+    let with_lane: Vec<&RandomTrack> = all.iter().filter(|random| random.driving_line_m > 0.0).collect();
+    assert!((35..65).contains(&with_lane.len()), "{} of 100", with_lane.len());
+    for random in &all {
+        assert!((6.0..=11.0).contains(&random.width_m), "{random:?}");
+    }
+    for random in &with_lane {
+        assert!(random.width_m >= 7.5 && random.driving_line_m == random.width_m / 4.0, "{random:?}");
+    }
+    let count = |is: fn(&RandomTrack) -> bool| all.iter().filter(|random| is(random)).count();
+    assert!(count(|random| random.width_m < 7.0) > 3 && count(|random| random.width_m > 10.0) > 10);
+}
+
+#[test]
+fn roads_with_lanes_have_crests_and_at_least_as_many_posts_as_the_jungle_and_are_driven_in_the_lane() {
+    let posts = |track: &Track| {
+        let has = |side| track.stations().iter().filter(|here| track.file().has(Edge::Posts, side, here.s)).count();
+        (has(Side::Left) + has(Side::Right)) as f64 / track.stations().len() as f64
+    };
+    let (mut all, seeds) = (0.0, 0..8);
+    for seed in seeds.clone() {
+        let random = RandomTrack::lanes(seed);
+        let track = road(&random);
+        assert_eq!(track.file().name, format!("random-lanes:{seed}"));
+        let falls = |s: f64| track.at(s - 10.0).grade - track.at(s + 10.0).grade;
+        let crest = track.stations().iter().max_by(|a, b| falls(a.s).total_cmp(&falls(b.s))).unwrap();
+        assert!(falls(crest.s) > 0.1, "{seed}: {}", falls(crest.s));
+        assert!(
+            [Side::Left, Side::Right].into_iter().any(|side| track.file().has(Edge::Posts, side, crest.s)),
+            "{seed}: no posts on the crest at {:.0} m",
+            crest.s
+        );
+        all += posts(&track);
+        let line = track.driving_line().iter().map(|point| point.offset);
+        let mean = line.clone().sum::<f64>() / track.stations().len() as f64;
+        assert!((mean - random.driving_line_m).abs() < 0.2, "{seed}: {mean} of {random:?}");
+        if random.driving_line_m > 0.0 {
+            let (least, most) = line.fold((f64::MAX, f64::MIN), |(least, most), x| (least.min(x), most.max(x)));
+            assert!(least > 0.5 && most < track.half_width() - BODY.x / 2.0, "{seed}: {least} to {most} of {random:?}");
+        }
+    }
+    let jungle = posts(&Track::named("jungle").unwrap());
+    assert!(all / seeds.clone().count() as f64 > jungle, "{all} in {seeds:?}, {jungle} in the jungle");
+}
+
+#[test]
 fn a_seed_is_a_track_and_another_seed_another() {
     let build = |seed| RandomTrack { seed, ..RandomTrack::default() }.build().unwrap();
     assert_eq!(build(7), build(7));
@@ -116,6 +166,8 @@ fn what_is_no_wish_is_refused_with_its_range() {
     let refused = |random: RandomTrack| random.build().unwrap_err().to_string();
     let error = refused(RandomTrack { length_m: 100.0, ..RandomTrack::default() });
     assert_eq!(error, "track random:0: length_m: expected 300 to 5000, got 100");
+    let error = refused(RandomTrack { driving_line_m: 4.0, ..RandomTrack::default() });
+    assert_eq!(error, "track random:0: driving_line_m: expected 0 to half of the width, got 4");
     assert!(refused(RandomTrack { max_grade: f64::NAN, ..RandomTrack::default() }).contains("max_grade"));
     assert!(refused(RandomTrack { length_m: 300.0, min_radius_m: 50.0, ..RandomTrack::default() }).contains("tenth"));
 }
