@@ -14,7 +14,7 @@ drive: build
 # symbols behind where an incremental build is interrupted (rust-lang/rust#81280); rm -r target/release/incremental mends it.
 test lint: export CARGO_INCREMENTAL = 1
 
-# Tests run beside one another: libtorch's threads leave the processor to others while they wait for one another.
+# Tests run side by side: while libtorch's threads wait for one another, they leave the processor to other tests.
 test: export OMP_WAIT_POLICY = passive
 test: .libtorch/build-version
 	$(CARGO) test --release --workspace

@@ -207,7 +207,7 @@ def fetch():
 
 def fetch_wheels():
     if not os.environ.get("LAPWING_WHEELS"):
-        raise Failed("--wheels: expected the folder that keeps the wheels in LAPWING_WHEELS, got none")
+        raise Failed("--wheels: expected LAPWING_WHEELS to name the folder for the wheels, got nothing")
     spec = PLATFORMS.get((platform.system(), platform.machine()))
     for requirement, pip_platforms, sha256, _ in spec["wheels"] if spec else ():
         download(requirement, pip_platforms, sha256, None)

@@ -27,7 +27,7 @@ const MARKED: f64 = 0.05;
 /// So near, in pixels, is on an edge.
 const NEAR_PX: f64 = 3.0;
 
-/// A picture of a road, and of each of its pixels, row by row, whether it is on one of the road's edges.
+/// A picture of a road, and of each of its pixels, row by row, whether it is near one of the road's edges.
 struct Picture {
     frame: Frame,
     near: Vec<bool>,

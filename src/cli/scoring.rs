@@ -93,8 +93,8 @@ pub struct Score {
     /// Runs (.mcap), Udacity folders (driving_log.csv), or folders of runs
     #[arg(value_name = "RUN", required_unless_present = "explain")]
     pub runs: Vec<PathBuf>,
-    /// Another road that runs without a position may have been driven on: random:SEED, random-lanes:SEED, or a track file
-    /// (.toml)
+    /// Another road that runs without a position may have been driven on: random:SEED, random-lanes:SEED, or a track
+    /// file (.toml)
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
     /// Laps asked for, if the run does not say

@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let gearing = located.as_ref().map_or(Ok(1.0), |drive| locating::gearing(&arguments.source, drive))?;
     let mut world = open(located)?.by(protocol).geared(gearing);
     if arguments.limit == Some(Limit::Road) && !world.knows_the_lane_somewhere() {
-        let why = "expected a number of metres, as the road is not known of any row (lapwing locate says more), \
+        let why = "expected a number of metres, as the lane is not known in any row (lapwing locate says more), \
                    got road: give metres, such as 1, or name the road with --track FILE.toml";
         return Err(ConfigError::Value { layer: "--limit".into(), why: why.into() }.into());
     }
@@ -168,7 +168,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         text += &line("recorded turning", turning);
         if (gearing - 1.0_f64).abs() >= 0.005 {
             let turned =
-                format!("both cars turn {gearing:.2} times as far as they are steered, as the recorded one did");
+                format!("both cars turn {gearing:.2} times as far as the simulator's, as the recorded one did");
             text += &line("gearing", turned);
         }
         let another = 100.0 * f64::from(of_another_lap) / f64::from(recorded.max(1));
@@ -217,7 +217,7 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
         places.filter(|(row, place)| place.is_some() && rows.contains(row)).count()
     };
     let all: usize = drives.iter().map(known).sum();
-    // Of several that are equal, the last one is the greatest.
+    // `max_by_key` takes the last of several that are equal: reversed, that is the first road.
     let Some(most) = drives.into_iter().rev().max_by_key(known) else { return Ok(None) };
     if known(&most) < all {
         let elsewhere = count(all - known(&most), "located picture");

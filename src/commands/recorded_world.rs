@@ -56,7 +56,7 @@ impl Recorded {
                 let table = table_of(path, table, &roads)?;
                 if table.elsewhere > 0 {
                     let (path, left_out) = (path.display(), count(table.elsewhere, "located picture"));
-                    say!("--world: {path}: leaving out {left_out}, taken on an unknown road: see --track FILE.toml");
+                    say!("--world: {path}: leaving out {left_out}, taken on an unknown road: name it with --track");
                 }
                 drives.extend(table.drives().into_iter().map(|drive| (path.clone(), drive)));
                 continue;
@@ -174,7 +174,7 @@ fn left_out(drives: &[(PathBuf, LocatedDrive)], road: &str, reversed: bool) -> V
     told
 }
 
-/// What is said of a recording if moments lack side cameras: so many, of all.
+/// What is said of a recording of whose moments so many, out of all, lack side cameras.
 fn no_sides((without, all): (usize, usize)) -> Option<String> {
     let some = if without < all { format!(" in {without} of {}", count(all, "picture")) } else { String::new() };
     (without > 0).then(|| format!("no side cameras{some}, so more is filled in the further the car is off"))

@@ -17,8 +17,8 @@ const LEAST_M: f64 = 2.0;
 /// How late a car may obey its steering, in seconds, and how finely that is told.
 const LATEST_S: f64 = 0.3;
 const STEP_S: f64 = 0.02;
-/// A car whose turning its steering explains this well, as a correlation, is geared as it tells: the real builds' have 0.983
-/// and more.
+/// How well its steering must explain a car's turning, as a correlation, for its gearing to be believed: those of the
+/// real builds have 0.983 and more.
 const EXPLAINED: f64 = 0.95;
 /// No build is known to be geared outside of this.
 const GEARED: std::ops::RangeInclusive<f64> = 0.7..=1.4;
@@ -88,8 +88,8 @@ impl Car {
     }
 }
 
-/// How far the car of a recording turns for each radian that the front wheels' angle tells: 1 if it does as the simulator's,
-/// and if too little of its turning is explained to tell.
+/// How many times as far the car of a recording turns as the simulator's would for the same steering; 1 if its steering
+/// explains too little of its turning to tell, or if that is more or less than any build is known to turn.
 ///
 /// # Errors
 /// What cannot be read of the run or the driving log.

@@ -125,7 +125,7 @@ impl Rows {
     }
 }
 
-/// The moments with a picture, of which none is looked at: the car turned as it was steered.
+/// The moments with a picture, without a look at the pictures: the turning follows from the steering.
 pub(super) fn by_steering(path: &Path) -> Result<Vec<Row>, RecordingError> {
     Reader::open(path)?.map(|seen| Ok(seen?.0)).collect()
 }

@@ -138,7 +138,7 @@ class Bridge:
 
 
 def numbered(folder):
-    """A new folder in this one, by the lowest number that no other has."""
+    """A new folder in this one, named by the lowest number that is free."""
     folder.mkdir(parents=True, exist_ok=True)
     for number in itertools.count():
         new = folder / f"{number:02}"
@@ -202,7 +202,7 @@ def sent_frames(count):
 # -- stock packages ----------------------------------------------------------
 
 def one_at_a_time(make):
-    """`make`, whose second caller with the same arguments waits until the first has what it asked for."""
+    """`make`, but a second call with the same arguments waits until the first has returned."""
     locks = collections.defaultdict(threading.Lock)
 
     @functools.wraps(make)

@@ -186,8 +186,8 @@ async function main() {
 
   if (!isFirefox) await byTouch(browser)
 
-  // An eight, 10 m wide: its map is road all over the crossing, and what it goes around is none. Two places of the run are
-  // so far apart that no line is drawn between them; the car tells where on the map they are.
+  // A figure of eight, 10 m wide: on the map all of its crossing is road, and what it encloses is not. The places of the run
+  // are so far apart that no line is drawn between them; the car shows where on the map they are.
   const page = await open(report, 700, 'light')
   const eight = await page.evaluate(() => {
     const edge = (out) => Array.from({ length: 360 }, (_, degrees) => {
@@ -209,7 +209,7 @@ async function main() {
     return { road: colour(elsewhere), crossed: [...crossed], inside: colour(inside) }
   })
   equal('colours where a road crosses itself', eight.crossed, [eight.road])
-  holds(`what a road goes around is no road: ${JSON.stringify(eight)}`, eight.inside !== eight.road)
+  holds(`what a road encloses is not road: ${JSON.stringify(eight)}`, eight.inside !== eight.road)
 
   // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
   result.film = await page.evaluate(async (source) => {

@@ -5,8 +5,8 @@
 
 Each check prints one line with what it measured. The last line is
 `N passed, N failed[, N skipped]`; the exit status is 1 if a check failed.
-Checks that hold to no time and look at no page come first, two of them at a
-time, or as many as `--jobs` says; each of the others has the machine to itself.
+Checks that measure no time and open no page run first, two at a time or as
+many as `--jobs` says; each of the others has the machine to itself.
 
 Python 3.9 or newer and its standard library. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
@@ -68,8 +68,8 @@ CHECKS = [
     ("socket.io-client", checks_clients.js_socketio, False, "socket.io-client 4 and 2"),
 ]
 
-# What installs, computes or waits, wherever it is done and however long it takes, in the order in which it is begun: what
-# computes beside what waits.
+# Checks that install, compute or wait, and may take any time, in the order in which they are begun: those that compute
+# beside those that wait.
 BESIDE = ("keras", "python-socketio", "torch", "socket.io-client", "rerun", "schemas", "perception", "drive.py", "simulate")
 
 
@@ -90,14 +90,14 @@ def outcome(check, needs_shared, quick):
 
 
 def make(name, check, needs_shared, quick):
-    """Makes a check; returns its name, the word for its outcome, the figures on one line, and the seconds it took."""
+    """Runs a check; returns its name, the word for its outcome, the figures on one line, and the seconds it took."""
     began = time.monotonic()
     word, figures = outcome(check, needs_shared, quick)
     return name, word, " ".join(figures.split()), time.monotonic() - began
 
 
 def made(beside, alone, jobs):
-    """What becomes of each check as it ends: of those that may be made beside one another, then of the others."""
+    """The outcome of each check as it ends: first of those that may run side by side, then of the others."""
     pool = concurrent.futures.ThreadPoolExecutor(jobs)
     try:
         for done in concurrent.futures.as_completed([pool.submit(make, *check) for check in beside]):
@@ -112,7 +112,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", metavar="NAME", choices=[c[0] for c in CHECKS], help="this check, repeatable")
     parser.add_argument("--quick", action="store_true", help="shorten the checks that take time")
-    parser.add_argument("--jobs", type=int, choices=range(1, 9), default=2, metavar="N", help="so many checks at a time, of those that hold to no time")
+    parser.add_argument("--jobs", type=int, choices=range(1, 9), default=2, metavar="N", help="how many checks that measure no time run at once (default 2)")
     parser.add_argument("--browser", choices=list(checks_live.NAMES), default="chromium", help="in which the pages are looked at")
     parser.add_argument("--list", action="store_true", help="say what there is")
     arguments = parser.parse_args()

@@ -110,7 +110,7 @@ pub struct AlongRows<'a> {
     pub turned_by_pictures: usize,
     /// Intervals in which its steering was used instead.
     pub turned_by_steering: usize,
-    /// How far both cars turned for each radian that they were steered.
+    /// How many times as far both cars turned as the simulator's would for the same steering.
     pub gearing: f64,
     /// Pictures that were taken in another lap of the recording than the one that is driven along, as its camera was nearer.
     pub of_another_lap: u32,

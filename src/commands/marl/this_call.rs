@@ -37,9 +37,9 @@ impl ThisCall {
         let (trained, jobs) = (count(trainings, "training"), count(jobs, "job"));
         let did = format!("{who} finished {trained} ({agent_steps} agent-steps) in {seconds:.1} s with {jobs}");
         match agent_steps_per_s {
-            Some(pace) => format!("{did}, judging included: {pace:.0} agent-steps/s in all."),
+            Some(pace) => format!("{did}, judging included: {pace:.0} agent-steps/s over all jobs."),
             None if trainings == 0 => format!("{who} finished no training in {seconds:.1} s."),
-            None => format!("{did}. It was stopped; its agent-steps/s are not known."),
+            None => format!("{did}. It was stopped, so its agent-steps/s are not known."),
         }
     }
 }
@@ -54,8 +54,8 @@ mod tests {
             ThisCall::of(finished, 2, Duration::from_secs(50), was_stopped).told("This call")
         };
         let whole = "This call finished 2 trainings (3000 agent-steps) in 50.0 s with 2 jobs";
-        assert_eq!(told(&[1000, 2000], false), format!("{whole}, judging included: 60 agent-steps/s in all."));
-        assert_eq!(told(&[1000, 2000], true), format!("{whole}. It was stopped; its agent-steps/s are not known."));
+        assert_eq!(told(&[1000, 2000], false), format!("{whole}, judging included: 60 agent-steps/s over all jobs."));
+        assert_eq!(told(&[1000, 2000], true), format!("{whole}. It was stopped, so its agent-steps/s are not known."));
         for was_stopped in [false, true] {
             assert_eq!(told(&[], was_stopped), "This call finished no training in 50.0 s.");
         }

@@ -91,7 +91,7 @@ impl LaneLabels {
         let left_out = count(selected.len() - known, "row");
         let elsewhere = match self.elsewhere {
             0 => String::new(),
-            pictures => format!("; {} of the whole table of roads that are not known", count(pictures, "picture")),
+            pictures => format!("; {} of the whole table on unknown roads", count(pictures, "picture")),
         };
         let path = source.path.display();
         tracing::info!("{path}: {} labelled from the lane, {left_out} left out{elsewhere}", count(known, "row"));

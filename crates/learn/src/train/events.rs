@@ -77,8 +77,8 @@ impl Events {
     /// it names the file: `events.out.tfevents.<seconds>.lapwing`, followed by a number if one of that second exists
     /// already. TensorBoard shows all files of a folder as one run.
     ///
-    /// `from` is the least step of the points to come. What the folder's earlier files hold from there on, TensorBoard
-    /// drops: a training that was killed has written more than it saved, and writes it again when it is resumed.
+    /// `from` is the lowest step of the points to come. TensorBoard drops what the folder's earlier files hold from
+    /// there on: a training that was killed has written more than it saved, and writes it again when it is resumed.
     ///
     /// # Errors
     /// Those of the file system.

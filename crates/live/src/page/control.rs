@@ -63,7 +63,7 @@ pub enum Control {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(default)]
 pub struct WorldChoice {
-    /// One of [`Offered::tracks`], or `random:SEED`.
+    /// One of [`Offered::tracks`], `random:SEED` or `random-lanes:SEED`.
     pub track: Option<String>,
     /// Light, weather and camera faults, of [`Offered::weather`].
     pub weather: Option<BTreeMap<String, f64>>,
@@ -234,14 +234,14 @@ impl Control {
             Self::Pilot { index } if *index >= pilots => Err(Refused::no_pilot(*index, pilots)),
             Self::World(WorldChoice { track, weather, scenario }) => {
                 let is_track = |name: &str| {
-                    let seed = name.strip_prefix("random:");
+                    let seed = ["random:", "random-lanes:"].iter().find_map(|kind| name.strip_prefix(kind));
                     offered.tracks.iter().any(|offered| offered == name)
                         || seed.is_some_and(|seed| seed.parse::<u64>().is_ok())
                 };
                 if let Some(track) = track.as_ref().filter(|track| !is_track(track)) {
                     return value(
                         "track",
-                        format!("{} or random:SEED", offered.tracks.join(", ")),
+                        format!("{}, random:SEED or random-lanes:SEED", offered.tracks.join(", ")),
                         format!("{track:?}"),
                     );
                 }
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn a_world_is_one_that_is_offered_and_never_a_path() {
         let can = Abilities::of_the_simulator(false);
-        for path in ["/etc/passwd", "../track.toml", "track.toml", "random:x", "random", "lake "] {
+        for path in ["/etc/passwd", "../track.toml", "track.toml", "random:x", "random", "random-lanes:../x", "lake "] {
             for key in ["track", "scenario"] {
                 let json = serde_json::json!({ "control": "world", key: path }).to_string();
                 let error = asked(&json, &can).unwrap_err().to_string();

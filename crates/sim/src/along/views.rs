@@ -119,8 +119,8 @@ impl Views {
         self.album.views().len()
     }
 
-    /// Of the moments of a drive, counted from 0 in the order in which [`open`](Self::open) was given them, those without a
-    /// picture of a side camera, and all.
+    /// How many moments of a drive have no picture of a side camera, and how many moments it has. Drives are counted
+    /// from 0, in the order in which [`open`](Self::open) was given them.
     pub fn without_side_cameras(&self, drive: usize) -> (usize, usize) {
         let of = self.album.views().iter().filter(|view| view.when.drive == drive);
         let (with, without): (Vec<_>, Vec<_>) = of.partition(|view| view.pictures[1..].iter().any(Option::is_some));

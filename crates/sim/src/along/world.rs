@@ -40,7 +40,7 @@ pub struct RecordedWorld {
     limit: Limit,
     protocol: Protocol,
     yaw: Yaw,
-    /// How far both cars turn for each radian that the simulator's would.
+    /// How many times as far both cars turn as the simulator's would for the same steering.
     gearing: f64,
     abreast: Abreast,
     /// The row that is shown next, or was shown last and waits for its answer.
@@ -144,7 +144,7 @@ impl RecordedWorld {
         Self { protocol, ..self }
     }
 
-    /// The same world with cars that turn this many times as far as the simulator's when they are steered: as the
+    /// The same world with cars that turn this many times as far as the simulator's for the same steering, as the
     /// recorded one did.
     pub fn geared(self, gearing: f64) -> Self {
         Self { gearing, ..self }
@@ -188,7 +188,7 @@ impl RecordedWorld {
         self.lines.iter().all(|line| matches!(line, Line::Lane(_)))
     }
 
-    /// Whether it is known anywhere along the way.
+    /// Whether it is known anywhere along the way where in its lane the recorded car was.
     pub fn knows_the_lane_somewhere(&self) -> bool {
         self.lines.iter().any(|line| matches!(line, Line::Lane(_)))
     }

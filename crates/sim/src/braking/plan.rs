@@ -49,8 +49,8 @@ const PARTS: [Part; 10] = [
     Part::Train,
 ];
 
-/// Half of the roads of a part, but for laps: the others are its [`lanes`]. What is held out is played on roads of its own. There
-/// are many to learn from: of a few, a network knows every post.
+/// The roads of half of a part's episodes, laps aside; the others are on its [`lanes`]. What is held out is played on
+/// roads of its own. There are many to learn from: of a few, a network knows every post.
 pub fn tracks(part: Part) -> &'static [&'static str] {
     match part {
         Part::Train => &[
@@ -89,8 +89,9 @@ pub fn tracks(part: Part) -> &'static [&'static str] {
     }
 }
 
-/// The other half of the roads of a part: [`RandomTrack::lanes`](crate::track::RandomTrack::lanes). A network that knew only
-/// random roads of one width, driven in their middle, braked for posts on the crests of the jungle.
+/// The roads of the other half of a part's episodes: [`RandomTrack::lanes`](crate::track::RandomTrack::lanes). A
+/// network that knew only random roads of one width, driven in their middle, braked for posts on the crests of the
+/// jungle.
 pub fn lanes(part: Part) -> Vec<String> {
     let seeds: RangeInclusive<u32> = match part {
         Part::Train => 13..=36,
@@ -100,7 +101,7 @@ pub fn lanes(part: Part) -> Vec<String> {
     seeds.map(|seed| format!("random-lanes:{seed}")).collect()
 }
 
-/// The road of an episode, by a number from 0 to 1.
+/// The road of an episode that is no lap, by a number from 0 to 1.
 fn road(part: Part, drawn: f64) -> String {
     if drawn < 0.5 {
         (*pick(tracks(part), 2.0 * drawn)).to_owned()
@@ -109,8 +110,8 @@ fn road(part: Part, drawn: f64) -> String {
     }
 }
 
-/// The road of a lap of a part: one of the three tracks, of which each part has its own piece, as often as one of its other
-/// roads; to learn from, the tracks come more often, and the jungle as often as the other two.
+/// The road of a lap of a part: one of the three tracks, of which each part has its own piece, as often as one of its
+/// other roads; to learn from, the tracks come more often, and the jungle as often as the other two together.
 fn lap_road(part: Part, drawn: f64) -> String {
     let (share, stock): (f64, &[&str]) = match part {
         Part::Train => (0.75, &["lake", "jungle", "jungle", "mountain"]),
@@ -255,7 +256,7 @@ mod tests {
             let used: BTreeSet<&str> = all.iter().filter(|e| e.part == part).map(|e| &*e.track).collect();
             assert!(roads(part).iter().all(|road| used.contains(&**road)), "{part}: {used:?}");
         }
-        // A sixth, and a share of the other half, if all roads were drawn alike.
+        // It would be a sixth, and a few of the other half, if these laps were drawn as the others are.
         assert!((0.32..0.44).contains(&share(Part::Train, true, "jungle")));
         assert!((0.1..0.24).contains(&share(Part::HeldOut, true, "jungle")));
     }

@@ -194,7 +194,7 @@ impl LaneTable {
         here.chain(there)
     }
 
-    /// On each road all drives, as one: where another one was driven, no place is known. In the order of
+    /// For each road all drives on it, as one: where another road was driven, no place is known. In the order of
     /// [`tracks`](Self::tracks).
     pub fn drives(&self) -> Vec<LocatedDrive> {
         let place = |pose: &Option<Pose>| pose.map(Located::known);
@@ -214,7 +214,7 @@ impl LaneTable {
             let beyond = self.rows.iter().zip(&mut drive.places).filter(|((moment, _), _)| !moments.contains(moment));
             beyond.for_each(|(_, place)| *place = None);
         }
-        // Of several that are equal, the last one is the greatest.
+        // `max_by_key` takes the last of several that are equal: reversed, that is the first road.
         let most = drives.into_iter().rev().max_by_key(|drive| drive.places.iter().flatten().count());
         most.unwrap_or_else(|| LocatedDrive { track: Arc::clone(&self.track), places: vec![] })
     }

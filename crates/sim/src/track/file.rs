@@ -170,7 +170,7 @@ impl fmt::Display for Edge {
 pub enum TrackError {
     /// No track of that name.
     #[error(
-        "unknown track: expected lake, jungle, mountain, random, random:SEED, random-lanes:SEED \
+        "unknown track: expected lake, jungle, mountain, random:SEED, random-lanes:SEED \
          or a file ending in .toml, got {got:?}{}",
         did_you_mean(got, super::Track::NAMES)
     )]

@@ -23,8 +23,8 @@ const DRAWS: u32 = 80;
 
 /// What is drawn for [`RandomTrack::lanes`], from a stream of its own: draws of roads have the low numbers.
 const LANES_STREAM: u64 = 1 << 32;
-/// Widths of roads without a lane of their own, and the least of those with one, in metres: in the middle of a
-/// narrower lane our car would be too near to the edge for the line to drive.
+/// Widths of these roads, and the least width of one with a lane on the right, in metres: in the middle of a narrower
+/// lane our car would be too near to the edge for the line to drive.
 const LANES_WIDTH_M: (f64, f64) = (6.0, 11.0);
 const LEAST_WITH_LANE_M: f64 = 7.5;
 
@@ -50,7 +50,7 @@ pub struct RandomTrack {
     pub theme: Option<Theme>,
     /// Whether it may cross itself, on a bridge with at least 6 m from road to road.
     pub crossings: bool,
-    /// Whether its hills are short, with posts on their crests, as in the jungle; its name then begins with `random-lanes`.
+    /// Whether its hills are short, with posts on their crests, as in the jungle; its name is then `random-lanes:SEED`.
     pub crests: bool,
 }
 
@@ -79,8 +79,9 @@ struct Crossing {
 }
 
 impl RandomTrack {
-    /// The track that is called `random-lanes:SEED`: a road of the jungle, 6 to 11 m wide, with posts on its crests. About half
-    /// of the seeds have two lanes, of which the right one is driven: its middle is a quarter of the road's width to the right.
+    /// The track that is called `random-lanes:SEED`: a road like the jungle's, 6 to 11 m wide, with posts on its
+    /// crests. About half of the seeds have two lanes, of which the right one is driven: its middle is a quarter of the
+    /// road's width to the right.
     pub fn lanes(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(LANES_STREAM);

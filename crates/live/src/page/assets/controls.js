@@ -75,16 +75,22 @@ function showControls(drive, status, pilots) {
   showWorld(status);
 }
 
+// Roads of which there is one for each seed, and whether the one that is chosen is of these.
+const RANDOM = ["random", "random-lanes"];
+const isRandom = () => RANDOM.includes($("track").value);
+
 // Fields of the world are filled when the world changes, not under somebody's hands.
 function showWorld({ offered, track, scenario, run }) {
   const key = JSON.stringify([offered, track, scenario, run]);
   if ($("world").dataset.key === key) return;
   $("world").dataset.key = key;
-  options($("track"), [...offered.tracks, "random"], [...offered.tracks, "random"]);
+  options($("track"), [...offered.tracks, ...RANDOM], [...offered.tracks, ...RANDOM]);
   options($("scenario"), ["none", ...offered.scenarios], ["", ...offered.scenarios]);
-  if (track) $("track").value = offered.tracks.includes(track) ? track : "random";
+  const [kind, seed] = (track ?? "").split(":");
+  if (track) $("track").value = offered.tracks.includes(track) || RANDOM.includes(kind) ? kind : "random";
+  if (RANDOM.includes(kind) && seed) $("seed").value = seed;
   $("scenario").value = scenario ?? "";
-  $("seed").hidden = $("track").value !== "random";
+  $("seed").hidden = !isRandom();
   if ($("weather").childElementCount === offered.weather.length) return;
   $("weather").replaceChildren(...offered.weather.map(({ name, min, max, fair }) => {
     const step = max - min > 20 ? 1 : 0.05;
@@ -105,12 +111,13 @@ click("step", { control: "step" });
 click("reset", { control: "reset" });
 click("record", () => ({ control: "record", on: !wants.status?.recording }));
 click("apply", () => {
-  const track = $("track").value === "random" ? `random:${Math.max(0, Math.floor(+$("seed").value || 0))}` : $("track").value;
+  const seed = isRandom() ? `:${Math.max(0, Math.floor(+$("seed").value || 0))}` : "";
+  const track = $("track").value + seed;
   const sliders = [...$("weather").querySelectorAll("input")].filter((slider) => slider.value !== slider.dataset.fair);
   const weather = Object.fromEntries(sliders.map((slider) => [slider.dataset.name, +slider.value]));
   return { control: "world", track, scenario: $("scenario").value, weather };
 });
-$("track").addEventListener("change", () => { $("seed").hidden = $("track").value !== "random"; });
+$("track").addEventListener("change", () => { $("seed").hidden = !isRandom(); });
 $("steer").addEventListener("click", () => { takeWheel(!wheel.on); $("steer").blur(); });
 
 for (const id of ["mph", "mph-slider"]) {

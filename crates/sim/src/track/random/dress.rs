@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::{CROSSING_HEIGHT_M, Crossing, RandomTrack, WIDTHS_APART};
 use crate::track::{Edge, Side, Station, Stretch, Theme, Track};
 
-/// The shortest wave of the hills, in metres, and how many waves there are at most: usually, and where there are crests. The
-/// latter, like [`CREST`], makes a third of a road its crests, as in the jungle.
+/// The shortest wave of the hills, in metres, and how many waves there are at most: usually, and where there are
+/// crests. With the latter and [`CREST`], crests make up a third of a road, as in the jungle.
 const WAVES: (f64, u32) = (150.0, 8);
 const CREST_WAVES: (f64, u32) = (60.0, 16);
 /// On a crest the grade falls by this much at least, over this many metres.
