@@ -30,7 +30,7 @@ mod trial;
 
 pub use case::{Case, Kind, Layer, Part};
 pub use human::{Attention, Human, Temper};
-pub use plan::{Episode, SPEEDS_MPH, episodes, lanes, tracks};
+pub use plan::{Episode, SPEEDS_MPH, episodes, tracks};
 pub use play::{Blind, Played, Shown, play};
 pub use record::{DataError, DataOptions, DataReport, EPISODES_NAME, HEADING, Places, Recorded, record};
 pub use sight::Sight;

@@ -1,7 +1,5 @@
 //! The episodes of a data set, from a seed.
 
-use std::ops::RangeInclusive;
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -49,8 +47,8 @@ const PARTS: [Part; 10] = [
     Part::Train,
 ];
 
-/// The roads of half of a part's episodes, laps aside; the others are on its [`lanes`]. What is held out is played on
-/// roads of its own. There are many to learn from: of a few, a network knows every post.
+/// The roads of a part, but for laps. What is held out is played on roads of its own. There are many to learn from: of a few, a
+/// network knows every post.
 pub fn tracks(part: Part) -> &'static [&'static str] {
     match part {
         Part::Train => &[
@@ -89,40 +87,11 @@ pub fn tracks(part: Part) -> &'static [&'static str] {
     }
 }
 
-/// The roads of the other half of a part's episodes: [`RandomTrack::lanes`](crate::track::RandomTrack::lanes). A
-/// network that knew only random roads of one width, driven in their middle, braked for posts on the crests of the
-/// jungle.
-pub fn lanes(part: Part) -> Vec<String> {
-    let seeds: RangeInclusive<u32> = match part {
-        Part::Train => 13..=36,
-        Part::Validation => 7..=8,
-        Part::HeldOut => 9..=12,
-    };
-    seeds.map(|seed| format!("random-lanes:{seed}")).collect()
-}
-
-/// The road of an episode that is no lap, by a number from 0 to 1.
-fn road(part: Part, drawn: f64) -> String {
-    if drawn < 0.5 {
-        (*pick(tracks(part), 2.0 * drawn)).to_owned()
-    } else {
-        pick(&lanes(part), 2.0 * drawn - 1.0).clone()
-    }
-}
-
-/// The road of a lap of a part: one of the three tracks, of which each part has its own piece, as often as one of its
-/// other roads; to learn from, the tracks come more often, and the jungle as often as the other two together.
-fn lap_road(part: Part, drawn: f64) -> String {
-    let (share, stock): (f64, &[&str]) = match part {
-        Part::Train => (0.75, &["lake", "jungle", "jungle", "mountain"]),
-        Part::Validation | Part::HeldOut => (0.5, &Track::NAMES),
-    };
-    if drawn < share { (*pick(stock, drawn / share)).to_owned() } else { road(part, (drawn - share) / (1.0 - share)) }
-}
-
-/// One of several, by a number from 0 to 1.
-fn pick<T>(from: &[T], drawn: f64) -> &T {
-    &from[((drawn * from.len() as f64) as usize).min(from.len() - 1)]
+/// The roads of a lap of a part: the three tracks, of which each part has its own piece, as often as its other roads.
+fn lap_track(part: Part, drawn: f64) -> &'static str {
+    let others = tracks(part);
+    let both = |i: f64, of: &[&'static str]| of[((i * of.len() as f64) as usize).min(of.len() - 1)];
+    if drawn < 0.5 { both(2.0 * drawn, &Track::NAMES) } else { both(2.0 * drawn - 1.0, others) }
 }
 
 /// An episode: a drive of its own.
@@ -205,14 +174,17 @@ pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(i as u64 + 1);
         let around = SPEEDS_MPH[(round + cell) % SPEEDS_MPH.len()] + AROUND_MPH * (2.0 * rng.random::<f64>() - 1.0);
-        let drawn = rng.random::<f64>();
-        let track = if case == Case::Lap { lap_road(part, drawn) } else { road(part, drawn) };
+        let (roads, road) = (tracks(part), rng.random::<f64>());
+        let track = match case {
+            Case::Lap => lap_track(part, road),
+            _ => roads[((road * roads.len() as f64) as usize).min(roads.len() - 1)],
+        };
         Episode {
             name: format!("{i:04}-{part}-{case}-{layer}"),
             part,
             case,
             layer,
-            track,
+            track: track.to_owned(),
             speed_mph: (around.clamp(SPEEDS_MPH[0], FASTEST_MPH) * 10.0).round() / 10.0,
             reaction_s: reaction_s(&mut rng),
             seed: rng.random::<u64>() >> 11,
@@ -237,29 +209,6 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-
-    /// All roads of a part, but for laps.
-    fn roads(part: Part) -> BTreeSet<String> {
-        tracks(part).iter().map(|track| (*track).to_owned()).chain(lanes(part)).collect()
-    }
-
-    #[test]
-    fn half_of_the_episodes_are_on_roads_with_crests_and_of_the_laps_to_learn_from_two_fifths_are_in_the_jungle() {
-        let all: Vec<Episode> = episodes(1).take(6000).collect();
-        let share = |part: Part, is_lap: bool, begins: &str| {
-            let own = all.iter().filter(|episode| episode.part == part && (episode.case == Case::Lap) == is_lap);
-            own.clone().filter(|episode| episode.track.starts_with(begins)).count() as f64 / own.count() as f64
-        };
-        for part in Part::ALL {
-            let crests = share(part, false, "random-lanes:");
-            assert!((0.4..0.6).contains(&crests), "{part}: {crests}");
-            let used: BTreeSet<&str> = all.iter().filter(|e| e.part == part).map(|e| &*e.track).collect();
-            assert!(roads(part).iter().all(|road| used.contains(&**road)), "{part}: {used:?}");
-        }
-        // It would be a sixth, and a few of the other half, if these laps were drawn as the others are.
-        assert!((0.32..0.44).contains(&share(Part::Train, true, "jungle")));
-        assert!((0.1..0.24).contains(&share(Part::HeldOut, true, "jungle")));
-    }
 
     #[test]
     fn what_is_hardest_comes_more_often_to_learn_from_and_no_more_often_to_judge_by() {
@@ -293,10 +242,10 @@ mod tests {
         assert_eq!(names.len(), first.len());
         for episode in &first {
             let is_lap = episode.case == Case::Lap && Track::NAMES.contains(&&*episode.track);
-            assert!(is_lap || roads(episode.part).contains(&episode.track), "{episode:?}");
+            assert!(is_lap || tracks(episode.part).contains(&&*episode.track), "{episode:?}");
             assert!((10.0..=29.5).contains(&episode.speed_mph), "{episode:?}");
         }
-        let elsewhere = |part| roads(Part::Train).is_disjoint(&roads(part));
+        let elsewhere = |part| tracks(Part::Train).iter().all(|track| !tracks(part).contains(track));
         assert!(elsewhere(Part::Validation) && elsewhere(Part::HeldOut));
         assert_eq!(first.iter().filter(|episode| episode.case == Case::Lap).count(), 310 / LAP_EVERY);
         let again: Vec<Episode> = episodes(1).take(310).collect();
