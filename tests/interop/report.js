@@ -201,8 +201,12 @@ async function main() {
     redraws.at(-1)()
     const [canvas, car] = [part.querySelector('canvas'), part.querySelector('.car')]
     const [crossing, inside, elsewhere] = t.map((at) => { follow(() => at); return [parseFloat(car.style.left), parseFloat(car.style.top)] })
-    const pen = canvas.getContext('2d'), scale = (inside[0] - crossing[0]) / 60
-    const colour = ([x, y]) => [...pen.getImageData(x * devicePixelRatio, y * devicePixelRatio, 1, 1).data].join()
+    const scale = (inside[0] - crossing[0]) / 60
+    const { data, width } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height)
+    const colour = (at) => {
+      const [x, y] = at.map((css) => Math.floor(css * devicePixelRatio)), first = 4 * (y * width + x)
+      return data.slice(first, first + 4).join()
+    }
     const near = [-4, -2, 0, 2, 4].flatMap((x) => [-4, -2, 0, 2, 4].map((z) => [x, z])).filter(([x, z]) => Math.hypot(x, z) <= 4)
     const crossed = new Set(near.map(([x, z]) => colour([crossing[0] + scale * x, crossing[1] - scale * z])))
     part.remove()
