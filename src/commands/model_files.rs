@@ -29,6 +29,11 @@ pub(super) fn run(arguments: &cli::Model) -> anyhow::Result<Ended> {
 fn checked(arguments: &cli::ModelCheck) -> anyhow::Result<Ended> {
     let pictures = arguments.pictures.as_deref();
     pictures.map(outputs::check_folder).transpose()?;
+    // First: what is wrong with the network matters, whatever it would be shown.
+    let model = match &arguments.model {
+        Some(path) => models::load(path, Instant::now)?,
+        None => models::built_in(Instant::now)?,
+    };
     let run = match &arguments.run {
         Some(run) => run.clone(),
         None => {
@@ -36,10 +41,6 @@ fn checked(arguments: &cli::ModelCheck) -> anyhow::Result<Ended> {
             let folders = [Some(Path::new("")), program.parent()];
             shipped_run(folders.into_iter().flatten())?
         }
-    };
-    let model = match &arguments.model {
-        Some(path) => models::load(path, Instant::now)?,
-        None => models::built_in(Instant::now)?,
     };
     // As `drive` does.
     runtime::set_threads(1);
