@@ -10,6 +10,7 @@ use serde_json::json;
 
 use super::{
     Ended, outputs,
+    recorded_world::no_sides,
     replay::{ReplayBar, too_many_bad_frames},
     thresholds,
 };
@@ -116,7 +117,6 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let Sights { recorded, apart_m, filled: (filled, filled_most), .. } = *world.sights();
     let [apart_m, filled_mean] = [apart_m, filled].map(|sum| sum / f64::from(recorded.max(1)));
     let of_another_lap = world.of_another_lap();
-    let (sideless, loaded) = world.without_side_cameras();
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
         let how = AlongRows {
@@ -175,11 +175,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let taken = format!("{apart_m:.2} m away on average; {of_another_lap} ({another:.1} %) in another lap");
         text += &line("pictures taken", taken);
         let [mean, most] = [filled_mean, filled_most].map(|share| 100.0 * share);
-        let some = if sideless < loaded { format!(" in {sideless} of {loaded} pictures") } else { String::new() };
-        let no_sides = match sideless {
-            0 => String::new(),
-            _ => format!("; no side cameras{some}, so more is filled in the further the car is off"),
-        };
+        let no_sides = no_sides(world.without_side_cameras()).map_or_else(String::new, |told| format!("; {told}"));
         text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most{no_sides}"));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));

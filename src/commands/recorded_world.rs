@@ -175,7 +175,7 @@ fn left_out(drives: &[(PathBuf, LocatedDrive)], road: &str, reversed: bool) -> V
 }
 
 /// What is said of a recording of whose moments so many, out of all, lack side cameras.
-fn no_sides((without, all): (usize, usize)) -> Option<String> {
+pub(super) fn no_sides((without, all): (usize, usize)) -> Option<String> {
     let some = if without < all { format!(" in {without} of {}", count(all, "picture")) } else { String::new() };
     (without > 0).then(|| format!("no side cameras{some}, so more is filled in the further the car is off"))
 }
