@@ -25,6 +25,7 @@ use lapwing_learn::{models::LoadedModel, nn::runtime};
 use lapwing_live::{
     bridge::{BindError, Listener, reached_here},
     page::GREETING,
+    viewers,
 };
 
 /// What was found; as JSON, what `lapwing doctor --json` prints. Its [`Display`](fmt::Display) is for people.
@@ -96,9 +97,15 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let bound = runtime.block_on(Listener::bind(address));
     let is_taken = matches!(bound, Err(BindError::Taken { .. }));
-    let serving = (is_taken && runtime.block_on(is_lapwing(address))).then_some(address);
-    if let (Err(error), None) = (bound, serving) {
-        troubles.push(error.to_string());
+    let holder = if is_taken { runtime.block_on(lapwing_at(address)) } else { None };
+    let serving = (holder == Some(LapwingPort::Bridge)).then_some(address);
+    match (bound, holder) {
+        (Ok(_), _) | (_, Some(LapwingPort::Bridge)) => {}
+        (_, Some(LapwingPort::Viewers)) => troubles.push(format!(
+            "at port {} Lapwing shows drives to Foxglove and Lichtblick (--foxglove): choose another port with --port",
+            address.port()
+        )),
+        (Err(error), None) => troubles.push(error.to_string()),
     }
     let model = model.map(|model| model.name().to_owned());
     let last_simulator = last_simulator(&recordings);
@@ -106,16 +113,30 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
     Ok(Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, serving, troubles })
 }
 
-/// Whether the program at this address greets as Lapwing does.
-async fn is_lapwing(address: SocketAddr) -> bool {
+/// Which of Lapwing's ports is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LapwingPort {
+    /// For simulators and the page.
+    Bridge,
+    /// For Foxglove and Lichtblick.
+    Viewers,
+}
+
+/// Which of Lapwing's ports the one at this address is, by how it greets; `None` if another program is there.
+async fn lapwing_at(address: SocketAddr) -> Option<LapwingPort> {
     let asked = async {
         let mut stream = TcpStream::connect(reached_here(address)).await?;
         stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await?;
         let mut answer = vec![];
         stream.take(GREETING_BYTES).read_to_end(&mut answer).await?;
-        io::Result::Ok(String::from_utf8_lossy(&answer).ends_with(&format!("\r\n\r\n{GREETING}")))
+        io::Result::Ok(String::from_utf8_lossy(&answer).into_owned())
     };
-    tokio::time::timeout(PATIENCE, asked).await.is_ok_and(|greeted| greeted.unwrap_or(false))
+    let answer = tokio::time::timeout(PATIENCE, asked).await.ok()?.ok()?;
+    match answer.split_once("\r\n\r\n")?.1 {
+        GREETING => Some(LapwingPort::Bridge),
+        greeting if viewers::GREETINGS.contains(&greeting) => Some(LapwingPort::Viewers),
+        _ => None,
+    }
 }
 
 /// By the newest run in a folder that was not driven in the headless simulator.

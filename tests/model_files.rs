@@ -86,6 +86,18 @@ fn the_users_own_settings_stay_his_where_they_are_named_or_lie_in_the_folder() {
 }
 
 #[test]
+fn a_recipe_beside_tensors_is_told_to_be_taken_for_their_preprocessing_and_how_another_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("net.safetensors"), "").unwrap();
+    std::fs::write(dir.path().join("net.toml"), "network = \"pilotnet\"\nepochs = 3\n").unwrap();
+    let rename = ["model", "rename", "net.safetensors", "--network", "pilotnet", "--out", "out.safetensors"];
+    let (code, out, err) = lapwing_in(dir.path(), "", &rename);
+    assert_eq!((code, out.as_str()), (1, ""), "{err}");
+    let told = "net.toml beside net.safetensors was taken for its preprocessing; --preprocess FILE names another file";
+    assert!(err.contains(told) && err.contains("unknown field"), "{err}");
+}
+
+#[test]
 fn every_verb_that_takes_a_model_says_that_torchscript_is_code() {
     for verb in ["drive", "serve", "replay", "suite", "evaluate", "doctor", "model check"] {
         for help in ["-h", "--help"] {

@@ -159,7 +159,9 @@ async fn driven_until(verb: &mut Verb, address: SocketAddr, end: impl AsyncFnOnc
 fn a_folder_of_models_is_offered_without_those_that_do_not_steer_and_without_code() {
     let folder = tempdir().unwrap();
     let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
-    for name in ["cps.safetensors", "lane.safetensors", "pilotnet.safetensors", "README.md"] {
+    let names =
+        ["cps.safetensors", "intersection-ppo.safetensors", "lane.safetensors", "pilotnet.safetensors", "README.md"];
+    for name in names {
         std::fs::copy(models.join(name), folder.path().join(name)).unwrap();
     }
     std::fs::write(folder.path().join("code.pt"), "never read").unwrap();
@@ -190,6 +192,7 @@ fn a_folder_of_models_is_offered_without_those_that_do_not_steer_and_without_cod
         said.contains("not on the page: ") && said.contains("lane.safetensors") && !said.contains("code.pt"),
         "{said}"
     );
+    assert!(said.contains("got a policy for agents at an intersection") && !said.contains("model rename"), "{said}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -364,6 +367,8 @@ fn a_port_that_others_can_reach_is_told_to_be_open_to_any_simulator() {
         assert_eq!(warnings.count(), expected, "{bind}: {said}");
         assert_eq!(said.contains("?token="), expected == 1, "{bind}: {said}");
         assert!(said.contains(&format!("ssh -N -L 4567:{local}:")), "a tunnel ends where it listens: {bind}: {said}");
+        let advised = said.contains("with lapwing serve --bind 0.0.0.0 here,");
+        assert_eq!(advised, expected == 0, "nobody is told to do what they did: {bind}: {said}");
     }
 }
 
@@ -410,6 +415,24 @@ fn the_doctor_takes_the_flags_of_serve_and_knows_a_lapwing_that_serves() {
     assert_eq!(found["serving"], address.to_string(), "{found}");
     assert_eq!((&found["troubles"], doctor.status.code()), (&serde_json::json!([]), Some(0)), "{found}");
     assert!(found["recordings"].as_str().unwrap().ends_with("runs"), "{found}");
+}
+
+#[test]
+fn the_doctor_knows_the_port_where_a_lapwing_that_serves_shows_drives_to_foxglove() {
+    for bind in ["127.0.0.1", "0.0.0.0"] {
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port().to_string();
+        let (verb, _, _said) = serve_with(PLAIN, &["--bind", bind, "--foxglove", &port]);
+        let doctor = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+            .args(["doctor", "--json", "--bind", bind, "--port", &port, "--recordings", "runs"])
+            .current_dir(verb.dir.path())
+            .output()
+            .unwrap();
+        let found: serde_json::Value = serde_json::from_slice(&doctor.stdout).unwrap();
+        let holder = "Lapwing shows drives to Foxglove and Lichtblick (--foxglove)";
+        let expected = format!("at port {port} {holder}: choose another port with --port");
+        assert_eq!(found["troubles"], serde_json::json!([expected]), "{bind}: {found}");
+        assert_eq!(doctor.status.code(), Some(1), "{bind}: {found}");
+    }
 }
 
 #[test]

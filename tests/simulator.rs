@@ -110,6 +110,29 @@ fn after_a_crash_the_car_may_go_on_from_the_next_waypoint() {
 }
 
 #[test]
+fn a_car_that_is_told_to_stand_waits_for_as_long_as_the_world_allows() {
+    // Why the run ended, and how often the car was stuck.
+    let stood = |setup: Setup| {
+        let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
+        let mut stuck = 0;
+        loop {
+            let seen = world.observe().unwrap();
+            stuck += world.take_events().iter().filter(|(_, event)| *event == EventRecord::Stuck).count();
+            if seen.is_none() {
+                break (world.ending().cloned(), stuck);
+            }
+            world.apply(Answer::Steer(Command::default()));
+        }
+    };
+    let at_most_a_minute = || Setup { longest_s: Some(60.0), ..setup(lake()) };
+    assert_eq!(stood(Setup { idle_s: None, ..at_most_a_minute() }), (Some(Ending::TimeOver), 0));
+    assert_eq!(stood(setup(lake())), (Some(Ending::Idle(20.0)), 1));
+    assert_eq!(Ending::Idle(20.0).to_string(), "stationary for 20 s without steady throttle");
+    let put_back = Setup { on_crash: OnCrash::Reset, ..at_most_a_minute() };
+    assert_eq!(stood(put_back), (Some(Ending::TimeOver), 2));
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bytes_and_another_seed_other_noise() {
     let noisy = |seed| Setup {
         seed,

@@ -76,9 +76,15 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     if out.extension().is_none_or(|extension| extension != "safetensors") {
         bail!("--out: expected a file ending in .safetensors, got {}", out.display());
     }
+    let beside = input.with_extension("toml");
+    // Beside a network that was trained here, it is a recipe.
+    let taken = || {
+        let (beside, input) = (beside.display(), input.display());
+        format!("{beside} beside {input} was taken for its preprocessing; --preprocess FILE names another file")
+    };
     let side = match preprocess {
         Some(path) => Some(SideFile::read(path)?),
-        None if input.with_extension("toml").is_file() => Some(SideFile::beside(input)?),
+        None if beside.is_file() => Some(SideFile::beside(input).with_context(taken)?),
         None => None,
     };
     let mut design = Design::of(architecture);

@@ -204,10 +204,10 @@ impl Stage {
     }
 }
 
-/// A world; without laps to drive it lasts until a person ends it.
+/// A world; without laps to drive it lasts until a person ends it, even while the car stands.
 fn set_up(spec: &WorldSpec, settings: &Settings, stock: bool) -> anyhow::Result<Setup> {
     let setup = spec.setup(&settings.simulator)?;
-    Ok(Setup { laps: spec.laps, stock, ..setup })
+    Ok(Setup { laps: spec.laps, idle_s: spec.laps.map(|_| world::STOPPED_S), stock, ..setup })
 }
 
 /// One run.

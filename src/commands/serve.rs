@@ -202,12 +202,13 @@ fn how_to_connect(address: SocketAddr) -> String {
     let port = address.port();
     let local = bridge::reached_here(address);
     let warning = if port == 4567 { "" } else { "\n  Note: the simulator connects only to port 4567." };
+    let reachable = if address.ip().is_loopback() { " with lapwing serve --bind 0.0.0.0 here," } else { "" };
     format!(
         "Waiting for a simulator on {address}. Press Ctrl-C to stop.{warning}
   Simulator on this machine: start it and choose Autonomous Mode; it connects by itself.
   On another machine or in a VM it still connects to its own 127.0.0.1:4567, so bring that port here. Over there, run
     ssh -N -L 4567:{local} USER@THIS-MACHINE
-  or, on Windows as administrator, with lapwing serve --bind 0.0.0.0 here,
+  or, on Windows as administrator,{reachable}
     netsh interface portproxy add v4tov4 listenaddress=127.0.0.1 listenport=4567 connectaddress=THIS-MACHINE connectport={port}
   On Windows with Lapwing in WSL 2: Windows passes 127.0.0.1 on to WSL; if nothing arrives, use the netsh line with the
   address that `hostname -I` prints in WSL."

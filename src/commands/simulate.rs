@@ -33,6 +33,10 @@ pub(super) fn run(arguments: cli::Simulate, config: Option<&Path>) -> anyhow::Re
         for_s,
         speed: Mph::saturating(arguments.speed),
     });
+    if connect.is_some() {
+        // Whoever sits at the bridge's page may stop the car.
+        setup.idle_s = Some(world::STOPPED_S);
+    }
     let mut seen = Onlookers {
         judge: BridgeScorer::default(),
         pictures: world::Pictures::new(&arguments.pictures, &setup, "bridge")?,

@@ -33,6 +33,9 @@ const FILM: (usize, usize) = (640, 360);
 /// How wide a map is, in pixels.
 const MAP: u32 = 1200;
 
+/// How long a car that somebody may have stopped stands before it counts as stuck, in seconds.
+pub(super) const STOPPED_S: f64 = 600.0;
+
 /// The flags of a world as settings.
 pub(super) fn layers(mut layers: Layers, world: &cli::WorldFlags) -> Result<Layers, ConfigError> {
     if let Some(track) = &world.track {

@@ -95,7 +95,7 @@ async fn every_documented_path_answers_as_documented() {
                     .replace("{n}", "2")
                     .replace("{looks}", "visual-back-prop")
                     .replace("{pilot}", "0");
-                let body = if method == "post" { r#"{"control":"arm"}"# } else { "" };
+                let body = if method == "post" { r#"{"control":"take-over"}"# } else { "" };
                 let (status, answer) = api.ask(method, path, &request, body).await;
                 // This bridge's model is not looked into, and this request asks for no WebSocket.
                 let expected = if path == "/live" { status == 426 } else { status < 300 };

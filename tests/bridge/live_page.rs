@@ -158,6 +158,26 @@ async fn a_page_sees_each_drive_as_it_happens_and_a_stalled_one_delays_nobody() 
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_page_that_begins_to_look_is_told_the_last_minute_at_once() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut simulator = Wire::simulator(running.address).await;
+    for speed in ["4.0000", "5.0000", "6.0000"] {
+        steer(&simulator.ask(&telemetry(speed)).await);
+        sleep(Duration::from_millis(100)).await;
+    }
+    let mut page = Look::dial(running.address, "", None).await.unwrap();
+    for how in ["opened", "at another tab, and back"] {
+        let minute = page.text("minute").await;
+        let turns = minute["turns"].as_array().unwrap();
+        let speeds: Vec<_> = turns.iter().map(|turn| turn[1].as_f64()).collect();
+        assert_eq!((&minute["drive"], speeds), (&json!(1), vec![Some(4.0), Some(5.0), Some(6.0)]), "{how}");
+        assert_eq!(page.text("moment").await["turn"]["t"], turns[2][0], "{how}: curves go on where the minute ends");
+        page.say(r#"{"watch":1}"#).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn what_a_page_asks_for_acts_at_the_next_frame_and_is_in_the_run() {
     let dir = tempdir().unwrap();
     let running = Running::start(settings(dir.path())).await;

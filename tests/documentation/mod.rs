@@ -198,6 +198,16 @@ fn write(page: &Page, printed: Vec<(Invocation, Vec<String>)>) {
 }
 
 #[test]
+fn the_archive_of_a_release_holds_what_the_commands_of_its_documentation_name() {
+    let archive = read("scripts/dist.py");
+    let pages = pages(root());
+    let words = pages.iter().flat_map(Page::invocations).flat_map(|invocation| invocation.words);
+    let ours = words.filter(|word| word.starts_with("models/") && root().join(word).is_file());
+    let left_out: BTreeSet<_> = ours.filter(|file| !archive.contains(&format!("\"{file}\""))).collect();
+    assert!(left_out.is_empty(), "scripts/dist.py packs no {left_out:?}");
+}
+
+#[test]
 fn every_reason_not_to_run_a_command_is_still_needed() {
     let pages = pages(root());
     let commands: Vec<_> = pages.iter().flat_map(Page::invocations).map(|i| i.words.join(" ")).collect();

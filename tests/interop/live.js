@@ -189,6 +189,17 @@ async function main() {
   await until('a score', async () => /distance/.test(await text('#score')))
   await until('a latency', async () => /answer/.test(await text('#latency')))
 
+  // While nothing drives, the live view is greyed, and the recorded runs are not.
+  const opacities = await page.evaluate(() => {
+    const seen = (view) => [...new Set([...document.querySelectorAll(`#${view} section`)].map((section) => getComputedStyle(section).opacity))]
+    document.body.classList.add('empty')
+    const views = [seen('main'), seen('runs')]
+    document.body.classList.remove('empty')
+    return views
+  })
+  equal('opacity of live and recorded views while nothing drives', opacities, [['0.55'], ['1']])
+  equal('how to connect here', await page.locator('#connect').textContent(), `lapwing simulate --connect ${new URL(url).host}`)
+
   if (mode === 'record') { await record(); return finish() }
 
   // Controls act on the car.
@@ -207,6 +218,9 @@ async function main() {
   await page.keyboard.press('Escape')
   await until('the emergency stop', async () => (await api()).status.hands === 'stopped')
   await until('a car that stands', async () => (await speed()) < 1)
+  // For longer than a car that is stuck would stand.
+  await page.waitForTimeout(4000)
+  equal('a stopped car that waits', [(await api()).status.phase, (await api()).status.hands, /stuck/.test(await text('#events'))], ['driving', 'stopped', false])
   await page.click('#arm')
   await until('a car that drives again', async () => (await speed()) > 3)
   await page.click('#take-over')
@@ -222,6 +236,13 @@ async function main() {
   await until('the pilot again', async () => (await api()).turn.by === 'pilot')
   const events = await until('events', async () => { const words = await text('#events'); return /emergency stop/.test(words) && /set speed 14 mph/.test(words) && /took the wheel/.test(words) && words })
   result.events = events.split('\n').length
+  // Another page, opened in the middle of the drive, has the curves of the time before, and the trail where the car is told.
+  const [opened, late] = [Date.now(), await browser.newPage()]
+  listen(late)
+  await late.goto(url)
+  await until('curves that begin before the page', async () => (await late.evaluate(() => minute.last - minute.t[0])) > 3 + (Date.now() - opened) / 1000)
+  if (mode === 'drive') equal('a trail that begins before the page', await late.evaluate(() => chartOf.trail.length > 20), true)
+  await late.close()
 
   if (mode === 'serve') {
     await page.selectOption('#live-looks', 'visual-back-prop')
@@ -320,6 +341,18 @@ async function main() {
     if (cut.some((px) => px > 0)) fail(`tabs at ${width} px: expected whole titles, got ${cut} px cut off`)
     await shot(name)
   }
+  // The axis of a steering of 12 degrees has more numbers than its zero.
+  const numbers = await page.evaluate(async () => {
+    const chart = document.querySelectorAll('#curves .chart')[1], written = new Set(), { prototype } = CanvasRenderingContext2D, { fillText } = prototype
+    prototype.fillText = function (text, ...at) { if (chart.contains(this.canvas)) written.add(text); return fillText.call(this, text, ...at) }
+    minute.steering.fill(12)
+    minute.asked.fill(12)
+    drawCurves[1]()
+    await new Promise((resolve) => setTimeout(resolve))
+    prototype.fillText = fillText
+    return [...written].filter((text) => /^\D?\d+$/.test(text))
+  })
+  if (numbers.length < 2) fail(`numbers at the axis of the steering: expected 2 or more, got ${numbers}`)
   // Every control is reached by keyboard alone.
   await page.setViewportSize({ width: 1440, height: 900 })
   const reached = new Set()

@@ -215,6 +215,17 @@ async function main() {
   equal('colours where a road crosses itself', eight.crossed, [eight.road])
   holds(`what a road encloses is not road: ${JSON.stringify(eight)}`, eight.inside !== eight.road)
 
+  // Of which runs the place is an estimate: the map names them only where it is not so of all.
+  const headings = await page.evaluate(() => [[false, false], [true, true], [false, true]].map((estimated) => {
+    const shown = estimated.map((on_line, i) => {
+      const drawn = { at: [[0, 0], [9, 9]], t: [0, 1], speed: [9, 9], cte: [null, null], events: [], on_line }
+      return { mark: 'AB'[i], colour: 'red', drawn }
+    })
+    return map(shown, () => {}).part.querySelector('h3').textContent
+  }))
+  const estimate = 'estimated along the road; the place across it is not known'
+  equal('headings of maps', headings, ['Map', `Map (${estimate})`, `Map (B: ${estimate})`])
+
   // A film plays: it says how long it is, and what it shows at two places differs and is no blank.
   result.film = await page.evaluate(async (source) => {
     const video = document.createElement('video')

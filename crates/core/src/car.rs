@@ -43,5 +43,8 @@ pub const STUCK_MPH: f64 = 1.0;
 /// … if it stays below it for this long, in seconds (SelfOracle: 120 game frames at 60 Hz).
 pub const STUCK_S: f64 = 2.0;
 
+/// A car that stands with less throttle than this is waiting, not stuck.
+pub const STUCK_THROTTLE: f64 = 0.05;
+
 /// How long after a start or a reset a car may stand, in seconds.
 pub const GRACE_S: f64 = 5.0;

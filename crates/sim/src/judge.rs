@@ -8,9 +8,10 @@
 //!   origin is further from the road's middle than the limit, until it is well inside again.
 //! - **Collision** (a physics contact): the car's body touches an actor, or a corner of it is beyond a wall. Continued
 //!   contact is the same collision; the next one needs a second without contact first.
-//! - **Stuck** (under 1 mph for 120 game frames): under that speed for two seconds. Not right after the start or a
-//!   reset, and not while something within a few metres ahead blocks the way without being touched: standing there is
-//!   right. The forks have no traffic to wait for.
+//! - **Stuck** (under 1 mph for 120 game frames): under that speed for two seconds, with throttle all the while: a car
+//!   that is told to stand waits. Not right after the start or a reset, and not while something within a few metres
+//!   ahead blocks the way without being touched: standing there is right. The forks have no traffic to wait for, and
+//!   nobody who stops the car. How long a car may wait is for the world to say, by [`Judge::stood_s`].
 //! - **Wrong way**: facing against the road for a second. Reversing while facing the right way does not count.
 //!
 //! A car that moves further in a step than it can drive was put there (for a place nearby, [`Judge::put`] must be
@@ -25,7 +26,7 @@ use super::{
     track::{Edge, Place, Side, Track},
     vehicle::Car,
 };
-use lapwing_core::{config::Rules, motion, units::MPS_PER_MPH};
+use lapwing_core::{car::STUCK_THROTTLE, config::Rules, motion, units::MPS_PER_MPH};
 
 /// Sides of the road that can be hit.
 const WALLS: [Edge; 3] = [Edge::Bridge, Edge::Blocks, Edge::Rock];
@@ -116,6 +117,9 @@ pub struct Judge {
     contacts: Vec<(Hit, f64)>,
     crashed: bool,
     crashes: u32,
+    /// Since when it stands, and nothing is in its way.
+    stands_since: Option<f64>,
+    /// Since when it does so with throttle.
     slow_since: Option<f64>,
     stuck: bool,
     starts_until: f64,
@@ -153,6 +157,7 @@ impl Judge {
             contacts: vec![],
             crashed: false,
             crashes: 0,
+            stands_since: None,
             slow_since: None,
             stuck: false,
             starts_until: rules.grace_s,
@@ -166,7 +171,7 @@ impl Judge {
     /// [`Judge::step`] notices this itself if the car leaps by more than 3 m.
     pub fn put(&mut self, t: f64) {
         self.starts_until = t + self.rules.grace_s;
-        self.slow_since = None;
+        (self.stands_since, self.slow_since) = (None, None);
         self.stuck = false;
         self.contacts.clear();
     }
@@ -281,13 +286,18 @@ impl Judge {
 
     fn watch_speed(&mut self, t: f64, car: &Car, actors: &[Actor], out: &mut Vec<Verdict>) {
         if car.speed.abs() >= self.rules.stuck_mph * MPS_PER_MPH {
-            self.slow_since = None;
+            (self.stands_since, self.slow_since) = (None, None);
             if self.stuck {
                 self.stuck = false;
                 out.push(Verdict::Moving);
             }
         } else if !self.stuck {
             if t < self.starts_until || self.waits(car, actors) {
+                (self.stands_since, self.slow_since) = (None, None);
+                return;
+            }
+            self.stands_since.get_or_insert(t);
+            if car.throttle < STUCK_THROTTLE {
                 self.slow_since = None;
             } else if t - *self.slow_since.get_or_insert(t) >= self.rules.stuck_s {
                 self.stuck = true;
@@ -354,6 +364,11 @@ impl Judge {
     /// Whether it is stuck now.
     pub fn stuck(&self) -> bool {
         self.stuck
+    }
+
+    /// For how long it has been standing at time `t` with nothing in its way, whatever the throttle, in seconds.
+    pub fn stood_s(&self, t: f64) -> f64 {
+        self.stands_since.map_or(0.0, |since| t - since)
     }
 
     /// Whether it faces the wrong way now.

@@ -268,6 +268,7 @@ impl Simulation {
         if self.place.offset.abs() > self.setup.track.half_width() + LOST_M && self.wrecked.is_none() {
             self.crashed(Ending::Lost);
         }
+        self.watch_idle(t);
         if self.setup.longest_s.is_some_and(|longest| t >= longest - 1e-9) {
             self.end(Ending::TimeOver);
         }

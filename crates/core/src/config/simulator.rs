@@ -48,7 +48,7 @@ pub struct Rules {
     pub off_road_m: Option<f64>,
     /// A car below this speed is stuck, mph …
     pub stuck_mph: f64,
-    /// … if it stays below it for this long, in seconds: 120 game frames at 60 Hz.
+    /// … if it stays below it for this long, with throttle all the while, in seconds: 120 game frames at 60 Hz.
     pub stuck_s: f64,
     /// How long after the start or a reset it may stand, in seconds.
     pub grace_s: f64,

@@ -63,6 +63,51 @@ fn besides(answers: &Answers, batch: &Batch) -> Result<Option<Tensor>, tch::TchE
     Ok(Some(blocked.f_add(&near)?))
 }
 
+/// The learning rate, when this share of an epoch is done.
+fn rate(recipe: &BrakingRecipe, position: &Position, epoch: usize, share: f64) -> f64 {
+    let done = ((epoch - 1) as f64 + share) / recipe.epochs as f64;
+    match recipe.schedule {
+        Schedule::Plateau => position.rate,
+        schedule => recipe.learning_rate * schedule.factor(done, 1.0),
+    }
+}
+
+/// A step of this width: for each window its weighted [`errors`], and the weights.
+fn learn(
+    recipe: &BrakingRecipe,
+    network: &BrakingNetwork,
+    stepper: &mut Stepper,
+    batch: &Batch,
+    rate: f64,
+) -> Result<[Tensor; 2], BrakingTrainError> {
+    let answers = network.forward(&batch.frames, &batch.speeds, true)?;
+    let [error, weights] = errors(&answers, batch)?;
+    let weighed = weights.f_sum(Kind::Float)?.f_clamp_min(LEAST_WEIGHT)?;
+    let mut loss = error.f_sum(Kind::Float)?.f_div(&weighed)?;
+    if let Some(besides) = besides(&answers, batch)? {
+        loss = loss.f_add(&besides.f_mul_scalar(recipe.besides)?)?;
+    }
+    stepper.forget_gradients();
+    loss.f_backward()?;
+    stepper.step(rate)?;
+    Ok([error.f_detach()?, weights])
+}
+
+/// Moves the running means towards the weights, the faster the fewer steps were taken.
+fn average(
+    recipe: &BrakingRecipe,
+    stepper: &Stepper,
+    mean: &BrakingNetwork,
+    network: &BrakingNetwork,
+) -> Result<(), tch::TchError> {
+    let steps = stepper.steps as f64;
+    let kept = recipe.average.min(steps / (steps + WARM_UP_STEPS));
+    tch::no_grad(|| {
+        let both = mean.tensors().into_iter().zip(network.tensors());
+        both.into_iter().try_for_each(|((_, mut mean), (_, now))| mean.f_lerp_(&now, 1.0 - kept).map(drop))
+    })
+}
+
 /// A network that learns, and all that belongs to it.
 pub(super) struct Learning<'a> {
     recipe: &'a BrakingRecipe,
@@ -85,7 +130,7 @@ impl<'a> Learning<'a> {
         let wanted: Vec<_> = drives.iter().map(|drive| wanted(drive, recipe)).collect();
         let windows = windows_of(drives, &wanted, recipe, Part::Train)?;
         tch::manual_seed(recipe.seed as i64);
-        let store = nn::VarStore::new(Device::Cpu);
+        let store = nn::VarStore::new(Device::cuda_if_available());
         let mut network = BrakingNetwork::build(recipe.network, &mut in_variable_store(store.root()))?;
         if let Some(path) = &recipe.pretrained {
             let read = BrakingCheckpoint::read(path)?.network;
@@ -148,11 +193,7 @@ impl<'a> Learning<'a> {
 
     /// The learning rate at a share of an epoch.
     pub(super) fn rate(&self, epoch: usize, share: f64) -> f64 {
-        let done = ((epoch - 1) as f64 + share) / self.recipe.epochs as f64;
-        match self.recipe.schedule {
-            Schedule::Plateau => self.position.rate,
-            schedule => self.recipe.learning_rate * schedule.factor(done, 1.0),
-        }
+        rate(self.recipe, &self.position, epoch, share)
     }
 
     /// One epoch, or as much of it as there is time for: its mean loss, and its windows.
@@ -161,43 +202,37 @@ impl<'a> Learning<'a> {
         epoch: usize,
         is_over: &dyn Fn() -> bool,
     ) -> Result<(f64, usize), BrakingTrainError> {
-        let recipe = self.recipe;
+        let Self { recipe, drives, wanted, draw, reader, network, mean, stepper, position, .. } = self;
         // So that a training that is resumed is the same.
-        self.draw.begin(epoch);
+        draw.begin(epoch);
         tch::manual_seed((recipe.seed as i64) << 32 | epoch as i64);
+        let device = network.device();
         let (mut sum, mut weight, mut windows) = (0.0, 0.0, 0);
-        while windows < recipe.windows_per_epoch && (windows == 0 || !is_over()) {
-            let Some((batch, cards)) = self.draw.batch(self.drives, &self.wanted, recipe, &self.reader)? else {
-                break;
-            };
-            let answers = self.network.forward(&batch.frames, &batch.speeds, true)?;
-            let [error, weights] = errors(&answers, &batch)?;
-            let (errors, weighed) = (error.f_sum(Kind::Float)?, weights.f_sum(Kind::Float)?);
-            let mut loss = errors.f_div(&weighed.f_clamp_min(LEAST_WEIGHT)?)?;
-            if let Some(besides) = besides(&answers, &batch)? {
-                loss = loss.f_add(&besides.f_mul_scalar(recipe.besides)?)?;
-            }
-            self.stepper.forget_gradients();
-            loss.f_backward()?;
-            self.stepper.step(self.rate(epoch, windows as f64 / recipe.windows_per_epoch as f64))?;
-            self.average()?;
-            let each = error.f_detach()?.f_div(&weights.f_clamp_min(LEAST_WEIGHT)?)?;
-            self.draw.learnt(&cards, &Vec::<f32>::try_from(&each)?);
-            sum += errors.f_double_value(&[])?;
-            weight += weighed.f_double_value(&[])?;
+        let mut next = draw.batch(drives, wanted, recipe, reader)?;
+        while let Some((batch, cards)) = next {
+            let rate = rate(recipe, position, epoch, windows as f64 / recipe.windows_per_epoch as f64);
+            // While the network learns from a batch, the next one is drawn, by what was known before.
+            let (learnt, ahead) = std::thread::scope(|scope| {
+                let ahead = scope.spawn(|| draw.batch(drives, wanted, recipe, reader));
+                let learnt = batch
+                    .on(device)
+                    .map_err(Into::into)
+                    .and_then(|batch| learn(recipe, network, stepper, &batch, rate));
+                (learnt, ahead.join())
+            });
+            let [error, weights] = learnt?;
+            average(recipe, stepper, mean, network)?;
+            let each = error.f_div(&weights.f_clamp_min(LEAST_WEIGHT)?)?;
+            draw.learnt(&cards, &Vec::<f32>::try_from(&each)?);
+            sum += error.f_sum(Kind::Float)?.f_double_value(&[])?;
+            weight += weights.f_sum(Kind::Float)?.f_double_value(&[])?;
             windows += recipe.batch;
+            if windows >= recipe.windows_per_epoch || is_over() {
+                break;
+            }
+            next = ahead.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
         }
         Ok((sum / weight, windows))
-    }
-
-    /// Moves the running means towards the weights, the faster the fewer steps were taken.
-    fn average(&self) -> Result<(), tch::TchError> {
-        let steps = self.stepper.steps as f64;
-        let kept = self.recipe.average.min(steps / (steps + WARM_UP_STEPS));
-        tch::no_grad(|| {
-            let both = self.mean.tensors().into_iter().zip(self.network.tensors());
-            both.into_iter().try_for_each(|((_, mut mean), (_, now))| mean.f_lerp_(&now, 1.0 - kept).map(drop))
-        })
     }
 
     /// Keeps the network if it is the best so far, and lowers the learning rate if none was for a while.
@@ -305,7 +340,7 @@ impl<'a> Measured<'a> {
         let mut random = ChaCha8Rng::seed_from_u64(0); // no speed fails
         let (mut sum, mut weight) = (0.0, 0.0);
         for drawn in drawn.chunks(recipe.batch) {
-            let batch = batch(drawn, drives, wanted, recipe, &reader, &mut random)?;
+            let batch = batch(drawn, drives, wanted, recipe, &reader, &mut random)?.on(network.device())?;
             let answers = tch::no_grad(|| network.forward(&batch.frames, &batch.speeds, false))?;
             let [error, weights] = errors(&answers, &batch)?;
             sum += error.f_sum(Kind::Float)?.f_double_value(&[])?;
@@ -387,6 +422,7 @@ mod tests {
             for (window, loss) in windows.into_iter().zip(losses) {
                 let drawn = [Drawn { window, unknown: 0.0, weight: 1.0, change: None }];
                 let batch = batch(&drawn, &drives, &learning.wanted, &more, &learning.reader, &mut random).unwrap();
+                let batch = batch.on(learning.mean.device()).unwrap();
                 let answers = learning.mean.forward(&batch.frames, &batch.speeds, false).unwrap();
                 let [error, weight] = errors(&answers, &batch).unwrap().map(|x| x.double_value(&[0]));
                 assert!((error / weight - f64::from(*loss)).abs() < 1e-4, "{window:?}: {} {loss}", error / weight);

@@ -102,7 +102,9 @@ fn values(
             let length = FRAMES + (length - FRAMES) / 2 * 2;
             let pixels = &pixels[from * size..(from + length) * size];
             let frames = Tensor::f_from_data_size(pixels, &[1, length as i64, height, width], Kind::Uint8)?;
+            let frames = frames.f_to_device(network.device())?;
             let speeds = Tensor::f_from_slice(&speeds[from..from + length])?.f_view([1, -1])?;
+            let speeds = speeds.f_to_device(network.device())?;
             let said = network.forward(&frames.f_to_kind(Kind::Float)?, &speeds, false)?;
             let numbers = |x: &Tensor| Vec::<f64>::try_from(&x.f_reshape([-1])?.f_to_kind(Kind::Double)?);
             let due = numbers(&said.due)?;

@@ -3,7 +3,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, TchError, Tensor};
 
 use super::{
     BrakingRecipe,
@@ -33,7 +33,7 @@ pub(super) type Window = (usize, usize);
 
 /// A batch for the network, of B windows of T frames, N answers and S frames that are seen.
 pub(super) struct Batch {
-    /// (B, T, H, W) f32, 0 to 255.
+    /// (B, T, H, W), 0 to 255, as bytes until the batch is [`on`](Self::on) the network's device.
     pub frames: Tensor,
     /// (B, T) km/h.
     pub speeds: Tensor,
@@ -45,6 +45,21 @@ pub(super) struct Batch {
     /// (B, S, 2) how near what comes is, and (B, S, 1) whether it can be seen.
     pub near: Tensor,
     pub seen: Tensor,
+}
+
+impl Batch {
+    /// The same on a device, with pixels as f32.
+    pub(super) fn on(self, device: Device) -> Result<Self, TchError> {
+        Ok(Self {
+            frames: self.frames.f_to_device(device)?.f_to_kind(Kind::Float)?,
+            speeds: self.speeds.f_to_device(device)?,
+            due: self.due.f_to_device(device)?,
+            weights: self.weights.f_to_device(device)?,
+            blocked: self.blocked.f_to_device(device)?,
+            near: self.near.f_to_device(device)?,
+            seen: self.seen.f_to_device(device)?,
+        })
+    }
 }
 
 /// How many frames a training window has.
@@ -213,16 +228,16 @@ impl Change {
         }
     }
 
-    /// Adds a picture of this height and width to `out`; beyond its edges they go on.
-    fn apply(&self, picture: &[u8], [height, width]: [usize; 2], out: &mut Vec<u8>) {
+    /// Writes a picture of this height and width to `out`; beyond its edges they go on.
+    fn apply(&self, picture: &[u8], [height, width]: [usize; 2], out: &mut [u8]) {
         let clamped = |i: i64, count: usize| i.clamp(0, count as i64 - 1) as usize;
-        for y in 0..height as i64 {
+        for (y, out) in (0..).zip(out.chunks_exact_mut(width)) {
             let row = &picture[clamped(y - self.down, height) * width..][..width];
-            let at = |x: i64| self.shades[usize::from(row[clamped(x - self.right, width)])];
+            let changed = (0..).map(|x| self.shades[usize::from(row[clamped(x - self.right, width)])]);
             if self.mirrored {
-                out.extend((0..width as i64).rev().map(at));
+                out.iter_mut().rev().zip(changed).for_each(|(out, shade)| *out = shade);
             } else {
-                out.extend((0..width as i64).map(at));
+                out.iter_mut().zip(changed).for_each(|(out, shade)| *out = shade);
             }
         }
     }
@@ -249,15 +264,22 @@ pub(super) fn batch(
     let (length, count) = (length(recipe.network), drawn.len() as i64);
     let [_, height, width] = recipe.network.preprocess().shape();
     // Decoding and changing pictures is a large part of the work.
-    let pixels = |reader: &mut Reader, Drawn { window: (d, from), change, .. }: &Drawn| {
-        let mut pixels = Vec::with_capacity(length * height * width);
-        drives[*d].pictures(*from, length, reader, &mut pixels)?;
-        let Some(change) = change else { return Ok(pixels) };
-        let mut changed = Vec::with_capacity(pixels.len());
-        pixels.chunks_exact(height * width).for_each(|picture| change.apply(picture, [height, width], &mut changed));
-        Ok(changed)
-    };
-    let pixels = drawn.par_iter().map_init(|| reader.clone(), pixels).collect::<Result<Vec<_>, BrakingDataError>>()?;
+    let (pixels, clip) = (height * width, length * height * width);
+    let mut frames = vec![0; drawn.len() * clip];
+    let begun = || (reader.clone(), Vec::with_capacity(clip));
+    frames.par_chunks_exact_mut(clip).zip(drawn).try_for_each_init(begun, |(reader, read), (out, drawn)| {
+        let Drawn { window: (d, from), change, .. } = drawn;
+        read.clear();
+        drives[*d].pictures(*from, length, reader, read)?;
+        match change {
+            None => out.copy_from_slice(read),
+            Some(change) => {
+                let pictures = out.chunks_exact_mut(pixels).zip(read.chunks_exact(pixels));
+                pictures.for_each(|(out, picture)| change.apply(picture, [height, width], out));
+            }
+        }
+        Ok::<_, BrakingDataError>(())
+    })?;
     let (mut speeds, mut due, mut weights, mut blocked) = (vec![], vec![], vec![], vec![]);
     let (mut near, mut seen) = (vec![], vec![]);
     for Drawn { window: (d, from), unknown, weight, .. } in drawn {
@@ -276,7 +298,7 @@ pub(super) fn batch(
     let size = [count, length as i64, height as i64, width as i64];
     let rows = |values: &[f32]| Tensor::from_slice(values).view([count, -1]);
     Ok(Batch {
-        frames: Tensor::from_data_size(&pixels.concat(), &size, Kind::Uint8).to_kind(Kind::Float),
+        frames: Tensor::from_data_size(&frames, &size, Kind::Uint8),
         speeds: rows(&speeds),
         due: rows(&due),
         weights: rows(&weights),
@@ -378,7 +400,7 @@ pub(super) mod tests {
     fn a_changed_picture_is_mirrored_after_it_is_moved_and_goes_on_beyond_its_edges() {
         let plain = Change { mirrored: false, right: 1, down: 0, shades: std::array::from_fn(|i| i as u8) };
         let changed = |change: &Change| {
-            let mut out = vec![];
+            let mut out = [0; 6];
             change.apply(&[1, 2, 3, 4, 5, 6], [2, 3], &mut out);
             out
         };

@@ -32,6 +32,14 @@ pub enum ModelError {
         /// The file.
         path: PathBuf,
     },
+    /// A file of this project that holds something else.
+    #[error("{path}: expected a network that steers, got {what}", path = path.display())]
+    OtherKind {
+        /// The file.
+        path: PathBuf,
+        /// What it is, and who takes it.
+        what: &'static str,
+    },
     /// ONNX Runtime is not there, or too old.
     #[error(
         "expected ONNX Runtime 1.24 or newer to run {path}, and cannot load it: {why}. pip install onnxruntime brings it; name \

@@ -6,10 +6,12 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
+use safetensors::SafeTensors;
+
 #[cfg(feature = "onnx")]
 use super::onnx;
 use super::{ModelError, elsewhere::ForeignPilot, foreign, network::NetworkPilot, torchscript};
-use crate::nn::{Checkpoint, Network, NnError};
+use crate::nn::{Architecture, Checkpoint, Network, NnError, braking::BrakingArchitecture};
 use lapwing_core::{
     hash::sha256,
     perception::Preprocess,
@@ -90,8 +92,30 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
     }
 }
 
+/// What a file of this project is that does not steer, by its metadata; `None` for all others.
+fn other_kind(bytes: &[u8]) -> Option<&'static str> {
+    let (_, table) = SafeTensors::read_metadata(bytes).ok()?;
+    let text = table.metadata().as_ref()?;
+    let has = |key: &str| text.contains_key(key);
+    let architecture = text.get("architecture").map_or("", String::as_str);
+    match () {
+        () if has("lapwing.policy") => Some("a policy for agents at an intersection, for lapwing marl"),
+        () if has("lapwing.training") || has("lapwing.braking") => {
+            Some("the resume state of a training, whose network lies beside it")
+        }
+        () if BrakingArchitecture::named(architecture).is_some() => Some("a network that brakes, for --brake-model"),
+        () if Architecture::named(architecture).is_some_and(Architecture::locates) => {
+            Some("a network that finds the lane, for lapwing locate --network")
+        }
+        () => None,
+    }
+}
+
 impl LoadedModel {
     fn of_checkpoint(path: &Path, bytes: &[u8], clock: Clock) -> Result<Self, ModelError> {
+        if let Some(what) = other_kind(bytes) {
+            return Err(ModelError::OtherKind { path: path.to_owned(), what });
+        }
         let checkpoint = Checkpoint::from_bytes(bytes).map_err(|source| match source {
             NnError::MissingKey("format") => ModelError::TensorsAlone { path: path.to_owned() },
             source => ModelError::Checkpoint { path: path.to_owned(), source },

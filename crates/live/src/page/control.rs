@@ -166,6 +166,12 @@ impl Abilities {
         Self(all.into())
     }
 
+    /// Why no pilot is armed once the run has ended: what begins another.
+    pub(super) fn begins_another(&self) -> Refused {
+        let how = if self.check("reset").is_ok() { "Reset" } else { "Start" };
+        Refused::Cannot(format!("the run has ended: {how} begins another"))
+    }
+
     fn check(&self, name: &str) -> Result<(), Refused> {
         match self.0.get(name) {
             Some(Some(why)) => Err(Refused::Cannot((*why).to_owned())),

@@ -158,8 +158,12 @@ pub(super) struct Happened {
 }
 
 /// A page shows fewer digits than a number has.
+pub(super) fn few_digits(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}
+
 fn short<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_f64((value * 1e4).round() / 1e4)
+    serializer.serialize_f64(few_digits(*value))
 }
 
 fn shorts<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {

@@ -19,6 +19,7 @@ use super::{
     control::{Control, Refused, speed},
     course::Located,
     explained,
+    minute::Minute,
     moment::{Facts, Happened, Moment, Phase, Status, dialect, hands},
 };
 use lapwing_core::{
@@ -46,6 +47,8 @@ const WAITING: usize = 32;
 pub(super) struct Drive {
     pub id: u64,
     pub newest: watch::Sender<Arc<Moment>>,
+    /// Its last minute, for those who begin to look.
+    pub minute: Minute,
     /// For those who look alone: the driver's end never touches it.
     pub located: Mutex<Located>,
     /// What its pilot looked at last; likewise.
@@ -101,6 +104,9 @@ impl Drive {
     pub fn ask(&self, page: &Page, control: Control) -> Result<(), Refused> {
         let now = self.now();
         control.check(&now.status.can, &now.status.offered, page.pilots().len())?;
+        if control == Control::Arm && now.status.phase == Phase::Ended {
+            return Err(now.status.can.begins_another());
+        }
         let wish = match control {
             Control::Pilot { index } => match page.pilots().get(index) {
                 Some(choice) => Wish::Pilot(index, (choice.make)()),
@@ -163,6 +169,7 @@ impl Showing {
         let drive = Arc::new(Drive {
             id,
             newest,
+            minute: Minute::default(),
             located: Mutex::default(),
             explained: tokio::sync::Mutex::default(),
             asked: AtomicBool::new(false),
@@ -252,7 +259,9 @@ impl Showing {
             (*since, *before) = (now, self.turns);
         }
         let hz = *hz;
-        self.now.turn = Some(Facts::of(turn, self.turns, hz));
+        let facts = Facts::of(turn, self.turns, hz);
+        self.drive.minute.keep(self.status.run, &facts, self.status.set_speed_mph);
+        self.now.turn = Some(facts);
         if let Some(jpeg) = &turn.trace.jpeg {
             self.now.jpeg = Some(jpeg.clone());
         }

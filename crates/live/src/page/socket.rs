@@ -1,8 +1,9 @@
 //! `/live`: a drive as it happens.
 //!
-//! To the page go JSON texts, told apart by `kind`: `drives` (the tabs), `status`, `course`, `events`, `score` and
-//! `moment`; a picture follows its moment as a binary message, the JPEG bytes as they came. `wheel` tells a page that
-//! wants to drive by hand that another one does. The page says `{"watch":id}`, `{"seen":n}` for each moment, and
+//! To the page go JSON texts, told apart by `kind`: `drives` (the tabs), `status`, `course`, `minute` (the turns of the
+//! last minute, once, when the page begins to look at a drive), `events`, `score` and `moment`; a picture follows its
+//! moment as a binary message, the JPEG bytes as they came. `wheel` tells a page that wants to drive by hand that
+//! another one does. The page says `{"watch":id}`, `{"seen":n}` for each moment, and
 //! `{"hand":{"steering":…,"throttle":…}}` or `{"hand":null}`.
 //!
 //! A moment is sent only once the page has seen the one before the last: a slow reader gets the newest and skips the
@@ -38,6 +39,7 @@ use super::{
     Page, PilotChoice,
     control::ByHand,
     course::Place as CarPlace,
+    minute::Past,
     moment::{Facts, Moment},
     routes::scored,
     showing::Drive,
@@ -249,6 +251,9 @@ impl Viewer {
             watched.course = name.map(str::to_owned);
             texts.push(text(&json!({ "kind": "course", "course": course })));
         }
+        if is_new {
+            texts.push(text(&Before { kind: "minute", drive: id, turns: watched.drive.minute.until(&now) }));
+        }
         let events: Vec<_> = now.events.iter().filter(|event| event.n > watched.happened).collect();
         if let Some(last) = events.last() {
             texts.push(text(&json!({ "kind": "events", "drive": id, "events": events })));
@@ -288,6 +293,14 @@ impl Viewer {
     async fn close(&mut self, why: &'static str) -> Result<(), tungstenite::Error> {
         websocket::turn_away(&mut self.socket, why).await
     }
+}
+
+/// What was driven before a page began to look.
+#[derive(Serialize)]
+struct Before {
+    kind: &'static str,
+    drive: u64,
+    turns: Vec<Past>,
 }
 
 #[derive(Serialize)]

@@ -131,6 +131,23 @@ fn what_is_asked_for_acts_once_and_is_told_as_events() {
 }
 
 #[test]
+fn a_run_that_has_ended_is_not_armed_and_the_refusal_says_what_begins_another() {
+    let page = page();
+    let arm = r#"{"control":"arm"}"#;
+    let kinds = [(Abilities::of_the_simulator(true), "Reset"), (Abilities::of_a_connection(), "Start")];
+    for (id, (can, how)) in (1..).zip(kinds) {
+        let mut showing = page.show("a simulator", can);
+        showing.run_begins(None, &ControlSettings::default());
+        assert_eq!(ask(&page, id, arm), Ok(()));
+        showing.run_ended();
+        let refused = Refused::Cannot(format!("the run has ended: {how} begins another"));
+        assert_eq!(ask(&page, id, arm), Err(refused));
+        showing.run_begins(None, &ControlSettings::default());
+        assert_eq!(ask(&page, id, arm), Ok(()));
+    }
+}
+
+#[test]
 fn a_box_that_a_page_holds_is_found_at_the_next_frame() {
     let page = page();
     let mut showing = page.show("a simulator", Abilities::of_a_connection());

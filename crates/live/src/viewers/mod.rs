@@ -23,6 +23,7 @@ use std::{
 use bytes::Bytes;
 use tokio::sync::{broadcast, watch};
 
+pub use socket::GREETINGS;
 pub(crate) use socket::answer;
 
 use crate::places::Places;

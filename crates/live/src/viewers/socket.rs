@@ -54,6 +54,12 @@ const TAKES: Duration = Duration::from_secs(10);
 /// The first byte of a channel's message.
 const MESSAGE_DATA: u8 = 1;
 
+/// The answer to who brings no token where one is wanted, and that to who opens no WebSocket.
+const WANTS_TOKEN: &str = "expected the token that was printed at the start, as ?token=TOKEN in the address\n";
+const GREETING: &str = "Lapwing is here, for Foxglove and Lichtblick: open this address there, with ws:// before it.\n";
+/// What a plain request for `/` is answered, with and without a token to want; by it others know this port.
+pub const GREETINGS: [&str; 2] = [WANTS_TOKEN, GREETING];
+
 /// What a viewer says.
 #[derive(Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
@@ -79,12 +85,10 @@ struct Subscription {
 /// Answers a request at the viewers' port.
 pub(crate) fn answer(viewers: Arc<Viewers>, token: Option<&Token>, request: Request) -> Response {
     if token.is_some_and(|token| !token.is_known(request.uri(), request.headers())) {
-        let why = "expected the token that was printed at the start, as ?token=TOKEN in the address\n";
-        return (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, "Bearer")], why).into_response();
+        return (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, "Bearer")], WANTS_TOKEN).into_response();
     }
     if !websocket::is_asked(&request) {
-        let why = "Lapwing is here, for Foxglove and Lichtblick: open this address there, with ws:// before it.\n";
-        return (StatusCode::UPGRADE_REQUIRED, why).into_response();
+        return (StatusCode::UPGRADE_REQUIRED, GREETING).into_response();
     }
     let Some(protocol) = chosen(&request) else {
         let why = format!("expected the protocol {}, got another or none\n", PROTOCOLS.join(" or "));

@@ -341,7 +341,7 @@ figures! {
     SurvivalM = "survival_m", "distance survived", Metres, Higher,
         "Distance to the first infraction, or to the end.";
     Stuck = "stuck", "stuck", Count, Lower,
-        "Number of times that the car was stuck: under 1 mph for 2 s (SelfOracle).";
+        "Number of times that the car was stuck: under 1 mph for 2 s (SelfOracle) under throttle, or for much longer without.";
     Resets = "resets", "put back", Count, Lower,
         "Number of times that the car was put back on the road.";
     FramesPerS = "frames_per_s", "frame rate", PerSecond, Neither,

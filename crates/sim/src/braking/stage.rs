@@ -153,6 +153,8 @@ impl Staging {
             seed: self.seed,
             laps: None,
             longest_s,
+            // Whoever has braked to a standstill has shown what there is to see, unless something is close ahead.
+            idle_s: Some(0.0),
             ..Setup::new(place.track.clone(), place.scenery.clone())
         })
     }

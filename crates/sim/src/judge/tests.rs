@@ -56,6 +56,11 @@ fn on_road(track: &Track, s: f64, offset: f64, speed: f64) -> Car {
     Car { position: track.point(s, offset), yaw: track.at(s).yaw, speed, ..Car::default() }
 }
 
+/// A car that is told to drive.
+fn driving(car: Car) -> Car {
+    Car { throttle: 0.3, ..car }
+}
+
 fn actor(track: &Track, kind: ActorKind, s: f64, offset: f64, speed: f64) -> Actor {
     Actor { kind, position: track.point(s, offset), yaw: track.at(s).yaw, speed, look: 0 }
 }
@@ -221,10 +226,10 @@ fn a_wall_is_hit_where_it_stands_and_on_its_side_only() {
 }
 
 #[test]
-fn standing_is_stuck_after_two_seconds_but_not_at_the_start() {
+fn standing_under_throttle_is_stuck_after_two_seconds_but_not_at_the_start() {
     let track = lake();
     let mut court = Court::new(&track, Rules::default(), 0.0);
-    let standing = on_road(&track, 50.0, 0.0, 0.4); // 0.9 mph
+    let standing = driving(on_road(&track, 50.0, 0.0, 0.4)); // 0.9 mph
     court.wait(6.9, &standing, &[]);
     assert!(!court.judge.stuck());
     court.wait(0.3, &standing, &[]);
@@ -234,6 +239,27 @@ fn standing_is_stuck_after_two_seconds_but_not_at_the_start() {
     assert_eq!(court.said(), [Verdict::Stuck, Verdict::Moving]);
     court.wait(0.2, &standing, &[]);
     assert_eq!(court.said(), [Verdict::Stuck, Verdict::Moving, Verdict::Stuck]);
+}
+
+#[test]
+fn a_car_that_is_told_to_stand_waits_and_one_that_is_told_to_drive_and_does_not_is_stuck() {
+    let track = lake();
+    let mut court = Court::new(&track, Rules::default(), 0.0);
+    let waiting = on_road(&track, 50.0, 0.0, 0.0);
+    court.wait(15.0, &waiting, &[]);
+    court.wait(5.0, &Car { throttle: -1.0, ..waiting }, &[]);
+    for _ in 0..5 {
+        court.wait(1.5, &driving(waiting), &[]);
+        court.wait(0.1, &waiting, &[]);
+    }
+    assert_eq!(court.said(), []);
+    assert!((court.judge.stood_s(court.t) - 23.0).abs() < 0.05, "{} s since the start", court.judge.stood_s(court.t));
+    court.wait(1.9, &driving(waiting), &[]);
+    assert_eq!(court.said(), []);
+    court.wait(0.3, &driving(waiting), &[]);
+    assert_eq!(court.said(), [Verdict::Stuck]);
+    court.wait(0.1, &on_road(&track, 50.0, 0.0, 5.0), &[]);
+    assert_eq!((court.said().len(), court.judge.stood_s(court.t)), (2, 0.0));
 }
 
 #[test]
@@ -250,7 +276,7 @@ fn standing_behind_something_is_waiting_unless_it_was_run_into() {
     ] {
         let mut court = Court::new(&track, Rules::default(), 0.0);
         let lead = actor(&track, ActorKind::Car, 60.0, offset, 0.0);
-        court.wait(20.0, &on_road(&track, 60.0 - 2.2 - gap - FRONT_M, 0.0, 0.0), &[lead]);
+        court.wait(20.0, &driving(on_road(&track, 60.0 - 2.2 - gap - FRONT_M, 0.0, 0.0)), &[lead]);
         assert_eq!(court.judge.stuck(), stuck, "{name}");
     }
 }
@@ -289,13 +315,13 @@ fn a_car_put_on_its_next_waypoint_has_reached_it_and_gets_time_to_start() {
     court.wait(0.1, &on_road(&track, 50.0, 0.0, 3.0), &[cone]);
     let next = court.judge.next_waypoint_s(&track);
     assert_eq!(court.judge.waypoint(), 2);
-    let put = on_road(&track, next + 1e-6, 0.0, 0.0);
+    let put = driving(on_road(&track, next + 1e-6, 0.0, 0.0));
     court.wait(4.9, &put, &[cone]);
     assert_eq!((court.judge.waypoint(), court.judge.stuck(), court.judge.crashes()), (3, false, 1));
     court.wait(2.2, &put, &[]);
     assert!(court.judge.stuck());
     // Too near to be noticed as a leap, so the judge is told.
-    let near = on_road(&track, next + 1.0, 0.0, 0.0);
+    let near = driving(on_road(&track, next + 1.0, 0.0, 0.0));
     court.judge.put(court.t);
     court.wait(4.9, &near, &[]);
     assert!(!court.judge.stuck());

@@ -116,6 +116,8 @@ pub struct Car {
     pub pitch: f64,
     /// Angle of the front wheels during the last step, in radians, positive to the right.
     pub steering: f64,
+    /// Throttle during the last step, -1 to 1: a negative one brakes or reverses.
+    pub throttle: f64,
     /// What traction control has taken from the drive torque, in Nm over all wheels: 0 to 2000.
     pub torque_cut: f64,
 }
@@ -146,6 +148,7 @@ impl Car {
     /// One step of [`STEP_S`].
     pub fn step(&mut self, command: Command, ground: Ground) {
         let throttle = command.throttle.get();
+        self.throttle = throttle;
         self.steering = (command.steering.get() * FULL_STEERING_DEG).to_radians();
         let motion = self.speed.hypot(self.lateral_speed);
         let braking = self.brakes_at(motion);

@@ -52,6 +52,15 @@ impl Simulation {
         self.events.push((at, event));
     }
 
+    /// A car that stands for longer than it may, told to or not, is given up as one that is stuck.
+    pub(super) fn watch_idle(&mut self, t: f64) {
+        let Some(longest_s) = self.setup.idle_s.map(|idle_s| idle_s.max(self.setup.rules.stuck_s)) else { return };
+        if self.wrecked.is_none() && self.ending.is_none() && self.judge.stood_s(t) >= longest_s {
+            self.wrecked = Some((self.steps + 1, Ending::Idle(longest_s)));
+            self.events.push((Duration::from_secs_f64(t), EventRecord::Stuck));
+        }
+    }
+
     /// After a crash: the end, or the next waypoint.
     pub(super) fn crashed(&mut self, why: Ending) {
         self.wrecked = None;

@@ -16,6 +16,10 @@ use lapwing_core::{
     units::Mph,
 };
 
+/// How long a car may stand without steady throttle where nobody is there who could have stopped it, in seconds: a
+/// pilot may wait for something that is farther away than [`Rules::waiting_m`].
+const IDLE_S: f64 = 20.0;
+
 /// A human who takes the wheel once: the expert, behind the wheel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Human {
@@ -46,6 +50,9 @@ pub struct Setup {
     pub laps: Option<u32>,
     /// Time after which it ends, in seconds of the run.
     pub longest_s: Option<f64>,
+    /// How long the car may stand with nothing in its way, whatever the throttle, before it counts as stuck after all,
+    /// in seconds and never less than [`Rules::stuck_s`]; `None`: for as long as it is told to. Default 20.
+    pub idle_s: Option<f64>,
     /// What happens after a crash.
     pub on_crash: OnCrash,
     /// What counts as a crash, and so on.
@@ -73,6 +80,7 @@ impl Setup {
             hz: 15.0,
             laps: Some(1),
             longest_s: None,
+            idle_s: Some(IDLE_S),
             on_crash: OnCrash::Stop,
             rules: Rules::default(),
             human: None,
@@ -98,8 +106,10 @@ pub enum Ending {
     Collision(String),
     /// The car went too far off the road to come back.
     Lost,
-    /// The car is stuck.
+    /// The car is stuck: it has throttle and does not move.
     Stuck,
+    /// The car stood for so many seconds without steady throttle.
+    Idle(f64),
     /// The user pressed Ctrl-C.
     Interrupted,
 }
@@ -112,6 +122,7 @@ impl fmt::Display for Ending {
             Self::Collision(with) => write!(f, "collision with {with}"),
             Self::Lost => write!(f, "far off the road"),
             Self::Stuck => write!(f, "stuck"),
+            Self::Idle(stood_s) => write!(f, "stationary for {stood_s:.0} s without steady throttle"),
             Self::Interrupted => write!(f, "interrupted"),
         }
     }

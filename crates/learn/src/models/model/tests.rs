@@ -96,6 +96,24 @@ fn what_is_neither_kind_of_file_or_not_there_is_named() {
 }
 
 #[test]
+fn a_file_of_ours_that_does_not_steer_is_named_for_what_it_is() {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models");
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state.safetensors");
+    let position = std::collections::BTreeMap::from([("lapwing.training", "{}")]);
+    let tensors = crate::nn::checkpoint::encode_tensors(position, vec![], crate::nn::Precision::F32).unwrap();
+    fs::write(&state, tensors).unwrap();
+    for (path, got) in [
+        (models.join("intersection-ppo.safetensors"), "a policy for agents at an intersection, for lapwing marl"),
+        (models.join("brake.safetensors"), "a network that brakes, for --brake-model"),
+        (models.join("lane.safetensors"), "a network that finds the lane, for lapwing locate --network"),
+        (state, "the resume state of a training, whose network lies beside it"),
+    ] {
+        assert_eq!(error(&path), format!("{}: expected a network that steers, got {got}", path.display()));
+    }
+}
+
+#[test]
 fn a_checkpoint_whose_network_answers_no_number_is_refused_when_loaded() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wild.safetensors");

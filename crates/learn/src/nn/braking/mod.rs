@@ -14,7 +14,7 @@ mod checkpoint;
 pub mod live;
 pub mod stacked;
 
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use self::{live::Live, stacked::Stacked};
 use super::{NnError, Precision, TensorSource};
@@ -216,6 +216,11 @@ impl BrakingNetwork {
         self.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.shallow_clone())).collect()
     }
 
+    /// Where its tensors are, and its inputs belong.
+    pub fn device(&self) -> Device {
+        self.tensors[0].1.device()
+    }
+
     /// How many numbers it learns.
     pub fn parameters(&self) -> usize {
         self.tensors.iter().filter(|(name, _)| !name.contains("running_")).map(|(_, tensor)| tensor.numel()).sum()
@@ -224,7 +229,7 @@ impl BrakingNetwork {
 
 #[cfg(test)]
 mod tests {
-    use tch::{Device, nn::VarStore};
+    use tch::nn::VarStore;
 
     use super::*;
     use crate::nn::in_variable_store;

@@ -45,7 +45,7 @@ function curve(title, lines, range) {
     width: 600, height: 92, padding: [6, 14, 0, 0], legend: { show: false }, cursor: { show: false },
     scales: { x: { time: false, range: () => [(minute.last ?? MINUTE_S) - MINUTE_S, minute.last ?? MINUTE_S] }, y: { range } },
     axes: [{ ...axis, size: 18, space: 70, grid: { show: false }, values: (_, splits) => splits.map((t) => (t < 0 ? "" : clock(t).replace(/\.0$/, ""))) },
-      { ...axis, size: 36, space: 26, grid: { stroke: () => colours.line, width: 1 } }],
+      { ...axis, size: 36, space: 22, grid: { stroke: () => colours.line, width: 1 } }],
     series: [{}, ...lines.map(({ colour, width, dash }) => ({ stroke: () => colours[colour], width, dash, points: { show: false }, spanGaps: false, pxAlign: 0 }))],
   }, [[], ...lines.map(() => [])], box);
   new ResizeObserver(([{ contentRect }]) => contentRect.width && chart.setSize({ width: contentRect.width, height: 92 })).observe(box);

@@ -38,6 +38,14 @@ const HEARD = {
     showLooks();
   },
   course: ({ course }) => showCourse(course),
+  // What was driven before this page began to look.
+  minute: ({ turns }) => {
+    forgetMinute(); forgetTrail();
+    for (const [t, speed_mph, set_speed_mph, steering_deg, steering, throttle, x, z] of turns) {
+      addToMinute({ t, speed_mph, steering_deg, command: known(steering) ? [steering, throttle] : null, throttle }, { set_speed_mph });
+      addToTrail(known(x) ? { at: [x, z], off_m: null } : null);
+    }
+  },
   events: ({ events }) => showEvents(events),
   score: ({ score }) => showScore(score),
   wheel: ({ why }) => { takeWheel(false); say($("answer"), why); },
@@ -141,6 +149,8 @@ function draw() {
 dark.addEventListener("change", () => { live.drawn = 0; draw(); });
 addEventListener("resize", () => { live.drawn = 0; draw(); });
 
+// The bridge is where this page is from; a browser leaves port 80 out of an address.
+say($("connect"), `lapwing simulate --connect ${location.hostname}:${location.port || 80}`);
 listScore([]);
 showTabs([], null);
 connect();

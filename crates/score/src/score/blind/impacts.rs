@@ -2,7 +2,7 @@
 
 use crate::score::smoothness::GAP_S;
 use lapwing_core::{
-    car::{GRACE_S, STUCK_MPH, STUCK_S},
+    car::{GRACE_S, STUCK_MPH, STUCK_S, STUCK_THROTTLE},
     units::MPS_PER_MPH,
 };
 
@@ -14,8 +14,6 @@ const BRAKES: f64 = 12.0;
 const LOST: f64 = 1.0;
 /// Another one within this many seconds is the same collision: cars bounce.
 const APART_S: f64 = 2.0;
-/// A car that stands with less throttle than this is waiting, not stuck.
-const STUCK_THROTTLE: f64 = 0.05;
 
 /// Watches speeds and throttles.
 #[derive(Debug, Clone, Default)]

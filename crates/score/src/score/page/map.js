@@ -44,7 +44,9 @@ function drawStart(pen, { left, right, start }, place) {
 function map(shown, point) {
   const several = shown.length > 1, there = shown.filter((run) => run.drawn.at.some((place) => place !== null));
   if (!there.length) return { part: "Map", follow: () => {} };
-  const guessed = there.some((run) => run.drawn.on_line) ? " (estimated along the road; the place across it is not known)" : "";
+  const unsure = there.filter((run) => run.drawn.on_line);
+  const whose = unsure.length < there.length ? `${unsure.map((run) => run.mark).join(", ")}: ` : "";
+  const guessed = unsure.length ? ` (${whose}estimated along the road; the place across it is not known)` : "";
   const box = el("div", { class: "above" }, el("h3", {}, "Map" + guessed));
   const canvas = el("canvas"), bar = el("i"), least = el("span"), most = el("span");
   const cars = there.map(({ mark, colour }) => el("i", { class: "car", hidden: "", ...(several && { style: `background: ${colour}`, title: mark }) }));
