@@ -102,7 +102,7 @@ pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::R
     match (bound, holder) {
         (Ok(_), _) | (_, Some(LapwingPort::Bridge)) => {}
         (_, Some(LapwingPort::Viewers)) => troubles.push(format!(
-            "at port {} Lapwing shows drives to Foxglove and Lichtblick (--foxglove): choose another port with --port",
+            "on port {} Lapwing shows drives to Foxglove and Lichtblick (--foxglove): choose another port with --port",
             address.port()
         )),
         (Err(error), None) => troubles.push(error.to_string()),

@@ -93,7 +93,7 @@ fn a_recipe_beside_tensors_is_told_to_be_taken_for_their_preprocessing_and_how_a
     let rename = ["model", "rename", "net.safetensors", "--network", "pilotnet", "--out", "out.safetensors"];
     let (code, out, err) = lapwing_in(dir.path(), "", &rename);
     assert_eq!((code, out.as_str()), (1, ""), "{err}");
-    let told = "net.toml beside net.safetensors was taken for its preprocessing; --preprocess FILE names another file";
+    let told = "net.toml beside net.safetensors was read for its preprocessing; --preprocess FILE names another file";
     assert!(err.contains(told) && err.contains("unknown field"), "{err}");
 }
 

@@ -429,7 +429,7 @@ fn the_doctor_knows_the_port_where_a_lapwing_that_serves_shows_drives_to_foxglov
             .unwrap();
         let found: serde_json::Value = serde_json::from_slice(&doctor.stdout).unwrap();
         let holder = "Lapwing shows drives to Foxglove and Lichtblick (--foxglove)";
-        let expected = format!("at port {port} {holder}: choose another port with --port");
+        let expected = format!("on port {port} {holder}: choose another port with --port");
         assert_eq!(found["troubles"], serde_json::json!([expected]), "{bind}: {found}");
         assert_eq!(doctor.status.code(), Some(1), "{bind}: {found}");
     }

@@ -80,7 +80,7 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     // Beside a network that was trained here, it is a recipe.
     let taken = || {
         let (beside, input) = (beside.display(), input.display());
-        format!("{beside} beside {input} was taken for its preprocessing; --preprocess FILE names another file")
+        format!("{beside} beside {input} was read for its preprocessing; --preprocess FILE names another file")
     };
     let side = match preprocess {
         Some(path) => Some(SideFile::read(path)?),

@@ -33,7 +33,7 @@ const FILM: (usize, usize) = (640, 360);
 /// How wide a map is, in pixels.
 const MAP: u32 = 1200;
 
-/// How long a car that somebody may have stopped stands before it counts as stuck, in seconds.
+/// How long a car may stand before it counts as stuck, where somebody may have stopped it, in seconds.
 pub(super) const STOPPED_S: f64 = 600.0;
 
 /// The flags of a world as settings.

@@ -63,7 +63,7 @@ fn besides(answers: &Answers, batch: &Batch) -> Result<Option<Tensor>, tch::TchE
     Ok(Some(blocked.f_add(&near)?))
 }
 
-/// The learning rate, when this share of an epoch is done.
+/// The learning rate once this share of an epoch is done.
 fn rate(recipe: &BrakingRecipe, position: &Position, epoch: usize, share: f64) -> f64 {
     let done = ((epoch - 1) as f64 + share) / recipe.epochs as f64;
     match recipe.schedule {
@@ -72,7 +72,7 @@ fn rate(recipe: &BrakingRecipe, position: &Position, epoch: usize, share: f64) -
     }
 }
 
-/// A step of this width: for each window its weighted [`errors`], and the weights.
+/// Takes a step at this learning rate, and returns each window's weighted [`errors`] and the weights.
 fn learn(
     recipe: &BrakingRecipe,
     network: &BrakingNetwork,
@@ -93,7 +93,7 @@ fn learn(
     Ok([error.f_detach()?, weights])
 }
 
-/// Moves the running means towards the weights, the faster the fewer steps were taken.
+/// Moves the running means towards the weights: the fewer steps were taken, the faster.
 fn average(
     recipe: &BrakingRecipe,
     stepper: &Stepper,
@@ -211,7 +211,7 @@ impl<'a> Learning<'a> {
         let mut next = draw.batch(drives, wanted, recipe, reader)?;
         while let Some((batch, cards)) = next {
             let rate = rate(recipe, position, epoch, windows as f64 / recipe.windows_per_epoch as f64);
-            // While the network learns from a batch, the next one is drawn, by what was known before.
+            // While the network learns from one batch, the next is drawn by the losses known before it.
             let (learnt, ahead) = std::thread::scope(|scope| {
                 let ahead = scope.spawn(|| draw.batch(drives, wanted, recipe, reader));
                 let learnt = batch

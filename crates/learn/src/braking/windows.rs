@@ -48,7 +48,7 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    /// The same on a device, with pixels as f32.
+    /// The same batch on a device, with pixels as f32.
     pub(super) fn on(self, device: Device) -> Result<Self, TchError> {
         Ok(Self {
             frames: self.frames.f_to_device(device)?.f_to_kind(Kind::Float)?,
@@ -228,7 +228,7 @@ impl Change {
         }
     }
 
-    /// Writes a picture of this height and width to `out`; beyond its edges they go on.
+    /// Writes a picture of this height and width to `out`; beyond the picture, its edge pixels are repeated.
     fn apply(&self, picture: &[u8], [height, width]: [usize; 2], out: &mut [u8]) {
         let clamped = |i: i64, count: usize| i.clamp(0, count as i64 - 1) as usize;
         for (y, out) in (0..).zip(out.chunks_exact_mut(width)) {

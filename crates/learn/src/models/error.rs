@@ -37,7 +37,7 @@ pub enum ModelError {
     OtherKind {
         /// The file.
         path: PathBuf,
-        /// What it is, and who takes it.
+        /// What it is, and what takes it.
         what: &'static str,
     },
     /// ONNX Runtime is not there, or too old.

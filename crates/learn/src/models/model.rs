@@ -92,7 +92,7 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
     }
 }
 
-/// What a file of this project is that does not steer, by its metadata; `None` for all others.
+/// For a file of this project that does not steer: what it is, by its metadata. `None` for all others.
 fn other_kind(bytes: &[u8]) -> Option<&'static str> {
     let (_, table) = SafeTensors::read_metadata(bytes).ok()?;
     let text = table.metadata().as_ref()?;
@@ -101,7 +101,7 @@ fn other_kind(bytes: &[u8]) -> Option<&'static str> {
     match () {
         () if has("lapwing.policy") => Some("a policy for agents at an intersection, for lapwing marl"),
         () if has("lapwing.training") || has("lapwing.braking") => {
-            Some("the resume state of a training, whose network lies beside it")
+            Some("the resume state of a training run, whose network lies beside it")
         }
         () if BrakingArchitecture::named(architecture).is_some() => Some("a network that brakes, for --brake-model"),
         () if Architecture::named(architecture).is_some_and(Architecture::locates) => {

@@ -1,6 +1,6 @@
-//! The last minute of a drive, for a page that begins to look: its curves and its trail are whole at once.
+//! The last minute of a drive, for a page that begins to watch it: its curves and its trail are complete at once.
 //!
-//! Whoever drives adds turn after turn, and never waits: while a page copies the minute, a turn is left out.
+//! The driver's end adds each turn, and never waits: a turn that comes while a page copies the minute is left out.
 
 use std::{
     collections::VecDeque,
@@ -13,7 +13,7 @@ use super::moment::{Facts, Moment, few_digits};
 
 /// Seconds that are kept: as many as the page's curves show.
 const MINUTE_S: f64 = 60.0;
-/// Seconds from one kept turn to the next, at least; a curve has no room for more. So there are 2000 at most.
+/// Kept turns are at least this many seconds apart, as a curve has no room for more. So there are 2000 at most.
 const EVERY_S: f64 = 0.03;
 
 /// The turns of a drive's last minute.
@@ -46,7 +46,7 @@ pub(super) struct Past {
 }
 
 impl Minute {
-    /// Keeps a turn of this run, unless the one before it is too close, or a page copies the minute just now.
+    /// Keeps a turn of this run, unless the one before it is too close, or a page is copying the minute.
     pub fn keep(&self, run: u32, turn: &Facts, set_mph: f64) {
         let mut kept = match self.0.try_lock() {
             Ok(kept) => kept,

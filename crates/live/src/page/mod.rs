@@ -9,7 +9,7 @@
 //! |---|---|
 //! | `showing` | the driver's end: shows turns, takes requests; never waits for a page |
 //! | `moment` | what is shown of one moment |
-//! | `minute` | the last minute of turns, for a page that begins to look |
+//! | `minute` | the last minute of turns, for a page that begins to watch |
 //! | `control` | what may be asked for, and who can do it |
 //! | `routes` | the paths: the page's files, `/api`, `/metrics`, `/healthz` |
 //! | `runs`, `runs_routes` | recorded runs: listed, looked at, downloaded |

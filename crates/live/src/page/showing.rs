@@ -47,7 +47,7 @@ const WAITING: usize = 32;
 pub(super) struct Drive {
     pub id: u64,
     pub newest: watch::Sender<Arc<Moment>>,
-    /// Its last minute, for those who begin to look.
+    /// Its last minute, for pages that begin to watch.
     pub minute: Minute,
     /// For those who look alone: the driver's end never touches it.
     pub located: Mutex<Located>,

@@ -1,7 +1,7 @@
 //! `/live`: a drive as it happens.
 //!
 //! To the page go JSON texts, told apart by `kind`: `drives` (the tabs), `status`, `course`, `minute` (the turns of the
-//! last minute, once, when the page begins to look at a drive), `events`, `score` and `moment`; a picture follows its
+//! last minute, once, when the page begins to watch a drive), `events`, `score` and `moment`; a picture follows its
 //! moment as a binary message, the JPEG bytes as they came. `wheel` tells a page that wants to drive by hand that
 //! another one does. The page says `{"watch":id}`, `{"seen":n}` for each moment, and
 //! `{"hand":{"steering":…,"throttle":…}}` or `{"hand":null}`.
@@ -295,7 +295,7 @@ impl Viewer {
     }
 }
 
-/// What was driven before a page began to look.
+/// What was driven before a page began to watch.
 #[derive(Serialize)]
 struct Before {
     kind: &'static str,

@@ -54,10 +54,10 @@ const TAKES: Duration = Duration::from_secs(10);
 /// The first byte of a channel's message.
 const MESSAGE_DATA: u8 = 1;
 
-/// The answer to who brings no token where one is wanted, and that to who opens no WebSocket.
+/// The answers to a request without a token where one is wanted, and to one that opens no WebSocket.
 const WANTS_TOKEN: &str = "expected the token that was printed at the start, as ?token=TOKEN in the address\n";
 const GREETING: &str = "Lapwing is here, for Foxglove and Lichtblick: open this address there, with ws:// before it.\n";
-/// What a plain request for `/` is answered, with and without a token to want; by it others know this port.
+/// The answers to a plain request for `/`, where a token is wanted and where none is; others know this port by them.
 pub const GREETINGS: [&str; 2] = [WANTS_TOKEN, GREETING];
 
 /// What a viewer says.

@@ -153,7 +153,7 @@ impl Staging {
             seed: self.seed,
             laps: None,
             longest_s,
-            // Whoever has braked to a standstill has shown what there is to see, unless something is close ahead.
+            // Once the car has braked to a standstill, there is nothing more to see, unless something is close ahead.
             idle_s: Some(0.0),
             ..Setup::new(place.track.clone(), place.scenery.clone())
         })

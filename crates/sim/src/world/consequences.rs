@@ -52,7 +52,7 @@ impl Simulation {
         self.events.push((at, event));
     }
 
-    /// A car that stands for longer than it may, told to or not, is given up as one that is stuck.
+    /// A car that stands for longer than it may counts as stuck, whether it was told to stand or not.
     pub(super) fn watch_idle(&mut self, t: f64) {
         let Some(longest_s) = self.setup.idle_s.map(|idle_s| idle_s.max(self.setup.rules.stuck_s)) else { return };
         if self.wrecked.is_none() && self.ending.is_none() && self.judge.stood_s(t) >= longest_s {

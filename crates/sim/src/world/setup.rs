@@ -16,7 +16,7 @@ use lapwing_core::{
     units::Mph,
 };
 
-/// How long a car may stand without steady throttle where nobody is there who could have stopped it, in seconds: a
+/// How long a car may stand without steady throttle where there is nobody who could have stopped it, in seconds: a
 /// pilot may wait for something that is farther away than [`Rules::waiting_m`].
 const IDLE_S: f64 = 20.0;
 
@@ -51,7 +51,7 @@ pub struct Setup {
     /// Time after which it ends, in seconds of the run.
     pub longest_s: Option<f64>,
     /// How long the car may stand with nothing in its way, whatever the throttle, before it counts as stuck after all,
-    /// in seconds and never less than [`Rules::stuck_s`]; `None`: for as long as it is told to. Default 20.
+    /// in seconds and never less than [`Rules::stuck_s`]; `None`: for as long as it is told to stand. Default 20.
     pub idle_s: Option<f64>,
     /// What happens after a crash.
     pub on_crash: OnCrash,
@@ -108,7 +108,7 @@ pub enum Ending {
     Lost,
     /// The car is stuck: it has throttle and does not move.
     Stuck,
-    /// The car stood for so many seconds without steady throttle.
+    /// The car stood for this many seconds without steady throttle.
     Idle(f64),
     /// The user pressed Ctrl-C.
     Interrupted,

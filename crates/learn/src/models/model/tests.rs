@@ -107,7 +107,7 @@ fn a_file_of_ours_that_does_not_steer_is_named_for_what_it_is() {
         (models.join("intersection-ppo.safetensors"), "a policy for agents at an intersection, for lapwing marl"),
         (models.join("brake.safetensors"), "a network that brakes, for --brake-model"),
         (models.join("lane.safetensors"), "a network that finds the lane, for lapwing locate --network"),
-        (state, "the resume state of a training, whose network lies beside it"),
+        (state, "the resume state of a training run, whose network lies beside it"),
     ] {
         assert_eq!(error(&path), format!("{}: expected a network that steers, got {got}", path.display()));
     }

@@ -38,7 +38,7 @@ const HEARD = {
     showLooks();
   },
   course: ({ course }) => showCourse(course),
-  // What was driven before this page began to look.
+  // What was driven before this page began to watch.
   minute: ({ turns }) => {
     forgetMinute(); forgetTrail();
     for (const [t, speed_mph, set_speed_mph, steering_deg, steering, throttle, x, z] of turns) {
@@ -149,7 +149,7 @@ function draw() {
 dark.addEventListener("change", () => { live.drawn = 0; draw(); });
 addEventListener("resize", () => { live.drawn = 0; draw(); });
 
-// The bridge is where this page is from; a browser leaves port 80 out of an address.
+// The bridge is where this page came from; a browser leaves port 80 out of an address.
 say($("connect"), `lapwing simulate --connect ${location.hostname}:${location.port || 80}`);
 listScore([]);
 showTabs([], null);
