@@ -23,6 +23,7 @@ fn an_episode_is_told_and_filmed_and_the_same_seed_gives_the_same_one() {
     let seconds: f64 = out.split_whitespace().nth(2).unwrap().parse().unwrap();
     let pictures = fs::read_dir(folder.path().join("frames")).unwrap().count();
     assert_eq!(pictures, (seconds * 10.0).round() as usize + 10, "{out}");
+    assert!(err.contains("frame_00001.jpg to ") && err.contains(&format!("frame_{pictures:05}.jpg")), "{err}");
     let (status, _, err) = run(&["marl", "watch", "--video", "film.avi"]);
     assert_eq!(status, 2);
     assert!(err.contains("expected a film that ends in"), "{err}");
@@ -115,8 +116,9 @@ fn a_recipe_trains_maddpg_and_one_that_is_wrong_is_refused() {
     let log = fs::read_to_string(folder.path().join("maddpg/log.csv")).unwrap();
     assert!(log.starts_with("update,") && log.contains("critic_loss"), "{log}");
     let evaluate = ["marl", "evaluate", "--episodes", "2", "--policy", "maddpg/policy.safetensors"];
-    let (status, _, err) = lapwing_in(folder.path(), "", &evaluate);
+    let (status, out, err) = lapwing_in(folder.path(), "", &evaluate);
     assert_eq!((status, err.as_str()), (0, ""));
+    assert!(out.contains("SMARTS' reward"), "not the one that it learnt from: {out}");
 }
 
 #[test]
@@ -141,6 +143,14 @@ fn flags_that_a_training_cannot_follow_are_wrong_usage() {
         let (status, _, err) = lapwing_in(folder.path(), "", &train);
         assert!(status == 2 && err.contains(expected), "{flags:?}: {status}, {err}");
     }
+}
+
+#[test]
+fn a_study_of_no_steps_is_wrong_usage_and_makes_no_folder() {
+    let folder = tempdir().unwrap();
+    let (status, _, err) = lapwing_in(folder.path(), "", &["marl", "study", "--agent-steps", "0", "--out", "study"]);
+    assert!(status == 2 && err.contains("--agent-steps"), "{status}, {err}");
+    assert!(!folder.path().join("study").exists());
 }
 
 #[test]

@@ -96,7 +96,7 @@ fn drive(algorithm: &str, missions: Missions, cars: usize, episodes: u64) -> Eva
 fn the_shipped_policies_bring_all_four_agents_to_the_benchmarks_goals() {
     for algorithm in ["ppo", "maddpg"] {
         let found = drive(algorithm, Missions::Benchmark, 0, 1);
-        assert_eq!((found.episodes, found.all_completed), (1, 1.0), "{algorithm}: {found}");
+        assert_eq!((found.episodes, found.all_completed), (1, 1.0), "{algorithm}: {found:?}");
     }
 }
 
@@ -113,6 +113,9 @@ fn the_shipped_policies_complete_about_as_much_as_their_card_says() {
     ] {
         let found = drive(algorithm, missions, cars, 50);
         let (lowest, highest) = (card - 0.05, card + 0.08);
-        assert!((lowest..=highest).contains(&found.completion_rate), "{algorithm}, {missions:?}, {cars} cars: {found}");
+        assert!(
+            (lowest..=highest).contains(&found.completion_rate),
+            "{algorithm}, {missions:?}, {cars} cars: {found:?}"
+        );
     }
 }

@@ -30,7 +30,7 @@ pub enum MarlVerb {
     /// Watch an episode from above, in the terminal or as a film
     #[command(after_help = examples::MARL_WATCH)]
     Watch(MarlWatch),
-    /// Measure collision and completion rates over held-out episodes
+    /// Measure collision and completion rates and the reward (SMARTS') over held-out episodes
     #[command(after_help = examples::MARL_EVALUATE)]
     Evaluate(MarlEvaluate),
 }
@@ -226,7 +226,7 @@ pub struct MarlStudy {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub seeds: u64,
     /// Agent-steps of each training
-    #[arg(long, value_name = "N", default_value_t = 1_500_000)]
+    #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(1..))]
     pub agent_steps: u64,
     /// Held-out episodes on which each policy is measured
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(10..=1_000_000))]

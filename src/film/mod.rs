@@ -226,6 +226,14 @@ impl Film {
         self.reel.frames
     }
 
+    /// Where it is: the file, or the first and the last of its pictures.
+    pub fn place(&self) -> String {
+        match &self.kind {
+            Kind::Stills(stills) => stills.place(self.reel.frames),
+            _ => self.reel.path.display().to_string(),
+        }
+    }
+
     /// Ends the film. A film that is dropped without this is left as if interrupted.
     ///
     /// # Errors

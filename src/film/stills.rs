@@ -54,6 +54,11 @@ impl Stills {
         self.folder.join(name)
     }
 
+    /// The first and the last of so many pictures.
+    pub(super) fn place(&self, frames: u64) -> String {
+        format!("{} to {}", self.path(1).display(), self.path(frames).display())
+    }
+
     pub(super) fn frame(&mut self, reel: &Reel, frame: &Frame) -> Result<(), FilmError> {
         if reel.frames == 1 && self.folder != Path::new("") {
             fs::create_dir_all(&self.folder).map_err(FilmError::io("create the folder", &self.folder))?;

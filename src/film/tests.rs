@@ -185,7 +185,10 @@ fn a_folder_holds_numbered_pictures() {
         ("lap.png", "lap_00003.png"),
         ("lap.JPG", "lap_00003.JPG"),
     ] {
-        film(&dir.path().join(name), 3, 15.0).finish().unwrap();
+        let made = film(&dir.path().join(name), 3, 15.0);
+        let last = format!(" to {}", dir.path().join(file).display());
+        assert!(made.place().contains("_00001.") && made.place().ends_with(&last), "{}", made.place());
+        made.finish().unwrap();
         let picture = image::load_from_memory(&fs::read(dir.path().join(file)).unwrap()).unwrap().to_rgb8();
         let quality = psnr(picture.as_raw(), frame(2).rgb());
         assert!(quality > 33.0, "{name}: {quality}");

@@ -36,6 +36,10 @@ fn evaluate(arguments: &MarlEvaluate) -> anyhow::Result<Ended> {
     let seeds = first..first + arguments.episodes;
     let act = |environments: &[_], actions: &mut [_]| drivers.act(environments, actions);
     let found = evaluation::evaluate(settings, seeds, AT_ONCE, act)?;
-    print(&if arguments.json { serde_json::to_string_pretty(&found)? } else { found.to_string() })?;
+    let told = match arguments.json {
+        true => serde_json::to_string_pretty(&found)?,
+        false => found.in_words(settings.reward).to_string(),
+    };
+    print(&told)?;
     Ok(Ended::Passed)
 }

@@ -27,7 +27,6 @@ use lapwing_learn::{
         plan,
     },
     nn::runtime,
-    train::Go,
 };
 use lapwing_score::{
     drawing::chart::{Axis, Chart, Marks, Series, stack},
@@ -70,7 +69,7 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         let names = || cells.iter().map(Cell::name).collect::<Vec<_>>().join(", ");
         let cell = cells.iter().find(|cell| cell.name() == *name);
         let cell = cell.with_context(|| format!("expected one of {}, got {name}", names()))?;
-        let result = cell.run(&study, &arguments.out, wall, |_| if stop.is_pressed() { Go::Stop } else { Go::On })?;
+        let result = cell.run(&study, &arguments.out, wall, || stop.is_pressed(), |_| ())?;
         return Ok(if result.is_some() { Ended::Passed } else { Ended::Failed });
     }
     let (began, mut finished_now) = (Instant::now(), Vec::<u64>::new());
@@ -88,10 +87,8 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         }
         let message = format!("{} of {}: {}", i + 1, cells.len(), cell.name());
         bar.set_message(message.clone());
-        let result = cell.run(&study, &arguments.out, wall, |share| {
-            bar.set_position((share * 1000.0) as u64);
-            if stop.is_pressed() { Go::Stop } else { Go::On }
-        })?;
+        let show = |share: f64| bar.set_position((share * 1000.0) as u64);
+        let result = cell.run(&study, &arguments.out, wall, || stop.is_pressed(), show)?;
         if bar.is_hidden() {
             say!("{message}");
         }

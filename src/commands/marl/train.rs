@@ -35,13 +35,14 @@ pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     let bar = if is_terminal { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     bar.set_style(ProgressStyle::with_template("{wide_bar} {percent}% {msg}, {elapsed}")?);
     let wall = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64();
-    let outcome = training.run(wall, |update, pace, done| {
+    let is_stopped = || stop.is_pressed();
+    let outcome = training.run(wall, is_stopped, |update, pace, done| {
         bar.set_position((done * 1000.0) as u64);
         bar.set_message(line(update, pace));
         if !is_terminal && update.number % LINE_EVERY == 0 {
             say!("{:>3.0} %  {}", done * 100.0, line(update, pace));
         }
-        if stop.is_pressed() { Go::Stop } else { Go::On }
+        Go::On
     });
     bar.finish_and_clear();
     let outcome = outcome?;

@@ -46,9 +46,10 @@ pub(super) fn run(arguments: &MarlWatch) -> anyhow::Result<Ended> {
         environment.step(actions[0]);
     }
     show(&environment, film.as_mut(), screen.as_mut(), END)?;
-    if let (Some(film), Some(path)) = (film, &arguments.video) {
+    if let Some(film) = film {
+        let place = film.place();
         film.finish()?;
-        say!("the film is in {}", path.display());
+        say!("the film is in {place}");
     }
     print(&told(&environment, arguments.seed, &stop))?;
     Ok(if stop.is_pressed() { Ended::Failed } else { Ended::Passed })

@@ -60,8 +60,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Drives and learns until so many joint transitions.
-pub(super) fn run(maddpg: &mut Maddpg, until: u64) -> Result<Losses, MarlError> {
+/// Drives and learns until so many joint transitions, or until it is stopped, after one step or more.
+pub(super) fn run(maddpg: &mut Maddpg, until: u64, is_stopped: &dyn Fn() -> bool) -> Result<Losses, MarlError> {
     let (before, beta, share_of_rates) = (maddpg.core.steps, maddpg.beta(), maddpg.share_of_rates());
     let seeds: Vec<u64> = (0..maddpg.settings.learners).map(|_| maddpg.random.random()).collect();
     let origin = maddpg.origin();
@@ -120,6 +120,9 @@ pub(super) fn run(maddpg: &mut Maddpg, until: u64) -> Result<Losses, MarlError> 
                 collector.step(&actor, settings)?;
                 lock(&shared.memory).push(collector.moment());
                 shared.allow(due(collector.transitions));
+                if is_stopped() {
+                    break;
+                }
             }
             Ok(())
         })();

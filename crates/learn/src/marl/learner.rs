@@ -98,11 +98,11 @@ impl Algorithm {
 
 /// An algorithm at work.
 pub(super) trait Learner: std::fmt::Debug {
-    /// Drives for a while, and learns.
+    /// Drives for a while, and learns; one that may take long ends early where it `is_stopped`, between two steps.
     ///
     /// # Errors
     /// [`MarlError::NotFinite`], and those of libtorch.
-    fn update(&mut self) -> Result<Update, MarlError>;
+    fn update(&mut self, is_stopped: &dyn Fn() -> bool) -> Result<Update, MarlError>;
 
     /// The share of the training that is done; 1 is the end.
     fn progress(&self) -> f64;

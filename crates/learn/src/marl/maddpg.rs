@@ -42,7 +42,8 @@ use super::{
 };
 use lapwing_sim::intersection::{ACTIONS, AGENTS, Batch, Buffers, evaluation::Sums};
 
-/// Joint transitions between two updates that are logged: as many as PPO's defaults make in one.
+/// Joint transitions between two updates that are logged: as many as PPO's defaults make in one. One that is
+/// stopped has fewer.
 const LOGGED: u64 = 8192;
 
 /// The settings of the algorithm.
@@ -271,8 +272,8 @@ impl Maddpg {
         self.origin
     }
 
-    /// Drives and learns in turn.
-    fn synchronous(&mut self, until: u64) -> Result<Losses, MarlError> {
+    /// Drives and learns in turn, at least one step. It stops only where no gradient step is due.
+    fn synchronous(&mut self, until: u64, is_stopped: &dyn Fn() -> bool) -> Result<Losses, MarlError> {
         let mut losses = Losses::default();
         while self.collector.transitions < until {
             self.collector.step(&self.core.networks.actor, &self.settings)?;
@@ -285,6 +286,9 @@ impl Maddpg {
                 self.memory.update(&self.drawing.rows, &gradients.errors);
                 self.core.apply(&gradients, &self.settings, self.share_of_rates())?;
                 losses.add(&gradients);
+            }
+            if is_stopped() {
+                break;
             }
         }
         Ok(losses)
@@ -302,11 +306,11 @@ impl Maddpg {
 }
 
 impl Learner for Maddpg {
-    fn update(&mut self) -> Result<Update, MarlError> {
+    fn update(&mut self, is_stopped: &dyn Fn() -> bool) -> Result<Update, MarlError> {
         let until = self.collector.transitions + LOGGED;
         let losses = match self.settings.learners {
-            0 => self.synchronous(until)?,
-            _ => asynchronous::run(self, until)?,
+            0 => self.synchronous(until, is_stopped)?,
+            _ => asynchronous::run(self, until, is_stopped)?,
         };
         self.updates += 1;
         let means = losses.means();

@@ -49,7 +49,7 @@ pub struct Ppo {
 }
 
 impl Learner for Ppo {
-    fn update(&mut self) -> Result<Update, MarlError> {
+    fn update(&mut self, _: &dyn Fn() -> bool) -> Result<Update, MarlError> {
         self.rollout_and_learn()
     }
 

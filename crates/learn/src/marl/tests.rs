@@ -1,5 +1,7 @@
 //! Learning as a whole.
 
+use std::cell::Cell;
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
@@ -31,12 +33,12 @@ fn one_thread() {
 
 fn run(folder: &std::path::Path, settings: TrainingSettings) -> Result<MarlOutcome, MarlError> {
     one_thread();
-    Training::new(folder, settings)?.run(|| 0.0, |_, _, _| Go::On)
+    Training::new(folder, settings)?.run(|| 0.0, || false, |_, _, _| Go::On)
 }
 
 fn resume(folder: &std::path::Path) -> Result<MarlOutcome, MarlError> {
     one_thread();
-    Training::resume(folder, None)?.run(|| 0.0, |_, _, _| Go::On)
+    Training::resume(folder, None)?.run(|| 0.0, || false, |_, _, _| Go::On)
 }
 
 /// The numbers of the updates in a folder's log, and how many lines of it are headers.
@@ -99,15 +101,37 @@ fn two_learners_beside_a_collector_take_as_many_gradient_steps_as_one_after_the_
     let stop = |_: &Update, _, _| Go::Stop;
     let settings = small_maddpg(2, Replay::Proportional);
     one_thread();
-    let first = Training::new(folder.path(), settings).unwrap().run(|| 0.0, stop).unwrap();
+    let first = Training::new(folder.path(), settings).unwrap().run(|| 0.0, || false, stop).unwrap();
     let alone = tempfile::tempdir().unwrap();
     let other = Training::new(alone.path(), small_maddpg(0, Replay::Proportional)).unwrap();
-    let other = { other }.run(|| 0.0, stop).unwrap();
+    let other = { other }.run(|| 0.0, || false, stop).unwrap();
     let (first, other) = (first.last.unwrap(), other.last.unwrap());
     assert_eq!(first.gradient_steps, other.gradient_steps);
     assert!((0.0..=2.0).contains(&first.losses["staleness"]), "{first:?}");
     let resumed = resume(folder.path()).unwrap();
     assert!(resumed.finished && resumed.last.unwrap().gradient_steps > first.gradient_steps);
+}
+
+#[test]
+fn maddpg_is_stopped_within_an_update_and_what_it_has_learnt_by_then_is_kept() {
+    one_thread();
+    for learners in [0, 2] {
+        let folder = tempfile::tempdir().unwrap();
+        let steps = Cell::new(0);
+        let is_stopped = || {
+            steps.set(steps.get() + 1);
+            steps.get() >= 100
+        };
+        let mut training = Training::new(folder.path(), small_maddpg(learners, Replay::Uniform)).unwrap();
+        let first = training.run(|| 0.0, is_stopped, |_, _, _| Go::On).unwrap();
+        let last = first.last.unwrap();
+        assert!(!first.finished && last.number == 1 && last.agent_steps <= 100 * 8 * 4, "{learners}: {last:?}");
+        assert!((1..=3).contains(&last.gradient_steps), "a step for each 100 of 800 after the first 500: {last:?}");
+        let resumed = resume(folder.path()).unwrap();
+        assert!(resumed.finished && resumed.last.unwrap().gradient_steps > last.gradient_steps, "{learners}");
+        let (numbers, headers) = logged(folder.path());
+        assert_eq!((&numbers[..2], headers), (&[1, 2][..], 1));
+    }
 }
 
 #[test]
@@ -160,7 +184,7 @@ fn a_training_goes_on_where_it_was_stopped_and_is_not_begun_twice() {
     let folder = tempfile::tempdir().unwrap();
     let settings = small(Critic::Own);
     let stop = |_: &Update, _, _| Go::Stop;
-    let first = Training::new(folder.path(), settings.clone()).unwrap().run(|| 0.0, stop).unwrap();
+    let first = Training::new(folder.path(), settings.clone()).unwrap().run(|| 0.0, || false, stop).unwrap();
     assert!(!first.finished && first.last.unwrap().number == 1);
     let twice = run(folder.path(), settings).unwrap_err().to_string();
     assert!(twice.contains("add --resume"), "{twice}");
@@ -177,7 +201,7 @@ fn a_resumed_training_is_as_long_as_it_was_or_longer_if_that_is_told() {
     let folder = tempfile::tempdir().unwrap();
     one_thread();
     let stop = |_: &Update, _, _| Go::Stop;
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
     let resumed = |agent_steps| Training::resume(folder.path(), agent_steps);
     for (told, expected) in [(None, 4000), (Some(4000), 4000), (Some(5000), 5000)] {
         let mut settings = resumed(told).unwrap().settings().clone();
@@ -199,7 +223,7 @@ fn the_log_has_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
     let log = folder.path().join("log.csv");
     std::fs::write(&log, "update,agent_steps\n1,2000\n2,4000\n").unwrap();
     let stop = |_: &Update, _, _| Go::Stop;
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
     assert_eq!(logged(folder.path()), (vec![1], 1));
     let saved = std::fs::read_to_string(&log).unwrap();
     std::fs::write(&log, saved.clone() + "2,4000\n3,6000\n4,80").unwrap();
@@ -211,13 +235,31 @@ fn the_log_has_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
 }
 
 #[test]
+fn the_log_tells_how_often_all_four_arrived_and_one_that_did_not_yet_gets_the_column() {
+    let folder = tempfile::tempdir().unwrap();
+    one_thread();
+    let log = folder.path().join("log.csv");
+    let stop = |_: &Update, _, _| Go::Stop;
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
+    let first = std::fs::read_to_string(&log).unwrap();
+    let older: String = first.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned() + "\n").collect();
+    std::fs::write(&log, older).unwrap();
+    resume(folder.path()).unwrap();
+    let text = std::fs::read_to_string(&log).unwrap();
+    let names = text.lines().next().unwrap();
+    assert!(names.ends_with(",all_completed") && names.matches("all_completed").count() == 1, "{names}");
+    let columns = |line: &str| line.split(',').count();
+    assert!(text.lines().all(|line| columns(line) == columns(names)) && text.lines().count() > 2, "{text}");
+}
+
+#[test]
 fn the_curves_have_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
     let folder = tempfile::tempdir().unwrap();
     one_thread();
     let state = folder.path().join("state.safetensors");
     let stop = |_: &Update, _, _| Go::Stop;
     let shown = || events::tests::steps_shown(folder.path(), "charts/learning_rate");
-    let first = Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    let first = Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
     let saved = std::fs::read(&state).unwrap();
     resume(folder.path()).unwrap();
     std::fs::write(&state, saved).unwrap();
@@ -227,7 +269,7 @@ fn the_curves_have_no_updates_of_a_training_that_was_killed_before_it_saved_them
     assert_eq!(shown()[0] as u64, first.last.unwrap().agent_steps, "what was saved stays");
     // One that was killed before it saved anything begins anew.
     std::fs::remove_file(&state).unwrap();
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, stop).unwrap();
+    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
     assert_eq!(shown().len(), 1);
 }
 

@@ -32,6 +32,8 @@ const SAVE_EVERY_S: f64 = 30.0;
 /// [`MarlOutcome::seconds_to_80`].
 const WELL: f64 = 0.8;
 const LAST_EPISODES: u64 = 100;
+/// The column and the curve of that share, the last of all columns.
+const ALL_COMPLETED: &str = "all_completed";
 
 /// Everything that decides how a training goes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -168,13 +170,15 @@ impl Training {
     }
 
     /// Trains to the end, or until told to stop. `told` is shown each update with the agent-steps a second that it took,
-    /// and the share of the training that is done; `wall` is the wall clock in seconds since 1970.
+    /// and the share of the training that is done; `is_stopped` is asked within updates, too, and ends one early.
+    /// `wall` is the wall clock in seconds since 1970.
     ///
     /// # Errors
     /// [`MarlError`]; the last state that was saved stays.
     pub fn run(
         &mut self,
         wall: impl Fn() -> f64,
+        is_stopped: impl Fn() -> bool,
         mut told: impl FnMut(&Update, f64, f64) -> Go,
     ) -> Result<MarlOutcome, MarlError> {
         let json = |why: serde_json::Error| MarlError::File { path: self.out.join(SETTINGS), why: why.to_string() };
@@ -190,16 +194,17 @@ impl Training {
         let mut finished = self.learner.progress() >= 1.0;
         while !finished {
             let (began, before) = (Instant::now(), self.learner.counters().agent_steps);
-            let update = self.learner.update()?;
+            let update = self.learner.update(&is_stopped)?;
             let seconds = began.elapsed().as_secs_f64();
             self.position.seconds += seconds;
             let pace = (update.agent_steps - before) as f64 / seconds.max(1e-9);
-            self.log(&update, pace)?;
-            curves(&mut events, &update, pace, wall()).map_err(MarlError::io("write", &named))?;
-            if recent.share_after(&update).is_some_and(|share| share >= WELL) {
+            let share = recent.share_after(&update);
+            self.log(&update, pace, share)?;
+            curves(&mut events, &update, pace, share, wall()).map_err(MarlError::io("write", &named))?;
+            if share.is_some_and(|share| share >= WELL) {
                 self.position.seconds_to_80 = self.position.seconds_to_80.or(Some(self.position.seconds));
             }
-            let stop = told(&update, pace, self.learner.progress()) == Go::Stop;
+            let stop = told(&update, pace, self.learner.progress()) == Go::Stop || is_stopped();
             last = Some(update);
             finished = self.learner.progress() >= 1.0;
             if finished || stop || saved.elapsed().as_secs_f64() > SAVE_EVERY_S {
@@ -235,7 +240,8 @@ impl Training {
         file::save(&path, HashMap::from([(POSITION.to_owned(), position)]), &self.learner.tensors())
     }
 
-    /// Leaves in the log what led to the stored state: a training that was killed has logged more than it saved.
+    /// Leaves in the log what led to the stored state: a training that was killed has logged more than it saved. An older
+    /// log gets the column [`ALL_COMPLETED`], without values.
     fn cut_log(&self) -> Result<(), MarlError> {
         let path = self.out.join(LOG);
         if !path.exists() {
@@ -247,21 +253,24 @@ impl Training {
             line.ends_with('\n') && number.map_or(stored > 0, |number| number <= stored)
         };
         let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
-        let kept: String = text.split_inclusive('\n').filter(is_kept).collect();
+        let mut kept: String = text.split_inclusive('\n').filter(is_kept).collect();
+        if kept.lines().next().is_some_and(|names| !names.ends_with(ALL_COMPLETED)) {
+            kept = kept.replace('\n', ",\n").replacen(",\n", &format!(",{ALL_COMPLETED}\n"), 1);
+        }
         files::write(&path, kept.as_bytes()).map_err(MarlError::io("write", &path))
     }
 
     /// Adds a line to the log.
-    fn log(&self, update: &Update, pace: f64) -> Result<(), MarlError> {
+    fn log(&self, update: &Update, pace: f64, share: Option<f64>) -> Result<(), MarlError> {
         let path = self.out.join(LOG);
         let mut text = String::new();
         if update.number == 1 {
-            let names: Vec<_> = columns(update).map(|(name, _)| name).collect();
+            let names: Vec<_> = columns(update, share).map(|(name, _)| name).collect();
             text = format!("update,agent_steps,seconds,agent_steps_per_s,{}\n", names.join(","));
         }
         let Position { seconds, .. } = self.position;
         let _ = write!(text, "{},{},{seconds:.2},{pace:.0}", update.number, update.agent_steps);
-        for (_, value) in columns(update) {
+        for (_, value) in columns(update, share) {
             text += &value.map_or_else(|| ",".to_owned(), |value| format!(",{value:.6}"));
         }
         text.push('\n');
@@ -288,8 +297,9 @@ impl Recent {
     }
 }
 
-/// The curves of an update; where no episode ended, nothing is known of them.
-fn columns(update: &Update) -> impl Iterator<Item = (&'static str, Option<f64>)> {
+/// The curves of an update, and the share of the last hundred episodes in which all reached their goals; where no episode
+/// ended, nothing is known of them.
+fn columns(update: &Update, share: Option<f64>) -> impl Iterator<Item = (&'static str, Option<f64>)> {
     let of_episodes = |value: f64| (update.episodes > 0).then_some(value);
     let charts = [
         ("gradient_steps", Some(update.gradient_steps as f64)),
@@ -300,7 +310,8 @@ fn columns(update: &Update) -> impl Iterator<Item = (&'static str, Option<f64>)>
         ("duration_s", of_episodes(update.seconds)),
         ("learning_rate", Some(update.learning_rate)),
     ];
-    charts.into_iter().chain(update.losses.iter().map(|(name, value)| (*name, Some(*value))))
+    let losses = update.losses.iter().map(|(name, value)| (*name, Some(*value)));
+    charts.into_iter().chain(losses).chain([(ALL_COMPLETED, share)])
 }
 
 /// A point's position along a curve.
@@ -308,9 +319,9 @@ fn step_of(agent_steps: u64) -> i64 {
     i64::try_from(agent_steps).unwrap_or(i64::MAX)
 }
 
-fn curves(events: &mut Events, update: &Update, pace: f64, wall: f64) -> std::io::Result<()> {
+fn curves(events: &mut Events, update: &Update, pace: f64, share: Option<f64>, wall: f64) -> std::io::Result<()> {
     let step = step_of(update.agent_steps);
-    for (name, value) in columns(update).chain([("agent_steps_per_s", Some(pace))]) {
+    for (name, value) in columns(update, share).chain([("agent_steps_per_s", Some(pace))]) {
         let Some(value) = value else { continue };
         let group = if update.losses.contains_key(name) { "losses" } else { "charts" };
         events.scalar(&format!("{group}/{name}"), step, wall, value as f32)?;
@@ -355,7 +366,7 @@ mod tests {
 
     #[test]
     fn of_episodes_that_did_not_end_nothing_is_logged() {
-        let names = |update: &Update| columns(update).filter(|(_, value)| value.is_none()).count();
+        let names = |update: &Update| columns(update, Some(0.5)).filter(|(_, value)| value.is_none()).count();
         assert_eq!((names(&update(0, 0.0)), names(&update(1, 0.0))), (4, 0));
     }
 }

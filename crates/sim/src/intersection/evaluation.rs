@@ -4,7 +4,9 @@ use std::{fmt, ops::Range};
 
 use serde::{Deserialize, Serialize};
 
-use super::{ACTIONS, AGENTS, Action, Crash, Ending, Environment, Fault, SUBSTEP_S, Settings, Tally, crash::Hit};
+use super::{
+    ACTIONS, AGENTS, Action, Crash, Ending, Environment, Fault, Reward, SUBSTEP_S, Settings, Tally, crash::Hit,
+};
 use lapwing_core::{stats::share_interval, words::count};
 
 /// Episodes to evaluate on begin here; training draws its seeds from all 64 bits, of which these are few.
@@ -44,7 +46,7 @@ pub struct Evaluation {
     /// Control diversity: entropy of an agent's actions during its episode, in bits, from 0 (always the same) to 2 (all four
     /// equally often); the mean over agents.
     pub control_diversity: f64,
-    /// Mean undiscounted sum of rewards of an agent.
+    /// Mean undiscounted sum of rewards of an agent, by the settings' reward.
     pub reward: f64,
     /// Mean duration of an agent's episode, in seconds.
     pub seconds: f64,
@@ -176,31 +178,42 @@ pub fn evaluate<E>(
     Ok(sums.evaluation())
 }
 
-impl fmt::Display for Evaluation {
+impl Evaluation {
+    /// The figures with their names, one a line, without a line break at the end; `reward` is that of the settings.
+    pub fn in_words(self, reward: Reward) -> impl fmt::Display {
+        InWords(self, reward)
+    }
+}
+
+struct InWords(Evaluation, Reward);
+
+impl fmt::Display for InWords {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(found, reward) = self;
         let percent = |share: f64| format!("{:.2} %", share * 100.0);
         let between = |[low, high]: [f64; 2]| format!("({:.2} to {:.2})", low * 100.0, high * 100.0);
-        writeln!(f, "{} of {AGENTS} agents", count(self.episodes, "episode"))?;
-        writeln!(f, "  collisions  {:>9} {}", percent(self.collision_rate), between(self.collision_interval))?;
-        writeln!(f, "    agents    {:>9}", percent(self.with_agents))?;
-        writeln!(f, "    traffic   {:>9}", percent(self.with_traffic))?;
-        if self.collision_rate > 0.0 {
-            writeln!(
-                f,
-                "    at fault  {:>9} of them, the other {}",
-                percent(self.own_fault),
-                percent(self.others_fault)
-            )?;
+        writeln!(f, "{} of {AGENTS} agents", count(found.episodes, "episode"))?;
+        writeln!(f, "  collisions  {:>9} {}", percent(found.collision_rate), between(found.collision_interval))?;
+        writeln!(f, "    agents    {:>9}", percent(found.with_agents))?;
+        writeln!(f, "    traffic   {:>9}", percent(found.with_traffic))?;
+        if found.collision_rate > 0.0 {
+            let both = (1.0 - found.own_fault - found.others_fault).max(0.0);
+            let [own, others, both] = [found.own_fault, found.others_fault, both].map(percent);
+            writeln!(f, "    own fault {own:>9} of them, the other's {others}, both {both}")?;
         }
-        writeln!(f, "  completed   {:>9} {}", percent(self.completion_rate), between(self.completion_interval))?;
-        writeln!(f, "  off road    {:>9}", percent(self.off_road_rate))?;
-        writeln!(f, "  time up     {:>9}", percent(self.time_up_rate))?;
-        writeln!(f, "  all four    {:>9} of the episodes", percent(self.all_completed))?;
-        writeln!(f, "  agility     {:>5.2} m/s  mean speed", self.speed)?;
-        writeln!(f, "  stability   {:>5.3} m2   variance of the offset", self.offset_variance)?;
-        writeln!(f, "  diversity   {:>5.2} bits entropy of the actions", self.control_diversity)?;
-        writeln!(f, "  reward      {:>5.1}", self.reward)?;
-        write!(f, "  duration    {:>5.1} s", self.seconds)
+        writeln!(f, "  completed   {:>9} {}", percent(found.completion_rate), between(found.completion_interval))?;
+        writeln!(f, "  off road    {:>9}", percent(found.off_road_rate))?;
+        writeln!(f, "  time up     {:>9}", percent(found.time_up_rate))?;
+        writeln!(f, "  all four    {:>9} of the episodes", percent(found.all_completed))?;
+        writeln!(f, "  agility     {:>5.2} m/s  mean speed", found.speed)?;
+        writeln!(f, "  stability   {:>5.3} m2   variance of the offset", found.offset_variance)?;
+        writeln!(f, "  diversity   {:>5.2} bits entropy of the actions", found.control_diversity)?;
+        let whose = match reward {
+            Reward::Smarts => "SMARTS' reward",
+            Reward::Corrected => "corrected reward",
+        };
+        writeln!(f, "  reward      {:>5.1}      {whose}", found.reward)?;
+        write!(f, "  duration    {:>5.1} s", found.seconds)
     }
 }
 
@@ -234,6 +247,24 @@ mod tests {
         );
         let Evaluation { offset_variance, control_diversity, .. } = sums.evaluation();
         assert_eq!((offset_variance, control_diversity), (0.5, (0.0 + 2.0 + 1.0 + 1.0) / 4.0));
+    }
+
+    #[test]
+    fn in_words_each_crash_is_somebodys_fault_and_the_reward_is_named() {
+        let found = Evaluation {
+            collision_rate: 0.5,
+            own_fault: 3.0 / 7.0,
+            others_fault: 3.0 / 7.0,
+            reward: 62.04,
+            ..Evaluation::default()
+        };
+        let told = found.in_words(Reward::Smarts).to_string();
+        assert!(told.contains("\n    own fault   42.86 % of them, the other's 42.86 %, both 14.29 %\n"), "{told}");
+        assert!(told.contains("\n  reward       62.0      SMARTS' reward\n"), "{told}");
+        let told = found.in_words(Reward::Corrected).to_string();
+        assert!(told.contains("corrected reward"), "{told}");
+        let told = Evaluation { own_fault: 0.9, others_fault: 0.1, ..found }.in_words(Reward::Smarts).to_string();
+        assert!(told.contains("90.00 % of them, the other's 10.00 %, both 0.00 %"), "{told}");
     }
 
     #[test]

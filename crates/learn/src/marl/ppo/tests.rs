@@ -316,7 +316,7 @@ fn the_same_is_learnt_however_many_collectors_there_are() {
         let train = |collectors| {
             // 32 intersections, 32 and 6.
             let mut ppo = of_size(70, PpoSettings { critic, collectors, seed: 6, ..PpoSettings::default() });
-            let updates = [(); 3].map(|()| ppo.update().unwrap());
+            let updates = [(); 3].map(|()| ppo.update(&|| false).unwrap());
             assert!(updates.iter().map(|update| update.episodes).sum::<u64>() > 0);
             (updates, ppo.tensors().iter().flat_map(|(_, tensor)| numbers(tensor)).collect::<Vec<_>>())
         };

@@ -29,7 +29,7 @@ pub struct Estimate {
     pub value: f64,
     /// 95 % interval.
     pub interval: [f64; 2],
-    /// Runs of the task that has the fewest.
+    /// Runs of the task that has the fewest; 0 if one of those compared made no gradient step.
     pub runs: usize,
 }
 
@@ -41,7 +41,8 @@ pub enum Verdict {
     Holds,
     /// It lies on the other, or outside the range.
     Fails,
-    /// It lies in part here, in part there, or there are fewer than three seeds: more would tell.
+    /// It lies in part here, in part there, or there are fewer than three seeds, or runs without a gradient step: more
+    /// would tell.
     Open,
 }
 
@@ -198,7 +199,11 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         }
         tasks.into_values().collect()
     };
-    let both = |a, b, of: &dyn Fn(&CellResult) -> f64| [strata(a, of), strata(b, of)];
+    let learnt = |variant: Variant| cells.iter().all(|cell| cell.cell.variant != variant || cell.gradient_steps > 0);
+    let compared = |a, b, of: &dyn Fn(&CellResult) -> f64, statistic: fn(&[Strata]) -> f64| {
+        let found = estimate(&[strata(a, of), strata(b, of)], statistic);
+        found.map(|found| Estimate { runs: if learnt(a) && learnt(b) { found.runs } else { 0 }, ..found })
+    };
     let completion = |cell: &CellResult| cell.random.completion_rate;
     let fall = |cell: &CellResult| drawdown(&cell.curve.iter().map(|point| point.completion).collect::<Vec<_>>());
     let above = |claim, says, measure, found: Option<Estimate>, bound: f64, wants_more: bool| {
@@ -222,7 +227,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
         });
         completion_at(cell, pair.map(|other| other.seconds).fold(f64::INFINITY, f64::min))
     };
-    let times = estimate(&both(Ppo, Maddpg, &|cell| cell.seconds), ratio);
+    let times = compared(Ppo, Maddpg, &|cell| cell.seconds, ratio);
     let within = Finding {
         claim: 1,
         says: "PPO takes 3 to 3.5 times MADDPG's time",
@@ -237,12 +242,12 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
     let rate = "difference of the completion rates";
     vec![
         within,
-        above(1, "PPO ends better", rate, estimate(&both(Ppo, Maddpg, &completion), difference), 0.0, true),
+        above(1, "PPO ends better", rate, compared(Ppo, Maddpg, &completion, difference), 0.0, true),
         above(
             2,
             "proportional priorities are steadier over seeds",
             "difference of the standard deviations of the completion rate",
-            estimate(&both(Proportional, Maddpg, &completion), spread),
+            compared(Proportional, Maddpg, &completion, spread),
             0.0,
             false,
         ),
@@ -250,7 +255,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             2,
             "proportional priorities are steadier while learning",
             "difference of the largest falls of the completion rate",
-            estimate(&both(Proportional, Maddpg, &fall), difference),
+            compared(Proportional, Maddpg, &fall, difference),
             0.0,
             false,
         ),
@@ -258,7 +263,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             2,
             "priorities by rank are steadier over seeds",
             "difference of the standard deviations of the completion rate",
-            estimate(&both(Rank, Maddpg, &completion), spread),
+            compared(Rank, Maddpg, &completion, spread),
             0.0,
             false,
         ),
@@ -266,7 +271,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             2,
             "priorities by rank are steadier while learning",
             "difference of the largest falls of the completion rate",
-            estimate(&both(Rank, Maddpg, &fall), difference),
+            compared(Rank, Maddpg, &fall, difference),
             0.0,
             false,
         ),
@@ -274,7 +279,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             3,
             "batches of 64 beat 1024 at equal updates",
             rate,
-            estimate(&both(Batch64, Maddpg, &completion), difference),
+            compared(Batch64, Maddpg, &completion, difference),
             0.0,
             true,
         ),
@@ -282,7 +287,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             3,
             "batches of 64 beat 1024 at equal samples",
             rate,
-            estimate(&both(Batch64Samples, Maddpg, &completion), difference),
+            compared(Batch64Samples, Maddpg, &completion, difference),
             0.0,
             true,
         ),
@@ -290,7 +295,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             4,
             "two asynchronous learners beat one at equal agent-steps",
             rate,
-            estimate(&both(Asynchronous, Maddpg, &completion), difference),
+            compared(Asynchronous, Maddpg, &completion, difference),
             0.0,
             true,
         ),
@@ -298,7 +303,7 @@ fn findings(cells: &[CellResult]) -> Vec<Finding> {
             4,
             "two asynchronous learners beat one at equal time",
             "difference of the completion rates in training",
-            estimate(&both(Asynchronous, Maddpg, &same_time), difference),
+            compared(Asynchronous, Maddpg, &same_time, difference),
             0.0,
             true,
         ),

@@ -211,8 +211,8 @@ impl Cell {
         out.join("cells").join(self.name()).join(RESULT).exists()
     }
 
-    /// Trains and judges it in its folder, if that is not done. None if it was stopped; `told` is asked at each update, with
-    /// the share that is done.
+    /// Trains and judges it in its folder, if that is not done. None if it `is_stopped`, which is asked within updates,
+    /// too; `told` is shown the share that is done after each.
     ///
     /// # Errors
     /// [`MarlError`], also for a cell that was done with other settings.
@@ -221,7 +221,8 @@ impl Cell {
         study: &StudySettings,
         out: &Path,
         wall: impl Fn() -> f64,
-        mut told: impl FnMut(f64) -> Go,
+        is_stopped: impl Fn() -> bool,
+        mut told: impl FnMut(f64),
     ) -> Result<Option<CellResult>, MarlError> {
         let folder = out.join("cells").join(self.name());
         let path = folder.join(RESULT);
@@ -242,7 +243,7 @@ impl Cell {
         let algorithm = self.variant.algorithm(study, self.seed);
         let settings = TrainingSettings { world: World { intersection, mixed: true }, algorithm };
         let (mut curve, began) = (Vec::new(), Instant::now());
-        let outcome = Training::new(&folder, settings)?.run(wall, |update, _, done| {
+        let outcome = Training::new(&folder, settings)?.run(wall, is_stopped, |update, _, done| {
             if update.episodes > 0 {
                 curve.push(Point {
                     agent_steps: update.agent_steps,
@@ -251,7 +252,8 @@ impl Cell {
                     completion: update.completion_rate,
                 });
             }
-            told(done)
+            told(done);
+            Go::On
         })?;
         let (Some(last), true) = (outcome.last, outcome.finished) else { return Ok(None) };
         let mut policy = Policy::load(&outcome.policy)?;
@@ -290,17 +292,7 @@ mod tests {
         let all = plan(&study, &TASKS);
         assert!(all.contains(&cell) && all.len() == 28);
         let mut updates = 0;
-        let mut run = |study: &StudySettings| {
-            cell.run(
-                study,
-                folder.path(),
-                || 0.0,
-                |_| {
-                    updates += 1;
-                    Go::On
-                },
-            )
-        };
+        let mut run = |study: &StudySettings| cell.run(study, folder.path(), || 0.0, || false, |_| updates += 1);
         let first = run(&study).unwrap().unwrap();
         let second = run(&StudySettings { seeds: 3, ..study }).unwrap().unwrap();
         assert_eq!((first.agent_steps, first.random), (second.agent_steps, second.random));

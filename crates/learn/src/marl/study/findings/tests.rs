@@ -84,6 +84,26 @@ fn a_range_holds_with_the_whole_interval_in_it_fails_with_none_of_it_and_is_open
 }
 
 #[test]
+fn where_a_variant_learnt_nothing_its_claims_are_open_and_the_others_are_not() {
+    let mut cells = Vec::new();
+    for seed in 0..5 {
+        cells.push(cell(Variant::Ppo, seed, 0.9, 80.0));
+        cells.push(cell(Variant::Maddpg, seed, 0.1, 10.0));
+        cells.push(cell(Variant::Batch64, seed, 0.5, 10.0));
+    }
+    assert_eq!(verdict(&cells, "3 to 3.5 times"), Verdict::Fails);
+    let forget = |cells: &mut [CellResult], variant: Variant| {
+        let these = cells.iter_mut().filter(|cell| cell.cell.variant == variant);
+        these.for_each(|cell| cell.gradient_steps = 0);
+    };
+    forget(&mut cells, Variant::Ppo);
+    let found = ["3 to 3.5 times", "PPO ends better", "equal updates"].map(|says| verdict(&cells, says));
+    assert_eq!(found, [Verdict::Open, Verdict::Open, Verdict::Holds]);
+    forget(&mut cells, Variant::Maddpg);
+    assert_eq!(verdict(&cells, "equal updates"), Verdict::Open);
+}
+
+#[test]
 fn the_spread_is_that_of_the_first_over_seeds_less_that_of_the_second_the_mean_over_tasks() {
     let steady: Strata = vec![vec![5.0, 5.0], vec![1.0, 3.0]];
     let wild: Strata = vec![vec![0.0, 2.0], vec![0.0, 4.0]];
