@@ -19,7 +19,6 @@ use lapwing_learn::{
         priorities::Replay, training::TrainingSettings,
     },
     nn::runtime,
-    train::Go,
 };
 use lapwing_sim::intersection::{Axes, Reward, Settings, Sight};
 
@@ -42,7 +41,6 @@ pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
         if !is_terminal && update.number % LINE_EVERY == 0 {
             say!("{:>3.0} %  {}", done * 100.0, line(update, pace));
         }
-        Go::On
     });
     bar.finish_and_clear();
     let outcome = outcome?;

@@ -1,7 +1,10 @@
 //! A network that learns: Adam, by the mean squared error of the paper's network and the cross-entropy of the live one, which
 //! learns besides how near what it sees is.
 
-use std::path::Path;
+use std::{
+    path::Path,
+    thread::{self, ScopedJoinHandle},
+};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -211,14 +214,16 @@ impl<'a> Learning<'a> {
         let mut next = draw.batch(drives, wanted, recipe, reader)?;
         while let Some((batch, cards)) = next {
             let rate = rate(recipe, position, epoch, windows as f64 / recipe.windows_per_epoch as f64);
+            windows += recipe.batch;
+            let is_last = windows >= recipe.windows_per_epoch;
             // While the network learns from one batch, the next is drawn by the losses known before it.
-            let (learnt, ahead) = std::thread::scope(|scope| {
-                let ahead = scope.spawn(|| draw.batch(drives, wanted, recipe, reader));
+            let (learnt, ahead) = thread::scope(|scope| {
+                let ahead = (!is_last).then(|| scope.spawn(|| draw.batch(drives, wanted, recipe, reader)));
                 let learnt = batch
                     .on(device)
                     .map_err(Into::into)
                     .and_then(|batch| learn(recipe, network, stepper, &batch, rate));
-                (learnt, ahead.join())
+                (learnt, ahead.map(ScopedJoinHandle::join))
             });
             let [error, weights] = learnt?;
             average(recipe, stepper, mean, network)?;
@@ -226,11 +231,10 @@ impl<'a> Learning<'a> {
             draw.learnt(&cards, &Vec::<f32>::try_from(&each)?);
             sum += error.f_sum(Kind::Float)?.f_double_value(&[])?;
             weight += weights.f_sum(Kind::Float)?.f_double_value(&[])?;
-            windows += recipe.batch;
-            if windows >= recipe.windows_per_epoch || is_over() {
-                break;
-            }
-            next = ahead.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+            next = match ahead {
+                Some(ahead) if !is_over() => ahead.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?,
+                _ => None,
+            };
         }
         Ok((sum / weight, windows))
     }

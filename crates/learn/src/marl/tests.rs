@@ -7,10 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
 use super::{policy::Mlp, ppo::Critic, priorities::Replay, training::TrainingSettings, *};
-use crate::{
-    nn::runtime,
-    train::{Go, events},
-};
+use crate::{nn::runtime, train::events};
 use lapwing_sim::intersection::{ACTIONS, Axes, Environment, OBSERVATION, Reward, Settings, evaluation};
 
 fn small(critic: Critic) -> TrainingSettings {
@@ -33,12 +30,19 @@ fn one_thread() {
 
 fn run(folder: &std::path::Path, settings: TrainingSettings) -> Result<MarlOutcome, MarlError> {
     one_thread();
-    Training::new(folder, settings)?.run(|| 0.0, || false, |_, _, _| Go::On)
+    Training::new(folder, settings)?.run(|| 0.0, || false, |_, _, _| ())
 }
 
 fn resume(folder: &std::path::Path) -> Result<MarlOutcome, MarlError> {
     one_thread();
-    Training::resume(folder, None)?.run(|| 0.0, || false, |_, _, _| Go::On)
+    Training::resume(folder, None)?.run(|| 0.0, || false, |_, _, _| ())
+}
+
+/// Trains for one update.
+fn one_update(folder: &std::path::Path, settings: TrainingSettings) -> MarlOutcome {
+    one_thread();
+    let over = Cell::new(false);
+    Training::new(folder, settings).unwrap().run(|| 0.0, || over.get(), |_, _, _| over.set(true)).unwrap()
 }
 
 /// The numbers of the updates in a folder's log, and how many lines of it are headers.
@@ -98,13 +102,10 @@ fn maddpg_is_the_same_for_the_same_seed_with_each_kind_of_replay() {
 #[test]
 fn two_learners_beside_a_collector_take_as_many_gradient_steps_as_one_after_the_other() {
     let folder = tempfile::tempdir().unwrap();
-    let stop = |_: &Update, _, _| Go::Stop;
     let settings = small_maddpg(2, Replay::Proportional);
-    one_thread();
-    let first = Training::new(folder.path(), settings).unwrap().run(|| 0.0, || false, stop).unwrap();
+    let first = one_update(folder.path(), settings);
     let alone = tempfile::tempdir().unwrap();
-    let other = Training::new(alone.path(), small_maddpg(0, Replay::Proportional)).unwrap();
-    let other = { other }.run(|| 0.0, || false, stop).unwrap();
+    let other = one_update(alone.path(), small_maddpg(0, Replay::Proportional));
     let (first, other) = (first.last.unwrap(), other.last.unwrap());
     assert_eq!(first.gradient_steps, other.gradient_steps);
     assert!((0.0..=2.0).contains(&first.losses["staleness"]), "{first:?}");
@@ -123,7 +124,7 @@ fn maddpg_is_stopped_within_an_update_and_what_it_has_learnt_by_then_is_kept() {
             steps.get() >= 100
         };
         let mut training = Training::new(folder.path(), small_maddpg(learners, Replay::Uniform)).unwrap();
-        let first = training.run(|| 0.0, is_stopped, |_, _, _| Go::On).unwrap();
+        let first = training.run(|| 0.0, is_stopped, |_, _, _| ()).unwrap();
         let last = first.last.unwrap();
         assert!(!first.finished && last.number == 1 && last.agent_steps <= 100 * 8 * 4, "{learners}: {last:?}");
         assert!((1..=3).contains(&last.gradient_steps), "a step for each 100 of 800 after the first 500: {last:?}");
@@ -183,8 +184,7 @@ fn settings_of(axes: Axes) -> Settings {
 fn a_training_goes_on_where_it_was_stopped_and_is_not_begun_twice() {
     let folder = tempfile::tempdir().unwrap();
     let settings = small(Critic::Own);
-    let stop = |_: &Update, _, _| Go::Stop;
-    let first = Training::new(folder.path(), settings.clone()).unwrap().run(|| 0.0, || false, stop).unwrap();
+    let first = one_update(folder.path(), settings.clone());
     assert!(!first.finished && first.last.unwrap().number == 1);
     let twice = run(folder.path(), settings).unwrap_err().to_string();
     assert!(twice.contains("add --resume"), "{twice}");
@@ -199,9 +199,7 @@ fn a_training_goes_on_where_it_was_stopped_and_is_not_begun_twice() {
 #[test]
 fn a_resumed_training_is_as_long_as_it_was_or_longer_if_that_is_told() {
     let folder = tempfile::tempdir().unwrap();
-    one_thread();
-    let stop = |_: &Update, _, _| Go::Stop;
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
+    one_update(folder.path(), small(Critic::Own));
     let resumed = |agent_steps| Training::resume(folder.path(), agent_steps);
     for (told, expected) in [(None, 4000), (Some(4000), 4000), (Some(5000), 5000)] {
         let mut settings = resumed(told).unwrap().settings().clone();
@@ -219,11 +217,9 @@ fn a_resumed_training_is_as_long_as_it_was_or_longer_if_that_is_told() {
 #[test]
 fn the_log_has_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
     let folder = tempfile::tempdir().unwrap();
-    one_thread();
     let log = folder.path().join("log.csv");
     std::fs::write(&log, "update,agent_steps\n1,2000\n2,4000\n").unwrap();
-    let stop = |_: &Update, _, _| Go::Stop;
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
+    one_update(folder.path(), small(Critic::Own));
     assert_eq!(logged(folder.path()), (vec![1], 1));
     let saved = std::fs::read_to_string(&log).unwrap();
     std::fs::write(&log, saved.clone() + "2,4000\n3,6000\n4,80").unwrap();
@@ -237,10 +233,8 @@ fn the_log_has_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
 #[test]
 fn the_log_tells_how_often_all_four_arrived_and_one_that_did_not_yet_gets_the_column() {
     let folder = tempfile::tempdir().unwrap();
-    one_thread();
     let log = folder.path().join("log.csv");
-    let stop = |_: &Update, _, _| Go::Stop;
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
+    one_update(folder.path(), small(Critic::Own));
     let first = std::fs::read_to_string(&log).unwrap();
     let older: String = first.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned() + "\n").collect();
     std::fs::write(&log, older).unwrap();
@@ -255,11 +249,9 @@ fn the_log_tells_how_often_all_four_arrived_and_one_that_did_not_yet_gets_the_co
 #[test]
 fn the_curves_have_no_updates_of_a_training_that_was_killed_before_it_saved_them() {
     let folder = tempfile::tempdir().unwrap();
-    one_thread();
     let state = folder.path().join("state.safetensors");
-    let stop = |_: &Update, _, _| Go::Stop;
     let shown = || events::tests::steps_shown(folder.path(), "charts/learning_rate");
-    let first = Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
+    let first = one_update(folder.path(), small(Critic::Own));
     let saved = std::fs::read(&state).unwrap();
     resume(folder.path()).unwrap();
     std::fs::write(&state, saved).unwrap();
@@ -269,7 +261,7 @@ fn the_curves_have_no_updates_of_a_training_that_was_killed_before_it_saved_them
     assert_eq!(shown()[0] as u64, first.last.unwrap().agent_steps, "what was saved stays");
     // One that was killed before it saved anything begins anew.
     std::fs::remove_file(&state).unwrap();
-    Training::new(folder.path(), small(Critic::Own)).unwrap().run(|| 0.0, || false, stop).unwrap();
+    one_update(folder.path(), small(Critic::Own));
     assert_eq!(shown().len(), 1);
 }
 

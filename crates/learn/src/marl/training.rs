@@ -17,7 +17,7 @@ use super::{
     learner::{Algorithm, Counters, Learner, World},
     policy::{FORMAT, PolicyMetadata},
 };
-use crate::train::{Go, events::Events};
+use crate::train::events::Events;
 use lapwing_core::{files, words::did_you_mean};
 
 const POLICY: &str = "policy.safetensors";
@@ -169,9 +169,9 @@ impl Training {
         &self.settings
     }
 
-    /// Trains to the end, or until told to stop. `told` is shown each update with the agent-steps a second that it took,
-    /// and the share of the training that is done; `is_stopped` is asked within updates, too, and ends one early.
-    /// `wall` is the wall clock in seconds since 1970.
+    /// Trains to the end, or until it `is_stopped`, which is asked after each update and, where one may take long, within
+    /// it. `told` is shown each update with the agent-steps a second that it took, and the share of the training that is
+    /// done. `wall` is the wall clock in seconds since 1970.
     ///
     /// # Errors
     /// [`MarlError`]; the last state that was saved stays.
@@ -179,7 +179,7 @@ impl Training {
         &mut self,
         wall: impl Fn() -> f64,
         is_stopped: impl Fn() -> bool,
-        mut told: impl FnMut(&Update, f64, f64) -> Go,
+        mut told: impl FnMut(&Update, f64, f64),
     ) -> Result<MarlOutcome, MarlError> {
         let json = |why: serde_json::Error| MarlError::File { path: self.out.join(SETTINGS), why: why.to_string() };
         let text = serde_json::to_string_pretty(&self.settings).map_err(json)?;
@@ -204,7 +204,8 @@ impl Training {
             if share.is_some_and(|share| share >= WELL) {
                 self.position.seconds_to_80 = self.position.seconds_to_80.or(Some(self.position.seconds));
             }
-            let stop = told(&update, pace, self.learner.progress()) == Go::Stop || is_stopped();
+            told(&update, pace, self.learner.progress());
+            let stop = is_stopped();
             last = Some(update);
             finished = self.learner.progress() >= 1.0;
             if finished || stop || saved.elapsed().as_secs_f64() > SAVE_EVERY_S {

@@ -21,7 +21,6 @@ use super::{
     Algorithm, MaddpgSettings, MarlError, Policy, PpoSettings, Training, World, priorities::Replay,
     training::TrainingSettings,
 };
-use crate::train::Go;
 use lapwing_core::files;
 use lapwing_sim::intersection::{
     CARS, Missions, Reward, Settings, Sight,
@@ -253,7 +252,6 @@ impl Cell {
                 });
             }
             told(done);
-            Go::On
         })?;
         let (Some(last), true) = (outcome.last, outcome.finished) else { return Ok(None) };
         let mut policy = Policy::load(&outcome.policy)?;
