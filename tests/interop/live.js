@@ -295,7 +295,7 @@ async function main() {
     await page.waitForTimeout(3000)
     // The first two runs are over: one of them is listed with its score, and played.
     await page.click('#to-runs')
-    await until('runs with a score', async () => (await page.locator('#run-list button').count()) >= 2 && /distance/.test(await text('#run-list li:last-child')))
+    await until('runs with a score', async () => (await page.locator('#run-list button').count()) >= 2 && /\|cte\| [\d.]+ m mean.*largest.*distance/.test(await text('#run-list li:last-child')))
     await page.locator('#run-list button').last().click()
     const shown = async () => page.evaluate(() => +document.getElementById('frame').dataset.shown)
     await until('a first frame', async () => (await shown()) === 0)

@@ -130,6 +130,8 @@ async function main() {
     await section.locator('button.whole').click()
     await pointAt(speed, 0.3)
     equal(`the time at that place after the button ${at}`, await times(), [unzoomed])
+    const heads = (await page.locator('.summary thead th').allTextContents()).map((label) => label.trim())
+    holds(`the summary tells the worst offsets, too ${at}`, ['95th percentile of |cte|', 'largest |cte|'].every((label) => heads.includes(label)))
     // Sorting, by key and by mouse.
     const head = page.locator('.summary thead th').nth(6), rows = () => page.locator('.summary tbody th b').allTextContents()
     const value = () => page.locator('.summary tbody tr').evaluateAll((rows) => rows.map((row) => Number(row.cells[6].dataset.value)))

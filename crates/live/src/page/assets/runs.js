@@ -1,7 +1,7 @@
 "use strict";
 // Recorded runs: a list with pictures and scores. Clicked, one is played (player.js).
 const runs = { listed: "", names: [] };
-const GLANCE = ["completion", "collisions", "off the road", "autonomy", "distance", "speed"];
+const GLANCE = ["completion", "collisions", "off the road", "|cte|", "autonomy", "distance", "speed"];
 
 const secret = () => (token ? `?token=${encodeURIComponent(token)}` : "");
 const pathOf = (name, rest = "") => `api/runs/${encodeURIComponent(name)}${rest}`;

@@ -1,7 +1,9 @@
 "use strict";
 // The figures of runs: the few that sum a run up, and all of them.
 const DECIMALS = { "": 0, "%": 1, m: 2, s: 1, mph: 2, lock: 4, lock2: 5 };
-const TILES = ["completion", "collisions", "off_roads", "autonomy", "driving_score", "mean_cte_m", "mean_mph", "steering_rate_deg_s"];
+const TILES = [
+  "completion", "collisions", "off_roads", "autonomy", "driving_score", "mean_cte_m", "p95_cte_m", "max_cte_m", "mean_mph", "steering_rate_deg_s",
+];
 
 function show(figure, value) {
   if (value === null || value === undefined) return "–";
