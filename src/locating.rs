@@ -52,7 +52,7 @@ use lapwing_core::{
     recording::{CameraPosition, RecordingError},
 };
 use lapwing_score::{
-    odometry::{self, Leg},
+    odometry::{self, BENDS_M, Leg, Road},
     score::Turned,
 };
 use lapwing_sim::{
@@ -64,6 +64,9 @@ use lapwing_sim::{
 
 /// Rows of each road that are looked at if several explain a drive about as well.
 const SAMPLE: usize = 80;
+
+/// Why nothing is located of a recording whose pictures are lost.
+const UNREAD: &str = "none of its pictures could be looked at";
 
 /// A recording that cannot be located.
 #[derive(Debug, thiserror::Error)]
@@ -99,14 +102,6 @@ pub fn table_of(path: &Path, table: &Path, roads: &Roads) -> Result<LaneTable, L
     Ok(LaneTable::of(path, table, by_name(roads))?)
 }
 
-/// Reads a table of places on one of these roads.
-///
-/// # Errors
-/// [`LaneTableError`]
-pub fn read_table(table: &Path, roads: &Roads) -> Result<LaneTable, LaneTableError> {
-    LaneTable::read(table, by_name(roads))
-}
-
 fn by_name(roads: &Roads) -> impl Fn(&str) -> Result<Track, TrackError> {
     |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() })
 }
@@ -120,7 +115,7 @@ pub struct Part {
     pub way_m: f64,
     /// Where it was; `None` if no known road explains it, or several do.
     pub on: Option<On>,
-    /// Why its road is unknown.
+    /// Why its road is unknown, or why none of its pictures was located on it.
     pub unknown: Option<String>,
 }
 
@@ -147,8 +142,8 @@ pub struct LocatedRecording {
     pub parts: Vec<Part>,
     /// The moments with a picture.
     pub rows: Vec<Row>,
-    /// Whether a keyboard steered whose release is at once.
-    pub released_at_once: bool,
+    /// The moments of the drives that a keyboard steered whose release is at once.
+    pub released_at_once: Vec<Range<usize>>,
     /// What a network sees in the pictures, if one was asked.
     pub network: Option<ByNetwork>,
     /// What its laps say of one another, if they were asked.
@@ -181,15 +176,37 @@ impl LocatedRecording {
         drives.sort_by_key(|drive| Reverse(known(drive)));
         drives
     }
+
+    /// Why drives are unknown, each reason once.
+    pub fn unknown(&self) -> Vec<&str> {
+        let mut whys: Vec<&str> = vec![];
+        for why in self.parts.iter().filter_map(|part| part.unknown.as_deref()) {
+            if !whys.contains(&why) {
+                whys.push(why);
+            }
+        }
+        whys
+    }
 }
 
 impl LocatedRecording {
-    /// Takes a table of places as the truth, for moments of which the recording itself tells none.
-    pub fn tell(&mut self, truth: &LaneTable) {
+    /// Takes a table of places as the truth, for moments of which the recording itself tells none. Returns how many of them
+    /// it puts on another road than the one found: those cannot be compared, and are left out.
+    pub fn tell(&mut self, truth: &LaneTable) -> usize {
         let told: HashMap<usize, (&Arc<Track>, Pose)> = truth.known().collect();
-        for row in self.rows.iter_mut().filter(|row| row.truth.is_none()) {
-            row.truth = told.get(&row.moment).map(|(track, pose)| RowTruth::of_pose(*pose, track));
+        let mut elsewhere = 0;
+        for part in &self.parts {
+            let road = part.on.as_ref().map(On::road);
+            for row in self.rows[part.rows.clone()].iter_mut().filter(|row| row.truth.is_none()) {
+                let Some((track, pose)) = told.get(&row.moment) else { continue };
+                if road.is_none_or(|road| road == track.file().name) {
+                    row.truth = Some(RowTruth::of_pose(*pose, track));
+                } else {
+                    elsewhere += 1;
+                }
+            }
         }
+        elsewhere
     }
 }
 
@@ -215,6 +232,7 @@ pub fn locate(
         let look = looks.get(&part.start);
         let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
         let likely = odometry::find(&legs, look, roads.both_ways()?);
+        let by_start = likely.by_start;
         let why = unknown(&likely);
         let found = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
         if let Some(found) = &found {
@@ -224,6 +242,7 @@ pub fn locate(
                 stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
             }
         }
+        let why = found.as_ref().map(|found| nowhere(&found.road, way_m, by_start)).or(why);
         parts.push((part, way_m, found, why));
     }
     let unreadable = Mutex::new((0, None));
@@ -244,10 +263,13 @@ pub fn locate(
     for (of, located) in located {
         places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
     }
+    let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let wanted: usize = parts.iter().filter(|(_, _, found, _)| found.is_some()).map(|(part, ..)| part.len()).sum();
     let parts = parts
         .into_iter()
         .map(|(part, way_m, found, why)| {
-            let unknown = why.filter(|_| found.is_none());
+            let is_located = places[part.clone()].iter().any(Option::is_some);
+            let unread = (found.is_some() && unreadable.0 == wanted).then(|| UNREAD.to_owned());
             let on = found
                 .map(|found| {
                     let track = scenes.of(&found.road.name)?.0;
@@ -255,10 +277,9 @@ pub fn locate(
                     Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
                 })
                 .transpose()?;
-            Ok(Part { rows: part, way_m, on, unknown })
+            Ok(Part { rows: part, way_m, on, unknown: unread.or(why).filter(|_| !is_located) })
         })
         .collect::<Result<_, TrackError>>()?;
-    let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
     Ok(LocatedRecording { parts, rows, released_at_once, network: None, laps: None, unreadable })
 }
 
@@ -303,6 +324,16 @@ fn unknown(likely: &odometry::Found) -> Option<String> {
         [] => format!("{why}: if it was on another road, name that with --track FILE.toml"),
         _ => format!("{why}, and its pictures do not show which it was: a longer recording may tell"),
     })
+}
+
+/// Why none of a drive's pictures is located, although its road is known by its bends, and what helps.
+fn nowhere(road: &Road, way_m: f64, by_start: bool) -> String {
+    let helps = if by_start || way_m > BENDS_M {
+        "if it was on another road, name that with --track FILE.toml"
+    } else {
+        "a longer recording may tell"
+    };
+    format!("its bends fit {}, but its pictures do not show it there: {helps}", road.words())
 }
 
 /// Of roads that explain a drive about as well, the one that its pictures show.

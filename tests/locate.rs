@@ -1,23 +1,32 @@
 //! Pictures, located: real ones, whose three cameras must come out where they sit on the car, and drawn ones whose place is
 //! known.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+};
 
 use lapwing::{
     known::Roads,
     locating::{self, LocatedRecording, PartSummary, Placed, Summary},
 };
-use lapwing_core::recording::CameraPosition;
+use lapwing_core::recording::{CameraPosition, Recording, released_at_once};
+use lapwing_learn::dataset;
+use lapwing_score::odometry::joins;
 use tempfile::{TempDir, tempdir};
 
-use crate::{program::lapwing, support::shared};
+use crate::{
+    program::{lapwing, lapwing_in},
+    support::shared,
+};
 
 /// Some rows of a recording, as a folder of their own.
 pub fn rows(of: &Path, first: usize, count: usize) -> TempDir {
     let dir = tempdir().unwrap();
-    let log = std::fs::read_to_string(of.join("driving_log.csv")).unwrap();
+    let log = fs::read_to_string(of.join("driving_log.csv")).unwrap();
     let lines: Vec<_> = log.lines().skip(first).take(count).collect();
-    std::fs::write(dir.path().join("driving_log.csv"), lines.join("\n")).unwrap();
+    fs::write(dir.path().join("driving_log.csv"), lines.join("\n")).unwrap();
     std::os::unix::fs::symlink(of.join("IMG"), dir.path().join("IMG")).unwrap();
     dir
 }
@@ -58,7 +67,7 @@ fn driven(more: &[&str]) -> (TempDir, PathBuf) {
     let runs = dir.path().join("runs");
     let drive = ["drive", "--pilot", "expert", "--speed", "20", "--recordings", runs.to_str().unwrap()];
     let out = lapwing(&[&drive[..], more].concat());
-    let run = std::fs::read_dir(&runs).unwrap().next().unwrap_or_else(|| panic!("{out:?}")).unwrap().path();
+    let run = fs::read_dir(&runs).unwrap().next().unwrap_or_else(|| panic!("{out:?}")).unwrap().path();
     (dir, run)
 }
 
@@ -96,4 +105,57 @@ fn simulated_drives_through_tight_bends_and_in_rain_are_located_where_they_were(
         assert!(errors.offset_m.median <= 0.10 && errors.offset_m.p95 <= 0.25, "{name}: {errors:?}");
         assert!(errors.heading_deg.unwrap().median <= 0.5, "{name}: {errors:?}");
     }
+}
+
+/// Drives that are joined in one log, and the middle one of which goes back to the middle gradually when a key is released.
+#[test]
+fn how_a_keyboard_is_released_is_told_drive_by_drive_in_a_log_and_in_the_run_that_it_is_converted_to() {
+    let dir = tempdir().unwrap();
+    let (folder, run) = (dir.path().join("drives"), dir.path().join("drives.mcap"));
+    fs::create_dir_all(folder.join("IMG")).unwrap();
+    let at_once = ["0", "-0.15", "-0.45", "-0.75", "-1", "0"].repeat(12);
+    let gradually = ["0", "-0.2", "-0.45", "-0.35", "-0.1", "0"].repeat(12);
+    let mut log = String::new();
+    for (minute, drive) in [&at_once, &gradually, &at_once].into_iter().enumerate() {
+        for (i, steering) in drive.iter().enumerate() {
+            let (minute, second, ms) = (10 * minute, i / 10, i % 10 * 100);
+            let name = format!("center_2026_11_27_08_{minute:02}_{second:02}_{ms:03}.jpg");
+            fs::write(folder.join("IMG").join(&name), b"\xff\xd8").unwrap();
+            log += &format!("{name},,,{steering},0.5,0,20\n");
+        }
+    }
+    fs::write(folder.join("driving_log.csv"), log).unwrap();
+    let converted = dataset::convert(&folder, &run, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    assert_eq!(converted.rows, 216);
+    for path in [folder, run] {
+        let drives = released_at_once(Recording::open(&path).unwrap(), joins).unwrap();
+        assert_eq!(drives, [0..72, 144..216], "{}", path.display());
+    }
+}
+
+#[test]
+fn a_piece_whose_bends_fit_a_road_and_whose_pictures_are_not_found_there_says_why_wherever_it_is_used() {
+    let Some(folder) = shared("recordings/lake") else { return };
+    let dir = rows(&folder, 600, 160);
+    let path = dir.path().to_str().unwrap();
+    let why = "its bends fit lake, but its pictures do not show it there: a longer recording may tell";
+    let (code, out, err) = lapwing_in(dir.path(), "", &["locate", path, "--json"]);
+    assert_eq!(code, 1, "{out}{err}");
+    let told: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let drive = &told["drives"][0];
+    assert_eq!((&drive["unknown"], &drive["unsure"]), (&why.into(), &serde_json::Value::Null), "{drive}");
+    let (code, _, err) = lapwing_in(dir.path(), "", &["drive", "--world", path, "--no-recording"]);
+    assert!(code == 1 && err.contains(&format!("expected a drive on a known road, got none: {why}")), "{code}: {err}");
+}
+
+#[test]
+fn a_truth_of_another_recording_is_refused() {
+    let dir = tempdir().unwrap();
+    let run = |arguments: &[&str]| lapwing_in(dir.path(), "", arguments);
+    for (track, longest_s) in [("lake", "3"), ("jungle", "2")] {
+        run(&["record", "--track", track, "--out", track, "--max-time", longest_s]);
+    }
+    let (code, out, err) = run(&["locate", "lake", "--truth", "jungle/lane.csv"]);
+    let words = "expected the places of the 45 pictures of lake, got 30 rows of other moments";
+    assert!(code == 1 && out.is_empty() && err.contains(words), "{code}: {out}{err}");
 }

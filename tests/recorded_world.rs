@@ -139,6 +139,9 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     let along: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!((&along["from_lane_share"], &along["of_another_lap"]), (&1.0.into(), &0.into()), "{along}");
     assert!((0.01..0.5).contains(&along["apart_m"].as_f64().unwrap()), "{along}");
+    let (code, _, err) = run(&[&drive[..], &["--lane", "laps/lane.csv", "--track", "mountain"]].concat());
+    let helps = "got some on lake: leave out --track to drive on lake, or name recordings of mountain";
+    assert!(code == 1 && err.contains(helps), "{code}: {err}");
     let (code, _, err) = run(&[&drive[..], &["--conditions", "rain=1"]].concat());
     assert!(code == 2 && err.contains("latency_ms or dropped with --world, got rain=1.0: light"), "{code}: {err}");
     std::fs::write(dir.path().join("nothing.txt"), "").unwrap();

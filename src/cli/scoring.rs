@@ -67,7 +67,7 @@ pub struct Locate {
     #[cfg(feature = "networks")]
     #[arg(long, value_name = "FILE")]
     pub network: Option<PathBuf>,
-    /// Where the car was in each moment, as lapwing record writes it: errors are told against it
+    /// Where the car was in each moment of this recording, as lapwing record writes it: errors are told against it
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Locate the side cameras' pictures, too, each by itself, and compare where they come out with where they sit on the car

@@ -246,7 +246,11 @@ fn limit(arguments: &cli::Replay) -> anyhow::Result<Option<Limit>> {
         (cli::ProtocolKind::RallyEstonia, None) => Ok(Some(Limit::Metres(2.0))),
         (cli::ProtocolKind::RallyEstonia, Some(limit)) if RALLY_ESTONIA_M.contains(&limit) => Ok(Some(limit)),
         (cli::ProtocolKind::RallyEstonia, Some(limit)) => {
-            let why = format!("expected 1 or 2 with --protocol rally-estonia, got {limit}");
+            let got = match limit {
+                Limit::Road => limit.key().to_owned(),
+                Limit::Metres(metres) => metres.to_string(),
+            };
+            let why = format!("expected 1 or 2 with --protocol rally-estonia, got {got}");
             Err(ConfigError::Value { layer: "--limit".into(), why }.into())
         }
     }

@@ -14,7 +14,7 @@ use crate::locating::network::look;
 use crate::{
     cli,
     known::Roads,
-    locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, read_table},
+    locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, table_of},
 };
 use lapwing_core::{recording::CameraPosition, words::count};
 #[cfg(feature = "networks")]
@@ -29,7 +29,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     let roads = Roads::with(&arguments.tracks);
     #[cfg(feature = "networks")]
     let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
-    let truth = arguments.truth.as_ref().map(|path| read_table(path, &roads)).transpose()?;
+    let truth = arguments.truth.as_ref().map(|path| table_of(&arguments.recording, path, &roads)).transpose()?;
     let of = |name: &str, camera: CameraPosition| -> anyhow::Result<LocatedRecording> {
         let mut found = located(&arguments.recording, camera, &roads)?;
         #[cfg(feature = "networks")]
@@ -39,7 +39,11 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
             bar.finish_and_clear();
         }
         if let Some(truth) = &truth {
-            found.tell(truth);
+            let elsewhere = found.tell(truth);
+            if elsewhere > 0 {
+                let pictures = count(elsewhere, "picture");
+                say!("{name} camera: not compared: {pictures}, by --truth on another road than the one found");
+            }
         }
         if let (number, Some(why)) = &found.unreadable {
             let pictures = count(*number, "picture");

@@ -61,13 +61,11 @@ impl Recorded {
                 drives.extend(table.drives().into_iter().map(|drive| (path.clone(), drive)));
                 continue;
             }
-            let located = super::locate::located(path, CameraPosition::Center, &roads)?.drives();
+            let found = super::locate::located(path, CameraPosition::Center, &roads)?;
+            let located = found.drives();
             if located.is_empty() {
-                bail!(
-                    "{}: expected a drive on a known road, got none (lapwing locate says more): if it was on another \
-                     road, name that with --track FILE.toml",
-                    path.display()
-                );
+                let why = found.unknown().join("; ");
+                bail!("{}: expected a drive on a known road, got none: {why}", path.display());
             }
             drives.extend(located.into_iter().map(|drive| (path.clone(), drive)));
         }
@@ -83,7 +81,10 @@ impl Recorded {
         let Some(road) = most.cloned() else { bail!("--world: expected a recording") };
         let name = &road.file().name;
         if let Some(wanted) = wanted.filter(|wanted| wanted != name) {
-            bail!("--world: expected drives on {wanted}, got some on {name}");
+            bail!(
+                "--world: expected drives on {wanted}, got some on {name}: leave out --track to drive on {name}, or \
+                 name recordings of {wanted}"
+            );
         }
         let [forwards, backwards] = on(name);
         let reversed = backwards > forwards;

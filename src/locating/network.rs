@@ -95,8 +95,8 @@ pub struct NetworkSummary {
     pub offset_m: Option<Spread>,
     /// From the lane's direction, in degrees, positive to the right.
     pub heading_deg: Option<Spread>,
-    /// The medians of how sure that is, as standard deviations: metres and degrees.
-    pub unsure: [f64; 2],
+    /// The medians of how sure that is, as standard deviations: metres and degrees; absent if it is sure of none.
+    pub unsure: Option<[f64; 2]>,
     /// If the road is known: how it agrees with the drawn one.
     pub agreement: Option<Agreement>,
     /// If the recording tells its place: how wrong what was seen is.
@@ -121,7 +121,7 @@ impl NetworkSummary {
             seen: sure.len() as f64 / part.rows.len().max(1) as f64,
             offset_m: Spread::of(&all(|lane| lane.offset_m)),
             heading_deg: Spread::of(&all(|lane| lane.heading_deg)),
-            unsure: [median(|lane| lane.deviation.0), median(|lane| lane.deviation.1)],
+            unsure: (!sure.is_empty()).then(|| [median(|lane| lane.deviation.0), median(|lane| lane.deviation.1)]),
             agreement: part.on.as_ref().and_then(|on| agreement(on, &sure, part.rows.clone())),
             against_truth: seen.against(|i| found.rows[i].truth, part.rows.clone()),
             sides,
@@ -146,8 +146,9 @@ impl fmt::Display for NetworkSummary {
         line("network", format!("{}, sure of {:.1} % of the pictures", self.model, 100.0 * self.seen))?;
         self.offset_m.as_ref().map_or(Ok(()), |of| line("", format!("offset: {}", of.told(" m"))))?;
         self.heading_deg.as_ref().map_or(Ok(()), |of| line("", format!("heading: {}", of.told("\u{b0}"))))?;
-        let [offset, heading] = self.unsure;
-        line("", format!("uncertainty: offset {offset:.2} m, heading {heading:.2}\u{b0} (medians)"))?;
+        if let Some([offset, heading]) = self.unsure {
+            line("", format!("uncertainty: offset {offset:.2} m, heading {heading:.2}\u{b0} (medians)"))?;
+        }
         if let Some(Agreement { pictures, offset_m, heading_deg }) = &self.agreement {
             let share = 100.0 * pictures;
             line("", format!("from the drawn road, in {share:.1} % of the pictures: offset {}", offset_m.told(" m")))?;
@@ -190,7 +191,7 @@ mod tests {
             parts: vec![Part { rows: 0..offsets_m.len(), way_m: 3.0, on: None, unknown }],
             rows: (0..offsets_m.len()).map(row).collect(),
             network: Some(ByNetwork { model: "lane (a file)".into(), rows }),
-            released_at_once: false,
+            released_at_once: vec![],
             laps: None,
             unreadable: (0, None),
         }

@@ -1,6 +1,6 @@
 //! The numbers of a recording: how the car came to each moment that has a picture.
 
-use std::{collections::HashMap, path::Path};
+use std::{collections::HashMap, ops::Range, path::Path};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use lapwing_core::{
     recording::{Break, Moment, Picture, Recording, RecordingError, released_at_once},
     units::{Degrees, Metres},
 };
-use lapwing_score::odometry::{Leg, Look};
+use lapwing_score::odometry::{Leg, Look, joins};
 use lapwing_sim::{
     along::{Pyramid, turn},
     locate::{InLane, Pose},
@@ -91,8 +91,8 @@ pub(super) struct Rows {
     pub looks: HashMap<usize, Look>,
     /// How many moments there are in all.
     pub moments: usize,
-    /// Whether a keyboard steered whose release is at once.
-    pub released_at_once: bool,
+    /// The moments of the drives that a keyboard steered whose release is at once.
+    pub released_at_once: Vec<Range<usize>>,
 }
 
 impl Rows {
@@ -169,12 +169,12 @@ struct Reader {
     moments: usize,
     before: Option<Moment>,
     carried: Carried,
-    released_at_once: bool,
+    released_at_once: Vec<Range<usize>>,
 }
 
 impl Reader {
     fn open(path: &Path) -> Result<Self, RecordingError> {
-        let released_at_once = released_at_once(Recording::open(path)?)?;
+        let released_at_once = released_at_once(Recording::open(path)?, joins)?;
         let recording = Recording::open(path)?;
         Ok(Self { recording, moments: 0, before: None, carried: Carried::default(), released_at_once })
     }
@@ -192,7 +192,8 @@ impl Iterator for Reader {
             self.moments += 1;
             let Carried { motion, broken, last_s } = &mut self.carried;
             if let Some(before) = &self.before {
-                let more = moment.motion_from(before, self.released_at_once);
+                let at_once = self.released_at_once.iter().any(|drive| drive.contains(&moment.row));
+                let more = moment.motion_from(before, at_once);
                 motion.way_m += more.way_m;
                 motion.turn_rad += more.turn_rad;
             }

@@ -72,8 +72,9 @@ pub struct Placed {
     pub heading_deg: Option<Spread>,
     /// The share of the located pictures more than 1 m and more than 2 m from the lane's middle.
     pub beyond: [f64; 2],
-    /// The medians of how sure that is, as standard deviations: metres along the road, metres across, degrees.
-    pub unsure: [f64; 3],
+    /// The medians of how sure that is, as standard deviations: metres along the road, metres across, degrees; absent if no
+    /// place is known.
+    pub unsure: Option<[f64; 3]>,
     /// Moments whose place is not known, as the first and the last of each run of them.
     pub not_seen: Vec<(usize, usize)>,
     /// If the recording tells its place: how wrong what was found is.
@@ -96,9 +97,11 @@ pub struct PartSummary {
     /// On which road; absent if that is not known.
     #[serde(flatten)]
     pub on: Option<Placed>,
-    /// Why its road is unknown.
+    /// Why its road is unknown, or why none of its pictures was located on it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown: Option<String>,
+    /// Whether a keyboard steered whose release is at once.
+    pub released_at_once: bool,
     /// What a network sees in its pictures, if one was asked.
     pub network: Option<NetworkSummary>,
 }
@@ -114,7 +117,7 @@ pub struct Summary {
     pub laps: Option<Laps>,
     /// Pictures that could not be looked at.
     pub unreadable: usize,
-    /// Whether a keyboard steered whose release is at once.
+    /// Whether a keyboard steered whose release is at once, in one of the drives or more.
     pub released_at_once: bool,
     /// Why nothing is known of the side cameras, if they were asked for and `sides` is empty in all drives.
     pub no_sides: Option<String>,
@@ -129,12 +132,14 @@ impl Summary {
                 let [left, right] = sides.each_ref().map(|side| side.parts.get(i).and_then(|part| part.on.as_ref()));
                 part.on.as_ref().and_then(|on| beside(on, left?, right?))
             });
+            let first = found.rows[part.rows.start].moment;
             PartSummary {
-                moments: (found.rows[part.rows.start].moment, found.rows[part.rows.end - 1].moment),
+                moments: (first, found.rows[part.rows.end - 1].moment),
                 pictures: part.rows.len(),
                 way_m: part.way_m,
                 on: part.on.as_ref().map(|on| Placed { sides, ..placed(on, &found.rows[part.rows.clone()]) }),
                 unknown: part.unknown.clone(),
+                released_at_once: found.released_at_once.iter().any(|drive| drive.contains(&first)),
                 network,
             }
         };
@@ -142,10 +147,10 @@ impl Summary {
         Self {
             source,
             no_sides: sides.and_then(|sides| no_sides(sides, &drives)),
+            released_at_once: drives.iter().any(|drive| drive.released_at_once),
             drives,
             laps: found.laps.clone(),
             unreadable: found.unreadable.0,
-            released_at_once: found.released_at_once,
         }
     }
 }
@@ -188,11 +193,13 @@ fn placed(on: &On, rows: &[Row]) -> Placed {
         offset_m: Spread::of(&offsets),
         heading_deg: Spread::of(&headings),
         beyond: [1.0, 2.0].map(beyond),
-        unsure: [
-            median(&|located| located.deviation.s_m),
-            median(&|located| located.deviation.offset_m),
-            median(&|located| located.deviation.heading_rad.to_degrees()),
-        ],
+        unsure: (!seen.is_empty()).then(|| {
+            [
+                median(&|located| located.deviation.s_m),
+                median(&|located| located.deviation.offset_m),
+                median(&|located| located.deviation.heading_rad.to_degrees()),
+            ]
+        }),
         not_seen: unseen(&drive.places)
             .into_iter()
             .map(|of| (rows[of.start].moment, rows[of.end - 1].moment))
@@ -302,7 +309,11 @@ impl fmt::Display for Summary {
             write!(f, "\nside cameras cannot be measured: {why}")?;
         }
         if self.released_at_once {
-            write!(f, "\nsteered by keyboard: when a key is released, the steering is zero at once")?;
+            let moments = |drive: &PartSummary| format!("{} to {}", drive.moments.0, drive.moments.1);
+            let drives: Vec<_> = self.drives.iter().filter(|drive| drive.released_at_once).map(moments).collect();
+            let some = drives.len() < self.drives.len();
+            let of = if some { format!(", moments {}", drives.join(", ")) } else { String::new() };
+            write!(f, "\nsteered by keyboard{of}: when a key is released, the steering is zero at once")?;
         }
         if self.unreadable > 0 {
             write!(f, "\n{} could not be looked at", count(self.unreadable, "picture"))?;
@@ -324,14 +335,17 @@ impl fmt::Display for PartSummary {
         write!(f, "\n{}{reversed}: moments {first} to {last}, {pictures}, {:.0} m", on.track, self.way_m)?;
         let mut line = |label: &str, what: String| write!(f, "\n  {label:<12} {what}");
         line("located", format!("{:.1} % of them, {:.2} laps", 100.0 * on.located, on.laps))?;
+        self.unknown.as_ref().map_or(Ok(()), |why| line("", why.clone()))?;
         if let Some(offset) = &on.offset_m {
             let [beyond_1, beyond_2] = on.beyond.map(|share| 100.0 * share);
             line("offset", offset.told(" m"))?;
             line("", format!("{beyond_1:.1} % of the pictures beyond 1 m, {beyond_2:.1} % beyond 2 m"))?;
         }
         on.heading_deg.as_ref().map_or(Ok(()), |heading| line("heading", heading.told("\u{b0}")))?;
-        let [place, offset, heading] = on.unsure;
-        line("uncertainty", format!("offset {offset:.2} m, heading {heading:.2}\u{b0}, place {place:.1} m (medians)"))?;
+        if let Some([place, offset, heading]) = on.unsure {
+            let across = format!("offset {offset:.2} m, heading {heading:.2}\u{b0}");
+            line("uncertainty", format!("{across}, place {place:.1} m (medians)"))?;
+        }
         if let [first, ..] = on.not_seen[..] {
             let most = on.not_seen.iter().max_by_key(|(from, to)| to - from).copied().unwrap_or(first);
             let runs = count(on.not_seen.len(), "gap");
@@ -368,7 +382,7 @@ mod tests {
         LocatedRecording {
             parts: vec![],
             rows: vec![],
-            released_at_once: false,
+            released_at_once: vec![],
             network: None,
             laps: None,
             unreadable: (usize::from(why.is_some()), why.map(str::to_owned)),

@@ -1,6 +1,7 @@
 use super::*;
 use lapwing_core::motion::Motion;
-use lapwing_score::odometry::{Found, Match, Road, Tried, Whereabouts};
+use lapwing_score::odometry::{Found, Match, Tried, Whereabouts};
+use lapwing_sim::locate::table;
 
 /// A recording of these drives: the road of each, if it is known, and how many pictures it has.
 fn recording(drives: &[(Option<&str>, usize)]) -> LocatedRecording {
@@ -17,7 +18,7 @@ fn recording(drives: &[(Option<&str>, usize)]) -> LocatedRecording {
     let motion = Motion::default();
     let row = Row { at_s: 0.1, moment: 0, apart_s: 0.1, motion, steered_rad: 0.0, broken: None, truth: None };
     let rows = vec![row; parts.last().map_or(0, |part| part.rows.end)];
-    LocatedRecording { parts, rows, released_at_once: false, network: None, laps: None, unreadable: (0, None) }
+    LocatedRecording { parts, rows, released_at_once: vec![], network: None, laps: None, unreadable: (0, None) }
 }
 
 #[test]
@@ -56,4 +57,52 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
     let told = unknown(&several).unwrap();
     assert!(told.starts_with("bends and bends, the other way round explain it about as well, and its pic"), "{told}");
     assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }), None);
+}
+
+#[test]
+fn a_drive_of_which_no_picture_is_located_has_a_reason_and_no_uncertainty() {
+    let road = Road::new("lake".into(), 0.0, 100.0, None, vec![0.0, 1.0]);
+    let (short, long) = (nowhere(&road, 151.0, false), nowhere(&road, 900.0, false));
+    assert!(short.ends_with("do not show it there: a longer recording may tell"), "{short}");
+    assert!(long.ends_with("there: if it was on another road, name that with --track FILE.toml"), "{long}");
+    let mut found = recording(&[(Some("lake"), 3)]);
+    found.parts[0].on.as_mut().unwrap().drive.places.fill(None);
+    found.parts[0].unknown = Some(short.clone());
+    assert_eq!((found.drives().len(), found.unknown()), (0, vec![short.as_str()]));
+    let summary = Summary::new("lake".into(), &found, None);
+    let drive = serde_json::to_value(&summary.drives[0]).unwrap();
+    assert_eq!((&drive["track"], &drive["unknown"]), (&"lake".into(), &short.as_str().into()), "{drive}");
+    assert!(drive.get("unsure").is_some_and(serde_json::Value::is_null), "{drive}");
+    let told = summary.to_string();
+    assert!(told.contains(&short) && !told.contains("uncertainty"), "{told}");
+    let located = Summary::new("lake".into(), &recording(&[(Some("lake"), 3)]), None).to_string();
+    assert!(located.contains("uncertainty"), "{located}");
+}
+
+#[test]
+fn of_joined_drives_those_are_named_that_a_keyboard_steered_whose_release_is_at_once() {
+    let mut found = recording(&[(Some("lake"), 3), (None, 2)]);
+    found.rows.iter_mut().enumerate().for_each(|(i, row)| row.moment = i);
+    found.released_at_once = vec![3..5, 9..12];
+    let summary = Summary::new("joined".into(), &found, None);
+    let each: Vec<bool> = summary.drives.iter().map(|drive| drive.released_at_once).collect();
+    assert_eq!((summary.released_at_once, each), (true, vec![false, true]));
+    assert!(summary.to_string().contains("\nsteered by keyboard, moments 3 to 4: when a key is released"), "{summary}");
+}
+
+#[test]
+fn a_truth_on_another_road_than_the_one_found_is_left_out_and_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = |road: &str, found: &str| {
+        let track = Track::open(road).unwrap();
+        let path = dir.path().join("lane.csv");
+        let text = table::heading() + &table::line(0, 0.1, &track, Some(Pose::default()));
+        std::fs::write(&path, text).unwrap();
+        let truth = LaneTable::read(&path, Track::open).unwrap();
+        let mut found = recording(&[(Some(found), 1)]);
+        let elsewhere = found.tell(&truth);
+        (elsewhere, found.rows[0].truth.is_some())
+    };
+    assert_eq!(told("lake", "lake"), (0, true));
+    assert_eq!(told("jungle", "lake"), (1, false));
 }

@@ -4,7 +4,9 @@
 //! builds of the stock simulator, and in some it is zero at once. Those read the keys once a picture, as they record: what
 //! a row tells was steered up to that row and no longer.
 
-use super::{By, Moment, Recording, RecordingError};
+use std::ops::Range;
+
+use super::{Break, By, Moment, Recording, RecordingError, RunKind};
 
 /// Rows that are compared lie no farther apart, in seconds.
 const NEXT_S: f64 = 0.3;
@@ -13,18 +15,27 @@ const FAR: f64 = 0.4;
 /// So many releases must tell it.
 const ENOUGH: usize = 10;
 
-/// Whether the steering of a drive by hand is zero at once when a key is released. Only driving logs tell: a run does not
-/// hold what a human steered, so nothing is read of it.
+/// The rows of the drives by hand whose steering is zero at once when a key is released. `joins` says after which breaks
+/// another drive begins, perhaps in another build. Only driving logs tell, and runs that they were converted to: other runs
+/// do not hold what a human steered, so nothing is read of them.
 ///
 /// # Errors
 /// What cannot be read of the recording.
-pub fn released_at_once(recording: Recording) -> Result<bool, RecordingError> {
-    if recording.log().is_none() {
-        return Ok(false);
+pub fn released_at_once(
+    recording: Recording,
+    joins: impl Fn(Break) -> bool,
+) -> Result<Vec<Range<usize>>, RecordingError> {
+    if recording.header().kind != RunKind::DrivingLog {
+        return Ok(vec![]);
     }
-    let (mut releases, mut before) = (Releases::default(), None);
+    let (mut drives, mut drive, mut releases, mut before) = (vec![], 0..0, Releases::default(), None);
     for moment in recording {
         let moment = moment?;
+        if moment.broken.is_some_and(&joins) {
+            drives.push((drive, std::mem::take(&mut releases)));
+            drive = moment.row..moment.row;
+        }
+        drive.end = moment.row + 1;
         let now = by_hand(&moment).map(|steering| (moment.at.as_secs_f64(), steering));
         if let (Some((then_s, was)), Some((now_s, is)), None) = (before, now, moment.broken)
             && now_s - then_s < NEXT_S
@@ -33,7 +44,8 @@ pub fn released_at_once(recording: Recording) -> Result<bool, RecordingError> {
         }
         before = now;
     }
-    Ok(releases.at_once())
+    drives.push((drive, releases));
+    Ok(drives.into_iter().filter(|(_, releases)| releases.at_once()).map(|(drive, _)| drive).collect())
 }
 
 /// The mean of what was steered between two rows, if a release is at once.

@@ -15,6 +15,8 @@ use lapwing_core::{
 const SEED: u64 = 0;
 /// A road counts as found if it explains the drive better than every other by this much, as a log likelihood: 150 to 1.
 pub const SURE: f64 = 5.0;
+/// Metres of road needed to recognise it by its bends if no picture shows the start.
+pub const BENDS_M: f64 = 250.0;
 /// Roads that explain a drive worse than the best by less than this, as a log likelihood, may be the one. By as much the
 /// bends must speak for another road before they outweigh what the start looks like.
 const LIKELY: f64 = 15.0;

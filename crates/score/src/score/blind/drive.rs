@@ -6,13 +6,11 @@ use bytes::Bytes;
 
 use super::passage::{DistanceLog, way_to};
 use crate::{
-    odometry::{BEGINNING_M, EVERY_M, Found, Leg, Look, Match, Road, SURE, Tried, find, laps},
+    odometry::{BEGINNING_M, BENDS_M, EVERY_M, Found, Leg, Look, Match, Road, SURE, Tried, find, laps},
     score::drives::{DriveFound, OnRoad, RoadTried, Turned},
 };
 use lapwing_core::perception::{Frame, decode_jpeg};
 
-/// Metres of road needed to recognise it by its bends if no picture shows the start.
-const BENDS_M: f64 = 250.0;
 /// Steering that explains a drive this well, as a log likelihood for each 10 m, is as good as pictures: steering that is geared
 /// 0.7 to 1.4 times as ours named a wrong road on real recordings, each time with -1.2 or less.
 const STEERED: f64 = -1.0;

@@ -48,7 +48,10 @@ const INFRACTIONS: &str = "takeovers, and collisions that are suspected";
 const NOT_AROUND: &str =
     "the run does not report whether the car left the road, and it is not known to have driven all laps";
 const UNKNOWN_ROAD: &str = "the run reports no position and matches no known road: add yours with --track";
+const UNSURE_ROAD: &str = "the run reports no position, and it is not sure on which of the known roads it was";
 const NO_LAP: &str = "the run reports no position, matches no known road, and does not come back to where it began";
+const UNSURE_LAP: &str = "the run reports no position, it is not sure on which of the known roads it was, and it does \
+                          not come back to where it began";
 
 /// Watches a run knowing the roads, but seeing only what the stock build reports.
 #[derive(Debug, Clone, Default)]
@@ -220,7 +223,7 @@ impl Blind {
                 figures.suggest(F::Laps, estimate(laps.into(), found.laps_off(&self.roads), from))
             }
             _ if tells => {}
-            _ => figures.told(F::Laps, None, NO_LAP),
+            _ => figures.told(F::Laps, None, if found.is_unsure() { UNSURE_LAP } else { NO_LAP }),
         }
         // A car that has certainly driven all laps has done so, wherever it went afterwards.
         let surely = found
@@ -237,7 +240,7 @@ impl Blind {
                 figures.suggest(F::Completion, estimate((driven / asked).min(1.0), unsure / asked, from));
             }
             _ if tells => {}
-            _ => figures.told(F::Completion, None, UNKNOWN_ROAD),
+            _ => figures.told(F::Completion, None, if found.is_unsure() { UNSURE_ROAD } else { UNKNOWN_ROAD }),
         }
         self.infractions(figures, drive, is_whole);
         let track = found.track();
@@ -308,6 +311,12 @@ impl Found {
         let mut tracks = self.drives.iter().filter_map(|drive| Some(&drive.told.on.as_ref()?.track));
         let first = tracks.next()?;
         tracks.all(|track| track == first).then(|| first.clone())
+    }
+
+    /// Whether a known road explains a drive that is still not sure to have been on it: it was too short, or several do.
+    fn is_unsure(&self) -> bool {
+        let mut unknown = self.drives.iter().filter(|drive| drive.told.on.is_none());
+        unknown.any(|drive| drive.told.roads.iter().any(|road| road.explains))
     }
 
     /// Length of a lap, in metres.

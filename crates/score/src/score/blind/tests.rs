@@ -97,6 +97,20 @@ fn on_a_road_that_nobody_knows_neither_track_nor_completion_is_made_up() {
     let card = crashed_after(900.0, &[road()], other);
     assert_eq!((card.track.as_deref(), card.value(Figure::Completion), card.value(Figure::Laps)), (None, None, None));
     assert_eq!(card.value(Figure::Collisions), Some(1.0));
+    assert!(card.words(Figure::Completion).ends_with("matches no known road: add yours with --track"), "{card}");
+}
+
+#[test]
+fn a_drive_that_is_too_short_to_tell_its_road_is_not_told_to_match_none() {
+    let twin = Road::new("twin".into(), 0.0, LENGTH_M, None, (0..=500).map(|i| heading(f64::from(i) * 2.0)).collect());
+    for roads in [vec![road()], vec![road(), Arc::new(twin)]] {
+        let card = crashed_after(240.0, &roads, heading);
+        assert_eq!(card.track, None, "{card}");
+        for figure in [Figure::Completion, Figure::Laps] {
+            let words = card.words(figure);
+            assert!(words.contains("is not sure") && !words.contains("--track"), "{words}");
+        }
+    }
 }
 
 #[test]
