@@ -49,6 +49,28 @@ fn recordings_are_labelled_into_a_folder_and_one_without_a_brake_stops_it_before
     assert!(err.contains("expected names that differ, got \"drive\" twice"), "{err}");
 }
 
+#[test]
+fn labels_are_never_written_over_the_table_that_they_are_of_nor_over_a_driving_log() {
+    let folder = tempdir().unwrap();
+    let table = "time_s,speed_kmh,brake_percent\n0,30,0\n0.067,30,0\n";
+    for name in ["drive.csv", "driving_log.csv"] {
+        fs::create_dir_all(folder.path().join("other")).unwrap();
+        fs::write(folder.path().join(name), table).unwrap();
+        fs::write(folder.path().join("other").join(name), "as it was").unwrap();
+    }
+    let run = |arguments: &[&str]| lapwing_in(folder.path(), "", &[&["brake", "label"], arguments].concat());
+    let (status, _, err) = run(&["drive.csv", "--out", "."]);
+    assert_eq!(status, 1);
+    assert!(err.contains("it is also an input, which would be lost; name another file"), "{err}");
+    let (status, _, err) = run(&["driving_log.csv", "--out", "other"]);
+    assert_eq!(status, 1);
+    assert!(err.contains("it is a recording, which would be lost"), "{err}");
+    assert_eq!(fs::read_to_string(folder.path().join("drive.csv")).unwrap(), table);
+    assert_eq!(fs::read_to_string(folder.path().join("other/driving_log.csv")).unwrap(), "as it was");
+    // A table of labels is made anew.
+    assert_eq!(run(&["drive.csv", "--out", "other"]).0, 0);
+}
+
 /// Drives a scenario with the expert and these flags in a folder; the scorecard.
 fn driven(folder: &Path, scenario: &str, seed: &str, flags: &[&str]) -> Value {
     let drive = ["drive", "--pilot", "expert", "--scenario", scenario, "--seed", seed, "--json"];
@@ -85,12 +107,17 @@ fn the_shipped_network_keeps_the_expert_from_running_into_a_standing_car() {
 }
 
 #[test]
-fn without_a_scenario_there_is_no_time_to_collision_and_the_run_says_so() {
+fn without_a_scenario_there_is_no_time_to_collision_and_log_and_scorecard_say_so() {
     let folder = tempdir().unwrap();
     let drive = ["drive", "--pilot", "expert", "--max-time", "2", "--brake-guard", "ttc", "--recordings", "runs"];
     let (status, out, err) = lapwing_in(folder.path(), "", &drive);
     assert_eq!(status, 0, "{err}");
-    assert!(out.contains("guard             never braked"), "{out}");
+    assert_eq!(err.matches("the guard (time to collision) cannot watch: expected telemetry").count(), 1, "{err}");
+    assert!(out.contains("guard             could not watch"), "{out}");
+    let drive = ["drive", "--pilot", "expert", "--max-time", "2", "--brake-guard", "ttc", "--no-recording", "--json"];
+    let (status, out, err) = lapwing_in(folder.path(), "", &drive);
+    assert_eq!(status, 0, "{err}");
+    assert!(serde_json::from_str::<Value>(&out).unwrap()["guard_activations"].is_null(), "{out}");
     let (status, _, err) = lapwing_in(folder.path(), "", &["drive", "--brake-model", "none.safetensors"]);
     assert_eq!(status, 1);
     assert!(err.contains("none.safetensors cannot be read"), "{err}");
@@ -115,18 +142,52 @@ fn a_threshold_needs_the_network_to_which_it_belongs() {
 }
 
 #[test]
+fn a_wrong_number_is_named_by_its_flag() {
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/models/brake.safetensors");
+    let folder = tempdir().unwrap();
+    for (flags, expected) in [
+        (&["drive", "--brake-model", model, "--brake-threshold", "-1"][..], "expected a number above 0"),
+        (&["brake", "label", "drive.csv", "--threshold", "-1"][..], "expected a number above 0"),
+        (&["brake", "evaluate", model, "--data", "data", "--episodes", "0"][..], "'--episodes <COUNT>'"),
+    ] {
+        let (status, _, err) = lapwing_in(folder.path(), "", flags);
+        assert_eq!(status, 2, "{err}");
+        assert!(err.contains(expected), "{err}");
+    }
+}
+
+#[test]
+fn a_network_that_cannot_be_trained_further_is_named_before_the_data_are_read_and_none_is_written_over() {
+    let folder = tempdir().unwrap();
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/models/brake.safetensors");
+    fs::copy(model, folder.path().join("brake.safetensors")).unwrap();
+    for (network, pretrained, out, expected) in [
+        ("brake-live", "none.safetensors", "new.safetensors", "pretrained: none.safetensors cannot be read"),
+        ("brake-wide", "brake.safetensors", "new.safetensors", "expected a brake-wide network, as in the recipe"),
+        ("brake-live", "brake.safetensors", "brake.safetensors", "it is also an input, which would be lost"),
+    ] {
+        let recipe = format!("network = \"{network}\"\npretrained = \"{pretrained}\"\n");
+        fs::write(folder.path().join("brake.toml"), recipe).unwrap();
+        let train = ["brake", "train", "--recipe", "brake.toml", "--data", "nowhere", "--out", out];
+        let (status, _, err) = lapwing_in(folder.path(), "", &train);
+        assert_eq!(status, 1, "{err}");
+        assert!(err.contains(expected), "{err}");
+    }
+}
+
+#[test]
 fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() {
     let folder = tempdir().unwrap();
     let data = folder.path().join("data");
     fs::create_dir(&data).unwrap();
-    let mut table = "name,part,scenario,kind,layer,seed,track,speed_mph,reaction_s,frames,hit\n".to_owned();
+    let mut table = "name,part,scenario,kind,layer,seed,track,speed_mph,reaction_s,hit\n".to_owned();
     // Fast ones: at 10 km/h the brake is hardly pressed before it would be the reverse gear.
     for (seed, part) in [("4", "train"), ("5", "train"), ("4", "validation"), ("5", "held-out")] {
         let flags = ["--brake-guard", "ttc", "--recordings", "runs", "--max-time", "12"];
         let card = driven(folder.path(), "ccrs", seed, &flags);
         let run = folder.path().join(card["run"].as_str().unwrap());
         fs::rename(run, data.join(format!("{part}-{seed}.mcap"))).unwrap();
-        table += &format!("{part}-{seed},{part},ccrs,hazard,plain,{seed},lake,20,0.9,180,0\n");
+        table += &format!("{part}-{seed},{part},ccrs,hazard,plain,{seed},lake,20,0.9,0\n");
     }
     fs::write(data.join("episodes.csv"), table).unwrap();
     let recipe = "network = \"brake-live\"\nepochs = 2\nwindows_per_epoch = 32\nbatch = 8\nlead = 0.5\nhold = true\n";

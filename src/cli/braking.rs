@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+#[cfg(feature = "networks")]
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 
 #[cfg(feature = "simulator")]
@@ -110,10 +112,10 @@ pub struct BrakeEvaluate {
     #[arg(long, value_enum, default_value = "held-out")]
     pub part: Part,
     /// Of its episodes, take so many, spread over all [default: all]
-    #[arg(long, value_name = "COUNT")]
+    #[arg(long, value_name = "COUNT", value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub episodes: Option<usize>,
     /// The value from which on a brake is due [default: the one in the network's file]
-    #[arg(long, value_name = "VALUE", value_parser = above_zero)]
+    #[arg(long, value_name = "VALUE", value_parser = above_zero, allow_negative_numbers = true)]
     pub threshold: Option<f64>,
     /// Draw precision over recall: FILE.svg or FILE.png
     #[arg(long, value_name = "FILE")]
@@ -190,7 +192,7 @@ pub struct BrakeLabel {
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
     /// How fast the pedal goes down in an emergency, in pedals per second [default: 1]
-    #[arg(long, value_name = "PER_S", value_parser = above_zero)]
+    #[arg(long, value_name = "PER_S", value_parser = above_zero, allow_negative_numbers = true)]
     pub threshold: Option<f64>,
     /// Print what was found as JSON
     #[arg(long)]

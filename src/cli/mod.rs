@@ -226,7 +226,7 @@ pub struct GuardFlags {
     pub brake_model: Option<PathBuf>,
     /// The network's value from which on it brakes [default: the one in its file]
     #[cfg(feature = "networks")]
-    #[arg(long, value_name = "VALUE", value_parser = above_zero)]
+    #[arg(long, value_name = "VALUE", value_parser = above_zero, allow_negative_numbers = true)]
     pub brake_threshold: Option<f64>,
     /// Brake without a network, by the time to collision (ttc), which only Lapwing's own simulator with a scenario tells; or not
     /// at all, whatever the settings file says (none)

@@ -67,7 +67,7 @@ fn label(arguments: &BrakeLabel) -> anyhow::Result<Ended> {
     Ok(Ended::Passed)
 }
 
-/// The table of each source, in a folder that can be written.
+/// The table of each source, in a folder that can be written; none of them is a source, or a recording.
 fn tables(folder: &Path, sources: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     outputs::check_folder(folder)?;
     let mut named = BTreeMap::new();
@@ -78,7 +78,12 @@ fn tables(folder: &Path, sources: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         if let Some(other) = named.insert(name.clone(), source.clone()) {
             bail!("{} and {}: expected names that differ, got {name:?} twice", other.display(), source.display());
         }
-        Ok(folder.join(name + ".csv"))
+        let table = folder.join(name + ".csv");
+        // In a folder that is still to be made there is nothing to lose.
+        if table.exists() {
+            outputs::check_beside(&table, sources.iter().map(PathBuf::as_path))?;
+        }
+        Ok(table)
     };
     sources.iter().map(table).collect()
 }

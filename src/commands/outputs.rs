@@ -59,7 +59,6 @@ pub(super) fn check(path: &Path) -> anyhow::Result<()> {
 }
 
 /// Whether a file could be written that is none of those from which the work begins.
-#[cfg(any(feature = "networks", feature = "simulator"))]
 pub(super) fn check_beside<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
     let place = fs::canonicalize(path).ok();
     if place.is_some() && inputs.into_iter().any(|input| fs::canonicalize(input).ok() == place) {

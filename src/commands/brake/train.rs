@@ -16,9 +16,9 @@ pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
     if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
-    outputs::check(out)?;
     let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
     let mut recipe = BrakingRecipe::read(&text).with_context(|| file.display().to_string())?;
+    outputs::check_beside(out, [file.as_path()].into_iter().chain(recipe.pretrained.as_deref()))?;
     recipe.epochs = epochs.unwrap_or(recipe.epochs);
     recipe.seed = seed.unwrap_or(recipe.seed);
     let most = minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes));
@@ -34,15 +34,16 @@ pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
     if *json {
         print(&sorted_json(&json!({
             "model": trained.path, "sha256": trained.sha256, "epochs": trained.epochs, "limits": trained.limits,
-            "validation": trained.validation,
+            "rule": trained.rule, "validation": trained.validation,
         }))?)?;
     } else {
         let rate = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
         let found = &trained.validation;
         print(&format!(
-            "{} (threshold {:.3}; on validation episodes recall {}, precision {})",
+            "{} (threshold {:.3}, {}; on validation episodes recall {}, precision {})",
             trained.path.display(),
             trained.limits.fires,
+            trained.rule,
             rate(found.recall.value),
             rate(found.precision.value)
         ))?;

@@ -38,6 +38,7 @@ impl Watch {
         trace.brake_due = self.guard.watch(&watched).unwrap_or_else(|why| {
             if !std::mem::replace(&mut self.told_blind, true) {
                 let text = format!("the guard ({}) cannot watch: {why}", self.guard.name());
+                tracing::warn!("{text}");
                 trace.events.push(EventRecord::Note { text });
             }
             None

@@ -3,6 +3,7 @@
 //! Labels are not stored: they follow from the pedal ([`labels`]), so that the same runs serve another rule.
 
 use std::{
+    collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
 };
@@ -165,6 +166,20 @@ pub enum BrakingDataError {
         /// Its own.
         got: f64,
     },
+    /// A run of another episode than the table's.
+    #[error(
+        "{}: expected {expected} frames, as in {EPISODES_NAME}, got {got}: run and table are of different data sets; \
+         record into an empty folder",
+        path.display()
+    )]
+    Frames {
+        /// The run.
+        path: PathBuf,
+        /// The table's.
+        expected: usize,
+        /// Its own.
+        got: usize,
+    },
 }
 
 /// Reads the table of a data set's folder.
@@ -228,7 +243,29 @@ pub fn load(
     let every = stories.len() as f64 / most.clamp(1, stories.len()) as f64;
     let taken: Vec<Story> =
         (0..most.clamp(1, stories.len())).map(|i| stories[(i as f64 * every) as usize].clone()).collect();
-    taken.into_par_iter().map(|story| Drive::open(folder, story, &architecture.preprocess())).collect()
+    let frames = frames(folder)?;
+    let open = |story: Story| {
+        let drive = Drive::open(folder, story, &architecture.preprocess())?;
+        match (frames.get(&drive.story.name), drive.frames()) {
+            (Some(expected), got) if *expected != got => {
+                let path = folder.join(format!("{}.mcap", drive.story.name));
+                Err(BrakingDataError::Frames { path, expected: *expected, got })
+            }
+            _ => Ok(drive),
+        }
+    };
+    taken.into_par_iter().map(open).collect()
+}
+
+/// How many frames each run has, by name, if the table says so.
+fn frames(folder: &Path) -> Result<BTreeMap<String, usize>, BrakingDataError> {
+    let path = folder.join(EPISODES_NAME);
+    let text = fs::read_to_string(&path).map_err(|source| BrakingDataError::Table { path, source })?;
+    let mut rows = text.lines().map(|line| line.split(',').map(str::trim).collect::<Vec<_>>());
+    let heading = rows.next().unwrap_or_default();
+    let column = |name: &str| heading.iter().position(|n| *n == name);
+    let Some((name, frames)) = column("name").zip(column("frames")) else { return Ok(BTreeMap::new()) };
+    Ok(rows.filter_map(|row| Some(((*row.get(name)?).to_owned(), row.get(frames)?.parse::<usize>().ok()?))).collect())
 }
 
 impl Drive {
@@ -450,6 +487,21 @@ pub(super) mod tests {
             let error = read(&format!("{heading}{line}\n")).unwrap_err();
             assert!(error.contains(expected), "{error}");
         }
+    }
+
+    #[test]
+    fn a_run_that_is_longer_or_shorter_than_the_table_says_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::copy(shipped_runs().join("lake.mcap"), dir.path().join("lake.mcap")).unwrap();
+        let load = |frames: &str| {
+            let table =
+                format!("name,part,scenario,kind,layer,reaction_s,frames\nlake,train,lap,negative,plain,1,{frames}\n");
+            fs::write(dir.path().join(EPISODES_NAME), table).unwrap();
+            load(dir.path(), Part::Train, 1, BrakingArchitecture::Live)
+        };
+        assert_eq!(load("225").unwrap()[0].frames(), 225);
+        let error = load("207").unwrap_err().to_string();
+        assert!(error.contains("lake.mcap: expected 207 frames, as in episodes.csv, got 225"), "{error}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A braking network from its file, as a guard.
 
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::Duration,
 };
@@ -11,7 +11,7 @@ use tch::Tensor;
 use super::episodes::Reader;
 use crate::nn::{
     NnError,
-    braking::{BrakingCheckpoint, BrakingError, BrakingNetwork, HZ, NO_SPEED, Seen},
+    braking::{BrakingArchitecture, BrakingCheckpoint, BrakingError, BrakingNetwork, HZ, NO_SPEED, Seen},
 };
 use lapwing_core::{
     control::{BrakeLimits, Warned},
@@ -25,6 +25,32 @@ use lapwing_core::{
 const APART: Duration = Duration::from_nanos((1e9 / HZ) as u64);
 /// … and takes a frame that is due within this time.
 const EARLY: Duration = Duration::from_nanos((0.2e9 / HZ) as u64);
+
+/// Why a file and a threshold make no guard.
+#[derive(Debug, thiserror::Error)]
+pub enum BrakingModelError {
+    /// The file.
+    #[error("{0}{help}", help = help(.0))]
+    File(#[from] BrakingError),
+    /// The network says nothing above 1, and its guard would never brake.
+    #[error("{}: expected a threshold of at most 1, as a {network} network says no more, got {got}", path.display())]
+    Threshold {
+        /// The file.
+        path: PathBuf,
+        /// The network.
+        network: &'static str,
+        /// The threshold.
+        got: f64,
+    },
+}
+
+/// What may be wrong with the file.
+fn help(error: &BrakingError) -> &'static str {
+    match error {
+        BrakingError::Content { .. } => ": a braking network is a .safetensors file of lapwing brake train",
+        _ => "",
+    }
+}
 
 /// A braking network in memory, whose weights any number of guards share. Several threads may use it.
 #[derive(Debug)]
@@ -44,18 +70,24 @@ impl BrakingModel {
     /// The network answers a few times before this returns, so that the first frame is as fast as any.
     ///
     /// # Errors
-    /// [`BrakingError`].
-    pub fn load(path: &Path, threshold: Option<f64>) -> Result<Self, BrakingError> {
+    /// [`BrakingModelError`].
+    pub fn load(path: &Path, threshold: Option<f64>) -> Result<Self, BrakingModelError> {
         let BrakingCheckpoint { metadata, network, sha256 } = BrakingCheckpoint::load(path)?;
+        let architecture = network.architecture();
+        // The paper's network is trained towards 1, and may say more.
+        if let Some(got) = threshold.filter(|got| *got > 1.0 && architecture != BrakingArchitecture::Stacked) {
+            let (path, network) = (path.to_owned(), architecture.name());
+            return Err(BrakingModelError::Threshold { path, network, got });
+        }
         let wrong = |source: NnError| BrakingError::Content { path: path.to_owned(), source };
         let reader = Reader::new(metadata.preprocess.clone()).map_err(|source| wrong(source.into()))?;
-        let name = format!("{} ({})", network.architecture().name(), path.display());
+        let name = format!("{} ({})", architecture.name(), path.display());
         let limits = threshold.map_or(metadata.limits, |fires| BrakeLimits {
             fires,
             // As far apart as the file has them, by their ratio.
             releases: fires * metadata.limits.releases / metadata.limits.fires,
         });
-        let [_, height, width] = network.architecture().preprocess().shape().map(|n| n as i64);
+        let [_, height, width] = architecture.preprocess().shape().map(|n| n as i64);
         let warm_up = || {
             let (blank, mut seen) = (Tensor::f_zeros([1, height, width], tch::kind::FLOAT_CPU)?, Seen::default());
             (0..25).try_for_each(|_| network.answer(&blank, 0.0, &mut seen).map(drop))
@@ -187,7 +219,7 @@ mod tests {
         },
         nn::{
             Precision,
-            braking::{BrakingArchitecture, BrakingMetadata, save_braking},
+            braking::{BrakingMetadata, save_braking},
             in_variable_store,
         },
     };
@@ -301,6 +333,23 @@ mod tests {
         }
         assert_eq!(began, said);
         assert!(began.len() >= 2 && ended >= 2, "{began:?} {ended} {:?}", judged[0].values);
+    }
+
+    #[test]
+    fn a_threshold_that_the_network_can_never_reach_is_refused() {
+        let (dir, _) = model(Some(1.0));
+        let error = BrakingModel::load(&dir.path().join("brake.safetensors"), Some(2.0)).unwrap_err().to_string();
+        let expected = "expected a threshold of at most 1, as a brake-live network says no more, got 2";
+        assert!(error.ends_with(expected), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_holds_no_braking_network_is_refused_with_what_holds_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("brake.toml");
+        std::fs::write(&path, "network = \"brake-live\"\n").unwrap();
+        let error = BrakingModel::load(&path, None).unwrap_err().to_string();
+        assert!(error.ends_with("a braking network is a .safetensors file of lapwing brake train"), "{error}");
     }
 
     #[test]

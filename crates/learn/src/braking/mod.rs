@@ -32,7 +32,7 @@ mod values;
 mod windows;
 
 pub use episodes::{BrakingDataError, Drive, Part, Story, load, stories};
-pub use guard::BrakingModel;
+pub use guard::{BrakingModel, BrakingModelError};
 pub use recipe::BrakingRecipe;
 pub use report::{BrakingReport, Row, Target};
 pub use train::{BrakingTrainError, Epoch, TrainOptions, Trained, train};

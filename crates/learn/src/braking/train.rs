@@ -17,13 +17,16 @@ use super::{
 use crate::{
     nn::{
         NnError, Precision,
-        braking::{BrakingError, BrakingMetadata, save_braking},
+        braking::{BrakingCheckpoint, BrakingError, BrakingMetadata, save_braking},
         runtime,
     },
     train::TrainError,
 };
 use lapwing_core::control::BrakeLimits;
-use lapwing_score::emergency::{CountingRule, Evaluation, evaluation::guarding_limits};
+use lapwing_score::emergency::{
+    CountingRule, Evaluation,
+    evaluation::{LimitRule, chosen_limits},
+};
 use lapwing_sim::braking::Case;
 
 /// Below the upper limit of a guard, its lower one.
@@ -136,9 +139,11 @@ pub struct Trained {
     /// All epochs.
     pub epochs: Vec<Epoch>,
     /// Between which values its guards brake and rest:
-    /// [`guarding_limits`](lapwing_score::emergency::evaluation::guarding_limits)'s on the validation episodes, among
+    /// [`chosen_limits`]'s on the validation episodes, among
     /// which laps are harmless.
     pub limits: BrakeLimits,
+    /// By which rule.
+    pub rule: LimitRule,
     /// How good it is on those, at that limit.
     pub validation: Evaluation,
 }
@@ -167,6 +172,7 @@ pub fn train(
     mut told: impl FnMut(&Epoch),
 ) -> Result<Trained, BrakingTrainError> {
     recipe.check()?;
+    check_pretrained(recipe)?;
     let architecture = recipe.network;
     let most = recipe.episodes.unwrap_or(usize::MAX);
     let drives = load(data, Part::Train, most, architecture)?;
@@ -219,8 +225,8 @@ pub fn train(
     let judged = episodes(network, &held, SpeedFailure::NONE, |_| {})?;
     let laps: Vec<_> = held.iter().zip(&judged).filter(|(drive, _)| drive.story.scenario == Case::Lap.name()).collect();
     let laps: Vec<_> = laps.into_iter().map(|(_, judged)| judged.clone()).collect();
-    let limits =
-        guarding_limits(&judged, &laps, RELEASES).unwrap_or(BrakeLimits { fires: 0.5, releases: 0.5 * RELEASES });
+    let middle = BrakeLimits { fires: 0.5, releases: 0.5 * RELEASES };
+    let (limits, rule) = chosen_limits(&judged, &laps, RELEASES).unwrap_or((middle, LimitRule::BestF1));
     let validation = Evaluation::of(&judged, limits, CountingRule::default(), recipe.seed);
     let kinds = if recipe.emergencies.is_some() { ["emergencies", "others"] } else { ["standing", "moving"] };
     let training = json!({
@@ -243,7 +249,14 @@ pub fn train(
         result: result.to_string(),
     };
     let sha256 = save_braking(path, &metadata, network, Precision::F32)?;
-    Ok(Trained { path: path.to_owned(), sha256, epochs: epochs.clone(), limits, validation })
+    Ok(Trained { path: path.to_owned(), sha256, epochs: epochs.clone(), limits, rule, validation })
+}
+
+/// Whether the weights to begin from, if there are any, are such a network's. It takes no time, as reading the data does.
+fn check_pretrained(recipe: &BrakingRecipe) -> Result<(), BrakingTrainError> {
+    let Some(path) = &recipe.pretrained else { return Ok(()) };
+    let (expected, got) = (recipe.network.name(), BrakingCheckpoint::read(path)?.network.architecture().name());
+    if expected == got { Ok(()) } else { Err(BrakingTrainError::OtherNetwork { path: path.clone(), expected, got }) }
 }
 
 /// Episodes and frames, in a checkpoint.

@@ -169,9 +169,10 @@ mod tests {
         assert_eq!(counted("LL--------------", "-PPPPPPPPPPPPP--"), (1, 0, 0, 15));
     }
 
-    /// The paper's tables I and II have eight columns. Known here are two of their rates with the counts behind them; the
-    /// other counts are not at hand (nobody could look them up where this was written) and are not made up. Counts that do
-    /// not enter into a rate are left at 0.
+    /// What could be checked against the paper: one recall and one false positive rate, with the counts behind them. What could
+    /// not: all else in its tables I and II, which have eight columns. The tables themselves could not be read where this was
+    /// written (of the paper, only its beginning), so the other counts are not known and none is made up. Counts that do not
+    /// enter into these two rates are left at 0.
     #[test]
     fn the_papers_rates_follow_from_its_counts_cut_off_and_not_rounded() {
         let found = Counts { frames: 58, true_positives: 51, false_negatives: 7, ..Counts::default() };

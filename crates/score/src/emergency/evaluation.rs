@@ -11,7 +11,7 @@
 #[cfg(test)]
 mod tests;
 
-use std::{ops::Range, time::Duration};
+use std::{fmt, ops::Range, time::Duration};
 
 use rand::RngExt;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -243,10 +243,34 @@ impl Evaluation {
 /// At least this share of activations should be right: the project's target for precision.
 const LEAST_RIGHT: f64 = 0.9;
 
-/// The limits for a guard, whose lower one is this share of the upper one. The upper one is the lowest threshold of the curve at
-/// which nine of ten activations are right and there is none in the `harmless` episodes, such as ordinary laps; if there is
-/// none, the one with the best F1 by activations, the highest of equals.
+/// By which rule a guard's limits were chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LimitRule {
+    /// The lowest threshold at which nine of ten activations are right and there is none in what is harmless.
+    NineOfTen,
+    /// There is none: the one with the best F1 by activations.
+    BestF1,
+}
+
+impl fmt::Display for LimitRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NineOfTen => "the lowest with nine of ten activations right and none on laps",
+            Self::BestF1 => "the best F1, as none has nine of ten activations right and none on laps",
+        })
+    }
+}
+
+/// The limits of [`chosen_limits`].
 pub fn guarding_limits(episodes: &[Episode], harmless: &[Episode], releases: f64) -> Option<BrakeLimits> {
+    chosen_limits(episodes, harmless, releases).map(|(limits, _)| limits)
+}
+
+/// The limits for a guard, whose lower one is this share of the upper one, and the rule that chose them. The upper one is the
+/// lowest threshold of the curve at which nine of ten activations are right and there is none in the `harmless` episodes, such
+/// as ordinary laps; if there is none, the one with the best F1 by activations, the highest of equals.
+pub fn chosen_limits(episodes: &[Episode], harmless: &[Episode], releases: f64) -> Option<(BrakeLimits, LimitRule)> {
     let of = |fires: f64| BrakeLimits { fires, releases: fires * releases };
     let counts = |limits: BrakeLimits, episodes: &[Episode]| {
         episodes.iter().map(|episode| episode.events(limits)).sum::<Counts>()
@@ -258,7 +282,8 @@ pub fn guarding_limits(episodes: &[Episode], harmless: &[Episode], releases: f64
     let f1 = |limits: BrakeLimits| Some((limits, counts(limits, episodes).f1()?));
     let best =
         || thresholds().map(of).filter_map(f1).max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.fires.total_cmp(&b.0.fires)));
-    thresholds().map(of).find(is_right).or_else(|| Some(best()?.0))
+    let right = thresholds().map(of).find(is_right).map(|limits| (limits, LimitRule::NineOfTen));
+    right.or_else(|| Some((best()?.0, LimitRule::BestF1)))
 }
 
 fn thresholds() -> impl Iterator<Item = f64> {

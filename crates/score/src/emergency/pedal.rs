@@ -52,7 +52,11 @@ pub enum PedalError {
         source: io::Error,
     },
     /// A heading without one of the columns, or with two of its kind.
-    #[error("{}: line 1: expected {expected}, got {got:?}: name the columns by what they hold and in which unit", path.display())]
+    #[error(
+        "{}: line 1: expected {expected}, got {got:?}: name the columns by what they hold and in which unit, separated by \
+         commas, without quotes",
+        path.display()
+    )]
     Heading {
         /// The file.
         path: PathBuf,
@@ -176,16 +180,18 @@ const BRAKE: Column = Column {
 
 /// The text of a table; `None` if that is not what it is.
 fn text_of_table(path: &Path) -> Result<Option<String>, PedalError> {
-    let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    if !is_csv || !path.is_file() {
+    // Of other text, the error about its heading says what is expected.
+    let is = |ending: &&str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending));
+    if !["csv", "tsv", "txt"].iter().any(is) || path.is_dir() {
         return Ok(None);
     }
     let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
     let text = String::from_utf8_lossy(&bytes).into_owned();
     let heading = heading(&text);
-    // A driving log names its pictures, or begins with them and numbers.
+    // A driving log names its pictures, or begins with them, and then numbers.
+    let is_number = |field: &&str| field.parse::<f64>().is_ok();
     let is_log = heading.iter().any(|name| name.eq_ignore_ascii_case("center"))
-        || heading.iter().any(|field| field.parse::<f64>().is_ok());
+        || heading.iter().any(is_number) && !heading.first().is_some_and(is_number);
     Ok((!is_log).then_some(text))
 }
 
@@ -197,8 +203,9 @@ fn heading(text: &str) -> Vec<&str> {
 impl Column {
     /// Where it is in a heading, and its unit.
     fn find(&self, heading: &[&str]) -> Result<(usize, Unit), String> {
-        let here = |unit: &Unit| Some((heading.iter().position(|name| *name == unit.0)?, *unit));
-        let found: Vec<_> = self.units.iter().filter_map(here).collect();
+        let unit = |name: &str| self.units.iter().find(|unit| unit.0 == name).copied();
+        let found: Vec<_> =
+            heading.iter().enumerate().filter_map(|(i, name)| unit(name).map(|unit| (i, unit))).collect();
         match found[..] {
             [one] => Ok(one),
             _ => {
@@ -292,22 +299,33 @@ mod tests {
             (
                 "time_s,speed_kmh\n0,0\n".into(),
                 "drive.csv: line 1: expected one column of brake, brake_percent, got \"time_s,speed_kmh\": name the columns by \
-                 what they hold and in which unit",
+                 what they hold and in which unit, separated by commas, without quotes",
             ),
             (
                 "Time,Speed,BrakePressure\n0,36,12\n".into(),
                 "drive.csv: line 1: expected one column of time_s, time_ms, got \"Time,Speed,BrakePressure\": name the columns by \
-                 what they hold and in which unit",
+                 what they hold and in which unit, separated by commas, without quotes",
             ),
             (
                 "time_s;speed_kmh;brake\n0;36;0\n".into(),
                 "drive.csv: line 1: expected one column of time_s, time_ms, got \"time_s;speed_kmh;brake\": name the columns by \
-                 what they hold and in which unit",
+                 what they hold and in which unit, separated by commas, without quotes",
+            ),
+            (
+                "0,36,0\n0.1,36,0\n".into(),
+                "drive.csv: line 1: expected one column of time_s, time_ms, got \"0,36,0\": name the columns by what they hold \
+                 and in which unit, separated by commas, without quotes",
+            ),
+            (
+                "time_s,speed_kmh,brake,time_s\n0,36,0,0\n".into(),
+                "drive.csv: line 1: expected one column of time_s, time_ms, got \"time_s,speed_kmh,brake,time_s\": name the \
+                 columns by what they hold and in which unit, separated by commas, without quotes",
             ),
             (
                 "time_s,speed_kmh,speed_mph,brake\n".into(),
                 "drive.csv: line 1: expected one column of speed_kmh, speed_mps, speed_mph, got \
-                 \"time_s,speed_kmh,speed_mph,brake\": name the columns by what they hold and in which unit",
+                 \"time_s,speed_kmh,speed_mph,brake\": name the columns by what they hold and in which unit, separated by commas, \
+                 without quotes",
             ),
             (
                 format!("{header}\n0,30,37.5\n"),
@@ -329,6 +347,17 @@ mod tests {
         ] {
             assert_eq!(opened(&text).unwrap_err(), expected);
         }
+    }
+
+    #[test]
+    fn a_table_that_is_not_there_or_has_another_ending_is_still_called_a_table() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = Pedal::open(&folder.path().join("none.csv")).unwrap_err().to_string();
+        assert!(error.contains("none.csv: expected a table of pedal and speed, got an error"), "{error}");
+        let path = folder.path().join("drive.tsv");
+        fs::write(&path, "time_s\tspeed_kmh\tbrake\n0\t36\t0\n").unwrap();
+        let error = Pedal::open(&path).unwrap_err().to_string();
+        assert!(error.contains("separated by commas"), "{error}");
     }
 
     #[test]

@@ -9,10 +9,14 @@ use lapwing_core::{car::GRAVITY, recording::CommandRecord};
 const OVER_S: f64 = 0.2;
 
 const NO_GUARD: &str = "no guard watched";
+/// It was there and never had a value to brake by.
+pub(super) const BLIND: &str = "the guard could not watch";
 
 /// Watches what a guard does.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Guarded {
+    /// Whether there is a guard, and whether it ever had a value to brake by.
+    is_there: bool,
     watched: bool,
     activations: u32,
     since_s: Option<f64>,
@@ -44,7 +48,8 @@ impl Guarded {
     }
 
     pub(super) fn command(&mut self, command: &CommandRecord) {
-        self.watched |= command.guard_ns.is_some();
+        self.is_there |= command.guard_ns.is_some();
+        self.watched |= command.brake_due.is_some();
     }
 
     pub(super) fn begins(&mut self, at_s: f64) {
@@ -64,7 +69,8 @@ impl Guarded {
         if self.since_s.is_some() {
             self.ends(end_s);
         }
-        let told = |value: f64| Measure::told(self.watched.then_some(value), NO_GUARD);
+        let why = if self.is_there { BLIND } else { NO_GUARD };
+        let told = |value: f64| Measure::told(self.watched.then_some(value), why);
         [
             (Figure::GuardActivations, told(self.activations.into())),
             (Figure::GuardBrakedS, told(self.braked_s)),
@@ -78,6 +84,11 @@ mod tests {
     use lapwing_core::units::{Steering, Throttle};
 
     use super::*;
+
+    /// A command beside which a guard was asked.
+    fn command(brake_due: Option<f64>) -> CommandRecord {
+        CommandRecord { brake_due, guard_ns: Some(5), ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) }
+    }
 
     fn values(guarded: Guarded) -> [Option<f64>; 3] {
         guarded.figures(10.0).map(|(_, measure)| measure.value())
@@ -106,12 +117,22 @@ mod tests {
     fn a_guard_that_only_watched_braked_never_and_one_still_braking_at_the_end_braked_until_then() {
         assert_eq!(values(Guarded::default()), [None; 3]);
         let mut guarded = Guarded::default();
-        guarded
-            .command(&CommandRecord { guard_ns: Some(5), ..CommandRecord::of_human(Steering::ZERO, Throttle::ZERO) });
+        guarded.command(&command(Some(0.1)));
+        // Networks look less often than frames come.
+        guarded.command(&command(None));
         assert_eq!(values(guarded), [Some(0.0); 3]);
         let mut guarded = Guarded::default();
         guarded.begins(7.5);
         assert_eq!(values(guarded), [Some(1.0), Some(2.5), Some(0.0)]);
+    }
+
+    #[test]
+    fn a_guard_that_could_never_watch_is_not_one_that_had_no_reason_to_brake() {
+        let why = |guarded: Guarded| guarded.figures(10.0).map(|(_, measure)| measure);
+        assert_eq!(why(Guarded::default()), [Measure::Unknown(NO_GUARD); 3]);
+        let mut guarded = Guarded::default();
+        guarded.command(&command(None));
+        assert_eq!(why(guarded), [Measure::Unknown(BLIND); 3]);
     }
 
     #[test]

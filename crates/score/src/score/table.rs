@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{DriveFound, Figure as F, Measure, RoadTried, STAGES, Scorecard, Unit};
+use super::{DriveFound, Figure as F, Measure, RoadTried, STAGES, Scorecard, Unit, guarded::BLIND};
 use lapwing_core::words::count as counted;
 
 /// Width of the names before the values.
@@ -180,6 +180,8 @@ impl Scorecard {
                 ),
             };
             rows.push(("guard", braked));
+        } else if self.get(F::GuardActivations) == Measure::Unknown(BLIND) {
+            rows.push(("guard", "could not watch".into()));
         }
         rows.push(("steering", self.together(&[(F::SteeringRate, " RMS"), (F::SteeringReversals, " reversed")])));
         if self.value(F::SteeringMae).is_some() {

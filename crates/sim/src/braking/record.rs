@@ -104,6 +104,22 @@ pub enum DataError {
         /// What the system says.
         source: io::Error,
     },
+    /// Another data set is in the folder.
+    #[error(
+        "{}: line {line}: expected {expected:?}, as of this seed, got {got:?}: it is the data set of another seed or \
+         version of Lapwing; name another folder",
+        path.display()
+    )]
+    Other {
+        /// Its table.
+        path: PathBuf,
+        /// The first line that differs, from 1.
+        line: usize,
+        /// What it would be.
+        expected: String,
+        /// What it is.
+        got: String,
+    },
 }
 
 impl From<std::convert::Infallible> for DataError {
@@ -134,11 +150,11 @@ impl Places {
     }
 }
 
-/// Records a data set into a folder, where episodes that are whole are kept. `watch` is told how many episodes there are so far
-/// and of how many, and says whether to go on.
+/// Records a data set into a folder, where episodes of the same data set that are whole are kept. `watch` is told how many
+/// episodes there are so far and of how many, and says whether to go on.
 ///
 /// # Errors
-/// [`DataError`]. What was recorded before it is kept.
+/// [`DataError`]. What was recorded before it is kept. [`DataError::Other`] before anything is recorded.
 pub fn record(
     folder: &Path,
     options: DataOptions,
@@ -147,6 +163,7 @@ pub fn record(
     fs::create_dir_all(folder).map_err(|source| DataError::Write { path: folder.to_owned(), source })?;
     let mut places = Places::default();
     let (mut report, drawn) = rehearse(&mut places, options)?;
+    check_same(folder, &drawn)?;
     let path = |recorded: &Recorded| folder.join(format!("{}.mcap", recorded.episode.name));
     report.kept = drawn.iter().filter(|recorded| path(recorded).is_file()).count();
     let total = drawn.len();
@@ -166,6 +183,28 @@ pub fn record(
         }
     }
     Ok(report)
+}
+
+/// Whether the table that is in the folder already, if there is one, has the same rows as far as both go: the names of
+/// the runs do not tell whether they are of these episodes.
+fn check_same(folder: &Path, drawn: &[Recorded]) -> Result<(), DataError> {
+    let path = folder.join(EPISODES_NAME);
+    let there = match fs::read(&path) {
+        Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(source) => return Err(DataError::Write { path, source }),
+    };
+    let ours = csv(drawn);
+    let name = |row: &str| row.split(',').next().unwrap_or_default().to_owned();
+    let rows: BTreeMap<String, &str> = ours.lines().map(|row| (name(row), row)).collect();
+    for (i, got) in there.lines().enumerate() {
+        // The heading is the first of both.
+        let expected = if i == 0 { Some(HEADING) } else { rows.get(&name(got)).copied() };
+        if let Some(expected) = expected.filter(|expected| *expected != got) {
+            return Err(DataError::Other { path, line: i + 1, expected: expected.to_owned(), got: got.to_owned() });
+        }
+    }
+    Ok(())
 }
 
 fn at_once() -> usize {

@@ -231,6 +231,10 @@ fn a_data_set_is_read_back_is_the_same_again_and_goes_on_where_it_was_broken_off
     for (recorded, bytes) in first.episodes.iter().zip(&bytes) {
         assert!(fs::read(path(recorded)).unwrap() == *bytes, "{recorded:?}");
     }
+    // Of another seed, the episodes have the same names.
+    let error = record(folder.path(), DataOptions { seed: 4, ..options }, |_, _| true).unwrap_err().to_string();
+    assert!(error.contains("line 2: expected \"0000-") && error.contains("name another folder"), "{error}");
+    assert_eq!(fs::read_to_string(folder.path().join(EPISODES_NAME)).unwrap(), table);
 }
 
 /// Warns for nothing: of 50 s, it does so for five, which holds the car.

@@ -114,6 +114,16 @@ fn the_curve_falls_from_all_found_to_none_and_a_guards_threshold_is_above_the_no
 }
 
 #[test]
+fn which_rule_chose_a_guards_threshold_is_told() {
+    let mut weak = episode(Some(150..160), true);
+    weak.values.iter_mut().for_each(|value| *value *= 0.6);
+    let noise = episode(Some(100..120), false);
+    let rule = |episodes: &[Episode]| chosen_limits(episodes, &[], 0.5).map(|(_, rule)| rule);
+    assert_eq!(rule(std::slice::from_ref(&weak)), Some(LimitRule::NineOfTen));
+    assert_eq!(rule(&[weak, noise]), Some(LimitRule::BestF1), "the noise is as strong wherever the other is found");
+}
+
+#[test]
 fn no_episodes_have_no_rates() {
     let nothing = judged(&[]);
     assert_eq!((nothing.recall.value, nothing.false_alarms_per_h.value, nothing.hours), (None, None, 0.0));
