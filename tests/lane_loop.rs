@@ -245,7 +245,7 @@ fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
 }
 
 #[test]
-fn along_the_last_third_of_each_real_road_which_it_has_not_seen_the_built_in_pilot_keeps_to_its_lane() {
+fn along_200_rows_of_each_real_road_which_it_has_not_seen_the_built_in_pilot_keeps_to_its_lane() {
     for (name, first, most_m) in [("lake", 1500, 0.25), ("jungle", 1150, 0.4), ("mountain", 800, 0.6)] {
         let Some((dir, located)) = real(name, first, 200) else { return };
         let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();

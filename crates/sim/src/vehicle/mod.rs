@@ -6,7 +6,7 @@
 //! steer helper, speed cap, downforce. Collisions are not handled here.
 //!
 //! Numbers are the stock simulator's unless they say otherwise. Those fitted to
-//! recordings of it are checked by `examples/calibrate`.
+//! recordings of it are checked by `calibrate` in `tools/`.
 
 mod tyre;
 

@@ -25,6 +25,7 @@ use std::{fs, path::PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::Parser;
+use lapwing_sim::conditions::Conditions;
 
 /// Compares real pictures with drawn ones of the same places, and trains a network to tell them apart.
 #[derive(Debug, Parser)]
@@ -46,8 +47,11 @@ struct Args {
     /// Seed of the network and of the order in which it learns.
     #[arg(long, default_value_t = 1)]
     seed: i64,
+    /// Light, weather and graphics settings of the drawn pictures, such as grain=1.5,warmth=-1 [default: fair weather].
+    #[arg(long, value_name = "LIST", value_parser = Conditions::parse)]
+    conditions: Option<Conditions>,
     /// Compares the real pictures with themselves, coded once more.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "conditions")]
     control: bool,
     /// Processors that the network may use.
     #[arg(long, default_value_t = 1)]
@@ -56,7 +60,8 @@ struct Args {
 
 fn main() -> Result<()> {
     let args = Args::parse();
-    let (track, pairs) = pairs::read(&args.recording, &args.lane, args.places, args.control)?;
+    let drawn = (!args.control).then(|| args.conditions.unwrap_or_default());
+    let (track, pairs) = pairs::read(&args.recording, &args.lane, args.places, drawn.as_ref())?;
     fs::create_dir_all(&args.out)?;
     sheet::side_by_side(&pairs, &args.out.join("side_by_side.png"))?;
     print!("{}", figures::Figures::of(&track, &pairs));

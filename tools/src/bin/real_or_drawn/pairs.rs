@@ -52,12 +52,17 @@ impl Pair {
     }
 }
 
-/// Reads at most `places` pictures whose place is known, evenly spread, and draws what our camera sees there; if
-/// `control`, codes the real ones again instead.
+/// Reads at most `places` pictures whose place is known, evenly spread, and draws what our camera sees there under
+/// `drawn`; without these conditions, codes the real ones again instead.
 ///
 /// # Errors
 /// A recording or a table that cannot be read, or that do not belong together; a picture that is not 320x160.
-pub fn read(recording: &Path, lane: &Path, places: usize, control: bool) -> Result<(Arc<Track>, Vec<Pair>)> {
+pub fn read(
+    recording: &Path,
+    lane: &Path,
+    places: usize,
+    drawn: Option<&Conditions>,
+) -> Result<(Arc<Track>, Vec<Pair>)> {
     let table = LaneTable::of(recording, lane, Track::open)?;
     let track = Arc::clone(&table.track);
     let moments: Vec<Moment> = Recording::open(recording)?.collect::<Result<_, _>>()?;
@@ -72,22 +77,22 @@ pub fn read(recording: &Path, lane: &Path, places: usize, control: bool) -> Resu
             |renderer, (moment, pose)| {
                 let recorded = moments.get(moment).with_context(|| format!("moment {moment}: not in the recording"))?;
                 let picture = recorded.pictures[0].as_ref().with_context(|| format!("moment {moment}: no picture"))?;
-                let (mut real, mut drawn) = (Frame::default(), Frame::default());
+                let (mut real, mut other) = (Frame::default(), Frame::default());
                 decode_jpeg(&picture.read()?, &mut real)?;
                 let size = (real.width(), real.height());
                 ensure!(size == (320, 160), "moment {moment}: expected 320x160 pixels, got {size:?}");
-                if control {
-                    drawn.clone_from(&real);
-                } else {
-                    let (car, conditions) = (pose.car(&track), Conditions::default());
+                if let Some(conditions) = drawn {
+                    let car = pose.car(&track);
                     let time_s = recorded.at.as_secs_f64();
-                    let shot = Shot { car: &car, actors: &[], conditions: &conditions, seed: 1, time_s };
-                    renderer.render(&Camera::CENTER, &shot, &mut drawn);
+                    let shot = Shot { car: &car, actors: &[], conditions, seed: 1, time_s };
+                    renderer.render(&Camera::CENTER, &shot, &mut other);
+                } else {
+                    other.clone_from(&real);
                 }
-                let jpeg = encode_jpeg(&drawn, JPEG_QUALITY);
-                decode_jpeg(&jpeg, &mut drawn)?;
+                let jpeg = encode_jpeg(&other, JPEG_QUALITY);
+                decode_jpeg(&jpeg, &mut other)?;
                 let place_m = pose.s_m.rem_euclid(track.length());
-                Ok(Pair { pose, place_m, moment, frames: [real, drawn] })
+                Ok(Pair { pose, place_m, moment, frames: [real, other] })
             },
         )
         .collect::<Result<_>>()?;
