@@ -66,7 +66,7 @@ use lapwing_sim::{
 const SAMPLE: usize = 80;
 
 /// Why nothing is located of a recording whose pictures are lost.
-const UNREAD: &str = "none of its pictures could be looked at";
+const UNREAD: &str = "none of its pictures could be read";
 
 /// A recording that cannot be located.
 #[derive(Debug, thiserror::Error)]

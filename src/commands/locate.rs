@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
             let elsewhere = found.tell(truth);
             if elsewhere > 0 {
                 let pictures = count(elsewhere, "picture");
-                say!("{name} camera: not compared: {pictures}, by --truth on another road than the one found");
+                say!("{name} camera: {pictures} not compared: --truth places them on another road");
             }
         }
         if let (number, Some(why)) = &found.unreadable {

@@ -16,8 +16,8 @@ const FAR: f64 = 0.4;
 const ENOUGH: usize = 10;
 
 /// The rows of the drives by hand whose steering is zero at once when a key is released. `joins` says after which breaks
-/// another drive begins, perhaps in another build. Only driving logs tell, and runs that they were converted to: other runs
-/// do not hold what a human steered, so nothing is read of them.
+/// another drive begins, perhaps in another build. Only driving logs tell, and runs converted from them: other runs do not
+/// hold what a human steered, so nothing is read from them.
 ///
 /// # Errors
 /// What cannot be read of the recording.

@@ -166,9 +166,9 @@ pub enum BrakingDataError {
         /// Its own.
         got: f64,
     },
-    /// A run of another episode than the table's.
+    /// A run that is not of the episode in the table.
     #[error(
-        "{}: expected {expected} frames, as in {EPISODES_NAME}, got {got}: run and table are of different data sets; \
+        "{}: expected {expected} frames, as in {EPISODES_NAME}, got {got}: the run and the table belong to different data sets; \
          record into an empty folder",
         path.display()
     )]

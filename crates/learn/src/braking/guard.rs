@@ -32,7 +32,7 @@ pub enum BrakingModelError {
     /// The file.
     #[error("{0}{help}", help = help(.0))]
     File(#[from] BrakingError),
-    /// The network says nothing above 1, and its guard would never brake.
+    /// The network never answers more than 1, so its guard would never brake.
     #[error("{}: expected a threshold of at most 1, as a {network} network says no more, got {got}", path.display())]
     Threshold {
         /// The file.

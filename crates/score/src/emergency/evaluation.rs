@@ -256,8 +256,8 @@ pub enum LimitRule {
 impl fmt::Display for LimitRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::NineOfTen => "the lowest with nine of ten activations right and none on laps",
-            Self::BestF1 => "the best F1, as none has nine of ten activations right and none on laps",
+            Self::NineOfTen => "the lowest threshold with nine of ten activations right and none on laps",
+            Self::BestF1 => "the best F1, as no threshold has nine of ten activations right and none on laps",
         })
     }
 }

@@ -106,8 +106,8 @@ pub enum DataError {
     },
     /// Another data set is in the folder.
     #[error(
-        "{}: line {line}: expected {expected:?}, as of this seed, got {got:?}: it is the data set of another seed or \
-         version of Lapwing; name another folder",
+        "{}: line {line}: expected {expected:?}, as this seed gives, got {got:?}: the folder holds the data set of another \
+         seed or version of Lapwing; name another folder",
         path.display()
     )]
     Other {
@@ -115,7 +115,7 @@ pub enum DataError {
         path: PathBuf,
         /// The first line that differs, from 1.
         line: usize,
-        /// What it would be.
+        /// What it would be for this data set.
         expected: String,
         /// What it is.
         got: String,

@@ -313,7 +313,7 @@ impl Found {
         tracks.all(|track| track == first).then(|| first.clone())
     }
 
-    /// Whether a known road explains a drive that is still not sure to have been on it: it was too short, or several do.
+    /// Whether a known road explains the drive, but not for certain: the drive was too short, or several roads explain it.
     fn is_unsure(&self) -> bool {
         let mut unknown = self.drives.iter().filter(|drive| drive.told.on.is_none());
         unknown.any(|drive| drive.told.roads.iter().any(|road| road.explains))
