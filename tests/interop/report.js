@@ -183,7 +183,7 @@ async function main() {
     holds(`the run of a failed cell ${at}: ${run}`, require('fs').existsSync(new URL(run)))
     await link.click()
     await page.waitForSelector('h2')
-    holds(`its report ${at}: ${html}`, (await page.locator('.tile').count()) === 8 && (await page.locator('.chart').count()) > 3)
+    holds(`its report ${at}: ${html}`, (await page.locator('.tile').count()) === 10 && (await page.locator('.chart').count()) > 3)
     equal(`its report ${at}: what is cut`, await cut(page), [0])
     await page.close()
   }
