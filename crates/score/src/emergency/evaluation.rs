@@ -262,11 +262,6 @@ impl fmt::Display for LimitRule {
     }
 }
 
-/// The limits of [`chosen_limits`].
-pub fn guarding_limits(episodes: &[Episode], harmless: &[Episode], releases: f64) -> Option<BrakeLimits> {
-    chosen_limits(episodes, harmless, releases).map(|(limits, _)| limits)
-}
-
 /// The limits for a guard, whose lower one is this share of the upper one, and the rule that chose them. The upper one is the
 /// lowest threshold of the curve at which nine of ten activations are right and there is none in the `harmless` episodes, such
 /// as ordinary laps; if there is none, the one with the best F1 by activations, the highest of equals.

@@ -108,7 +108,7 @@ fn the_curve_falls_from_all_found_to_none_and_a_guards_threshold_is_above_the_no
     assert_eq!((curve[0].recall, curve[0].precision), (Some(1.0), Some(0.5)));
     assert_eq!((curve[STEPS - 1].recall, curve[STEPS - 1].precision), (Some(0.0), None));
     // The noise reaches 0.3.
-    let chosen = |harmless: &[Episode]| guarding_limits(&episodes, harmless, 0.5);
+    let chosen = |harmless: &[Episode]| chosen_limits(&episodes, harmless, 0.5).map(|(limits, _)| limits);
     assert_eq!(chosen(&[]), Some(BrakeLimits { fires: 0.325, releases: 0.1625 }));
     assert_eq!(chosen(&episodes[..1]), chosen(&[]), "its activation is right");
 }
@@ -127,5 +127,5 @@ fn which_rule_chose_a_guards_threshold_is_told() {
 fn no_episodes_have_no_rates() {
     let nothing = judged(&[]);
     assert_eq!((nothing.recall.value, nothing.false_alarms_per_h.value, nothing.hours), (None, None, 0.0));
-    assert_eq!(guarding_limits(&[], &[], 0.5), None);
+    assert_eq!(chosen_limits(&[], &[], 0.5), None);
 }
