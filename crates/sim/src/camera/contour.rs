@@ -38,6 +38,7 @@ const GROUND: [f32; 3] = [95.0, 95.0, 60.0];
 pub(crate) type Gradient = [f32; 2];
 
 /// How clear an edge is at a gradient, 0 to 1.
+#[inline]
 pub(crate) fn clearness([x, y]: Gradient) -> f32 {
     let steep = x * x + y * y;
     steep / (steep + CLEAR * CLEAR)
@@ -61,19 +62,30 @@ fn in_any_light(level: f32) -> f32 {
 fn steepest(pixels: &[[f32; 3]], width: usize) -> Vec<Gradient> {
     let height = pixels.len() / width.max(1);
     let mut gradients = vec![[0.0; 2]; pixels.len()];
+    if width < 3 {
+        return gradients;
+    }
+    // Whole rows at a time, all channels alike, so that the compiler takes several values at once.
+    let row = |y: usize| &pixels.as_flattened()[3 * y * width..3 * (y + 1) * width];
+    let smoothed = |a: f32, b: f32, c: f32| a + 2.0 * b + c;
+    let (mut down, mut right) = (vec![0.0; 3 * width], vec![[0.0; 2]; 3 * (width - 2)]);
     for y in 1..height.saturating_sub(1) {
-        for x in 1..width - 1 {
-            let at = |x: usize, y: usize, channel: usize| pixels[y * width + x][channel];
+        let (above, here, below) = (row(y - 1), row(y), row(y + 1));
+        for (((sum, a), b), c) in down.iter_mut().zip(above).zip(here).zip(below) {
+            *sum = smoothed(*a, *b, *c);
+        }
+        for (i, gradient) in right.iter_mut().enumerate() {
+            let across = |row: &[f32]| smoothed(row[i], row[i + 3], row[i + 6]);
+            *gradient = [(down[i + 6] - down[i]) / 4.0, (across(below) - across(above)) / 4.0];
+        }
+        let inner = &mut gradients[y * width + 1..(y + 1) * width - 1];
+        for (steepest, channels) in inner.iter_mut().zip(right.as_chunks::<3>().0) {
             let mut most = 0.0;
-            for channel in 0..3 {
-                let column = |x: usize| at(x, y - 1, channel) + 2.0 * at(x, y, channel) + at(x, y + 1, channel);
-                let row = |y: usize| at(x - 1, y, channel) + 2.0 * at(x, y, channel) + at(x + 1, y, channel);
-                let gradient = [(column(x + 1) - column(x - 1)) / 4.0, (row(y + 1) - row(y - 1)) / 4.0];
+            for gradient in channels {
                 let steep = gradient[0].powi(2) + gradient[1].powi(2);
                 // Next to a pixel without a colour this is not a number, hence not greater.
                 if steep > most {
-                    most = steep;
-                    gradients[y * width + x] = gradient;
+                    (most, *steepest) = (steep, *gradient);
                 }
             }
         }

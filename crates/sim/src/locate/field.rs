@@ -30,39 +30,51 @@ impl Field {
     pub(super) fn blurred(&self, reach: usize) -> Self {
         let mut blurred = self.clone();
         for _ in 0..2 {
-            blurred.mean(reach, (1, self.width), (self.width, self.height));
-            blurred.mean(reach.div_ceil(2), (self.width, self.height), (1, self.width));
+            blurred.along_rows(reach);
+            blurred.along_columns(reach.div_ceil(2));
         }
         blurred
     }
 
-    /// Means along lines: the step from one value to the next and the number of values, the same of lines.
-    fn mean(&mut self, reach: usize, (step, count): (usize, usize), (aside, lines): (usize, usize)) {
-        let mut line = vec![[0.0; 2]; count];
+    /// Means over so many pixels to each side; outside a picture all is zero.
+    fn along_rows(&mut self, reach: usize) {
         let share = 1.0 / (2 * reach + 1) as f32;
-        for first in (0..lines).map(|i| i * aside) {
-            for (i, value) in line.iter_mut().enumerate() {
-                *value = self.directions[first + i * step];
-            }
+        let mut kept = vec![[0.0; 2]; self.width + 3 * reach + 1];
+        let (gone, now) = (0, 2 * reach + 1);
+        for row in self.directions.chunks_exact_mut(self.width.max(1)) {
+            kept[now..now + row.len()].copy_from_slice(row);
             let mut sum: Direction = [0.0; 2];
-            let add = |sum: &mut Direction, value: Direction, sign: f32| {
-                *sum = [sum[0] + sign * value[0], sum[1] + sign * value[1]];
-            };
-            for i in 0..count + reach {
-                if let Some(value) = line.get(i) {
-                    add(&mut sum, *value, 1.0);
-                }
-                if let Some(gone) = i.checked_sub(2 * reach + 1) {
-                    add(&mut sum, line[gone], -1.0);
-                }
+            for (i, ([cos, sin], [cos_gone, sin_gone])) in kept[now..].iter().zip(&kept[gone..]).enumerate() {
+                sum = [sum[0] + cos - cos_gone, sum[1] + sin - sin_gone];
                 if let Some(at) = i.checked_sub(reach) {
-                    self.directions[first + at * step] = sum.map(|part| part * share);
+                    row[at] = [sum[0] * share, sum[1] * share];
                 }
+            }
+        }
+    }
+
+    /// The same over rows above and below, for a whole row at a time.
+    fn along_columns(&mut self, reach: usize) {
+        let share = 1.0 / (2 * reach + 1) as f32;
+        let (kept, width, height) = (self.directions.clone(), self.width, self.directions.len() / self.width.max(1));
+        let (kept, means) = (kept.as_flattened(), self.directions.as_flattened_mut());
+        let across = |row: usize| 2 * row * width..2 * (row + 1) * width;
+        let mut sums = vec![0.0; 2 * width];
+        for row in 0..height + reach {
+            if row < height {
+                sums.iter_mut().zip(&kept[across(row)]).for_each(|(sum, value)| *sum += value);
+            }
+            if let Some(gone) = row.checked_sub(2 * reach + 1) {
+                sums.iter_mut().zip(&kept[across(gone)]).for_each(|(sum, value)| *sum -= value);
+            }
+            if let Some(at) = row.checked_sub(reach) {
+                means[across(at)].iter_mut().zip(&sums).for_each(|(mean, sum)| *mean = sum * share);
             }
         }
     }
 
     /// The direction at a place, between its four pixels; none outside.
+    #[inline]
     pub(super) fn at(&self, x: f32, y: f32) -> Option<Direction> {
         let (x, y) = (x - 0.5, y - 0.5);
         if !(x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32) {
@@ -71,8 +83,12 @@ impl Field {
         let (column, row) = (x as usize, y as usize);
         let (right, down) = (x - column as f32, y - row as f32);
         let here = row * self.width + column;
-        let mix = |a: Direction, b: Direction, share: f32| [0, 1].map(|c| a[c] + (b[c] - a[c]) * share);
-        let of = |i: usize| mix(self.directions[i], self.directions[i + 1], right);
-        Some(mix(of(here), of(here + self.width), down))
+        let mix = |a: f32, b: f32, share: f32| a + (b - a) * share;
+        let of = |i: usize| {
+            let ([cos, sin], [cos_next, sin_next]) = (*self.directions.get(i)?, *self.directions.get(i + 1)?);
+            Some((mix(cos, cos_next, right), mix(sin, sin_next, right)))
+        };
+        let ((cos, sin), (cos_below, sin_below)) = (of(here)?, of(here + self.width)?);
+        Some([mix(cos, cos_below, down), mix(sin, sin_below, down)])
     }
 }

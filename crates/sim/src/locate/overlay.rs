@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 
 use super::{Pose, field::Field};
 use crate::{
@@ -100,7 +100,7 @@ impl Overlay {
     }
 
     /// How fast the agreement falls from a pose on, from which these contours are seen.
-    fn sharpness(&mut self, contours: &[Seen], field: &Field, pose: Pose) -> DMat3 {
+    fn sharpness(&mut self, contours: &Seen, field: &Field, pose: Pose) -> DMat3 {
         let around = |offset: f64, heading: f64| {
             let d = DVec3::new(0.0, offset, heading) * AROUND;
             self.agreement(contours, field, pose.moved(d))
@@ -122,7 +122,7 @@ impl Overlay {
     /// The best of a grid of poses.
     fn search(&mut self, field: &Field, from: Pose, reach: DVec3) -> Pose {
         let all = self.visible(field, from);
-        let few: Vec<_> = all.iter().step_by(all.len().div_ceil(FEW).max(1)).copied().collect();
+        let few = Seen::of(all.of.iter().step_by(all.of.len().div_ceil(FEW).max(1)).copied());
         let steps = |axis: usize| {
             let most = (reach[axis] / COARSE[axis]) as i32;
             (-most..=most).map(move |i| f64::from(i) * COARSE[axis])
@@ -178,50 +178,104 @@ impl Overlay {
     }
 
     /// The contours that are seen from a pose.
-    fn visible(&mut self, field: &Field, pose: Pose) -> Vec<Seen> {
+    fn visible(&mut self, field: &Field, pose: Pose) -> Seen {
         let view = self.view(pose);
         let right = view.width as f32 - 1.0;
-        let seen = |contour: Contour| {
-            let (x, _) = view.project(view.turn(contour.at));
-            let agrees = agrees_with(field, &view, &contour).filter(|_| x > 1.0 && x < right)?;
-            Some(Seen { contour, agrees })
-        };
-        self.renderer.contours(&view).into_iter().filter_map(seen).collect()
+        let all = Seen::of(self.renderer.contours(&view).into_iter().map(|contour| (contour, 0.0)));
+        let mut seen = vec![];
+        for (contours, points) in all.of.chunks(TOGETHER).zip(&all.points) {
+            let edges = Edges::of(points, &view);
+            for (i, (contour, _)) in
+                contours.iter().enumerate().filter(|(i, _)| edges.x[*i] > 1.0 && edges.x[*i] < right)
+            {
+                seen.extend(edges.agrees(i, field, &view).map(|agrees| (*contour, agrees)));
+            }
+        }
+        Seen::of(seen.into_iter())
     }
 
     /// How well contours lie along the edges of a picture, seen from a pose.
-    fn agreement(&self, contours: &[Seen], field: &Field, pose: Pose) -> f64 {
+    fn agreement(&self, contours: &Seen, field: &Field, pose: Pose) -> f64 {
         let view = self.view(pose);
         let (mut sum, mut weight) = (0.0, 0.0);
-        for Seen { contour, agrees } in contours {
-            weight += contour.clearness;
-            sum += contour.clearness * agrees_with(field, &view, contour).unwrap_or(*agrees);
+        for (contours, points) in contours.of.chunks(TOGETHER).zip(&contours.points) {
+            let edges = Edges::of(points, &view);
+            for (i, (contour, agrees)) in contours.iter().enumerate() {
+                weight += contour.clearness;
+                sum += contour.clearness * edges.agrees(i, field, &view).unwrap_or(*agrees);
+            }
         }
         f64::from(sum) / f64::from(weight).max(FEWEST)
     }
 }
 
-/// A contour and how well it agrees with a picture, -1 to 1, where it was first laid over it: that counts where it has left
-/// the picture. Else the contours alone that are seen from a pose would hold it there.
-#[derive(Debug, Clone, Copy)]
+/// So many contours are projected together, so that the compiler computes with several of them at once.
+const TOGETHER: usize = 8;
+
+/// The coordinates of both points of several contours: first x of each, then y, then z.
+type Points = [[[f32; TOGETHER]; 3]; 2];
+
+/// Contours.
+#[derive(Debug)]
 struct Seen {
-    contour: Contour,
-    agrees: f32,
+    /// Each with how well it agrees with a picture, -1 to 1, where it was first laid over it: that counts where it has left the
+    /// picture. Else the contours alone that are seen from a pose would hold it there.
+    of: Vec<(Contour, f32)>,
+    points: Vec<Points>,
 }
 
-/// How well a contour lies along the edges of a picture, -1 to 1; none outside of it.
-fn agrees_with(field: &Field, view: &Viewpoint, contour: &Contour) -> Option<f32> {
-    let (at, on) = (view.turn(contour.at), view.turn(contour.on));
-    if at.z.min(on.z) < 0.5 {
-        return None;
+impl Seen {
+    fn of(contours: impl Iterator<Item = (Contour, f32)>) -> Self {
+        let of: Vec<_> = contours.collect();
+        let mut points = vec![Points::default(); of.len().div_ceil(TOGETHER)];
+        for (several, points) in of.chunks(TOGETHER).zip(&mut points) {
+            for (i, (contour, _)) in several.iter().enumerate() {
+                for (coordinates, point) in points.iter_mut().zip([contour.at, contour.on]) {
+                    coordinates.iter_mut().zip(point.to_array()).for_each(|(of_all, own)| of_all[i] = own);
+                }
+            }
+        }
+        Self { of, points }
     }
-    let ((x, y), (x_on, y_on)) = (view.project(at), view.project(on));
-    let [cos, sin] = field.at(x, y).filter(|_| y < view.height as f32 * ABOVE_BONNET)?;
-    // Gradients stand across the edge.
-    let (right, down) = (x_on - x, y_on - y);
-    let along = (right * right + down * down).max(1e-6);
-    let (cos_on, sin_on) = ((down * down - right * right) / along, -2.0 * right * down / along);
-    Some(cos * cos_on + sin * sin_on)
+}
+
+/// Where several contours are seen.
+#[derive(Debug, Default)]
+struct Edges {
+    x: [f32; TOGETHER],
+    y: [f32; TOGETHER],
+    /// How far ahead the nearer point of each is, in metres.
+    z: [f32; TOGETHER],
+    /// Cosine and sine of twice the angle of the gradient across each.
+    cos: [f32; TOGETHER],
+    sin: [f32; TOGETHER],
+}
+
+impl Edges {
+    #[inline]
+    fn of([at, on]: &Points, view: &Viewpoint) -> Self {
+        let mut edges = Self::default();
+        for i in 0..TOGETHER {
+            let at = view.turn(Vec3::new(at[0][i], at[1][i], at[2][i]));
+            let on = view.turn(Vec3::new(on[0][i], on[1][i], on[2][i]));
+            let ((x, y), (x_on, y_on)) = (view.project(at), view.project(on));
+            let (right, down) = (x_on - x, y_on - y);
+            let along = (right * right + down * down).max(1e-6);
+            (edges.x[i], edges.y[i], edges.z[i]) = (x, y, at.z.min(on.z));
+            (edges.cos[i], edges.sin[i]) = ((down * down - right * right) / along, -2.0 * right * down / along);
+        }
+        edges
+    }
+
+    /// How well one lies along the edges of a picture, -1 to 1; none outside of it.
+    #[inline]
+    fn agrees(&self, i: usize, field: &Field, view: &Viewpoint) -> Option<f32> {
+        if self.z[i] < 0.5 || self.y[i] >= view.height as f32 * ABOVE_BONNET {
+            return None;
+        }
+        let [cos, sin] = field.at(self.x[i], self.y[i])?;
+        Some(cos * self.cos[i] + sin * self.sin[i])
+    }
 }
 
 /// What a pose costs that is not expected.
