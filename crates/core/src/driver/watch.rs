@@ -11,10 +11,14 @@ use crate::{
     units::{Clock, Metres, Mph, Throttle},
 };
 
+/// A simulator's time that has not changed for this long stands still, as for a scorecard.
+const STANDS: Duration = Duration::from_millis(2500);
+
 /// A guard and its brake.
 pub(super) struct Watch {
     guard: Box<dyn Guard>,
     brake: EmergencyBrake,
+    simulator: SimulatorClock,
     /// Whether the run was told that the guard cannot watch; once is enough.
     told_blind: bool,
 }
@@ -22,7 +26,7 @@ pub(super) struct Watch {
 impl Watch {
     pub(super) fn new(guard: Box<dyn Guard>) -> Self {
         let brake = EmergencyBrake::new(guard.limits());
-        Self { guard, brake, told_blind: false }
+        Self { guard, brake, simulator: SimulatorClock::default(), told_blind: false }
     }
 
     pub(super) fn needs_picture(&self) -> bool {
@@ -33,8 +37,9 @@ impl Watch {
     pub(super) fn look(&mut self, at: Duration, frame: &Frame, telemetry: &Telemetry, clock: Clock, trace: &mut Trace) {
         let began = clock();
         let Telemetry { speed, truth, .. } = telemetry;
-        let Truth { time_to_collision_s, gap, .. } = *truth;
-        let watched = Watched { at, frame, speed: *speed, time_to_collision_s, gap_m: gap.map(Metres::get) };
+        let Truth { time_to_collision_s, gap, sim_time_s, .. } = *truth;
+        let now = self.simulator.time(at, sim_time_s);
+        let watched = Watched { at: now, frame, speed: *speed, time_to_collision_s, gap_m: gap.map(Metres::get) };
         trace.brake_due = self.guard.watch(&watched).unwrap_or_else(|why| {
             if !std::mem::replace(&mut self.told_blind, true) {
                 let text = format!("the guard ({}) cannot watch: {why}", self.guard.name());
@@ -64,6 +69,7 @@ impl Watch {
     pub(super) fn reset(&mut self) {
         self.guard.reset();
         self.brake = EmergencyBrake::new(self.guard.limits());
+        self.simulator = SimulatorClock::default();
         self.told_blind = false;
     }
 
@@ -79,6 +85,29 @@ impl Watch {
                 EventRecord::GuardReleases { after_s: after.as_secs_f64(), why, speed_mph: speed.map(Mph::get) }
             }
         }));
+    }
+}
+
+/// The time by which a guard watches. A simulator in lock step runs as fast as it is answered: its own clock tells how
+/// far apart two of its frames are, not the time at which they came.
+#[derive(Default)]
+struct SimulatorClock {
+    /// Whether it told a time between two whole seconds. A clock in whole seconds is too coarse to watch by.
+    is_fine: bool,
+    /// The time that it told last, in seconds, and when it first told that.
+    told: Option<(f64, Duration)>,
+}
+
+impl SimulatorClock {
+    /// The time of a telemetry that came `at` this time and tells this one of the simulator's, in seconds; `at` itself if
+    /// none is told that can be used.
+    fn time(&mut self, at: Duration, told_s: Option<f64>) -> Duration {
+        let Some(told_s) = told_s.filter(Truth::is_time) else { return at };
+        self.is_fine |= told_s.fract() != 0.0;
+        let since = self.told.filter(|(before_s, _)| *before_s == told_s).map_or(at, |(_, since)| since);
+        self.told = Some((told_s, since));
+        let stands = at.saturating_sub(since) > STANDS;
+        if self.is_fine && !stands { Duration::from_secs_f64(told_s) } else { at }
     }
 }
 
@@ -202,6 +231,62 @@ mod tests {
         fn reset(&mut self) {
             self.0 = 0;
         }
+    }
+
+    /// When a guard watches, in ms: telemetries come one a millisecond and tell these times of the simulator's, in ms.
+    fn watched_at(told_ms: impl IntoIterator<Item = Option<u32>>) -> Vec<u128> {
+        let mut clock = SimulatorClock::default();
+        let time = |(i, told_ms): (u64, Option<u32>)| {
+            clock.time(Duration::from_millis(i), told_ms.map(|ms| f64::from(ms) / 1e3)).as_millis()
+        };
+        (0..).zip(told_ms).map(time).collect()
+    }
+
+    #[test]
+    fn a_guard_watches_by_the_simulators_time_however_fast_its_frames_come() {
+        assert_eq!(watched_at([0, 60, 120, 1000, 1060].map(Some)), [0, 60, 120, 1000, 1060]);
+        assert_eq!(watched_at([7060, 7120, 0, 60].map(Some)), [7060, 7120, 0, 60], "it begins anew");
+        assert_eq!(watched_at([None; 3]), [0, 1, 2]);
+        // Builds of the SelfOracle family.
+        assert_eq!(watched_at([83_000, 83_000, 84_000].map(Some)), [0, 1, 2], "whole seconds");
+        let stuck = watched_at([Some(12_345); 3000]);
+        assert_eq!((stuck[2500], stuck[2501], stuck[2999]), (12_345, 2501, 2999), "it stands still");
+    }
+
+    /// Tells its time of the run as its value.
+    struct Timed;
+
+    impl Guard for Timed {
+        fn name(&self) -> &str {
+            "timed"
+        }
+
+        fn limits(&self) -> BrakeLimits {
+            BrakeLimits { fires: 1e9, releases: 1e9 }
+        }
+
+        fn watch(&mut self, now: &Watched<'_>) -> Result<Option<f64>, GuardError> {
+            Ok(Some(now.at.as_secs_f64()))
+        }
+
+        fn needs_picture(&self) -> bool {
+            false
+        }
+
+        fn reset(&mut self) {}
+    }
+
+    #[test]
+    fn the_time_that_a_guard_is_told_is_the_simulators() {
+        let mut driver = driver(Some(Box::new(Timed)));
+        let mut due = |i: u32, sim_time_s: Option<f64>| {
+            let mut seen = seen(i, 8.0, None);
+            let Sight::Telemetry(telemetry) = &mut seen.sight else { panic!("no telemetry") };
+            telemetry.truth.sim_time_s = sim_time_s;
+            driver.drive(&seen).1.brake_due
+        };
+        assert_eq!(due(15, Some(40.5)), Some(40.5));
+        assert_eq!(due(30, None), Some(2.0));
     }
 
     #[test]

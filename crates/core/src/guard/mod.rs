@@ -23,7 +23,8 @@ use crate::{
 /// What a guard may know of this moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Watched<'a> {
-    /// Time since the run began.
+    /// The simulator's own time where it tells it, otherwise the time since the run began. If it goes back or leaps,
+    /// what was seen before does not lead here.
     pub at: Duration,
     /// The picture; for a guard that needs none, an earlier or an empty one.
     pub frame: &'a Frame,

@@ -116,12 +116,16 @@ pub fn labels(drive: &[Pressed], rule: LabelRule) -> Braked {
     Braked { labels, events }
 }
 
-/// Samples per second, by the median interval; `None` if there is none, or time stands still.
+/// So many intervals are timed together: a clock may tell 15 samples per second in steps of 20 ms.
+const TIMED: usize = 15;
+
+/// Samples per second, by the median time of some of them; `None` if there are too few, or time stands still.
 fn rate_hz(drive: &[Pressed]) -> Option<f64> {
-    let mut intervals: Vec<f64> = drive.windows(2).map(|pair| pair[1].at_s - pair[0].at_s).collect();
-    intervals.sort_by(f64::total_cmp);
-    let median_s = *intervals.get(intervals.len() / 2)?;
-    (median_s > 0.0).then(|| median_s.recip())
+    let timed = TIMED.min(drive.len().checked_sub(1)?).max(1);
+    let mut times_s: Vec<f64> = drive.windows(timed + 1).map(|some| some[timed].at_s - some[0].at_s).collect();
+    times_s.sort_by(f64::total_cmp);
+    let median_s = *times_s.get(times_s.len() / 2)?;
+    (median_s > 0.0).then(|| timed as f64 / median_s)
 }
 
 fn smoothed(drive: &[Pressed], i: usize, weights: &[f64]) -> f64 {
@@ -155,6 +159,15 @@ mod tests {
             }
         }
         ranges
+    }
+
+    #[test]
+    fn samples_whose_time_is_told_in_coarse_steps_come_as_often_as_they_do() {
+        let steps = |count: usize| -> Vec<Pressed> {
+            (0..count).map(|i| Pressed { at_s: (i * 10 / 3) as f64 * 0.02, speed_kmh: 30.0, pedal: 0.0 }).collect()
+        };
+        assert!((rate_hz(&steps(100)).unwrap() - 15.0).abs() < 1e-9);
+        assert!(rate_hz(&steps(2)).is_some() && rate_hz(&steps(1)).is_none() && rate_hz(&[]).is_none());
     }
 
     #[test]

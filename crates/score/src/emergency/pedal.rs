@@ -14,15 +14,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use crate::score::RunClock;
 use lapwing_core::{
-    recording::{Break, LONGEST_GAP, Moment, Recording, RecordingError},
+    recording::{Break, EventRecord, LONGEST_GAP, Moment, Recording, RecordingError},
     units::{MPS_PER_KMH, MPS_PER_MPH},
 };
 
 /// A moment of a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pressed {
-    /// Time since the recording began, in seconds.
+    /// Time since the recording began, in seconds: of a run by the simulator's clock, if it sends one, as for its
+    /// scorecard; of a table its own time.
     pub at_s: f64,
     /// Speed, km/h.
     pub speed_kmh: f64,
@@ -127,14 +129,17 @@ impl Pedal {
 }
 
 fn recorded(path: &Path) -> Result<Pedal, PedalError> {
-    let (mut pedal, mut moments, mut told) = (Pedal::default(), 0, false);
+    let (mut pedal, mut moments, mut told, mut clock) = (Pedal::default(), 0, false, RunClock::default());
     for moment in Recording::open(path)? {
         let moment = moment?;
         moments += 1;
+        if moment.before.iter().any(|(_, event)| matches!(event, EventRecord::Course { .. })) {
+            clock.is_the_worlds();
+        }
         let brake = brake(&moment);
         told |= brake.is_some();
         let pressed = Pressed {
-            at_s: moment.at.as_secs_f64(),
+            at_s: clock.telemetry(moment.at.as_secs_f64(), moment.telemetry.truth.sim_time_s),
             speed_kmh: moment.telemetry.speed.metres_per_second().get() / MPS_PER_KMH,
             pedal: brake.unwrap_or(0.0),
         };
@@ -186,7 +191,8 @@ fn text_of_table(path: &Path) -> Result<Option<String>, PedalError> {
         return Ok(None);
     }
     let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
-    let text = String::from_utf8_lossy(&bytes).into_owned();
+    // Some programs still end a line by a carriage return alone.
+    let text = String::from_utf8_lossy(&bytes).replace("\r\n", "\n").replace('\r', "\n");
     let heading = heading(&text);
     // A driving log names its pictures, or begins with them, and then numbers.
     let is_number = |field: &&str| field.parse::<f64>().is_ok();
@@ -286,6 +292,8 @@ mod tests {
         let theirs =
             opened("\u{feff}brake_percent, note,time_ms,speed_mps\r\n0,x,0,10\r\n50,,100,5\r\n\r\n100,,2500,0")
                 .unwrap();
+        let old = opened("time_s,speed_kmh,brake\r0.0,36,0\r0.1,18,0.5\r2.5,0,1\r").unwrap();
+        assert_eq!(old, ours, "lines that end in carriage returns");
         for (a, b) in ours.drives.iter().flatten().zip(theirs.drives.iter().flatten()) {
             let off = (a.at_s - b.at_s).abs() + (a.speed_kmh - b.speed_kmh).abs() + (a.pedal - b.pedal).abs();
             assert!(off < 1e-9, "{a:?} {b:?}");
@@ -358,6 +366,41 @@ mod tests {
         fs::write(&path, "time_s\tspeed_kmh\tbrake\n0\t36\t0\n").unwrap();
         let error = Pedal::open(&path).unwrap_err().to_string();
         assert!(error.contains("separated by commas"), "{error}");
+    }
+
+    #[test]
+    fn a_run_as_fast_as_it_was_answered_is_timed_by_the_simulators_clock() {
+        use lapwing_core::{
+            protocol::{Telemetry, Truth},
+            recording::{Item, RunFile, RunHeader, RunKind},
+            units::{Degrees, Mph, Throttle},
+        };
+        use std::time::Duration;
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("fast.mcap");
+        let started = "2026-11-27T12:00:00Z".parse().unwrap();
+        let header = RunHeader::new(RunKind::Driven, serde_json::json!({}), started);
+        let mut run = RunFile::create(&path, &header, Default::default()).unwrap();
+        // Ten times as fast as it was driven.
+        for i in 0..30 {
+            let (sim_time_s, brake) = (Some(f64::from(i) / 10.0), Some(0.5));
+            let telemetry = Telemetry {
+                steering: Degrees::ZERO,
+                throttle: Throttle::ZERO,
+                speed: Mph::ZERO,
+                image: Default::default(),
+                truth: Truth { sim_time_s, brake, ..Truth::default() },
+            };
+            let at = Duration::from_millis(10) * i;
+            run.write(at, Item::Telemetry(telemetry)).unwrap();
+            run.write(at, Item::Frame(vec![0xff, 0xd8, 0xff, 0xd9].into())).unwrap();
+        }
+        run.finish().unwrap();
+        let pedal = Pedal::open(&path).unwrap();
+        let [drive] = &pedal.drives[..] else { panic!("{} drives", pedal.drives.len()) };
+        assert_eq!(drive.len(), 30);
+        assert!((0..30).zip(drive).all(|(i, pressed)| (pressed.at_s - f64::from(i) / 10.0).abs() < 1e-9), "{drive:?}");
     }
 
     #[test]

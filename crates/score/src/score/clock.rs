@@ -20,7 +20,7 @@ const STANDS_S: f64 = 2.5;
 
 /// From stamps to the time of the run.
 #[derive(Debug, Clone, Default)]
-pub(super) struct RunClock {
+pub(crate) struct RunClock {
     /// Whether the stamps are the world's own time.
     is_world: bool,
     /// Where the count of the pace begins: a telemetry that reported another time than the one before.

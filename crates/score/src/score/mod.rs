@@ -47,6 +47,7 @@ mod thresholds;
 mod told;
 
 pub use card::{SCHEMA, Scorecard};
+pub(crate) use clock::RunClock;
 pub use drives::{DriveFound, OnRoad, RoadTried, Turned};
 pub use figure::{Better, Figure, SOURCES, Unit};
 pub use latency::{Latency, STAGES};
