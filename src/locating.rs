@@ -102,6 +102,14 @@ pub fn table_of(path: &Path, table: &Path, roads: &Roads) -> Result<LaneTable, L
     Ok(LaneTable::of(path, table, by_name(roads))?)
 }
 
+/// A table of places to hold against what is found ([`LocatedRecording::tell`]).
+///
+/// # Errors
+/// [`LocateError`]: what cannot be read, and a table of another recording.
+pub fn truth_of(path: &Path, table: &Path, roads: &Roads) -> Result<LaneTable, LocateError> {
+    Ok(LaneTable::of(path, table, by_name(roads)).map_err(LaneTableError::of_truth)?)
+}
+
 fn by_name(roads: &Roads) -> impl Fn(&str) -> Result<Track, TrackError> {
     |name| roads.track(name).ok_or_else(|| TrackError::Unknown { got: name.to_owned() })
 }
@@ -190,20 +198,18 @@ impl LocatedRecording {
 }
 
 impl LocatedRecording {
-    /// Takes a table of places as the truth, for moments of which the recording itself tells none. Returns how many of them
-    /// it puts on another road than the one found: those cannot be compared, and are left out.
+    /// Takes a table of places as the truth, before what the recording itself tells. Returns how many moments it puts on
+    /// another road than the one found: those cannot be compared, and are left out.
     pub fn tell(&mut self, truth: &LaneTable) -> usize {
         let told: HashMap<usize, (&Arc<Track>, Pose)> = truth.known().collect();
         let mut elsewhere = 0;
         for part in &self.parts {
             let road = part.on.as_ref().map(On::road);
-            for row in self.rows[part.rows.clone()].iter_mut().filter(|row| row.truth.is_none()) {
+            for row in &mut self.rows[part.rows.clone()] {
                 let Some((track, pose)) = told.get(&row.moment) else { continue };
-                if road.is_none_or(|road| road == track.file().name) {
-                    row.truth = Some(RowTruth::of_pose(*pose, track));
-                } else {
-                    elsewhere += 1;
-                }
+                let is_here = road.is_none_or(|road| road == track.file().name);
+                row.truth = is_here.then(|| RowTruth::of_pose(*pose, track));
+                elsewhere += usize::from(!is_here);
             }
         }
         elsewhere

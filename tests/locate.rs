@@ -156,6 +156,7 @@ fn a_truth_of_another_recording_is_refused() {
         run(&["record", "--track", track, "--out", track, "--max-time", longest_s]);
     }
     let (code, out, err) = run(&["locate", "lake", "--truth", "jungle/lane.csv"]);
-    let words = "expected the places of the 45 pictures of lake, got 30 rows of other moments";
+    let words = "expected the places of the 45 pictures of lake, got 30 rows of other moments: give the lane.csv that \
+                 `lapwing record` wrote beside this recording";
     assert!(code == 1 && out.is_empty() && err.contains(words), "{code}: {out}{err}");
 }

@@ -14,7 +14,7 @@ use crate::locating::network::look;
 use crate::{
     cli,
     known::Roads,
-    locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, table_of},
+    locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, truth_of},
 };
 use lapwing_core::{recording::CameraPosition, words::count};
 #[cfg(feature = "networks")]
@@ -29,7 +29,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     let roads = Roads::with(&arguments.tracks);
     #[cfg(feature = "networks")]
     let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
-    let truth = arguments.truth.as_ref().map(|path| table_of(&arguments.recording, path, &roads)).transpose()?;
+    let truth = arguments.truth.as_ref().map(|path| truth_of(&arguments.recording, path, &roads)).transpose()?;
     let of = |name: &str, camera: CameraPosition| -> anyhow::Result<LocatedRecording> {
         let mut found = located(&arguments.recording, camera, &roads)?;
         #[cfg(feature = "networks")]

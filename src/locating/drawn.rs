@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{LocateError, LocatedRecording, On, Part, network::ByNetwork, pictures::decoded};
-use lapwing_core::{perception::Frame, recording::Recording};
+use lapwing_core::{perception::Frame, recording::Recording, words};
 use lapwing_score::drawing::{
     Colour, LINE_PX, MARGIN, Point, Shape, Sheet,
     chart::{Axis, Chart, Marks, Series, stack},
@@ -143,6 +143,5 @@ fn chart(on: &On, part: &Part, network: Option<&ByNetwork>) -> Chart {
     }
     let x = Axis::new("metres along the road").from_to(0.0, length_m);
     let y = Axis::new(OFFSET);
-    let reversed = if on.reversed { ", the other way round" } else { "" };
-    Chart { series, ..Chart::new(format!("How the car weaved: {}{reversed}", on.road()), x, y) }
+    Chart { series, ..Chart::new(format!("How the car weaved: {}", words::road(on.road(), on.reversed)), x, y) }
 }

@@ -99,7 +99,7 @@ pub struct NetworkSummary {
     pub unsure: Option<[f64; 2]>,
     /// If the road is known: how it agrees with the drawn one.
     pub agreement: Option<Agreement>,
-    /// If the recording tells its place: how wrong what was seen is.
+    /// If the recording or a table tells its place: how wrong what was seen is.
     pub against_truth: Option<AgainstTruth>,
     /// If the side cameras' pictures were looked at.
     pub sides: Option<Sides>,

@@ -35,7 +35,7 @@ pub struct Row {
     pub steered_rad: f64,
     /// Why it does not continue from there.
     pub broken: Option<Break>,
-    /// What the recording itself tells of the place.
+    /// What the recording itself tells of the place, or the table that was given.
     pub truth: Option<RowTruth>,
 }
 

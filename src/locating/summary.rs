@@ -5,7 +5,10 @@ use std::{fmt, ops::Range};
 use serde::Serialize;
 
 use super::{Car, Laps, LocatedRecording, On, Part, Row, network::NetworkSummary};
-use lapwing_core::{motion::around, words::count};
+use lapwing_core::{
+    motion::around,
+    words::{self, count},
+};
 use lapwing_sim::{camera::Camera, locate::Located};
 
 /// Numbers around a middle.
@@ -77,7 +80,7 @@ pub struct Placed {
     pub unsure: Option<[f64; 3]>,
     /// Moments whose place is not known, as the first and the last of each run of them.
     pub not_seen: Vec<(usize, usize)>,
-    /// If the recording tells its place: how wrong what was found is.
+    /// If the recording or a table tells its place: how wrong what was found is.
     pub against_truth: Option<AgainstTruth>,
     /// If the side cameras were located.
     pub sides: Option<Sides>,
@@ -331,8 +334,8 @@ impl fmt::Display for PartSummary {
             write!(f, "\nmoments {first} to {last}: {pictures}, {:.0} m, on no known road{why}", self.way_m)?;
             return self.network.as_ref().map_or(Ok(()), |network| write!(f, "{network}"));
         };
-        let reversed = if on.reversed { ", the other way round" } else { "" };
-        write!(f, "\n{}{reversed}: moments {first} to {last}, {pictures}, {:.0} m", on.track, self.way_m)?;
+        let road = words::road(&on.track, on.reversed);
+        write!(f, "\n{road}: moments {first} to {last}, {pictures}, {:.0} m", self.way_m)?;
         let mut line = |label: &str, what: String| write!(f, "\n  {label:<12} {what}");
         line("located", format!("{:.1} % of them, {:.2} laps", 100.0 * on.located, on.laps))?;
         self.unknown.as_ref().map_or(Ok(()), |why| line("", why.clone()))?;

@@ -90,19 +90,41 @@ fn of_joined_drives_those_are_named_that_a_keyboard_steered_whose_release_is_at_
     assert!(summary.to_string().contains("\nsteered by keyboard, moments 3 to 4: when a key is released"), "{summary}");
 }
 
+/// A table that puts moment 0 on a road, 0.75 m right of the lane's middle.
+fn told_of_one(road: &str) -> LaneTable {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("lane.csv");
+    let track = Track::open(road).unwrap();
+    let pose = Pose::from_lane(&track, 9.0, false, 0.75, 0.0);
+    std::fs::write(&path, table::heading() + &table::line(0, 0.1, &track, Some(pose))).unwrap();
+    LaneTable::read(&path, Track::open).unwrap()
+}
+
 #[test]
 fn a_truth_on_another_road_than_the_one_found_is_left_out_and_counted() {
-    let dir = tempfile::tempdir().unwrap();
     let told = |road: &str, found: &str| {
-        let track = Track::open(road).unwrap();
-        let path = dir.path().join("lane.csv");
-        let text = table::heading() + &table::line(0, 0.1, &track, Some(Pose::default()));
-        std::fs::write(&path, text).unwrap();
-        let truth = LaneTable::read(&path, Track::open).unwrap();
         let mut found = recording(&[(Some(found), 1)]);
-        let elsewhere = found.tell(&truth);
+        let elsewhere = found.tell(&told_of_one(road));
         (elsewhere, found.rows[0].truth.is_some())
     };
     assert_eq!(told("lake", "lake"), (0, true));
     assert_eq!(told("jungle", "lake"), (1, false));
+}
+
+#[test]
+fn a_table_is_the_truth_even_where_the_recording_itself_tells_its_place() {
+    let told = |road: &str| {
+        let mut found = recording(&[(Some("lake"), 2)]);
+        for (i, row) in found.rows.iter_mut().enumerate() {
+            row.moment = i;
+            row.truth = Some(RowTruth { offset_m: 0.25, heading_deg: None, position: None });
+        }
+        let elsewhere = found.tell(&told_of_one(road));
+        let offsets_m: Vec<_> = found.rows.iter().map(|row| row.truth.map(|truth| truth.offset_m)).collect();
+        (elsewhere, offsets_m)
+    };
+    let (elsewhere, offsets_m) = told("lake");
+    assert!((offsets_m[0].unwrap() - 0.75).abs() < 1e-3, "{offsets_m:?}");
+    assert_eq!((elsewhere, offsets_m[1]), (0, Some(0.25)), "the table does not tell of the second");
+    assert_eq!(told("jungle"), (1, vec![None, Some(0.25)]));
 }

@@ -23,7 +23,7 @@ pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
         print(&serde_json::to_string_pretty(&converted)?)?;
         return Ok(Ended::Passed);
     }
-    let Converted { rows, without_picture, side_pictures, truncated } = converted;
+    let Converted { rows, without_picture, side_pictures, seams, truncated } = converted;
     print(&format!("{}, in {}", count(rows, "row"), target.display()))?;
     if without_picture > 0 {
         say!("left out: {} whose picture was not recorded", count(without_picture, "telemetry"));
@@ -32,6 +32,12 @@ pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
         say!(
             "left out: {} of the side cameras, because a run has only the centre camera",
             count(side_pictures, "picture")
+        );
+    }
+    if seams > 0 {
+        say!(
+            "the folder has {} in time, as between two drives, where a human took over or the car was put back",
+            count(seams, "gap")
         );
     }
     if let Some(truncated) = truncated {

@@ -4,11 +4,14 @@
 //! |---|---|
 //! | picture of the centre camera | frame, the same bytes |
 //! | pictures of the sides | nothing: a run has the centre camera only |
-//! | steering, throttle, speed | telemetry: what was in effect |
+//! | steering, throttle, speed | telemetry |
 //! | brake | the telemetry's ground truth |
-//! | all of them | a command by a human; from run to folder it is ignored |
+//! | steering, throttle less brake | the command that answers the picture, by a human |
 //! | time in the picture's name | time of the item, to the millisecond |
 //! | a jump in that time | the event `break`; from run to folder any break of the run ([`Break`]) becomes a jump |
+//!
+//! From run to folder, steering, throttle and brake are those of the command: what telemetry reports was decided one
+//! picture earlier. They are the telemetry's where nobody answered, and in a run made of a folder, whose rows it holds.
 
 use std::{fs, io, ops::ControlFlow, path::Path, time::Duration};
 
@@ -18,8 +21,10 @@ use super::DatasetError;
 use lapwing_core::{
     recording::udacity::{DrivingLog, DrivingLogWriter, NewRow},
     recording::{
-        Break, LONGEST_GAP, Moment, Picture, Recorder, RecorderOptions, Recording, RecordingError, is_run_name,
+        Break, By, LONGEST_GAP, Moment, Picture, Recorder, RecorderOptions, Recording, RecordingError, RunKind,
+        is_run_name,
     },
+    units::{Steering, Throttle},
     words::count,
 };
 
@@ -35,6 +40,8 @@ pub struct Converted {
     pub without_picture: u64,
     /// Pictures of the side cameras left out.
     pub side_pictures: u64,
+    /// Where a human took over or the car was put back in the run: the folder has a gap in time there.
+    pub seams: u64,
     /// Where the run is cut off; nothing after that is converted.
     pub truncated: Option<String>,
 }
@@ -42,9 +49,9 @@ pub struct Converted {
 /// Converts a Udacity folder to a run, or a run to a Udacity folder, depending on `source`. `target` is a file that
 /// ends in `.mcap`, or a folder, and must not exist (except as an empty folder). Pictures are copied byte for byte.
 ///
-/// The labels of a folder made from a run are the values in effect, as the simulator reported them: those that its own
-/// recorder would have written, whoever steered. `progress` is told after each row how many are done, and of how many
-/// if that is known, and may stop the conversion.
+/// The labels of a folder made from a run are those of the run: what each picture was answered with, as `lapwing
+/// record` writes it, whoever steered. Where nobody answered they are what was in effect, as the simulator reported it.
+/// `progress` is told after each row how many are done, and of how many if that is known, and may stop the conversion.
 ///
 /// # Errors
 /// [`DatasetError`] if the conversion was stopped, the target exists or is of the wrong kind, a picture cannot be read
@@ -117,6 +124,7 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
 
 fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<Converted, DatasetError> {
     let total = run.left();
+    let kind = run.header().kind;
     let began = run.header().started.to_zoned(TimeZone::system()).datetime();
     let was_there = target.exists();
     let result = DrivingLogWriter::create(target, began).map_err(DatasetError::from).and_then(|mut log| {
@@ -130,7 +138,9 @@ fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<C
                 log.cut();
             }
             last = moment.at;
-            if write(&moment, &mut log)? {
+            let is_seam = matches!(moment.broken, Some(Break::TakenOver | Break::PutBack));
+            converted.seams += u64::from(is_seam && converted.rows > 0);
+            if write(&moment, kind, &mut log)? {
                 converted.rows += 1;
             } else {
                 converted.without_picture += 1;
@@ -161,20 +171,27 @@ fn go_on(progress: ControlFlow<()>, target: &Path) -> Result<(), DatasetError> {
     }
 }
 
-/// Writes a moment if it has a picture, and returns whether it has.
-fn write(moment: &Moment, log: &mut DrivingLogWriter) -> Result<bool, RecordingError> {
+/// Writes a moment of such a run if it has a picture, and returns whether it has.
+fn write(moment: &Moment, kind: RunKind, log: &mut DrivingLogWriter) -> Result<bool, RecordingError> {
     let Moment { at, telemetry, pictures: [Some(Picture::Jpeg(center)), ..], .. } = moment else { return Ok(false) };
-    log.row(&NewRow {
-        at: *at,
-        center,
-        left: None,
-        right: None,
-        steering: telemetry.steering.steering(),
-        throttle: telemetry.throttle,
-        brake: telemetry.truth.brake.unwrap_or(0.0),
-        speed: telemetry.speed,
-    })?;
+    let (steering, throttle, brake) = driven(moment, kind);
+    let speed = telemetry.speed;
+    log.row(&NewRow { at: *at, center, left: None, right: None, steering, throttle, brake, speed })?;
     Ok(true)
+}
+
+/// Steering, throttle and brake from a moment of such a run on.
+fn driven(moment: &Moment, kind: RunKind) -> (Steering, Throttle, f64) {
+    // In a run made of a log, telemetry and command are of the same row, and only the telemetry has the brake apart.
+    match &moment.command {
+        Some(command) if command.by != By::Off && kind != RunKind::DrivingLog => {
+            (command.steering, command.throttle, (-command.throttle.get()).max(0.0))
+        }
+        _ => {
+            let telemetry = &moment.telemetry;
+            (telemetry.steering.steering(), telemetry.throttle, telemetry.truth.brake.unwrap_or(0.0))
+        }
+    }
 }
 
 #[cfg(test)]

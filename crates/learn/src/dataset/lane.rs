@@ -190,7 +190,7 @@ mod tests {
             fs::write(&lane, other).unwrap();
             let selection = Selection { lane: Some(lane.clone()), ..Selection::of(&folder) };
             let error = Samples::open(&[selection], Set::Training, None, &Balance::default()).unwrap_err().to_string();
-            assert!(error.contains("rows of other moments: make it again with lapwing locate --csv"), "{error}");
+            assert!(error.contains("rows of other moments: make it again with `lapwing locate --csv`"), "{error}");
         }
     }
 

@@ -19,6 +19,11 @@ pub const COLUMNS: [&str; 7] = ["moment", "at_s", "track", "reversed", "place_m"
 /// Times since the first row may differ by so many seconds, which is less than there is between two pictures.
 const SAME_TIME_S: f64 = 0.05;
 
+/// What to do about a table of another recording.
+const MAKE_AGAIN: &str = "make it again with `lapwing locate --csv`";
+/// The same, if it is to be the truth, which `lapwing locate` only estimates.
+const FIND_TRUTH: &str = "give the lane.csv that `lapwing record` wrote beside this recording";
+
 /// A table that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LaneTableError {
@@ -75,8 +80,7 @@ pub enum LaneTableError {
     Recording(Box<RecordingError>),
     /// A table that was made of another recording.
     #[error(
-        "{}: expected the places of the {pictures} pictures of {}, got {rows} rows of other moments: make it again with \
-         lapwing locate --csv",
+        "{}: expected the places of the {pictures} pictures of {}, got {rows} rows of other moments: {help}",
         path.display(), recording.display()
     )]
     OtherRecording {
@@ -88,7 +92,19 @@ pub enum LaneTableError {
         pictures: usize,
         /// Rows of the table.
         rows: usize,
+        /// What to do.
+        help: &'static str,
     },
+}
+
+impl LaneTableError {
+    /// The same, of a table that was given as the truth.
+    pub fn of_truth(mut self) -> Self {
+        if let Self::OtherRecording { help, .. } = &mut self {
+            *help = FIND_TRUTH;
+        }
+        self
+    }
 }
 
 impl From<RecordingError> for LaneTableError {
@@ -177,7 +193,7 @@ impl LaneTable {
             return Ok(table);
         }
         let (path, recording, rows) = (path.to_owned(), recording.to_owned(), table.rows.len());
-        Err(LaneTableError::OtherRecording { path, recording, pictures: pictures.len(), rows })
+        Err(LaneTableError::OtherRecording { path, recording, pictures: pictures.len(), rows, help: MAKE_AGAIN })
     }
 
     /// The roads, that of most pictures first.

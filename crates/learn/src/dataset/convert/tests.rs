@@ -7,7 +7,11 @@ use super::{
     },
     *,
 };
-use lapwing_core::units::{Mph, Steering, Throttle};
+use lapwing_core::{
+    protocol::Telemetry,
+    recording::{CommandRecord, EventRecord, Item, RunHeader},
+    units::Mph,
+};
 
 fn error(source: &Path, target: &Path) -> String {
     convert(source, target, &mut |_, _| ControlFlow::Continue(())).unwrap_err().to_string()
@@ -64,7 +68,60 @@ fn what_a_folder_says_was_steered_is_a_humans_command_in_the_run() {
 }
 
 #[test]
-fn the_labels_of_a_runs_folder_are_what_was_in_effect_and_rows_without_picture_are_left_out() {
+fn a_run_its_folder_and_the_run_made_of_that_have_the_labels_that_answer_the_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let [run, target, back] = ["a.mcap", "drive", "b.mcap"].map(|name| dir.path().join(name));
+    let human = CommandRecord::of_human(Steering::new(0.5).unwrap(), Throttle::new(-0.75).unwrap());
+    let pilot = CommandRecord { by: By::Pilot, ..human };
+    record(&run, &[Some(jpeg(0)), Some(jpeg(1))], Some(&pilot));
+    converted(&run, &target);
+    converted(&target, &back);
+    for path in [&run, &target, &back] {
+        let rows = Source::open(path).unwrap().rows;
+        let labels: Vec<_> = rows.iter().map(|row| (row.steering.get(), row.acceleration)).collect();
+        assert_eq!(labels, [(0.5, -0.75); 2], "{}", path.display());
+    }
+    let row = &DrivingLog::open(&target).unwrap().rows[1];
+    assert_eq!((row.throttle.get(), row.brake), (0.0, 0.75));
+}
+
+#[test]
+fn a_safe_answer_is_what_was_driven_and_that_of_a_pilot_that_is_off_is_not() {
+    let dir = tempfile::tempdir().unwrap();
+    for (by, expected) in [(By::Safe, (0.5, 0.0, 0.75)), (By::Off, (-0.2, 0.25, 0.0))] {
+        let [run, target] = ["mcap", "drive"].map(|ending| dir.path().join(format!("{by:?}.{ending}")));
+        let human = CommandRecord::of_human(Steering::new(0.5).unwrap(), Throttle::new(-0.75).unwrap());
+        record(&run, &[Some(jpeg(0))], Some(&CommandRecord { by, ..human }));
+        converted(&run, &target);
+        let row = &DrivingLog::open(&target).unwrap().rows[0];
+        assert_eq!((row.steering.get(), row.throttle.get(), row.brake), expected, "{by:?}");
+    }
+}
+
+#[test]
+fn where_a_human_took_over_or_the_car_was_put_back_the_folder_has_a_seam_that_is_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let (run, target) = (dir.path().join("a.mcap"), dir.path().join("drive"));
+    let header = RunHeader::new(RunKind::Driven, serde_json::Value::Null, jiff::Timestamp::UNIX_EPOCH);
+    let recorder = Recorder::create_file(&run, header, RecorderOptions::default()).unwrap();
+    let events = [None, Some(EventRecord::TakeoverBegan), None, Some(EventRecord::Reset { waypoint: 0 })];
+    for (i, event) in events.into_iter().enumerate() {
+        let at = Duration::from_millis(100 * i as u64);
+        let telemetry: Telemetry =
+            serde_json::from_str(r#"{"steering_deg":-5,"throttle":0.25,"speed_mph":9}"#).unwrap();
+        let rest = [Item::Telemetry(telemetry), Item::Frame(jpeg(i).into())];
+        event.map(Item::Event).into_iter().chain(rest).for_each(|item| recorder.record(at, item));
+    }
+    assert!(recorder.finish().error.is_none());
+    let counts = converted(&run, &target);
+    assert_eq!((counts.rows, counts.without_picture, counts.seams), (4, 0, 2));
+    let rows = DrivingLog::open(&target).unwrap().rows;
+    let gaps: Vec<_> = rows.iter().map(|row| row.broken.is_some()).collect();
+    assert_eq!(gaps, [false, true, false, true]);
+}
+
+#[test]
+fn where_nobody_answered_labels_are_what_was_in_effect_and_rows_without_picture_are_left_out() {
     let dir = tempfile::tempdir().unwrap();
     let (run, target) = (dir.path().join("a.mcap"), dir.path().join("drive"));
     record(&run, &[Some(jpeg(0)), None, Some(jpeg(2))], None);
