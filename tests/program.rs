@@ -202,6 +202,23 @@ fn a_closed_loop_in_which_no_network_saw_a_frame_fails_unless_that_is_allowed() 
     assert_eq!(code, 0, "{out}{err}");
 }
 
+#[test]
+fn a_run_along_a_recording_says_its_rules_and_its_pace_apart_from_its_frame_rate() {
+    let dir = tempfile::tempdir().unwrap();
+    let runs = dir.path().to_str().unwrap();
+    let along = ["replay", RUN, "--closed-loop", "--json", "--recordings", runs];
+    let rules = ["--from-path", "--limit", "0.3", "--rows", "0..60"];
+    let (code, out, err) = said(&lapwing(&[&along[..], &rules[..]].concat()));
+    assert_eq!(code, 0, "{out}{err}");
+    assert_eq!(out.matches("\"frames_per_s\": ").count(), 1, "{out}");
+    assert!(out.contains("\"times_real_time\": "), "{out}");
+    let (code, out, err) = said(&lapwing(&["score", runs, "--json"]));
+    assert_eq!(code, 0, "{out}{err}");
+    let scored: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let expected = "lake (recorded), limit 0.3 m, dave2, from the recorded path, rows 0..60";
+    assert_eq!(scored["runs"][0]["setting"], expected, "{scored}");
+}
+
 const NULL: serde_json::Value = serde_json::Value::Null;
 
 #[test]

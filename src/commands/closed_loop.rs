@@ -33,7 +33,7 @@ use lapwing_core::{
 };
 use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
-use lapwing_score::score;
+use lapwing_score::score::{self, Figure};
 use lapwing_sim::{
     along::{ClosedLoopError, Limit, Measured, Protocol, RecordedWorld, Sights, Sources, Yaw},
     locate::LocatedDrive,
@@ -86,6 +86,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             "limit": limit.key(),
             "limit_m": limit.metres(),
             "protocol": protocol.key(),
+            "from_path": arguments.from_path,
             "by_steering": arguments.by_steering,
             "gearing": gearing,
             "rows": arguments.rows.as_ref().map(|rows| [rows.start, rows.end]),
@@ -112,7 +113,6 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         judged.with_context(|| source.clone())?;
     let filmed = film.map_or(Ok(()), |film| film.film.finish());
     let missed = score::missed(&settings.thresholds, &card);
-    let frames_per_s = frames as f64 / wall.as_secs_f64().max(1e-9);
     let Sources { lane, pictures, steering } = world.sources();
     let Sights { recorded, apart_m, filled: (filled, filled_most), .. } = *world.sights();
     let [apart_m, filled_mean] = [apart_m, filled].map(|sum| sum / f64::from(recorded.max(1)));
@@ -133,7 +133,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             filled_mean,
             filled_most,
             fingerprint: &fingerprint,
-            frames_per_s,
+            times_real_time: card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9),
             run,
         };
         let (limit, limit_m) = (limit.key(), limit.metres());
@@ -159,8 +159,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         text += &line(
             "frames",
             format!(
-                "{frames} in {:.1} s, {frames_per_s:.0}/s{unseen}; the car is stationary in {stood} of {read}",
-                wall.as_secs_f64()
+                "{frames} in {:.1} s, {:.0}/s{unseen}; the car is stationary in {stood} of {read}",
+                wall.as_secs_f64(),
+                frames as f64 / wall.as_secs_f64().max(1e-9)
             ),
         );
         let turning =

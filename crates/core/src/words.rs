@@ -10,6 +10,11 @@ pub fn count(n: impl TryInto<u64>, what: &str) -> String {
     }
 }
 
+/// A road's name, and the way round if that is not its own: `lake`, `lake, the other way round`.
+pub fn road(name: &str, reversed: bool) -> String {
+    format!("{name}{}", if reversed { ", the other way round" } else { "" })
+}
+
 /// The first five, and how many more there are.
 pub fn first_five(mut all: Vec<String>) -> Vec<String> {
     let more = all.len().saturating_sub(5);

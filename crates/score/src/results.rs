@@ -123,8 +123,8 @@ pub struct AlongRows<'a> {
     pub filled_most: f64,
     /// SHA-256 over all frames and commands.
     pub fingerprint: &'a str,
-    /// Frames per second of real time.
-    pub frames_per_s: f64,
+    /// Seconds driven per second of real time.
+    pub times_real_time: f64,
     /// The run's file, if one was recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
@@ -146,8 +146,76 @@ pub struct Replayed<'a> {
 
 #[cfg(test)]
 mod tests {
+    use std::{collections::BTreeSet, time::Duration};
+
     use super::*;
     use crate::score::Scorer;
+
+    /// The keys that an object in this JSON has twice.
+    fn twice(result: &impl Serialize) -> Vec<String> {
+        let text = serde_json::to_string_pretty(result).unwrap();
+        let (mut open, mut twice): (Vec<BTreeSet<String>>, _) = (vec![], vec![]);
+        for line in text.lines().map(str::trim_start) {
+            let key = line.strip_prefix('"').and_then(|line| line.split_once("\": "));
+            if let (Some((key, _)), Some(keys)) = (key, open.last_mut()) {
+                twice.extend((!keys.insert(key.to_owned())).then(|| key.to_owned()));
+            }
+            if line.ends_with(['{', '[']) {
+                open.push(BTreeSet::new());
+            }
+            if line.starts_with(['}', ']']) {
+                open.pop();
+            }
+        }
+        twice
+    }
+
+    #[test]
+    fn no_result_has_a_key_twice() {
+        let (card, missed) = (Scorer::default().finish(), ["a".to_owned()]);
+        let (frames, fingerprint, times_real_time, run) = (3, "ff", 2.0, Some("r.mcap".to_owned()));
+        let seen =
+            Seen { moments: 1, covered: 1.0, recorded: 1, drawn: 0, apart_m: 0.0, filled_mean: 0.0, filled_most: 0.0 };
+        let how = InProcess { frames, fingerprint, times_real_time, seen: Some(seen), run: run.clone() };
+        let who = Simulated { pilot: "p", seed: 1 };
+        assert_eq!(twice(&ScoredDrive { who, card: &card, how, missed: &missed }), [""; 0]);
+        let who = Bridged { driver: "d", seed: 1 };
+        assert_eq!(twice(&ScoredDrive { who, card: &card, how: (), missed: &missed }), [""; 0]);
+        let how = AlongRows {
+            frames,
+            unseen_frames: 0,
+            rows_read: 3,
+            rows_standing: 0,
+            turned_by_lane: 0,
+            turned_by_pictures: 3,
+            turned_by_steering: 0,
+            gearing: 1.0,
+            of_another_lap: 0,
+            apart_m: 0.0,
+            filled_mean: 0.0,
+            filled_most: 0.0,
+            fingerprint,
+            times_real_time,
+            run,
+        };
+        let who = Along { pilot: "p", source: "s", limit: "metres", limit_m: 1.0, protocol: "dave2" };
+        assert_eq!(twice(&ScoredDrive { who, card: &card, how, missed: &missed }), [""; 0]);
+        let report = ReplayReport::new(("s".into(), "d".into()), &[], (0, None), (&[], Duration::ZERO));
+        assert_eq!(twice(&Replayed { report: &report, card, golden: None }), [""; 0]);
+        assert_eq!(twice(&[Both { frames, how: Frames { frames } }]), ["frames"], "they are found");
+    }
+
+    #[derive(Serialize)]
+    struct Frames {
+        frames: u64,
+    }
+
+    #[derive(Serialize)]
+    struct Both {
+        frames: u64,
+        #[serde(flatten)]
+        how: Frames,
+    }
 
     #[test]
     fn keys_stand_in_the_order_of_who_what_it_was_worth_and_how() {

@@ -24,6 +24,7 @@ use lapwing_core::motion::turn;
 
 pub use filter::{EXPLAINED, Filter, Milestone, Whereabouts};
 pub use finder::{BENDS_M, Found, Leg, SURE, Tried, both_ways, find, joins};
+pub use lapwing_core::words::road as words;
 pub use look::Look;
 pub use matcher::{Match, Matcher, STEP_M};
 pub use revisits::{BEGINNING_M, EVERY_M, laps};
@@ -95,11 +96,6 @@ impl Road {
         let part = place - i as f64;
         self.headings[i] * (1.0 - part) + self.headings[i + 1] * part + laps * (last - first)
     }
-}
-
-/// A road's name, and the way round if that is not its own.
-pub fn words(road: &str, reversed: bool) -> String {
-    format!("{road}{}", if reversed { ", the other way round" } else { "" })
 }
 
 #[cfg(test)]

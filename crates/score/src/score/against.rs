@@ -109,15 +109,47 @@ pub struct Comparison {
     pub new: Vec<String>,
 }
 
-/// What runs must have in common to be compared: the track, whether its pictures were recorded or drawn, the scenario, and
-/// the speed that was asked for, as far as the run reports them. Weather and seeds may differ.
+/// What runs must have in common to be compared: the track, whether its pictures were recorded or drawn, the scenario,
+/// and the speed that was asked for, to 0.01 mph; of a drive along a recording, which goes at the recorded speed, the
+/// rules in place of the speed. All that as far as the run reports it. Weather and seeds may differ.
 pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
-    // `drive` stores the settings beside the world; `serve` stores nothing else.
-    let settings = header.config.get("settings").unwrap_or(&header.config);
-    let mph = settings.pointer("/control/speed_mph").and_then(Value::as_f64).map(|mph| format!("{mph} mph"));
     let track = card.road().unwrap_or_else(|| UNKNOWN.to_owned());
     let recorded = is_in_recorded_pictures(header).then(|| RECORDED.to_owned());
-    [Some(track), recorded, card.scenario.clone(), mph].into_iter().flatten().collect::<Vec<_>>().join(", ")
+    let mut parts: Vec<String> = [Some(track), recorded, card.scenario.clone()].into_iter().flatten().collect();
+    match header.config.get("world").filter(|world| world.get("closed_loop_on").is_some()) {
+        Some(world) => parts.extend(rules_along(world)),
+        None => parts.extend(asked_mph(header)),
+    }
+    parts.join(", ")
+}
+
+/// The speed that was asked for.
+fn asked_mph(header: &RunHeader) -> Option<String> {
+    // `drive` stores the settings beside the world; `serve` stores nothing else.
+    let settings = header.config.get("settings").unwrap_or(&header.config);
+    let mph = settings.pointer("/control/speed_mph").and_then(Value::as_f64)?;
+    Some(format!("{} mph", (100.0 * mph).round() / 100.0))
+}
+
+/// The rules of a drive along a recording: where the car is put back, how the drive goes on, what it is measured from,
+/// and which rows were driven, if not all. Earlier versions stored fewer of them.
+fn rules_along(world: &Value) -> impl Iterator<Item = String> {
+    let text = |key: &str| world.get(key).and_then(Value::as_str);
+    let is = |key: &str| world.get(key).and_then(Value::as_bool).unwrap_or(false);
+    let limit = match text("limit") {
+        Some("road") => Some("limit road".to_owned()),
+        _ => world.get("limit_m").and_then(Value::as_f64).map(|metres| format!("limit {metres} m")),
+    };
+    let row = |place: &str| world.pointer(place).and_then(Value::as_u64);
+    let rows = row("/rows/0").zip(row("/rows/1")).map(|(first, end)| format!("rows {first}..{end}"));
+    let rules = [
+        limit,
+        text("protocol").map(str::to_owned),
+        is("from_path").then(|| "from the recorded path".to_owned()),
+        is("by_steering").then(|| "turned by steering".to_owned()),
+        rows,
+    ];
+    rules.into_iter().flatten()
 }
 
 const UNKNOWN: &str = "unknown track";
@@ -291,6 +323,40 @@ mod tests {
         let recorded = run(serde_json::json!(["data/lake"]));
         assert_eq!(recorded, ["lake, in recorded pictures", "run.mcap on lake, in recorded pictures"]);
         assert_eq!(run(Value::Null), ["lake", "run.mcap on lake"]);
+    }
+
+    fn setting_of(config: Value) -> String {
+        let header = RunHeader::new(RunKind::RecordedPath, config, "2026-11-26T12:00:00Z".parse().unwrap());
+        setting(&header, &card("lake", 1.0))
+    }
+
+    #[test]
+    fn a_drive_along_a_recording_has_its_rules_in_its_setting_and_no_speed() {
+        let along = |world: Value| {
+            let settings = serde_json::json!({ "control": { "speed_mph": 9.0 } });
+            setting_of(serde_json::json!({ "settings": settings, "world": world }))
+        };
+        let on_rows = serde_json::json!({
+            "closed_loop_on": "lake", "limit": "metres", "limit_m": 0.3, "protocol": "dave2",
+            "from_path": false, "by_steering": false, "rows": [1000, 1300],
+        });
+        assert_eq!(along(on_rows), "lake, limit 0.3 m, dave2, rows 1000..1300");
+        let from_path = serde_json::json!({
+            "closed_loop_on": "lake", "limit": "metres", "limit_m": 2.0, "protocol": "rally-estonia",
+            "from_path": true, "by_steering": true, "rows": null,
+        });
+        let expected = "lake, limit 2 m, rally-estonia, from the recorded path, turned by steering";
+        assert_eq!(along(from_path), expected);
+        let at_the_edge = serde_json::json!({ "closed_loop_on": "lake", "limit": "road", "limit_m": 1.0 });
+        assert_eq!(along(at_the_edge), "lake, limit road");
+        assert_eq!(along(serde_json::json!({ "closed_loop_on": "lake" })), "lake", "an earlier version's run");
+    }
+
+    #[test]
+    fn a_speed_in_a_setting_has_two_decimals_at_most() {
+        for (mph, expected) in [(24.854_847_689_493_358, "lake, 24.85 mph"), (20.0, "lake, 20 mph")] {
+            assert_eq!(setting_of(serde_json::json!({ "control": { "speed_mph": mph } })), expected);
+        }
     }
 
     #[test]

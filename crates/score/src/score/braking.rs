@@ -1,8 +1,8 @@
 //! Braking for obstacles: avoided or not, impact speed, closest approach, and false alarms.
 //!
 //! A *braking situation* is a stretch of a run in which the world reports a time to collision below [`COURSE_S`]. It
-//! ends with an impact, or once no such time was reported for [`APART_S`]. One that the run's end cuts short is not
-//! judged.
+//! ends with an impact, or once no such time was reported for [`APART_S`]; then it counts as avoided,
+//! unless something is hit before the car drives on. One that the run's end cuts short is not judged.
 
 use super::{
     Figure, Measure,
@@ -24,11 +24,14 @@ const APART_S: f64 = 1.0;
 /// A throttle of this or less is emergency braking. An emergency brake is full, -1; the default PI controller asks for
 /// this much only at 8 mph over its speed.
 const EMERGENCY: f64 = -0.8;
+/// A car this much faster than it was at its slowest drives on, in mph.
+const DRIVES_ON_MPH: f64 = 1.0;
 
 const NO_SCENARIO: &str = "no scenario asked for braking";
 const NOT_TOLD: &str = "the run reports no time to collision: only drives with a scenario do";
 const NOT_MET: &str = "nothing came onto a collision course, or the run ended first";
 const NOT_HIT: &str = "nothing was hit";
+const NOT_ON_COURSE: &str = "what was hit was not on a collision course";
 const NOT_MEASURED: &str = "the run reports that something was hit, not how fast";
 const CLEAR: &str = "nothing was within a minute of a collision";
 
@@ -40,7 +43,11 @@ pub(super) struct Braking {
     /// The shortest time to collision, if one is reported.
     least_s: Option<f64>,
     situation: Option<Situation>,
+    /// The last situation, if it was avoided and the car has not driven on since.
+    past: Option<Situation>,
     avoided: u32,
+    /// Hits outside all situations.
+    elsewhere: u32,
     impacts_mph: Vec<f64>,
     /// Hits that nobody measured.
     unmeasured: u32,
@@ -74,9 +81,10 @@ pub(super) struct Known {
 impl Braking {
     pub(super) fn telemetry(&mut self, at_s: f64, speed: Mph, truth: &Truth) {
         (self.at_s, self.mph) = (at_s, speed.get());
-        if let Some(situation) = &mut self.situation {
+        for situation in [&mut self.situation, &mut self.past].into_iter().flatten() {
             situation.least_mph = situation.least_mph.min(self.mph);
         }
+        self.past = self.past.take().filter(|past| speed.get() <= past.least_mph + DRIVES_ON_MPH);
         let Some(until_s) = truth.time_to_collision_s.filter(|s| s.is_finite()) else { return };
         let until_s = until_s.clamp(0.0, Truth::CLEAR_S);
         self.least_s = Some(self.least_s.map_or(until_s, |least| least.min(until_s)));
@@ -84,6 +92,7 @@ impl Braking {
         if until_s < COURSE_S {
             let new = || Situation { start_mph: mph, least_mph: mph, last_s: at_s, hit: false };
             self.situation.get_or_insert_with(new).last_s = at_s;
+            self.past = None;
         } else if self.situation.as_ref().is_some_and(|situation| at_s - situation.last_s >= APART_S) {
             self.end_situation();
         }
@@ -112,24 +121,40 @@ impl Braking {
         self.unmeasured += u32::from(self.strike(self.mph));
     }
 
-    /// The car hits the situation's obstacle at `own_mph`; returns whether that is its first hit.
+    /// The car hits the situation's obstacle at `own_mph`; returns whether that is its first hit. A situation that
+    /// seemed avoided was not if the car has not driven on since.
     fn strike(&mut self, own_mph: f64) -> bool {
-        let Some(situation) = self.situation.as_mut().filter(|situation| !situation.hit) else { return false };
-        situation.hit = true;
+        let start_mph = match (&mut self.situation, self.past.take()) {
+            (Some(situation), _) if situation.hit => return false,
+            (Some(situation), _) => {
+                situation.hit = true;
+                situation.start_mph
+            }
+            (None, Some(past)) => {
+                self.avoided -= 1;
+                self.reductions_mph.pop(); // its own: none began since
+                past.start_mph
+            }
+            (None, None) => {
+                self.elsewhere += 1;
+                return false;
+            }
+        };
         self.least_s = Some(0.0);
-        self.reductions_mph.push((situation.start_mph - own_mph).max(0.0));
+        self.reductions_mph.push((start_mph - own_mph).max(0.0));
         true
     }
 
     /// The car was put elsewhere: what it was heading for is no longer ahead.
     pub(super) fn put(&mut self) {
-        self.situation = None;
+        (self.situation, self.past) = (None, None);
     }
 
     fn end_situation(&mut self) {
-        if let Some(Situation { start_mph, least_mph, hit: false, .. }) = self.situation.take() {
+        if let Some(situation) = self.situation.take().filter(|situation| !situation.hit) {
             self.avoided += 1;
-            self.reductions_mph.push(start_mph - least_mph);
+            self.reductions_mph.push(situation.start_mph - situation.least_mph);
+            self.past = Some(situation);
         }
     }
 
@@ -151,6 +176,7 @@ impl Braking {
             (false, _) => (NO_JUDGE, NO_JUDGE),
             _ if self.unmeasured > 0 => (NOT_MET, NOT_MEASURED),
             (true, 0) => (NOT_MET, NOT_MET),
+            _ if self.elsewhere > 0 => (NOT_MET, NOT_ON_COURSE),
             (true, _) => (NOT_MET, NOT_HIT),
         };
         let share = (judged && situations > 0.0).then(|| f64::from(self.avoided) / situations);

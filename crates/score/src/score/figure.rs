@@ -311,7 +311,7 @@ figures! {
     Comfort = "comfort", "comfortable", Share, Higher,
         "Telemetries within nuPlan's bounds as a share of all: acceleration -4.05 to 2.40 m/s2 along and 4.89 across, jerk 4.13 m/s3 along and 8.37 in all, yaw rate 0.95 rad/s and its rate 1.93 rad/s2; derivatives as for jerk, the yaw rate that of a bicycle with the steering and speed told.";
     BrakingAvoided = "braking_avoided", "avoided by braking", Share, Higher,
-        "Braking situations in which nothing was hit, as a share of all. One begins where the time to collision falls below 10 s (Euro NCAP's tests begin at 4 s) and ends with what is hit, or after 1 s without a collision course; one that the run's end cuts short does not count.";
+        "Braking situations in which nothing was hit, as a share of all. One begins where the time to collision falls below 10 s (Euro NCAP's tests begin at 4 s) and ends when something is hit, or after 1 s without a collision course. What is hit after that, before the car drives on, counts as well. One that the run's end cuts short does not count.";
     Impact = "impact_mph", "impact speed", Mph, Lower,
         "Speed of the car relative to what it hit in a braking situation, mean over those situations (Euro NCAP's relative impact speed).";
     SpeedReduction = "speed_reduction_mph", "speed reduction", Mph, Higher,
@@ -325,7 +325,7 @@ figures! {
     GuardBrakedS = "guard_braked_s", "braked by the guard", Seconds, Neither,
         "Time for which the guard braked.";
     GuardHardest = "guard_hardest_g", "hardest guard braking", Gravities, Neither,
-        "Largest deceleration while the guard braked, over stretches of at least 0.2 s: speed lost over the time it took (FMVSS 127 allows 0.25 g in its tests of false activation); 0 where it never did.";
+        "Largest deceleration while the guard braked and before anything was hit, over stretches of at least 0.2 s: speed lost divided by the time it took (FMVSS 127 allows 0.25 g in its tests of false activation); 0 where it never did.";
     SteeringMae = "steering_mae", "steering MAE", Lock, Lower,
         "Open-loop replay: mean of |a - b| over frames, a the driver's normalised steering (-1 to 1, full lock) for a recorded picture, b the steering recorded with it (Codevilla).";
     SteeringMse = "steering_mse", "steering MSE", LockSquared, Lower,

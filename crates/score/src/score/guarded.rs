@@ -24,6 +24,8 @@ pub(super) struct Guarded {
     /// Times in seconds and speeds in m/s while it brakes: the last of them, and those before within [`OVER_S`].
     recent: VecDeque<(f64, f64)>,
     last: Option<(f64, f64)>,
+    /// Whether something was hit since it began: from there on, the impact takes speed off as well.
+    was_hit: bool,
     hardest: f64,
 }
 
@@ -34,7 +36,7 @@ impl Guarded {
             self.recent.clear();
         }
         self.last = Some((at_s, mps));
-        if self.since_s.is_none() {
+        if self.since_s.is_none() || self.was_hit {
             return;
         }
         self.recent.push_back((at_s, mps));
@@ -58,6 +60,13 @@ impl Guarded {
         self.since_s.get_or_insert(at_s);
         // What was seen when it began.
         self.recent = self.last.into_iter().collect();
+        self.was_hit = false;
+    }
+
+    /// Something was hit, which the next telemetry shows.
+    pub(super) fn hit(&mut self) {
+        self.recent.clear();
+        self.was_hit = true;
     }
 
     pub(super) fn ends(&mut self, at_s: f64) {
@@ -133,6 +142,27 @@ mod tests {
         let mut guarded = Guarded::default();
         guarded.command(&command(None));
         assert_eq!(why(guarded), [Measure::Unknown(BLIND); 3]);
+    }
+
+    #[test]
+    fn what_an_impact_takes_off_was_not_braked() {
+        let mut guarded = Guarded::default();
+        let braked = |guarded: &mut Guarded, i: u32, mps: f64| guarded.telemetry(f64::from(i) / 10.0, mps, true);
+        braked(&mut guarded, 0, 10.0);
+        guarded.begins(0.0);
+        for i in 1..5 {
+            braked(&mut guarded, i, 10.0 - 0.05 * GRAVITY * f64::from(i));
+        }
+        guarded.hit();
+        // It is stopped at once, or takes a while.
+        (5..9).for_each(|i| braked(&mut guarded, i, 12.0 - f64::from(i)));
+        let hardest = values(guarded.clone())[2].unwrap();
+        assert!((hardest - 0.5).abs() < 1e-9, "{hardest} g");
+        guarded.ends(0.9);
+        guarded.begins(0.9);
+        (9..13).for_each(|i| braked(&mut guarded, i, 4.0 - 0.08 * GRAVITY * f64::from(i - 8)));
+        let hardest = values(guarded)[2].unwrap();
+        assert!((hardest - 0.8).abs() < 1e-9, "{hardest} g: braking for something else is measured");
     }
 
     #[test]

@@ -226,6 +226,7 @@ impl Scorer {
         if news.crashes > 0 {
             self.collided(at);
             self.braking.hit();
+            self.guarded.hit();
         }
         if news.left_road > 0 {
             self.off_roads = self.off_roads.saturating_add(news.left_road);
@@ -294,6 +295,7 @@ impl Scorer {
             }
             EventRecord::Collision { with, speed_mph, own_mph } => {
                 self.braking.collision(*speed_mph, *own_mph);
+                self.guarded.hit();
                 self.struck.push(Struck::by_name(with));
                 self.collided(at);
             }

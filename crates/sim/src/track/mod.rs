@@ -15,7 +15,7 @@ mod random;
 use std::fs;
 
 use glam::DVec3;
-use lapwing_core::{motion::turn, recording::Roadway};
+use lapwing_core::{motion::turn, recording::Roadway, words};
 
 pub use driving::LinePoint;
 pub use file::{Edge, Landmark, LandmarkKind, Side, Start, Stretch, Theme, TrackError, TrackFile};
@@ -141,7 +141,7 @@ impl Track {
         let Place { station, offset } = self.locate(DVec3::new(given.x, given.y, given.z), None);
         let DVec3 { x, y, z } = self.point(station.s, -offset);
         file.start = Start { x, y: y + given.y - station.position.y, z, yaw_deg: given.yaw_deg + 180.0 };
-        file.name += " the other way round";
+        file.name = words::road(&file.name, true);
         file.control_points[1..].reverse(); // the first stays where s is 0
         for stretch in &mut file.stretches {
             let Stretch { from_m, to_m, side, .. } = *stretch;
@@ -317,6 +317,7 @@ mod tests {
         for name in Track::NAMES {
             let track = Track::named(name).unwrap();
             let other = track.reversed().unwrap();
+            assert_eq!(other.file().name, format!("{name}, the other way round"));
             assert!((track.length() - other.length()).abs() < 1e-6);
             for s in (0..60).map(|i| track.length() * f64::from(i) / 60.0) {
                 let (there, back) = (track.at(s), other.at(other.length() - s));

@@ -353,18 +353,16 @@ impl Found {
             .fold(0.0, f64::max)
     }
 
-    /// Whole laps and the furthest that one more came, in laps, and how far off that may be.
+    /// Laps driven, whole and begun, those of all drives added up, and how far off that may be. No drive counts for
+    /// less than its whole laps.
     fn completed(&self) -> (f64, f64) {
-        let whole = f64::from(self.laps().unwrap_or(0));
-        let begun = |drive: &Placed| {
+        let driven = |drive: &Placed| {
             let (length_m, progress_m, near_m, _) = drive.way?;
             let reached = (progress_m / length_m * waypoints(length_m)).floor() / waypoints(length_m);
-            Some((reached - f64::from(drive.laps.unwrap_or(0)), near_m / length_m))
+            Some((reached.max(f64::from(drive.laps.unwrap_or(0))), near_m / length_m + 1.0 / waypoints(length_m)))
         };
-        let all = self.drives.iter().filter_map(begun);
-        let (more, off) =
-            all.fold((0.0, 0.0), |(more, off), (begun, near)| (f64::max(more, begun), f64::max(off, near)));
-        (whole + more, off + self.waypoint())
+        let all = self.drives.iter().filter_map(driven);
+        all.fold((0.0, 0.0), |(laps, off), (more, near)| (laps + more, off + near))
     }
 }
 

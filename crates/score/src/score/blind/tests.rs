@@ -77,6 +77,28 @@ fn a_run_that_tells_nothing_has_its_road_its_way_and_its_collision_estimated() {
 }
 
 #[test]
+fn whole_and_begun_laps_of_joined_drives_are_added_up() {
+    let mut scorer = Scorer::on(&[road()], Some(4));
+    let way = MPS / 15.0;
+    let steps = (1500.0 / way) as u32;
+    for drive in 0..2 {
+        let at = |i: u32| Duration::from_secs_f64(f64::from(drive * (steps + 1) + i) / 15.0);
+        if drive > 0 {
+            scorer.event(at(0), &EventRecord::Break { seconds: None });
+        }
+        for i in 0..=steps {
+            let s = way * f64::from(i);
+            let steering = motion::steering_deg((heading(s + way) - heading(s)) / way);
+            scorer.telemetry(at(i), &telemetry(steering, MPS));
+        }
+    }
+    let card = scorer.finish();
+    assert_eq!((card.drives.len(), card.value(Figure::Laps)), (2, Some(2.0)), "{card}");
+    let Measure::Estimate { value, uncertainty, .. } = card.get(Figure::Completion) else { panic!("{card}") };
+    assert!((value - 3.0 / 4.0).abs() < 0.02 && (0.001..0.05).contains(&uncertainty), "1.5 laps, twice: {card}");
+}
+
+#[test]
 fn laps_that_are_told_without_a_time_leave_the_estimated_times_as_they_are() {
     // Laps counted from a line that is passed at 800 m, so that none is seen from beginning to end.
     let told = |s: f64| Truth {

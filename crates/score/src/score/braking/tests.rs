@@ -61,6 +61,39 @@ fn situations_are_apart_by_a_second_and_their_figures_are_means() {
     assert_eq!(told_so(braking, SCENARIO), [Told(0.5), Told(18.0), Told((10.0 + 0.0) / 2.0), Told(0.0), Told(0.0)]);
 }
 
+/// A car that slides past what it brakes for: the situation is over at 2 s, and avoided so far.
+fn slid_past() -> Braking {
+    let mut braking = Braking::default();
+    for (at, mph, until) in [(0.0, 30.0, 5.0), (1.0, 25.0, 2.0), (2.0, 15.0, 60.0), (2.5, 12.0, 60.0)] {
+        told(&mut braking, at, mph, until);
+    }
+    assert_eq!(told_so(braking.clone(), SCENARIO)[..3], [Told(1.0), Unknown(NOT_HIT), Told(15.0)]);
+    braking
+}
+
+#[test]
+fn what_is_hit_before_the_car_drives_on_was_not_avoided() {
+    let mut braking = slid_past();
+    told(&mut braking, 2.6, 10.0, 60.0);
+    braking.collision(9.0, Some(9.5));
+    // It is touched again.
+    told(&mut braking, 2.7, 0.0, 60.0);
+    braking.collision(1.0, Some(0.0));
+    assert_eq!(told_so(braking, SCENARIO), [Told(0.0), Told(9.0), Told(20.5), Told(0.0), Told(0.0)]);
+    // A world that counts collisions and does not measure them.
+    let mut braking = slid_past();
+    braking.hit();
+    assert_eq!(told_so(braking, SCENARIO)[..3], [Told(0.0), Unknown(NOT_MEASURED), Told(18.0)]);
+}
+
+#[test]
+fn what_is_hit_after_that_leaves_it_avoided_but_nobody_says_that_nothing_was_hit() {
+    let mut braking = slid_past();
+    told(&mut braking, 4.0, 14.0, 60.0);
+    braking.collision(14.0, Some(14.0));
+    assert_eq!(told_so(braking, SCENARIO)[..3], [Told(1.0), Unknown(NOT_ON_COURSE), Told(15.0)]);
+}
+
 #[test]
 fn a_situation_that_the_runs_end_cuts_short_is_not_judged() {
     let mut braking = Braking::default();
