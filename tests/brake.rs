@@ -176,6 +176,27 @@ fn a_network_that_cannot_be_trained_further_is_named_before_the_data_are_read_an
 }
 
 #[test]
+fn a_network_is_written_to_no_other_ending_and_a_training_that_cannot_be_resumed_says_so() {
+    let folder = tempdir().unwrap();
+    fs::write(folder.path().join("brake.toml"), "network = \"brake-live\"\n").unwrap();
+    fs::create_dir(folder.path().join("data")).unwrap();
+    let table = "name,part,scenario,kind,layer,reaction_s\n";
+    fs::write(folder.path().join("data/episodes.csv"), table).unwrap();
+    let train = ["brake", "train", "--recipe", "brake.toml", "--data", "data", "--resume", "--out"];
+    let run = |out: &str| lapwing_in(folder.path(), "", &[&train[..], &[out]].concat());
+    for out in ["data/episodes.csv", "brake.onnx", "brake"] {
+        let (status, _, err) = run(out);
+        assert_eq!(status, 2, "{err}");
+        assert!(err.contains(&format!("--out: expected a file ending in .safetensors, got {out}")), "{err}");
+    }
+    assert_eq!(fs::read_to_string(folder.path().join("data/episodes.csv")).unwrap(), table);
+    let (status, _, err) = run("brake.safetensors");
+    assert_eq!(status, 1, "{err}");
+    assert!(err.contains("brake.state.safetensors: no resume state"), "{err}");
+    assert!(err.contains("expected episodes of the part train, got none"), "{err}");
+}
+
+#[test]
 fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() {
     let folder = tempdir().unwrap();
     let data = folder.path().join("data");
@@ -248,6 +269,8 @@ fn a_trial_tells_what_a_guard_avoids_in_a_table_a_file_and_a_page_with_films() {
     let (status, out, err) = trial(&["--brake-guard", "ttc", "--out", "runs", "--json"]);
     assert_eq!(status, 0, "{err}");
     let result: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let drives = result["drives"].as_array().unwrap().len();
+    assert_eq!((result["planned"].as_u64(), result["interrupted"].as_bool()), (Some(drives as u64), Some(false)));
     let row = &result["hazards"][0];
     assert_eq!((row["hit_without"].as_u64(), row["avoidable"].as_u64()), (Some(2), Some(2)), "{row}");
     assert_eq!((row["hit_with"].as_u64(), row["avoided"].as_u64()), (Some(0), Some(2)), "{row}");

@@ -24,9 +24,12 @@ pub(super) fn run(arguments: &BrakeRecord) -> anyhow::Result<Ended> {
     let told = Told::of(&report, options.hz);
     if arguments.json {
         print(&serde_json::to_string_pretty(&json!({
-            "episodes": report.episodes.len(), "kept": report.kept, "given_up": report.given_up, "hours": told.hours,
-            "hazards": told.hazards, "negatives": told.negatives, "hits": told.hits, "interrupted": report.interrupted,
+            "episodes": report.episodes.len(), "kept": report.kept, "more": report.more, "given_up": report.given_up,
+            "hours": told.hours, "hazards": told.hazards, "negatives": told.negatives, "hits": told.hits,
+            "interrupted": report.interrupted,
         }))?)?;
+    } else if report.interrupted && report.episodes.is_empty() {
+        print(&format!("interrupted before this call recorded anything in {}", arguments.out.display()))?;
     } else {
         let Told { hours, hazards, negatives, hits } = told;
         let (episodes, folder) = (count(report.episodes.len(), "episode"), arguments.out.display());
@@ -35,6 +38,12 @@ pub(super) fn run(arguments: &BrakeRecord) -> anyhow::Result<Ended> {
         print(&format!("  negatives  {negatives}"))?;
         if report.given_up > 0 {
             print(&format!("  given up   {}, of which no draw was of use", report.given_up))?;
+        }
+        if report.more > 0 {
+            print(&format!("  more       {} recorded earlier, beyond these hours; they stay in the table", report.more))?;
+        }
+        if report.interrupted {
+            print("  interrupted: run the same command again to continue")?;
         }
     }
     Ok(if report.interrupted { Ended::Failed } else { Ended::Passed })

@@ -9,10 +9,15 @@ use crate::{
     cli::BrakeTrain,
     commands::{Ended, outputs, print, sorted_json},
 };
+use lapwing_core::config::ConfigError;
 use lapwing_learn::braking::{self, BrakingRecipe, Epoch, TrainOptions};
 
 pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
     let BrakeTrain { recipe: file, data, out, epochs, minutes, resume, threads, seed, json } = arguments;
+    if out.extension().is_none_or(|extension| extension != "safetensors") {
+        let why = format!("expected a file ending in .safetensors, got {}", out.display());
+        return Err(ConfigError::Value { layer: "--out".into(), why }.into());
+    }
     if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }

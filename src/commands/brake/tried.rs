@@ -55,7 +55,11 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
         !interrupted.is_pressed()
     })?;
     bar.finish_and_clear();
-    let result = TrialResult::of(guard.map(|guard| guard.name().to_owned()), tried.iter().map(driven).collect());
+    let result = TrialResult {
+        planned: planned.len(),
+        interrupted: tried.len() < planned.len(),
+        ..TrialResult::of(guard.map(|guard| guard.name().to_owned()), tried.iter().map(driven).collect())
+    };
     let json = serde_json::to_string_pretty(&result)?;
     if let Some(folder) = &arguments.out {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
@@ -64,7 +68,7 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
         outputs::write(&folder.join("trial.html"), &trial::render(&result, &films))?;
     }
     print(&if arguments.json { json } else { result.to_string() })?;
-    Ok(if tried.len() == planned.len() { Ended::Passed } else { Ended::Failed })
+    Ok(if result.interrupted { Ended::Failed } else { Ended::Passed })
 }
 
 /// A drive, as it is counted.

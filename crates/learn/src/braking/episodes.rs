@@ -3,8 +3,7 @@
 //! Labels are not stored: they follow from the pedal ([`labels`]), so that the same runs serve another rule.
 
 use std::{
-    collections::BTreeMap,
-    fs, io,
+    fmt, fs, io,
     path::{Path, PathBuf},
 };
 
@@ -24,6 +23,8 @@ use lapwing_sim::braking::EPISODES_NAME;
 
 /// The columns that are needed; others may stand beside them, in any order.
 const COLUMNS: [&str; 6] = ["name", "part", "scenario", "kind", "layer", "reaction_s"];
+/// One of those that may.
+const FRAMES: &str = "frames";
 
 /// A network with more numbers in a frame than this decodes pictures when it needs them: all of them would fill the memory.
 const MOST_PIXELS: usize = 20_000;
@@ -55,6 +56,16 @@ impl Part {
     }
 }
 
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Train => "train",
+            Self::Validation => "validation",
+            Self::HeldOut => "held-out",
+        })
+    }
+}
+
 /// What the table says about an episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Story {
@@ -70,6 +81,8 @@ pub struct Story {
     pub layer: String,
     /// From noticing to the foot, in seconds.
     pub reaction_s: f64,
+    /// How many frames its run has, if the table tells.
+    pub frames: Option<usize>,
 }
 
 /// An episode with its frames.
@@ -138,7 +151,7 @@ pub enum BrakingDataError {
         got: String,
     },
     /// No episode of a part.
-    #[error("{}: expected episodes of the part {part:?}, got none", path.display())]
+    #[error("{}: expected episodes of the part {part}, got none", path.display())]
     NoEpisodes {
         /// The table.
         path: PathBuf,
@@ -193,23 +206,27 @@ pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
     let heading = lines.next().map_or("", |(_, line)| line);
     let names: Vec<&str> = heading.split(',').map(str::trim).collect();
     let column = |name: &str| names.iter().position(|n| *n == name);
+    let frames = column(FRAMES);
     let found: Option<Vec<usize>> = COLUMNS.iter().map(|name| column(name)).collect();
     let found = found.ok_or_else(|| BrakingDataError::Heading { path: path.clone(), got: heading.to_owned() })?;
     let story = |(i, line): (usize, &str)| {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        let field = |column: usize| fields.get(found[column]).copied().unwrap_or_default();
-        let wrong = |column: usize, expected| BrakingDataError::Field {
+        let at = |column: usize| fields.get(column).copied().unwrap_or_default();
+        let field = |column: usize| at(found[column]);
+        let no = |column, expected, got: &str| BrakingDataError::Field {
             path: path.clone(),
             line: i + 1,
-            column: COLUMNS[column],
+            column,
             expected,
-            got: field(column).to_owned(),
+            got: got.to_owned(),
         };
+        let wrong = |column: usize, expected| no(COLUMNS[column], expected, field(column));
         let name = field(0);
         if name.is_empty() || name.contains(['/', '\\']) || name.starts_with('.') {
             return Err(wrong(0, "the name of a run in this folder, without .mcap"));
         }
         let reaction_s = field(5).parse::<f64>().ok().filter(|s| (0.0..=10.0).contains(s));
+        let count = |column| at(column).parse::<usize>().map_err(|_| no(FRAMES, "a whole number", at(column)));
         Ok(Story {
             name: name.to_owned(),
             part: Part::named(field(1)).ok_or_else(|| wrong(1, "train, validation or held-out"))?,
@@ -221,6 +238,7 @@ pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
             },
             layer: field(4).to_owned(),
             reaction_s: reaction_s.ok_or_else(|| wrong(5, "seconds, 0 to 10"))?,
+            frames: frames.map(count).transpose()?,
         })
     };
     lines.map(story).collect()
@@ -243,29 +261,17 @@ pub fn load(
     let every = stories.len() as f64 / most.clamp(1, stories.len()) as f64;
     let taken: Vec<Story> =
         (0..most.clamp(1, stories.len())).map(|i| stories[(i as f64 * every) as usize].clone()).collect();
-    let frames = frames(folder)?;
     let open = |story: Story| {
         let drive = Drive::open(folder, story, &architecture.preprocess())?;
-        match (frames.get(&drive.story.name), drive.frames()) {
-            (Some(expected), got) if *expected != got => {
+        match (drive.story.frames, drive.frames()) {
+            (Some(expected), got) if expected != got => {
                 let path = folder.join(format!("{}.mcap", drive.story.name));
-                Err(BrakingDataError::Frames { path, expected: *expected, got })
+                Err(BrakingDataError::Frames { path, expected, got })
             }
             _ => Ok(drive),
         }
     };
     taken.into_par_iter().map(open).collect()
-}
-
-/// How many frames each run has, by name, if the table says so.
-fn frames(folder: &Path) -> Result<BTreeMap<String, usize>, BrakingDataError> {
-    let path = folder.join(EPISODES_NAME);
-    let text = fs::read_to_string(&path).map_err(|source| BrakingDataError::Table { path, source })?;
-    let mut rows = text.lines().map(|line| line.split(',').map(str::trim).collect::<Vec<_>>());
-    let heading = rows.next().unwrap_or_default();
-    let column = |name: &str| heading.iter().position(|n| *n == name);
-    let Some((name, frames)) = column("name").zip(column("frames")) else { return Ok(BTreeMap::new()) };
-    Ok(rows.filter_map(|row| Some(((*row.get(name)?).to_owned(), row.get(frames)?.parse::<usize>().ok()?))).collect())
 }
 
 impl Drive {
@@ -452,6 +458,7 @@ pub(super) mod tests {
             hazard: false,
             layer: String::new(),
             reaction_s: 1.0,
+            frames: None,
         };
         Drive::open(&shipped_runs(), story, &BrakingArchitecture::Live.preprocess()).unwrap()
     }
@@ -470,6 +477,7 @@ pub(super) mod tests {
         )
         .unwrap();
         assert_eq!((stories[0].part, stories[0].hazard, stories[0].reaction_s), (Part::Train, true, 0.9));
+        assert_eq!(stories[0].frames, Some(300));
         assert_eq!((stories[1].part, stories[1].hazard, stories[1].layer.as_str()), (Part::HeldOut, false, "night"));
     }
 
@@ -486,6 +494,19 @@ pub(super) mod tests {
         ] {
             let error = read(&format!("{heading}{line}\n")).unwrap_err();
             assert!(error.contains(expected), "{error}");
+        }
+        let error = read("frames,name,part,scenario,kind,layer,reaction_s\nall,a,train,x,hazard,plain,1").unwrap_err();
+        assert!(error.contains("line 2: frames: expected a whole number, got \"all\""), "{error}");
+    }
+
+    #[test]
+    fn a_part_without_episodes_is_called_as_in_the_table() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join(EPISODES_NAME), "name,part,scenario,kind,layer,reaction_s\n").unwrap();
+        for part in ["train", "validation", "held-out"] {
+            let wanted = Part::named(part).unwrap();
+            let error = load(dir.path(), wanted, 1, BrakingArchitecture::Live).unwrap_err().to_string();
+            assert!(error.ends_with(&format!("expected episodes of the part {part}, got none")), "{error}");
         }
     }
 

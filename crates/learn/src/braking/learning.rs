@@ -128,20 +128,32 @@ pub(super) struct Learning<'a> {
     _store: nn::VarStore,
 }
 
+/// The network from whose weights is learnt on, if there is one; it is of the recipe's kind.
+pub(super) fn pretrained(recipe: &BrakingRecipe) -> Result<Option<BrakingNetwork>, BrakingTrainError> {
+    let Some(path) = &recipe.pretrained else { return Ok(None) };
+    let read = BrakingCheckpoint::read(path)?.network;
+    let (expected, got) = (recipe.network.name(), read.architecture().name());
+    if expected == got {
+        Ok(Some(read))
+    } else {
+        Err(BrakingTrainError::OtherNetwork { path: path.clone(), expected, got })
+    }
+}
+
 impl<'a> Learning<'a> {
-    pub(super) fn new(recipe: &'a BrakingRecipe, drives: &'a [Drive]) -> Result<Self, BrakingTrainError> {
+    /// From the weights of a network of the recipe's kind, or from random ones.
+    pub(super) fn new(
+        recipe: &'a BrakingRecipe,
+        drives: &'a [Drive],
+        from: Option<&BrakingNetwork>,
+    ) -> Result<Self, BrakingTrainError> {
         let wanted: Vec<_> = drives.iter().map(|drive| wanted(drive, recipe)).collect();
         let windows = windows_of(drives, &wanted, recipe, Part::Train)?;
         tch::manual_seed(recipe.seed as i64);
         let store = nn::VarStore::new(Device::cuda_if_available());
         let mut network = BrakingNetwork::build(recipe.network, &mut in_variable_store(store.root()))?;
-        if let Some(path) = &recipe.pretrained {
-            let read = BrakingCheckpoint::read(path)?.network;
-            let (expected, got) = (recipe.network.name(), read.architecture().name());
-            if expected != got {
-                return Err(BrakingTrainError::OtherNetwork { path: path.clone(), expected, got });
-            }
-            copy(&network.tensors(), &read.tensors())?;
+        if let Some(from) = from {
+            copy(&network.tensors(), &from.tensors())?;
         }
         let copies = &mut |name: &str, _: &[i64], _| {
             let tensors = network.tensors();
@@ -363,6 +375,10 @@ mod tests {
     };
     use lapwing_core::control::BrakeLimits;
 
+    fn begun<'a>(recipe: &'a BrakingRecipe, drives: &'a [Drive]) -> Learning<'a> {
+        Learning::new(recipe, drives, pretrained(recipe).unwrap().as_ref()).unwrap()
+    }
+
     #[test]
     fn a_training_that_is_resumed_has_all_that_it_had_and_draws_what_it_would_have_drawn() {
         let drives = [drive()];
@@ -370,12 +386,12 @@ mod tests {
             recipe("windows_per_epoch = 16\nemergencies = 0.5\nrivals = 2\nbesides = 1.0\naverage = 0.9\nflip = 0.5");
         let dir = tempfile::tempdir().unwrap();
         let state = dir.path().join("brake.state.safetensors");
-        let mut before = Learning::new(&recipe, &drives).unwrap();
+        let mut before = begun(&recipe, &drives);
         let (loss, windows) = before.epoch(1, &|| false).unwrap();
         let told = Epoch { epoch: 1, windows, loss, validation: loss, learning_rate: 0.0, seconds: 0.0, best: false };
         before.judge(told).unwrap();
         before.save(&state).unwrap();
-        let mut after = Learning::new(&recipe, &drives).unwrap();
+        let mut after = begun(&recipe, &drives);
         after.resume(&state).unwrap();
         assert_eq!((&after.position, after.stepper.steps), (&before.position, 2));
         for ((name, a), (_, b)) in before.tensors().unwrap().iter().zip(&after.tensors().unwrap()) {
@@ -389,7 +405,7 @@ mod tests {
         };
         assert_eq!(next(&mut before), next(&mut after));
         let other = BrakingRecipe { batch: 4, ..recipe.clone() };
-        let error = Learning::new(&other, &drives).unwrap().resume(&state).unwrap_err().to_string();
+        let error = begun(&other, &drives).resume(&state).unwrap_err().to_string();
         assert!(error.ends_with("expected the state of a training by this recipe, got that of another one"), "{error}");
     }
 
@@ -402,7 +418,7 @@ mod tests {
             training: "none".into(),
             result: "none".into(),
         };
-        save_braking(&path, &metadata, &Learning::new(recipe, drives).unwrap().network, Precision::F32).unwrap();
+        save_braking(&path, &metadata, &begun(recipe, drives).network, Precision::F32).unwrap();
         path
     }
 
@@ -412,10 +428,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let first = recipe("seed = 3\nemergencies = 0.5\ndue_weight = 2.0\nnear_s = [2.4, 1.3]\nlead = 1.0");
         let more = BrakingRecipe { seed: 4, pretrained: Some(file_of(&first, &drives, dir.path())), ..first.clone() };
-        let mut learning = Learning::new(&more, &drives).unwrap();
-        for ((name, a), (_, b)) in
-            learning.mean.tensors().iter().zip(&Learning::new(&first, &drives).unwrap().network.tensors())
-        {
+        let mut learning = begun(&more, &drives);
+        for ((name, a), (_, b)) in learning.mean.tensors().iter().zip(&begun(&first, &drives).network.tensors()) {
             assert_eq!(a, b, "{name}");
         }
         learning.ask().unwrap();
@@ -441,7 +455,7 @@ mod tests {
         let file = file_of(&recipe(""), &drives, dir.path());
         let error = |network, file| {
             let recipe = BrakingRecipe { network, pretrained: Some(file), ..recipe("") };
-            Learning::new(&recipe, &drives).err().expect("it must be refused").to_string()
+            pretrained(&recipe).expect_err("it must be refused").to_string()
         };
         let wide = error(BrakingArchitecture::Wide, file);
         assert!(wide.ends_with("expected a brake-wide network, as in the recipe, got brake-live"), "{wide}");
@@ -455,7 +469,7 @@ mod tests {
             "network = \"brake-stacked\"\nwindows_per_epoch = 4\nbatch = 2\nspeed_dropout = 0.5\nvalidation_windows = 2",
         );
         let (recipe, drives) = (recipe.unwrap(), [seen(300 * 300)]);
-        let mut learning = Learning::new(&recipe, &drives).unwrap();
+        let mut learning = begun(&recipe, &drives);
         let measured = Measured::new(&drives, &recipe).unwrap();
         let before = measured.loss(&learning.mean).unwrap();
         let (loss, windows) = learning.epoch(1, &|| false).unwrap();

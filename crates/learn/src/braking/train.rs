@@ -11,13 +11,13 @@ use serde_json::json;
 use super::{
     BrakingDataError, BrakingRecipe, Part, SpeedFailure, episodes,
     episodes::{Drive, load},
-    learning::{Learning, Measured},
+    learning::{Learning, Measured, pretrained},
     state,
 };
 use crate::{
     nn::{
         NnError, Precision,
-        braking::{BrakingCheckpoint, BrakingError, BrakingMetadata, save_braking},
+        braking::{BrakingError, BrakingMetadata, save_braking},
         runtime,
     },
     train::TrainError,
@@ -88,7 +88,7 @@ pub enum BrakingTrainError {
         path: PathBuf,
     },
     /// No episode is long enough.
-    #[error("expected episodes of at least {frames} frames in the part {part:?}, got none")]
+    #[error("expected episodes of at least {frames} frames in the part {part}, got none")]
     TooShort {
         /// How long a window is.
         frames: usize,
@@ -96,7 +96,7 @@ pub enum BrakingTrainError {
         part: Part,
     },
     /// Nothing to learn.
-    #[error("expected emergencies in the part {0:?}, got none: no pedal goes down fast")]
+    #[error("expected emergencies in the part {0}, got none: no pedal goes down fast")]
     NoEmergency(Part),
     /// The loss is no longer a number.
     #[error("the loss became {loss} in epoch {epoch}: lower the learning rate, now {rate}")]
@@ -153,7 +153,7 @@ pub struct Trained {
 pub struct TrainOptions {
     /// Ends it early, with the best of its epochs, once so much has passed.
     pub most: Option<Duration>,
-    /// Goes on where an earlier one ended, if there is its state beside the network's file.
+    /// Goes on where an earlier one ended, if there is its state beside the network's file; else a warning is logged.
     pub resume: bool,
     /// Threads of each of libtorch's operations while it learns, at least 1: other numbers round differently.
     pub threads: u16,
@@ -172,7 +172,12 @@ pub fn train(
     mut told: impl FnMut(&Epoch),
 ) -> Result<Trained, BrakingTrainError> {
     recipe.check()?;
-    check_pretrained(recipe)?;
+    // Before the data, which takes a while.
+    let from = pretrained(recipe)?;
+    let state = state::path_of(path);
+    if options.resume && !state.is_file() {
+        tracing::warn!("{}: no resume state: the training starts from the beginning", state.display());
+    }
     let architecture = recipe.network;
     let most = recipe.episodes.unwrap_or(usize::MAX);
     let drives = load(data, Part::Train, most, architecture)?;
@@ -182,10 +187,9 @@ pub fn train(
             return Err(BrakingTrainError::NoEmergency(part));
         }
     }
-    let mut learning = Learning::new(recipe, &drives)?;
+    let mut learning = Learning::new(recipe, &drives, from.as_ref())?;
     let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
-    let state = state::path_of(path);
     if options.resume && state.is_file() {
         learning.resume(&state)?;
     } else if recipe.pretrained.is_some() {
@@ -250,13 +254,6 @@ pub fn train(
     };
     let sha256 = save_braking(path, &metadata, network, Precision::F32)?;
     Ok(Trained { path: path.to_owned(), sha256, epochs: epochs.clone(), limits, rule, validation })
-}
-
-/// Whether the weights to begin from, if there are any, are such a network's. It takes no time, as reading the data does.
-fn check_pretrained(recipe: &BrakingRecipe) -> Result<(), BrakingTrainError> {
-    let Some(path) = &recipe.pretrained else { return Ok(()) };
-    let (expected, got) = (recipe.network.name(), BrakingCheckpoint::read(path)?.network.architecture().name());
-    if expected == got { Ok(()) } else { Err(BrakingTrainError::OtherNetwork { path: path.clone(), expected, got }) }
 }
 
 /// Episodes and frames, in a checkpoint.

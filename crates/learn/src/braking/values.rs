@@ -141,6 +141,7 @@ mod tests {
             hazard: false,
             layer: String::new(),
             reaction_s: 1.0,
+            frames: None,
         };
         let speeds: Vec<f32> = (0..401).map(|i| (i % 40) as f32).collect();
         let drive = Drive::made(story, speeds.clone(), vec![0.0; 401], 64 * 240, 9);

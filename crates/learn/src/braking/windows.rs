@@ -333,6 +333,7 @@ pub(super) mod tests {
             hazard: true,
             layer: "plain".into(),
             reaction_s: 1.0,
+            frames: None,
         };
         let speed = |i: i32| if i < 150 { 30.0 } else { (30.0 - 1.5 * (i - 150) as f32).max(0.0) };
         let pedal = (0..300).map(|i| f64::from(u8::from((150..200).contains(&i)))).collect();

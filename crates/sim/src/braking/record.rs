@@ -76,8 +76,10 @@ pub struct Recorded {
 pub struct DataReport {
     /// All episodes, those that were there before included.
     pub episodes: Vec<Recorded>,
-    /// How many were there before.
+    /// How many of them were there before.
     pub kept: usize,
+    /// How many more the table lists: those of a longer data set that was there before.
+    pub more: usize,
     /// Episodes of which no draw was of use.
     pub given_up: usize,
     /// Whether it was interrupted before all were recorded.
@@ -150,8 +152,9 @@ impl Places {
     }
 }
 
-/// Records a data set into a folder, where episodes of the same data set that are whole are kept. `watch` is told how many
-/// episodes there are so far and of how many, and says whether to go on.
+/// Records a data set into a folder, where episodes of the same data set that are whole are kept, and listed, even if they
+/// are more than this call asks for. `watch` is told how much is done and of how much, and says whether to go on: first of
+/// the rehearsal, in telemetries, then of the episodes. If it ends the rehearsal, the folder's table stays as it is.
 ///
 /// # Errors
 /// [`DataError`]. What was recorded before it is kept. [`DataError::Other`] before anything is recorded.
@@ -162,22 +165,32 @@ pub fn record(
 ) -> Result<DataReport, DataError> {
     fs::create_dir_all(folder).map_err(|source| DataError::Write { path: folder.to_owned(), source })?;
     let mut places = Places::default();
-    let (mut report, drawn) = rehearse(&mut places, options)?;
-    check_same(folder, &drawn)?;
-    let path = |recorded: &Recorded| folder.join(format!("{}.mcap", recorded.episode.name));
-    report.kept = drawn.iter().filter(|recorded| path(recorded).is_file()).count();
-    let total = drawn.len();
+    let Some((mut report, drawn)) = rehearse(&mut places, options, &watch)? else {
+        return Ok(DataReport { interrupted: true, ..DataReport::default() });
+    };
+    let more = rows_beyond(folder, &drawn)?;
+    let path = |recorded: &Recorded| run_of(folder, &recorded.episode.name);
+    let listed = || drawn.iter().filter(|recorded| path(recorded).is_file()).cloned().collect::<Vec<_>>();
+    (report.kept, report.more) = (listed().len(), more.len());
+    let (total, mut done) = (drawn.len(), 0);
     for some in drawn.chunks(at_once()) {
         let record = |recorded: &Recorded| {
             let path = path(recorded);
-            if path.is_file() { Ok(()) } else { write(&places, &recorded.episode, options, &path) }
+            if path.is_file() {
+                return Ok(Some(()));
+            }
+            watch(done, total).then(|| write(&places, &recorded.episode, options, &path)).transpose()
         };
-        some.par_iter().map(record).collect::<Result<(), DataError>>()?;
-        report.episodes.extend_from_slice(some);
-        let table = folder.join(EPISODES_NAME);
-        files::write(&table, csv(&report.episodes).as_bytes())
-            .map_err(|source| DataError::Write { path: table, source })?;
-        if !watch(report.episodes.len(), total) {
+        let whole = some.par_iter().map(record).collect::<Result<Option<()>, DataError>>()?;
+        done += some.len();
+        report.episodes = listed();
+        if !report.episodes.is_empty() {
+            let rows: String = more.iter().flat_map(|row| [row.as_str(), "\n"]).collect();
+            let table = folder.join(EPISODES_NAME);
+            files::write(&table, (csv(&report.episodes) + &rows).as_bytes())
+                .map_err(|source| DataError::Write { path: table, source })?;
+        }
+        if whole.is_none() || !watch(done, total) {
             report.interrupted = report.episodes.len() < total;
             break;
         }
@@ -185,45 +198,67 @@ pub fn record(
     Ok(report)
 }
 
-/// Whether the table that is in the folder already, if there is one, has the same rows as far as both go: the names of
-/// the runs do not tell whether they are of these episodes.
-fn check_same(folder: &Path, drawn: &[Recorded]) -> Result<(), DataError> {
+fn run_of(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.mcap"))
+}
+
+/// The rows of the table that is in the folder already, if there is one, that are of none of these episodes and whose run is
+/// there. The other rows must be the same: the names of the runs do not tell whether they are of these episodes.
+fn rows_beyond(folder: &Path, drawn: &[Recorded]) -> Result<Vec<String>, DataError> {
     let path = folder.join(EPISODES_NAME);
     let there = match fs::read(&path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(vec![]),
         Err(source) => return Err(DataError::Write { path, source }),
     };
+    let mut beyond = vec![];
     let ours = csv(drawn);
     let name = |row: &str| row.split(',').next().unwrap_or_default().to_owned();
     let rows: BTreeMap<String, &str> = ours.lines().map(|row| (name(row), row)).collect();
     for (i, got) in there.lines().enumerate() {
         // The heading is the first of both.
         let expected = if i == 0 { Some(HEADING) } else { rows.get(&name(got)).copied() };
-        if let Some(expected) = expected.filter(|expected| *expected != got) {
-            return Err(DataError::Other { path, line: i + 1, expected: expected.to_owned(), got: got.to_owned() });
+        match expected {
+            Some(expected) if expected != got => {
+                return Err(DataError::Other { path, line: i + 1, expected: expected.to_owned(), got: got.to_owned() });
+            }
+            None if run_of(folder, &name(got)).is_file() => beyond.push(got.to_owned()),
+            _ => {}
         }
     }
-    Ok(())
+    Ok(beyond)
 }
 
 fn at_once() -> usize {
     AT_ONCE * rayon::current_num_threads()
 }
 
-/// Draws episodes until they are long enough.
-fn rehearse(places: &mut Places, options: DataOptions) -> Result<(DataReport, Vec<Recorded>), DataError> {
-    let (mut report, mut drawn, mut frames) = (DataReport::default(), vec![], 0);
+/// Draws episodes until they are long enough; none if `watch` ends it.
+fn rehearse(
+    places: &mut Places,
+    options: DataOptions,
+    watch: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Result<Option<(DataReport, Vec<Recorded>)>, DataError> {
+    let (mut report, mut drawn, mut frames) = (DataReport::default(), vec![], 0_u64);
     let mut planned = episodes(options.seed);
     let wanted = options.hours * 3600.0 * options.hz;
+    let goes_on = |frames: u64| watch(frames as usize, wanted.ceil() as usize);
     while (frames as f64) < wanted {
         // No more than may be needed: each road that is opened takes a second.
         let missing = (wanted - frames as f64) / (SHORTEST_S * options.hz);
         let some: Vec<Episode> = planned.by_ref().take((missing.ceil() as usize).clamp(1, at_once())).collect();
-        places.open(some.iter().map(|episode| &*episode.track).collect::<BTreeSet<_>>())?;
+        let roads: BTreeSet<&str> = some.iter().map(|episode| &*episode.track).collect();
+        for roads in Vec::from_iter(roads).chunks(rayon::current_num_threads()) {
+            if !goes_on(frames) {
+                return Ok(None);
+            }
+            places.open(roads.iter().copied())?;
+        }
         let places = &*places;
-        let rehearsed = some.par_iter().map(|episode| of_use(places, episode, options));
-        for recorded in rehearsed.collect::<Result<Vec<_>, DataError>>()? {
+        let one = |episode: &Episode| goes_on(frames).then(|| of_use(places, episode, options)).transpose();
+        let rehearsed = some.par_iter().map(one).collect::<Result<Option<Vec<_>>, DataError>>()?;
+        let Some(rehearsed) = rehearsed else { return Ok(None) };
+        for recorded in rehearsed {
             match recorded {
                 Some(recorded) if (frames as f64) < wanted => {
                     frames += recorded.frames;
@@ -234,7 +269,7 @@ fn rehearse(places: &mut Places, options: DataOptions) -> Result<(DataReport, Ve
             }
         }
     }
-    Ok((report, drawn))
+    Ok(Some((report, drawn)))
 }
 
 /// The first draw of an episode that is of use.

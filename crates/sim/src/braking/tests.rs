@@ -226,6 +226,10 @@ fn a_data_set_is_read_back_is_the_same_again_and_goes_on_where_it_was_broken_off
     }
     let bytes: Vec<_> = first.episodes.iter().map(|recorded| fs::read(path(recorded)).unwrap()).collect();
     fs::remove_file(path(&first.episodes[0])).unwrap();
+    // Its rehearsal counts hundreds of telemetries, so this interrupts it afterwards.
+    let stopped = record(folder.path(), options, |_, of| of > first.episodes.len()).unwrap();
+    assert_eq!((stopped.kept, &stopped.episodes[..]), (first.episodes.len() - 1, &first.episodes[1..]));
+    assert!(stopped.interrupted && !path(&first.episodes[0]).exists());
     let again = record(folder.path(), options, |_, _| true).unwrap();
     assert_eq!((again.kept, &again.episodes), (first.episodes.len() - 1, &first.episodes));
     for (recorded, bytes) in first.episodes.iter().zip(&bytes) {
@@ -235,6 +239,26 @@ fn a_data_set_is_read_back_is_the_same_again_and_goes_on_where_it_was_broken_off
     let error = record(folder.path(), DataOptions { seed: 4, ..options }, |_, _| true).unwrap_err().to_string();
     assert!(error.contains("line 2: expected \"0000-") && error.contains("name another folder"), "{error}");
     assert_eq!(fs::read_to_string(folder.path().join(EPISODES_NAME)).unwrap(), table);
+}
+
+#[test]
+fn a_shorter_data_set_leaves_a_longer_one_as_it_is_and_an_interrupted_rehearsal_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = DataOptions { hours: 0.001, seed: 3, ..DataOptions::default() };
+    let table = folder.path().join(EPISODES_NAME);
+    let stopped = record(folder.path(), options, |_, _| false).unwrap();
+    assert_eq!(stopped, DataReport { interrupted: true, ..DataReport::default() });
+    assert!(!table.exists());
+    let first = record(folder.path(), options, |_, _| true).unwrap();
+    assert_eq!((first.kept, first.more), (0, 0));
+    // Two episodes that come later, of which one has its run.
+    let later = |name: &str| format!("{name},train,ccrs,hazard,plain,1,lake,20,1,9,0\n");
+    let longer = fs::read_to_string(&table).unwrap() + &later("9998-train-ccrs-plain");
+    fs::write(folder.path().join("9998-train-ccrs-plain.mcap"), "").unwrap();
+    fs::write(&table, longer.clone() + &later("9999-train-ccrs-plain")).unwrap();
+    let again = record(folder.path(), options, |_, _| true).unwrap();
+    assert_eq!((again.kept, again.more, &again.episodes), (first.episodes.len(), 1, &first.episodes));
+    assert_eq!(fs::read_to_string(&table).unwrap(), longer);
 }
 
 /// Warns for nothing: of 50 s, it does so for five, which holds the car.

@@ -126,7 +126,7 @@ pub struct Outcome {
     pub activations: u32,
     /// For how long in all, in seconds.
     pub braked_s: f64,
-    /// The hardest deceleration while it did, in g.
+    /// The hardest deceleration while it did, in g, over one frame: a scorecard's is over at least 0.2 s.
     pub hardest_g: f64,
     /// The shortest way to anything ahead, in metres.
     pub least_gap_m: f64,

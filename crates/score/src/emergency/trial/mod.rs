@@ -15,6 +15,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use lapwing_core::words::count;
+
 pub use page::{Film, render};
 
 /// A drive.
@@ -116,6 +118,10 @@ pub struct TrialResult {
     /// The guard, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guard: Option<String>,
+    /// How many drives were planned.
+    pub planned: usize,
+    /// Whether it ended before all of them were driven.
+    pub interrupted: bool,
     /// Each hazard at each speed.
     pub hazards: Vec<HazardRow>,
     /// Each hazard over all speeds.
@@ -129,7 +135,7 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
-    /// Counts drives, which keep their order.
+    /// Counts drives, which keep their order, as if no others had been planned.
     pub fn of(guard: Option<String>, drives: Vec<TrialDrive>) -> Self {
         let (hazards, harmless): (Vec<_>, Vec<_>) = drives.iter().partition(|drive| drive.hazard);
         let by = |key: &dyn Fn(&TrialDrive) -> (String, Option<u64>)| {
@@ -144,12 +150,20 @@ impl TrialResult {
         let rows = grouped(&harmless, &|drive| (named(drive), None));
         Self {
             guard,
+            planned: drives.len(),
+            interrupted: false,
             hazards: by(&|drive| (drive.case.clone(), Some(drive.speed_mph.to_bits()))),
             by_hazard: by(&|drive| (drive.case.clone(), None)),
             by_layer: by(&|drive| (drive.layer.clone(), None)),
             harmless: rows.into_iter().map(|((what, _), of)| HarmlessRow::of(what, &of)).collect(),
             drives,
         }
+    }
+
+    /// If it was interrupted, how far it got, in words.
+    fn cut_short(&self) -> Option<String> {
+        let (driven, planned) = (self.drives.len(), count(self.planned, "planned drive"));
+        self.interrupted.then(|| format!("interrupted after {driven} of {planned}"))
     }
 
     /// The drive with a guard, or else without, that went worst among those of a case; none if there is none.
@@ -279,6 +293,9 @@ impl fmt::Display for TrialResult {
             line(f, "harmless", &heads(&HARMLESS_HEADS), &HARMLESS_HEADS)?;
             harmless.iter().try_for_each(|row| line(f, &row.what, &row.cells(), &HARMLESS_HEADS))?;
         }
+        if let Some(cut_short) = self.cut_short() {
+            writeln!(f, "{cut_short}")?;
+        }
         write!(f, "guard: {}; speeds in mph", self.guard.as_deref().unwrap_or("none"))
     }
 }
@@ -335,6 +352,17 @@ mod tests {
             text.contains("ccrs") && text.contains("50 %") && text.ends_with("guard: ttc; speeds in mph"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_trial_that_was_interrupted_says_so_wherever_it_is_told() {
+        let whole = TrialResult::of(None, vec![drive(true, 20.0, Some(20.0), true, None)]);
+        assert_eq!((whole.planned, whole.interrupted), (1, false));
+        assert!(!whole.to_string().contains("interrupted") && !render(&whole, &[]).contains("interrupted"));
+        let part = TrialResult { planned: 6, interrupted: true, ..whole };
+        assert!(part.to_string().contains("\ninterrupted after 1 of 6 planned drives\nguard: none"), "{part}");
+        assert!(render(&part, &[]).contains("<p>interrupted after 1 of 6 planned drives</p>"));
+        assert!(serde_json::to_string(&part).unwrap().contains("\"planned\":6,\"interrupted\":true"));
     }
 
     #[test]

@@ -21,6 +21,7 @@ pub struct Film {
 /// The page, as HTML, everything in it.
 pub fn render(result: &TrialResult, films: &[Film]) -> String {
     let guard = result.guard.as_deref().unwrap_or("none");
+    let cut_short = result.cut_short().map(|cut_short| format!("<p>{cut_short}</p>")).unwrap_or_default();
     let hazards = |rows: &mut dyn Iterator<Item = &HazardRow>| {
         let rows = rows.map(|row| (row.what.clone(), row.cells().to_vec(), row.avoided.map(|n| (n, row.avoidable))));
         table(&HAZARD_HEADS, rows)
@@ -46,6 +47,7 @@ pub fn render(result: &TrialResult, films: &[Film]) -> String {
         .replace("/*COLOURS*/", COLOURS)
         .replace("/*SORTING*/", SORTING)
         .replace("/*GUARD*/", &escaped(guard))
+        .replace("/*INTERRUPTED*/", &cut_short)
         .replace("/*HAZARDS*/", &hazards(&mut each.into_iter()))
         .replace("/*LAYERS*/", &hazards(&mut result.by_layer.iter()))
         .replace("/*HARMLESS*/", &table(&HARMLESS_HEADS, harmless))
@@ -89,7 +91,7 @@ mod tests {
         let film = Film { title: "a < b".into(), told: "hit".into(), media: "video/mp4", base64: "AAAA".into() };
         let page = render(&result, &[film]);
         assert!(page.contains("&lt;b&gt;x&lt;/b&gt;") && page.contains("a &lt; b"));
-        for place in ["COLOURS", "SORTING", "GUARD", "HAZARDS", "LAYERS", "HARMLESS", "FILMS"] {
+        for place in ["COLOURS", "SORTING", "GUARD", "INTERRUPTED", "HAZARDS", "LAYERS", "HARMLESS", "FILMS"] {
             assert!(!page.contains(&format!("/*{place}*/")), "{place} is empty");
         }
         assert!(page.contains(COLOURS) && page.contains(SORTING));
