@@ -40,7 +40,10 @@ pub(super) fn run(arguments: &BrakeRecord) -> anyhow::Result<Ended> {
             print(&format!("  given up   {}, of which no draw was of use", report.given_up))?;
         }
         if report.more > 0 {
-            print(&format!("  more       {} recorded earlier, beyond these hours; they stay in the table", report.more))?;
+            print(&format!(
+                "  more       {} recorded earlier, beyond these hours; they stay in the table",
+                report.more
+            ))?;
         }
         if report.interrupted {
             print("  interrupted: run the same command again to continue")?;
