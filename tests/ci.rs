@@ -211,6 +211,9 @@ fn a_model_is_checked_and_a_file_of_another_tool_is_told_what_to_do() {
     };
     let (code, told, err) = rename("pilotnet");
     assert!(code == 0 && told.contains("18 tensors of pilotnet, which has ELU between its layers"), "{told}{err}");
+    // It was Lapwing's all along: nothing that it says of itself is lost.
+    assert!(told.contains("preprocessing and training: as the checkpoint says"), "{told}");
+    assert!(fs::read(&shipped).unwrap() == fs::read(&out).unwrap(), "the same bytes");
     let (code, _, err) = rename("cps");
     assert!(code == 1 && err.contains("expected the layers of cps as PyTorch shapes them, with ReLU"), "{err}");
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{ArgGroup, Args, Subcommand};
+use clap::{ArgGroup, Args, Subcommand, builder::RangedU64ValueParser};
 
 use super::{
     examples,
@@ -141,7 +141,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
     /// Use only the rows before this one, counted from 0
-    #[arg(long, value_name = "ROW")]
+    #[arg(long, value_name = "ROW", value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub before: Option<usize>,
     /// Print the result as JSON
     #[arg(long)]

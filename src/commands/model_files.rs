@@ -13,7 +13,7 @@ use crate::cli::{self, ModelVerb};
 use lapwing_core::words::{count, did_you_mean};
 use lapwing_learn::{
     models::{self, SideFile, check},
-    nn::{Architecture, Design, Metadata, Precision, rename::rename, runtime, save},
+    nn::{Architecture, Checkpoint, Design, Metadata, Precision, rename::rename, runtime, save},
 };
 
 /// A run of the lake, which the repository and the archive of a release hold.
@@ -87,7 +87,11 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         None if beside.is_file() => Some(SideFile::beside(input).with_context(taken)?),
         None => None,
     };
-    let mut design = Design::of(architecture);
+    let bytes = fs::read(input).with_context(|| format!("{} cannot be read", input.display()))?;
+    // Of a checkpoint of ours all that it says is kept, unless a file says otherwise.
+    let ours = Checkpoint::from_bytes(&bytes).ok().filter(|ours| ours.network.architecture() == architecture);
+    let ours = ours.filter(|_| side.is_none());
+    let mut design = ours.as_ref().map_or_else(|| Design::of(architecture), |ours| ours.network.design().clone());
     let outputs: Vec<String> = architecture.outputs().iter().map(|name| (*name).to_owned()).collect();
     let own = side.is_none();
     if let Some(side) = side {
@@ -98,10 +102,11 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         );
         design.preprocess = side.preprocess;
     }
-    let bytes = fs::read(input).with_context(|| format!("{} cannot be read", input.display()))?;
     let renamed = rename(&bytes, &design).with_context(|| input.display().to_string())?;
     let training = format!("made elsewhere; tensors of {}", name_of(input));
-    let metadata = Metadata { preprocess: design.preprocess.clone(), outputs, training, result: String::new() };
+    let made = Metadata { preprocess: design.preprocess.clone(), outputs, training, result: String::new() };
+    let is_ours = ours.is_some();
+    let metadata = ours.map_or(made, |ours| ours.metadata);
     save(out, &metadata, &renamed.network, Precision::F32)?;
     let moved = renamed.names.iter().filter(|(old, new)| old != new);
     let mut lines: Vec<String> = moved.map(|(old, new)| format!("{old:<24} {new}")).collect();
@@ -111,7 +116,9 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         out.display(),
         architecture.activation()
     ));
-    lines.push(if own {
+    lines.push(if is_ours {
+        "preprocessing and training: as the checkpoint says".into()
+    } else if own {
         format!("preprocessing: {network}'s own; --preprocess FILE.toml says another (docs/how-to/own-network.md)")
     } else {
         "preprocessing: as the .toml says".into()

@@ -17,7 +17,10 @@ use crate::{
 };
 use serde_json::Value;
 
-use lapwing_core::{config::text_of, words::count};
+use lapwing_core::{
+    config::{BrakeSettings, Settings, Thresholds, text_of},
+    words::count,
+};
 use lapwing_learn::nn::runtime;
 use lapwing_score::suite::{self, Cell, Done, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table};
 
@@ -27,6 +30,7 @@ const NAMED: usize = 5;
 pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Result<Ended> {
     let layers = super::allowing(super::undriven_layers(config)?, &arguments.trust)?;
     let settings = layers.clone().resolve()?;
+    tell_unused(&settings);
     let named = || arguments.suite.display().to_string();
     let suite = Suite::parse(&text_of(&arguments.suite)?).with_context(named)?;
     arguments.html.as_deref().map_or(Ok(()), |html| outputs::check_beside(html, [arguments.suite.as_path()]))?;
@@ -113,6 +117,18 @@ fn reports(outcome: &SuiteOutcome, results: &Results) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Says which settings a suite does not follow: whoever set them for single drives may rely on them here.
+fn tell_unused(settings: &Settings) {
+    if settings.thresholds != Thresholds::default() {
+        tracing::warn!(
+            "[thresholds] are not applied to a suite: lapwing score --against compares its runs with a baseline"
+        );
+    }
+    if settings.brake != BrakeSettings::default() {
+        tracing::warn!("[brake] is not applied to a suite: its drives have no guard");
+    }
 }
 
 fn tell_left_out(left_out: usize, what: &str) {

@@ -182,15 +182,16 @@ fn write(moment: &Moment, kind: RunKind, log: &mut DrivingLogWriter) -> Result<b
 
 /// Steering, throttle and brake from a moment of such a run on.
 fn driven(moment: &Moment, kind: RunKind) -> (Steering, Throttle, f64) {
-    // In a run made of a log, telemetry and command are of the same row, and only the telemetry has the brake apart.
+    let telemetry = &moment.telemetry;
+    let (throttle, brake) = (telemetry.throttle, telemetry.truth.brake.unwrap_or(0.0));
     match &moment.command {
+        // Along a recording the pilot only steers.
+        Some(command) if command.by != By::Off && kind == RunKind::RecordedPath => (command.steering, throttle, brake),
+        // In a run made of a log, telemetry and command are of the same row, and only the telemetry has the brake apart.
         Some(command) if command.by != By::Off && kind != RunKind::DrivingLog => {
             (command.steering, command.throttle, (-command.throttle.get()).max(0.0))
         }
-        _ => {
-            let telemetry = &moment.telemetry;
-            (telemetry.steering.steering(), telemetry.throttle, telemetry.truth.brake.unwrap_or(0.0))
-        }
+        _ => (telemetry.steering.steering(), throttle, brake),
     }
 }
 

@@ -16,7 +16,7 @@ use std::{
 
 use crate::score::RunClock;
 use lapwing_core::{
-    recording::{Break, EventRecord, LONGEST_GAP, Moment, Recording, RecordingError},
+    recording::{Break, EventRecord, LONGEST_GAP, Moment, Recording, RecordingError, RunKind},
     units::{MPS_PER_KMH, MPS_PER_MPH},
 };
 
@@ -130,13 +130,16 @@ impl Pedal {
 
 fn recorded(path: &Path) -> Result<Pedal, PedalError> {
     let (mut pedal, mut moments, mut told, mut clock) = (Pedal::default(), 0, false, RunClock::default());
-    for moment in Recording::open(path)? {
+    let recording = Recording::open(path)?;
+    // Along a recording the pilot only steers: what it asks of the pedals moves nothing.
+    let only_steered = recording.header().kind == RunKind::RecordedPath;
+    for moment in recording {
         let moment = moment?;
         moments += 1;
         if moment.before.iter().any(|(_, event)| matches!(event, EventRecord::Course { .. })) {
             clock.is_the_worlds();
         }
-        let brake = brake(&moment);
+        let brake = if only_steered { moment.telemetry.truth.brake } else { brake(&moment) };
         told |= brake.is_some();
         let pressed = Pressed {
             at_s: clock.telemetry(moment.at.as_secs_f64(), moment.telemetry.truth.sim_time_s),
@@ -369,10 +372,36 @@ mod tests {
     }
 
     #[test]
+    fn what_a_pilot_that_only_steers_asks_of_the_pedals_is_no_brake() {
+        use lapwing_core::{
+            recording::{CommandRecord, Item, RunFile, RunHeader},
+            units::{Steering, Throttle},
+        };
+
+        let folder = tempfile::tempdir().unwrap();
+        for (kind, brakes) in [(RunKind::Driven, true), (RunKind::RecordedPath, false)] {
+            let path = folder.path().join(format!("{kind:?}.mcap"));
+            let started = "2026-11-27T12:00:00Z".parse().unwrap();
+            let header = RunHeader::new(kind, serde_json::json!({}), started);
+            let mut run = RunFile::create(&path, &header, Default::default()).unwrap();
+            let at = std::time::Duration::ZERO;
+            let telemetry = serde_json::from_str(r#"{"steering_deg":0,"throttle":0,"speed_mph":20}"#).unwrap();
+            let command = CommandRecord::of_human(Steering::new(0.0).unwrap(), Throttle::new(-1.0).unwrap());
+            for item in
+                [Item::Telemetry(telemetry), Item::Frame(vec![0xff, 0xd8, 0xff, 0xd9].into()), Item::Command(command)]
+            {
+                run.write(at, item).unwrap();
+            }
+            run.finish().unwrap();
+            assert_eq!(Pedal::open(&path).is_ok(), brakes, "{kind:?}");
+        }
+    }
+
+    #[test]
     fn a_run_as_fast_as_it_was_answered_is_timed_by_the_simulators_clock() {
         use lapwing_core::{
             protocol::{Telemetry, Truth},
-            recording::{Item, RunFile, RunHeader, RunKind},
+            recording::{Item, RunFile, RunHeader},
             units::{Degrees, Mph, Throttle},
         };
         use std::time::Duration;

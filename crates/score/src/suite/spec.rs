@@ -189,6 +189,9 @@ impl Suite {
             return Err(wrong("longest_s", "1 to 1000000 seconds", suite.longest_s.to_string()));
         }
         for (i, pilot) in suite.pilots.iter().enumerate() {
+            if pilot.name.trim().is_empty() {
+                return Err(wrong("pilot", "a name", format!("{:?}", pilot.name)));
+            }
             if suite.pilots[..i].iter().any(|other| other.name == pilot.name) {
                 return Err(wrong("pilot", "distinct names", format!("{:?} twice", pilot.name)));
             }

@@ -65,6 +65,8 @@ fn what_is_wrong_in_a_suite_is_said() {
     assert_eq!(error("tracks = []\n[[pilot]]\nname = \"a\""), "suite: tracks: expected at least one, got none");
     let twice = "tracks = [\"lake\"]\n[[pilot]]\nname = \"a\"\n[[pilot]]\nname = \"a\"";
     assert_eq!(error(twice), "suite: pilot: expected distinct names, got \"a\" twice");
+    let unnamed = twice.replace("\"a\"", "\" \"");
+    assert_eq!(error(&unnamed), "suite: pilot: expected a name, got \" \"");
     let fast = "tracks = [\"lake\"]\nspeeds_mph = [0]\n[[pilot]]\nname = \"a\"";
     assert_eq!(error(fast), "suite: speeds_mph: expected speeds from 0.1 to 1000, got 0");
     assert!(error("track = \"lake\"").contains("unknown field `track`"));

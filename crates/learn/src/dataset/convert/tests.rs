@@ -99,6 +99,27 @@ fn a_safe_answer_is_what_was_driven_and_that_of_a_pilot_that_is_off_is_not() {
 }
 
 #[test]
+fn along_a_recording_only_the_steering_is_the_pilots() {
+    let human = CommandRecord::of_human(Steering::new(0.5).unwrap(), Throttle::new(-0.75).unwrap());
+    let steering = human.steering;
+    let moment = Moment {
+        row: 0,
+        line: None,
+        at: Duration::ZERO,
+        taken_at: None,
+        pictures: [None, None, None],
+        telemetry: serde_json::from_str(r#"{"steering_deg":-5,"throttle":0.25,"speed_mph":9}"#).unwrap(),
+        command: Some(human),
+        before: vec![],
+        broken: None,
+    };
+    let driven = |kind| driven(&moment, kind);
+    let throttle = |value| Throttle::new(value).unwrap();
+    assert_eq!(driven(RunKind::RecordedPath), (steering, throttle(0.25), 0.0));
+    assert_eq!(driven(RunKind::Driven), (steering, throttle(-0.75), 0.75));
+}
+
+#[test]
 fn where_a_human_took_over_or_the_car_was_put_back_the_folder_has_a_seam_that_is_counted() {
     let dir = tempfile::tempdir().unwrap();
     let (run, target) = (dir.path().join("a.mcap"), dir.path().join("drive"));
