@@ -88,9 +88,8 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         None => None,
     };
     let bytes = fs::read(input).with_context(|| format!("{} cannot be read", input.display()))?;
-    // Of a checkpoint of ours all that it says is kept, unless a file says otherwise.
+    // Of a checkpoint of ours all that it says is kept, but for the preprocessing if a file says another.
     let ours = Checkpoint::from_bytes(&bytes).ok().filter(|ours| ours.network.architecture() == architecture);
-    let ours = ours.filter(|_| side.is_none());
     let mut design = ours.as_ref().map_or_else(|| Design::of(architecture), |ours| ours.network.design().clone());
     let outputs: Vec<String> = architecture.outputs().iter().map(|name| (*name).to_owned()).collect();
     let own = side.is_none();
@@ -106,7 +105,8 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     let training = format!("made elsewhere; tensors of {}", name_of(input));
     let made = Metadata { preprocess: design.preprocess.clone(), outputs, training, result: String::new() };
     let is_ours = ours.is_some();
-    let metadata = ours.map_or(made, |ours| ours.metadata);
+    let preprocess = made.preprocess.clone();
+    let metadata = ours.map_or(made, |ours| Metadata { preprocess, ..ours.metadata });
     save(out, &metadata, &renamed.network, Precision::F32)?;
     let moved = renamed.names.iter().filter(|(old, new)| old != new);
     let mut lines: Vec<String> = moved.map(|(old, new)| format!("{old:<24} {new}")).collect();
@@ -116,7 +116,7 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         out.display(),
         architecture.activation()
     ));
-    lines.push(if is_ours {
+    lines.push(if is_ours && own {
         "preprocessing and training: as the checkpoint says".into()
     } else if own {
         format!("preprocessing: {network}'s own; --preprocess FILE.toml says another (docs/how-to/own-network.md)")

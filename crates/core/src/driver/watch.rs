@@ -100,9 +100,15 @@ struct SimulatorClock {
 
 impl SimulatorClock {
     /// The time of a telemetry that came `at` this time and tells this one of the simulator's, in seconds; `at` itself if
-    /// none is told that can be used.
+    /// none is told that can be used. Where one telemetry tells none, the simulator's goes on as the clock does.
     fn time(&mut self, at: Duration, told_s: Option<f64>) -> Duration {
-        let Some(told_s) = told_s.filter(Truth::is_time) else { return at };
+        let Some(told_s) = told_s.filter(Truth::is_time) else {
+            let lasts = |(told_s, since): (f64, Duration)| {
+                let ago = at.saturating_sub(since);
+                (self.is_fine && ago <= STANDS).then(|| Duration::from_secs_f64(told_s) + ago)
+            };
+            return self.told.and_then(lasts).unwrap_or(at);
+        };
         self.is_fine |= told_s.fract() != 0.0;
         let since = self.told.filter(|(before_s, _)| *before_s == told_s).map_or(at, |(_, since)| since);
         self.told = Some((told_s, since));
@@ -247,6 +253,7 @@ mod tests {
         assert_eq!(watched_at([0, 60, 120, 1000, 1060].map(Some)), [0, 60, 120, 1000, 1060]);
         assert_eq!(watched_at([7060, 7120, 0, 60].map(Some)), [7060, 7120, 0, 60], "it begins anew");
         assert_eq!(watched_at([None; 3]), [0, 1, 2]);
+        assert_eq!(watched_at([Some(7060), None, Some(7120)]), [7060, 7061, 7120], "one tells none");
         // Builds of the SelfOracle family.
         assert_eq!(watched_at([83_000, 83_000, 84_000].map(Some)), [0, 1, 2], "whole seconds");
         let stuck = watched_at([Some(12_345); 3000]);
@@ -286,7 +293,8 @@ mod tests {
             driver.drive(&seen).1.brake_due
         };
         assert_eq!(due(15, Some(40.5)), Some(40.5));
-        assert_eq!(due(30, None), Some(2.0));
+        assert_eq!(due(30, None), Some(41.5), "one second later, by the clock");
+        assert_eq!(due(90, None), Some(6.0), "it tells no more");
     }
 
     #[test]

@@ -50,7 +50,8 @@ pub struct Converted {
 /// ends in `.mcap`, or a folder, and must not exist (except as an empty folder). Pictures are copied byte for byte.
 ///
 /// The labels of a folder made from a run are those of the run: what each picture was answered with, as `lapwing
-/// record` writes it, whoever steered. Where nobody answered they are what was in effect, as the simulator reported it.
+/// record` writes it, whoever steered. A run has no label where a safe command answered, or nobody: in the folder these
+/// rows hold that command, or what was in effect, as the simulator reported it.
 /// `progress` is told after each row how many are done, and of how many if that is known, and may stop the conversion.
 ///
 /// # Errors

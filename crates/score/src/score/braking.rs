@@ -24,8 +24,10 @@ const APART_S: f64 = 1.0;
 /// A throttle of this or less is emergency braking. An emergency brake is full, -1; the default PI controller asks for
 /// this much only at 8 mph over its speed.
 const EMERGENCY: f64 = -0.8;
-/// A car this much faster than it was at its slowest drives on, in mph.
+/// A car this much faster than it was at its slowest drives on, in mph; and one that is not this much slower than at the
+/// situation's begin; and any car after so many seconds.
 const DRIVES_ON_MPH: f64 = 1.0;
+const PAST_S: f64 = 5.0;
 
 const NO_SCENARIO: &str = "no scenario asked for braking";
 const NOT_TOLD: &str = "the run reports no time to collision: only drives with a scenario do";
@@ -84,7 +86,11 @@ impl Braking {
         for situation in [&mut self.situation, &mut self.past].into_iter().flatten() {
             situation.least_mph = situation.least_mph.min(self.mph);
         }
-        self.past = self.past.take().filter(|past| speed.get() <= past.least_mph + DRIVES_ON_MPH);
+        let brakes = |past: &Situation| {
+            let slowest_mph = past.least_mph + DRIVES_ON_MPH;
+            self.mph <= slowest_mph.min(past.start_mph - DRIVES_ON_MPH) && at_s - past.last_s <= PAST_S
+        };
+        self.past = self.past.take().filter(brakes);
         let Some(until_s) = truth.time_to_collision_s.filter(|s| s.is_finite()) else { return };
         let until_s = until_s.clamp(0.0, Truth::CLEAR_S);
         self.least_s = Some(self.least_s.map_or(until_s, |least| least.min(until_s)));

@@ -215,12 +215,18 @@ fn rows_beyond(folder: &Path, drawn: &[Recorded]) -> Result<Vec<String>, DataErr
     let ours = csv(drawn);
     let name = |row: &str| row.split(',').next().unwrap_or_default().to_owned();
     let rows: BTreeMap<String, &str> = ours.lines().map(|row| (name(row), row)).collect();
+    let last = drawn.last().map_or_else(String::new, |recorded| recorded.episode.name.clone());
     for (i, got) in there.lines().enumerate() {
         // The heading is the first of both.
         let expected = if i == 0 { Some(HEADING) } else { rows.get(&name(got)).copied() };
         match expected {
             Some(expected) if expected != got => {
                 return Err(DataError::Other { path, line: i + 1, expected: expected.to_owned(), got: got.to_owned() });
+            }
+            // Names begin with their number in the data set: a row between ours is of another one.
+            None if !got.trim().is_empty() && name(got) <= last => {
+                let expected = format!("an episode after {last}");
+                return Err(DataError::Other { path, line: i + 1, expected, got: got.to_owned() });
             }
             None if run_of(folder, &name(got)).is_file() => beyond.push(got.to_owned()),
             _ => {}

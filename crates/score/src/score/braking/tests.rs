@@ -87,6 +87,18 @@ fn what_is_hit_before_the_car_drives_on_was_not_avoided() {
 }
 
 #[test]
+fn a_car_that_passes_at_its_speed_or_long_ago_did_not_hit_what_it_passed() {
+    for (mph, later_s) in [(30.0, 3.0), (12.0, 8.0)] {
+        let mut braking = Braking::default();
+        for (at, mph, until) in [(0.0, 30.0, 5.0), (1.0, mph, 2.0), (2.0, mph, 60.0), (later_s, mph, 60.0)] {
+            told(&mut braking, at, mph, until);
+        }
+        braking.collision(mph, Some(mph));
+        assert_eq!(told_so(braking, SCENARIO)[..2], [Told(1.0), Unknown(NOT_ON_COURSE)], "{mph} mph");
+    }
+}
+
+#[test]
 fn what_is_hit_after_that_leaves_it_avoided_but_nobody_says_that_nothing_was_hit() {
     let mut braking = slid_past();
     told(&mut braking, 4.0, 14.0, 60.0);
