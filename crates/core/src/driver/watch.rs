@@ -11,7 +11,7 @@ use crate::{
     units::{Clock, Metres, Mph, Throttle},
 };
 
-/// A simulator's time that has not changed for this long stands still, as for a scorecard.
+/// A simulator's time that has not changed for this long stands still.
 const STANDS: Duration = Duration::from_millis(2500);
 
 /// A guard and its brake.
