@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 #[cfg(feature = "networks")]
-use clap::builder::RangedU64ValueParser;
+use clap::builder::{PossibleValuesParser, RangedU64ValueParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
 #[cfg(feature = "simulator")]
@@ -109,7 +109,8 @@ pub struct BrakeEvaluate {
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
     /// Which part of it
-    #[arg(long, value_enum, default_value = "held-out")]
+    #[arg(long, default_value = "held-out", value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name))
+        .try_map(|name| Part::named(&name).ok_or("unknown")))]
     pub part: Part,
     /// Of its episodes, take so many, spread over all [default: all]
     #[arg(long, value_name = "COUNT", value_parser = RangedU64ValueParser::<usize>::new().range(1..))]

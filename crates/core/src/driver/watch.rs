@@ -38,7 +38,7 @@ impl Watch {
         let began = clock();
         let Telemetry { speed, truth, .. } = telemetry;
         let Truth { time_to_collision_s, gap, sim_time_s, .. } = *truth;
-        let now = self.simulator.time(at, sim_time_s);
+        let now = self.simulator.telemetry(at, sim_time_s);
         let watched = Watched { at: now, frame, speed: *speed, time_to_collision_s, gap_m: gap.map(Metres::get) };
         trace.brake_due = self.guard.watch(&watched).unwrap_or_else(|why| {
             if !std::mem::replace(&mut self.told_blind, true) {
@@ -49,18 +49,18 @@ impl Watch {
             None
         });
         trace.guard = Some(clock() - began);
-        let change = self.brake.update(at, *speed, trace.brake_due);
+        let change = self.brake.update(now, *speed, trace.brake_due);
         self.tell(change, Some(*speed), trace);
     }
 
     /// The throttle in place of the pilot's, if it brakes.
     pub(super) fn throttle(&mut self, at: Duration, speed: KnownSpeed) -> Option<Throttle> {
-        self.brake.throttle(at, speed)
+        self.brake.throttle(self.simulator.at(at), speed)
     }
 
     /// Lets go and forgets: others drive.
     pub(super) fn rest(&mut self, at: Duration, speed: Option<Mph>, why: Release, trace: &mut Trace) {
-        let change = self.brake.release(at, why);
+        let change = self.brake.release(self.simulator.at(at), why);
         self.tell(change, speed, trace);
         self.guard.reset();
     }
@@ -88,32 +88,36 @@ impl Watch {
     }
 }
 
-/// The time by which a guard watches. A simulator in lock step runs as fast as it is answered: its own clock tells how
-/// far apart two of its frames are, not the time at which they came.
+/// The time by which a guard watches and brakes. A simulator in lock step runs as fast as it is answered: its own clock tells
+/// how far apart two of its frames are, not the time at which they came. From one clock to the other, time does not leap.
 #[derive(Default)]
 struct SimulatorClock {
-    /// Whether it told a time between two whole seconds. A clock in whole seconds is too coarse to watch by.
+    /// Whether the simulator told a time between two whole seconds. A clock in whole seconds is too coarse to watch by.
     is_fine: bool,
-    /// The time that it told last, in seconds, and when it first told that.
+    /// The time that the simulator told last, in seconds, and when it first told that.
     told: Option<(f64, Duration)>,
+    /// When the telemetry that told it came, and its time.
+    last: Option<(Duration, Duration)>,
 }
 
 impl SimulatorClock {
-    /// The time of a telemetry that came `at` this time and tells this one of the simulator's, in seconds; `at` itself if
-    /// none is told that can be used. Where one telemetry tells none, the simulator's goes on as the clock does.
-    fn time(&mut self, at: Duration, told_s: Option<f64>) -> Duration {
-        let Some(told_s) = told_s.filter(Truth::is_time) else {
-            let lasts = |(told_s, since): (f64, Duration)| {
-                let ago = at.saturating_sub(since);
-                (self.is_fine && ago <= STANDS).then(|| Duration::from_secs_f64(told_s) + ago)
-            };
-            return self.told.and_then(lasts).unwrap_or(at);
-        };
+    /// The time of a telemetry that came `at` this time and tells this one of the simulator's, in seconds. Where it tells none,
+    /// begins anew or stands still, time goes on as the clock does.
+    fn telemetry(&mut self, at: Duration, told_s: Option<f64>) -> Duration {
+        let Some(told_s) = told_s.filter(Truth::is_time) else { return self.at(at) };
         self.is_fine |= told_s.fract() != 0.0;
         let since = self.told.filter(|(before_s, _)| *before_s == told_s).map_or(at, |(_, since)| since);
-        self.told = Some((told_s, since));
-        let stands = at.saturating_sub(since) > STANDS;
-        if self.is_fine && !stands { Duration::from_secs_f64(told_s) } else { at }
+        let runs = self.is_fine && at.saturating_sub(since) <= STANDS;
+        let step = |(before_s, _)| Duration::try_from_secs_f64(told_s - before_s).ok().filter(|_| runs);
+        let stepped = self.last.zip(self.told.and_then(step)).map(|((_, last), step)| last + step);
+        let now = stepped.unwrap_or_else(|| self.at(at));
+        (self.told, self.last) = (Some((told_s, since)), Some((at, now)));
+        now
+    }
+
+    /// The time of anything else that comes `at` this time.
+    fn at(&self, at: Duration) -> Duration {
+        self.last.map_or(at, |(came, last)| last + at.saturating_sub(came))
     }
 }
 
@@ -243,7 +247,7 @@ mod tests {
     fn watched_at(told_ms: impl IntoIterator<Item = Option<u32>>) -> Vec<u128> {
         let mut clock = SimulatorClock::default();
         let time = |(i, told_ms): (u64, Option<u32>)| {
-            clock.time(Duration::from_millis(i), told_ms.map(|ms| f64::from(ms) / 1e3)).as_millis()
+            clock.telemetry(Duration::from_millis(i), told_ms.map(|ms| f64::from(ms) / 1e3)).as_millis()
         };
         (0..).zip(told_ms).map(time).collect()
     }
@@ -251,13 +255,14 @@ mod tests {
     #[test]
     fn a_guard_watches_by_the_simulators_time_however_fast_its_frames_come() {
         assert_eq!(watched_at([0, 60, 120, 1000, 1060].map(Some)), [0, 60, 120, 1000, 1060]);
-        assert_eq!(watched_at([7060, 7120, 0, 60].map(Some)), [7060, 7120, 0, 60], "it begins anew");
+        assert_eq!(watched_at([7060, 7120, 0, 60].map(Some)), [0, 60, 61, 121], "it begins anew");
         assert_eq!(watched_at([None; 3]), [0, 1, 2]);
-        assert_eq!(watched_at([Some(7060), None, Some(7120)]), [7060, 7061, 7120], "one tells none");
+        assert_eq!(watched_at([Some(7060), None, Some(7120)]), [0, 1, 60], "one tells none");
         // Builds of the SelfOracle family.
         assert_eq!(watched_at([83_000, 83_000, 84_000].map(Some)), [0, 1, 2], "whole seconds");
-        let stuck = watched_at([Some(12_345); 3000]);
-        assert_eq!((stuck[2500], stuck[2501], stuck[2999]), (12_345, 2501, 2999), "it stands still");
+        assert_eq!(watched_at([83_000, 84_000, 84_500].map(Some)), [0, 1, 501], "no leap to the simulator's clock");
+        let stuck = watched_at((0..3000).map(|i| Some(12_345 + 60 * i.min(1))));
+        assert_eq!((stuck[1], stuck[2501], stuck[2502], stuck[2999]), (60, 60, 61, 558), "it stands still");
     }
 
     /// Tells its time of the run as its value.
@@ -292,9 +297,26 @@ mod tests {
             telemetry.truth.sim_time_s = sim_time_s;
             driver.drive(&seen).1.brake_due
         };
-        assert_eq!(due(15, Some(40.5)), Some(40.5));
-        assert_eq!(due(30, None), Some(41.5), "one second later, by the clock");
-        assert_eq!(due(90, None), Some(6.0), "it tells no more");
+        assert_eq!(due(15, Some(40.5)), Some(1.0));
+        assert_eq!(due(16, Some(42.5)), Some(3.0), "two seconds later, by its clock");
+        assert_eq!(due(31, None), Some(4.0), "one second later, by the bridge's");
+    }
+
+    #[test]
+    fn a_brake_lets_go_by_the_simulators_time() {
+        let mut driver = driver(Some(Box::new(TimeToCollision::default())));
+        // Fifteen telemetries a second by the bridge's clock, six of them a second by the simulator's.
+        let mut ended = (0..40).filter_map(|i| {
+            let mut seen = seen(i, 8.0, Some(if i < 3 { 1.0 } else { 60.0 }));
+            let Sight::Telemetry(telemetry) = &mut seen.sight else { panic!("no telemetry") };
+            telemetry.truth.sim_time_s = Some(40.1 + f64::from(i) / 6.0);
+            driver.drive(&seen).1.events.into_iter().find_map(|event| match event {
+                EventRecord::GuardReleases { after_s, .. } => Some((i, after_s)),
+                _ => None,
+            })
+        });
+        let (i, after_s) = ended.next().unwrap();
+        assert!(i == 7 && (after_s - 1.0).abs() < 1e-6, "{i}: {after_s} s");
     }
 
     #[test]

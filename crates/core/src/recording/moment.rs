@@ -54,6 +54,11 @@ impl Moment {
         self.command.as_ref().filter(|command| matches!(command.by, By::Pilot | By::Human))
     }
 
+    /// The command that the car followed from here on, a safe one among them. `None` if the pilot was off or nothing was answered.
+    pub fn followed(&self) -> Option<&CommandRecord> {
+        self.command.as_ref().filter(|command| command.by != By::Off)
+    }
+
     /// How the car came here from the moment before, by its speeds and the steering that was in effect. `released_at_once` says
     /// so of a keyboard's ([`released_at_once`](super::released_at_once)).
     pub fn motion_from(&self, before: &Self, released_at_once: bool) -> Motion {

@@ -3,14 +3,14 @@
 //! Labels are not stored: they follow from the pedal ([`labels`]), so that the same runs serve another rule.
 
 use std::{
-    fmt, fs, io,
+    fs, io,
     path::{Path, PathBuf},
 };
 
 use bytes::Bytes;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
+use super::Part;
 use crate::nn::braking::{BrakingArchitecture, HZ};
 use lapwing_core::{
     perception::{self, Frame, ImageError, Preprocess, PreprocessError, Preprocessor},
@@ -28,43 +28,6 @@ const FRAMES: &str = "frames";
 
 /// A network with more numbers in a frame than this decodes pictures when it needs them: all of them would fill the memory.
 const MOST_PIXELS: usize = 20_000;
-
-/// What an episode is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Part {
-    /// To learn from.
-    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
-    Train,
-    /// To choose by.
-    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
-    Validation,
-    /// To judge by.
-    #[cfg_attr(feature = "clap", value(help = None::<&str>))]
-    HeldOut,
-}
-
-impl Part {
-    fn named(name: &str) -> Option<Self> {
-        match name {
-            "train" => Some(Self::Train),
-            "validation" => Some(Self::Validation),
-            "held-out" => Some(Self::HeldOut),
-            _ => None,
-        }
-    }
-}
-
-impl fmt::Display for Part {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Train => "train",
-            Self::Validation => "validation",
-            Self::HeldOut => "held-out",
-        })
-    }
-}
 
 /// What the table says about an episode.
 #[derive(Debug, Clone, PartialEq)]
@@ -293,7 +256,9 @@ impl Drive {
             impact_s: None,
             pictures: if keeps_grey { Pictures::Grey(vec![]) } else { Pictures::Jpeg(vec![]) },
         };
-        for (i, moment) in Recording::open(&path)?.enumerate() {
+        let recording = Recording::open(&path)?;
+        let kind = recording.header().kind;
+        for (i, moment) in recording.enumerate() {
             let moment = moment?;
             let hit = moment.before.iter().find(|(_, event)| matches!(event, EventRecord::Collision { .. }));
             if let (None, Some((at, _))) = (drive.impact_s, hit) {
@@ -314,7 +279,7 @@ impl Drive {
             }
             drive.at_s.push(moment.at.as_secs_f64());
             drive.speed_kmh.push((moment.telemetry.speed.metres_per_second().get() / MPS_PER_KMH) as f32);
-            drive.pedal.push(brake(&moment).unwrap_or(0.0));
+            drive.pedal.push(brake(&moment, kind).unwrap_or(0.0));
             let truth = &moment.telemetry.truth;
             drive.until_s.push(truth.time_to_collision_s.unwrap_or(Truth::CLEAR_S));
             drive.gap_m.push(truth.gap.map_or(Truth::CLEAR_M, Metres::get));

@@ -31,8 +31,9 @@ mod train;
 mod values;
 mod windows;
 
-pub use episodes::{BrakingDataError, Drive, Part, Story, load, stories};
+pub use episodes::{BrakingDataError, Drive, Story, load, stories};
 pub use guard::{BrakingModel, BrakingModelError};
+pub use lapwing_sim::braking::Part;
 pub use recipe::BrakingRecipe;
 pub use report::{BrakingReport, Row, Target};
 pub use train::{BrakingTrainError, Epoch, TrainOptions, Trained, train};

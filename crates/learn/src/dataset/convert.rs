@@ -21,8 +21,7 @@ use super::DatasetError;
 use lapwing_core::{
     recording::udacity::{DrivingLog, DrivingLogWriter, NewRow},
     recording::{
-        Break, By, LONGEST_GAP, Moment, Picture, Recorder, RecorderOptions, Recording, RecordingError, RunKind,
-        is_run_name,
+        Break, LONGEST_GAP, Moment, Picture, Recorder, RecorderOptions, Recording, RecordingError, RunKind, is_run_name,
     },
     units::{Steering, Throttle},
     words::count,
@@ -185,14 +184,12 @@ fn write(moment: &Moment, kind: RunKind, log: &mut DrivingLogWriter) -> Result<b
 fn driven(moment: &Moment, kind: RunKind) -> (Steering, Throttle, f64) {
     let telemetry = &moment.telemetry;
     let (throttle, brake) = (telemetry.throttle, telemetry.truth.brake.unwrap_or(0.0));
-    match &moment.command {
-        // Along a recording the pilot only steers.
-        Some(command) if command.by != By::Off && kind == RunKind::RecordedPath => (command.steering, throttle, brake),
+    match (moment.followed(), kind) {
         // In a run made of a log, telemetry and command are of the same row, and only the telemetry has the brake apart.
-        Some(command) if command.by != By::Off && kind != RunKind::DrivingLog => {
-            (command.steering, command.throttle, (-command.throttle.get()).max(0.0))
-        }
-        _ => (telemetry.steering.steering(), throttle, brake),
+        (None, _) | (_, RunKind::DrivingLog) => (telemetry.steering.steering(), throttle, brake),
+        // Along a recording the pilot only steers.
+        (Some(command), RunKind::RecordedPath) => (command.steering, throttle, brake),
+        (Some(command), _) => (command.steering, command.throttle, (-command.throttle.get()).max(0.0)),
     }
 }
 

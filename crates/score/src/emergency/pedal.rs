@@ -131,15 +131,14 @@ impl Pedal {
 fn recorded(path: &Path) -> Result<Pedal, PedalError> {
     let (mut pedal, mut moments, mut told, mut clock) = (Pedal::default(), 0, false, RunClock::default());
     let recording = Recording::open(path)?;
-    // Along a recording the pilot only steers: what it asks of the pedals moves nothing.
-    let only_steered = recording.header().kind == RunKind::RecordedPath;
+    let kind = recording.header().kind;
     for moment in recording {
         let moment = moment?;
         moments += 1;
         if moment.before.iter().any(|(_, event)| matches!(event, EventRecord::Course { .. })) {
             clock.is_the_worlds();
         }
-        let brake = if only_steered { moment.telemetry.truth.brake } else { brake(&moment) };
+        let brake = brake(&moment, kind);
         told |= brake.is_some();
         let pressed = Pressed {
             at_s: clock.telemetry(moment.at.as_secs_f64(), moment.telemetry.truth.sim_time_s),
@@ -155,11 +154,13 @@ fn recorded(path: &Path) -> Result<Pedal, PedalError> {
     Ok(pedal)
 }
 
-/// What is known of the brake at a moment: what the simulator reports, else the throttle below 0 that was asked for. A throttle
-/// of 0 or more says nothing of a brake: the stock simulator's driver has none.
-pub fn brake(moment: &Moment) -> Option<f64> {
-    let asked = || moment.command.as_ref().map(|command| -command.throttle.get()).filter(|brake| *brake > 0.0);
-    moment.telemetry.truth.brake.or_else(asked)
+/// What is known of the brake at a moment of a run of this kind: what the simulator reports, else the throttle below 0 that was
+/// asked for. A throttle of 0 or more says nothing of a brake: the stock simulator's driver has none. Along a recording the pilot
+/// only steers: what it asks of the pedals moves nothing.
+pub fn brake(moment: &Moment, kind: RunKind) -> Option<f64> {
+    let has_pedals = kind != RunKind::RecordedPath;
+    let command = moment.command.as_ref().filter(|_| has_pedals);
+    moment.telemetry.truth.brake.or_else(|| command.map(|command| -command.throttle.get()).filter(|brake| *brake > 0.0))
 }
 
 /// A unit of a column: its name, and how many of the unit used here it is.

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use super::{ClosedLoopError, warp::SIZE};
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
-    recording::{Break, By, LONGEST_GAP, Picture, Recording, udacity::FALLBACK_INTERVAL},
+    recording::{Break, LONGEST_GAP, Picture, Recording, udacity::FALLBACK_INTERVAL},
     units::{Mph, Steering, Throttle},
 };
 
@@ -213,12 +213,12 @@ fn raw(path: &Path) -> Result<Vec<Raw>, ClosedLoopError> {
             continue;
         }
         // The car followed safe answers, too; with the pilot off it did something else.
-        let answer = moment.command.filter(|c| c.by != By::Off);
-        unanswered = answer.is_none();
+        let followed = moment.followed();
+        unanswered = followed.is_none();
         raw.push(Raw {
             at_s: moment.at.as_secs_f64(),
             speed: moment.telemetry.speed,
-            steering: answer.map_or(told, |c| c.steering),
+            steering: followed.map_or(told, |command| command.steering),
             throttle: moment.telemetry.throttle,
             broken: broken.take(),
         });

@@ -9,7 +9,7 @@ use super::{
 };
 use lapwing_core::{
     protocol::Telemetry,
-    recording::{CommandRecord, EventRecord, Item, RunHeader},
+    recording::{By, CommandRecord, EventRecord, Item, RunHeader},
     units::Mph,
 };
 
@@ -63,7 +63,7 @@ fn what_a_folder_says_was_steered_is_a_humans_command_in_the_run() {
     let counts = converted(&folder(&dir.path().join("drive"), 4, true), &run);
     assert_eq!((counts.rows, counts.side_pictures), (4, 8));
     let command = steps(&run)[3].command.clone().unwrap();
-    assert_eq!(command.by, lapwing_core::recording::By::Human);
+    assert_eq!(command.by, By::Human);
     assert_eq!((command.steering.get(), command.throttle.get()), (0.5, 0.25));
 }
 
