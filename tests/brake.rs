@@ -265,7 +265,7 @@ fn a_trial_tells_what_a_guard_avoids_in_a_table_a_file_and_a_page_with_films() {
     let trial = |more: &[&str]| run(&[&["brake", "trial"], &less[..], more].concat());
     let (status, out, err) = trial(&[]);
     assert_eq!((status, err.as_str()), (0, ""));
-    assert!(out.ends_with("guard: none; speeds in mph\n"), "{out}");
+    assert!(out.ends_with("guard: none; roads, looks and weather: held-out; speeds in mph\n"), "{out}");
     let (status, out, err) = trial(&["--brake-guard", "ttc", "--out", "runs", "--json"]);
     assert_eq!(status, 0, "{err}");
     let result: serde_json::Value = serde_json::from_str(&out).unwrap();
@@ -278,6 +278,11 @@ fn a_trial_tells_what_a_guard_avoids_in_a_table_a_file_and_a_page_with_films() {
     let page = fs::read_to_string(folder.path().join("runs/trial.html")).unwrap();
     assert_eq!(page.matches("data:video/mp4;base64,").count(), 2);
     assert!(folder.path().join("runs/films/ccrs.mp4").is_file());
+    let (status, out, err) = trial(&["--part", "train", "--json"]);
+    assert_eq!(status, 0, "{err}");
+    let learnt: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&result["part"], &learnt["part"]), (&"held-out".into(), &"train".into()));
+    assert_ne!(result["drives"][0]["track"], learnt["drives"][0]["track"], "each part has its own roads");
     let (status, _, err) = trial(&["--layers", "fog"]);
     assert_eq!(status, 2);
     assert!(err.contains("expected one of plain, hidden, rain, low-sun, night"), "{err}");

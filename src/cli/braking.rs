@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 #[cfg(feature = "networks")]
-use clap::builder::{PossibleValuesParser, RangedU64ValueParser, TypedValueParser};
+use clap::builder::RangedU64ValueParser;
+#[cfg(any(feature = "networks", feature = "simulator"))]
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
 #[cfg(feature = "simulator")]
@@ -11,10 +13,10 @@ use super::GuardFlags;
 use super::{examples, parse::above_zero};
 #[cfg(feature = "simulator")]
 use lapwing_core::words::did_you_mean;
-#[cfg(feature = "networks")]
+#[cfg(all(feature = "networks", not(feature = "simulator")))]
 use lapwing_learn::braking::Part;
 #[cfg(feature = "simulator")]
-use lapwing_sim::braking::{Case, Layer};
+use lapwing_sim::braking::{Case, Layer, Part};
 
 /// `lapwing brake`
 #[derive(Debug, Args)]
@@ -109,8 +111,7 @@ pub struct BrakeEvaluate {
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
     /// Which part of it
-    #[arg(long, default_value = "held-out", value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name))
-        .try_map(|name| Part::named(&name).ok_or("unknown")))]
+    #[arg(long, default_value = "held-out", value_parser = part())]
     pub part: Part,
     /// Of its episodes, take so many, spread over all [default: all]
     #[arg(long, value_name = "COUNT", value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
@@ -150,12 +151,20 @@ pub struct BrakeTrial {
     /// Laps of each of lake, jungle and mountain, without traffic
     #[arg(long, value_name = "COUNT", default_value_t = 10)]
     pub laps: u32,
+    /// Part of the data whose roads, looks and weather to use: train to learn from, validation to choose by, held-out to judge by
+    #[arg(long, default_value = "held-out", value_parser = part())]
+    pub part: Part,
     /// Folder for trial.json, trial.html, and films/ of the worst drive of each
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[cfg(any(feature = "networks", feature = "simulator"))]
+fn part() -> impl TypedValueParser<Value = Part> {
+    PossibleValuesParser::new(Part::ALL.map(Part::name)).try_map(|name| Part::named(&name).ok_or("expected a part"))
 }
 
 #[cfg(feature = "simulator")]

@@ -46,6 +46,7 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
         speeds_mph: if arguments.speeds.is_empty() { defaults.speeds_mph } else { arguments.speeds.clone() },
         seeds: arguments.seeds,
         laps: arguments.laps,
+        part: arguments.part,
     };
     let (planned, mut places) = (trials(&options), Places::default());
     let bar = if io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
@@ -58,7 +59,11 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
     let result = TrialResult {
         planned: planned.len(),
         interrupted: tried.len() < planned.len(),
-        ..TrialResult::of(guard.map(|guard| guard.name().to_owned()), tried.iter().map(driven).collect())
+        ..TrialResult::of(
+            guard.map(|guard| guard.name().to_owned()),
+            arguments.part.name(),
+            tried.iter().map(driven).collect(),
+        )
     };
     let json = serde_json::to_string_pretty(&result)?;
     if let Some(folder) = &arguments.out {

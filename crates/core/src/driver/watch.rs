@@ -38,6 +38,10 @@ impl Watch {
         let began = clock();
         let Telemetry { speed, truth, .. } = telemetry;
         let Truth { time_to_collision_s, gap, sim_time_s, .. } = *truth;
+        // The simulator shows another scene, of which the guard has seen nothing yet.
+        if self.simulator.begins_anew(sim_time_s) {
+            self.guard.reset();
+        }
         let now = self.simulator.telemetry(at, sim_time_s);
         let watched = Watched { at: now, frame, speed: *speed, time_to_collision_s, gap_m: gap.map(Metres::get) };
         trace.brake_due = self.guard.watch(&watched).unwrap_or_else(|why| {
@@ -89,20 +93,23 @@ impl Watch {
 }
 
 /// The time by which a guard watches and brakes. A simulator in lock step runs as fast as it is answered: its own clock tells
-/// how far apart two of its frames are, not the time at which they came. From one clock to the other, time does not leap.
+/// how far apart two of its frames are, not the time at which they came. Time does not leap where one clock takes over from the
+/// other, and it never goes back.
 #[derive(Default)]
 struct SimulatorClock {
     /// Whether the simulator told a time between two whole seconds. A clock in whole seconds is too coarse to watch by.
     is_fine: bool,
     /// The time that the simulator told last, in seconds, and when it first told that.
     told: Option<(f64, Duration)>,
-    /// When the telemetry that told it came, and its time.
+    /// When the telemetry that told it came, by the bridge's clock, and the time that was given for it.
     last: Option<(Duration, Duration)>,
+    /// The latest time that was given; none that is given after it is earlier.
+    latest: Duration,
 }
 
 impl SimulatorClock {
-    /// The time of a telemetry that came `at` this time and tells this one of the simulator's, in seconds. Where it tells none,
-    /// begins anew or stands still, time goes on as the clock does.
+    /// The time of a telemetry that came `at` this time and tells this one of the simulator's, in seconds. If the simulator tells
+    /// none or only whole seconds, begins anew or stands still, time goes on as the bridge's clock does.
     fn telemetry(&mut self, at: Duration, told_s: Option<f64>) -> Duration {
         let Some(told_s) = told_s.filter(Truth::is_time) else { return self.at(at) };
         self.is_fine |= told_s.fract() != 0.0;
@@ -110,14 +117,25 @@ impl SimulatorClock {
         let runs = self.is_fine && at.saturating_sub(since) <= STANDS;
         let step = |(before_s, _)| Duration::try_from_secs_f64(told_s - before_s).ok().filter(|_| runs);
         let stepped = self.last.zip(self.told.and_then(step)).map(|((_, last), step)| last + step);
-        let now = stepped.unwrap_or_else(|| self.at(at));
+        let now = match stepped {
+            Some(stepped) => stepped.max(self.latest),
+            None => self.at(at),
+        };
+        self.latest = now;
         (self.told, self.last) = (Some((told_s, since)), Some((at, now)));
         now
     }
 
     /// The time of anything else that comes `at` this time.
-    fn at(&self, at: Duration) -> Duration {
-        self.last.map_or(at, |(came, last)| last + at.saturating_sub(came))
+    fn at(&mut self, at: Duration) -> Duration {
+        let now = self.last.map_or(at, |(came, last)| last + at.saturating_sub(came));
+        self.latest = self.latest.max(now);
+        self.latest
+    }
+
+    /// Whether a telemetry that tells this time begins a drive anew.
+    fn begins_anew(&self, told_s: Option<f64>) -> bool {
+        told_s.filter(Truth::is_time).zip(self.told).is_some_and(|(told_s, (before_s, _))| told_s < before_s)
     }
 }
 
@@ -258,6 +276,7 @@ mod tests {
         assert_eq!(watched_at([7060, 7120, 0, 60].map(Some)), [0, 60, 61, 121], "it begins anew");
         assert_eq!(watched_at([None; 3]), [0, 1, 2]);
         assert_eq!(watched_at([Some(7060), None, Some(7120)]), [0, 1, 60], "one tells none");
+        assert_eq!(watched_at([7000.1, 7000.2].map(|ms| Some(ms as u32))), [0, 0], "slower than the clock");
         // Builds of the SelfOracle family.
         assert_eq!(watched_at([83_000, 83_000, 84_000].map(Some)), [0, 1, 2], "whole seconds");
         assert_eq!(watched_at([83_000, 84_000, 84_500].map(Some)), [0, 1, 501], "no leap to the simulator's clock");
@@ -305,7 +324,7 @@ mod tests {
     #[test]
     fn a_brake_lets_go_by_the_simulators_time() {
         let mut driver = driver(Some(Box::new(TimeToCollision::default())));
-        // Fifteen telemetries a second by the bridge's clock, six of them a second by the simulator's.
+        // Fifteen telemetries come in a second of the bridge's clock, and six in a second of the simulator's.
         let mut ended = (0..40).filter_map(|i| {
             let mut seen = seen(i, 8.0, Some(if i < 3 { 1.0 } else { 60.0 }));
             let Sight::Telemetry(telemetry) = &mut seen.sight else { panic!("no telemetry") };

@@ -54,7 +54,8 @@ impl Moment {
         self.command.as_ref().filter(|command| matches!(command.by, By::Pilot | By::Human))
     }
 
-    /// The command that the car followed from here on, a safe one among them. `None` if the pilot was off or nothing was answered.
+    /// The command that the car followed from here on, which may be a safe one. `None` if the pilot was off or nothing was
+    /// answered.
     pub fn followed(&self) -> Option<&CommandRecord> {
         self.command.as_ref().filter(|command| command.by != By::Off)
     }

@@ -38,7 +38,7 @@ pub enum EventRecord {
     },
     /// It no longer does: the pilot has the throttle again.
     GuardReleases {
-        /// How long it braked.
+        /// How long it braked, by the simulator's clock, if it reports one.
         after_s: f64,
         /// Why it stopped.
         why: Release,

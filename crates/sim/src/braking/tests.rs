@@ -46,7 +46,7 @@ fn every_hazard_is_hit_in_every_layer_if_nobody_brakes() {
         for (i, layer) in case.layers().enumerate() {
             for (k, speed_mph) in [10.0, 20.0, 30.0].into_iter().enumerate() {
                 let (seed, track) = ((i * 3 + k) as u64, "random:9".to_owned());
-                let trial = Trial { case, layer, track, speed_mph, seed, laps: None };
+                let trial = Trial { case, layer, track, speed_mph, seed, laps: None, part: Part::HeldOut };
                 let outcome = trial.drive(&places, Braker::Nobody, &mut |_| Ok(())).unwrap();
                 assert!(outcome.impact_mph.is_some(), "{trial:?}: {outcome:?}");
                 // At 30 mph the pilot slows down for bends, and brakes for nothing else.
@@ -181,7 +181,8 @@ fn who_crosses_hidden_is_out_of_sight_for_a_while_and_nothing_else_is() {
     places.open(["random:9"]).unwrap();
     // For how long the target cannot be seen in the last six seconds before it is hit, and whether it can at last.
     let unseen = |case: Case, layer: Layer| {
-        let trial = Trial { case, layer, track: "random:9".into(), speed_mph: 20.0, seed: 1, laps: None };
+        let trial =
+            Trial { case, layer, track: "random:9".into(), speed_mph: 20.0, seed: 1, laps: None, part: Part::HeldOut };
         let mut seen = vec![];
         let mut show = |world: &Simulation| {
             let target = world.actors()[0].position;

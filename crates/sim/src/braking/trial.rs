@@ -71,6 +71,8 @@ pub struct TrialOptions {
     pub seeds: u64,
     /// Laps of each of the three tracks, without traffic.
     pub laps: u32,
+    /// The part of the data whose roads, looks and weather are used.
+    pub part: Part,
 }
 
 impl Default for TrialOptions {
@@ -81,6 +83,7 @@ impl Default for TrialOptions {
             speeds_mph: SPEEDS_MPH.to_vec(),
             seeds: 20,
             laps: 10,
+            part: Part::HeldOut,
         }
     }
 }
@@ -100,6 +103,8 @@ pub struct Trial {
     pub seed: u64,
     /// Laps, where they are driven.
     pub laps: Option<u32>,
+    /// The part of the data whose looks and weather are used.
+    pub part: Part,
 }
 
 /// Who brakes.
@@ -161,7 +166,8 @@ pub enum TrialError {
 
 /// All drives of a trial.
 pub fn trials(options: &TrialOptions) -> Vec<Trial> {
-    let roads = tracks(Part::HeldOut);
+    let part = options.part;
+    let roads = tracks(part);
     let mut all = vec![];
     for case in &options.cases {
         let own: Vec<Layer> = case.layers().collect();
@@ -175,6 +181,7 @@ pub fn trials(options: &TrialOptions) -> Vec<Trial> {
                 speed_mph: *speed_mph,
                 seed: (*case as u64) << 32 | (i as u64) << 24 | seed,
                 laps: None,
+                part,
             }));
         }
     }
@@ -185,6 +192,7 @@ pub fn trials(options: &TrialOptions) -> Vec<Trial> {
         speed_mph: LAP_MPH,
         seed: 0,
         laps: Some(options.laps),
+        part,
     }));
     all
 }
@@ -229,9 +237,8 @@ impl Trial {
         braker: Braker<'_>,
         show: &mut dyn FnMut(&Simulation) -> Result<(), ObserverError>,
     ) -> Result<Outcome, TrialError> {
-        let Self { case, layer, speed_mph, seed, .. } = *self;
-        let mut setup =
-            Staging { case, layer, part: Part::HeldOut, speed_mph, seed }.setup(places.get(&self.track)?)?;
+        let Self { case, layer, part, speed_mph, seed, .. } = *self;
+        let mut setup = Staging { case, layer, part, speed_mph, seed }.setup(places.get(&self.track)?)?;
         if let Some(laps) = self.laps {
             (setup.laps, setup.longest_s) = (Some(laps), None);
             setup.rules.stuck_s = HELD_IN_A_LAP_S;

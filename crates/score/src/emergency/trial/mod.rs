@@ -118,6 +118,8 @@ pub struct TrialResult {
     /// The guard, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guard: Option<String>,
+    /// The part of the data whose roads, looks and weather the trial used.
+    pub part: String,
     /// How many drives were planned.
     pub planned: usize,
     /// Whether it ended before all of them were driven.
@@ -135,8 +137,8 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
-    /// Counts drives, which keep their order, as if no others had been planned.
-    pub fn of(guard: Option<String>, drives: Vec<TrialDrive>) -> Self {
+    /// Counts drives in one part's roads, looks and weather. They keep their order; it is as if no others had been planned.
+    pub fn of(guard: Option<String>, part: &str, drives: Vec<TrialDrive>) -> Self {
         let (hazards, harmless): (Vec<_>, Vec<_>) = drives.iter().partition(|drive| drive.hazard);
         let by = |key: &dyn Fn(&TrialDrive) -> (String, Option<u64>)| {
             grouped(&hazards, key)
@@ -150,6 +152,7 @@ impl TrialResult {
         let rows = grouped(&harmless, &|drive| (named(drive), None));
         Self {
             guard,
+            part: part.to_owned(),
             planned: drives.len(),
             interrupted: false,
             hazards: by(&|drive| (drive.case.clone(), Some(drive.speed_mph.to_bits()))),
@@ -296,7 +299,8 @@ impl fmt::Display for TrialResult {
         if let Some(cut_short) = self.cut_short() {
             writeln!(f, "{cut_short}")?;
         }
-        write!(f, "guard: {}; speeds in mph", self.guard.as_deref().unwrap_or("none"))
+        let guard = self.guard.as_deref().unwrap_or("none");
+        write!(f, "guard: {guard}; roads, looks and weather: {}; speeds in mph", self.part)
     }
 }
 
@@ -336,7 +340,7 @@ mod tests {
             drive(true, 30.0, Some(30.0), true, Some(18.0)),
             drive(false, 30.0, None, false, None),
         ];
-        let result = TrialResult::of(Some("ttc".into()), drives);
+        let result = TrialResult::of(Some("ttc".into()), "held-out", drives);
         let [slow, fast] = &result.hazards[..] else { panic!("{result:?}") };
         assert_eq!((slow.drives, slow.hit_without, slow.avoidable), (3, 3, 2));
         assert_eq!((slow.hit_with, slow.avoided), (Some(1), Some(1)));
@@ -349,14 +353,16 @@ mod tests {
         assert_eq!(result.worst("ccrs").map(|drive| drive.speed_mph), Some(30.0));
         let text = result.to_string();
         assert!(
-            text.contains("ccrs") && text.contains("50 %") && text.ends_with("guard: ttc; speeds in mph"),
+            text.contains("ccrs")
+                && text.contains("50 %")
+                && text.ends_with("guard: ttc; roads, looks and weather: held-out; speeds in mph"),
             "{text}"
         );
     }
 
     #[test]
     fn a_trial_that_was_interrupted_says_so_wherever_it_is_told() {
-        let whole = TrialResult::of(None, vec![drive(true, 20.0, Some(20.0), true, None)]);
+        let whole = TrialResult::of(None, "train", vec![drive(true, 20.0, Some(20.0), true, None)]);
         assert_eq!((whole.planned, whole.interrupted), (1, false));
         assert!(!whole.to_string().contains("interrupted") && !render(&whole, &[]).contains("interrupted"));
         let part = TrialResult { planned: 6, interrupted: true, ..whole };
@@ -368,7 +374,7 @@ mod tests {
     #[test]
     fn without_a_guard_nothing_is_told_of_one() {
         let drives = vec![TrialDrive { with: None, ..drive(true, 20.0, Some(20.0), true, None) }];
-        let result = TrialResult::of(None, drives);
+        let result = TrialResult::of(None, "train", drives);
         assert_eq!((result.hazards[0].hit_with, result.hazards[0].avoided), (None, None));
         assert!(!serde_json::to_string(&result).unwrap().contains("\"hit_with\""));
     }

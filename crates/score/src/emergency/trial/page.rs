@@ -47,6 +47,7 @@ pub fn render(result: &TrialResult, films: &[Film]) -> String {
         .replace("/*COLOURS*/", COLOURS)
         .replace("/*SORTING*/", SORTING)
         .replace("/*GUARD*/", &escaped(guard))
+        .replace("/*PART*/", &escaped(&result.part))
         .replace("/*INTERRUPTED*/", &cut_short)
         .replace("/*HAZARDS*/", &hazards(&mut each.into_iter()))
         .replace("/*LAYERS*/", &hazards(&mut result.by_layer.iter()))
@@ -87,7 +88,7 @@ mod tests {
 
     #[test]
     fn a_page_holds_its_films_and_no_markup_of_others() {
-        let result = TrialResult::of(Some("<b>x</b>".into()), vec![]);
+        let result = TrialResult::of(Some("<b>x</b>".into()), "held-out", vec![]);
         let film = Film { title: "a < b".into(), told: "hit".into(), media: "video/mp4", base64: "AAAA".into() };
         let page = render(&result, &[film]);
         assert!(page.contains("&lt;b&gt;x&lt;/b&gt;") && page.contains("a &lt; b"));
