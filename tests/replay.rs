@@ -61,7 +61,8 @@ fn udacity_folder(rows: u8) -> TempDir {
     let mut log = String::new();
     for i in 0..rows {
         let name = format!("center_2026_11_21_08_00_{:02}_{:03}.jpg", i / 10, u32::from(i) % 10 * 100);
-        fs::write(dir.path().join("IMG").join(&name), jpeg(i)).unwrap();
+        // Far apart in brightness: a good network cares little for a few grey levels.
+        fs::write(dir.path().join("IMG").join(&name), jpeg(i.wrapping_mul(40))).unwrap();
         let other = |camera: &str| name.replace("center", camera);
         let steering = f64::from(i % 7) / 20.0;
         log += &format!(
@@ -144,7 +145,7 @@ async fn a_bridge_that_kicks_between_the_frames_of_a_slow_replay_does_not_mix_up
     let steering = |answers: &[Answered]| -> Vec<f64> { answers.iter().map(|a| steered(a).steering.get()).collect() };
     assert!(running.stop().await[0].count(Figure::Kicks) > 0);
     let (there, here) = (steering(there.answers()), steering(here.answers()));
-    assert!((here[0] - here[5]).abs() > 1e-3, "the frames are told apart");
+    assert!(here.windows(2).all(|two| (two[0] - two[1]).abs() > 1e-3), "the frames are told apart: {here:?}");
     assert_eq!(there.len(), here.len());
     assert!(there.iter().zip(&here).all(|(a, b)| (a - b).abs() < 1e-4), "{there:?} {here:?}");
 }
