@@ -81,8 +81,9 @@ fn a_network_learns_from_its_own_drives_and_a_round_that_is_resumed_is_the_same(
     let dir = prepared();
     let folder = dir.path();
     let told = trained(folder, "with", &[]);
-    assert!(told.contains("with/round-2/model.safetensors"), "{told}");
-    let with = folder.join("with/round-2/model.safetensors");
+    assert!(told.contains("with/final.safetensors"), "{told}");
+    let with = folder.join("with/final.safetensors");
+    assert_eq!(weights(&with), weights(&folder.join("with/round-2/model.safetensors")));
     let first_of_all = folder.join("with/model.safetensors");
     assert_ne!(weights(&with), weights(&first_of_all), "the rounds go on learning");
 
@@ -134,5 +135,5 @@ fn without_a_recipe_it_drives_along_the_data_whose_lane_is_given() {
     let (code, text) = lapwing(folder, &[&train[..], &["--lane", "road/lane.csv"]].concat());
     assert_eq!(code, Some(0), "{text}");
     assert!(folder.join("out/round-1/along-1/driving_log.csv").exists(), "{text}");
-    assert!(text.contains("out/round-1/model.safetensors"), "{text}");
+    assert!(text.contains("out/final.safetensors"), "{text}");
 }

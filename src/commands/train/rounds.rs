@@ -2,7 +2,7 @@
 //!
 //! Each round has a folder of its own in the training's folder, `round-1` and so on: the lessons, each a data set with its
 //! table of places, and the training that goes on from the weights of the round before. A round that was broken off is
-//! resumed: lessons and epochs that are complete are not repeated.
+//! resumed: lessons and epochs that are complete are not repeated. The last round's network is copied to `final.safetensors`.
 
 use std::{
     fs,
@@ -22,6 +22,7 @@ use lapwing_core::{
     config::{ControlSettings, Settings},
     drive::Eventful,
     driver::Driver,
+    files,
     recording::udacity::DrivingLogWriter,
     units::Mph,
     words::count,
@@ -43,6 +44,8 @@ use lapwing_sim::{
 
 /// What is left of a lesson in its folder, beside the data.
 const REPORT_NAME: &str = "lesson.json";
+/// The network of the last round, in the training's folder, where `model.safetensors` is the one before the rounds.
+const FINAL_NAME: &str = "final.safetensors";
 /// The noise on the expert's steering is as large as the network's errors, but not less or more than this: without noise
 /// nothing is learnt about recovering, and with more the car leaves the road.
 const NOISE: (f64, f64) = (0.03, 0.2);
@@ -100,8 +103,14 @@ pub(super) fn run(
         // If there is nothing to resume, this begins.
         outcome = learn(next, &folder, true, interrupted)?;
         if !outcome.finished {
-            break;
+            return Ok(outcome);
         }
+    }
+    if closed_loop.rounds > 0 {
+        let last = out.join(FINAL_NAME);
+        let bytes = fs::read(&outcome.model).with_context(|| outcome.model.display().to_string())?;
+        files::write(&last, &bytes).with_context(|| format!("{}: cannot be written", last.display()))?;
+        outcome.model = last;
     }
     Ok(outcome)
 }
