@@ -163,7 +163,7 @@ fn a_network_that_cannot_be_trained_further_is_named_before_the_data_are_read_an
     fs::copy(model, folder.path().join("brake.safetensors")).unwrap();
     for (network, pretrained, out, expected) in [
         ("brake-live", "none.safetensors", "new.safetensors", "pretrained: none.safetensors cannot be read"),
-        ("brake-wide", "brake.safetensors", "new.safetensors", "expected a brake-wide network, as in the recipe"),
+        ("brake-stacked", "brake.safetensors", "new.safetensors", "expected a brake-stacked network, as in the recipe"),
         ("brake-live", "brake.safetensors", "brake.safetensors", "it is also an input, which would be lost"),
     ] {
         let recipe = format!("network = \"{network}\"\npretrained = \"{pretrained}\"\n");

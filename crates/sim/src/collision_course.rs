@@ -17,6 +17,10 @@ use super::{
 
 /// Places at which the curvature of a path is looked up.
 const BENDS: usize = 8;
+/// What our car passes later than this, in seconds, it never passes.
+const LONGEST_S: f64 = 10.0;
+/// Speeds no farther apart than this are the same, in m/s.
+const SAME_MPS: f64 = 1e-3;
 
 /// Seconds until the car hits the first of the actors ahead of it, 0 if it touches one now; infinite if it hits none.
 pub fn time_to_collision(track: &Track, car: &Car, place: &Place, actors: &[Actor]) -> f64 {
@@ -55,6 +59,50 @@ pub fn in_the_way(track: &Track, car: &Car, place: &Place, actors: &[Actor], spa
         is_in_it.then(|| InTheWay { gap_m: rear_m - front_m, speed_mps: actor.speed * actor.yaw.cos() })
     };
     obstacles(actors).filter_map(found).min_by(|a, b| a.gap_m.total_cmp(&b.gap_m))
+}
+
+/// How our car gets past something, if nobody changes speed or path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pass {
+    /// Metres between its side and ours now, measured across the road; below 0 where they overlap.
+    pub room_m: f32,
+    /// The least room while our car is beside it; `room_m` if it never is.
+    pub least_m: f32,
+    /// Seconds until the front of our car reaches it, 0 while they are beside each other; infinite if that is not within 10 s.
+    pub until_s: f32,
+}
+
+/// How our car gets past an actor, if our car continues along the road at its present offset.
+pub fn pass(track: &Track, car: &Car, place: &Place, actor: &Actor) -> Pass {
+    let (body, velocity) = straightened(car, place);
+    let actor = beside_straight_road(track, place, actor);
+    let other = Box2::of_actor(&actor);
+    let reach = |half: fn(DVec2) -> f64| {
+        let out = |b: &Box2| b.corners().iter().map(|corner| half(*corner - b.centre)).fold(0.0, f64::max);
+        out(&body) + out(&other)
+    };
+    let (across, along) = (reach(|v| v.x), reach(|v| v.y));
+    let (apart, closing) = (other.centre - body.centre, ahead(actor.yaw) * actor.speed - velocity);
+    let room_m = |after_s: f64| (apart.x + closing.x * after_s).abs() - across;
+    let now_m = room_m(0.0);
+    // From when on until when they are beside each other.
+    let [from_s, until_s] = if closing.y.abs() > SAME_MPS {
+        let [a, b] = [(-along - apart.y) / closing.y, (along - apart.y) / closing.y];
+        [a.min(b).max(0.0), a.max(b)]
+    } else if apart.y.abs() <= along {
+        [0.0, f64::INFINITY]
+    } else {
+        [f64::INFINITY; 2]
+    };
+    if from_s > until_s || from_s > LONGEST_S {
+        return Pass { room_m: now_m as f32, least_m: now_m as f32, until_s: f32::INFINITY };
+    }
+    // Where it crosses our middle in between, nothing is left.
+    let crosses_s = -apart.x / closing.x;
+    let crosses = closing.x.abs() > SAME_MPS && (from_s..=until_s).contains(&crosses_s);
+    let last_m = if until_s.is_finite() { room_m(until_s) } else { now_m };
+    let least_m = if crosses { -across } else { room_m(from_s).min(last_m) };
+    Pass { room_m: now_m as f32, least_m: least_m as f32, until_s: from_s as f32 }
 }
 
 fn obstacles(actors: &[Actor]) -> impl Iterator<Item = &Actor> {
@@ -149,6 +197,28 @@ mod tests {
         assert!((crossing(4.0, 1.39) - 2.768).abs() < 0.02, "{}", crossing(4.0, 1.39));
         assert_eq!(crossing(8.0, 1.39), f64::INFINITY, "it comes too late");
         assert_eq!(crossing(4.0, 0.0), f64::INFINITY, "it waits");
+    }
+
+    #[test]
+    fn a_pass_tells_the_room_beside_something_now_and_when_our_car_is_there() {
+        let track = Track::named("lake").unwrap();
+        let (car, place) = on(&track, 20.0, 10.0);
+        let passing = |actor: Actor| pass(&track, &car, &place, &actor);
+        let parked = passing(beside(&track, ActorKind::Car, 50.0, 3.0, 0.0, 0.0));
+        let room_m = 3.0 - 0.9 - crate::vehicle::BODY.x / 2.0;
+        assert!((f64::from(parked.room_m) - room_m).abs() < 0.02 && parked.least_m == parked.room_m, "{parked:?}");
+        assert!((f64::from(parked.until_s) - (30.0 - FRONT_M - 2.2) / 10.0).abs() < 0.03, "{parked:?}");
+        // Comes from 8 m beside, and is hit; it comes later, and is not; it waits, and has all the room it has now.
+        let crossing = |from: f64, speed: f64| {
+            passing(beside(&track, ActorKind::Pedestrian, 50.0, from, -std::f64::consts::FRAC_PI_2, speed))
+        };
+        let (hit, late, waits) = (crossing(4.0, 1.39), crossing(8.0, 1.39), crossing(4.0, 0.0));
+        assert!(hit.room_m > 2.0 && hit.least_m < 0.0, "{hit:?}");
+        assert!(late.room_m > 6.0 && (1.5..3.0).contains(&late.least_m), "{late:?}");
+        assert!(waits.least_m == waits.room_m && waits.until_s.is_finite(), "{waits:?}");
+        // As fast as we are.
+        let lead = passing(beside(&track, ActorKind::Car, 50.0, 0.0, 0.0, 10.0));
+        assert!(lead.room_m < 0.0 && lead.until_s.is_infinite(), "{lead:?}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Labels are not stored: they follow from the pedal ([`labels`]), so that the same runs serve another rule.
 
 use std::{
+    collections::BTreeSet,
     fs, io,
     path::{Path, PathBuf},
 };
@@ -19,15 +20,21 @@ use lapwing_core::{
     units::{MPS_PER_KMH, Metres},
 };
 use lapwing_score::emergency::{LabelRule, Pressed, labels, pedal::brake};
-use lapwing_sim::braking::EPISODES_NAME;
+use lapwing_sim::braking::{DataError, EPISODES_NAME, Episode, Picture as Shown, Places, retell};
 
 /// The columns that are needed; others may stand beside them, in any order.
 const COLUMNS: [&str; 6] = ["name", "part", "scenario", "kind", "layer", "reaction_s"];
 /// One of those that may.
 const FRAMES: &str = "frames";
 
+/// No episode is driven faster than this, in mph.
+const FASTEST_MPH: f64 = 60.0;
+
 /// A network with more numbers in a frame than this decodes pictures when it needs them: all of them would fill the memory.
-const MOST_PIXELS: usize = 20_000;
+const MOST_PIXELS: usize = 30_000;
+
+/// Numbers of a run and of the same episode as it is driven again may differ by this much: telemetry rounds them.
+const SAME: f64 = 0.02;
 
 /// What the table says about an episode.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,6 +76,10 @@ pub struct Drive {
     pub onsets: Vec<usize>,
     /// When the car hit something, in seconds.
     pub impact_s: Option<f64>,
+    /// What each frame shows, as the simulator knows it; none if it was not asked.
+    pub(super) shown: Vec<Shown>,
+    /// What was drawn for it, and its telemetries a second, if `lapwing brake record` wrote it.
+    drawn: Option<(Episode, f64)>,
     pictures: Pictures,
 }
 
@@ -141,6 +152,32 @@ pub enum BrakingDataError {
         path: PathBuf,
         /// Its own.
         got: f64,
+    },
+    /// A run that cannot be driven again.
+    #[error("{}: {source}", path.display())]
+    Again {
+        /// The run.
+        path: PathBuf,
+        /// Why.
+        source: Box<DataError>,
+    },
+    /// A run that is driven otherwise today.
+    #[error("{}: frame {frame}: expected {what}: another version of Lapwing wrote it; record the data set anew", path.display())]
+    Otherwise {
+        /// The run.
+        path: PathBuf,
+        /// The frame that differs, from 0.
+        frame: usize,
+        /// What was expected, and what is there.
+        what: String,
+    },
+    /// A run whose header is not of `lapwing brake record`.
+    #[error("{}: brake in the header: expected an episode of lapwing brake record, got an error: {why}", path.display())]
+    Header {
+        /// The run.
+        path: PathBuf,
+        /// Why.
+        why: String,
     },
     /// A run that is not of the episode in the table.
     #[error(
@@ -237,6 +274,21 @@ pub fn load(
     taken.into_par_iter().map(open).collect()
 }
 
+/// Asks the simulator what each frame of the drives of this folder shows.
+pub(super) fn retell_all(folder: &Path, drives: &mut [Drive]) -> Result<(), BrakingDataError> {
+    let roads: BTreeSet<String> =
+        drives.iter().filter_map(|drive| Some(drive.drawn.as_ref()?.0.track.clone())).collect();
+    let mut places = Places::default();
+    let again = |path: PathBuf, source: DataError| BrakingDataError::Again { path, source: Box::new(source) };
+    places.open(roads.iter().map(String::as_str)).map_err(|why| again(folder.to_owned(), why.into()))?;
+    drives.par_iter_mut().try_for_each(|drive| {
+        let Some((episode, hz)) = &drive.drawn else { return Ok(()) };
+        let path = folder.join(format!("{}.mcap", drive.story.name));
+        drive.shown = retell(&places, episode, *hz).map_err(|source| again(path.clone(), source))?;
+        drive.check_shown(&path)
+    })
+}
+
 impl Drive {
     /// Reads an episode's run.
     pub(super) fn open(folder: &Path, story: Story, preprocess: &Preprocess) -> Result<Self, BrakingDataError> {
@@ -254,10 +306,14 @@ impl Drive {
             due: vec![],
             onsets: vec![],
             impact_s: None,
+            shown: vec![],
+            drawn: None,
             pictures: if keeps_grey { Pictures::Grey(vec![]) } else { Pictures::Jpeg(vec![]) },
         };
         let recording = Recording::open(&path)?;
         let kind = recording.header().kind;
+        drive.drawn =
+            drawn(&recording.header().config).map_err(|why| BrakingDataError::Header { path: path.clone(), why })?;
         for (i, moment) in recording.enumerate() {
             let moment = moment?;
             let hit = moment.before.iter().find(|(_, event)| matches!(event, EventRecord::Collision { .. }));
@@ -294,6 +350,31 @@ impl Drive {
         let got = (self.at_s.len() - 1) as f64 / (last - first);
         if self.at_s.len() > 1 && !(0.9 * HZ..=1.1 * HZ).contains(&got) {
             return Err(BrakingDataError::Rate { path: path.to_owned(), got });
+        }
+        Ok(())
+    }
+
+    /// Checks that the drive that was driven again is the recorded one.
+    fn check_shown(&self, path: &Path) -> Result<(), BrakingDataError> {
+        let differs = |frame, what: &str, expected: f64, got: f64| {
+            let what = format!("{what} {expected:.2}, as it is driven today, got {got:.2}");
+            Err(BrakingDataError::Otherwise { path: path.to_owned(), frame, what })
+        };
+        for (frame, shown) in self.shown.iter().enumerate().take(self.frames()) {
+            let recorded = [f64::from(self.speed_kmh[frame]) * MPS_PER_KMH, self.until_s[frame], self.gap_m[frame]];
+            let told = [shown.speed_mps, shown.until_s, shown.gap_m];
+            for ((what, recorded), told) in ["a speed in m/s of", "a time to collision in s of", "a gap in m of"]
+                .into_iter()
+                .zip(recorded)
+                .zip(told)
+            {
+                if (recorded - told).abs() > SAME {
+                    return differs(frame, what, told, recorded);
+                }
+            }
+        }
+        if self.shown.len() != self.frames() {
+            return differs(0, "a number of frames of", self.shown.len() as f64, self.frames() as f64);
         }
         Ok(())
     }
@@ -338,7 +419,7 @@ impl Drive {
         Ok(())
     }
 
-    /// A drive of these speeds and labels whose frames are all of one shade, for tests.
+    /// A drive of these speeds and labels whose pictures are of noise around one shade, for tests.
     #[cfg(test)]
     pub(super) fn made(story: Story, speed_kmh: Vec<f32>, pedal: Vec<f64>, pixels: usize, shade: u8) -> Self {
         let frames = pedal.len();
@@ -352,11 +433,35 @@ impl Drive {
             due: vec![],
             onsets: vec![],
             impact_s: None,
-            pictures: Pictures::Grey(vec![shade; frames * pixels]),
+            shown: vec![],
+            drawn: None,
+            pictures: Pictures::Grey((0..frames * pixels).map(|i| shade ^ noise(i)).collect()),
         };
         drive.label(LabelRule::default());
         drive
     }
+}
+
+/// Any byte, always the same of a number.
+#[cfg(test)]
+fn noise(i: usize) -> u8 {
+    let mixed = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    (mixed >> 56) as u8 & 0x3F
+}
+
+/// What `lapwing brake record` leaves in a run's header; none in a run of another command.
+fn drawn(config: &serde_json::Value) -> Result<Option<(Episode, f64)>, String> {
+    let Some(episode) = config.get("brake").filter(|brake| brake.is_object()) else { return Ok(None) };
+    let episode: Episode = serde_json::from_value(episode.clone()).map_err(|why| why.to_string())?;
+    let speed_mph = episode.speed_mph;
+    if !(speed_mph > 0.0 && speed_mph <= FASTEST_MPH) {
+        return Err(format!("speed_mph: expected a number above 0, up to {FASTEST_MPH}, got {speed_mph}"));
+    }
+    let hz = config.get("hz").and_then(serde_json::Value::as_f64).unwrap_or(HZ);
+    if !(0.9 * HZ..=1.1 * HZ).contains(&hz) {
+        return Err(format!("hz: expected about {HZ}, got {hz}"));
+    }
+    Ok(Some((episode, hz)))
 }
 
 fn wrong(path: &Path, moment: usize, why: String) -> BrakingDataError {
@@ -496,7 +601,37 @@ pub(super) mod tests {
         assert_eq!((drive.frames(), drive.due.iter().any(|due| *due)), (225, false));
         let mut pixels = vec![];
         drive.pictures(3, 2, &mut Reader::new(preprocess).unwrap(), &mut pixels).unwrap();
-        assert_eq!(pixels.len(), 2 * 64 * 240);
+        assert_eq!(pixels.len(), 2 * 80 * 320);
         assert!(pixels.iter().any(|pixel| *pixel != pixels[0]), "a picture of the road");
+    }
+
+    #[test]
+    fn a_drive_that_goes_otherwise_today_or_has_an_impossible_header_is_refused() {
+        let mut drive = crate::braking::windows::tests::drive();
+        let told = |speed_kmh: &f32| Shown {
+            outlines: vec![],
+            course: [0.0; 3],
+            speed_mps: f64::from(*speed_kmh) * MPS_PER_KMH,
+            until_s: Truth::CLEAR_S,
+            gap_m: Truth::CLEAR_M,
+        };
+        drive.shown = drive.speed_kmh.iter().map(told).collect();
+        drive.check_shown(Path::new("a.mcap")).unwrap();
+        drive.shown[7].gap_m = 12.0;
+        let error = drive.check_shown(Path::new("a.mcap")).unwrap_err().to_string();
+        assert!(
+            error.starts_with("a.mcap: frame 7: expected a gap in m of 12.00, as it is driven today, got"),
+            "{error}"
+        );
+        drive.shown.truncate(5);
+        let error = drive.check_shown(Path::new("a.mcap")).unwrap_err().to_string();
+        assert!(error.contains("expected a number of frames of 5.00, as it is driven today, got 300.00"), "{error}");
+
+        let header = |brake: &str| drawn(&serde_json::from_str(&format!("{{\"brake\": {brake}, \"hz\": 0}}")).unwrap());
+        assert_eq!(header("null"), Ok(None));
+        assert!(header("{}").unwrap_err().contains("missing field"));
+        let episode = lapwing_sim::braking::episodes(0).next().unwrap();
+        let text = serde_json::to_string(&episode).unwrap();
+        assert_eq!(header(&text).unwrap_err(), "hz: expected about 15, got 0");
     }
 }

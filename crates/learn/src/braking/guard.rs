@@ -325,7 +325,7 @@ mod tests {
 
     #[test]
     fn in_a_drive_it_brakes_where_the_evaluation_says_that_it_would() {
-        let limits = BrakeLimits { fires: 0.6, releases: 0.45 };
+        let limits = BrakeLimits { fires: 0.5, releases: 0.42 };
         let drive = shipped_run();
         let (_dir, model) = changed(None, limits, |network| enliven(network, &drive));
         let judged = episodes(&model.network(), &[drive], SpeedFailure::NONE, |_| {}).unwrap();

@@ -60,10 +60,9 @@ fn errors(answers: &Answers, batch: &Batch) -> Result<[Tensor; 2], tch::TchError
 
 /// How wrong a live network is about what it says besides; none if it says nothing.
 fn besides(answers: &Answers, batch: &Batch) -> Result<Option<Tensor>, tch::TchError> {
-    let (Some(blocked), Some(near)) = (&answers.blocked, &answers.near) else { return Ok(None) };
+    let (Some(blocked), Some(shows)) = (&answers.blocked, &answers.shows) else { return Ok(None) };
     let blocked = blocked.f_binary_cross_entropy::<Tensor>(&batch.blocked, None, Reduction::Mean)?;
-    let near = near.f_sub(&batch.near)?.f_square()?.f_mul(&batch.seen)?.f_mean(Kind::Float)?;
-    Ok(Some(blocked.f_add(&near)?))
+    Ok(Some(blocked.f_add(&batch.told.error(shows)?)?))
 }
 
 /// The learning rate once this share of an epoch is done.
@@ -370,7 +369,10 @@ impl<'a> Measured<'a> {
 mod tests {
     use super::*;
     use crate::{
-        braking::windows::tests::{drive, recipe, seen},
+        braking::{
+            told,
+            windows::tests::{drive, recipe, seen},
+        },
         nn::braking::{BrakingMetadata, save_braking},
     };
     use lapwing_core::control::BrakeLimits;
@@ -457,8 +459,8 @@ mod tests {
             let recipe = BrakingRecipe { network, pretrained: Some(file), ..recipe("") };
             pretrained(&recipe).expect_err("it must be refused").to_string()
         };
-        let wide = error(BrakingArchitecture::Wide, file);
-        assert!(wide.ends_with("expected a brake-wide network, as in the recipe, got brake-live"), "{wide}");
+        let stacked = error(BrakingArchitecture::Stacked, file);
+        assert!(stacked.ends_with("expected a brake-stacked network, as in the recipe, got brake-live"), "{stacked}");
         let missing = error(BrakingArchitecture::Live, "/nowhere/first.safetensors".into());
         assert!(missing.starts_with("pretrained: /nowhere/first.safetensors cannot be read"), "{missing}");
     }
@@ -476,5 +478,28 @@ mod tests {
         let after = measured.loss(&learning.mean).unwrap();
         assert_eq!((windows, learning.stepper.steps), (4, 2));
         assert!(loss.is_finite() && loss > 0.0 && (before - after).abs() > 1e-6, "{loss}, {before} to {after}");
+    }
+
+    #[test]
+    fn what_frames_show_is_learnt_besides() {
+        let text = "network = \"brake-live\"\nwindows_per_epoch = 16\nbatch = 8\nlearning_rate = 3e-3\nbesides = 1.0\nflip = 0.5";
+        let recipe = BrakingRecipe::read(text).unwrap();
+        let mut drive = drive();
+        drive.shown = vec![told::tests::shown(); drive.frames()];
+        let drives = [drive];
+        let mut learning = begun(&recipe, &drives);
+        let wrong = |learning: &mut Learning<'_>| {
+            learning.draw.begin(99);
+            let drawn = learning.draw.batch(&drives, &learning.wanted, &recipe, &learning.reader);
+            let batch = drawn.unwrap().unwrap().0.on(learning.network.device()).unwrap();
+            let answers = learning.network.forward(&batch.frames, &batch.speeds, true).unwrap();
+            batch.told.error(&answers.shows.unwrap()).unwrap().double_value(&[])
+        };
+        let before = wrong(&mut learning);
+        for epoch in 1..9 {
+            learning.epoch(epoch, &|| false).unwrap();
+        }
+        let after = wrong(&mut learning);
+        assert!(after < 0.5 * before, "{before} to {after}");
     }
 }

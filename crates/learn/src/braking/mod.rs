@@ -11,6 +11,7 @@
 //! | `recipe` | how a network is trained, as a file |
 //! | `targets` | what a network should say at each frame |
 //! | `windows` | what a network learns from: windows, drawn and balanced |
+//! | `told` | what it is told of single frames: what stands where, and where our way goes |
 //! | `learning` | a network that learns, epoch by epoch |
 //! | `train` | a training, from a recipe and a data set to a file |
 //! | `state` | where a training is, to be resumed |
@@ -27,6 +28,7 @@ mod recipe;
 mod report;
 mod state;
 mod targets;
+mod told;
 mod train;
 mod values;
 mod windows;

@@ -23,7 +23,7 @@ pub struct BrakingRecipe {
     /// Passes at most.
     #[serde(default = "defaults::epochs")]
     pub epochs: usize,
-    /// Windows drawn for each. The live networks' are longer and have 23 answers each.
+    /// Windows drawn for each. The live network's are longer and have 23 answers each.
     #[serde(default = "defaults::windows")]
     pub windows_per_epoch: usize,
     /// Windows in a step.
@@ -35,7 +35,7 @@ pub struct BrakingRecipe {
     /// How it changes: not at all, by half a cosine to zero at the last step, or where the validation loss no longer falls.
     #[serde(default = "defaults::schedule")]
     pub schedule: Schedule,
-    /// Numbers of the live networks' convolutions while they learn: `f32` (default), or `bf16` for less than half the time on
+    /// Numbers of the live network's convolutions while they learn: `f32` (default), or `bf16` for less than half the time on
     /// processors that know them.
     #[serde(default = "defaults::precision")]
     pub precision: Precision,
@@ -73,8 +73,8 @@ pub struct BrakingRecipe {
     /// these times, in seconds, to 1 at the second. Without it, it is 1 from there on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near_s: Option<[f64; 2]>,
-    /// How much what a live network is to say besides counts: whether something is close ahead, and how near what comes is, which
-    /// it is told at each frame while it learns. 0 by default.
+    /// How much what a live network is to say besides counts: whether something is close ahead, and what each frame shows, which
+    /// it is told while it learns. 0 by default.
     #[serde(default)]
     pub besides: f64,
     /// How much a frame at which a brake is due weighs in the loss, beside one at which none is.

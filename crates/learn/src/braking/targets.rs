@@ -16,9 +16,9 @@ const LONGEST_S: f64 = 4.0;
 /// Something this near ahead in the car's way, in metres, blocks it; something as far as the second does not.
 const BLOCKED_M: [f64; 2] = [6.0, 8.0];
 /// Nearer collisions are not told apart: the largest inverse time to one, per second.
-const NEAREST_PER_S: f64 = 2.0;
+pub(super) const NEAREST_PER_S: f64 = 2.0;
 /// How near something ahead is: 1 where it is touched, one half this many metres away.
-const HALF_NEAR_M: f64 = 5.0;
+pub(super) const HALF_NEAR_M: f64 = 5.0;
 /// Until the driver noticed, something that comes sooner than this, in seconds, may be hidden; behind a car, whatever comes.
 const UNSEEN_S: f64 = 2.4;
 const EVER_S: f64 = 15.0;

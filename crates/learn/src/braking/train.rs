@@ -10,14 +10,14 @@ use serde_json::json;
 
 use super::{
     BrakingDataError, BrakingRecipe, Part, SpeedFailure, episodes,
-    episodes::{Drive, load},
+    episodes::{Drive, load, retell_all},
     learning::{Learning, Measured, pretrained},
     state,
 };
 use crate::{
     nn::{
         NnError, Precision,
-        braking::{BrakingError, BrakingMetadata, save_braking},
+        braking::{BrakingArchitecture, BrakingError, BrakingMetadata, save_braking},
         runtime,
     },
     train::TrainError,
@@ -180,12 +180,15 @@ pub fn train(
     }
     let architecture = recipe.network;
     let most = recipe.episodes.unwrap_or(usize::MAX);
-    let drives = load(data, Part::Train, most, architecture)?;
+    let mut drives = load(data, Part::Train, most, architecture)?;
     let held = load(data, Part::Validation, recipe.validation_episodes.unwrap_or(most), architecture)?;
     for (drives, part) in [(&drives, Part::Train), (&held, Part::Validation)] {
         if !drives.iter().any(|drive| drive.due.iter().any(|due| *due)) {
             return Err(BrakingTrainError::NoEmergency(part));
         }
+    }
+    if architecture == BrakingArchitecture::Live {
+        retell_all(data, &mut drives)?;
     }
     let mut learning = Learning::new(recipe, &drives, from.as_ref())?;
     let counted = learning.draw.losses.each_ref().map(Vec::len);

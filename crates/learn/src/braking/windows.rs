@@ -9,6 +9,7 @@ use super::{
     BrakingRecipe,
     episodes::{BrakingDataError, Drive, Reader},
     targets::{STANDING_KMH, Wanted},
+    told::{Telling, Told},
 };
 use crate::nn::braking::{BrakingArchitecture, FRAMES, NO_SPEED, live};
 
@@ -42,9 +43,8 @@ pub(super) struct Batch {
     pub weights: Tensor,
     /// (B, N) whether something is close ahead.
     pub blocked: Tensor,
-    /// (B, S, 2) how near what comes is, and (B, S, 1) whether it can be seen.
-    pub near: Tensor,
-    pub seen: Tensor,
+    /// What is told of the S frames by themselves.
+    pub told: Told,
 }
 
 impl Batch {
@@ -56,8 +56,7 @@ impl Batch {
             due: self.due.f_to_device(device)?,
             weights: self.weights.f_to_device(device)?,
             blocked: self.blocked.f_to_device(device)?,
-            near: self.near.f_to_device(device)?,
-            seen: self.seen.f_to_device(device)?,
+            told: self.told.on(device)?,
         })
     }
 }
@@ -66,7 +65,7 @@ impl Batch {
 pub(super) fn length(architecture: BrakingArchitecture) -> usize {
     match architecture {
         BrakingArchitecture::Stacked => FRAMES,
-        BrakingArchitecture::Live | BrakingArchitecture::Wide => FRAMES + MORE,
+        BrakingArchitecture::Live => FRAMES + MORE,
     }
 }
 
@@ -207,8 +206,8 @@ impl Draw {
 
 /// How the pictures of a window are changed.
 pub(super) struct Change {
-    mirrored: bool,
-    right: i64,
+    pub(super) mirrored: bool,
+    pub(super) right: i64,
     down: i64,
     shades: [u8; 256],
 }
@@ -281,8 +280,8 @@ pub(super) fn batch(
         Ok::<_, BrakingDataError>(())
     })?;
     let (mut speeds, mut due, mut weights, mut blocked) = (vec![], vec![], vec![], vec![]);
-    let (mut near, mut seen) = (vec![], vec![]);
-    for Drawn { window: (d, from), unknown, weight, .. } in drawn {
+    let mut telling = Telling::default();
+    for Drawn { window: (d, from), unknown, weight, change } in drawn {
         let (drive, wanted) = (&drives[*d], &wanted[*d][*from..from + length]);
         speeds.extend(failing(&drive.speed_kmh[*from..from + length], *unknown, random));
         for wanted in wanted[FRAMES - 1..].iter().step_by(2) {
@@ -290,9 +289,8 @@ pub(super) fn batch(
             weights.push(*weight as f32 * wanted.weight);
             blocked.push(wanted.blocked);
         }
-        for wanted in wanted[live::LAG as usize..].iter().step_by(live::STEP as usize) {
-            near.extend(wanted.near);
-            seen.push(wanted.seen);
+        for i in (live::LAG as usize..length).step_by(live::STEP as usize) {
+            telling.add(drive, &wanted[i], from + i, change.as_ref());
         }
     }
     let size = [count, length as i64, height as i64, width as i64];
@@ -303,8 +301,7 @@ pub(super) fn batch(
         due: rows(&due),
         weights: rows(&weights),
         blocked: rows(&blocked),
-        near: Tensor::from_slice(&near).view([count, -1, 2]),
-        seen: Tensor::from_slice(&seen).view([count, -1, 1]),
+        told: telling.told(drawn.len()),
     })
 }
 
@@ -321,7 +318,7 @@ pub(super) mod tests {
 
     /// 20 s: drives at 30 km/h, is braked hard from frame 150 on, and stands from 170 on.
     pub(in crate::braking) fn drive() -> Drive {
-        seen(64 * 240)
+        seen(80 * 320)
     }
 
     /// The same in pictures of so many pixels.
@@ -370,8 +367,8 @@ pub(super) mod tests {
         let (mut standing, mut moving, mut unknown) = (0.0, 0.0, 0.0);
         for _ in 0..200 {
             let (batch, _) = draw.batch(&drives, &wanted, &recipe, &reader).unwrap().unwrap();
-            assert_eq!((batch.frames.size(), batch.due.size()), (vec![8, 64, 64, 240], vec![8, 23]));
-            assert_eq!((batch.near.size(), batch.seen.size()), (vec![8, 31, 2], vec![8, 31, 1]));
+            assert_eq!((batch.frames.size(), batch.due.size()), (vec![8, 64, 80, 320], vec![8, 23]));
+            assert_eq!((batch.told.near.size(), batch.told.seen.size()), (vec![8, 31, 2], vec![8, 31, 1]));
             for i in 0..8 {
                 let weight = batch.weights.double_value(&[i, 0]);
                 if weight > 1.0 { standing += weight } else { moving += weight }

@@ -104,6 +104,40 @@ impl Convolution {
     }
 }
 
+/// A convolution with a bias along a row, which keeps its length, apart from the stride: (B, inputs, W) to (B, outputs, W).
+#[derive(Debug)]
+pub(super) struct RowConvolution {
+    weight: Tensor,
+    bias: Tensor,
+    stride: i64,
+}
+
+impl RowConvolution {
+    /// `shape`: outputs, inputs and length of the kernel.
+    pub(super) fn build(
+        source: &mut TensorSource<'_>,
+        name: &str,
+        [outputs, inputs, kernel]: [i64; 3],
+        stride: i64,
+    ) -> Result<Self, NnError> {
+        let init = Init::Uniform(inputs * kernel);
+        Ok(Self {
+            weight: source(&format!("{name}.weight"), &[outputs, inputs, kernel], init)?,
+            bias: source(&format!("{name}.bias"), &[outputs], init)?,
+            stride,
+        })
+    }
+
+    pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor, NnError> {
+        let padding = self.weight.size()[2] / 2;
+        Ok(x.f_conv1d(&self.weight, Some(&self.bias), [self.stride], [padding], [1], 1)?)
+    }
+
+    pub(super) fn share(&self) -> Self {
+        Self { weight: self.weight.shallow_clone(), bias: self.bias.shallow_clone(), ..*self }
+    }
+}
+
 /// A convolution without bias and the batch norm after it: Ioffe and Szegedy, "Batch Normalization", 2015,
 /// arXiv:1502.03167.
 #[derive(Debug)]

@@ -18,7 +18,7 @@
 //! | [`resnet18-stack`, `resnet50-stack`](stack) | 5 as one picture | steering | 11.5 and 24.7 million |
 //! | [`lane`] | 1 | offset and heading in the lane, and how sure it is of either | 309,308 |
 //!
-//! | [`brake-stacked`, `brake-live`, `brake-wide`](braking) | 20, with their speeds | whether an emergency brake is due | 5,909,219, 132,708 and 285,740 |
+//! | [`brake-stacked`, `brake-live`](braking) | 20, with their speeds | whether an emergency brake is due | 5,909,219 and 345,500 |
 //!
 //! Each may take the speed as one more number. `pilot` decides which network drives, and when; `lane` and the braking networks do not
 //! drive; the latter have a checkpoint of their own, [`BrakingCheckpoint`](braking::BrakingCheckpoint).

@@ -14,12 +14,14 @@
 //! | `sight` | [`Sight`]: what can be seen from the car |
 //! | `human` | [`Human`]: the driver |
 //! | `play` | a drive with that driver |
+//! | `outlines` | [`retell`]: what each picture of a recorded drive shows, and where |
 //! | `plan` | the [`Episode`]s of a data set |
 //! | `record` | [`record()`]: the data set |
 //! | `trial` | [`Trial`]: the closed loop, without and with a guard |
 
 mod case;
 mod human;
+mod outlines;
 mod plan;
 mod play;
 mod record;
@@ -30,6 +32,7 @@ mod trial;
 
 pub use case::{Case, Kind, Layer, Part};
 pub use human::{Attention, Human, Temper};
+pub use outlines::{COURSE_M, Outline, Picture, retell};
 pub use plan::{Episode, SPEEDS_MPH, episodes, tracks};
 pub use play::{Blind, Played, Shown, play};
 pub use record::{DataError, DataOptions, DataReport, EPISODES_NAME, HEADING, Places, Recorded, record};

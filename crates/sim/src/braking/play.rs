@@ -27,10 +27,9 @@ pub struct Played {
 }
 
 /// Something of a drive, in order.
-#[derive(Debug)]
 pub enum Shown<'a> {
-    /// A turn.
-    Turn(&'a Turn),
+    /// A turn, and the world at it.
+    Turn(&'a Turn, &'a Simulation),
     /// An event between turns, and when.
     Event(Duration, EventRecord),
 }
@@ -66,7 +65,8 @@ pub fn play<E>(
         frames += 1;
         hit_s = (world.judge().crashes() > 0).then(|| world.time_s());
         let answer = Answer::Steer(human.drive(world, dt_s));
-        show(Shown::Turn(&Turn { observation, answer, trace, latency: Some(Duration::ZERO) }))?;
+        let turn = Turn { observation, answer, trace, latency: Some(Duration::ZERO) };
+        show(Shown::Turn(&turn, world))?;
         if hit_s.is_some() {
             break;
         }

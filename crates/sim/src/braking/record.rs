@@ -21,7 +21,11 @@ use super::{
     play::{Blind, Played, Shown, play},
     stage::Place,
 };
-use crate::{scenario::ScenarioError, track::TrackError, world::Simulation};
+use crate::{
+    scenario::ScenarioError,
+    track::TrackError,
+    world::{Setup, Simulation},
+};
 use lapwing_core::{
     drive, files,
     protocol::Dialect,
@@ -312,7 +316,7 @@ fn write(places: &Places, episode: &Episode, options: DataOptions, path: &Path) 
     let road = places.get(&episode.track)?.track().roadway();
     let mut run = RunFile::create(path, &header, [road].into())?;
     drive(places, episode, options, true, |shown| match shown {
-        Shown::Turn(turn) => drive::items(turn).try_for_each(|item| run.write(turn.at(), item)),
+        Shown::Turn(turn, _) => drive::items(turn).try_for_each(|item| run.write(turn.at(), item)),
         Shown::Event(at, event) => run.write(at, Item::Event(event)),
     })?;
     Ok(run.finish()?)
@@ -325,11 +329,17 @@ fn drive(
     pictures: bool,
     show: impl FnMut(Shown<'_>) -> Result<(), RecordingError>,
 ) -> Result<Played, DataError> {
-    let mut setup = episode.staging().setup(places.get(&episode.track)?)?;
-    setup.hz = options.hz;
-    let world = Simulation::new(setup)?;
-    let mut world = if pictures { world } else { world.seen_by(Blind) };
+    let mut world = episode.world(places, options.hz, pictures)?;
     Ok(play(&mut world, &mut Human::new(episode.temper()), show)?)
+}
+
+impl Episode {
+    /// Its world, at so many telemetries a second, with or without pictures.
+    pub(super) fn world(&self, places: &Places, hz: f64, pictures: bool) -> Result<Simulation, DataError> {
+        let setup = self.staging().setup(places.get(&self.track)?)?;
+        let world = Simulation::new(Setup { hz, ..setup })?;
+        Ok(if pictures { world } else { world.seen_by(Blind) })
+    }
 }
 
 /// The table of episodes.

@@ -52,6 +52,11 @@ impl<'a> Sight<'a> {
         }
     }
 
+    /// How far one sees in this weather and light, in metres.
+    pub fn reach_m(&self) -> f64 {
+        self.reach_m
+    }
+
     /// The actors that are seen.
     pub fn seen(&self) -> Vec<Actor> {
         (0..self.actors.len()).filter(|&i| self.sees(i)).map(|i| self.actors[i]).collect()

@@ -1,8 +1,8 @@
-use std::{convert::Infallible, fs};
+use std::{convert::Infallible, fs, sync::Arc};
 
 use super::*;
 use crate::{
-    camera::{Camera, Renderer},
+    camera::{Camera, Renderer, Shot},
     scene::Looks,
     world::Simulation,
 };
@@ -25,7 +25,7 @@ fn driven(places: &Places, episode: &Episode) -> (Played, Vec<f64>) {
     let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
     let mut pedal = vec![];
     let played = play(&mut world, &mut Human::new(episode.temper()), |shown| {
-        if let Shown::Turn(turn) = shown {
+        if let Shown::Turn(turn, _) = shown {
             pedal.push(turn.telemetry().and_then(|telemetry| telemetry.truth.brake).unwrap());
         }
         Ok::<(), Infallible>(())
@@ -94,7 +94,7 @@ fn a_brake_that_fails_shows_in_the_pedal_and_not_in_the_speed() {
     let mut seen = vec![];
     let temper = Temper { fails_s: 9.0, ..episode.temper() };
     let played = play(&mut world, &mut Human::new(temper), |shown| {
-        if let Shown::Turn(turn) = shown {
+        if let Shown::Turn(turn, _) = shown {
             seen.extend(turn.telemetry().map(|telemetry| (telemetry.truth.brake.unwrap(), telemetry.speed.get())));
         }
         Ok::<(), Infallible>(())
@@ -312,4 +312,51 @@ fn a_lap_goes_on_after_a_guard_that_held_the_car_for_nothing() {
     assert!(held.activations >= 2, "{held:?} and {plain:?} without");
     let each_s = lost_s / f64::from(held.activations);
     assert!((4.0..12.0).contains(&each_s), "{each_s} s: {held:?} and {plain:?} without");
+}
+
+#[test]
+fn what_a_picture_shows_is_told_where_it_is_drawn_and_a_drive_that_is_retold_is_the_same() {
+    let places = lake();
+    for (case, speed_mph, seed) in [(Case::Cpna, 20.0, 4), (Case::Ccrs, 25.0, 6), (Case::Cbla, 15.0, 8)] {
+        let episode = episode(case, Layer::Plain, speed_mph, seed);
+        let told = retell(&places, &episode, 15.0).unwrap();
+        let setup = episode.staging().setup(places.get("lake").unwrap()).unwrap();
+        let mut renderer = Renderer::new(Arc::clone(&setup.scenery));
+        let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
+        let (mut i, mut compared) = (0, 0);
+        play(&mut world, &mut Human::new(episode.temper()), |shown| {
+            let Shown::Turn(_, world) = shown else { return Ok::<(), Infallible>(()) };
+            let picture = &told[i];
+            i += 1;
+            assert_eq!(picture.speed_mps, world.car().speed.abs(), "frame {i}");
+            let [outline] = &picture.outlines[..] else { return Ok(()) };
+            if i % 10 > 0 || !(6.0..40.0).contains(&outline.away_m) {
+                return Ok(());
+            }
+            let (mut with, mut without) = (Frame::default(), Frame::default());
+            world.draw(&mut renderer, &Camera::CENTER, &mut with);
+            let conditions = &world.setup().conditions;
+            let shot =
+                Shot { car: world.car(), actors: &[], conditions, seed: world.setup().seed, time_s: world.time_s() };
+            renderer.render(&Camera::CENTER, &shot, &mut without);
+            let differs = |x: &usize| {
+                let column = |frame: &Frame, y: usize| frame.pixel(*x, y);
+                // Above the shadow.
+                (40..92).filter(|y| column(&with, *y) != column(&without, *y)).count() > 2
+            };
+            let columns: Vec<usize> = (0..320).filter(differs).collect();
+            let (Some(first), Some(last)) = (columns.first(), columns.last()) else { return Ok(()) };
+            // The shadow falls to the right.
+            let [from, to] = outline.columns;
+            let (first, last) = (*first as f32, *last as f32);
+            // A person is drawn narrower than the box.
+            let most = if case == Case::Ccrs { 2.0 } else { to - from };
+            assert!((-1.5..most).contains(&(first - from)) && last > from, "{case}: {outline:?} {first} {last}");
+            compared += 1;
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(i, told.len());
+        assert!(compared > 3, "{case}: {compared}");
+    }
 }

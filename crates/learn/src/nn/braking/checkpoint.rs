@@ -6,7 +6,7 @@
 //! | key | holds |
 //! |---|---|
 //! | `format` | `lapwing/1` |
-//! | `architecture` | `brake-stacked`, `brake-live` or `brake-wide` |
+//! | `architecture` | `brake-stacked` or `brake-live` |
 //! | `preprocess` | JSON of [`Preprocess`] |
 //! | `limits` | JSON, `{"fires":0.5,"releases":0.25}`: between which values a guard brakes and rests |
 //! | `training` | how it was trained and on what: text or JSON, for people |
@@ -205,7 +205,7 @@ mod tests {
         let read = BrakingCheckpoint::load(&path).unwrap();
         assert_eq!((read.metadata.limits, read.metadata.training.as_str()), (limits, "not at all"));
         let float = (Kind::Float, Device::Cpu);
-        let (frames, speeds) = (Tensor::rand([2, 20, 64, 240], float) * 255.0, Tensor::rand([2, 20], float) * 40.0);
+        let (frames, speeds) = (Tensor::rand([2, 20, 80, 320], float) * 255.0, Tensor::rand([2, 20], float) * 40.0);
         let answer = |network: &BrakingNetwork| {
             Vec::<f64>::try_from(
                 &network.forward(&frames, &speeds, false).unwrap().due.view([-1]).to_kind(Kind::Double),
@@ -237,7 +237,7 @@ mod tests {
         let pilot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/pilotnet.safetensors");
         let error = BrakingCheckpoint::load(&pilot).unwrap_err().to_string();
         assert!(
-            error.ends_with("expected a network that brakes (brake-stacked, brake-live, brake-wide), got \"pilotnet\""),
+            error.ends_with("expected a network that brakes (brake-stacked, brake-live), got \"pilotnet\""),
             "{error}"
         );
         let missing = BrakingCheckpoint::load(Path::new("/nowhere/brake.safetensors")).unwrap_err().to_string();

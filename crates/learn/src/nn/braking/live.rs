@@ -1,89 +1,94 @@
-//! The small network for live use, in two widths: it looks at each frame once, beside the one a fifth of a second before it, and
-//! keeps what it saw; two linear layers decide by what was seen at each second of the last 20 frames, and by their speeds.
+//! The network for live use: it looks at each frame once, together with the one a fifth of a second earlier, and keeps what
+//! stands in each of the picture's 40 columns. It decides by the columns of every other one of the last 20 frames, and by their
+//! speeds.
 //!
 //! ```text
-//! frame, less the one 3 before ─▶ 5 convolutions, linear ─▶ 48 numbers ┐ of frames t, t-2, … t-16
-//! speed, and whether it is known ─────────────────────────────────────┴─▶ 2 linear layers ─▶ due, blocked
+//! frame, less the one 3 before ─▶ 5 convolutions ─▶ 40 columns ─┬─▶ linear: the scene, 64 numbers
+//!                                                              └─▶ + the scene, convolution ─▶ 40 x 24 numbers ┐ of t, t-2, … t-16
+//! scene of t, speeds, and whether they are known ───────────────────▶ 2 convolutions over columns, 2 linear ◀──┘ ─▶ due, blocked
 //! ```
-//! A live step so costs one frame's convolutions, 9.4 million multiplications, not those of 20 frames; of the wide one, which
-//! keeps 64 numbers, 18.5 million. With its predecessor three frames earlier, the oldest of the nine frames reaches back to the
-//! first of the 20.
+//! A column that says how far away the thing in it is, is a stixel: Badino, Franke and Pfeiffer, "The Stixel World", 2009; Levi,
+//! Garnett and Fetaya, "StixelNet", 2015, have a network say it. While our network learns, it is also told, for each column, how
+//! our car gets past what stands there and, for each frame, where our path leads: in this way, nearly all of a hundred frames
+//! without danger teach it something.
 //!
-//! Each frame is brought to a mean of 0 and a standard deviation of 1 first, as for the [`lane`](crate::nn::lane): it drives
-//! by night and against a low sun.
+//! A live step costs 53 million multiplications. The oldest of the nine frames, with its predecessor three frames earlier,
+//! reaches back to the first of the 20. Each frame is first brought to a mean of 0 and a standard deviation of 1.
 
 use tch::{Kind, Tensor};
 
-use super::{Answers, FRAMES, NO_SPEED, Said};
+use super::{Answers, FRAMES, NO_SPEED, Said, Shows};
 use crate::nn::{
     NnError, TensorSource,
-    layers::{Linear, NormedConvolution, channels_last},
+    layers::{Linear, NormedConvolution, RowConvolution, channels_last},
 };
 
-/// Rows and columns that it takes.
-pub const SIZE: [usize; 2] = [64, 240];
+/// Rows and columns of pixels that it takes.
+pub const SIZE: [usize; 2] = [80, 320];
+/// Columns for which it says what stands there, each 8 pixels wide.
+pub const COLUMNS: usize = 40;
+/// What it is told of each column while it learns: whether something stands there, how near it is, the room beside it now and
+/// when our car is there, and the inverse of the time until then.
+pub const TOLD: usize = 5;
+/// Places on our path that it is told.
+pub const COURSE: usize = 3;
 
-/// How wide one is.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Width {
-    /// Outputs, inputs, kernel and stride of each convolution.
-    convolutions: [[i64; 4]; 5],
-    /// What is kept of a frame.
-    features: i64,
-    hidden: i64,
-}
-
-/// 132,708 parameters.
-pub(super) const LIVE: Width = Width {
-    convolutions: [[16, 2, 5, 2], [24, 16, 3, 2], [32, 24, 3, 2], [48, 32, 3, 2], [64, 48, 3, 2]],
-    features: 48,
-    hidden: 64,
-};
-
-/// 285,740 parameters.
-pub(super) const WIDE: Width = Width {
-    convolutions: [[24, 2, 5, 2], [36, 24, 3, 2], [48, 36, 3, 2], [64, 48, 3, 2], [96, 64, 3, 2]],
-    features: 64,
-    hidden: 128,
-};
-
-/// The channels of the last convolution are 2 x 8, channel by channel.
-const LAST_PIXELS: i64 = 16;
-/// A frame is seen beside the one so many before it.
+/// Outputs, inputs, kernel and stride of each convolution.
+const CONVOLUTIONS: [[i64; 4]; 5] = [[24, 2, 5, 2], [32, 24, 3, 2], [48, 32, 3, 2], [64, 48, 3, 1], [64, 64, 3, 1]];
+/// Rows of the last convolution.
+const ROWS: i64 = 10;
+/// Numbers of a column before it knows of the others, and after.
+const WITHIN: i64 = 48;
+const KEPT: i64 = 24;
+const SCENE: i64 = 64;
+/// Channels of the two convolutions over the last frames' columns; the second leaves half as many columns.
+const OVER: [i64; 2] = [64, 32];
+const HIDDEN: i64 = 64;
+/// A frame is seen together with the one so many frames earlier.
 pub(crate) const LAG: i64 = 3;
-/// Of every so many frames, one is taken into account.
+/// One of every so many frames is taken into account.
 pub(crate) const STEP: i64 = 2;
-/// How many those are of 20 frames.
+/// How many of 20 frames those are.
 const TAPS: i64 = (FRAMES as i64 - LAG - 1) / STEP + 1;
 const DROPOUT: f64 = 0.2;
-
 /// Speeds are counted in this many km/h.
 const SPEED_UNIT_KMH: f64 = 50.0;
-/// A frame of a single shade stays one; in squared shades.
+/// Added to a frame's variance, in squared shades, so that a frame of a single shade stays one.
 const LEAST_VARIANCE: f64 = 4.0;
 
-/// The network. Tensors are `conv1.weight`, `norm1.weight` and so on to `norm5.running_var`, and `see.weight`, `near.weight`,
-/// `fc1.weight` to `fc2.bias`, shaped as PyTorch's.
+/// The network. Tensors are `conv1.weight`, `norm1.weight` and so on to `norm5.running_var`, and `column.weight`, `scene.weight`,
+/// `around.weight`, `kept.weight`, `over1.weight`, `over2.weight`, `fc1.weight`, `fc2.weight`, and, only for learning,
+/// `stands.weight`, `course.weight` and `near.weight`, with their biases.
 #[derive(Debug)]
 pub(super) struct Live {
-    width: Width,
     convolutions: [NormedConvolution; 5],
-    /// Numbers of the convolutions: bf16 takes half the time in training.
     kind: Kind,
-    see: Linear,
-    /// What each frame by itself shows: for learning alone.
-    near: Linear,
+    column: Linear,
+    scene: Linear,
+    around: Linear,
+    kept: RowConvolution,
+    over: [RowConvolution; 2],
     hidden: Linear,
     last: Linear,
+    stands: Linear,
+    course: Linear,
+    near: Linear,
+}
+
+/// What is kept of a frame: the columns, (N, 24, 40), and the scene, (N, 64).
+#[derive(Debug)]
+struct Kept {
+    columns: Tensor,
+    scene: Tensor,
 }
 
 /// What a drive's last frames left behind.
 #[derive(Debug, Default)]
 pub struct Seen {
-    /// The newest last: (1, 1, H, W), as brought to one light, or as they came.
+    /// (1, 1, H, W), the newest last; brought to one light, or (stacked network) as they came.
     frames: Vec<Tensor>,
-    /// (1, 1, features) of each frame that has a predecessor.
-    features: Vec<Tensor>,
+    /// (1, 24, 40), the columns of each frame that has a predecessor.
+    columns: Vec<Tensor>,
     speeds_kmh: Vec<f32>,
 }
 
@@ -131,23 +136,31 @@ fn every(x: &Tensor, first: i64, step: i64) -> Result<Tensor, NnError> {
 }
 
 impl Live {
-    pub(super) fn build(source: &mut TensorSource<'_>, width: Width) -> Result<Self, NnError> {
-        let Width { features, hidden, .. } = width;
-        let flat = width.convolutions[4][0] * LAST_PIXELS;
+    pub(super) fn build(source: &mut TensorSource<'_>) -> Result<Self, NnError> {
         let mut convolution = |i: usize| {
-            let [outputs, inputs, kernel, stride] = width.convolutions[i];
+            let [outputs, inputs, kernel, stride] = CONVOLUTIONS[i];
             let (convolution, norm) = (format!("conv{}", i + 1), format!("norm{}", i + 1));
             NormedConvolution::build(source, &convolution, &norm, [outputs, inputs, kernel], stride)
         };
         let convolutions = [convolution(0)?, convolution(1)?, convolution(2)?, convolution(3)?, convolution(4)?];
+        let columns = COLUMNS as i64;
+        let speeds = 2 * FRAMES as i64;
         Ok(Self {
-            width,
             convolutions,
             kind: Kind::Float,
-            see: Linear::build(source, "see", features, flat)?,
-            near: Linear::build(source, "near", 2, features)?,
-            hidden: Linear::build(source, "fc1", hidden, TAPS * features + 2 * FRAMES as i64)?,
-            last: Linear::build(source, "fc2", 2, hidden)?,
+            column: Linear::build(source, "column", WITHIN, CONVOLUTIONS[4][0] * ROWS)?,
+            scene: Linear::build(source, "scene", SCENE, WITHIN * columns)?,
+            around: Linear::build(source, "around", WITHIN, SCENE)?,
+            kept: RowConvolution::build(source, "kept", [KEPT, WITHIN, 5], 1)?,
+            over: [
+                RowConvolution::build(source, "over1", [OVER[0], KEPT * TAPS, 3], 1)?,
+                RowConvolution::build(source, "over2", [OVER[1], OVER[0], 3], 2)?,
+            ],
+            hidden: Linear::build(source, "fc1", HIDDEN, OVER[1] * columns / 2 + SCENE + speeds)?,
+            last: Linear::build(source, "fc2", 2, HIDDEN)?,
+            stands: Linear::build(source, "stands", TOLD as i64, KEPT)?,
+            course: Linear::build(source, "course", COURSE as i64, SCENE)?,
+            near: Linear::build(source, "near", 2, SCENE)?,
         })
     }
 
@@ -158,28 +171,54 @@ impl Live {
         let before = every(&lit.f_narrow(1, 0, lit.size()[1] - LAG)?, 0, STEP)?;
         let [batch, seen] = [now.size()[0], now.size()[1]];
         let pairs = Tensor::f_stack(&[&now, &now.f_sub(&before)?], 2)?.f_flatten(0, 1)?; // (B * S, 2, H, W)
-        let features = self.see(&pairs, train)?.f_reshape([batch, seen, self.width.features])?;
-        let windows = features.f_unfold(1, TAPS, 1)?.f_flatten(2, 3)?; // (B, 1 + n, features * TAPS)
-        let speeds = speeds.f_unfold(1, FRAMES as i64, STEP)?; // (B, 1 + n, 20)
-        let said = self.decide(&windows, &speeds, train)?; // (B, 1 + n, 2)
-        let near = if train { Some(self.near.forward(&features)?) } else { None };
-        Ok(Answers { due: said.f_select(2, 0)?, blocked: Some(said.f_select(2, 1)?), near })
+        let Kept { columns, scene } = self.see(&pairs, train)?;
+        let count = COLUMNS as i64;
+        let windows = columns.f_reshape([batch, seen, KEPT * count])?.f_unfold(1, TAPS, 1)?; // (B, M, 24 * 40, taps)
+        let answers = windows.size()[1];
+        let windows =
+            windows.f_reshape([batch * answers, KEPT, count, TAPS])?.f_permute([0, 1, 3, 2])?.f_flatten(1, 2)?;
+        let scenes = scene.f_reshape([batch, seen, SCENE])?;
+        let newest = scenes.f_narrow(1, TAPS - 1, answers)?.f_flatten(0, 1)?;
+        let speeds = speeds.f_unfold(1, FRAMES as i64, STEP)?.f_flatten(0, 1)?; // (B * M, 20)
+        let said = self.decide(&windows, &newest, &speeds, train)?.f_view([batch, answers, 2])?;
+        let shows = if train { Some(self.shows(&columns, &scenes)?) } else { None };
+        Ok(Answers { due: said.f_select(2, 0)?, blocked: Some(said.f_select(2, 1)?), shows })
     }
 
-    /// Frames and what changed in them, (N, 2, H, W), to (N, features).
-    fn see(&self, pairs: &Tensor, train: bool) -> Result<Tensor, NnError> {
+    /// Columns (B * S, 24, 40) and scenes (B, S, 64).
+    fn shows(&self, columns: &Tensor, scenes: &Tensor) -> Result<Shows, NnError> {
+        let [batch, seen] = [scenes.size()[0], scenes.size()[1]];
+        let columns = self.stands.forward(&columns.f_permute([0, 2, 1])?)?;
+        Ok(Shows {
+            near: self.near.forward(scenes)?,
+            columns: columns.f_reshape([batch, seen, COLUMNS as i64, TOLD as i64])?,
+            course: self.course.forward(scenes)?,
+        })
+    }
+
+    /// Frames and what changed in them, (N, 2, H, W).
+    fn see(&self, pairs: &Tensor, train: bool) -> Result<Kept, NnError> {
         let mut x = channels_last(&pairs.f_to_kind(self.kind)?)?;
         for convolution in &self.convolutions {
             x = convolution.forward(&x, train)?.f_relu()?;
         }
-        Ok(self.see.forward(&x.f_flatten(1, -1)?.f_to_kind(Kind::Float)?)?.f_relu()?)
+        let columns = x.f_permute([0, 3, 1, 2])?.f_flatten(2, 3)?; // (N, 40, 64 * 10)
+        let columns = self.column.forward(&columns)?.f_relu()?.f_to_kind(Kind::Float)?; // (N, 40, 48)
+        let scene = self.scene.forward(&columns.f_flatten(1, 2)?.f_dropout(DROPOUT, train)?)?.f_relu()?; // (N, 64)
+        let around = columns.f_add(&self.around.forward(&scene)?.f_unsqueeze(1)?)?.f_relu()?; // (N, 40, 48)
+        let columns = self.kept.forward(&around.f_permute([0, 2, 1])?)?.f_relu()?; // (N, 24, 40)
+        Ok(Kept { columns, scene })
     }
 
-    /// (B, N, features * TAPS) and (B, N, 20) in km/h to (B, N, 2).
-    fn decide(&self, windows: &Tensor, speeds_kmh: &Tensor, train: bool) -> Result<Tensor, NnError> {
+    /// Columns of the last frames (N, 24 * taps, 40), the newest's scene (N, 64) and speeds (N, 20) in km/h to (N, 2).
+    fn decide(&self, windows: &Tensor, scene: &Tensor, speeds_kmh: &Tensor, train: bool) -> Result<Tensor, NnError> {
         let known = speeds_kmh.f_ne(NO_SPEED)?.f_to_kind(Kind::Float)?;
         let speeds = speeds_kmh.f_mul_scalar(1.0 / SPEED_UNIT_KMH)?.f_mul(&known)?;
-        let x = Tensor::f_cat(&[windows, &speeds, &known], 2)?;
+        let mut x = windows.shallow_clone();
+        for over in &self.over {
+            x = over.forward(&x)?.f_relu()?;
+        }
+        let x = Tensor::f_cat(&[&x.f_flatten(1, 2)?, scene, &speeds, &known], 1)?;
         let x = self.hidden.forward(&x)?.f_relu()?.f_dropout(DROPOUT, train)?;
         Ok(self.last.forward(&x)?.f_sigmoid()?)
     }
@@ -194,16 +233,16 @@ impl Live {
         }
         let (now, before) = (&seen.frames[LAG as usize], &seen.frames[0]);
         let pair = Tensor::f_cat(&[now, &now.f_sub(before)?], 1)?; // (1, 2, H, W)
+        let Kept { columns, scene } = self.see(&pair, false)?;
         let kept = FRAMES - LAG as usize;
-        push(&mut seen.features, self.see(&pair, false)?.f_unsqueeze(0)?, kept);
-        if seen.features.len() < kept {
+        push(&mut seen.columns, columns, kept);
+        if seen.columns.len() < kept {
             return Ok(None);
         }
-        let features: Vec<&Tensor> = seen.features.iter().step_by(STEP as usize).collect();
-        let window = Tensor::f_cat(&features, 1)?.f_transpose(1, 2)?.f_reshape([1, 1, -1])?; // features by TAPS, as unfolded
-        let speeds = seen.speeds()?.f_unsqueeze(0)?; // (1, 1, 20)
-        let said = self.decide(&window, &speeds, false)?; // (1, 1, 2)
-        Ok(Some(Said { due: said.f_double_value(&[0, 0, 0])?, blocked: said.f_double_value(&[0, 0, 1])? }))
+        let taps: Vec<&Tensor> = seen.columns.iter().step_by(STEP as usize).collect();
+        let windows = Tensor::f_stack(&taps, 2)?.f_flatten(1, 2)?; // (1, 24 * taps, 40)
+        let said = self.decide(&windows, &scene, &seen.speeds()?, false)?; // (1, 2)
+        Ok(Some(Said { due: said.f_double_value(&[0, 0])?, blocked: said.f_double_value(&[0, 1])? }))
     }
 
     pub(super) fn set_kind(&mut self, kind: Kind) {
@@ -216,13 +255,18 @@ impl Live {
 
     pub(super) fn share(&self) -> Self {
         Self {
-            width: self.width,
             convolutions: self.convolutions.each_ref().map(NormedConvolution::share),
             kind: self.kind,
-            see: self.see.share(),
-            near: self.near.share(),
+            column: self.column.share(),
+            scene: self.scene.share(),
+            around: self.around.share(),
+            kept: self.kept.share(),
+            over: self.over.each_ref().map(RowConvolution::share),
             hidden: self.hidden.share(),
             last: self.last.share(),
+            stands: self.stands.share(),
+            course: self.course.share(),
+            near: self.near.share(),
         }
     }
 }

@@ -1,14 +1,13 @@
-//! Whether an emergency brake is due: three networks that look at the last [`FRAMES`] grey frames and speeds.
+//! Whether an emergency brake is due: two networks that look at the last [`FRAMES`] grey frames and speeds.
 //!
 //! | architecture | frames | parameters | looks |
 //! |---|---|---|---|
 //! | [`brake-stacked`](stacked) | 300 x 300 | 5,909,219 | at all frames at once, as 20 channels: Itu and Danescu's |
-//! | [`brake-live`](live) | 64 x 240 | 132,708 | at each frame once, and keeps what it saw: for driving on a CPU |
-//! | [`brake-wide`](live) | 64 x 240 | 285,740 | the same with more channels |
+//! | [`brake-live`](live) | 80 x 320 | 345,500 | at each frame once, and keeps what stands in each of its columns: for driving on a CPU |
 //!
-//! All take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
-//! one number a window of 20 frames, trained towards 1 where a brake is due and 0 elsewhere; the live ones also whether
-//! something is close ahead, so that a guard knows when the way is free.
+//! Both take frames as bytes (0 to 255) and speeds in km/h, oldest first, and -1 for a speed that is not known. They answer
+//! each window of 20 frames with one number, trained towards 1 where a brake is due and 0 elsewhere; the live one also says
+//! whether something is close ahead, so that a guard knows when the way is free.
 
 mod checkpoint;
 pub mod live;
@@ -32,7 +31,7 @@ pub const HZ: f64 = 15.0;
 /// What a speed is where none is known.
 pub const NO_SPEED: f64 = -1.0;
 
-/// Which of the three.
+/// Which of the two networks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum BrakingArchitecture {
     /// Itu and Danescu's.
@@ -41,21 +40,17 @@ pub enum BrakingArchitecture {
     /// The small one.
     #[serde(rename = "brake-live")]
     Live,
-    /// The small one with more channels.
-    #[serde(rename = "brake-wide")]
-    Wide,
 }
 
 impl BrakingArchitecture {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Stacked, Self::Live, Self::Wide];
+    pub const ALL: [Self; 2] = [Self::Stacked, Self::Live];
 
     /// Its name in a checkpoint.
     pub fn name(self) -> &'static str {
         match self {
             Self::Stacked => "brake-stacked",
             Self::Live => "brake-live",
-            Self::Wide => "brake-wide",
         }
     }
 
@@ -69,11 +64,8 @@ impl BrakingArchitecture {
         let (crop, [height, width]) = match self {
             // The whole picture, whose sides become equal.
             Self::Stacked => (None, stacked::SIZE),
-            // Around the horizon, pixel by pixel: a person 20 m ahead is 4 of them wide. What is cut off at the sides is more than 10 m
-            // beside the car's way there; above, it is sky; below, the bonnet and the last metres of road.
-            Self::Live | Self::Wide => {
-                (Some(Crop { left: Some(40), right: Some(280), ..Crop::rows(48, 112) }), live::SIZE)
-            }
+            // Pixel by pixel, as wide as it is: whoever crosses comes in at its edge. Above it is sky, below the bonnet.
+            Self::Live => (Some(Crop::rows(44, 124)), live::SIZE),
         };
         let resize = Resize { height, width, filter: ResizeFilter::BilinearAntialiased };
         Preprocess::of(crop, resize, ColourSpace::Grey, PixelScale::Unit)
@@ -87,9 +79,20 @@ pub struct Answers {
     pub due: Tensor,
     /// (B, N): whether something is close ahead in the car's way, 0 to 1. The live network alone says it.
     pub blocked: Option<Tensor>,
-    /// (B, S, 2): the inverse of the time to collision, per second, and how near what is ahead is, as each frame by itself shows
-    /// them. Only the live network, only while it learns: what it is to see is told to it at each frame.
-    pub near: Option<Tensor>,
+    /// What each frame shows by itself. Only the live network says it, and only while it learns, when it is told at each frame
+    /// what it is to see.
+    pub shows: Option<Shows>,
+}
+
+/// What a network says of S frames by themselves.
+#[derive(Debug)]
+pub struct Shows {
+    /// (B, S, 2): the inverse of the time to collision, per second, and how near what is ahead is.
+    pub near: Tensor,
+    /// (B, S, 40, 5): for each column, what [`live::TOLD`] names; the first is a logit.
+    pub columns: Tensor,
+    /// (B, S, 3): where our path leads, in half widths of the picture to the right of its middle.
+    pub course: Tensor,
 }
 
 /// What a network says of the newest window.
@@ -129,8 +132,7 @@ impl BrakingNetwork {
         };
         let layers = match architecture {
             BrakingArchitecture::Stacked => Layers::Stacked(Box::new(Stacked::build(source)?)),
-            BrakingArchitecture::Live => Layers::Live(Box::new(Live::build(source, live::LIVE)?)),
-            BrakingArchitecture::Wide => Layers::Live(Box::new(Live::build(source, live::WIDE)?)),
+            BrakingArchitecture::Live => Layers::Live(Box::new(Live::build(source)?)),
         };
         Ok(Self { architecture, layers, tensors })
     }
@@ -165,7 +167,7 @@ impl BrakingNetwork {
         }
         match &self.layers {
             Layers::Stacked(layers) => {
-                Ok(Answers { due: layers.forward(frames, speeds, train)?, blocked: None, near: None })
+                Ok(Answers { due: layers.forward(frames, speeds, train)?, blocked: None, shows: None })
             }
             Layers::Live(layers) => layers.forward(frames, speeds, train),
         }
@@ -249,7 +251,9 @@ mod tests {
 
     #[test]
     fn they_have_the_parameters_that_the_documentation_says() {
-        for (architecture, parameters) in BrakingArchitecture::ALL.into_iter().zip([5_909_219, 132_708, 285_740]) {
+        let parameters = [5_909_219, 345_500];
+        assert_eq!(parameters.len(), BrakingArchitecture::ALL.len());
+        for (architecture, parameters) in BrakingArchitecture::ALL.into_iter().zip(parameters) {
             assert_eq!(network(architecture).0.parameters(), parameters, "{}", architecture.name());
             assert_eq!(BrakingArchitecture::named(architecture.name()), Some(architecture));
         }
@@ -286,7 +290,7 @@ mod tests {
         let last = live.forward(&frames.narrow(1, 2, 20), &speeds.narrow(1, 2, 20), false).unwrap().due;
         assert!((both.double_value(&[0, 1]) - last.double_value(&[0, 0])).abs() < 1e-4);
         let error = live.forward(&frames.narrow(1, 0, 21), &speeds.narrow(1, 0, 21), false).unwrap_err().to_string();
-        assert!(error.contains("(B, 20, 64, 240)"), "{error}");
+        assert!(error.contains("(B, 20, 80, 320)"), "{error}");
     }
 
     #[test]
