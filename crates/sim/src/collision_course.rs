@@ -105,7 +105,8 @@ pub fn pass(track: &Track, car: &Car, place: &Place, actor: &Actor) -> Pass {
     Pass { room_m: now_m as f32, least_m: least_m as f32, until_s: from_s as f32 }
 }
 
-fn obstacles(actors: &[Actor]) -> impl Iterator<Item = &Actor> {
+/// Those of the actors that cannot be driven over.
+pub(crate) fn obstacles(actors: &[Actor]) -> impl Iterator<Item = &Actor> {
     actors.iter().filter(|actor| actor.kind.is_obstacle())
 }
 
@@ -208,7 +209,7 @@ mod tests {
         let room_m = 3.0 - 0.9 - crate::vehicle::BODY.x / 2.0;
         assert!((f64::from(parked.room_m) - room_m).abs() < 0.02 && parked.least_m == parked.room_m, "{parked:?}");
         assert!((f64::from(parked.until_s) - (30.0 - FRONT_M - 2.2) / 10.0).abs() < 0.03, "{parked:?}");
-        // Comes from 8 m beside, and is hit; it comes later, and is not; it waits, and has all the room it has now.
+        // From 4 m beside somebody is hit; from 8 m they come too late; who waits leaves the room that there is now.
         let crossing = |from: f64, speed: f64| {
             passing(beside(&track, ActorKind::Pedestrian, 50.0, from, -std::f64::consts::FRAC_PI_2, speed))
         };

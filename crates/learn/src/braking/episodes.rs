@@ -78,8 +78,8 @@ pub struct Drive {
     pub impact_s: Option<f64>,
     /// What each frame shows, as the simulator knows it; none if it was not asked.
     pub(super) shown: Vec<Shown>,
-    /// What was drawn for it, and its telemetries a second, if `lapwing brake record` wrote it.
-    drawn: Option<(Episode, f64)>,
+    /// The settings in its run's header.
+    config: serde_json::Value,
     pictures: Pictures,
 }
 
@@ -276,14 +276,18 @@ pub fn load(
 
 /// Asks the simulator what each frame of the drives of this folder shows.
 pub(super) fn retell_all(folder: &Path, drives: &mut [Drive]) -> Result<(), BrakingDataError> {
-    let roads: BTreeSet<String> =
-        drives.iter().filter_map(|drive| Some(drive.drawn.as_ref()?.0.track.clone())).collect();
+    let path = |drive: &Drive| folder.join(format!("{}.mcap", drive.story.name));
+    let all = drives
+        .iter()
+        .map(|drive| drawn(&drive.config).map_err(|why| BrakingDataError::Header { path: path(drive), why }))
+        .collect::<Result<Vec<_>, _>>()?;
+    let roads: BTreeSet<&str> = all.iter().flatten().map(|(episode, _)| &*episode.track).collect();
     let mut places = Places::default();
     let again = |path: PathBuf, source: DataError| BrakingDataError::Again { path, source: Box::new(source) };
-    places.open(roads.iter().map(String::as_str)).map_err(|why| again(folder.to_owned(), why.into()))?;
-    drives.par_iter_mut().try_for_each(|drive| {
-        let Some((episode, hz)) = &drive.drawn else { return Ok(()) };
-        let path = folder.join(format!("{}.mcap", drive.story.name));
+    places.open(roads).map_err(|why| again(folder.to_owned(), why.into()))?;
+    drives.par_iter_mut().zip(&all).try_for_each(|(drive, drawn)| {
+        let Some((episode, hz)) = drawn else { return Ok(()) };
+        let path = path(drive);
         drive.shown = retell(&places, episode, *hz).map_err(|source| again(path.clone(), source))?;
         drive.check_shown(&path)
     })
@@ -307,13 +311,12 @@ impl Drive {
             onsets: vec![],
             impact_s: None,
             shown: vec![],
-            drawn: None,
+            config: serde_json::Value::Null,
             pictures: if keeps_grey { Pictures::Grey(vec![]) } else { Pictures::Jpeg(vec![]) },
         };
         let recording = Recording::open(&path)?;
         let kind = recording.header().kind;
-        drive.drawn =
-            drawn(&recording.header().config).map_err(|why| BrakingDataError::Header { path: path.clone(), why })?;
+        drive.config = recording.header().config.clone();
         for (i, moment) in recording.enumerate() {
             let moment = moment?;
             let hit = moment.before.iter().find(|(_, event)| matches!(event, EventRecord::Collision { .. }));
@@ -356,27 +359,28 @@ impl Drive {
 
     /// Checks that the drive that was driven again is the recorded one.
     fn check_shown(&self, path: &Path) -> Result<(), BrakingDataError> {
-        let differs = |frame, what: &str, expected: f64, got: f64| {
-            let what = format!("{what} {expected:.2}, as it is driven today, got {got:.2}");
+        let differs = |frame, expected: String, got: String| {
+            let what = format!("{expected}, as it is driven today, got {got}");
             Err(BrakingDataError::Otherwise { path: path.to_owned(), frame, what })
         };
         for (frame, shown) in self.shown.iter().enumerate().take(self.frames()) {
-            let recorded = [f64::from(self.speed_kmh[frame]) * MPS_PER_KMH, self.until_s[frame], self.gap_m[frame]];
-            let told = [shown.speed_mps, shown.until_s, shown.gap_m];
-            for ((what, recorded), told) in ["a speed in m/s of", "a time to collision in s of", "a gap in m of"]
-                .into_iter()
-                .zip(recorded)
-                .zip(told)
-            {
+            let speed_mps = f64::from(self.speed_kmh[frame]) * MPS_PER_KMH;
+            for (what, told, recorded) in [
+                ("a speed in m/s of", shown.speed_mps, speed_mps),
+                ("a time to collision in s of", shown.until_s, self.until_s[frame]),
+                ("a gap in m of", shown.gap_m, self.gap_m[frame]),
+            ] {
                 if (recorded - told).abs() > SAME {
-                    return differs(frame, what, told, recorded);
+                    return differs(frame, format!("{what} {told:.2}"), format!("{recorded:.2}"));
                 }
             }
         }
-        if self.shown.len() != self.frames() {
-            return differs(0, "a number of frames of", self.shown.len() as f64, self.frames() as f64);
+        let (told, recorded) = (self.shown.len(), self.frames());
+        if told == recorded {
+            Ok(())
+        } else {
+            differs(told.min(recorded), format!("{told} frames in all"), recorded.to_string())
         }
-        Ok(())
     }
 
     fn label(&mut self, rule: LabelRule) {
@@ -434,7 +438,7 @@ impl Drive {
             onsets: vec![],
             impact_s: None,
             shown: vec![],
-            drawn: None,
+            config: serde_json::Value::Null,
             pictures: Pictures::Grey((0..frames * pixels).map(|i| shade ^ noise(i)).collect()),
         };
         drive.label(LabelRule::default());
@@ -625,7 +629,10 @@ pub(super) mod tests {
         );
         drive.shown.truncate(5);
         let error = drive.check_shown(Path::new("a.mcap")).unwrap_err().to_string();
-        assert!(error.contains("expected a number of frames of 5.00, as it is driven today, got 300.00"), "{error}");
+        assert!(
+            error.starts_with("a.mcap: frame 5: expected 5 frames in all, as it is driven today, got 300"),
+            "{error}"
+        );
 
         let header = |brake: &str| drawn(&serde_json::from_str(&format!("{{\"brake\": {brake}, \"hz\": 0}}")).unwrap());
         assert_eq!(header("null"), Ok(None));

@@ -18,7 +18,7 @@ use crate::{
         Camera, RIDE_M,
         viewpoint::{NEAR, Viewpoint},
     },
-    collision_course::{Pass, pass},
+    collision_course::{Pass, obstacles, pass},
     obstacles::{Box2, FRONT_M},
     scene::Actor,
     world::Simulation,
@@ -84,14 +84,13 @@ impl Picture {
             let (columns, away_m) = seen(&view, actor)?;
             (away_m < reach_m).then(|| Outline { columns, away_m, pass: pass(track, car, place, actor) })
         };
-        let obstacles = world.actors().iter().filter(|actor| actor.kind.is_obstacle());
         let course = COURSE_M.map(|way_m| {
             let point = view.turn(track.point(place.station.s + FRONT_M + way_m, place.offset).as_vec3());
             let (column, _) = view.project(point.with_z(point.z.max(NEAR)));
             (column / view.cx - 1.0).clamp(-WIDEST, WIDEST)
         });
         Self {
-            outlines: obstacles.filter_map(outline).collect(),
+            outlines: obstacles(world.actors()).filter_map(outline).collect(),
             course,
             speed_mps: car.speed.abs(),
             until_s: truth.time_to_collision_s.unwrap_or(Truth::CLEAR_S),
