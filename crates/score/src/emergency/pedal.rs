@@ -155,11 +155,11 @@ fn recorded(path: &Path) -> Result<Pedal, PedalError> {
 }
 
 /// What is known of the brake at a moment of a run of this kind: what the simulator reports, else the throttle below 0 that was
-/// asked for. A throttle of 0 or more says nothing of a brake: the stock simulator's driver has none. Along a recording the pilot
-/// only steers: what it asks of the pedals moves nothing.
+/// asked for. A throttle of 0 or more says nothing of a brake: the stock simulator's driver has none. A pilot that is off, or along a
+/// recording only steers, moves no pedal, whatever it asks for.
 pub fn brake(moment: &Moment, kind: RunKind) -> Option<f64> {
     let has_pedals = kind != RunKind::RecordedPath;
-    let command = moment.command.as_ref().filter(|_| has_pedals);
+    let command = moment.followed().filter(|_| has_pedals);
     moment.telemetry.truth.brake.or_else(|| command.map(|command| -command.throttle.get()).filter(|brake| *brake > 0.0))
 }
 
@@ -279,13 +279,42 @@ fn table(path: &Path, text: &str) -> Result<Pedal, PedalError> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
+    use lapwing_core::{
+        recording::{By, CommandRecord},
+        units::{Steering, Throttle},
+    };
 
     fn opened(text: &str) -> Result<Pedal, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("drive.csv");
         fs::write(&path, text).unwrap();
         Pedal::open(&path).map_err(|error| error.to_string().replace(&path.display().to_string(), "drive.csv"))
+    }
+
+    #[test]
+    fn only_who_has_the_pedals_brakes() {
+        let human = CommandRecord::of_human(Steering::saturating(0.0), Throttle::new(-0.75).unwrap());
+        let braked = |by, kind| {
+            let moment = Moment {
+                row: 0,
+                line: None,
+                at: Duration::ZERO,
+                taken_at: None,
+                pictures: [None, None, None],
+                telemetry: serde_json::from_str(r#"{"steering_deg":0,"throttle":0.25,"speed_mph":9}"#).unwrap(),
+                command: Some(CommandRecord { by, ..human.clone() }),
+                before: vec![],
+                broken: None,
+            };
+            brake(&moment, kind)
+        };
+        assert_eq!(braked(By::Pilot, RunKind::Driven), Some(0.75));
+        assert_eq!(braked(By::Safe, RunKind::Driven), Some(0.75));
+        assert_eq!(braked(By::Off, RunKind::Driven), None);
+        assert_eq!(braked(By::Pilot, RunKind::RecordedPath), None);
     }
 
     #[test]
