@@ -65,6 +65,10 @@ use lapwing_sim::{
 /// Rows of each road that are looked at if several explain a drive about as well.
 const SAMPLE: usize = 80;
 
+/// A road that bends alone do not tell from another is believed if a car went this many times as far there as its speed says.
+/// Real recordings that are found by their bends went 0.99 to 1.01.
+const PLAUSIBLE_WAY: std::ops::RangeInclusive<f64> = 0.92..=1.08;
+
 /// Why nothing is located of a recording whose pictures are lost.
 const UNREAD: &str = "none of its pictures could be read";
 
@@ -226,7 +230,7 @@ pub fn locate(
     roads: &Roads,
     looked_at: impl Fn() + Sync,
 ) -> Result<LocatedRecording, LocateError> {
-    let Rows { rows, looks, moments, released_at_once } = Rows::read(path)?;
+    let Rows { rows, looks, unreadable: lost, moments, released_at_once } = Rows::read(path)?;
     if rows.is_empty() {
         return Err(LocateError::NoPictures { path: path.to_owned(), moments });
     }
@@ -234,12 +238,14 @@ pub fn locate(
     let mut parts = vec![];
     let mut scenes = Scenes { roads, tracks: HashMap::new() };
     for part in parts_of(&rows) {
-        let way_m = rows[part.clone()].iter().skip(1).map(|row| row.motion.way_m).sum();
+        // The sum of nothing is -0.
+        let way_m = rows[part.clone()].iter().skip(1).fold(0.0, |way_m, row| way_m + row.motion.way_m);
         let look = looks.get(&part.start);
         let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
         let likely = odometry::find(&legs, look, roads.both_ways()?);
-        let by_start = likely.by_start;
-        let why = unknown(&likely);
+        let (by_start, by_bends) = (likely.by_start, likely.sure().is_some());
+        let is_lost = lost.range(part.clone()).count() == part.len();
+        let why = unknown(&likely, is_lost);
         let found = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
         if let Some(found) = &found {
             let scene = scenes.of(&found.road.name)?;
@@ -249,7 +255,7 @@ pub fn locate(
             }
         }
         let why = found.as_ref().map(|found| nowhere(&found.road, way_m, by_start)).or(why);
-        parts.push((part, way_m, found, why));
+        parts.push((part, way_m, found, why, by_bends));
     }
     let unreadable = Mutex::new((0, None));
     let pictures = Pictures::open(path, camera, stretches)?;
@@ -269,13 +275,18 @@ pub fn locate(
     for (of, located) in located {
         places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
     }
-    let unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let wanted: usize = parts.iter().filter(|(_, _, found, _)| found.is_some()).map(|(part, ..)| part.len()).sum();
+    let mut unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let wanted: usize = parts.iter().filter(|(_, _, found, ..)| found.is_some()).map(|(part, ..)| part.len()).sum();
+    let none_is_read = unreadable.0 == wanted;
+    for (part, ..) in parts.iter().filter(|(_, _, found, ..)| found.is_none()) {
+        let mut whys = lost.range(part.clone()).map(|(_, why)| why);
+        unreadable.1 = unreadable.1.or(whys.next().cloned());
+        unreadable.0 += lost.range(part.clone()).count();
+    }
     let parts = parts
         .into_iter()
-        .map(|(part, way_m, found, why)| {
-            let is_located = places[part.clone()].iter().any(Option::is_some);
-            let unread = (found.is_some() && unreadable.0 == wanted).then(|| UNREAD.to_owned());
+        .map(|(part, way_m, found, why, by_bends)| {
+            let unread = (found.is_some() && none_is_read).then(|| UNREAD.to_owned());
             let on = found
                 .map(|found| {
                     let track = scenes.of(&found.road.name)?.0;
@@ -283,7 +294,10 @@ pub fn locate(
                     Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
                 })
                 .transpose()?;
-            Ok(Part { rows: part, way_m, on, unknown: unread.or(why).filter(|_| !is_located) })
+            let doubt = on.as_ref().filter(|_| !by_bends).and_then(|on| implausible(on, &rows[part.clone()]));
+            let on = on.filter(|_| doubt.is_none());
+            let is_located = on.iter().flat_map(|on| &on.drive.places).any(Option::is_some);
+            Ok(Part { rows: part, way_m, on, unknown: unread.or(doubt).or(why).filter(|_| !is_located) })
         })
         .collect::<Result<_, TrackError>>()?;
     Ok(LocatedRecording { parts, rows, released_at_once, network: None, laps: None, unreadable })
@@ -323,10 +337,24 @@ impl Scenes<'_> {
     }
 }
 
-/// Why the road of a drive is unknown, if its pictures do not show it either, and what helps.
-fn unknown(likely: &odometry::Found) -> Option<String> {
+/// Why a road that only the pictures chose among several is not believed.
+fn implausible(on: &On, rows: &[Row]) -> Option<String> {
+    let way = Car::of(&on.drive, rows)?.way;
+    (!PLAUSIBLE_WAY.contains(&way)).then(|| {
+        let road = &on.drive.track.file().name;
+        format!(
+            "several roads explain it about as well, and its pictures are most like {}, but there the car would have gone {way:.2} \
+             times as far as its speed says: a longer recording may tell",
+            odometry::words(road, on.reversed)
+        )
+    })
+}
+
+/// Why the road of a drive is unknown, if its pictures do not show it either (`is_lost`: none could be read), and what helps.
+fn unknown(likely: &odometry::Found, is_lost: bool) -> Option<String> {
     let why = likely.road().err()?;
     Some(match &likely.likely[..] {
+        _ if is_lost => format!("{why}, and {UNREAD}"),
         [] => format!("{why}: if it was on another road, name that with --track FILE.toml"),
         _ => format!("{why}, and its pictures do not show which it was: a longer recording may tell"),
     })

@@ -129,12 +129,16 @@ fn a_threshold_needs_the_network_to_which_it_belongs() {
     for more in [&[][..], &["--brake-guard", "ttc"]] {
         let flags = ["drive", "--pilot", "expert", "--no-recording", "--max-time", "1", "--brake-threshold", "0.5"];
         let (status, _, err) = lapwing_in(folder.path(), "", &[&flags[..], more].concat());
-        assert_eq!(status, 1, "{err}");
+        assert_eq!(status, 2, "{err}");
         assert!(
             err.contains("expected a braking network as well (brake.model, --brake-model), got 0.5 without one"),
             "{err}"
         );
     }
+    let flags =
+        ["drive", "--pilot", "expert", "--no-recording", "--max-time", "1", "--model", "models/cps.safetensors"];
+    let (status, _, err) = lapwing_in(folder.path(), "", &flags);
+    assert!(status == 2 && err.contains("--model: expected --pilot model, got --pilot expert"), "{err}");
     // Who has both in a file may do without for once.
     fs::write(folder.path().join("lapwing.toml"), "[brake]\nthreshold = 0.5\n").unwrap();
     let flags = ["drive", "--pilot", "expert", "--no-recording", "--max-time", "1", "--brake-guard", "none"];

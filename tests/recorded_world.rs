@@ -108,7 +108,8 @@ fn where_nothing_was_recorded_the_road_is_drawn() {
 fn the_program_drives_where_a_data_set_was_recorded() {
     let dir = tempfile::tempdir().unwrap();
     let run = |arguments: &[&str]| program::lapwing_in(dir.path(), "", arguments);
-    run(&["record", "--out", "laps", "--max-time", "10"]);
+    // Whoever sets a limit gets what was asked for.
+    assert_eq!(run(&["record", "--out", "laps", "--max-time", "10"]).0, 0);
     let drive = ["drive", "--world", "laps", "--max-time", "6", "--no-recording"];
     let (code, out, err) = run(&[&drive[..], &["--json"]].concat());
     assert_eq!(code, 0, "{err}");
@@ -147,6 +148,44 @@ fn the_program_drives_where_a_data_set_was_recorded() {
     std::fs::write(dir.path().join("nothing.txt"), "").unwrap();
     let (code, _, err) = run(&["drive", "--world", "nowhere"]);
     assert!(code == 1 && err.contains("nowhere"), "{code}: {err}");
+}
+
+#[test]
+fn a_picture_that_cannot_be_used_is_a_bad_frame_and_without_any_there_is_no_world() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| program::lapwing_in(dir.path(), "", arguments);
+    run(&["record", "--out", "laps", "--max-time", "6"]);
+    let log = std::fs::read_to_string(dir.path().join("laps/driving_log.csv")).unwrap();
+    let center = |row: usize| {
+        let path = log.lines().nth(row).unwrap().split(',').next().unwrap();
+        dir.path().join("laps").join("IMG").join(path.rsplit('/').next().unwrap())
+    };
+    let pointer = "version https://git-lfs.github.com/spec/v1\n";
+    std::fs::write(center(30), pointer).unwrap();
+    std::fs::remove_file(center(40)).unwrap();
+    let along = ["replay", "laps", "--json"];
+    for more in [&[][..], &["--closed-loop", "--lane", "laps/lane.csv"]] {
+        let (code, out, err) = run(&[&along[..], more].concat());
+        assert!(code == 1 && err.contains("at most 1 % bad frames") && err.contains("got 2 of "), "{code}: {err}");
+        let (code, again, err) = run(&[&along[..], more, &["--allow-bad-frames"]].concat());
+        assert_eq!(code, 0, "{err}");
+        let bad = |out: &str| serde_json::from_str::<serde_json::Value>(out).unwrap()["bad_frames"].clone();
+        assert_eq!([bad(&out), bad(&again)], [2, 2]);
+    }
+    for row in 0..log.lines().count() {
+        std::fs::write(center(row), pointer).unwrap();
+    }
+    let world = ["drive", "--world", "laps", "--lane", "laps/lane.csv", "--max-time", "2", "--no-recording"];
+    let (code, out, err) = run(&world);
+    assert!(code == 1 && err.contains("expected recorded pictures of the road that was driven, got none"), "{err}");
+    assert!(out.contains("0 pictures; 30 drawn where none could be used; "), "{out}");
+    let (_, out, _) = run(&[&world[..], &["--json"]].concat());
+    assert!(serde_json::from_str::<serde_json::Value>(&out).unwrap()["seen"]["apart_m"].is_null(), "{out}");
+    let (code, _, err) =
+        run(&[&along[..], &["--closed-loop", "--lane", "laps/lane.csv", "--allow-bad-frames"]].concat());
+    assert!(code == 1 && err.contains("expected a JPEG"), "{err}");
+    let (_, out, _) = run(&["locate", "laps", "--json"]);
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&out).unwrap()["unreadable"], 90, "{out}");
 }
 
 #[test]

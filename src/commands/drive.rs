@@ -14,7 +14,7 @@ use crate::cli::{self, PilotKind};
 #[cfg(feature = "bridge")]
 use crate::real_time::RealTime;
 use lapwing_core::{
-    config::Settings,
+    config::{ConfigError, Settings},
     drive::{DriveDigest, Observer},
     driver::Driver,
     guard::GuardModel,
@@ -38,6 +38,11 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     #[cfg(feature = "bridge")]
     if let Some(port) = arguments.page.page {
         return super::paged::drive(&arguments, settings, port, interrupted);
+    }
+    #[cfg(feature = "networks")]
+    if arguments.pilot == PilotKind::Expert && arguments.driving.model.is_some() {
+        let why = "expected --pilot model, got --pilot expert, which asks no network".into();
+        return Err(ConfigError::Value { layer: "--model".into(), why }.into());
     }
     let mut settings = settings;
     let mut setup = world::spec(&arguments.world, arguments.laps).setup(&settings.simulator)?;
@@ -97,6 +102,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     #[cfg(feature = "bridge")]
     let served = viewers.map_or(Ok(()), FoxgloveServer::end);
     let seen = recorded.as_ref().map(Recorded::seen);
+    let unseen = recorded.as_ref().and_then(Recorded::unseen);
     let missed = score::missed(&settings.thresholds, &card);
     let seed = simulation.setup().seed;
     let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
@@ -128,7 +134,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     served?;
     drawn?;
     printed?;
-    Ok(ended)
+    unseen.map_or(Ok(ended), |why| Err(anyhow::Error::msg(why)))
 }
 
 /// Drives as fast as the scenario asks for, if it does.
@@ -203,13 +209,16 @@ fn paced(wall: Duration, times: f64) -> String {
 /// What recordings showed.
 fn shown(seen: &Seen) -> String {
     let Seen { recorded, drawn, apart_m, covered, filled_mean, filled_most, .. } = *seen;
-    let [covered, mean, most] = [covered, filled_mean, filled_most].map(|share| 100.0 * share);
-    let drawn = if drawn > 0 { format!("; {drawn} drawn where none was near") } else { String::new() };
-    format!(
-        "{}, taken {apart_m:.2} m away, {mean:.1} % filled in ({most:.1} % at most){drawn}; {covered:.1} % of the road \
-         shown",
-        count(recorded as usize, "picture")
-    )
+    let covered = 100.0 * covered;
+    let how = match (apart_m, filled_mean, filled_most) {
+        (Some(apart_m), Some(mean), Some(most)) => {
+            let [mean, most] = [mean, most].map(|share| 100.0 * share);
+            format!(", taken {apart_m:.2} m away, {mean:.1} % filled in ({most:.1} % at most)")
+        }
+        _ => String::new(),
+    };
+    let drawn = if drawn > 0 { format!("; {drawn} drawn where none could be used") } else { String::new() };
+    format!("{}{how}{drawn}; {covered:.1} % of the road shown", count(recorded as usize, "picture"))
 }
 
 pub(super) fn told(report: &RecordingReport) -> String {

@@ -31,9 +31,9 @@ pub(super) fn load(settings: &BrakeSettings) -> anyhow::Result<Option<Box<dyn Gu
     // Once all layers are known: a file may hold the threshold, and a flag the network.
     if let (Some(threshold), None, None | Some(GuardKind::Ttc)) = (settings.threshold, &settings.model, settings.guard)
     {
-        anyhow::bail!(
-            "brake.threshold: expected a braking network as well (brake.model, --brake-model), got {threshold} without one"
-        );
+        let why =
+            format!("expected a braking network as well (brake.model, --brake-model), got {threshold} without one");
+        return Err(ConfigError::Value { layer: "brake.threshold".into(), why }.into());
     }
     let guard: Box<dyn GuardModel> = match settings.guarding() {
         Guarding::Nobody => return Ok(None),

@@ -9,7 +9,7 @@ use lapwing_core::{
 };
 use lapwing_sim::{
     record::{self, RecordOptions, RecordReport, StanceOptions},
-    world::Simulation,
+    world::{Ending, Simulation},
 };
 
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -25,7 +25,9 @@ pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Res
         return Ok(if made == wanted { Ended::Passed } else { Ended::Failed });
     }
     let (RecordReport { rows, laps, ending, .. }, track) = record(arguments, config, &super::interrupted())?;
-    let ended = if laps >= arguments.laps { Ended::Passed } else { Ended::Failed };
+    // Whoever sets a limit gets what was asked for.
+    let asked = arguments.world.max_time.is_some() && ending == Ending::TimeOver;
+    let ended = if asked || laps >= arguments.laps { Ended::Passed } else { Ended::Failed };
     let laps = format!("{laps} of {}", count(arguments.laps, "lap"));
     super::print(&format!("{}, {laps} of {track} ({ending}), in {}", count(rows, "row"), arguments.out.display()))?;
     Ok(ended)

@@ -122,7 +122,7 @@ impl Recorded {
     /// What was seen so far.
     pub(super) fn seen(&self) -> Seen {
         let sights = self.sights.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let each = f64::from(sights.recorded.max(1));
+        let mean = |sum: f64| (sights.recorded > 0).then(|| sum / f64::from(sights.recorded));
         if let (number, Some(why)) = &sights.unusable {
             say!("--world: {number} recorded pictures could not be used, the first: {why}");
         }
@@ -131,10 +131,24 @@ impl Recorded {
             covered: self.covered,
             recorded: sights.recorded,
             drawn: sights.drawn,
-            apart_m: sights.apart_m / each,
-            filled_mean: sights.filled.0 / each,
-            filled_most: sights.filled.1,
+            apart_m: mean(sights.apart_m),
+            filled_mean: mean(sights.filled.0),
+            filled_most: (sights.recorded > 0).then_some(sights.filled.1),
         }
+    }
+
+    /// Why nothing of the drive was seen in recorded pictures, if that is so.
+    pub(super) fn unseen(&self) -> Option<String> {
+        let sights = self.sights.lock().unwrap_or_else(PoisonError::into_inner);
+        let why = match &sights.unusable {
+            (number, Some(why)) => {
+                format!("{} could not be used, the first: {why}", count(*number as usize, "picture"))
+            }
+            _ => "none was near".into(),
+        };
+        (sights.recorded == 0 && sights.drawn > 0).then(|| {
+            format!("--world: expected recorded pictures of the road that was driven, got none ({why}): all were drawn")
+        })
     }
 }
 

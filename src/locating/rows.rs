@@ -1,6 +1,10 @@
 //! The numbers of a recording: how the car came to each moment that has a picture.
 
-use std::{collections::HashMap, ops::Range, path::Path};
+use std::{
+    collections::{BTreeMap, HashMap},
+    ops::Range,
+    path::Path,
+};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -80,8 +84,8 @@ const BLOCK: usize = 64;
 /// No car on its tyres turns faster, in radians a second.
 const FASTEST_TURN: f64 = 1.5;
 
-/// A row, and what it looks like if it begins something.
-type Seen = (Row, Option<Look>);
+/// A row, what it looks like if it begins something, and why its picture cannot be looked at.
+type Seen = (Row, Option<Look>, Option<String>);
 
 /// What a recording tells before its pictures are laid over a road.
 pub(super) struct Rows {
@@ -89,6 +93,8 @@ pub(super) struct Rows {
     pub rows: Vec<Row>,
     /// What the first of them looks like, and each that does not continue from the one before.
     pub looks: HashMap<usize, Look>,
+    /// Why the pictures of these cannot be looked at.
+    pub unreadable: BTreeMap<usize, String>,
     /// How many moments there are in all.
     pub moments: usize,
     /// The moments of the drives that a keyboard steered whose release is at once.
@@ -115,13 +121,14 @@ impl Rows {
             .map(|(i, block)| block.map(|(before, block)| (i, turned(before.as_ref(), block))))
             .collect::<Result<_, _>>()?;
         blocks.sort_by_key(|(i, _)| *i);
-        let (mut rows, mut looks) = (vec![], HashMap::new());
-        for (row, look) in blocks.into_iter().flat_map(|(_, rows)| rows) {
+        let (mut rows, mut looks, mut unreadable) = (vec![], HashMap::new(), BTreeMap::new());
+        for (row, look, why) in blocks.into_iter().flat_map(|(_, rows)| rows) {
             looks.extend(look.map(|look| (rows.len(), look)));
+            unreadable.extend(why.map(|why| (rows.len(), why)));
             rows.push(row);
         }
         let Reader { moments, released_at_once, .. } = reader;
-        Ok(Self { rows, looks, moments, released_at_once })
+        Ok(Self { rows, looks, unreadable, moments, released_at_once })
     }
 }
 
@@ -133,24 +140,22 @@ pub(super) fn by_steering(path: &Path) -> Result<Vec<Row>, RecordingError> {
 /// Rows whose turning comes from their pictures, where they show it, and what those look like that begin something.
 fn turned(before: Option<&Picture>, block: Vec<(Row, Picture)>) -> Vec<Seen> {
     let mut frame = Frame::default();
-    let mut seen = |picture: &Picture, begins: bool| {
-        if decoded(Some(picture), &mut frame).is_err() {
-            return (None, None);
-        }
-        (Pyramid::of(&frame), if begins { Look::of(&frame) } else { None })
+    let mut seen = |picture: &Picture, begins: bool| match decoded(Some(picture), &mut frame) {
+        Ok(()) => (Pyramid::of(&frame), if begins { Look::of(&frame) } else { None }, None),
+        Err(why) => (None, None, Some(why)),
     };
     let mut continues = before.is_some();
     let mut before = before.and_then(|picture| seen(picture, false).0);
     let turned = block.into_iter().map(|(mut row, picture)| {
         continues &= row.broken.is_none();
-        let (now, look) = seen(&picture, !continues);
+        let (now, look, why) = seen(&picture, !continues);
         let pair = before.as_ref().zip(now.as_ref()).filter(|_| continues);
         let turn = pair.and_then(|(before, now)| turn(before, now, row.motion.way_m)).map(|turn| turn.yaw);
         if let Some(turn_rad) = turn.filter(|turn| turn.abs() < FASTEST_TURN * row.apart_s) {
             row.motion.turn_rad = turn_rad;
         }
         (before, continues) = (now, true);
-        (row, look)
+        (row, look, why)
     });
     turned.collect()
 }

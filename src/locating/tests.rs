@@ -41,7 +41,7 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
     let road = Arc::new(Road::new("bends".into(), 0.0, 100.0, None, vec![0.0, 1.0]));
     let tried = vec![Tried { road: road.clone(), fit: -3.1, behind: 0.0, explains: false }];
     let none = Found { tried, ..Found::default() };
-    let told = unknown(&none).unwrap();
+    let told = unknown(&none, false).unwrap();
     assert!(told.starts_with("the nearest, bends, explains it by -3.1 each 10 m; "), "{told}");
     assert!(told.ends_with(": if it was on another road, name that with --track FILE.toml"), "{told}");
     let on = |road: Arc<Road>| Match {
@@ -54,9 +54,10 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
         tried_m: 90.0,
     };
     let several = Found { likely: vec![on(road.clone()), on(Arc::new(road.reversed()))], ..Found::default() };
-    let told = unknown(&several).unwrap();
+    let told = unknown(&several, false).unwrap();
+    assert!(unknown(&several, true).unwrap().ends_with(UNREAD));
     assert!(told.starts_with("bends and bends, the other way round explain it about as well, and its pic"), "{told}");
-    assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }), None);
+    assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }, false), None);
 }
 
 #[test]

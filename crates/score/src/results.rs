@@ -84,13 +84,13 @@ pub struct Seen {
     pub recorded: u32,
     /// … and those that were drawn, as none had been recorded near enough.
     pub drawn: u32,
-    /// How far from where they were seen the recorded ones had been taken: the mean, in metres.
-    pub apart_m: f64,
+    /// How far from where they were seen the recorded ones had been taken: the mean, in metres; null without any, as are the next.
+    pub apart_m: Option<f64>,
     /// Share of the rows that PilotNet sees which no recorded camera showed and which was filled in: the mean over the
     /// recorded pictures …
-    pub filled_mean: f64,
+    pub filled_mean: Option<f64>,
     /// … and the most of one.
-    pub filled_most: f64,
+    pub filled_most: Option<f64>,
 }
 
 /// A drive along the rows of a recording.
@@ -174,8 +174,8 @@ mod tests {
     fn no_result_has_a_key_twice() {
         let (card, missed) = (Scorer::default().finish(), ["a".to_owned()]);
         let (frames, fingerprint, times_real_time, run) = (3, "ff", 2.0, Some("r.mcap".to_owned()));
-        let seen =
-            Seen { moments: 1, covered: 1.0, recorded: 1, drawn: 0, apart_m: 0.0, filled_mean: 0.0, filled_most: 0.0 };
+        let (apart_m, filled_mean, filled_most) = (Some(0.0), Some(0.0), Some(0.0));
+        let seen = Seen { moments: 1, covered: 1.0, recorded: 1, drawn: 0, apart_m, filled_mean, filled_most };
         let how = InProcess { frames, fingerprint, times_real_time, seen: Some(seen), run: run.clone() };
         let who = Simulated { pilot: "p", seed: 1 };
         assert_eq!(twice(&ScoredDrive { who, card: &card, how, missed: &missed }), [""; 0]);

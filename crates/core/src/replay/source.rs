@@ -8,6 +8,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use bytes::Bytes;
+
 use crate::{
     drive::Eventful,
     protocol::{Answer, CameraImage, Observation, Sight, Truth, World},
@@ -48,7 +50,7 @@ pub enum ReplayError {
     /// The run or the driving log.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// An image of a driving log.
+    /// The first image of a driving log.
     #[error("{path}: expected the image of a driving log's row, got an error: {source}")]
     Image {
         /// The image.
@@ -70,6 +72,8 @@ pub struct Replay {
     skipped: u64,
     /// What was steered at the moment observed last.
     recorded: Option<Steering>,
+    /// A picture was read.
+    shows: bool,
     /// The pilot was armed before it.
     armed: Option<Duration>,
     interrupted: bool,
@@ -90,6 +94,7 @@ impl Replay {
             shown: 0,
             skipped: 0,
             recorded: None,
+            shows: false,
             armed: None,
             interrupted: false,
         })
@@ -144,12 +149,22 @@ impl Replay {
     }
 
     /// A moment with its picture as an observation, and what was steered then, if anybody steered.
-    fn shown(&self, moment: Moment) -> Result<(Observation, Option<Steering>), ReplayError> {
+    fn shown(&mut self, moment: Moment) -> Result<(Observation, Option<Steering>), ReplayError> {
         let recorded = moment.steering();
         let Moment { at, mut telemetry, pictures: [picture, ..], .. } = moment;
         let picture = picture.unwrap_or(Picture::NotRecorded);
-        let jpeg =
-            picture.read().map_err(|source| ReplayError::Image { path: PathBuf::from(picture.to_string()), source })?;
+        let jpeg = match picture.read() {
+            Ok(jpeg) => {
+                self.shows = true;
+                jpeg
+            }
+            // One that is missing is a bad frame; if the first is, so are probably all.
+            Err(why) if self.shows => {
+                tracing::warn!("{picture}: a bad frame: {why}");
+                Bytes::new()
+            }
+            Err(source) => return Err(ReplayError::Image { path: PathBuf::from(picture.to_string()), source }),
+        };
         telemetry.image = CameraImage::Jpeg(jpeg);
         if self.recording.log().is_some() {
             telemetry.truth = Truth::default(); // no simulator reports the brake as the recorder does

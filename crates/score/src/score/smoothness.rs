@@ -56,8 +56,10 @@ pub(super) struct Wheel {
     seconds: f64,
     /// Sum of squared changes over their time.
     squares: f64,
-    /// Where it turned back last, and which way it turns.
-    extreme_deg: f64,
+    /// The farthest it was turned since it turned back last, to either side; and which way it turns, 0 until it has turned far
+    /// enough.
+    least_deg: f64,
+    most_deg: f64,
     direction: f64,
     reversals: u32,
 }
@@ -66,18 +68,23 @@ impl Wheel {
     pub(super) fn sample(&mut self, now: Tick) {
         let Some((began_s, before)) = self.stretch.filter(|_| now.goes_on) else {
             self.seconds = self.seconds();
-            (self.stretch, self.extreme_deg, self.direction) = (Some((now.at_s, now)), now.steering_deg, 0.0);
+            self.stretch = Some((now.at_s, now));
+            (self.least_deg, self.most_deg, self.direction) = (now.steering_deg, now.steering_deg, 0.0);
             return;
         };
         self.stretch = Some((began_s, now));
         self.squares += (now.steering_deg - before.steering_deg).powi(2) / (now.at_s - before.at_s);
-        let turned = now.steering_deg - self.extreme_deg;
-        if turned * self.direction > 0.0 {
-            self.extreme_deg = now.steering_deg;
-        } else if turned.abs() >= REVERSAL_DEG {
-            self.reversals += u32::from(self.direction != 0.0);
-            (self.direction, self.extreme_deg) = (turned.signum(), now.steering_deg);
-        }
+        let deg = now.steering_deg;
+        (self.least_deg, self.most_deg) = (self.least_deg.min(deg), self.most_deg.max(deg));
+        let direction = if self.direction <= 0.0 && deg - self.least_deg >= REVERSAL_DEG {
+            1.0
+        } else if self.direction >= 0.0 && self.most_deg - deg >= REVERSAL_DEG {
+            -1.0
+        } else {
+            return;
+        };
+        self.reversals += u32::from(self.direction != 0.0);
+        (self.least_deg, self.most_deg, self.direction) = (deg, deg, direction);
     }
 
     /// Seconds reported without a gap.
@@ -248,6 +255,9 @@ mod tests {
         // 30 swings in the minute; the first turn is not a reversal.
         assert_eq!(swing(1.5).reversals_per_min(), Some(59.0));
         assert_eq!(swing(0.9).reversals_per_min(), Some(0.0));
+        // Wherever in a swing the drive begins: here none goes a degree away from the start.
+        let from_the_middle = wheel(&drive(60.0, |t| (5.0, 0.75 * (t * std::f64::consts::TAU / 2.0).sin())));
+        assert_eq!(from_the_middle.reversals_per_min(), Some(58.0));
     }
 
     #[test]

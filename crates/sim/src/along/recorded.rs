@@ -2,7 +2,7 @@
 //!
 //! A recording is read twice, first its numbers, then picture by picture during the drive: memory stays bounded.
 
-use std::{io, ops::Range, path::Path};
+use std::{ops::Range, path::Path};
 
 use bytes::Bytes;
 
@@ -88,8 +88,12 @@ pub(super) struct RecordedDrive {
 /// One moment's pictures: of the centre camera, the left and the right one.
 #[derive(Debug, Default)]
 pub(super) struct MomentPictures {
+    /// The centre camera's bytes; none if they cannot be read.
     pub jpeg: Bytes,
+    /// Without the centre camera's there is none at all.
     pub frames: [Option<Frame>; 3],
+    /// Why that of the centre camera cannot be used.
+    pub unusable: Option<ClosedLoopError>,
 }
 
 impl MomentPictures {
@@ -147,25 +151,43 @@ impl RecordedDrive {
                 break moment;
             }
         };
+        let [centre, left, right] = &moment.pictures;
+        let place = |picture: &Picture| match picture {
+            Picture::File(path) => path.clone(),
+            _ => format!("{} at {:.3} s", self.again.path().display(), moment.at.as_secs_f64()).into(),
+        };
         let mut shown = MomentPictures::default();
-        for (i, (slot, picture)) in shown.frames.iter_mut().zip(&moment.pictures).enumerate() {
-            let Some(picture) = picture else { continue };
-            let place = match picture {
-                Picture::File(path) => path.clone(),
-                _ => format!("{} at {:.3} s", self.again.path().display(), moment.at.as_secs_f64()).into(),
-            };
-            let jpeg = match picture.read() {
-                Ok(jpeg) => jpeg,
-                Err(e) if i > 0 && e.kind() == io::ErrorKind::NotFound => continue, // some keep only the centre's
-                Err(source) => return Err(ClosedLoopError::Read { path: place, source }),
-            };
-            *slot = Some(decode(&place, &jpeg)?);
-            if i == 0 {
-                shown.jpeg = jpeg;
+        if let Some(picture) = centre {
+            let place = place(picture);
+            match picture.read() {
+                Ok(jpeg) => {
+                    shown.jpeg = jpeg;
+                    match decode(&place, &shown.jpeg) {
+                        Ok(frame) => shown.frames[0] = Some(frame),
+                        Err(why @ ClosedLoopError::Picture { .. }) => shown.unusable = Some(why),
+                        Err(other) => return Err(other),
+                    }
+                }
+                Err(source) => shown.unusable = Some(ClosedLoopError::Read { path: place, source }),
+            }
+        }
+        // Some keep only the centre's, and where one is broken the others are as good.
+        if shown.frames[0].is_some() {
+            for (slot, picture) in shown.frames[1..].iter_mut().zip([left, right]) {
+                let Some((picture, jpeg)) = picture.as_ref().and_then(|picture| Some((picture, picture.read().ok()?)))
+                else {
+                    continue;
+                };
+                match decode(&place(picture), &jpeg) {
+                    Ok(frame) => *slot = Some(frame),
+                    Err(ClosedLoopError::Picture { .. }) => {}
+                    Err(other) => return Err(other),
+                }
             }
         }
         self.loaded += 1;
-        self.sideless += usize::from(shown.frames[1..].iter().all(Option::is_none));
+        let has = shown.frames.each_ref().map(Option::is_some);
+        self.sideless += usize::from(has == [true, false, false]);
         Ok(shown)
     }
 }

@@ -49,6 +49,13 @@ impl Reel {
         self.around().find_map(|(at, pictures)| (at == row).then_some(pictures))
     }
 
+    /// Why no picture that is loaded can be used, if that is so.
+    pub(super) fn unusable(&mut self) -> Option<ClosedLoopError> {
+        let rows = &mut self.rows;
+        let is_blank = rows.iter().all(|(_, pictures)| pictures.unusable.is_some());
+        rows.front_mut().filter(|_| is_blank).and_then(|(_, pictures)| pictures.unusable.take())
+    }
+
     /// All rows that are loaded.
     pub(super) fn around(&self) -> impl Iterator<Item = (usize, &MomentPictures)> {
         self.rows.iter().map(|(row, pictures)| (*row, pictures))

@@ -46,10 +46,12 @@ impl Screen {
     /// For a drive along these rows.
     ///
     /// # Errors
-    /// Those of reading the recording and its first row.
+    /// Those of reading the recording and its first row; why none of the first pictures can be used, if that is so: then there
+    /// are probably no others.
     pub(super) fn new(recorded: &mut RecordedDrive, located: Option<&LocatedDrive>) -> Result<Self, ClosedLoopError> {
         let mut reel = Reel::default();
         reel.wind(recorded, 0)?;
+        reel.unusable().map_or(Ok(()), Err)?;
         let album = located.map(|drive| seen_again(recorded, drive)).transpose()?.unwrap_or_default();
         Ok(Self {
             warp: Warp::new(),
@@ -139,6 +141,9 @@ impl Screen {
         };
         let on_reel = self.reel.around().filter_map(|(other, pictures)| {
             let cameras = pictures.frames.each_ref().map(Option::is_some);
+            if !cameras[0] {
+                return None;
+            }
             let taken = Taken { when: when(rows.get(other)?), beside: beside_row(other)?, cameras };
             Some((Source::Reel(other), taken))
         });

@@ -276,6 +276,9 @@ impl RecordedWorld {
         if let Some(cut) = row.cut.filter(|cut| *cut != PathBreak::Begins) {
             self.events.push((self.at(), EventRecord::Note { text: told(cut) }));
         }
+        if let Some(why) = self.screen.recorded(self.row).and_then(|shown| shown.unusable.as_ref()) {
+            self.events.push((self.at(), EventRecord::Note { text: why.to_string() }));
+        }
         self.announce();
         let cars = (self.abreast.beside(), self.abreast.place());
         self.screen.paint(&self.recorded.rows, self.row, self.located.as_ref(), cars);
@@ -370,8 +373,10 @@ impl RecordedWorld {
 
     fn telemetry(&self, row: PathRow) -> Telemetry {
         let Measured { offset_m, heading_rad, .. } = self.measured();
-        // On the path there is nothing to warp, so no second compression blurs the picture.
-        let recorded = self.screen.recorded(self.row).filter(|_| self.abreast.beside() == Beside::default());
+        // On the path there is nothing to warp, so no second compression blurs the picture; and what cannot be used is no
+        // picture anywhere.
+        let on_path = self.abreast.beside() == Beside::default();
+        let recorded = self.screen.recorded(self.row).filter(|shown| on_path || shown.unusable.is_some());
         let jpeg = recorded.map(|shown| shown.jpeg.clone());
         let jpeg = jpeg.unwrap_or_else(|| encode_jpeg(self.picture(), JPEG_QUALITY_AGAIN).into());
         Telemetry {

@@ -132,7 +132,8 @@ impl Drive {
     }
 
     fn way_m(&self) -> f64 {
-        self.legs.iter().map(|(_, leg)| leg.motion.way_m).sum()
+        // The sum of nothing is -0.
+        self.legs.iter().fold(0.0, |way_m, (_, leg)| way_m + leg.motion.way_m)
     }
 
     /// The looks of the pictures at these places; pictures that cannot be decoded are skipped.
