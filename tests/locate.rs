@@ -148,6 +148,17 @@ fn a_piece_whose_bends_fit_a_road_and_whose_pictures_are_not_found_there_says_wh
     assert!(code == 1 && err.contains(&format!("expected a drive on a known road, got none: {why}")), "{code}: {err}");
 }
 
+/// Its bends alone do not tell the lake from the lake the other way round, and after the crash its pictures look like the latter.
+#[test]
+fn a_short_piece_with_a_crash_is_not_taken_for_a_road_on_which_it_would_have_gone_too_far() {
+    let Some(folder) = shared("recordings/lake") else { return };
+    let dir = rows(&folder, 1900, 300);
+    let found = located(dir.path(), CameraPosition::Center);
+    assert!(found.drives().is_empty());
+    let [why] = &found.unknown()[..] else { panic!("{:?}", found.unknown()) };
+    assert!(why.contains(" times as far as its speed says: "), "{why}");
+}
+
 #[test]
 fn a_truth_of_another_recording_is_refused() {
     let dir = tempdir().unwrap();

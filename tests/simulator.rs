@@ -463,8 +463,8 @@ fn a_recovery_drive_steers_back_and_reads_as_the_stock_recorders() {
         .arg(&out)
         .output()
         .unwrap();
-    // Cut off before a lap: 1, with the rows written.
-    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    // The time was all that was asked for.
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let text = std::fs::read_to_string(out.join("driving_log.csv")).unwrap();
     assert_eq!(text.lines().count(), 450);
     for name in text.lines().next().unwrap().split(',').take(3) {

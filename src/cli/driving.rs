@@ -133,10 +133,10 @@ pub struct Simulate {
 pub struct Record {
     #[command(flatten)]
     pub world: WorldFlags,
-    /// Number of laps to drive
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Number of laps to drive; a recording that ends before has failed [default: 1, or what --max-time allows]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     #[cfg_attr(feature = "bridge", arg(conflicts_with = "page"))]
-    pub laps: u32,
+    pub laps: Option<u32>,
     /// New folder for driving_log.csv and IMG/
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

@@ -35,7 +35,7 @@ use lapwing_score::judged::{self, Judged};
 use lapwing_score::results::{Along, AlongRows, ScoredDrive};
 use lapwing_score::score::{self, Figure};
 use lapwing_sim::{
-    along::{ClosedLoopError, Limit, Measured, Protocol, RecordedWorld, Sights, Sources, Yaw},
+    along::{ClosedLoopError, Limit, Measured, Protocol, RecordedWorld, SIZE, Sights, Sources, Yaw},
     locate::LocatedDrive,
     track::Track,
 };
@@ -267,7 +267,7 @@ struct PilotFilm {
 
 impl PilotFilm {
     fn new(path: &Path, world: &RecordedWorld) -> anyhow::Result<Self> {
-        let (width, height) = (world.picture().width() * ENLARGED, world.picture().height() * ENLARGED);
+        let (width, height) = (SIZE.0 * ENLARGED, SIZE.1 * ENLARGED);
         let frame = Frame::new(width, height, vec![0; width * height * 3]).context("a film without pixels")?;
         let film = Film::create(path, width, height, world.hz())?;
         Ok(Self { film, frame, interventions: 0, marked_until: Duration::ZERO })

@@ -12,6 +12,9 @@ use lapwing_sim::{
     world::{Ending, Simulation},
 };
 
+/// How many are driven if nobody says.
+const LAPS: u32 = 1;
+
 pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Result<Ended> {
     #[cfg(feature = "bridge")]
     if let Some(port) = arguments.page.page {
@@ -25,10 +28,11 @@ pub(super) fn run(arguments: &cli::Record, config: Option<&Path>) -> anyhow::Res
         return Ok(if made == wanted { Ended::Passed } else { Ended::Failed });
     }
     let (RecordReport { rows, laps, ending, .. }, track) = record(arguments, config, &super::interrupted())?;
-    // Whoever sets a limit gets what was asked for.
-    let asked = arguments.world.max_time.is_some() && ending == Ending::TimeOver;
-    let ended = if asked || laps >= arguments.laps { Ended::Passed } else { Ended::Failed };
-    let laps = format!("{laps} of {}", count(arguments.laps, "lap"));
+    // Whoever sets a limit alone gets what was asked for.
+    let by_time = arguments.laps.is_none() && arguments.world.max_time.is_some() && ending == Ending::TimeOver;
+    let wanted = arguments.laps.unwrap_or(LAPS);
+    let ended = if by_time || laps >= wanted { Ended::Passed } else { Ended::Failed };
+    let laps = format!("{laps} of {}", count(wanted, "lap"));
     super::print(&format!("{}, {laps} of {track} ({ending}), in {}", count(rows, "row"), arguments.out.display()))?;
     Ok(ended)
 }
@@ -56,7 +60,7 @@ pub(super) fn record(
     interrupted: &Interrupted,
 ) -> anyhow::Result<(RecordReport, String)> {
     let settings = world::layers(super::undriven_layers(config)?, &arguments.world)?.resolve()?;
-    let setup = world::spec(&arguments.world, Some(arguments.laps)).setup(&settings.simulator)?;
+    let setup = world::spec(&arguments.world, Some(arguments.laps.unwrap_or(LAPS))).setup(&settings.simulator)?;
     let mut simulation = Simulation::new(setup)?;
     // Last, so that an earlier failure leaves no log.
     let log = DrivingLogWriter::create(&arguments.out, jiff::Zoned::now().datetime())?;

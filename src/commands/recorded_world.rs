@@ -94,6 +94,9 @@ impl Recorded {
         }
         drives.retain(|(_, drive)| drive.track.file().name == *name && both_ways(drive)[usize::from(reversed)] > 0);
         let views = Views::open(&road, reversed, &drives)?;
+        if let Some(why) = views.why_blank() {
+            bail!("--world: expected pictures of {name}, got none that can be used, the first: {why}");
+        }
         for (i, (path, _)) in drives.iter().enumerate() {
             if let Some(no_sides) = no_sides(views.without_side_cameras(i)) {
                 say!("--world: {}: {no_sides}", path.display());
@@ -124,7 +127,7 @@ impl Recorded {
         let sights = self.sights.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let mean = |sum: f64| (sights.recorded > 0).then(|| sum / f64::from(sights.recorded));
         if let (number, Some(why)) = &sights.unusable {
-            say!("--world: {number} recorded pictures could not be used, the first: {why}");
+            say!("--world: {} could not be used, the first: {why}", count(*number as usize, "recorded picture"));
         }
         Seen {
             moments: self.moments,
@@ -140,14 +143,9 @@ impl Recorded {
     /// Why nothing of the drive was seen in recorded pictures, if that is so.
     pub(super) fn unseen(&self) -> Option<String> {
         let sights = self.sights.lock().unwrap_or_else(PoisonError::into_inner);
-        let why = match &sights.unusable {
-            (number, Some(why)) => {
-                format!("{} could not be used, the first: {why}", count(*number as usize, "picture"))
-            }
-            _ => "none was near".into(),
-        };
         (sights.recorded == 0 && sights.drawn > 0).then(|| {
-            format!("--world: expected recorded pictures of the road that was driven, got none ({why}): all were drawn")
+            let drawn = count(sights.drawn as usize, "picture");
+            format!("--world: expected recorded pictures where the car drove, got none: all {drawn} were drawn")
         })
     }
 }

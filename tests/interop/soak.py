@@ -50,7 +50,6 @@ def play(port, seed, superset, jpegs, sent, quick, target, results):
 def pictures():
     """Frames of our own simulator, as JPEGs."""
     folder = RUNS / "frames"
-    # Exit status 1: eight seconds are no whole lap.
     done = subprocess.run([LAPWING, "record", "--track", "lake", "--max-time", "8", "--out", folder], env=ENVIRONMENT,
                           capture_output=True, text=True)
     jpegs = [file.read_bytes() for file in sorted((folder / "IMG").glob("center_*.jpg"))]

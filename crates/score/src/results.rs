@@ -82,9 +82,10 @@ pub struct Seen {
     pub covered: f64,
     /// Pictures that the pilot saw of recordings …
     pub recorded: u32,
-    /// … and those that were drawn, as none had been recorded near enough.
+    /// … and those that were drawn, as none that was recorded near enough could be used.
     pub drawn: u32,
-    /// How far from where they were seen the recorded ones had been taken: the mean, in metres; null without any, as are the next.
+    /// How far from where they were seen the recorded ones had been taken: the mean, in metres; null, like the two below, if
+    /// there are none.
     pub apart_m: Option<f64>,
     /// Share of the rows that PilotNet sees which no recorded camera showed and which was filled in: the mean over the
     /// recorded pictures …

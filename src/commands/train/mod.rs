@@ -242,7 +242,7 @@ fn arguments(recording: &SimulatedData, out: &Path) -> cli::Record {
     let world = cli::WorldFlags { track, seed, conditions, scenario: None, hz: None, on_crash: None, max_time: None };
     cli::Record {
         world,
-        laps,
+        laps: Some(laps),
         out: out.to_owned(),
         speed,
         recovery,

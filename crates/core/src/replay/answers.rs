@@ -84,7 +84,8 @@ impl Observer<Replay> for Answers {
             tracing::debug!("at {:.2} s: {event:?}", turn.at().as_secs_f64());
         }
         let (frame, recorded) = (self.answers.len() as u64, replay.recorded());
-        self.answers.push(Answered { frame, at: turn.at(), recorded, response: Response::of(turn) });
+        let response = replay.missing().map_or_else(|| Response::of(turn), |why| Response::Bad { why: why.into() });
+        self.answers.push(Answered { frame, at: turn.at(), recorded, response });
         self.times.push(turn.trace.total);
         Ok(())
     }
@@ -107,6 +108,8 @@ struct Unanswered {
     at: Duration,
     recorded: Option<Steering>,
     image: Option<CameraImage>,
+    /// Why the image cannot be read.
+    missing: Option<String>,
 }
 
 impl ForBridge {
@@ -148,7 +151,8 @@ impl World for ForBridge {
             Sight::HumanDrives | Sight::Unreadable(_) => None,
         };
         let (frame, at, recorded) = (self.shown, observation.at, self.replay.recorded());
-        self.waiting.push_back(Unanswered { frame, at, recorded, image });
+        let missing = self.replay.missing().map(str::to_owned);
+        self.waiting.push_back(Unanswered { frame, at, recorded, image, missing });
         self.shown += 1;
         Ok(Some(observation))
     }
@@ -162,10 +166,12 @@ impl World for ForBridge {
         let response = match answer {
             Answer::Manual => Response::Human,
             Answer::Steer(command) => {
-                let image = self.waiting.front().and_then(|shown| shown.image.as_ref());
+                let shown = self.waiting.front();
+                let image = shown.and_then(|shown| shown.image.as_ref());
+                let missing = shown.and_then(|shown| shown.missing.clone());
                 match image.map_or(Ok(()), |image| readable(image, &mut self.scratch)) {
                     Ok(()) => Response::Steer(command),
-                    Err(why) => Response::Bad { why: format!("image: {why}") },
+                    Err(why) => Response::Bad { why: missing.unwrap_or_else(|| format!("image: {why}")) },
                 }
             }
         };

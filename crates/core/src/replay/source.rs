@@ -50,7 +50,7 @@ pub enum ReplayError {
     /// The run or the driving log.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// The first image of a driving log.
+    /// The images of a driving log: none can be read, and this is the first.
     #[error("{path}: expected the image of a driving log's row, got an error: {source}")]
     Image {
         /// The image.
@@ -72,8 +72,10 @@ pub struct Replay {
     skipped: u64,
     /// What was steered at the moment observed last.
     recorded: Option<Steering>,
-    /// A picture was read.
+    /// Whether a picture was read, why the first one that could not be could not, and the same of the moment observed last.
     shows: bool,
+    lost: Option<ReplayError>,
+    missing: Option<String>,
     /// The pilot was armed before it.
     armed: Option<Duration>,
     interrupted: bool,
@@ -95,6 +97,8 @@ impl Replay {
             skipped: 0,
             recorded: None,
             shows: false,
+            lost: None,
+            missing: None,
             armed: None,
             interrupted: false,
         })
@@ -108,6 +112,11 @@ impl Replay {
     /// What was steered at the moment observed last; absent if the recording does not say.
     pub fn recorded(&self) -> Option<Steering> {
         self.recorded
+    }
+
+    /// Why the picture of the moment observed last cannot be read, if so: its image is empty.
+    pub fn missing(&self) -> Option<&str> {
+        self.missing.as_deref()
     }
 
     /// Telemetries skipped for want of a frame, and why the recording ends early if it does.
@@ -129,7 +138,7 @@ impl Replay {
             }
             if let Some(moment) = self.moment.take() {
                 if moment.is_seen() {
-                    return self.shown(moment).map(Some);
+                    return Ok(Some(self.shown(moment)));
                 }
                 self.skipped += 1;
             }
@@ -141,7 +150,7 @@ impl Replay {
                 None => {
                     self.events.extend(self.recording.events_after());
                     if self.events.is_empty() {
-                        return Ok(None);
+                        return self.lost.take().filter(|_| !self.shows).map_or(Ok(None), Err);
                     }
                 }
             }
@@ -149,27 +158,23 @@ impl Replay {
     }
 
     /// A moment with its picture as an observation, and what was steered then, if anybody steered.
-    fn shown(&mut self, moment: Moment) -> Result<(Observation, Option<Steering>), ReplayError> {
+    fn shown(&mut self, moment: Moment) -> (Observation, Option<Steering>) {
         let recorded = moment.steering();
         let Moment { at, mut telemetry, pictures: [picture, ..], .. } = moment;
         let picture = picture.unwrap_or(Picture::NotRecorded);
-        let jpeg = match picture.read() {
-            Ok(jpeg) => {
-                self.shows = true;
-                jpeg
-            }
-            // One that is missing is a bad frame; if the first is, so are probably all.
-            Err(why) if self.shows => {
-                tracing::warn!("{picture}: a bad frame: {why}");
-                Bytes::new()
-            }
-            Err(source) => return Err(ReplayError::Image { path: PathBuf::from(picture.to_string()), source }),
-        };
+        let read = picture.read();
+        self.shows |= read.is_ok();
+        self.missing = read.as_ref().err().map(|why| format!("{picture}: {why}"));
+        let jpeg = read.unwrap_or_else(|source| {
+            let path = PathBuf::from(picture.to_string());
+            self.lost.get_or_insert(ReplayError::Image { path, source });
+            Bytes::new()
+        });
         telemetry.image = CameraImage::Jpeg(jpeg);
         if self.recording.log().is_some() {
             telemetry.truth = Truth::default(); // no simulator reports the brake as the recorder does
         }
-        Ok((Observation { at, sight: Sight::Telemetry(telemetry) }, recorded))
+        (Observation { at, sight: Sight::Telemetry(telemetry) }, recorded)
     }
 }
 

@@ -120,7 +120,7 @@ impl BrakingReport {
             least("precision", LEAST_PRECISION, all.precision.value),
         ];
         targets.extend(speed_failed.iter().map(|row| {
-            // Who finds nothing has nothing to lose: no loss is told.
+            // A network that finds nothing has no F1 to lose, so no loss is told.
             let with = all.f1.value.filter(|f1| *f1 > 0.0);
             let got = with.zip(row.evaluation.f1.value).map(|(with, without)| with - without);
             let reached = got.is_some_and(|lost| lost <= MOST_LOST);

@@ -77,6 +77,14 @@ impl Album {
         })
     }
 
+    /// Why no centre camera's picture can be used, if that is so: of the first of them.
+    pub(super) fn why_blank(&self) -> Option<String> {
+        let mut frame = Frame::default();
+        let mut centre = self.views.iter().filter_map(|view| view.pictures[0].as_ref());
+        let first = read_stock(centre.next()?, &mut frame).err()?;
+        centre.all(|picture| read_stock(picture, &mut frame).is_err()).then_some(first)
+    }
+
     /// Reads the pictures of a moment, unless they were read lately, and says how light the centre camera's is; `None` if that
     /// cannot be used.
     pub(super) fn load(&mut self, i: usize) -> Option<f64> {

@@ -80,7 +80,7 @@ pub(super) struct RecordedDrive {
     again: Recording,
     /// Rows read so far of it, with a picture.
     seen: usize,
-    /// Rows whose pictures were loaded so far, and those of them without a side camera's.
+    /// Rows so far whose centre camera's picture can be used, and those of them without a side camera's.
     pub loaded: usize,
     pub sideless: usize,
 }
@@ -90,7 +90,7 @@ pub(super) struct RecordedDrive {
 pub(super) struct MomentPictures {
     /// The centre camera's bytes; none if they cannot be read.
     pub jpeg: Bytes,
-    /// Without the centre camera's there is none at all.
+    /// All empty if the centre camera's cannot be used; a side camera's that cannot is left out.
     pub frames: [Option<Frame>; 3],
     /// Why that of the centre camera cannot be used.
     pub unusable: Option<ClosedLoopError>,
@@ -151,43 +151,36 @@ impl RecordedDrive {
                 break moment;
             }
         };
-        let [centre, left, right] = &moment.pictures;
-        let place = |picture: &Picture| match picture {
-            Picture::File(path) => path.clone(),
-            _ => format!("{} at {:.3} s", self.again.path().display(), moment.at.as_secs_f64()).into(),
+        let look = |picture: &Picture| {
+            let place = match picture {
+                Picture::File(path) => path.clone(),
+                _ => format!("{} at {:.3} s", self.again.path().display(), moment.at.as_secs_f64()).into(),
+            };
+            match picture.read() {
+                Ok(jpeg) => (decode(&place, &jpeg), jpeg),
+                Err(source) => (Err(ClosedLoopError::Read { path: place, source }), Bytes::new()),
+            }
         };
         let mut shown = MomentPictures::default();
-        if let Some(picture) = centre {
-            let place = place(picture);
-            match picture.read() {
-                Ok(jpeg) => {
-                    shown.jpeg = jpeg;
-                    match decode(&place, &shown.jpeg) {
-                        Ok(frame) => shown.frames[0] = Some(frame),
-                        Err(why @ ClosedLoopError::Picture { .. }) => shown.unusable = Some(why),
-                        Err(other) => return Err(other),
-                    }
-                }
-                Err(source) => shown.unusable = Some(ClosedLoopError::Read { path: place, source }),
+        for (i, (slot, picture)) in shown.frames.iter_mut().zip(&moment.pictures).enumerate() {
+            let Some((frame, jpeg)) = picture.as_ref().map(look) else { continue };
+            match frame {
+                Ok(frame) => *slot = Some(frame),
+                Err(why @ ClosedLoopError::Size { .. }) => return Err(why),
+                Err(why) if i == 0 => shown.unusable = Some(why),
+                Err(_) => {} // some keep only the centre's
+            }
+            if i == 0 {
+                shown.jpeg = jpeg;
+            }
+            if shown.unusable.is_some() {
+                break;
             }
         }
-        // Some keep only the centre's, and where one is broken the others are as good.
-        if shown.frames[0].is_some() {
-            for (slot, picture) in shown.frames[1..].iter_mut().zip([left, right]) {
-                let Some((picture, jpeg)) = picture.as_ref().and_then(|picture| Some((picture, picture.read().ok()?)))
-                else {
-                    continue;
-                };
-                match decode(&place(picture), &jpeg) {
-                    Ok(frame) => *slot = Some(frame),
-                    Err(ClosedLoopError::Picture { .. }) => {}
-                    Err(other) => return Err(other),
-                }
-            }
+        if shown.unusable.is_none() {
+            self.loaded += 1;
+            self.sideless += usize::from(shown.frames[1..].iter().all(Option::is_none));
         }
-        self.loaded += 1;
-        let has = shown.frames.each_ref().map(Option::is_some);
-        self.sideless += usize::from(has == [true, false, false]);
         Ok(shown)
     }
 }

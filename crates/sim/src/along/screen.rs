@@ -96,7 +96,9 @@ impl Screen {
         if self.trail.len() > ROWS {
             self.trail.pop_front();
         }
-        let Some(own) = rows.get(row).map(when) else { return };
+        // The pilot is sent what cannot be used: what was shown before stays.
+        let is_unusable = self.reel.at(row).is_some_and(|own| own.unusable.is_some());
+        let Some(own) = rows.get(row).map(when).filter(|_| !is_unusable) else { return };
         let pose = located.and_then(|drive| Some((drive, pose(drive, own.row)?)));
         let around = self.around(rows, row, pose, (beside, place));
         // Without a located pose, the road may lie elsewhere in pictures of other rows.

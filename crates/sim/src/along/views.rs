@@ -114,6 +114,11 @@ impl Views {
         &self.track
     }
 
+    /// Why none of the pictures can be used, if that is so: of the first of them.
+    pub fn why_blank(&self) -> Option<String> {
+        self.album.why_blank()
+    }
+
     /// How many moments it has pictures of.
     pub fn moments(&self) -> usize {
         self.album.views().len()
