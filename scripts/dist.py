@@ -26,9 +26,9 @@ PROGRAM = TARGET / "release" / "lapwing"
 LIBC = re.compile(r"^(libc|libm|libdl|librt|libpthread|libutil|ld-linux.*|linux-vdso)\.so")
 # The documentation, and what its examples and those of --help name.
 WITH = ["models/pilotnet.safetensors", "models/pilotnet-first.toml", "models/cps.safetensors", "models/cps.toml",
-        "models/lane.safetensors", "models/brake.safetensors", "models/brake.toml",
-        "models/intersection-ppo.safetensors", "models/intersection-ppo.toml", "models/intersection-maddpg.toml", "models/README.md",
-        "recordings/lake.mcap", "recordings/lake.golden",
+        "models/lane.safetensors", "models/brake.safetensors", "models/brake-first.toml", "models/brake.toml",
+        "models/intersection-ppo.safetensors", "models/intersection-ppo.toml", "models/intersection-maddpg.toml",
+        "models/README.md", "recordings/lake.mcap", "recordings/lake.golden",
         "docs", "README.md", "NOTICES", "LICENSE-MIT", "LICENSE-APACHE"]
 
 

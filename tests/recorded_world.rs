@@ -177,7 +177,7 @@ fn a_picture_that_cannot_be_used_is_a_bad_frame_and_without_any_there_is_no_worl
     }
     let world = ["drive", "--world", "laps", "--lane", "laps/lane.csv", "--max-time", "2", "--no-recording"];
     let (code, _, err) = run(&world);
-    let expected = "--world: expected pictures of lake, got none that can be used, the first: ";
+    let expected = "--world: expected usable pictures of lake, got none; the first cannot be used: ";
     assert!(code == 1 && err.contains(expected) && err.contains("expected a JPEG"), "{err}");
     let (code, _, err) =
         run(&[&along[..], &["--closed-loop", "--lane", "laps/lane.csv", "--allow-bad-frames"]].concat());

@@ -133,7 +133,7 @@ pub struct Simulate {
 pub struct Record {
     #[command(flatten)]
     pub world: WorldFlags,
-    /// Number of laps to drive; a recording that ends before has failed [default: 1, or what --max-time allows]
+    /// Number of laps to drive; recording fewer is a failure, unless only --max-time is given and its time runs out [default: 1]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     #[cfg_attr(feature = "bridge", arg(conflicts_with = "page"))]
     pub laps: Option<u32>,

@@ -118,7 +118,8 @@ Examples:
 #[cfg(feature = "networks")]
 pub(super) const BRAKE_TRAIN: &str = "\
 Examples:
-  lapwing brake train --recipe models/brake.toml --data data/brake --out runs/brake.safetensors
+  lapwing brake train --recipe models/brake-first.toml --data data/brake --out runs/brake-first.safetensors
+  lapwing brake train --recipe models/brake.toml --data data/brake --out runs/brake.safetensors     continues from the first
 
 data/brake is what lapwing brake record --out data/brake writes.";
 

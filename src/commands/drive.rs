@@ -41,7 +41,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     }
     #[cfg(feature = "networks")]
     if arguments.pilot == PilotKind::Expert && arguments.driving.model.is_some() {
-        let why = "expected --pilot model, got --pilot expert, which asks no network".into();
+        let why = "expected --pilot model, got --pilot expert, which uses no network".into();
         return Err(ConfigError::Value { layer: "--model".into(), why }.into());
     }
     let mut settings = settings;
@@ -217,7 +217,8 @@ fn shown(seen: &Seen) -> String {
         }
         _ => String::new(),
     };
-    let drawn = if drawn > 0 { format!("; {drawn} drawn where none could be used") } else { String::new() };
+    let drawn =
+        if drawn > 0 { format!("; {drawn} drawn where no recorded picture could be used") } else { String::new() };
     format!("{}{how}{drawn}; {covered:.1} % of the road shown", count(recorded as usize, "picture"))
 }
 

@@ -95,7 +95,7 @@ impl Recorded {
         drives.retain(|(_, drive)| drive.track.file().name == *name && both_ways(drive)[usize::from(reversed)] > 0);
         let views = Views::open(&road, reversed, &drives)?;
         if let Some(why) = views.why_blank() {
-            bail!("--world: expected pictures of {name}, got none that can be used, the first: {why}");
+            bail!("--world: expected usable pictures of {name}, got none; the first cannot be used: {why}");
         }
         for (i, (path, _)) in drives.iter().enumerate() {
             if let Some(no_sides) = no_sides(views.without_side_cameras(i)) {
@@ -127,7 +127,10 @@ impl Recorded {
         let sights = self.sights.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let mean = |sum: f64| (sights.recorded > 0).then(|| sum / f64::from(sights.recorded));
         if let (number, Some(why)) = &sights.unusable {
-            say!("--world: {} could not be used, the first: {why}", count(*number as usize, "recorded picture"));
+            say!(
+                "--world: {} could not be used; the first, because: {why}",
+                count(*number as usize, "recorded picture")
+            );
         }
         Seen {
             moments: self.moments,

@@ -56,6 +56,11 @@ const EARLY_S: (f64, f64) = (1.0, 3.0);
 const WAITS_M: (f64, f64) = (2.0, 3.2);
 /// The share of our car's width up to which a scenario may have somebody meet it.
 const SOONEST: f64 = 6.0;
+/// Low suns, height and azimuth: a few, as each lights the whole country anew. A held-out one is lower than some learnt ones, and
+/// comes from where none of them does.
+const LEARNT_SUNS_DEG: [[f64; 2]; 6] =
+    [[4.0, 65.0], [7.0, 110.0], [10.0, 155.0], [4.0, 245.0], [7.0, 290.0], [10.0, 335.0]];
+const HELD_OUT_SUNS_DEG: [[f64; 2]; 2] = [[5.0, 200.0], [5.0, 20.0]];
 
 /// A road with all that depends on it alone.
 #[derive(Debug)]
@@ -159,7 +164,8 @@ impl Staging {
         })
     }
 
-    /// Light and weather of the layer. What is held out has other strengths and other suns.
+    /// Light and weather of the layer. What is held out has other strengths and other suns: in rain, low sun and night between
+    /// those that are learnt.
     fn conditions(&self, rng: &mut ChaCha8Rng) -> Conditions {
         let held_out = self.part == Part::HeldOut;
         let mut between = |(least, most): (f64, f64)| least + (most - least) * rng.random::<f64>();
@@ -171,21 +177,25 @@ impl Staging {
             }
             Layer::Plain | Layer::Hidden => Conditions { haze: between((0.0, 0.1)), ..plain },
             Layer::Rain => {
-                let rain = between(if held_out { (0.75, 0.95) } else { (0.3, 0.7) });
+                let rain = if held_out { between((0.75, 0.95)) } else { or_full(between((0.2, 0.8)), 0.7) };
                 Conditions { rain, haze: between((0.0, 0.3)), ..plain }
             }
             Layer::LowSun => {
-                // A few suns, as each lights the whole country anew.
-                let (height, azimuths) = if held_out { (5.0, [20.0, 200.0]) } else { (8.0, [110.0, 290.0]) };
-                let azimuth = azimuths[usize::from(between((0.0, 1.0)) < 0.5)];
+                let suns = if held_out { &HELD_OUT_SUNS_DEG[..] } else { &LEARNT_SUNS_DEG };
+                let [height, azimuth] = suns[between((0.0, suns.len() as f64)) as usize];
                 Conditions { sun_height_deg: Some(height), sun_azimuth_deg: Some(azimuth), ..plain }
             }
             Layer::Night => {
-                let night = between(if held_out { (0.85, 0.95) } else { (0.6, 0.85) });
+                let night = if held_out { between((0.85, 0.95)) } else { or_full(between((0.6, 0.95)), 0.85) };
                 Conditions { night, brightness: 1.0, ..plain }
             }
         }
     }
+}
+
+/// A strength, or 1 where it is beyond `most`: what lies between is held out.
+fn or_full(strength: f64, most: f64) -> f64 {
+    if strength > most { 1.0 } else { strength }
 }
 
 /// A road of one's own.
