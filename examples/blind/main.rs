@@ -200,7 +200,7 @@ fn blind(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<BlindRu
     let scorer = if roads.sees { scorer.seeing(turns) } else { scorer };
     let mut suspected = vec![];
     let found = score::of_recording(&mut Recording::open(&path)?, scorer, |at, item| {
-        if matches!(item, Item::Event(EventRecord::Note { text }) if text.starts_with("a collision")) {
+        if matches!(item, Item::Event(EventRecord::Note { text }) if text.starts_with("probably a collision")) {
             suspected.push(at.as_secs_f64());
         }
     })?;
