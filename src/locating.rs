@@ -255,8 +255,9 @@ pub fn locate(
                 stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
             }
         }
-        let why = found.as_ref().map(|found| nowhere(&found.road, way_m, by_start)).or(why);
-        let why = (found.is_some() && is_lost).then(|| UNREAD.to_owned()).or(why);
+        let not_there =
+            |found: &OnRoad| if is_lost { UNREAD.to_owned() } else { nowhere(&found.road, way_m, by_start) };
+        let why = found.as_ref().map(not_there).or(why);
         parts.push((part, way_m, found, why, is_sure));
     }
     let unreadable = Mutex::new((0, None));

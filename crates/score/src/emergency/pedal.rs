@@ -279,42 +279,13 @@ fn table(path: &Path, text: &str) -> Result<Pedal, PedalError> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use super::*;
-    use lapwing_core::{
-        recording::{By, CommandRecord},
-        units::{Steering, Throttle},
-    };
 
     fn opened(text: &str) -> Result<Pedal, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("drive.csv");
         fs::write(&path, text).unwrap();
         Pedal::open(&path).map_err(|error| error.to_string().replace(&path.display().to_string(), "drive.csv"))
-    }
-
-    #[test]
-    fn only_who_has_the_pedals_brakes() {
-        let human = CommandRecord::of_human(Steering::saturating(0.0), Throttle::new(-0.75).unwrap());
-        let braked = |by, kind| {
-            let moment = Moment {
-                row: 0,
-                line: None,
-                at: Duration::ZERO,
-                taken_at: None,
-                pictures: [None, None, None],
-                telemetry: serde_json::from_str(r#"{"steering_deg":0,"throttle":0.25,"speed_mph":9}"#).unwrap(),
-                command: Some(CommandRecord { by, ..human.clone() }),
-                before: vec![],
-                broken: None,
-            };
-            brake(&moment, kind)
-        };
-        assert_eq!(braked(By::Pilot, RunKind::Driven), Some(0.75));
-        assert_eq!(braked(By::Safe, RunKind::Driven), Some(0.75));
-        assert_eq!(braked(By::Off, RunKind::Driven), None);
-        assert_eq!(braked(By::Pilot, RunKind::RecordedPath), None);
     }
 
     #[test]
@@ -402,28 +373,37 @@ mod tests {
     }
 
     #[test]
-    fn what_a_pilot_that_only_steers_asks_of_the_pedals_is_no_brake() {
+    fn what_is_asked_of_the_pedals_by_whom_they_do_not_obey_is_no_brake() {
         use lapwing_core::{
-            recording::{CommandRecord, Item, RunFile, RunHeader},
+            recording::{By, CommandRecord, Item, RunFile, RunHeader},
             units::{Steering, Throttle},
         };
 
         let folder = tempfile::tempdir().unwrap();
-        for (kind, brakes) in [(RunKind::Driven, true), (RunKind::RecordedPath, false)] {
-            let path = folder.path().join(format!("{kind:?}.mcap"));
+        for (kind, by, braked) in [
+            (RunKind::Driven, By::Human, Some(0.75)),
+            (RunKind::Driven, By::Pilot, Some(0.75)),
+            (RunKind::Driven, By::Safe, Some(0.75)),
+            (RunKind::Driven, By::Off, None),
+            (RunKind::RecordedPath, By::Human, None),
+            (RunKind::RecordedPath, By::Pilot, None),
+        ] {
+            let path = folder.path().join(format!("{kind:?}-{by:?}.mcap"));
             let started = "2026-11-27T12:00:00Z".parse().unwrap();
             let header = RunHeader::new(kind, serde_json::json!({}), started);
             let mut run = RunFile::create(&path, &header, Default::default()).unwrap();
             let at = std::time::Duration::ZERO;
             let telemetry = serde_json::from_str(r#"{"steering_deg":0,"throttle":0,"speed_mph":20}"#).unwrap();
-            let command = CommandRecord::of_human(Steering::new(0.0).unwrap(), Throttle::new(-1.0).unwrap());
+            let human = CommandRecord::of_human(Steering::new(0.0).unwrap(), Throttle::new(-0.75).unwrap());
+            let command = CommandRecord { by, ..human };
             for item in
                 [Item::Telemetry(telemetry), Item::Frame(vec![0xff, 0xd8, 0xff, 0xd9].into()), Item::Command(command)]
             {
                 run.write(at, item).unwrap();
             }
             run.finish().unwrap();
-            assert_eq!(Pedal::open(&path).is_ok(), brakes, "{kind:?}");
+            let read = Pedal::open(&path).ok().map(|pedal| pedal.drives[0][0].pedal);
+            assert_eq!(read, braked, "{kind:?} {by:?}");
         }
     }
 
