@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use divan::{Bencher, counter::ItemsCount};
-use lapwing::known::known_road;
+use lapwing::known::Roads;
 use lapwing_core::motion::Motion;
 use lapwing_score::odometry::{Matcher, Road};
 use lapwing_sim::track::Track;
@@ -22,7 +22,7 @@ fn matched_with_three_roads(bencher: Bencher) {
             Motion { way_m: 0.5, turn_rad: 0.5 * point.curvature }
         })
         .collect();
-    let roads: Vec<Arc<Road>> = Track::NAMES.map(|name| Arc::new(known_road(name).unwrap())).into();
+    let roads = Roads::default().known().unwrap();
     bencher.counter(ItemsCount::new(TELEMETRIES)).bench_local(|| {
         let mut matcher = Matcher::new(roads.iter().cloned(), 1);
         motions.iter().for_each(|motion| matcher.step(*motion));

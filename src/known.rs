@@ -12,7 +12,7 @@ use lapwing_score::{
     score::{Scorecard, page::Outline},
 };
 use lapwing_sim::{
-    known::KnownRoad,
+    known::{KnownRoad, Line},
     track::{Start, Track, TrackError},
 };
 
@@ -21,8 +21,7 @@ use lapwing_sim::{
 #[derive(Debug, Default)]
 pub struct Roads {
     more: Vec<String>,
-    known: OnceCell<Vec<Arc<Road>>>,
-    both_ways: OnceCell<Vec<Arc<Road>>>,
+    known: OnceCell<Vec<[Arc<Road>; 2]>>,
 }
 
 impl Roads {
@@ -35,23 +34,24 @@ impl Roads {
     ///
     /// # Errors
     /// Those of [`Track::open`].
-    pub fn known(&self) -> Result<&[Arc<Road>], TrackError> {
-        if let Some(known) = self.known.get() {
-            return Ok(known);
-        }
-        let known = self.names().map(|name| Ok(Arc::new(known_road(name)?))).collect::<Result<_, TrackError>>()?;
-        Ok(self.known.get_or_init(|| known))
+    pub fn known(&self) -> Result<Vec<Arc<Road>>, TrackError> {
+        Ok(self.ways()?.iter().map(|[road, _]| road.clone()).collect())
     }
 
     /// All of them, each in its own direction and the other way round.
     ///
     /// # Errors
     /// Those of [`Track::open`].
-    pub fn both_ways(&self) -> Result<&[Arc<Road>], TrackError> {
-        let known = self.known()?;
-        Ok(self
-            .both_ways
-            .get_or_init(|| known.iter().flat_map(|road| [road.clone(), Arc::new(road.reversed())]).collect()))
+    pub fn both_ways(&self) -> Result<Vec<Arc<Road>>, TrackError> {
+        Ok(self.ways()?.concat())
+    }
+
+    fn ways(&self) -> Result<&[[Arc<Road>; 2]], TrackError> {
+        if let Some(known) = self.known.get() {
+            return Ok(known);
+        }
+        let known = self.names().map(|name| Ok(known_road(name)?.map(Arc::new))).collect::<Result<_, TrackError>>()?;
+        Ok(self.known.get_or_init(|| known))
     }
 
     /// The track of this name, if it is known.
@@ -81,8 +81,8 @@ pub fn outline(track: &Track) -> Outline {
 /// Those of [`Track::open`].
 #[cfg(feature = "bridge")]
 pub fn courses(roads: &Roads) -> Result<Vec<Course>, TrackError> {
-    let known = roads.known()?;
-    known.iter().zip(roads.names()).map(|(road, name)| Ok(course(&Track::open(name)?, road.clone()))).collect()
+    let ways = roads.ways()?.iter().cloned();
+    ways.zip(roads.names()).map(|(ways, name)| Ok(course(&Track::open(name)?, ways))).collect()
 }
 
 /// The known roads as viewers draw them.
@@ -96,9 +96,9 @@ pub fn roadways(roads: &Roads) -> Result<Arc<[Roadway]>, TrackError> {
 
 /// A track as the page draws it.
 #[cfg(feature = "bridge")]
-pub fn course(track: &Track, road: Arc<Road>) -> Course {
+pub fn course(track: &Track, ways: [Arc<Road>; 2]) -> Course {
     let Roadway { name, line, .. } = track.roadway();
-    Course { name, outline: outline(track), line: flat(line), road }
+    Course { name, outline: outline(track), line: flat(line), ways }
 }
 
 /// Where a run without positions seems to have been: seconds, and places on the line to drive.
@@ -114,13 +114,16 @@ fn from_above(point: DVec3) -> [f32; 2] {
     [point.x as f32, point.z as f32]
 }
 
-/// The road of a track, named as for [`Track::open`], by its driving line, with the look of its start.
+/// The road of a track, named as for [`Track::open`], by its driving line, with the look of its start; and the same road the other
+/// way round, by the line there, with what is seen at the start if the car is turned round.
 ///
 /// # Errors
 /// Those of [`Track::open`].
-pub fn known_road(name: &str) -> Result<Road, TrackError> {
-    let KnownRoad { name, start_m, length_m, headings, start } = KnownRoad::of(name)?;
-    Ok(Road::new(name, start_m, length_m, Look::of(&start), headings))
+pub fn known_road(name: &str) -> Result<[Road; 2], TrackError> {
+    let KnownRoad { name, line, back: (back, places), starts } = KnownRoad::of(name)?;
+    let [there, away] = starts.each_ref().map(Look::of);
+    let road = |Line { start_m, length_m, headings }, look| Road::new(name.clone(), start_m, length_m, look, headings);
+    Ok([road(line, there), road(back, away).against(places)])
 }
 
 #[cfg(test)]
@@ -133,14 +136,19 @@ mod tests {
         perception::Frame,
     };
     use lapwing_score::odometry::Filter;
-    use lapwing_sim::known::see_start;
+    use lapwing_sim::{
+        camera::{Camera, Renderer, Scenery},
+        conditions::Conditions,
+        known::see_starts,
+        world::{Setup, Simulation},
+    };
 
     #[test]
     fn who_drives_a_tracks_line_is_followed_to_its_end() {
         for name in ["jungle", "lake"] {
             let track = Track::named(name).unwrap();
             let line = track.driving_line().to_vec();
-            let road = Arc::new(known_road(name).unwrap());
+            let [road, _] = known_road(name).unwrap().map(Arc::new);
             let first = line.iter().position(|point| point.travelled >= road.start_m).unwrap();
             let mut filter = Filter::at_start(road.clone(), rand_chacha::ChaCha8Rng::seed_from_u64(3));
             let mut driven = 0.0;
@@ -176,10 +184,34 @@ mod tests {
     #[test]
     fn the_starts_that_come_along_are_those_that_the_camera_sees() {
         for name in Track::NAMES {
-            let mut frame = Frame::default();
-            see_start(Track::named(name).unwrap(), &mut frame);
-            let agrees = known_road(name).unwrap().start.unwrap().agrees(&Look::of(&frame).unwrap());
-            assert!(agrees > 0.95, "{name}: {agrees:.3}; see STARTS of lapwing_sim::known for how to draw them anew");
+            let track = Track::named(name).unwrap();
+            let back = track.reversed().unwrap();
+            for (road, frame) in known_road(name).unwrap().into_iter().zip(see_starts(track, back)) {
+                let (agrees, words) = (road.start.as_ref().unwrap().agrees(&Look::of(&frame).unwrap()), road.words());
+                assert!(agrees > 0.95, "{words}: {agrees:.3}; see STARTS of lapwing_sim::known for how to draw them anew");
+            }
+        }
+    }
+
+    #[test]
+    fn in_any_weather_a_start_looks_most_like_itself() {
+        let ways: Vec<Road> = Track::NAMES.iter().flat_map(|name| known_road(name).unwrap()).collect();
+        for (i, name) in Track::NAMES.iter().enumerate() {
+            let track = Track::named(name).unwrap();
+            let (scenery, back) = (Arc::new(Scenery::new(&track)), track.reversed().unwrap());
+            for (way, track) in [track, back].into_iter().map(Arc::new).enumerate() {
+                for seed in 0..6 {
+                    let conditions = Conditions::random(seed);
+                    let setup = Setup { conditions, ..Setup::new(track.clone(), scenery.clone()) };
+                    let mut frame = Frame::default();
+                    let world = Simulation::new(setup).unwrap();
+                    world.draw(&mut Renderer::new(scenery.clone()), &Camera::CENTER, &mut frame);
+                    let look = Look::of(&frame).unwrap();
+                    let agrees: Vec<f64> = ways.iter().map(|road| road.start.as_ref().unwrap().agrees(&look)).collect();
+                    let best = (0..ways.len()).max_by(|a, b| agrees[*a].total_cmp(&agrees[*b])).unwrap();
+                    assert_eq!(best, 2 * i + way, "{}, seed {seed}: {agrees:.2?}", track.file().name);
+                }
+            }
         }
     }
 }

@@ -243,7 +243,7 @@ pub fn locate(
         let way_m = rows[part.clone()].iter().skip(1).fold(0.0, |way_m, row| way_m + row.motion.way_m);
         let look = looks.get(&part.start);
         let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
-        let likely = odometry::find(&legs, look, roads.both_ways()?);
+        let likely = odometry::find(&legs, look, &roads.both_ways()?);
         let (by_start, is_sure) = (likely.by_start, likely.sure().is_some());
         let is_lost = lost.range(part.clone()).count() == part.len();
         let why = unknown(&likely, is_lost);
@@ -258,7 +258,7 @@ pub fn locate(
         let not_there =
             |found: &OnRoad| if is_lost { UNREAD.to_owned() } else { nowhere(&found.road, way_m, by_start) };
         let why = found.as_ref().map(not_there).or(why);
-        parts.push((part, way_m, found, why, is_sure));
+        parts.push(Sought { rows: part, way_m, found, why, is_sure });
     }
     let unreadable = Mutex::new((0, None));
     let pictures = Pictures::open(path, camera, stretches)?;
@@ -279,30 +279,30 @@ pub fn locate(
         places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
     }
     let mut unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let wanted: usize = parts.iter().filter(|(_, _, found, ..)| found.is_some()).map(|(part, ..)| part.len()).sum();
+    let wanted: usize = parts.iter().filter(|part| part.found.is_some()).map(|part| part.rows.len()).sum();
     let none_is_read = unreadable.0 == wanted;
     // Where no road was found, only the centre camera's pictures were looked at.
-    let unfound = parts.iter().filter(|(_, _, found, ..)| found.is_none() && camera == CameraPosition::Center);
-    for (part, ..) in unfound {
-        let mut whys = lost.range(part.clone()).map(|(_, why)| why);
+    let unfound = parts.iter().filter(|part| part.found.is_none() && camera == CameraPosition::Center);
+    for Sought { rows, .. } in unfound {
+        let mut whys = lost.range(rows.clone()).map(|(_, why)| why);
         unreadable.1 = unreadable.1.or(whys.next().cloned());
-        unreadable.0 += lost.range(part.clone()).count();
+        unreadable.0 += lost.range(rows.clone()).count();
     }
     let parts = parts
         .into_iter()
-        .map(|(part, way_m, found, why, is_sure)| {
+        .map(|Sought { rows: of, way_m, found, why, is_sure }| {
             let unread = (found.is_some() && none_is_read).then(|| UNREAD.to_owned());
             let on = found
                 .map(|found| {
                     let track = scenes.of(&found.road.name)?.0;
-                    let drive = LocatedDrive { track, places: places[part.clone()].to_vec() };
+                    let drive = LocatedDrive { track, places: places[of.clone()].to_vec() };
                     Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
                 })
                 .transpose()?;
-            let doubt = on.as_ref().filter(|_| !is_sure).and_then(|on| implausible(on, &rows[part.clone()]));
+            let doubt = on.as_ref().filter(|_| !is_sure).and_then(|on| implausible(on, &rows[of.clone()]));
             let on = on.filter(|_| doubt.is_none());
             let is_located = on.iter().flat_map(|on| &on.drive.places).any(Option::is_some);
-            Ok(Part { rows: part, way_m, on, unknown: unread.or(doubt).or(why).filter(|_| !is_located) })
+            Ok(Part { rows: of, way_m, on, unknown: unread.or(doubt).or(why).filter(|_| !is_located) })
         })
         .collect::<Result<_, TrackError>>()?;
     Ok(LocatedRecording { parts, rows, released_at_once, network: None, laps: None, unreadable })
@@ -321,6 +321,18 @@ pub fn turns(path: &Path) -> Result<Vec<Turned>, RecordingError> {
         row.broken.is_none().then_some(Turned { after: before.moment, to: row.moment, turn_rad })
     };
     Ok(rows.windows(2).filter_map(turned).collect())
+}
+
+/// A part of a recording whose pictures are still to be laid over its road.
+struct Sought {
+    rows: Range<usize>,
+    way_m: f64,
+    /// Where it seems to have been.
+    found: Option<OnRoad>,
+    /// Why its places are unknown, if no picture tells them.
+    why: Option<String>,
+    /// Whether the bends alone tell the road.
+    is_sure: bool,
 }
 
 /// Tracks, and what stands beside them, made on first use.

@@ -4,14 +4,13 @@
 use std::{fs, sync::Arc};
 
 use crate::support::shared;
-use lapwing::known::known_road;
+use lapwing::known::Roads;
 use lapwing_core::{protocol::number, recording::Recording, recording::udacity::DrivingLog};
 use lapwing_learn::dataset;
 use lapwing_score::{
     odometry::Road,
     score::{self, Figure, Scorer},
 };
-use lapwing_sim::track::Track;
 
 #[test]
 fn every_shared_driving_log_is_read_to_its_last_row() {
@@ -75,7 +74,7 @@ fn every_number_of_real_drives_is_written_as_the_simulator_wrote_it() {
 #[test]
 fn real_drives_are_known_by_their_bends_and_their_collisions_found_in_log_and_run_alike() {
     let Some(folder) = shared("recordings") else { return };
-    let roads: Vec<Arc<Road>> = Track::NAMES.iter().map(|name| Arc::new(known_road(name).unwrap())).collect();
+    let roads: Vec<Arc<Road>> = Roads::default().known().unwrap();
     let dir = tempfile::tempdir().unwrap();
     for (name, track, laps, collision_s) in [
         ("lake", Some("lake"), Some(1.0), 152.5),

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use lapwing::known::known_road;
+use lapwing::known::Roads;
 use lapwing_core::{
     config::{ControlSettings, OnCrash, Takeover},
     drive::{DriveDigest, Eventful},
@@ -385,7 +385,7 @@ fn laps_of_a_road_that_nobody_knows_are_seen_and_it_is_taken_for_none_that_is_kn
     let dir = tempfile::tempdir().unwrap();
     let setup = Setup { laps: Some(2), longest_s: Some(300.0), stock: true, ..setup(open("random:14")) };
     let (Judged { card: truth, .. }, report) = recorded(dir.path(), setup, Box::new(PurePursuit::default()));
-    let roads: Vec<_> = Track::NAMES.iter().map(|name| Arc::new(known_road(name).unwrap())).collect();
+    let roads = Roads::default().known().unwrap();
     let scorer = Scorer::on(&roads, Some(2));
     let card = score::of_recording(&mut Recording::open(&report.path).unwrap(), scorer, |_, _| ()).unwrap();
     assert_eq!((card.track.as_deref(), card.value(Figure::Laps)), (None, Some(2.0)), "{card}");

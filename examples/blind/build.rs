@@ -7,7 +7,6 @@ use lapwing_core::{
     recording::{EventRecord, Item, Recorder, RecorderOptions, Recording, RunHeader},
     units::Degrees,
 };
-use lapwing_sim::track::{Side, Track, TrackError, TrackFile};
 
 /// How a build reports its steering.
 #[derive(Debug, Clone, Copy)]
@@ -22,24 +21,6 @@ impl Build {
     pub fn of(run: usize) -> Self {
         Self { gear: [1.0, 0.78, 1.22, 0.9, 1.1, 0.95, 1.05][run % 7], lag: run % 3 }
     }
-}
-
-/// The same road, to be driven the other way round.
-pub fn reversed(track: &Track) -> Result<Track, TrackError> {
-    let (file, length_m) = (track.file().clone(), track.length());
-    let control_points = file.control_points.iter().rev().copied().collect();
-    let mut stretches = file.stretches.clone();
-    for stretch in &mut stretches {
-        (stretch.from_m, stretch.to_m) = (length_m - stretch.to_m, length_m - stretch.from_m);
-        stretch.side = match stretch.side {
-            Side::Left => Side::Right,
-            Side::Right => Side::Left,
-            Side::Both => Side::Both,
-        };
-    }
-    let mut start = file.start;
-    start.yaw_deg = (start.yaw_deg + 180.0).rem_euclid(360.0);
-    Track::new(TrackFile { control_points, stretches, start, ..file })
 }
 
 /// Writes these runs as one, as such a build would have it.

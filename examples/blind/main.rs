@@ -26,7 +26,7 @@ use std::{
     time::Instant,
 };
 
-use lapwing::{known::known_road, locating};
+use lapwing::{known, locating};
 use lapwing_core::{
     config::ControlSettings,
     driver::Driver,
@@ -122,16 +122,14 @@ fn main() -> Result<ExitCode, Error> {
     runtime::set_threads(1);
     let mut roads = Roads {
         worlds: vec![],
-        known: vec![],
+        known: known::Roads::default().both_ways()?,
         pilotnet: models::built_in(Instant::now)?,
         cps: models::load("models/cps.safetensors", Instant::now)?,
         sees: true,
     };
     for name in Track::NAMES {
         let track = Track::named(name)?;
-        let road = known_road(name)?;
-        roads.known.extend([Arc::new(road.reversed()), Arc::new(road)]);
-        let reversed = build::reversed(&track)?;
+        let reversed = track.reversed()?;
         let worlds = [track, reversed].map(|track| {
             let scenery = Arc::new(Scenery::new(&track));
             (Arc::new(track), scenery)
@@ -220,7 +218,8 @@ fn drive(
     to: &Path,
 ) -> Result<(Driven, PathBuf), Error> {
     let (track, scenery) = roads.worlds[road][way].clone();
-    let mph = if track.file().name == "jungle" { mph.min(20.0) } else { mph };
+    let name = Track::NAMES[road];
+    let mph = if name == "jungle" { mph.min(20.0) } else { mph };
     let mut conditions = Conditions::random(run as u64);
     if let Who::Late(ms) = who {
         conditions.latency_ms = ms;
@@ -251,7 +250,7 @@ fn drive(
     let progress = f64::from(judge.laps()) + judge.waypoint() as f64 / judge.waypoints() as f64;
     let along = (!judge.off_road()).then(|| judge.progress_m() / track.length());
     let driven = Driven {
-        track: track.file().name.clone(),
+        track: name.to_owned(),
         reversed: way == 1,
         laps: along,
         truth,

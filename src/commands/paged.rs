@@ -174,8 +174,8 @@ impl Stage {
             let mut courses = shipped.clone();
             let track = &setup.track;
             if !courses.iter().any(|course| course.name == track.file().name) {
-                let road = known::known_road(spec.track.as_deref().unwrap_or(&settings.simulator.track))?;
-                courses.push(known::course(track, road.into()));
+                let ways = known::known_road(spec.track.as_deref().unwrap_or(&settings.simulator.track))?;
+                courses.push(known::course(track, ways.map(Arc::new)));
             }
             page.has_courses(courses);
             let foxglove = foxglove.as_ref();

@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         let recording = path.clone();
         let scorer = || {
             let turns = move || turns(&recording).map_err(|error| error.to_string());
-            Ok::<_, anyhow::Error>(Scorer::on(roads.both_ways()?, Some(arguments.laps)).seeing(turns))
+            Ok::<_, anyhow::Error>(Scorer::on(&roads.both_ways()?, Some(arguments.laps)).seeing(turns))
         };
         match JudgedRun::open(path, &limits, scorer, watch) {
             Ok(judged) => {

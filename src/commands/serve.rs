@@ -91,7 +91,7 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
                 let roads = crate::known::Roads::default();
                 bridge.page().has_courses(crate::known::courses(&roads)?);
                 bridge.roadways_are_known(crate::known::roadways(&roads)?);
-                bridge.roads_are_known(roads.known()?.to_vec());
+                bridge.roads_are_known(roads.known()?);
             }
             // Before the model, with which drives begin.
             if let Some(guard) = guards::load(&settings.brake)? {

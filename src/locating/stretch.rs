@@ -100,7 +100,7 @@ pub(super) fn cut(
         let known = |stone: &Milestone, deviation_m: f64| {
             let picture = ways.partition_point(|way_m| *way_m < stone.way_m).min(ways.len() - 1);
             let s_m = stone.s_m + ways[picture] - stone.way_m;
-            Known { picture, pose: pose(track, s_m, found.road.reversed), deviation_m }
+            Known { picture, pose: pose(track, &found.road, s_m), deviation_m }
         };
         let within = |stone: &&Milestone| (ways[0]..=ways[ways.len() - 1]).contains(&stone.way_m);
         let told = |stone: &Milestone| known(stone, (stone.deviation_m * ALIKE).max(NEAR_M));
@@ -119,11 +119,11 @@ pub(super) fn cut(
     (0..count).map(stretch).collect()
 }
 
-/// The pose of a car on the line to drive, so many metres along the road that it drives.
-fn pose(track: &Track, s_m: f64, reversed: bool) -> Pose {
-    let travelled = if reversed { track.driving_line_length() - s_m } else { s_m };
-    let point = track.on_driving_line(travelled);
+/// The pose of a car on the line to drive, so many metres along the road that it drives. A lane on the right is on its right.
+fn pose(track: &Track, road: &Road, s_m: f64) -> Pose {
+    let point = track.on_driving_line(road.on_track(s_m));
     let s_m = track.locate(point.position, None).station.s;
-    let (offset_m, heading_rad) = if reversed { (-point.offset, std::f64::consts::PI) } else { (point.offset, 0.0) };
+    let (offset_m, heading_rad) =
+        if road.reversed { (-point.offset, std::f64::consts::PI) } else { (point.offset, 0.0) };
     Pose { s_m, offset_m, heading_rad, pitch_rad: 0.0 }
 }

@@ -70,7 +70,7 @@ CHECKS = [
 
 # Checks that install, compute or wait, and may take any time, in the order in which they are begun: those that compute
 # beside those that wait.
-BESIDE = ("keras", "python-socketio", "torch", "socket.io-client", "rerun", "schemas", "perception", "drive.py", "simulate")
+BESIDE = ("keras", "python-socketio", "torch", "socket.io-client", "rerun", "schemas", "perception", "drive.py", "simulate", "report")
 
 
 def outcome(check, needs_shared, quick):

@@ -91,7 +91,8 @@ pub fn loop_road(dir: &Path) -> ((Arc<Track>, Arc<Scenery>), Arc<Road>) {
     let path = path.to_str().unwrap();
     let track = Track::open(path).unwrap();
     let scenery = Arc::new(Scenery::new(&track));
-    ((Arc::new(track), scenery), Arc::new(known_road(path).unwrap()))
+    let [road, _] = known_road(path).unwrap().map(Arc::new);
+    ((Arc::new(track), scenery), road)
 }
 
 /// Drives a case over the wire. The expert drives, whatever the bridge says, so that the world's judgement does not hang on

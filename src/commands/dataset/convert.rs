@@ -23,9 +23,11 @@ pub(super) fn run(arguments: &cli::DatasetConvert) -> anyhow::Result<Ended> {
         print(&serde_json::to_string_pretty(&converted)?)?;
         return Ok(Ended::Passed);
     }
-    let Converted { rows, without_picture, side_pictures, seams, truncated } = converted;
+    let Converted { rows, without_picture, unusable, side_pictures, seams, truncated } = converted;
     print(&format!("{}, in {}", count(rows, "row"), target.display()))?;
-    if without_picture > 0 {
+    if let Some(why) = unusable {
+        say!("without a picture: {}; the first, because: {why}", count(without_picture, "row"));
+    } else if without_picture > 0 {
         say!("left out: {} whose picture was not recorded", count(without_picture, "telemetry"));
     }
     if side_pictures > 0 {

@@ -35,8 +35,11 @@ type OnRow<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
 pub struct Converted {
     /// Rows, or telemetries, written.
     pub rows: u64,
-    /// Telemetries left out because their picture was not recorded.
+    /// Telemetries whose picture was not recorded, which a folder leaves out; rows whose picture cannot be used, which a run holds
+    /// without one.
     pub without_picture: u64,
+    /// Why the first of those rows' pictures cannot be used.
+    pub unusable: Option<String>,
     /// Pictures of the side cameras left out.
     pub side_pictures: u64,
     /// Where a human took over or the car was put back in the run: the folder has a gap in time there.
@@ -54,9 +57,8 @@ pub struct Converted {
 /// `progress` is told after each row how many are done, and of how many if that is known, and may stop the conversion.
 ///
 /// # Errors
-/// [`DatasetError`] if the conversion was stopped, the target exists or is of the wrong kind, a picture cannot be read
-/// or is not a JPEG, the source cannot be read, or the target cannot be written. Anything written until then is
-/// removed.
+/// [`DatasetError`] if the conversion was stopped, the target exists or is of the wrong kind, no picture can be used,
+/// the source cannot be read, or the target cannot be written. Anything written until then is removed.
 pub fn convert(source: &Path, target: &Path, progress: OnRow<'_>) -> Result<Converted, DatasetError> {
     let recording = Recording::open(source)?;
     let (folder, run) = ("a folder", "a run");
@@ -96,11 +98,13 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
     }
     let recorder = Recorder::create_file(target, log.header(), RecorderOptions::default())?;
     let mut converted = Converted::default();
+    let mut first = None;
     let written = log.rows.iter().try_for_each(|row| {
-        let jpeg = row.jpeg()?;
+        let jpeg = row.jpeg().map_err(|why| first.get_or_insert(why)).ok();
+        converted.without_picture += u64::from(jpeg.is_none());
         // The disk of a conversion may be slow: nothing must be dropped.
         recorder.wait_for_room();
-        row.items(Some(jpeg)).for_each(|item| recorder.record(row.at, item));
+        row.items(jpeg).for_each(|item| recorder.record(row.at, item));
         converted.rows += 1;
         converted.side_pictures += [&row.left, &row.right].into_iter().flatten().count() as u64;
         go_on(progress(converted.rows, Some(log.rows.len() as u64)), target)
@@ -113,7 +117,11 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
             let why = io::Error::other(format!("{} could not be written: the disk was too slow", count(lost, "item")));
             Err(io_error("write", target, why))
         }
-        None => Ok(converted),
+        None => {
+            let none_is_usable = converted.without_picture == converted.rows;
+            converted.unusable = first.as_ref().map(ToString::to_string);
+            first.filter(|_| none_is_usable).map_or(Ok(converted), |why| Err(why.into()))
+        }
     });
     if finished.is_err() {
         // Half a run would look like a whole one. The first error is enough, so this one's failure is ignored.

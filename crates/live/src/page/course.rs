@@ -22,9 +22,9 @@ pub struct Course {
     pub outline: Outline,
     /// The line to drive, closed, evenly spaced: x and z in metres.
     pub line: Vec<[f32; 2]>,
-    /// The same road, on which cars are located that report no position.
+    /// The same road, on which cars are located that report no position: in its own direction, and the other way round.
     #[serde(skip)]
-    pub road: Arc<Road>,
+    pub ways: [Arc<Road>; 2],
 }
 
 /// Where a car is on the map.
@@ -83,7 +83,7 @@ impl Located {
         let told = self.course.filter(|_| now.status.track.is_some());
         let matcher = self.matcher.get_or_insert_with(|| {
             let roads = courses.iter().enumerate().filter(|(i, _)| told.is_none_or(|told| told == *i));
-            Matcher::new(roads.map(|(_, course)| course.road.clone()), SEED)
+            Matcher::new(roads.flat_map(|(_, course)| course.ways.clone()), SEED)
         });
         if let Some((_, t, was_mps, was_bend)) = self.last.replace((turn.n, turn.t, mps, bend)) {
             let (apart, mean) = (turn.t - t, (mps + was_mps) / 2.0);
@@ -103,9 +103,10 @@ impl Located {
                 best.explains && next.is_none_or(|next| best.evidence - next.evidence > SURE)
             });
             self.place = best.filter(|best| best.place.deviation_m < WORST_M).and_then(|best| {
-                let course = courses.iter().position(|course| Arc::ptr_eq(&course.road, &best.road))?;
+                let is_best = |course: &Course| course.ways.iter().any(|road| Arc::ptr_eq(road, &best.road));
+                let course = courses.iter().position(is_best)?;
                 self.course = Some(course);
-                let at = courses[course].place(best.place.s_m)?;
+                let at = courses[course].place(best.road.on_track(best.place.s_m))?;
                 Some(Place { at, off_m: Some(best.place.deviation_m as f32) })
             });
         }
@@ -117,7 +118,7 @@ impl Course {
     /// The place on the line this many metres along the road, over any number of laps.
     pub(super) fn place(&self, s: f64) -> Option<[f32; 2]> {
         let count = self.line.len();
-        let share = (s / self.road.length_m).rem_euclid(1.0) * count as f64;
+        let share = (s / self.ways[0].length_m).rem_euclid(1.0) * count as f64;
         let i = share as usize;
         let (here, next) = (self.line.get(i % count.max(1))?, self.line.get((i + 1) % count)?);
         let part = (share - i as f64) as f32;

@@ -247,8 +247,7 @@ impl Opened {
 }
 
 fn judged(path: PathBuf, courses: &[Course], watch: impl FnMut(Duration, &Item)) -> Result<JudgedRun, RunsError> {
-    let roads: Vec<Arc<Road>> =
-        courses.iter().flat_map(|course| [course.road.clone(), Arc::new(course.road.reversed())]).collect();
+    let roads: Vec<Arc<Road>> = courses.iter().flat_map(|course| course.ways.clone()).collect();
     JudgedRun::open(path, &Thresholds::default(), || Ok(Scorer::on(&roads, None)), watch)
 }
 

@@ -20,8 +20,8 @@ const NOISE: f64 = 2.0;
 pub struct Look(Vec<f32>);
 
 impl Look {
-    /// Looks at the same one of a few known places agree by at least this. Rendered starts of tracks under random
-    /// weather agree with themselves by 0.39 to 0.93, and with those of other tracks by 0.18 at most. Among arbitrary
+    /// Looks at the same one of a few known places agree by at least this. Of 120 drawn starts, of three tracks, along them and
+    /// the other way, in random weather, all agree with themselves by 0.33 at least, and with no other by more. Among arbitrary
     /// places one look proves nothing: pictures 60 m or more apart on one road agree by up to 0.5.
     pub const SAME: f64 = 0.28;
 

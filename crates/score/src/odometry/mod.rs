@@ -46,6 +46,8 @@ pub struct Road {
     headings: Vec<f64>,
     /// Headings per metre.
     per_m: f64,
+    /// For each heading, how far along the track's own line it is, in the track's own direction; without jumps.
+    places: Vec<f64>,
 }
 
 impl Road {
@@ -60,10 +62,12 @@ impl Road {
             before = *heading;
         }
         let per_m = (headings.len() - 1) as f64 / length_m;
-        Self { name, start_m, length_m, start, reversed: false, headings, per_m }
+        let places = (0..headings.len()).map(|i| i as f64 / per_m).collect();
+        Self { name, start_m, length_m, start, reversed: false, headings, per_m, places }
     }
 
-    /// The same road, driven the other way round. What is seen at its start is not known.
+    /// The same line, driven from its end to its beginning. What is seen at its start is not known. On a road with two lanes, who
+    /// drives the other way round keeps to another line: [`Road::against`].
     pub fn reversed(&self) -> Self {
         Self {
             name: self.name.clone(),
@@ -73,7 +77,22 @@ impl Road {
             reversed: !self.reversed,
             headings: self.headings.iter().rev().map(|heading| heading + PI).collect(),
             per_m: self.per_m,
+            places: self.places.iter().rev().copied().collect(),
         }
+    }
+
+    /// A line of its own for the same road the other way round, with the places of the road's own line that are beside its
+    /// headings, in metres, without jumps.
+    pub fn against(mut self, places: Vec<f64>) -> Self {
+        assert_eq!(places.len(), self.headings.len(), "each heading has a place on the road");
+        (self.reversed, self.places) = (true, places);
+        self
+    }
+
+    /// How far along the track's own line a place is, in the track's own direction, in metres.
+    pub fn on_track(&self, s_m: f64) -> f64 {
+        let (_, i, part) = self.between(s_m);
+        self.places[i] * (1.0 - part) + self.places[i + 1] * part
     }
 
     /// Whether a lap of it turns to the right, all bends taken together.
@@ -89,12 +108,17 @@ impl Road {
     /// The heading at any distance along it, over any number of laps.
     fn heading(&self, s: f64) -> f64 {
         let (first, last) = (self.headings[0], self.headings[self.headings.len() - 1]);
+        let (laps, i, part) = self.between(s);
+        self.headings[i] * (1.0 - part) + self.headings[i + 1] * part + laps * (last - first)
+    }
+
+    /// After how many laps, between which heading and the next, and how far from the one to the other.
+    fn between(&self, s: f64) -> (f64, usize, f64) {
         // Nearly all are asked for on the first lap, and this is what a filter does most.
         let laps = if (0.0..self.length_m).contains(&s) { 0.0 } else { (s / self.length_m).floor() };
         let place = (s - laps * self.length_m) * self.per_m;
         let i = (place as usize).min(self.headings.len() - 2);
-        let part = place - i as f64;
-        self.headings[i] * (1.0 - part) + self.headings[i + 1] * part + laps * (last - first)
+        (laps, i, place - i as f64)
     }
 }
 

@@ -8,7 +8,7 @@ use super::{
     *,
 };
 use lapwing_core::{
-    protocol::Telemetry,
+    protocol::{CameraImage, Telemetry},
     recording::{By, CommandRecord, EventRecord, Item, RunHeader},
     units::Mph,
 };
@@ -28,7 +28,7 @@ fn a_run_made_a_folder_and_a_run_again_keeps_bytes_numbers_and_times() {
     let (first, second) = (steps(&at("first.mcap")), steps(&at("second.mcap")));
     assert_eq!((first.len(), second.len()), (12, 12));
     for (i, (a, b)) in first.iter().zip(&second).enumerate() {
-        let jpeg = lapwing_core::protocol::CameraImage::Jpeg(jpeg(i).into());
+        let jpeg = CameraImage::Jpeg(jpeg(i).into());
         assert!(a.telemetry.image == jpeg && b.telemetry.image == jpeg, "row {i}");
         assert!((a.telemetry.steering.get() - b.telemetry.steering.get()).abs() < 1e-5);
         assert_eq!((a.telemetry.speed, a.telemetry.throttle), (b.telemetry.speed, b.telemetry.throttle));
@@ -183,14 +183,23 @@ fn a_target_of_the_same_kind_is_refused() {
 }
 
 #[test]
-fn a_picture_that_is_missing_or_no_jpeg_ends_it_and_leaves_nothing_behind() {
+fn a_row_whose_picture_is_missing_or_no_jpeg_stays_without_one_and_if_none_can_be_used_nothing_is_left_behind() {
     let dir = tempfile::tempdir().unwrap();
     let source = folder(&dir.path().join("drive"), 5, false);
-    let (run, picture) = (dir.path().join("a.mcap"), DrivingLog::open(&source).unwrap().rows[3].center.clone());
-    fs::write(&picture, b"\x89PNG").unwrap();
+    let pictures = DrivingLog::open(&source).unwrap().rows.into_iter().map(|row| row.center);
+    let pictures: Vec<_> = pictures.collect();
+    let run = dir.path().join("a.mcap");
+    fs::write(&pictures[3], b"\x89PNG").unwrap();
+    fs::remove_file(&pictures[1]).unwrap();
+    let counts = converted(&source, &run);
+    assert_eq!((counts.rows, counts.without_picture), (5, 2));
+    assert!(counts.unusable.unwrap().starts_with(&pictures[1].display().to_string()));
+    let shown = steps(&run).into_iter().map(|step| step.telemetry.image != CameraImage::default());
+    assert_eq!(shown.collect::<Vec<_>>(), [true, false, true, false, true]);
+
+    fs::remove_file(&run).unwrap();
+    pictures.iter().for_each(|picture| fs::write(picture, b"\x89PNG").unwrap());
     assert!(error(&source, &run).contains("expected a JPEG"));
-    fs::remove_file(&picture).unwrap();
-    assert!(error(&source, &run).starts_with(&picture.display().to_string()));
     assert!(!run.exists());
 }
 

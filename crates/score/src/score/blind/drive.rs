@@ -261,7 +261,7 @@ impl Drive {
         let mut trail = on.trail.clone();
         trail.iter_mut().for_each(|stone| stone.way_m += self.from_m);
         let places = clock.whereabouts(&trail, within, length_m).into_iter();
-        places.map(|(at, s_m)| (at, if on.road.reversed { length_m - s_m } else { s_m })).collect()
+        places.map(|(at, s_m)| (at, on.road.on_track(s_m))).collect()
     }
 }
 
