@@ -188,7 +188,25 @@ mod tests {
             let back = track.reversed().unwrap();
             for (road, frame) in known_road(name).unwrap().into_iter().zip(see_starts(track, back)) {
                 let (agrees, words) = (road.start.as_ref().unwrap().agrees(&Look::of(&frame).unwrap()), road.words());
-                assert!(agrees > 0.95, "{words}: {agrees:.3}; see STARTS of lapwing_sim::known for how to draw them anew");
+                assert!(
+                    agrees > 0.95,
+                    "{words}: {agrees:.3}; see STARTS of lapwing_sim::known for how to draw them anew"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn who_drives_the_other_way_round_goes_back_along_the_road_lap_by_lap() {
+        for name in Track::NAMES {
+            let [there, back] = known_road(name).unwrap();
+            let steps: Vec<f64> = (0..100).map(|i| back.length_m * f64::from(i) / 100.0).collect();
+            let places: Vec<f64> = steps.iter().map(|s_m| back.on_track(*s_m)).collect();
+            assert!(places.windows(2).all(|two| two[1] < two[0]), "{name}: {places:.0?}");
+            for (s_m, place) in steps.iter().zip(&places) {
+                let again = back.on_track(s_m + 3.0 * back.length_m);
+                assert!((again - place).abs() < 1e-6, "{name}, {s_m} m: {again} and {place}");
+                assert!((there.on_track(*s_m % there.length_m) - s_m % there.length_m).abs() < 1e-6, "{name}, {s_m} m");
             }
         }
     }

@@ -9,7 +9,7 @@ use lapwing_learn::{
     braking::BrakingRecipe,
     marl::{Policy, training::TrainingSettings},
     nn::{Checkpoint, braking::BrakingCheckpoint},
-    train::Recipe,
+    train::{Lesson, Recipe},
 };
 use lapwing_sim::intersection::{
     CARS, Missions, Settings,
@@ -79,8 +79,9 @@ fn as_told(recipe: Recipe, model: &Path) -> Recipe {
     let weights = out.join(format!("round-{}/model.safetensors", closed_loop.rounds - 1));
     let of_round = |round| (1..=closed_loop.drive.len()).map(move |drive| format!("round-{round}/drive-{drive}"));
     let drives = (1..=closed_loop.rounds).flat_map(of_round).map(|drive| out.join(drive));
-    let drives: Vec<_> = drives.map(|drive| (drive.clone(), drive.join("lane.csv"))).collect();
-    recipe.of_round(&closed_loop, &weights, &drives)
+    let lessons: Vec<_> =
+        drives.map(|drive| Lesson { lane: drive.join("lane.csv"), path: drive, track: None }).collect();
+    recipe.of_round(&closed_loop, &weights, &lessons)
 }
 
 /// The shipped policy of an algorithm on so many of the held-out episodes.

@@ -25,7 +25,10 @@ use tempfile::{TempDir, tempdir};
 use tokio::{io::AsyncReadExt, io::AsyncWriteExt, net::TcpListener};
 use tokio_tungstenite::tungstenite::Message;
 
-use crate::support::{Running, jpeg, settings};
+use crate::{
+    program::lapwing_in,
+    support::{Running, jpeg, settings},
+};
 
 fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/lake.mcap")
@@ -238,6 +241,17 @@ fn an_image_that_is_missing_is_a_bad_frame_and_named_and_if_all_are_nothing_is_r
     let mut replay = Replay::open(folder.path(), Rate::Max).unwrap();
     let error = drive::run(&mut replay, &mut driver, &mut [&mut Answers::default()]).unwrap_err().to_string();
     assert!(error.contains("center_2026_11_21_08_00_00_000.jpg: expected the image"), "{error}");
+}
+
+#[test]
+fn of_a_run_that_is_cut_off_before_its_first_frame_nothing_is_replayed_and_no_golden_file_is_written() {
+    let dir = tempdir().unwrap();
+    let whole = fs::read(shipped()).unwrap();
+    fs::write(dir.path().join("cut.mcap"), &whole[..100_000]).unwrap();
+    let (code, out, err) = lapwing_in(dir.path(), "", &["replay", "cut.mcap", "--write-golden", "cut.golden"]);
+    assert_eq!((code, out.as_str()), (1, ""), "{err}");
+    assert!(err.contains("cut.mcap: expected frames with a picture, got none; "), "{err}");
+    assert!(!dir.path().join("cut.golden").exists());
 }
 
 #[test]

@@ -27,16 +27,7 @@ static DESK: LazyLock<Desk> = LazyLock::new(Desk::new);
 impl Desk {
     fn new() -> Self {
         let desk = Self { folder: tempfile::tempdir().unwrap(), made: AtomicU32::new(0) };
-        // A ring of 20 m radius: its lap takes 14 s at 20 mph.
-        let points: String = (0..12)
-            .map(|i| std::f64::consts::TAU * f64::from(i) / 12.0)
-            .map(|turn| format!("[{:.3}, 0.0, {:.3}],", 20.0 * turn.sin(), 20.0 * turn.cos()))
-            .collect();
-        let track = format!(
-            "name = \"ring\"\ntheme = \"lake\"\nwidth_m = 8.0\nscenery_seed = 1\n\
-             start = {{ x = 0.0, y = 0.0, z = 20.0, yaw_deg = 90.0 }}\ncontrol_points = [{points}]\n"
-        );
-        fs::write(desk.path("ring.toml"), track).unwrap();
+        fs::write(desk.path("ring.toml"), super::support::ring("ring")).unwrap();
         let suite = format!(
             "tracks = [{:?}]\nlongest_s = 1.0\n[[pilot]]\nname = \"expert\"\nexpert = true\n",
             desk.text("ring.toml")
@@ -352,6 +343,7 @@ fn what_does_not_exist_is_wrong_usage_everywhere_and_what_was_meant_is_named() {
     suite("weather-suite.toml", "tracks = [\"lake\"]\nconditions = [\"randm\"]");
     suite("large-suite.toml", "tracks = [\"lake\"]\nseeds = 1000000000000");
     fs::write(DESK.path("settings.toml"), "[simulator]\ntrack = \"mountan\"\n").unwrap();
+    fs::write(DESK.path("taken.toml"), super::support::ring("lake")).unwrap();
     fs::write(DESK.path("broken.toml"), "rain = \"much\"\n").unwrap();
     for (arguments, words) in [
         ("drive --track lkae", "did you mean \"lake\"?"),
@@ -365,6 +357,8 @@ fn what_does_not_exist_is_wrong_usage_everywhere_and_what_was_meant_is_named() {
         ("drive --scenario {desk}/broken.toml", "unknown field `rain`"),
         ("drive --scenario {desk}/no.toml", "no.toml: cannot be read: No such file"),
         ("drive --conditions rian=1", "did you mean \"rain\"?"),
+        ("drive --track {desk}/taken.toml", "track lake: name: expected a name that no known road has, got \"lake\""),
+        ("drive --conditions night=1,night=0", "conditions: expected night once, got it twice: night=1,night=0"),
         ("record --conditions rain=2 --out {new}", "conditions: rain: expected 0 to 1, got 2"),
         ("simulate --conditions {desk}/broken.toml", "broken.toml: conditions: "),
         ("simulate --conditions {desk}/no.toml", "no.toml: cannot be read: No such file"),

@@ -5,6 +5,8 @@ use std::{fs, path::Path, process::Command, sync::LazyLock};
 use lapwing_core::hash::sha256;
 use tempfile::{TempDir, tempdir};
 
+use crate::support::ring;
+
 /// A small network that learns from the expert's drive in the middle of the mountain road, as one camera saw it, drives
 /// there and along that recording, and learns again.
 const RECIPE: &str = r#"
@@ -120,6 +122,43 @@ fn what_the_rounds_lack_is_said_before_anything_is_trained() {
     assert!(text.contains("none.csv"), "{text}");
     let text = said("latency_ms=100", "latency=100");
     assert!(text.contains("latency"), "{text}");
+}
+
+#[test]
+fn on_a_road_of_ones_own_it_learns_and_a_drive_too_short_to_learn_from_is_named() {
+    let dir = tempdir().unwrap();
+    let folder = dir.path();
+    fs::write(folder.join("ring.toml"), ring("my ring")).unwrap();
+    let (code, text) = lapwing(folder, &["record", "--track", "ring.toml", "--max-time", "8", "--out", "road"]);
+    assert_eq!(code, Some(0), "{text}");
+    let train = "train --data road --lane road/lane.csv --network cps --augment none --epochs 1 --batch 32 \
+                 --samples-per-epoch 64 --validation-samples 32";
+    let train: Vec<_> = train.split(' ').collect();
+    let (code, text) = lapwing(folder, &[&train[..], &["--out", "unknown"]].concat());
+    assert!(
+        code != Some(0)
+            && text.contains("if it is a road of your own, name its file with --track, or track in a recipe"),
+        "{text}"
+    );
+    let (code, text) = lapwing(folder, &[&train[..], &["--track", "ring.toml", "--out", "known"]].concat());
+    assert_eq!(code, Some(0), "{text}");
+
+    // The roads of its drives are known.
+    let drive = |seconds: u32| format!("[[closed_loop.drive]]\ntrack = \"ring.toml\"\nseconds = {seconds}\n");
+    let recipe = |drives: &str| {
+        let text = fs::read_to_string(folder.join("known/recipe.toml")).unwrap();
+        fs::write(folder.join("recipe.toml"), format!("{text}[closed_loop]\nrounds = 1\nepochs = 1\n{drives}"))
+            .unwrap();
+    };
+    recipe(&(drive(8) + &drive(2)));
+    let text = trained(folder, "rounds", &[]);
+    let short = "drive-2: nothing is learnt from it: expected a drive of at least 100 rows, got ";
+    assert!(text.contains(short) && text.contains("rounds/final.safetensors"), "{text}");
+    let learnt = fs::read_to_string(folder.join("rounds/round-1/recipe.toml")).unwrap();
+    assert_eq!((learnt.matches("drive-1").count(), learnt.matches("drive-2").count()), (2, 0), "{learnt}");
+    recipe(&drive(2));
+    let (code, text) = lapwing(folder, &["train", "--recipe", "recipe.toml", "--out", "short"]);
+    assert!(code == Some(1) && text.contains("closed_loop: no drive is long enough to learn from"), "{text}");
 }
 
 #[test]

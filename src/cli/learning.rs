@@ -113,6 +113,9 @@ pub struct Train {
     /// middle, whatever was steered
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "data")]
     pub lane: Vec<PathBuf>,
+    /// The track file (.toml) of a road of your own on which the data was recorded
+    #[arg(long, value_name = "FILE")]
+    pub track: Option<String>,
     /// After the training, let the network drive and learn from what it saw, in this many rounds [default: as the recipe
     /// says; without a number: 3]
     #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "3")]

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Ended, outputs};
@@ -18,9 +18,10 @@ use lapwing_core::{
     driver::Driver,
     replay::{
         Answered, Answers, ForBridge, Golden, GoldenComparison, GoldenError, MOST_BAD_FRAMES, Machine, Replay,
-        ReplayReport,
+        ReplayReport, Response,
     },
     turn::Turn,
+    words::count,
 };
 use lapwing_learn::nn::runtime;
 use lapwing_score::{results::Replayed, score::Scorecard};
@@ -46,6 +47,14 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         None => of_model(replay, &settings).with_context(|| arguments.source.display().to_string())?,
     };
     let source = arguments.source.display().to_string();
+    // Of a recording that is cut off, perhaps no more is left than that a human drove.
+    let no_frame = answers.iter().all(|answered| matches!(answered.response, Response::Human));
+    if no_frame && (answers.is_empty() || losses.1.is_some()) {
+        let (skipped, cut_off) = losses;
+        let skipped = if skipped > 0 { format!("; {} without one", count(skipped, "moment")) } else { String::new() };
+        let cut_off = cut_off.map_or_else(String::new, |why| format!("; {why}"));
+        bail!("{source}: expected frames with a picture, got none{skipped}{cut_off}");
+    }
     let report = ReplayReport::new((source.clone(), driver.clone()), &answers, losses, (&times, wall));
     let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
     // A failed write does not affect the other results.
@@ -61,7 +70,8 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         _ => Ended::Passed,
     };
     if arguments.json {
-        let card = Scorecard::of_replay(report.agreement());
+        let mut card = Scorecard::of_replay(report.agreement());
+        card.damaged = report.cut_off.is_some();
         super::print(&serde_json::to_string_pretty(&Replayed { report: &report, card, golden: comparison })?)?;
     } else {
         let comparison = comparison.map_or_else(String::new, |comparison| format!("\n{comparison}"));

@@ -12,7 +12,11 @@ use std::{
 
 use anyhow::Context;
 
-use super::{Ended, guards, outputs::Unprinted, terminal::Asked};
+use super::{
+    Ended, guards,
+    outputs::{self, Unprinted},
+    terminal::Asked,
+};
 use crate::cli;
 use lapwing_core::{
     config::{ConfigError, Layers, Settings},
@@ -51,6 +55,10 @@ pub(super) fn run(arguments: cli::Serve, config: Option<&Path>) -> anyhow::Resul
 
 async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ended> {
     let cli::Serve { also_model: also, foxglove, json, .. } = arguments;
+    if settings.recording.enabled {
+        let help = "name another folder with --recordings, or use --no-recording";
+        outputs::check_folder(&settings.recording.dir).map_err(|error| anyhow::anyhow!("{error:#}; {help}"))?;
+    }
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot listen for Ctrl-C")?;
     let unprinted = Arc::new(AtomicBool::new(false));

@@ -35,7 +35,12 @@ pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> 
 /// A message of serde's in one line and without Rust's names for numbers. If it is about an unknown name, the expected name
 /// that was likely meant is added.
 pub fn suggesting(message: &str) -> String {
-    let types = [("f64", "a number"), ("u16", "a whole number"), ("u32", "a whole number"), ("u64", "a whole number")];
+    let types = [
+        ("f64", "a number"),
+        ("u16", "a whole number from 0 to 65535"),
+        ("u32", "a whole number"),
+        ("u64", "a whole number"),
+    ];
     let plain = |message: String, (rust, words): &(&str, &str)| match message.split_once(&format!("expected {rust}")) {
         Some((before, after)) if !after.starts_with(char::is_alphanumeric) => {
             format!("{before}expected {words}{after}")

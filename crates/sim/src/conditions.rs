@@ -89,6 +89,14 @@ pub enum ConditionsError {
         /// The name.
         got: String,
     },
+    /// A name that is given more than once.
+    #[error("conditions: expected {name} once, got it twice: {got}")]
+    Twice {
+        /// The name.
+        name: &'static str,
+        /// The text.
+        got: String,
+    },
     /// A value that is not a number, or is out of range.
     #[error("conditions: {name}: expected {min} to {max}, got {got}")]
     Range {
@@ -147,6 +155,7 @@ impl Conditions {
     /// [`ConditionsError`], naming what was expected.
     pub fn parse(text: &str) -> Result<Self, ConditionsError> {
         let mut conditions = Self::default();
+        let mut is_set = [false; COUNT];
         for piece in text.split(',').map(str::trim).filter(|piece| !piece.is_empty()) {
             let (name, number) =
                 piece.split_once('=').ok_or_else(|| ConditionsError::Form { got: piece.to_owned() })?;
@@ -154,6 +163,9 @@ impl Conditions {
                 .iter()
                 .position(|known| *known == name.trim())
                 .ok_or_else(|| ConditionsError::Unknown { got: name.trim().to_owned() })?;
+            if std::mem::replace(&mut is_set[i], true) {
+                return Err(ConditionsError::Twice { name: NAMES[i], got: text.to_owned() });
+            }
             let value = number.trim().parse().map_err(|_| out_of_range(i, number.trim()))?;
             conditions.set(i, value);
         }

@@ -82,7 +82,7 @@ impl KnownRoad {
         let track = Track::open(name)?;
         let (line, other) = (Line::of(&track), track.reversed()?);
         let back = Line::of(&other);
-        // Both lines have a point beside each station, and no lap is half a lap long.
+        // Neighbouring places are far less than half a lap apart, so the shorter way around is the right one.
         let mut last = track.driving_line_length();
         let place = |at_m: f64| {
             let beside = travelled(&track, other.on_driving_line(at_m).position);

@@ -203,5 +203,8 @@ fn told(outcome: &MarlOutcome) -> String {
         let rates = (last.collision_rate * 100.0, last.completion_rate * 100.0);
         told += &format!("; last rollout: collisions {:.1} %, completed {:.1} %", rates.0, rates.1);
     }
+    if outcome.last.as_ref().is_some_and(|last| last.gradient_steps == 0) {
+        told += "; nothing was learnt: the training ended before its first gradient step";
+    }
     told + ")"
 }

@@ -149,6 +149,20 @@ fn recipe(arguments: &cli::Train) -> anyhow::Result<Recipe> {
     set(&mut recipe.balance.flatten, arguments.flatten);
     set(&mut recipe.balance.large_angles, arguments.large_angles);
     set(&mut recipe.cache_mib, arguments.cache_mib);
+    if let Some(track) = &arguments.track {
+        Track::open(track)?;
+    }
+    let Recipe { record, data, validation, closed_loop, .. } = &mut recipe;
+    for data in data.iter_mut().chain(validation) {
+        let recorded = record.iter().find(|recording| is_in(&data.path, &recording.out));
+        match recorded {
+            Some(recording) => data.track = own_road(&recording.track),
+            None => set_some(&mut data.track, arguments.track.clone()),
+        }
+    }
+    for along in closed_loop.iter_mut().flat_map(|closed_loop| &mut closed_loop.along) {
+        set_some(&mut along.track, arguments.track.clone());
+    }
     if let Some(names) = &arguments.augment {
         only(&mut recipe.augment, names)?;
     }
@@ -186,7 +200,11 @@ fn selection(text: &str) -> anyhow::Result<Selection> {
 
 /// Switches off all changes but those named.
 fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()> {
-    let names: Vec<&str> = names.iter().map(String::as_str).filter(|name| *name != "none").collect();
+    let all: Vec<&str> = names.iter().map(String::as_str).collect();
+    let names: Vec<&str> = all.iter().copied().filter(|name| *name != "none").collect();
+    if !names.is_empty() && names.len() < all.len() {
+        anyhow::bail!("--augment: expected none alone, got {:?}", all.join(","));
+    }
     if let Some(unknown) = names.iter().find(|name| !Augmentation::NAMES.contains(name)) {
         anyhow::bail!("--augment: expected {} or none, got {unknown:?}", Augmentation::NAMES.join(", "));
     }
@@ -204,6 +222,16 @@ fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()>
     Ok(())
 }
 
+/// The file of a road of one's own; other roads are known by their names.
+fn own_road(track: &str) -> Option<String> {
+    track.ends_with(".toml").then(|| track.to_owned())
+}
+
+fn is_in(path: &Path, folder: &Path) -> bool {
+    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    absolute(path).starts_with(absolute(folder))
+}
+
 /// Checks everything that a training needs except the data that it records itself, so that no hour of recording is
 /// wasted.
 fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
@@ -215,15 +243,14 @@ fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
         return Ok(()); // the rest is checked when the training begins, which is at once
     }
     Trainer::check(recipe, out, resume)?;
-    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     for data in recipe.data.iter().chain(&recipe.validation) {
-        let is_made = |path: &Path| made.iter().any(|recording| absolute(path).starts_with(absolute(&recording.out)));
+        let is_made = |path: &Path| made.iter().any(|recording| is_in(path, &recording.out));
         if is_made(&data.path) {
             continue;
         }
         dataset::check(&data.path)?;
         if let Some(lane) = data.lane.as_ref().filter(|lane| !is_made(lane)) {
-            LaneTable::of(&data.path, lane, Track::open)?;
+            LaneTable::of(&data.path, lane, |name| Track::called(name, data.track.as_deref()))?;
         }
     }
     for recording in made {
@@ -361,5 +388,7 @@ mod tests {
         assert_eq!([flip, translate, brightness, shadow, erase, late], [0.0; 6]);
         let unknown = only(&mut recipe.clone(), &["flop".into()]).unwrap_err().to_string();
         assert_eq!(unknown, "--augment: expected flip, translate, brightness, shadow, erase or none, got \"flop\"");
+        let both = only(&mut recipe.clone(), &["none".into(), "flip".into()]).unwrap_err().to_string();
+        assert_eq!(both, "--augment: expected none alone, got \"none,flip\"");
     }
 }

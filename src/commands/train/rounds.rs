@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     super::{undriven_layers, world},
-    Interrupted, learn, whole,
+    Interrupted, learn, own_road, whole,
 };
 use crate::locating;
 use lapwing_core::{
@@ -31,11 +31,11 @@ use lapwing_learn::{
     dataset,
     models::{self, LoadedModel},
     nn::runtime,
-    train::{ClosedLoop, PracticeAlong, PracticeDrive, Recipe, TrainOutcome},
+    train::{ClosedLoop, Lesson, PracticeAlong, PracticeDrive, Recipe, TrainOutcome},
 };
 use lapwing_sim::{
     along::{Limit, RecordedWorld, Yaw},
-    locate::LaneTable,
+    locate::{LaneTable, LaneTableError},
     record::{self, LANE_NAME, RecordOptions, RecordReport},
     spec::WorldSpec,
     track::Track,
@@ -68,9 +68,13 @@ pub(super) fn check(closed_loop: &ClosedLoop) -> anyhow::Result<()> {
     }
     for along in &closed_loop.along {
         dataset::check(&along.path)?;
-        LaneTable::of(&along.path, &along.lane, Track::open)?;
+        along_table(along)?;
     }
     Ok(())
+}
+
+fn along_table(along: &PracticeAlong) -> Result<LaneTable, LaneTableError> {
+    LaneTable::of(&along.path, &along.lane, |name| Track::called(name, along.track.as_deref()))
 }
 
 /// All rounds, after the training that ended so; returns how the last one ended.
@@ -97,8 +101,17 @@ pub(super) fn run(
         runtime::set_threads(u16::try_from(threads).unwrap_or(u16::MAX));
         let driven = driven?;
         noise = apart(driven.iter().map(|(_, driven)| driven)).unwrap_or(noise).clamp(NOISE.0, NOISE.1);
-        let long = driven.into_iter().filter(|(_, driven)| driven.rows >= FEWEST_ROWS);
-        lessons.extend(long.map(|(path, _)| (path.clone(), path.join(LANE_NAME))));
+        let (long, short): (Vec<_>, Vec<_>) = driven.into_iter().partition(|(_, driven)| driven.rows >= FEWEST_ROWS);
+        for (lesson, driven) in short {
+            let (path, rows) = (lesson.path.display(), count(driven.rows, "row"));
+            say!("{path}: nothing is learnt from it: expected a drive of at least {FEWEST_ROWS} rows, got {rows}");
+        }
+        if lessons.is_empty() && long.is_empty() {
+            bail!(
+                "closed_loop: no drive is long enough to learn from: raise closed_loop.drive.seconds, or widen closed_loop.along.rows"
+            );
+        }
+        lessons.extend(long.into_iter().map(|(lesson, _)| lesson));
         let next = recipe.of_round(closed_loop, &outcome.model, &lessons);
         // If there is nothing to resume, this begins.
         outcome = learn(next, &folder, true, interrupted)?;
@@ -146,22 +159,23 @@ struct Round<'a> {
 
 impl Round<'_> {
     /// All lessons of the round, each with its folder.
-    fn drive(&self, folder: &Path) -> anyhow::Result<Vec<(PathBuf, Driven)>> {
+    fn drive(&self, folder: &Path) -> anyhow::Result<Vec<(Lesson, Driven)>> {
         let mut driven = vec![];
+        let of = |path: PathBuf, track| Lesson { lane: path.join(LANE_NAME), path, track };
         let drives = self.closed_loop.drive.iter().enumerate();
         for (i, drive) in drives {
             let path = folder.join(format!("drive-{}", i + 1));
             let lesson = lesson(&path, |partial| self.on_road(drive, partial))?;
-            driven.push((path, lesson));
+            driven.push((of(path, own_road(&drive.track)), lesson));
         }
         for (i, along) in self.closed_loop.along.iter().enumerate() {
             let path = folder.join(format!("along-{}", i + 1));
             let lesson = lesson(&path, |partial| self.along(along, partial))?;
-            driven.push((path, lesson));
+            driven.push((of(path, along.track.clone()), lesson));
         }
-        let rows: u64 = driven.iter().map(|(_, lesson)| lesson.rows).sum();
-        let put_back: u32 = driven.iter().map(|(_, lesson)| lesson.put_back).sum();
-        let apart = apart(driven.iter().map(|(_, lesson)| lesson)).unwrap_or(0.0);
+        let rows: u64 = driven.iter().map(|(_, driven)| driven.rows).sum();
+        let put_back: u32 = driven.iter().map(|(_, driven)| driven.put_back).sum();
+        let apart = apart(driven.iter().map(|(_, driven)| driven)).unwrap_or(0.0);
         say!(
             "round {:>3}/{}  {}, {}, put back {}, steering {apart:.3} from the expert's",
             self.number,
@@ -203,7 +217,7 @@ impl Round<'_> {
 
     fn along(&self, along: &PracticeAlong, folder: &Path) -> anyhow::Result<RecordReport> {
         let (first, end) = along.rows.unwrap_or((0, usize::MAX));
-        let located = LaneTable::of(&along.path, &along.lane, Track::open)?.drive(first..end);
+        let located = along_table(along)?.drive(first..end);
         let limit = Some(Limit::Metres(along.limit_m));
         let gearing = locating::gearing(&along.path, &located)?;
         let mut world = RecordedWorld::open(&along.path, limit, Yaw::Pictures, Some(located))?.geared(gearing);

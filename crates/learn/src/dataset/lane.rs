@@ -11,7 +11,7 @@ use lapwing_core::{
 use lapwing_sim::{
     camera::Camera,
     expert::LaneExpert,
-    locate::{InLane, LaneTable, LaneTableError, Pose},
+    locate::{InLane, LaneTableError, Pose},
     track::Track,
 };
 
@@ -34,7 +34,7 @@ pub(super) struct LaneLabels {
 impl LaneLabels {
     /// Reads the table, and makes the centre camera's labels those of the rows.
     pub fn open(path: &Path, source: &mut Source) -> Result<Self, DatasetError> {
-        let table = LaneTable::of(&source.path, path, Track::open)?;
+        let table = places::table(source, path)?;
         let wrong = |source| LaneTableError::Track { path: path.to_owned(), source: Box::new(source) };
         let mut experts = HashMap::new();
         for track in table.tracks() {

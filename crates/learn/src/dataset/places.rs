@@ -1,6 +1,6 @@
 //! Where the car was in each row: what a picture has to be warped by to show the road as the car sees it a moment later.
 
-use std::{collections::HashMap, sync::Arc};
+use std::{collections::HashMap, path::Path, sync::Arc};
 
 use glam::DVec3;
 
@@ -11,7 +11,7 @@ use lapwing_core::{
 };
 use lapwing_sim::{
     along::SIZE,
-    locate::{LaneTable, Pose},
+    locate::{LaneTable, LaneTableError, Pose},
     record::LANE_NAME,
     track::Track,
     vehicle::{Car, STEP_S},
@@ -19,6 +19,11 @@ use lapwing_sim::{
 
 /// A place in the world, in metres, and a yaw, in radians.
 pub(super) type CarPlace = (DVec3, f64);
+
+/// A table of a data set's places.
+pub(super) fn table(source: &Source, path: &Path) -> Result<LaneTable, LaneTableError> {
+    LaneTable::of(&source.path, path, |name| Track::called(name, source.track.as_deref()))
+}
 
 /// Each row's road and pose in the table, where that is known.
 pub(super) fn poses<'a>(table: &'a LaneTable, source: &Source) -> Vec<Option<(&'a Arc<Track>, Pose)>> {
@@ -43,10 +48,7 @@ pub(super) fn place(source: &mut Source) -> Result<(), DatasetError> {
         false => source.path.join(LANE_NAME),
     };
     source.places = match beside.is_file() {
-        true => {
-            let table = LaneTable::of(&source.path, &beside, Track::open)?;
-            of(&poses(&table, source))
-        }
+        true => of(&poses(&table(source, &beside)?, source)),
         false => reckoned(source),
     };
     Ok(())
@@ -87,8 +89,6 @@ fn reckoned(source: &Source) -> Vec<Option<CarPlace>> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use crate::dataset::{
         Augmentation, Balance, Batch, Cache, CameraPosition, Inputs, Loader, Numbers, Samples, Selection, Set, Workers,

@@ -40,6 +40,10 @@ pub struct Selection {
     /// speed; `side_offset` does not count. Rows whose place is not known are left out. Default: labels as recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lane: Option<PathBuf>,
+    /// The road of that table, or of the one that `record` writes beside the log, if it is a road of one's own: its file, as for
+    /// `--track`. Other roads are known by their names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub track: Option<String>,
 }
 
 /// More than a minute of driving is unrelated to a picture.
@@ -81,6 +85,7 @@ impl Selection {
             smooth: one_row(),
             flip: yes(),
             lane: None,
+            track: None,
         }
     }
 
@@ -94,7 +99,7 @@ impl Selection {
     fn check(&self) -> Result<(), DatasetError> {
         let wrong = |name, expected, got: String| Err(DatasetError::Setting { name, expected, got });
         if !(1e-6..=1e6).contains(&self.weight) {
-            return wrong("weight", "0.000001 to 1000000", self.weight.to_string());
+            return wrong("weight", "0.000001 to 1000000", format!("{} for {}", self.weight, self.path.display()));
         }
         if !(0.0..=1.0).contains(&self.side_offset) {
             return wrong("side_offset", "0 to 1", self.side_offset.to_string());
@@ -217,7 +222,8 @@ impl Samples {
         // For each sample, the steering of its row.
         let mut steered = vec![];
         for selection in selections {
-            let mut source = Source { flip: selection.flip, ..Source::open(&selection.path)? };
+            let (flip, track) = (selection.flip, selection.track.clone());
+            let mut source = Source { flip, track, ..Source::open(&selection.path)? };
             let lane = selection.lane.as_deref().map(|path| LaneLabels::open(path, &mut source)).transpose()?;
             let rows = source.rows.len();
             let before = all.samples.len();

@@ -55,6 +55,8 @@ pub struct Source {
     pub rows: Vec<Labelled>,
     /// Whether its pictures may be mirrored ([`Selection::flip`](super::Selection::flip)).
     pub flip: bool,
+    /// Its road, if that is one's own ([`Selection::track`](super::Selection::track)).
+    pub(super) track: Option<String>,
     /// Where the car was in each row, as far as that is known; empty until labels from the lane or
     /// [`Samples::place`](super::Samples::place) tell.
     pub(super) places: Vec<Option<CarPlace>>,
@@ -81,7 +83,7 @@ impl Source {
         if rows.is_empty() {
             return Err(DatasetError::Empty { path: path.to_owned() });
         }
-        let mut source = Self { path: path.to_owned(), rows, flip: true, places: vec![] };
+        let mut source = Self { path: path.to_owned(), rows, flip: true, track: None, places: vec![] };
         source.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
         Ok(source)
     }

@@ -87,6 +87,9 @@ pub struct PracticeAlong {
     pub path: PathBuf,
     /// Where in its lane the recorded car was, as `lapwing locate --csv` writes it.
     pub lane: PathBuf,
+    /// Its road, if that is one's own: its file, as for `--track`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub track: Option<String>,
     /// First row and the one after the last, counted from 0; default all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<(usize, usize)>,
@@ -97,6 +100,17 @@ pub struct PracticeAlong {
 
 fn one_and_a_half() -> f64 {
     1.5
+}
+
+/// A drive of the network, from which it learns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lesson {
+    /// Its folder.
+    pub path: PathBuf,
+    /// Where in its lane the car was.
+    pub lane: PathBuf,
+    /// Its road, if that is one's own.
+    pub track: Option<String>,
 }
 
 impl ClosedLoop {
@@ -115,8 +129,9 @@ impl ClosedLoop {
         };
         self.drive = recipe.record.iter().map(drive).collect();
         if self.drive.is_empty() {
-            let along = |Selection { path, lane, rows, .. }: &Selection| {
-                Some(PracticeAlong { path: path.clone(), lane: lane.clone()?, rows: *rows, limit_m: one_and_a_half() })
+            let along = |Selection { path, lane, track, rows, .. }: &Selection| {
+                let (path, lane, track, limit_m) = (path.clone(), lane.clone()?, track.clone(), one_and_a_half());
+                Some(PracticeAlong { path, lane, track, rows: *rows, limit_m })
             };
             self.along = recipe.data.iter().filter_map(along).collect();
         }
@@ -171,9 +186,8 @@ impl ClosedLoop {
 }
 
 impl Recipe {
-    /// The training of one round: from these weights, on all data so far. `drives` are the folders of the lessons of this
-    /// round and of those before, each with its table of places.
-    pub fn of_round(&self, closed_loop: &ClosedLoop, weights: &Path, drives: &[(PathBuf, PathBuf)]) -> Self {
+    /// The training of one round: from these weights, on all data so far, with the lessons of this round and of those before.
+    pub fn of_round(&self, closed_loop: &ClosedLoop, weights: &Path, lessons: &[Lesson]) -> Self {
         let mut recipe = Self {
             pretrained: Some(weights.to_owned()),
             epochs: closed_loop.epochs,
@@ -184,10 +198,11 @@ impl Recipe {
         };
         recipe.optimiser.learning_rate = closed_loop.learning_rate;
         recipe.optimiser.schedule = Schedule::Cosine;
-        recipe.data.extend(drives.iter().map(|(path, lane)| Selection {
+        recipe.data.extend(lessons.iter().map(|Lesson { path, lane, track }| Selection {
             weight: closed_loop.weight,
             flip: closed_loop.flip,
             lane: Some(lane.clone()),
+            track: track.clone(),
             ..Selection::of(path)
         }));
         recipe
@@ -208,7 +223,11 @@ mod tests {
         assert_eq!(Recipe::parse(&toml::to_string(&recipe).unwrap()).unwrap(), recipe);
         let closed_loop = recipe.closed_loop.clone().unwrap();
         assert_eq!((closed_loop.expert_share(1), closed_loop.expert_share(3)), (0.5, 0.125));
-        let round = recipe.of_round(&closed_loop, Path::new("w"), &[("d".into(), "d/lane.csv".into())]);
+        let round = recipe.of_round(
+            &closed_loop,
+            Path::new("w"),
+            &[Lesson { path: "d".into(), lane: "d/lane.csv".into(), track: None }],
+        );
         round.check().unwrap();
         assert_eq!((round.data.len(), round.epochs, round.pretrained.as_deref()), (2, 2, Some(Path::new("w"))));
         assert_eq!(round.data[1].lane.as_deref(), Some(Path::new("d/lane.csv")));
@@ -219,8 +238,13 @@ mod tests {
     fn without_drives_of_its_own_it_drives_on_the_recorded_roads_or_else_along_data_whose_lane_is_known() {
         let data = "[[data]]\npath = \"x\"\n[[data]]\npath = \"y\"\nlane = \"y.csv\"\nrows = [0, 90]\n";
         let filled = |text: &str| ClosedLoop::default().with_drives_of(&Recipe::parse(text).unwrap());
-        let along =
-            PracticeAlong { path: "y".into(), lane: "y.csv".into(), rows: Some((0, 90)), limit_m: one_and_a_half() };
+        let along = PracticeAlong {
+            path: "y".into(),
+            lane: "y.csv".into(),
+            track: None,
+            rows: Some((0, 90)),
+            limit_m: one_and_a_half(),
+        };
         let along = ClosedLoop { along: vec![along], ..ClosedLoop::default() };
         along.check().unwrap();
         assert_eq!(filled(data), along);

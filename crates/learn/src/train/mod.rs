@@ -26,7 +26,7 @@ mod recipe;
 mod state;
 mod trainer;
 
-pub use closed_loop::{ClosedLoop, PracticeAlong, PracticeDrive};
+pub use closed_loop::{ClosedLoop, Lesson, PracticeAlong, PracticeDrive};
 pub use error::TrainError;
 pub use measure::{Measured, Tensors, measure};
 pub use metrics::Metrics;

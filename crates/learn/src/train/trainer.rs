@@ -63,6 +63,10 @@ fn begun(recipe: &Recipe, out: &Path, resume: bool) -> Result<(Option<Stored>, A
     let stored = preparation::stored(out, resume)?;
     let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
     before.map_or(Ok(()), |origin| origin.check_recipe(recipe, out))?;
+    if let Some(done) = stored.as_ref().map(|stored| stored.position.epoch).filter(|done| *done > recipe.epochs) {
+        let got = format!("{}, and {done} are done", recipe.epochs);
+        return Err(TrainError::Setting { name: "epochs", expected: "at least as many as are done", got });
+    }
     let architecture = Architecture::named(&recipe.network)
         .ok_or_else(|| NnError::UnknownArchitecture { got: recipe.network.clone() })?;
     let mut design = Design { speed: recipe.speed_input, ..Design::of(architecture) };

@@ -325,7 +325,8 @@ impl Session {
 
     /// The answer while nothing drives.
     fn wait(&mut self, received: Instant, sight: &Sight) -> Answer {
-        if self.dialect.is_some() && !std::mem::replace(&mut self.told.loading, true) {
+        let is_loading = self.dialect.is_some() && !self.ended;
+        if is_loading && !std::mem::replace(&mut self.told.loading, true) {
             tracing::info!("{}: the model is still loading; the car is braked until it is ready", self.peer);
         }
         match sight {

@@ -20,10 +20,6 @@ pub const BENDS_M: f64 = 250.0;
 /// Roads that explain a drive worse than the best by less than this, as a log likelihood, may be the one. By as much the
 /// bends must speak for another road before they outweigh what the start looks like.
 const LIKELY: f64 = 15.0;
-/// Looks at a road's start that agree by this much prove it, even if the car did not follow the road. Of 960 views drawn within
-/// 40 m of the six starts of the shipped tracks, along them and the other way, each in random weather, none agrees by so much with
-/// a start that is not its own; straight stretches of the lake come near.
-const PROVEN: f64 = 0.45;
 /// Places told from before and behind are compared within so many metres driven, and contradict one another if they are this
 /// many standard deviations apart, besides what a place is unsure at best, in metres.
 const ALONGSIDE_M: f64 = 40.0;
@@ -33,7 +29,7 @@ const NEAR_M: f64 = 5.0;
 const UNSEEN_MPS: f64 = 2.5;
 /// How far a car that is put back may be from where it was, as a standard deviation in metres.
 const PUT_BACK_M: f64 = 20.0;
-/// How far from a road's start a car may have been turned round, as a standard deviation in metres.
+/// How far from a road's start a car may have been turned round, as a standard deviation in metres: a guess.
 const TURNED_M: f64 = 10.0;
 /// A longer gap, in seconds, says nothing about where the car went on.
 const FORGOTTEN_S: f64 = 20.0;
@@ -125,10 +121,10 @@ pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
         let on = followed(matcher, legs.iter().map(|leg| (leg, false))).into_iter().next()?;
         let contradicted =
             likely.first().is_some_and(|best| best.road != on.road && best.evidence > on.evidence + LIKELY);
-        ((on.explains || agrees(road) >= PROVEN) && !contradicted).then_some(on)
+        (!contradicted).then_some(on)
     });
     match by_start {
-        Some(on) => Found { likely: vec![Match { explains: true, ..on }], tried: all, by_start: true },
+        Some(on) => Found { likely: vec![on], tried: all, by_start: true },
         None => Found { likely, tried: all, by_start: false },
     }
 }
@@ -150,8 +146,8 @@ fn back(on: &Match, legs: &[Leg]) -> Option<Match> {
 
 impl Match {
     /// The same, with what was driven along the road counted from where the drive began to where it was. A filter that loses
-    /// and finds the car again has lost count of some metres. `by_start` says that it began at the road's start; otherwise the
-    /// bends tell where, from the drive's end to its beginning.
+    /// and finds the car again has lost count of some metres. `by_start` says that it began at the road's start, or, the other
+    /// way round, near it; where the bends tell it more exactly, from the drive's end to its beginning, they count.
     pub fn counted_from_its_start(mut self, by_start: bool, legs: &[Leg]) -> Self {
         let length_m = self.road.length_m;
         // Who drives the other way round has turned the car, and so began somewhere about the start.

@@ -82,14 +82,15 @@ impl Road {
     }
 
     /// A line of its own for the same road the other way round, with the places of the road's own line that are beside its
-    /// headings, in metres, without jumps.
+    /// headings, in metres, without jumps. There must be as many of these as headings.
     pub fn against(mut self, places: Vec<f64>) -> Self {
         assert_eq!(places.len(), self.headings.len(), "each heading has a place on the road");
         (self.reversed, self.places) = (true, places);
         self
     }
 
-    /// How far along the track's own line a place is, in the track's own direction, in metres.
+    /// How far along the track's own line a place is, in the track's own direction, in metres. It may be some metres below 0 or
+    /// beyond a lap; whole laps do not count.
     pub fn on_track(&self, s_m: f64) -> f64 {
         let (_, i, part) = self.between(s_m);
         self.places[i] * (1.0 - part) + self.places[i + 1] * part

@@ -251,7 +251,7 @@ macro_rules! figures {
 
 figures! {
     Completion = "completion", "completion", Share, Higher,
-        "Distance covered, as a share of the laps asked for (Lu's completion rate).";
+        "Distance covered, as a share of the laps asked for (Lu's completion rate), in whole waypoints, which are about 20 m apart.";
     Laps = "laps", "laps", Count, Higher,
         "Times that waypoint 0 was reached in sequence (SelfOracle).";
     Collisions = "collisions", "collisions", Count, Lower,

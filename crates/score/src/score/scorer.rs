@@ -49,6 +49,8 @@ pub struct Scorer {
     latest_s: f64,
     telemetries: u64,
     driven_m: f64,
+    /// Whether any telemetry follows another without a break.
+    has_way: bool,
     /// Metres driven during gaps.
     in_gaps_m: f64,
     off_road_m: f64,
@@ -184,6 +186,7 @@ impl Scorer {
         let after_gap = is_cut || apart > GAP_S;
         // Nothing was driven between two drives.
         if let Some((_, was_mps)) = self.last.filter(|_| !is_cut) {
+            self.has_way = true;
             // Trapezium: the speed changes evenly between two telemetries.
             let way = apart * (speed_mps + was_mps) / 2.0;
             self.driven_m += way;

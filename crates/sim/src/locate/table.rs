@@ -68,7 +68,7 @@ pub enum LaneTableError {
         rows: usize,
     },
     /// The road that it names.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}{}", path.display(), own_road(source))]
     Track {
         /// The file.
         path: PathBuf,
@@ -95,6 +95,15 @@ pub enum LaneTableError {
         /// What to do.
         help: &'static str,
     },
+}
+
+/// What to do about a road that is not known.
+fn own_road(error: &TrackError) -> &'static str {
+    if matches!(error, TrackError::Unknown { .. }) {
+        "; if it is a road of your own, name its file with --track, or track in a recipe"
+    } else {
+        ""
+    }
 }
 
 impl LaneTableError {

@@ -194,6 +194,16 @@ pub enum TrackError {
         /// What is wrong in it.
         source: Box<TrackError>,
     },
+    /// The file of another road than the one that a recording names.
+    #[error("{}: expected the road {expected:?}, got {got:?}: name the file of that road", path.display())]
+    Called {
+        /// The file.
+        path: PathBuf,
+        /// The name that was looked for.
+        expected: String,
+        /// The name in the file.
+        got: String,
+    },
     /// Not the TOML of a track.
     #[error("track file: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
@@ -210,6 +220,10 @@ pub enum TrackError {
         got: String,
     },
 }
+
+/// What a road of one's own may be called.
+const NAME: &str =
+    "one that is not lake, jungle, mountain, random… or random-lanes…: recordings tell the road by its name";
 
 impl TrackFile {
     /// Reads TOML.
@@ -231,6 +245,17 @@ impl TrackFile {
                     s >= stretch.from_m || s < stretch.to_m
                 }
         })
+    }
+
+    /// Checks that a file does not call its road as one that is known: recordings tell the road by its name.
+    pub(super) fn check_name(&self) -> Result<(), TrackError> {
+        let is_random =
+            |kind: &str| self.name.strip_prefix(kind).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'));
+        if !super::Track::NAMES.contains(&self.name.as_str()) && !is_random("random") && !is_random("random-lanes") {
+            return Ok(());
+        }
+        let (name, got) = (self.name.clone(), format!("{:?}", self.name));
+        Err(TrackError::Value { name, what: "name".into(), expected: NAME, got })
     }
 
     pub(super) fn check(&self) -> Result<(), TrackError> {

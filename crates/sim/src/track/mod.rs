@@ -115,8 +115,24 @@ impl Track {
         }
         let text = fs::read_to_string(name).map_err(|source| TrackError::Read { path: name.into(), source })?;
         TrackFile::parse(&text)
+            .and_then(|file| file.check_name().map(|()| file))
             .and_then(Self::new)
             .map_err(|source| TrackError::File { path: name.into(), source: Box::new(source) })
+    }
+
+    /// The track that is called so: one that [`Track::open`] knows by this name, or `own`, the path of a track's file, if that is its
+    /// name.
+    ///
+    /// # Errors
+    /// Those of [`Track::open`].
+    pub fn called(name: &str, own: Option<&str>) -> Result<Self, TrackError> {
+        let Some(path) = own else { return Self::open(name) };
+        let track = Self::open(path)?;
+        if track.file().name == name {
+            return Ok(track);
+        }
+        let (path, expected, got) = (path.into(), name.to_owned(), track.file().name.clone());
+        Self::open(name).map_err(|_| TrackError::Called { path, expected, got })
     }
 
     /// Lays a road out.
@@ -355,8 +371,24 @@ mod tests {
         assert_eq!(Track::open("random").unwrap(), Track::open("random:0").unwrap());
         assert_eq!(Track::open("random-lanes:3").unwrap().file().name, "random-lanes:3");
         assert_eq!(Track::open("random-lanes").unwrap(), Track::open("random-lanes:0").unwrap());
-        let own = concat!(env!("CARGO_MANIFEST_DIR"), "/src/track/jungle.toml");
-        assert_eq!(Track::open(own).unwrap(), Track::named("jungle").unwrap());
+        let dir = tempfile::tempdir().unwrap();
+        let file = |called: &str| {
+            let path = dir.path().join(format!("{}.toml", called.replace(':', "-")));
+            let text = include_str!("jungle.toml").replace("name = \"jungle\"", &format!("name = {called:?}"));
+            fs::write(&path, text).unwrap();
+            path.to_str().unwrap().to_owned()
+        };
+        let own = file("mine");
+        assert_eq!(Track::open(&own).unwrap().stations(), Track::named("jungle").unwrap().stations());
+        assert_eq!(Track::called("mine", Some(&own)).unwrap(), Track::open(&own).unwrap());
+        assert_eq!(Track::called("lake", Some(&own)).unwrap(), Track::named("lake").unwrap());
+        let error = Track::called("theirs", Some(&own)).unwrap_err().to_string();
+        assert_eq!(error, format!("{own}: expected the road \"theirs\", got \"mine\": name the file of that road"));
+        // Recordings tell the road by its name alone.
+        for taken in ["jungle", "random:3", "random-lanes"] {
+            let error = Track::open(&file(taken)).unwrap_err().to_string();
+            assert!(error.contains("name: expected one that is not") && error.contains(taken), "{error}");
+        }
         for name in ["moon", "random:", "random:-1", "random:x", "random-", "random-lanes:", "random-lanes:x"] {
             let error = Track::open(name).unwrap_err().to_string();
             assert!(error.ends_with(&format!("or a file ending in .toml, got {name:?}")), "{error}");

@@ -314,7 +314,7 @@ impl Found {
     }
 
     /// Whether a known road explains the drive, but not for certain: the drive was too short, or several roads explain it.
-    fn is_unsure(&self) -> bool {
+    pub(super) fn is_unsure(&self) -> bool {
         let mut unknown = self.drives.iter().filter(|drive| drive.told.on.is_none());
         unknown.any(|drive| drive.told.roads.iter().any(|road| road.explains))
     }

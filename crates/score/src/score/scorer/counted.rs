@@ -20,6 +20,8 @@ const NO_STUCK: &str = "the run does not report when the car is stuck";
 const NO_LAPS: &str = "the run does not report laps";
 const NO_ROAD: &str =
     "the run does not report how much of the last lap was driven, and matches no known road: add yours with --track";
+const UNSURE_ROAD: &str =
+    "the run does not report how much of the last lap was driven, and which of the known roads it was on is uncertain";
 const AT_LINE: &str = "the run may end at the end of a lap: lapwing score checks the pictures";
 
 const LAST_LAP: &str = "reported waypoints: the run ends at the end of a lap";
@@ -122,7 +124,11 @@ impl Scorer {
     /// Laps and completion, including the last lap, although the simulator leaves at its end.
     fn laps(&mut self, figures: &mut Figures, span: &Span, found: Option<&Found>) {
         use Figure as F;
-        let (no_laps, no_completion) = if self.told.tells { (NO_LAPS, NO_ROAD) } else { (NO_POSITION, NO_POSITION) };
+        let (no_laps, no_completion) = match found {
+            _ if !self.told.tells => (NO_POSITION, NO_POSITION),
+            Some(found) if found.is_unsure() => (NO_LAPS, UNSURE_ROAD),
+            _ => (NO_LAPS, NO_ROAD),
+        };
         let Some(laps) = self.told.laps.total() else {
             figures.told(F::Laps, None, no_laps);
             figures.told(F::Completion, None, no_completion);

@@ -24,6 +24,7 @@ pub(in crate::score) const NO_JUDGE: &str =
     "the run reports neither collisions nor the edge of the road: the stock build sends neither";
 pub(super) const NO_LAPS_ASKED: &str = "no laps were asked for";
 pub(in crate::score) const NO_TIME: &str = "the run has fewer than two telemetries";
+const ALL_APART: &str = "there is a break between every two telemetries of the run";
 pub(super) const NOTHING: &str = "the run has no telemetry";
 pub(super) const NO_WAY: &str = "the car did not move";
 /// What lap times are estimated from.
@@ -51,10 +52,12 @@ impl Scorer {
         let (seen, timed, judged) = (self.last.is_some(), told_s > 0.0, self.course.is_some());
         let mut figures = Figures::unknown(NOTHING);
 
+        let is_apart = self.telemetries > 1 && !self.has_way;
         let told_m = self.told.distance_m.total();
         let distance = match told_m {
             Some(told) => Measure::Told(told),
             None if !seen => Measure::Unknown(NO_TIME),
+            None if is_apart => Measure::Unknown(ALL_APART),
             None => Measure::Estimate {
                 value: self.driven_m,
                 uncertainty: DISTANCE_OFF * self.driven_m + self.in_gaps_m / 2.0,
@@ -64,7 +67,8 @@ impl Scorer {
         let way = told_m.unwrap_or(self.driven_m);
         figures.set(F::DistanceM, distance);
         figures.told(F::TimeS, (seen || time_s > 0.0).then_some(time_s), NO_TIME);
-        figures.told(F::MeanMph, timed.then(|| self.driven_m / told_s / MPS_PER_MPH), NO_TIME);
+        let why = if is_apart { ALL_APART } else { NO_TIME };
+        figures.told(F::MeanMph, (timed && !is_apart).then(|| self.driven_m / told_s / MPS_PER_MPH), why);
         figures.told(F::MaxMph, seen.then_some(self.max_mph), NO_TIME);
 
         // Who drove: a run with answers to bad frames only is not a human's.
@@ -113,7 +117,7 @@ impl Scorer {
         figures.told(F::FromLane, None, recorded::NOT_ALONG);
         if self.is_recorded() {
             let from_lane = (self.driven_m > 0.0).then(|| self.from_lane_m / self.driven_m);
-            figures.told(F::FromLane, from_lane, NO_WAY);
+            figures.told(F::FromLane, from_lane, if is_apart { ALL_APART } else { NO_WAY });
             recorded::untell(&mut figures);
             self.notes.push(recorded::NOTE.to_owned());
             if (self.from_lane_m > 0.0 || self.lacks_edge) && self.put_by_path > 0 {
@@ -252,7 +256,9 @@ impl Scorer {
 
 /// A count over the distance driven.
 pub(super) fn per_km(count: f64, way: f64, distance: Measure) -> Measure {
-    if way > 0.0 {
+    if let Measure::Unknown(_) = distance {
+        distance
+    } else if way > 0.0 {
         distance.map(|way| count / (way / 1000.0), count / way / way * 1000.0)
     } else {
         Measure::Unknown(NO_WAY)

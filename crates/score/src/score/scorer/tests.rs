@@ -255,6 +255,20 @@ fn what_is_left_of_a_damaged_run_reaches_no_threshold() {
 }
 
 #[test]
+fn telemetries_of_which_each_is_a_drive_of_its_own_tell_no_distance_and_no_mean_speed() {
+    let mut scorer = Scorer::default();
+    for second in 0..4 {
+        scorer.event(at(f64::from(second)), &EventRecord::Break { seconds: None });
+        scorer.telemetry(at(f64::from(second)), &stock(10.0));
+    }
+    let card = scorer.finish();
+    for figure in [Figure::DistanceM, Figure::MeanMph] {
+        assert_eq!(card.get(figure), Measure::Unknown("there is a break between every two telemetries of the run"));
+    }
+    assert_eq!(card.value(Figure::MaxMph), Some(10.0));
+}
+
+#[test]
 fn a_run_without_a_telemetry_tells_no_distance() {
     let card = Scorer::default().finish();
     assert_eq!(card.get(Figure::DistanceM), Measure::Unknown(NOTHING));
