@@ -131,7 +131,7 @@ fn on_a_road_of_ones_own_it_learns_and_a_drive_too_short_to_learn_from_is_named(
     fs::write(folder.join("ring.toml"), ring("my ring")).unwrap();
     let (code, text) = lapwing(folder, &["record", "--track", "ring.toml", "--max-time", "8", "--out", "road"]);
     assert_eq!(code, Some(0), "{text}");
-    let train = "train --data road --lane road/lane.csv --network cps --augment none --epochs 1 --batch 32 \
+    let train = "train --data road --lane road/lane.csv --network cps --augment flip --epochs 1 --batch 32 \
                  --samples-per-epoch 64 --validation-samples 32";
     let train: Vec<_> = train.split(' ').collect();
     let (code, text) = lapwing(folder, &[&train[..], &["--out", "unknown"]].concat());

@@ -99,7 +99,7 @@ impl Selection {
     fn check(&self) -> Result<(), DatasetError> {
         let wrong = |name, expected, got: String| Err(DatasetError::Setting { name, expected, got });
         if !(1e-6..=1e6).contains(&self.weight) {
-            return wrong("weight", "0.000001 to 1000000", format!("{} for {}", self.weight, self.path.display()));
+            return wrong("weight", "0.000001 to 1000000", self.weight.to_string());
         }
         if !(0.0..=1.0).contains(&self.side_offset) {
             return wrong("side_offset", "0 to 1", self.side_offset.to_string());

@@ -223,7 +223,7 @@ pub enum TrackError {
 
 /// What a road of one's own may be called.
 const NAME: &str =
-    "one that is not lake, jungle, mountain, random… or random-lanes…: recordings tell the road by its name";
+    "one other than lake, jungle, mountain, random… and random-lanes…, by which recordings tell the road";
 
 impl TrackFile {
     /// Reads TOML.
