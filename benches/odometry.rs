@@ -1,11 +1,9 @@
 //! What it costs to find a drive on the known roads: telemetries a second, 200 of which may come live.
 
-use std::sync::Arc;
-
 use divan::{Bencher, counter::ItemsCount};
 use lapwing::known::Roads;
 use lapwing_core::motion::Motion;
-use lapwing_score::odometry::{Matcher, Road};
+use lapwing_score::odometry::Matcher;
 use lapwing_sim::track::Track;
 
 /// Of a drive at 20 mph that tells 15 a second.
