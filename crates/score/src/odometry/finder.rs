@@ -18,7 +18,7 @@ pub const SURE: f64 = 5.0;
 /// Metres of road needed to recognise it by its bends if no picture shows the start.
 pub const BENDS_M: f64 = 250.0;
 /// Roads that explain a drive worse than the best by less than this, as a log likelihood, may be the one. By as much the
-/// bends must speak for another road before they outweigh what the start looks like.
+/// bends must speak for another road, or another place, before they outweigh what the start looks like.
 const LIKELY: f64 = 15.0;
 /// Places told from before and behind are compared within so many metres driven, and contradict one another if they are this
 /// many standard deviations apart, besides what a place is unsure at best, in metres.
@@ -119,8 +119,8 @@ pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
     let by_start = start.and_then(|road| {
         let matcher = Matcher::at_start(road.clone(), SEED);
         let on = followed(matcher, legs.iter().map(|leg| (leg, false))).into_iter().next()?;
-        let contradicted =
-            likely.first().is_some_and(|best| best.road != on.road && best.evidence > on.evidence + LIKELY);
+        // Perhaps by the same road, elsewhere: many places along a road look a little like its start.
+        let contradicted = likely.first().is_some_and(|best| best.evidence > on.evidence + LIKELY);
         (!contradicted).then_some(on)
     });
     match by_start {

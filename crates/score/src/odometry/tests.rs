@@ -1,6 +1,6 @@
 use std::{f64::consts::TAU, sync::Arc};
 
-use lapwing_core::motion::Motion;
+use lapwing_core::{motion::Motion, perception::Frame};
 
 use super::*;
 
@@ -125,4 +125,22 @@ fn who_stands_learns_nothing() {
     let before = filter.place();
     (0..1000).for_each(|_| filter.step(Motion::default()));
     assert_eq!((filter.place(), filter.evidence()), (before, 0.0));
+}
+
+/// Many places along a road look a little like its start: two in five along the lake.
+#[test]
+fn a_drive_that_only_looks_as_if_it_began_at_the_start_is_found_by_its_bends() {
+    let rgb = (0..320 * 160).flat_map(|i: usize| [(i % 320 / 2) as u8, (i / 320) as u8, (i % 97) as u8]).collect();
+    let look = Look::of(&Frame::new(320, 160, rgb).unwrap()).unwrap();
+    let Road { name, headings, .. } = (*bends("a", 1000.0, 0.3)).clone();
+    let road = Arc::new(Road::new(name, 0.0, 1000.0, Some(look.clone()), headings));
+    for (from, by_start) in [(0.0, true), (620.0, false)] {
+        let mut legs = vec![];
+        drive(&road, from, 500.0, |motion| legs.push(Leg { motion, apart_s: 0.067, broken: None }));
+        let found = find(&legs, Some(&look), std::slice::from_ref(&road));
+        assert_eq!(found.by_start, by_start, "from {from}");
+        let s_m = found.sure().unwrap().place.s_m;
+        let off = (s_m - from - 500.0 + 500.0).rem_euclid(1000.0) - 500.0;
+        assert!(off.abs() < 15.0, "from {from}: {s_m}");
+    }
 }
