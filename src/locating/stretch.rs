@@ -119,8 +119,8 @@ pub(super) fn cut(
     (0..count).map(stretch).collect()
 }
 
-/// The pose of a car on the line to drive, so many metres along the road that it drives. The other way round, the car keeps to its own right, which is the
-/// road's left.
+/// The pose of a car on the line to drive, so many metres along the road that it drives. The other way round, the car keeps to its
+/// own right, which is the road's left.
 fn pose(track: &Track, road: &Road, s_m: f64) -> Pose {
     let point = track.on_driving_line(road.on_track(s_m));
     let s_m = track.locate(point.position, None).station.s;

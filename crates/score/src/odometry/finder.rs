@@ -150,12 +150,14 @@ impl Match {
     /// way round, near it; where the bends tell it more exactly, from the drive's end to its beginning, they count.
     pub fn counted_from_its_start(mut self, by_start: bool, legs: &[Leg]) -> Self {
         let length_m = self.road.length_m;
-        // Who drives the other way round has turned the car, and so began somewhere about the start.
-        let at_start = by_start.then_some((self.road.start_m, if self.road.reversed { TURNED_M } else { 0.0 }));
-        let began = at_start.filter(|(_, deviation_m)| *deviation_m == 0.0).or_else(|| {
+        let began = if by_start && !self.road.reversed {
+            Some((self.road.start_m, 0.0))
+        } else {
             let back = back(&self, legs).map(|back| (length_m - back.place.s_m, back.place.deviation_m));
-            back.into_iter().chain(at_start).min_by(|a, b| a.1.total_cmp(&b.1))
-        });
+            // Who drives the other way round has turned the car, and so began somewhere about the start.
+            let turned = by_start.then_some((self.road.start_m, TURNED_M));
+            back.into_iter().chain(turned).min_by(|a, b| a.1.total_cmp(&b.1))
+        };
         let Some((began_m, deviation_m)) = began.filter(|(_, deviation_m)| *deviation_m < VAGUE_M) else {
             self.place.deviation_m = self.place.deviation_m.max(VAGUE_M);
             return self;
