@@ -79,8 +79,7 @@ fn as_told(recipe: Recipe, model: &Path) -> Recipe {
     let weights = out.join(format!("round-{}/model.safetensors", closed_loop.rounds - 1));
     let of_round = |round| (1..=closed_loop.drive.len()).map(move |drive| format!("round-{round}/drive-{drive}"));
     let drives = (1..=closed_loop.rounds).flat_map(of_round).map(|drive| out.join(drive));
-    let lessons: Vec<_> =
-        drives.map(|drive| Lesson { lane: drive.join("lane.csv"), path: drive, track: None }).collect();
+    let lessons: Vec<_> = drives.map(|path| Lesson { path, track: None }).collect();
     recipe.of_round(&closed_loop, &weights, &lessons)
 }
 

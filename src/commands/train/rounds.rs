@@ -4,11 +4,7 @@
 //! table of places, and the training that goes on from the weights of the round before. A round that was broken off is
 //! resumed: lessons and epochs that are complete are not repeated. The last round's network is copied to `final.safetensors`.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{fs, path::Path, time::Instant};
 
 use anyhow::{Context, bail};
 use serde::{Deserialize, Serialize};
@@ -36,7 +32,7 @@ use lapwing_learn::{
 use lapwing_sim::{
     along::{Limit, RecordedWorld, Yaw},
     locate::{LaneTable, LaneTableError},
-    record::{self, LANE_NAME, RecordOptions, RecordReport},
+    record::{self, RecordOptions, RecordReport},
     spec::WorldSpec,
     track::Track,
     world::{Ending, Simulation},
@@ -161,17 +157,16 @@ impl Round<'_> {
     /// All lessons of the round, each with its folder.
     fn drive(&self, folder: &Path) -> anyhow::Result<Vec<(Lesson, Driven)>> {
         let mut driven = vec![];
-        let of = |path: PathBuf, track| Lesson { lane: path.join(LANE_NAME), path, track };
         let drives = self.closed_loop.drive.iter().enumerate();
         for (i, drive) in drives {
             let path = folder.join(format!("drive-{}", i + 1));
             let lesson = lesson(&path, |partial| self.on_road(drive, partial))?;
-            driven.push((of(path, own_road(&drive.track)), lesson));
+            driven.push((Lesson { path, track: own_road(&drive.track) }, lesson));
         }
         for (i, along) in self.closed_loop.along.iter().enumerate() {
             let path = folder.join(format!("along-{}", i + 1));
             let lesson = lesson(&path, |partial| self.along(along, partial))?;
-            driven.push((of(path, along.track.clone()), lesson));
+            driven.push((Lesson { path, track: along.track.clone() }, lesson));
         }
         let rows: u64 = driven.iter().map(|(_, driven)| driven.rows).sum();
         let put_back: u32 = driven.iter().map(|(_, driven)| driven.put_back).sum();

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Recipe, Schedule, TrainError};
 use crate::dataset::Selection;
+use lapwing_sim::record::LANE_NAME;
 
 /// What follows the training that a recipe describes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -105,10 +106,8 @@ fn one_and_a_half() -> f64 {
 /// A drive of the network, from which it learns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lesson {
-    /// Its folder.
+    /// Its folder, in which its table of places is.
     pub path: PathBuf,
-    /// Where in its lane the car was.
-    pub lane: PathBuf,
     /// Its road, if that is one's own.
     pub track: Option<String>,
 }
@@ -198,10 +197,10 @@ impl Recipe {
         };
         recipe.optimiser.learning_rate = closed_loop.learning_rate;
         recipe.optimiser.schedule = Schedule::Cosine;
-        recipe.data.extend(lessons.iter().map(|Lesson { path, lane, track }| Selection {
+        recipe.data.extend(lessons.iter().map(|Lesson { path, track }| Selection {
             weight: closed_loop.weight,
             flip: closed_loop.flip,
-            lane: Some(lane.clone()),
+            lane: Some(path.join(LANE_NAME)),
             track: track.clone(),
             ..Selection::of(path)
         }));
@@ -223,11 +222,7 @@ mod tests {
         assert_eq!(Recipe::parse(&toml::to_string(&recipe).unwrap()).unwrap(), recipe);
         let closed_loop = recipe.closed_loop.clone().unwrap();
         assert_eq!((closed_loop.expert_share(1), closed_loop.expert_share(3)), (0.5, 0.125));
-        let round = recipe.of_round(
-            &closed_loop,
-            Path::new("w"),
-            &[Lesson { path: "d".into(), lane: "d/lane.csv".into(), track: None }],
-        );
+        let round = recipe.of_round(&closed_loop, Path::new("w"), &[Lesson { path: "d".into(), track: None }]);
         round.check().unwrap();
         assert_eq!((round.data.len(), round.epochs, round.pretrained.as_deref()), (2, 2, Some(Path::new("w"))));
         assert_eq!(round.data[1].lane.as_deref(), Some(Path::new("d/lane.csv")));
