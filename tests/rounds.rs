@@ -159,6 +159,7 @@ fn on_a_road_of_ones_own_it_learns_and_a_drive_too_short_to_learn_from_is_named(
     recipe(&drive(2));
     let (code, text) = lapwing(folder, &["train", "--recipe", "recipe.toml", "--out", "short"]);
     assert!(code == Some(1) && text.contains("closed_loop: no drive is long enough to learn from"), "{text}");
+    assert!(!folder.join("short").exists(), "it is refused before the training");
 }
 
 #[test]

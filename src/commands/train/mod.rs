@@ -24,7 +24,7 @@ use lapwing_sim::{locate::LaneTable, record::RecordReport, track::Track, world::
 
 pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Result<Ended> {
     let recipe = recipe(&arguments)?;
-    check(&recipe, &arguments.out, arguments.resume)?;
+    check(&recipe, &arguments.out, arguments.resume, config)?;
     let interrupted = super::interrupted();
     for recording in &recipe.record {
         make(recording, config, &interrupted)?;
@@ -234,10 +234,10 @@ fn is_in(path: &Path, folder: &Path) -> bool {
 
 /// Checks everything that a training needs except the data that it records itself, so that no hour of recording is
 /// wasted.
-fn check(recipe: &Recipe, out: &Path, resume: bool) -> anyhow::Result<()> {
+fn check(recipe: &Recipe, out: &Path, resume: bool, config: Option<&Path>) -> anyhow::Result<()> {
     recipe.check()?;
     outputs::check_folder(out)?;
-    recipe.closed_loop.as_ref().map_or(Ok(()), rounds::check)?;
+    recipe.closed_loop.as_ref().map_or(Ok(()), |closed_loop| rounds::check(closed_loop, config))?;
     let made: Vec<_> = recipe.record.iter().filter(|recording| !recording.out.exists()).collect();
     if made.is_empty() {
         return Ok(()); // the rest is checked when the training begins, which is at once

@@ -47,6 +47,9 @@ const FINAL_NAME: &str = "final.safetensors";
 const NOISE: (f64, f64) = (0.03, 0.2);
 /// A lesson of fewer rows is left out: it may be that all of them are held out.
 const FEWEST_ROWS: u64 = 100;
+/// No drive is longer.
+const TOO_SHORT: &str =
+    "closed_loop: no drive is long enough to learn from: raise closed_loop.drive.seconds, or widen closed_loop.along.rows";
 
 /// A lesson that was driven.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -57,7 +60,13 @@ struct Driven {
 }
 
 /// Checks everything that the rounds need, so that no training is wasted.
-pub(super) fn check(closed_loop: &ClosedLoop) -> anyhow::Result<()> {
+pub(super) fn check(closed_loop: &ClosedLoop, config: Option<&Path>) -> anyhow::Result<()> {
+    let hz = undriven_layers(config)?.resolve()?.simulator.hz;
+    let drives = closed_loop.drive.iter().map(|drive| (drive.seconds * hz).ceil() as u64);
+    let along = closed_loop.along.iter().map(|along| along.rows.map_or(u64::MAX, |(first, end)| end.saturating_sub(first) as u64));
+    if closed_loop.rounds > 0 && drives.chain(along).all(|most| most < FEWEST_ROWS) {
+        bail!(TOO_SHORT);
+    }
     for drive in &closed_loop.drive {
         Track::open(&drive.track)?;
         spec(drive, 0).conditions()?;
@@ -103,9 +112,7 @@ pub(super) fn run(
             say!("{path}: nothing is learnt from it: expected a drive of at least {FEWEST_ROWS} rows, got {rows}");
         }
         if lessons.is_empty() && long.is_empty() {
-            bail!(
-                "closed_loop: no drive is long enough to learn from: raise closed_loop.drive.seconds, or widen closed_loop.along.rows"
-            );
+            bail!(TOO_SHORT);
         }
         lessons.extend(long.into_iter().map(|(lesson, _)| lesson));
         let next = recipe.of_round(closed_loop, &outcome.model, &lessons);

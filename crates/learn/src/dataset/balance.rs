@@ -29,7 +29,7 @@ const ZERO: f64 = 0.01;
 const BINS: usize = 25;
 
 impl Balance {
-    pub(super) fn check(&self) -> Result<(), DatasetError> {
+    pub(crate) fn check(&self) -> Result<(), DatasetError> {
         let wrong = |name, expected, got: f64| Err(DatasetError::Setting { name, expected, got: got.to_string() });
         if !(0.0..=1.0).contains(&self.keep_zero) {
             return wrong("keep_zero", "0 to 1", self.keep_zero);

@@ -198,6 +198,6 @@ mod tests {
     fn labels_from_the_lane_are_not_averaged() {
         let selection = Selection { lane: Some("lane.csv".into()), smooth: 9, ..Selection::of("lake") };
         let error = Samples::open(&[selection], Set::Training, None, &Balance::default()).unwrap_err();
-        assert_eq!(error.to_string(), "smooth: expected 1 with labels from the lane, got 9");
+        assert_eq!(error.to_string(), "lake: smooth: expected 1 with labels from the lane, got 9");
     }
 }

@@ -101,6 +101,18 @@ pub enum DatasetError {
         /// What does not fit.
         why: PreprocessError,
     },
+    /// A setting of one data set, with an invalid value.
+    #[error("{path}: {name}: expected {expected}, got {got}", path = path.display())]
+    Selected {
+        /// The data set.
+        path: PathBuf,
+        /// Which setting.
+        name: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        got: String,
+    },
     /// Nothing to work with.
     #[error("{path}: expected rows with pictures and labels, got none", path = path.display())]
     Empty {

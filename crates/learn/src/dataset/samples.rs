@@ -96,8 +96,11 @@ impl Selection {
         fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
     }
 
-    fn check(&self) -> Result<(), DatasetError> {
-        let wrong = |name, expected, got: String| Err(DatasetError::Setting { name, expected, got });
+    /// Checks what can be checked without the data.
+    pub(crate) fn check(&self) -> Result<(), DatasetError> {
+        let wrong = |name, expected, got: String| {
+            Err(DatasetError::Selected { path: self.path.clone(), name, expected, got })
+        };
         if !(1e-6..=1e6).contains(&self.weight) {
             return wrong("weight", "0.000001 to 1000000", self.weight.to_string());
         }

@@ -317,7 +317,7 @@ fn what_cannot_be_is_named_with_expected_and_got() {
     folder(dir.path(), |_| 0.0, 5);
     let even = Selection { smooth: 4, ..Selection::of(dir.path()) };
     let error = Samples::open(&[even], Set::All, None, &Balance::default()).unwrap_err();
-    assert_eq!(error.to_string(), "smooth: expected an odd number of rows, got 4");
+    assert_eq!(error.to_string(), format!("{}: smooth: expected an odd number of rows, got 4", dir.path().display()));
 }
 
 #[test]

@@ -175,6 +175,10 @@ impl ClosedLoop {
         if let Some(along) = self.along.iter().find(|along| !(along.limit_m > 0.0 && along.limit_m <= 10.0)) {
             return wrong("closed_loop.along.limit_m", "a number above 0, at most 10", along.limit_m.to_string());
         }
+        if let Some((first, end)) = self.along.iter().filter_map(|along| along.rows).find(|(first, end)| first >= end) {
+            let expected = "a first row and a later one after the last";
+            return wrong("closed_loop.along.rows", expected, format!("{first}, {end}"));
+        }
         Ok(())
     }
 
@@ -261,5 +265,6 @@ mod tests {
         let expert = error(&TEXT.replace("rounds = 4", "expert = 1.0"));
         assert_eq!(expert, "closed_loop.expert: expected 0 to below 1, got 1");
         assert!(error(&(TEXT.to_owned() + "limit_m = 0.0\n")).starts_with("closed_loop.along.limit_m: expected"));
+        assert!(error(&(TEXT.to_owned() + "rows = [9, 9]\n")).starts_with("closed_loop.along.rows: expected"));
     }
 }

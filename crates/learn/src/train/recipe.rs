@@ -334,6 +334,9 @@ impl Recipe {
             return wrong("clip", "a number above 0", clip.to_string());
         }
         self.closed_loop.as_ref().map_or(Ok(()), ClosedLoop::check)?;
+        self.data.iter().chain(&self.validation).try_for_each(Selection::check)?;
+        self.blocks.check(["blocks.size", "blocks.every"])?;
+        self.balance.check()?;
         Ok(self.augment.check()?)
     }
 }

@@ -84,7 +84,11 @@ impl Scorer {
             let counted = measure(interventions.into(), 1.0, PUT);
             figures.set(F::Interventions, counted);
             let km = way / 1000.0;
-            let a_km = if way > 0.0 { counted.map(|n| n / km, 1.0 / km) } else { Measure::Unknown(NO_WAY) };
+            let a_km = match distance {
+                Measure::Unknown(_) => distance,
+                _ if way > 0.0 => counted.map(|n| n / km, 1.0 / km),
+                _ => Measure::Unknown(NO_WAY),
+            };
             figures.set(F::InterventionsPerKm, a_km);
         }
         let (counted, measured) = autonomies(span.time_s, self.takeovers, self.human_s, interventions);

@@ -266,6 +266,15 @@ fn telemetries_of_which_each_is_a_drive_of_its_own_tell_no_distance_and_no_mean_
         assert_eq!(card.get(figure), Measure::Unknown("there is a break between every two telemetries of the run"));
     }
     assert_eq!(card.value(Figure::MaxMph), Some(10.0));
+
+    let mut scorer = Scorer::default();
+    scorer.event(at(0.0), &course(1));
+    for second in 0..4 {
+        scorer.event(at(f64::from(second)), &EventRecord::Break { seconds: None });
+        scorer.telemetry(at(f64::from(second)), &told(10.0, 0.0, 0, 0));
+    }
+    let apart = Measure::Unknown("there is a break between every two telemetries of the run");
+    assert_eq!(scorer.finish().get(Figure::InterventionsPerKm), apart);
 }
 
 #[test]
