@@ -192,7 +192,8 @@ fn speed_in_trial(text: &str) -> Result<f64, String> {
 /// `lapwing brake label`
 #[derive(Debug, Args)]
 pub struct BrakeLabel {
-    /// Runs (.mcap), folders with driving_log.csv, or tables (.csv) with time, speed and brake
+    /// Runs (.mcap), folders with driving_log.csv, or tables (.csv) with columns such as time_s, speed_kmh
+    /// and brake
     #[arg(required = true, value_name = "RUN|DIR|CSV")]
     pub sources: Vec<PathBuf>,
     /// Write the labels of each source to a table in this folder, named after it

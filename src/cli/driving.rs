@@ -246,7 +246,7 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub by_steering: bool,
-    /// Write a film of what the pilot sees: FILE.mp4, FILE.gif, or a folder for single pictures
+    /// Write a film of what the pilot sees: FILE.mp4, FILE.gif, or numbered pictures in a folder (also as FILE.png or FILE.jpg)
     #[cfg(feature = "simulator")]
     #[arg(long, value_name = "FILE", requires = "closed_loop")]
     pub film: Option<PathBuf>,

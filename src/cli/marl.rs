@@ -101,7 +101,7 @@ pub struct MarlWatch {
     pub seed: u64,
     #[command(flatten)]
     pub drivers: DriverFlags,
-    /// Write a film instead: FILE.mp4, FILE.gif, or a folder for single pictures
+    /// Write a film instead: FILE.mp4, FILE.gif, or numbered pictures in a folder (also as FILE.png or FILE.jpg)
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
 }

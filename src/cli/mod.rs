@@ -155,7 +155,7 @@ pub struct WorldFlags {
 /// Pictures for people.
 #[derive(Debug, Args)]
 pub struct PictureFlags {
-    /// Write a film of the drive: FILE.mp4, FILE.gif, or a folder for single pictures
+    /// Write a film of the drive: FILE.mp4, FILE.gif, or numbered pictures in a folder (also as FILE.png or FILE.jpg)
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
     /// Where the camera of the film is

@@ -111,6 +111,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let report = recorder.and_then(super::close);
     let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } =
         judged.with_context(|| source.clone())?;
+    let film_is_in = film.as_ref().map(|film| film.film.place());
     let filmed = film.map_or(Ok(()), |film| film.film.finish());
     let missed = score::missed(&settings.thresholds, &card);
     let Sources { lane, pictures, steering } = world.sources();
@@ -180,11 +181,11 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most{no_sides}"));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
-        text += &arguments.film.as_ref().map_or_else(String::new, |path| line("film", path.display().to_string()));
+        text += &film_is_in.map_or_else(String::new, |place| line("film", place));
         text
     };
     let printed = super::print(&result);
-    let ended = thresholds::ended(&missed);
+    let ended = thresholds::ended_unless(&interrupted, &settings.thresholds, &missed);
     super::whole(report)?;
     filmed?;
     printed?;

@@ -122,13 +122,13 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         if let Some(report) = &report {
             text += &format!("\n  {:<17} {}", "run", told(report));
         }
-        for (what, path) in made {
-            text += &format!("\n  {what:<17} {}", path.display());
+        for (what, place) in made {
+            text += &format!("\n  {what:<17} {place}");
         }
         text
     };
     let printed = super::print(&result);
-    let ended = thresholds::ended(&missed);
+    let ended = thresholds::ended_unless(&interrupted, &settings.thresholds, &missed);
     super::whole(report)?;
     #[cfg(feature = "bridge")]
     served?;

@@ -24,6 +24,7 @@ use lapwing_sim::track::Track;
 pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let inputs = [Some(&arguments.recording), arguments.truth.as_ref()].into_iter().flatten().map(PathBuf::as_path);
+    outputs::check_apart([&arguments.csv, &arguments.frames, &arguments.plot].into_iter().flatten())?;
     arguments.csv.as_deref().map_or(Ok(()), |csv| outputs::check_beside(csv, inputs))?;
     [&arguments.frames, &arguments.plot].into_iter().flatten().try_for_each(|path| outputs::check_drawing(path))?;
     let roads = Roads::with(&arguments.tracks);

@@ -8,7 +8,10 @@ use std::{
 
 use anyhow::{Context, bail};
 
-use super::{Ended, outputs};
+use super::{
+    Ended,
+    outputs::{self, Usage},
+};
 use crate::cli::{self, ModelVerb};
 use lapwing_core::words::{count, did_you_mean};
 use lapwing_learn::{
@@ -63,7 +66,8 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     let cli::ModelRename { input, network, out, preprocess } = arguments;
     let Some(architecture) = Architecture::named(network) else {
         let names = Architecture::ALL.map(Architecture::name);
-        bail!("--network: expected one of {}, got {network:?}{}", names.join(", "), did_you_mean(network, names));
+        let (expected, meant) = (names.join(", "), did_you_mean(network, names));
+        bail!(Usage(format!("--network: expected one of {expected}, got {network:?}{meant}")));
     };
     if input.extension().is_none_or(|ending| ending != "safetensors") {
         let todo = match models::advice(input) {
@@ -74,7 +78,7 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     }
     outputs::check(out)?;
     if out.extension().is_none_or(|extension| extension != "safetensors") {
-        bail!("--out: expected a file ending in .safetensors, got {}", out.display());
+        bail!(Usage(format!("--out: expected a file ending in .safetensors, got {}", out.display())));
     }
     let beside = input.with_extension("toml");
     // Beside a network that was trained here, it is a recipe.

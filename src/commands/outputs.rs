@@ -7,7 +7,7 @@ use std::{
     error::Error,
     fs,
     io::{self, Write},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 use anyhow::{Context, bail};
@@ -22,7 +22,9 @@ use lapwing_core::{
     recording::{is_run_name, udacity},
 };
 #[cfg(feature = "networks")]
-use lapwing_learn::marl::MarlError;
+use lapwing_learn::{
+    braking::BrakingTrainError, dataset::DatasetError, marl::MarlError, models::ModelError, train::TrainError,
+};
 use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
@@ -34,6 +36,11 @@ use lapwing_sim::{conditions::ConditionsError, scenario::ScenarioError, spec::Sp
 #[derive(Debug, thiserror::Error)]
 #[error("the result could not be printed: {0}")]
 pub(super) struct Unprinted(io::Error);
+
+/// Wrong usage that no other error says.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct Usage(pub(super) String);
 
 /// Prints a result, whole.
 ///
@@ -65,6 +72,20 @@ pub(super) fn check_beside<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a
         bail!("{}: it is also an input, which would be lost; name another file", cannot(path));
     }
     check(path)
+}
+
+/// Whether each of these results has a file of its own: the last one written would replace the others.
+pub(super) fn check_apart<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
+    let place = |path: &Path| fs::canonicalize(path).or_else(|_| std::path::absolute(path)).ok();
+    let mut places = vec![];
+    for path in paths {
+        let own = place(path);
+        if own.is_some() && places.contains(&own) {
+            return Err(Usage(format!("{}: expected a file of its own for each result, got it twice", path.display())));
+        }
+        places.push(own);
+    }
+    Ok(())
 }
 
 /// Whether a file is there that is called as recordings are; a link is what it leads to.
@@ -106,19 +127,29 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<ConfigError>()
             || cause.is::<SuiteError>()
+            || cause.is::<Usage>()
             || matches!(cause.downcast_ref(), Some(DrawingError::Kind { .. }))
-            || is_usage_of_the_agents(cause)
+            || is_usage_of_networks(cause)
             || is_usage_of_the_simulator(cause)
     })
 }
 
 #[cfg(feature = "networks")]
-fn is_usage_of_the_agents(cause: &(dyn Error + 'static)) -> bool {
+fn is_usage_of_networks(cause: &(dyn Error + 'static)) -> bool {
+    use DatasetError::{Selected, Setting, Target};
     matches!(cause.downcast_ref(), Some(MarlError::Setting { .. } | MarlError::Recipe { .. }))
+        || matches!(cause.downcast_ref(), Some(BrakingTrainError::Setting { .. } | BrakingTrainError::Recipe(_)))
+        || matches!(cause.downcast_ref(), Some(ModelError::Extension(_) | ModelError::Foreign { .. }))
+        || matches!(cause.downcast_ref(), Some(TrainError::Setting { .. } | TrainError::Recipe(_)))
+        || match cause.downcast_ref() {
+            Some(TrainError::Dataset(data)) => Some(data),
+            _ => cause.downcast_ref(),
+        }
+        .is_some_and(|data| matches!(data, Setting { .. } | Selected { .. } | Target { .. }))
 }
 
 #[cfg(not(feature = "networks"))]
-fn is_usage_of_the_agents(_: &(dyn Error + 'static)) -> bool {
+fn is_usage_of_networks(_: &(dyn Error + 'static)) -> bool {
     false
 }
 

@@ -49,10 +49,9 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let summary = arguments.markdown.as_ref().and_then(Option::as_ref);
     let paths = runs_in(&arguments.runs)?;
     let inputs = || paths.iter().chain(&arguments.against).map(PathBuf::as_path);
-    [arguments.junit.as_ref(), arguments.html.as_ref(), summary]
-        .into_iter()
-        .flatten()
-        .try_for_each(|path| outputs::check_beside(path, inputs()))?;
+    let results = || [arguments.junit.as_ref(), arguments.html.as_ref(), summary].into_iter().flatten();
+    outputs::check_apart(results())?;
+    results().try_for_each(|path| outputs::check_beside(path, inputs()))?;
     let roads = Roads::with(&arguments.tracks);
     let (mut runs, mut unscored) = (vec![], vec![]);
     for path in paths {

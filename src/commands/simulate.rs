@@ -88,13 +88,13 @@ fn finish(
         serde_json::to_string_pretty(&drive)?
     } else {
         let mut text = format!("{driver} on {}, seed {seed}\n{card}", simulation.setup().track.file().name);
-        for (what, path) in made {
-            text += &format!("\n  {what:<17} {}", path.display());
+        for (what, place) in made {
+            text += &format!("\n  {what:<17} {place}");
         }
         text
     };
     let printed = super::print(&result);
-    let ended = thresholds::ended(&missed);
+    let ended = thresholds::ended_unless(&seen.interrupted, &settings.thresholds, &missed);
     drawn?;
     printed?;
     Ok(ended)

@@ -1,8 +1,8 @@
 //! Thresholds of a run: from flags to the exit status.
 
-use super::Ended;
+use super::{Ended, Interrupted};
 use crate::cli;
-use lapwing_core::config::{ConfigError, Layers};
+use lapwing_core::config::{ConfigError, Layers, Thresholds};
 
 /// The flags as settings.
 pub(super) fn layers(mut layers: Layers, flags: &cli::ThresholdFlags) -> Result<Layers, ConfigError> {
@@ -19,4 +19,15 @@ pub(super) fn ended(missed: &[String]) -> Ended {
         say!("missed: {missed}");
     }
     if missed.is_empty() { Ended::Passed } else { Ended::Missed }
+}
+
+/// The same of a drive that may have been interrupted: what was not driven has not passed.
+pub(super) fn ended_unless(interrupted: &Interrupted, thresholds: &Thresholds, missed: &[String]) -> Ended {
+    match ended(missed) {
+        Ended::Passed if interrupted.is_pressed() && *thresholds != Thresholds::default() => {
+            say!("interrupted: the thresholds were met only as far as was driven");
+            Ended::Failed
+        }
+        ended => ended,
+    }
 }

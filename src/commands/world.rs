@@ -63,7 +63,6 @@ pub(super) struct Pictures {
     film: Option<(Film, Renderer, Camera, Frame)>,
     /// Whether the film shows what was sent to the pilot, where that is a picture.
     as_sent: bool,
-    video: Option<PathBuf>,
     map: Option<PathBuf>,
     line: Vec<DrivenPoint>,
     marks: Vec<Mark>,
@@ -74,6 +73,7 @@ pub(super) struct Pictures {
 impl Pictures {
     /// `pilot` is what a film calls it: the network, the expert, the bridge.
     pub(super) fn new(arguments: &cli::PictureFlags, setup: &Setup, pilot: &'static str) -> anyhow::Result<Self> {
+        outputs::check_apart([&arguments.video, &arguments.map].into_iter().flatten())?;
         arguments.map.as_deref().map_or(Ok(()), outputs::check_drawing)?;
         let film = match &arguments.video {
             None => None,
@@ -91,7 +91,6 @@ impl Pictures {
             pilot,
             film,
             as_sent: arguments.view == FilmView::Car,
-            video: arguments.video.clone(),
             map: arguments.map.clone(),
             line: vec![],
             marks: vec![],
@@ -142,18 +141,19 @@ impl Pictures {
     }
 
     /// Ends the film and draws the map; returns where they are, and what could not be made.
-    pub(super) fn finish(mut self, world: &Simulation) -> (Vec<(&'static str, PathBuf)>, anyhow::Result<()>) {
+    pub(super) fn finish(mut self, world: &Simulation) -> (Vec<(&'static str, String)>, anyhow::Result<()>) {
         let mut made = vec![];
         let mut result = Ok(());
         if let Some((film, ..)) = self.film.take() {
+            let place = film.place();
             match film.finish() {
-                Ok(()) => made.extend(self.video.map(|path| ("film", path))),
+                Ok(()) => made.push(("film", place)),
                 Err(error) => result = Err(error.into()),
             }
         }
         if let Some(path) = self.map {
             match map::draw(&world.setup().track, &self.line, &self.marks, &path, MAP) {
-                Ok(()) => made.push(("map", path)),
+                Ok(()) => made.push(("map", path.display().to_string())),
                 Err(error) => result = result.and(Err(error.into())),
             }
         }

@@ -11,7 +11,9 @@ use lapwing_learn::dataset::{self, CameraCount, Gap, Inspection, Problem, Size};
 const NAMED: usize = 10;
 
 pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
-    for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
+    let pictures = || [&arguments.sheet, &arguments.plot].into_iter().flatten();
+    outputs::check_apart(pictures())?;
+    for picture in pictures() {
         outputs::check_drawing(picture)?;
     }
     // Check all of them before the first is inspected.
@@ -36,7 +38,9 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
     }
     sheet?;
     plot?;
-    for picture in [&arguments.sheet, &arguments.plot].into_iter().flatten() {
+    let pictures = || [&arguments.sheet, &arguments.plot].into_iter().flatten();
+    outputs::check_apart(pictures())?;
+    for picture in pictures() {
         say!("written: {}", picture.display());
     }
     let sound = inspections.iter().all(|i| i.problems.is_empty() && i.truncated.is_none());

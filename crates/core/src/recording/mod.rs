@@ -201,7 +201,7 @@ pub enum RecordingError {
         path: PathBuf,
     },
     /// A picture that cannot be read.
-    #[error("{} cannot be read: {why}; `lapwing dataset inspect` lists every such picture", path.display())]
+    #[error("{} cannot be read: {why}; `lapwing dataset inspect --json` lists every such picture", path.display())]
     Picture {
         /// The picture.
         path: PathBuf,

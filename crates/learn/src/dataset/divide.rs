@@ -58,7 +58,7 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
     }
     if train == validation {
         let (expected, got) = ("two folders", format!("{} twice", train.display()));
-        return Err(DatasetError::Setting { name: "out_train and out_validation", expected, got });
+        return Err(DatasetError::Setting { name: "--out-train and --out-validation", expected, got });
     }
     for dir in [train, validation] {
         let why = |why| DatasetError::Io { doing: "create the folder", path: dir.to_owned(), why };

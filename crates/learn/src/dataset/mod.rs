@@ -72,7 +72,7 @@ pub enum DatasetError {
     #[error(transparent)]
     Lane(#[from] LaneTableError),
     /// A picture that is not there or cannot be read.
-    #[error("{picture} cannot be read: {why}; `lapwing dataset inspect` lists every such picture")]
+    #[error("{picture} cannot be read: {why}; `lapwing dataset inspect --json` lists every such picture")]
     Picture {
         /// The file.
         picture: String,
@@ -80,7 +80,7 @@ pub enum DatasetError {
         why: String,
     },
     /// A picture that cannot be decoded.
-    #[error("{picture}: {why}; `lapwing dataset inspect` lists every such picture")]
+    #[error("{picture}: {why}; `lapwing dataset inspect --json` lists every such picture")]
     Image {
         /// The file.
         picture: String,

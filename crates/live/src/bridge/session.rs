@@ -310,7 +310,8 @@ impl Session {
         }
         if let Some(showing) = &mut self.showing {
             for event in showing.direct(&mut drive.driver, received) {
-                tracing::info!("{}: the page: {event:?}", self.peer);
+                let what = event.in_words().unwrap_or_else(|| event.kind());
+                tracing::info!("{}: by the page: {what}", self.peer);
                 drive.account.event(at, &event);
                 showing.event(at, &event);
             }

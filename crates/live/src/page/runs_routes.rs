@@ -47,7 +47,7 @@ impl IntoResponse for RunsError {
         };
         // Not with the path of the folder, which is nobody's business.
         let why = match &self {
-            Self::Recording(_) => "the run cannot be read".to_owned(),
+            Self::Recording(error) => without_folder(&error.to_string()),
             other => other.to_string(),
         };
         if status == StatusCode::INTERNAL_SERVER_ERROR {
@@ -55,6 +55,13 @@ impl IntoResponse for RunsError {
         }
         (status, json_text(json!({ "error": why }).to_string())).into_response()
     }
+}
+
+/// What is wrong with a file, with its name alone in place of its path.
+fn without_folder(error: &str) -> String {
+    let (path, why) = error.split_once(": ").unwrap_or((error, "it cannot be read"));
+    let name = std::path::Path::new(path).file_name().unwrap_or_default().to_string_lossy();
+    format!("{name}: {why}")
 }
 
 /// Reads from the folder of runs where that delays nobody, one after the other.

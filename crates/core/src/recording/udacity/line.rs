@@ -22,6 +22,18 @@ pub(super) struct Bad {
     pub help: &'static str,
 }
 
+impl Bad {
+    /// Of a text that is UTF-16, as its first two bytes say.
+    pub(super) fn utf_16() -> Self {
+        Self {
+            field: "text".into(),
+            expected: "UTF-8".into(),
+            got: "UTF-16".into(),
+            help: "save the table as CSV in UTF-8",
+        }
+    }
+}
+
 /// What a column of a driving log holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Column {
@@ -152,11 +164,16 @@ impl Columns {
         let values = if pieces.len() == columns.len() {
             pieces.iter().map(|p| Cow::Borrowed(p.text)).collect()
         } else if pieces.len() < columns.len() {
+            let semicolons = line.matches(';').count() + 1 >= columns.len();
             return Err(Bad {
                 field: "columns".into(),
                 expected: format!("{} ({})", columns.len(), names(columns)),
                 got: pieces.len().to_string(),
-                help: "complete or remove the line; a log in another order needs a header that names its columns",
+                help: if semicolons {
+                    "commas separate the columns, not semicolons: save the table as CSV with commas"
+                } else {
+                    "complete or remove the line; a log in another order needs a header that names its columns"
+                },
             });
         } else {
             self.join(&pieces)?

@@ -116,7 +116,12 @@ impl DrivingLog {
         let img = beside.join("IMG");
         let images = if img.is_dir() { &img } else { beside };
         // Only folders have names in encodings other than UTF-8, and folders do not matter.
-        let rows = read(&String::from_utf8_lossy(&bytes), images).map_err(|(line, bad)| RecordingError::Log {
+        let text = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
+            Err((1, Bad::utf_16()))
+        } else {
+            Ok(String::from_utf8_lossy(&bytes))
+        };
+        let rows = text.and_then(|text| read(&text, images)).map_err(|(line, bad)| RecordingError::Log {
             path: path.clone(),
             line,
             field: bad.field,

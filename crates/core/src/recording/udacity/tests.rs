@@ -18,6 +18,17 @@ fn error(text: &str) -> String {
 }
 
 #[test]
+fn a_table_of_another_kind_is_named_for_what_it_is() {
+    let told = error("IMG/center_1.jpg;;;0;0;0;9\n");
+    assert!(told.ends_with("commas separate the columns, not semicolons: save the table as CSV with commas"), "{told}");
+    let dir = tempfile::tempdir().unwrap();
+    let text: Vec<u8> = "\u{feff}IMG/center_1.jpg,,,0,0,0,9\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    fs::write(dir.path().join("driving_log.csv"), text).unwrap();
+    let told = DrivingLog::open(dir.path()).unwrap_err().to_string();
+    assert!(told.ends_with("line 1, text: expected UTF-8, got \"UTF-16\": save the table as CSV in UTF-8"), "{told}");
+}
+
+#[test]
 fn paths_of_every_system_lead_to_the_same_picture() {
     for path in [
         r"C:\Users\user\My drive\data\IMG\",

@@ -64,6 +64,6 @@ fn both_halves_in_one_folder_are_refused() {
     let source = folder(&dir.path().join("drive"), 10, false);
     let [train, _] = halves(&dir);
     let error = divide(&source, Blocks { size: 1, every: 2 }, &train, &train).unwrap_err().to_string();
-    assert!(error.starts_with("out_train and out_validation: expected two folders, got "), "{error}");
+    assert!(error.starts_with("--out-train and --out-validation: expected two folders, got "), "{error}");
     assert!(!train.exists());
 }

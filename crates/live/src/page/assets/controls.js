@@ -122,7 +122,11 @@ $("steer").addEventListener("click", () => { takeWheel(!wheel.on); $("steer").bl
 
 for (const id of ["mph", "mph-slider"]) {
   $(id).addEventListener("input", () => { touch(id); say($("mph-now"), `${$(id).value} mph`); });
-  $(id).addEventListener("change", () => { touch(id); ask({ control: "set-speed", mph: +$(id).value }); });
+  $(id).addEventListener("change", () => {
+    if ($(id).value === "") return say($("answer"), "set speed: expected a speed in mph, got nothing"); // or no number
+    touch(id);
+    ask({ control: "set-speed", mph: +$(id).value });
+  });
 }
 $("law").addEventListener("change", () => { touch("law"); ask({ control: "speed-law", law: $("law").value }); });
 $("pilot").addEventListener("change", () => { touch("pilot"); ask({ control: "pilot", index: +$("pilot").value }); });

@@ -42,6 +42,15 @@ function drawPath(context, width, height, steering, colour, line) {
   context.stroke();
 }
 
+function drawNoPicture(context, width, height) {
+  context.fillStyle = colours.road;
+  context.fillRect(0, 0, width, height);
+  context.fillStyle = colours.faint;
+  context.font = "14px system-ui, sans-serif";
+  context.textAlign = "center";
+  context.fillText("no picture", width / 2, height / 2);
+}
+
 function drawCamera(turn) {
   const canvas = $("camera"), { context, width, height } = sharp(canvas);
   context.clearRect(0, 0, width, height);
@@ -49,12 +58,7 @@ function drawCamera(turn) {
     context.drawImage(picture.bitmap, 0, 0, width, height);
     if (looking.bitmap) context.drawImage(looking.bitmap, 0, 0, width, height);
   } else {
-    context.fillStyle = colours.road;
-    context.fillRect(0, 0, width, height);
-    context.fillStyle = colours.faint;
-    context.font = "14px system-ui, sans-serif";
-    context.textAlign = "center";
-    context.fillText("no picture", width / 2, height / 2);
+    drawNoPicture(context, width, height);
   }
   if (!turn) return;
   if (known(turn.steering_deg)) drawPath(context, width, height, turn.steering_deg / FULL_LOCK_DEG, "rgba(255,255,255,.75)", 6);

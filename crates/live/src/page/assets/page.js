@@ -32,8 +32,10 @@ function linked(there) {
 const HEARD = {
   drives: ({ drives, watched }) => showTabs(drives, watched),
   status: ({ drive, status, pilots }) => {
-    if (live.status && live.status.run !== status.run) { forgetTrail(); forgetMinute(); }
+    const before = live.status?.run;
     [live.status, live.pilots] = [status, pilots];
+    if (before !== status.run) listEvents();
+    if (known(before) && before !== status.run) { forgetTrail(); forgetMinute(); }
     showControls(drive, status, pilots);
     showLooks();
   },
@@ -75,6 +77,12 @@ function showTabs(drives, watched) {
     showControls(null, null, []);
   }
   live.drives = drives;
+  if (!drives.length) { // the last picture stays, but there is nothing to control
+    [live.status, live.turn] = [null, null];
+    takeWheel(false);
+    showControls(null, null, []);
+    showLooks();
+  }
   $("nobody").hidden = drives.length > 0;
   document.body.classList.toggle("empty", drives.length === 0);
   $("tabs").replaceChildren(...drives.map(({ id, title }) => {
@@ -100,8 +108,10 @@ function showEvents(events) {
   listEvents();
 }
 
+// Those of the newest run: their times are counted from its beginning.
 function listEvents() {
-  const rows = live.events.toReversed().map(({ t, kind, words }) => el("li", { "data-kind": kind }, el("time", {}, clock(t)), words));
+  const run = live.status?.run ?? live.events.at(-1)?.run;
+  const rows = live.events.filter((event) => event.run === run).toReversed().map(({ t, kind, words }) => el("li", { "data-kind": kind }, el("time", {}, clock(t)), words));
   $("events").replaceChildren(...(rows.length ? rows : [el("li", { class: "none" }, "none yet")]));
 }
 

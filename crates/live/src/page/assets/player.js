@@ -134,7 +134,7 @@ function showScores(first, second) {
 // What is true of a run at its time t, for people.
 function factsOf({ drawn, frames_s, command }, t, frame) {
   const i = before(drawn.t, t), steering = commandAt({ command, drawn }, t);
-  return [clock(t), `frame ${frame + 1} of ${frames_s.length}`, known(drawn.speed[i]) ? `${drawn.speed[i].toFixed(1)} mph` : "", known(steering) ? `${(FULL_LOCK_DEG * steering).toFixed(1)}°` : "", known(drawn.cte[i]) ? `${Math.abs(drawn.cte[i]).toFixed(2)} m off the line` : ""].filter(Boolean);
+  return [clock(t), frames_s.length ? `frame ${frame + 1} of ${frames_s.length}` : "no picture", known(drawn.speed[i]) ? `${drawn.speed[i].toFixed(1)} mph` : "", known(steering) ? `${(FULL_LOCK_DEG * steering).toFixed(1)}°` : "", known(drawn.cte[i]) ? `${Math.abs(drawn.cte[i]).toFixed(2)} m off the line` : ""].filter(Boolean);
 }
 
 // The command at t, normalised; what the simulator reports where none is recorded.
@@ -166,8 +166,10 @@ function seek(index) {
 
 // The newest picture that is wanted, and then the layer over it.
 async function fetchFrame(side) {
-  side.wanted = side.frame;
-  if (side.fetching || !side.run?.frames_s.length) return;
+  const there = side.run?.frames_s.length > 0;
+  side.wanted = there ? side.frame : null;
+  if (side.run && !there) drawFrame(side);
+  if (side.fetching || !there) return;
   side.fetching = true;
   while (side.wanted !== null && side.run) {
     const { run } = side, n = side.wanted;
@@ -190,6 +192,10 @@ async function fetchFrame(side) {
 }
 
 function drawFrame(side) {
+  if (!side.run.frames_s.length) {
+    const { context, width, height } = sharp(side.canvas);
+    return drawNoPicture(context, width, height);
+  }
   if (!side.bitmap || side.bitmap.of !== side.run) return;
   const { bitmap, n } = side.bitmap, { context, width, height } = sharp(side.canvas), t = side.run.frames_s[n];
   context.drawImage(bitmap, 0, 0, width, height);
