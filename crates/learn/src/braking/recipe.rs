@@ -73,10 +73,6 @@ pub struct BrakingRecipe {
     /// these times, in seconds, to 1 at the second. Without it, it is 1 from there on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near_s: Option<[f64; 2]>,
-    /// `near_s` are the times until our car must begin to brake fully, or it hits what is ahead, and not those to the collision: at
-    /// 30 mph that is a second earlier.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub spare: bool,
     /// How much what a live network is to say besides counts: whether something is close ahead, and what each frame shows, which
     /// it is told while it learns. 0 by default.
     #[serde(default)]

@@ -5,7 +5,6 @@
 
 use super::{BrakingRecipe, episodes::Drive};
 use crate::nn::braking::HZ;
-use lapwing_core::units::MPS_PER_KMH;
 use lapwing_score::emergency::LabelRule;
 
 /// A car slower than this stands, in km/h: 1 mph.
@@ -22,10 +21,6 @@ pub(super) const NEAREST_PER_S: f64 = 2.0;
 pub(super) const HALF_NEAR_M: f64 = 5.0;
 /// Until the driver noticed, something that comes sooner than this, in seconds, may be hidden; behind a car, whatever comes.
 const UNSEEN_S: f64 = 2.4;
-/// The deceleration of our car by its brake, on a dry road, in m/s².
-const BRAKE_MPS2: f64 = 7.1;
-/// The least time that is left, in seconds.
-const LEAST_S: f64 = 0.01;
 const EVER_S: f64 = 15.0;
 
 /// What should be said at a frame.
@@ -53,11 +48,7 @@ pub(super) fn wanted(drive: &Drive, recipe: &BrakingRecipe) -> Vec<Wanted> {
         let is_hidden = drive.story.hazard && !is_noticed && until_s < if may_hide { EVER_S } else { UNSEEN_S };
         let moves = drive.speed_kmh[i] >= STANDING_KMH;
         let nears = match recipe.near_s {
-            Some([far_s, near_s]) if is_noticed && moves => {
-                let braking_s = f64::from(drive.speed_kmh[i]) * MPS_PER_KMH / (2.0 * BRAKE_MPS2);
-                let left_s = (until_s - if recipe.spare { braking_s } else { 0.0 }).max(LEAST_S);
-                between(left_s.recip(), far_s.recip(), near_s.recip())
-            }
+            Some([far_s, near_s]) if is_noticed && moves => between(until_s.recip(), far_s.recip(), near_s.recip()),
             _ => 0.0,
         };
         let due = f64::from(u8::from(labels[i])).max(nears);
@@ -131,22 +122,6 @@ mod tests {
         assert!(wanted[134].due > 0.1 && wanted[134].due < wanted[140].due && wanted[140].due < 1.0, "{wanted:?}");
         assert_eq!((wanted[147].due, wanted[147].weight), (1.0, 3.0));
         assert!((wanted[120].near[0] - (1.0f32 / 2.9)).abs() < 1e-6 && wanted[120].weight == 1.0);
-    }
-
-    #[test]
-    fn where_the_times_are_those_to_the_last_moment_to_brake_a_faster_car_is_to_brake_earlier() {
-        let mut drive = drive();
-        drive.until_s = (0..300).map(|i| (2.9 - (f64::from(i) - 120.0) / 15.0).clamp(0.5, 60.0)).collect();
-        // 0.5 and 1 s of braking.
-        let mut due = |speed_mps: f64| {
-            drive.speed_kmh.fill((speed_mps / MPS_PER_KMH) as f32);
-            wanted(&drive, &recipe("lead = 1.0\nnear_s = [1.2, 0.5]\nspare = true"))[146].due
-        };
-        let [slow, fast] = [due(BRAKE_MPS2), due(2.0 * BRAKE_MPS2)];
-        let left_s = 2.9 - 26.0 / 15.0; // to the collision
-        let of = |left_s: f64| ((1.0 / left_s - 1.0 / 1.2) / (1.0 / 0.5 - 1.0 / 1.2)) as f32;
-        assert!((slow - of(left_s - 0.5)).abs() < 1e-4, "{slow}");
-        assert_eq!(fast, 1.0);
     }
 
     #[test]
