@@ -9,6 +9,9 @@ use lapwing_core::words::count as counted;
 const NAMES: usize = 17;
 const UNKNOWN: &str = "not measurable: ";
 
+/// Drives of a joined recording that are named one by one: a log whose rows are out of order has as many as rows.
+const MOST_DRIVES: usize = 20;
+
 impl Scorecard {
     /// A figure in words: its value with its uncertainty, or why there is none.
     pub fn words(&self, figure: F) -> String {
@@ -61,10 +64,12 @@ impl Scorecard {
             [drive] => rows.push(("road", drive.to_string())),
             drives => {
                 rows.push(("drives", drives.len().to_string()));
-                rows.extend(drives.iter().enumerate().map(|(i, drive)| {
+                rows.extend(drives.iter().enumerate().take(MOST_DRIVES).map(|(i, drive)| {
                     let (first, last) = drive.moments;
                     ("", format!("{}, telemetries {first} to {last}, {:.0} m: {drive}", i + 1, drive.way_m))
                 }));
+                let more = drives.len().saturating_sub(MOST_DRIVES);
+                rows.extend((more > 0).then(|| ("", format!("and {more} more; --json names them all"))));
             }
         }
         let laps = match (self.value(F::Laps), self.laps_asked) {
