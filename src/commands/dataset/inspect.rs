@@ -5,7 +5,7 @@ use crate::{
     cli,
     commands::{outputs, print},
 };
-use lapwing_learn::dataset::{self, CameraCount, CameraPosition, Gap, Inspection, Problem, Size};
+use lapwing_learn::dataset::{self, CameraCount, Gap, Inspection, Problem, Size};
 
 /// Gaps and problems that are listed one by one; `--json` has all.
 const NAMED: usize = 10;
@@ -125,7 +125,7 @@ fn particulars(inspection: &Inspection) -> String {
     };
     // Those of the centre camera first, without whose picture a row is no use.
     let mut problems: Vec<&Problem> = inspection.problems.iter().collect();
-    problems.sort_by_key(|problem| problem.camera.is_some_and(|camera| camera != CameraPosition::Center));
+    problems.sort_by_key(|problem| problem.camera.is_some_and(|camera| camera != "center"));
     lines.extend(some(&problems, "problems", |it| problem(it)));
     lines.extend(inspection.truncated.iter().map(|why| format!("the run is {why}")));
     if lines.is_empty() {
