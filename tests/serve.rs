@@ -283,7 +283,7 @@ async fn a_terminal_whose_closing_is_ignored_does_not_end_it() {
 fn verbs_that_drive_by_themselves_end_in_order_too() {
     for (signal, arguments) in [
         ("TERM", &["drive", "--pilot", "expert", "--laps", "500", "--recordings", "runs"][..]),
-        ("HUP", &["simulate", "--laps", "500"]),
+        ("HUP", &["simulate", "--laps", "500", "--max-collisions", "9"]),
         ("TERM", &["record", "--laps", "500", "--out", "data"]),
     ] {
         let mut verb = Verb::start(PLAIN, arguments);
@@ -297,6 +297,10 @@ fn verbs_that_drive_by_themselves_end_in_order_too() {
         let status = verb.ends();
         let (out, err) = verb.said();
         assert!(status.code().is_some() && out.contains("interrupted"), "{arguments:?}: {status}: {out}{err}");
+        if arguments.contains(&"--max-collisions") {
+            let told = "interrupted: the thresholds were met, but only on the part that was driven";
+            assert!(status.code() == Some(1) && err.contains(told), "{status}: {err}");
+        }
         if arguments[0] == "drive" {
             assert!(verb.run().1.is_some_and(|frames| frames > 10), "{out}");
         }

@@ -246,7 +246,8 @@ pub struct Replay {
     #[cfg(feature = "simulator")]
     #[arg(long, requires = "closed_loop")]
     pub by_steering: bool,
-    /// Write a film of what the pilot sees: FILE.mp4, FILE.gif, or numbered pictures in a folder (also as FILE.png or FILE.jpg)
+    /// Write a film of what the pilot sees: FILE.mp4, FILE.gif, FILE.png or FILE.jpg (numbered pictures:
+    /// FILE_00001.png), or a folder for such pictures
     #[cfg(feature = "simulator")]
     #[arg(long, value_name = "FILE", requires = "closed_loop")]
     pub film: Option<PathBuf>,

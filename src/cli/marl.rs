@@ -101,7 +101,8 @@ pub struct MarlWatch {
     pub seed: u64,
     #[command(flatten)]
     pub drivers: DriverFlags,
-    /// Write a film instead: FILE.mp4, FILE.gif, or numbered pictures in a folder (also as FILE.png or FILE.jpg)
+    /// Write a film instead: FILE.mp4, FILE.gif, FILE.png or FILE.jpg (numbered pictures:
+    /// FILE_00001.png), or a folder for such pictures
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
 }

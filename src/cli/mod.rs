@@ -155,7 +155,8 @@ pub struct WorldFlags {
 /// Pictures for people.
 #[derive(Debug, Args)]
 pub struct PictureFlags {
-    /// Write a film of the drive: FILE.mp4, FILE.gif, or numbered pictures in a folder (also as FILE.png or FILE.jpg)
+    /// Write a film of the drive: FILE.mp4, FILE.gif, FILE.png or FILE.jpg (numbered pictures:
+    /// FILE_00001.png), or a folder for such pictures
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
     /// Where the camera of the film is

@@ -111,8 +111,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let report = recorder.and_then(super::close);
     let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } =
         judged.with_context(|| source.clone())?;
-    let film_is_in = film.as_ref().map(|film| film.film.place());
+    let place = film.as_ref().map(|film| film.film.place());
     let filmed = film.map_or(Ok(()), |film| film.film.finish());
+    let film_is_in = place.filter(|_| filmed.is_ok());
     let missed = score::missed(&settings.thresholds, &card);
     let Sources { lane, pictures, steering } = world.sources();
     let Sights { recorded, apart_m, filled: (filled, filled_most), .. } = *world.sights();
@@ -185,7 +186,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         text
     };
     let printed = super::print(&result);
-    let ended = thresholds::ended_unless(&interrupted, &settings.thresholds, &missed);
+    let ended = thresholds::ended_whole(&card, &settings.thresholds, &missed);
     super::whole(report)?;
     filmed?;
     printed?;

@@ -128,7 +128,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
         text
     };
     let printed = super::print(&result);
-    let ended = thresholds::ended_unless(&interrupted, &settings.thresholds, &missed);
+    let ended = thresholds::ended_whole(&card, &settings.thresholds, &missed);
     super::whole(report)?;
     #[cfg(feature = "bridge")]
     served?;

@@ -22,9 +22,7 @@ use lapwing_core::{
     recording::{is_run_name, udacity},
 };
 #[cfg(feature = "networks")]
-use lapwing_learn::{
-    braking::BrakingTrainError, dataset::DatasetError, marl::MarlError, models::ModelError, train::TrainError,
-};
+use lapwing_learn::{braking::BrakingTrainError, dataset::DatasetError, marl::MarlError, train::TrainError};
 use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
@@ -76,12 +74,18 @@ pub(super) fn check_beside<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a
 
 /// Whether each of these results has a file of its own: the last one written would replace the others.
 pub(super) fn check_apart<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
-    let place = |path: &Path| fs::canonicalize(path).or_else(|_| std::path::absolute(path)).ok();
+    let place = |path: &Path| {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let new = || Some(fs::canonicalize(folder).ok()?.join(path.file_name()?));
+        fs::canonicalize(path).ok().or_else(new)
+    };
     let mut places = vec![];
-    for path in paths {
+    // Of what is no file, such as a terminal, nothing is replaced.
+    for path in paths.into_iter().filter(|path| !path.exists() || path.is_file()) {
         let own = place(path);
         if own.is_some() && places.contains(&own) {
-            return Err(Usage(format!("{}: expected a file of its own for each result, got it twice", path.display())));
+            let path = path.display();
+            return Err(Usage(format!("{path}: expected a different file for each result, got this one twice")));
         }
         places.push(own);
     }
@@ -137,15 +141,15 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
 #[cfg(feature = "networks")]
 fn is_usage_of_networks(cause: &(dyn Error + 'static)) -> bool {
     use DatasetError::{Selected, Setting, Target};
+    let is_of_data = |error: &DatasetError| matches!(error, Setting { .. } | Selected { .. } | Target { .. });
     matches!(cause.downcast_ref(), Some(MarlError::Setting { .. } | MarlError::Recipe { .. }))
         || matches!(cause.downcast_ref(), Some(BrakingTrainError::Setting { .. } | BrakingTrainError::Recipe(_)))
-        || matches!(cause.downcast_ref(), Some(ModelError::Extension(_) | ModelError::Foreign { .. }))
-        || matches!(cause.downcast_ref(), Some(TrainError::Setting { .. } | TrainError::Recipe(_)))
-        || match cause.downcast_ref() {
-            Some(TrainError::Dataset(data)) => Some(data),
-            _ => cause.downcast_ref(),
-        }
-        .is_some_and(|data| matches!(data, Setting { .. } | Selected { .. } | Target { .. }))
+        || cause.downcast_ref().is_some_and(|error| match error {
+            TrainError::Setting { .. } | TrainError::Recipe(_) => true,
+            TrainError::Dataset(error) => is_of_data(error),
+            _ => false,
+        })
+        || cause.downcast_ref().is_some_and(is_of_data)
 }
 
 #[cfg(not(feature = "networks"))]

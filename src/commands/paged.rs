@@ -267,6 +267,6 @@ impl Run<'_> {
         super::print(&text)?;
         super::whole(report)?;
         let asked = console.borrow().is_asked_on();
-        Ok((thresholds::ended(&missed), asked))
+        Ok((thresholds::ended_whole(&card, &settings.thresholds, &missed), asked))
     }
 }

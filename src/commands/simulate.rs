@@ -94,7 +94,7 @@ fn finish(
         text
     };
     let printed = super::print(&result);
-    let ended = thresholds::ended_unless(&seen.interrupted, &settings.thresholds, &missed);
+    let ended = thresholds::ended_whole(&card, &settings.thresholds, &missed);
     drawn?;
     printed?;
     Ok(ended)

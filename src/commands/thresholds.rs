@@ -1,8 +1,12 @@
 //! Thresholds of a run: from flags to the exit status.
 
-use super::{Ended, Interrupted};
+use super::Ended;
 use crate::cli;
 use lapwing_core::config::{ConfigError, Layers, Thresholds};
+use lapwing_score::score::Scorecard;
+
+/// How a world says that it was interrupted.
+const INTERRUPTED: &str = "interrupted";
 
 /// The flags as settings.
 pub(super) fn layers(mut layers: Layers, flags: &cli::ThresholdFlags) -> Result<Layers, ConfigError> {
@@ -22,10 +26,10 @@ pub(super) fn ended(missed: &[String]) -> Ended {
 }
 
 /// The same of a drive that may have been interrupted: what was not driven has not passed.
-pub(super) fn ended_unless(interrupted: &Interrupted, thresholds: &Thresholds, missed: &[String]) -> Ended {
+pub(super) fn ended_whole(card: &Scorecard, thresholds: &Thresholds, missed: &[String]) -> Ended {
     match ended(missed) {
-        Ended::Passed if interrupted.is_pressed() && *thresholds != Thresholds::default() => {
-            say!("interrupted: the thresholds were met only as far as was driven");
+        Ended::Passed if card.ended.as_deref() == Some(INTERRUPTED) && *thresholds != Thresholds::default() => {
+            say!("interrupted: the thresholds were met, but only on the part that was driven");
             Ended::Failed
         }
         ended => ended,

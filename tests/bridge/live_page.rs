@@ -158,6 +158,23 @@ async fn a_page_sees_each_drive_as_it_happens_and_a_stalled_one_delays_nobody() 
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_page_whose_simulator_leaves_keeps_looking_at_it_until_another_is_there() {
+    let dir = tempdir().unwrap();
+    let running = Running::start(settings(dir.path())).await;
+    let mut first = Wire::simulator(running.address).await;
+    steer(&first.ask(&telemetry("4.0000")).await);
+    let mut page = Look::dial(running.address, "", None).await.unwrap();
+    let seen = |drives: &Value| (drives["drives"].as_array().unwrap().len(), drives["watched"].as_u64());
+    assert_eq!(seen(&page.text("drives").await), (1, Some(1)));
+    drop(first);
+    assert_eq!(seen(&page.text("drives").await), (0, Some(1)), "the last picture stays");
+    let mut second = Wire::simulator(running.address).await;
+    steer(&second.ask(&telemetry("5.0000")).await);
+    assert_eq!(seen(&page.text("drives").await), (1, Some(2)));
+    assert_eq!(page.text("status").await["drive"], 2);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_page_that_begins_to_look_is_told_the_last_minute_at_once() {
     let dir = tempdir().unwrap();
     let running = Running::start(settings(dir.path())).await;
@@ -410,6 +427,10 @@ async fn a_recorded_run_is_looked_at_and_downloaded_and_nothing_else_of_the_disk
     let address = running.address;
     let (_, listed) = get(address, "/api/runs").await;
     assert_eq!(listed.as_array().unwrap().iter().map(|run| &run["name"]).collect::<Vec<_>>(), ["lake.mcap"]);
+    std::fs::write(runs.join("junk.mcap"), "junk").unwrap();
+    let told = json!({ "error": "junk.mcap: expected a run (an MCAP file), got text" });
+    assert_eq!(get(address, "/api/runs/junk.mcap").await, (500, told), "its name alone, and why");
+    std::fs::remove_file(runs.join("junk.mcap")).unwrap();
     let (_, run) = get(address, "/api/runs/lake.mcap").await;
     assert_eq!(run["card"]["schema"], "lapwing.scorecard/1");
     let frames = run["frames_s"].as_array().unwrap();

@@ -7,7 +7,6 @@ use lapwing_learn::dataset::{self, Blocks, Divided};
 
 pub(super) fn run(arguments: &cli::DatasetSplit) -> anyhow::Result<Ended> {
     let blocks = Blocks { size: arguments.block, every: arguments.every };
-    blocks.check(["--block", "--every"])?;
     let divided = dataset::divide(&arguments.source, blocks, &arguments.out_train, &arguments.out_validation)?;
     if arguments.json {
         print(&serde_json::to_string_pretty(&divided)?)?;

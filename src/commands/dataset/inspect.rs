@@ -38,8 +38,6 @@ pub(super) fn run(arguments: cli::DatasetInspect) -> anyhow::Result<Ended> {
     }
     sheet?;
     plot?;
-    let pictures = || [&arguments.sheet, &arguments.plot].into_iter().flatten();
-    outputs::check_apart(pictures())?;
     for picture in pictures() {
         say!("written: {}", picture.display());
     }

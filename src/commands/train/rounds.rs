@@ -47,9 +47,8 @@ const FINAL_NAME: &str = "final.safetensors";
 const NOISE: (f64, f64) = (0.03, 0.2);
 /// A lesson of fewer rows is left out: it may be that all of them are held out.
 const FEWEST_ROWS: u64 = 100;
-/// No drive is longer.
-const TOO_SHORT: &str =
-    "closed_loop: no drive is long enough to learn from: raise closed_loop.drive.seconds, or widen closed_loop.along.rows";
+/// The error if every drive is too short.
+const TOO_SHORT: &str = "closed_loop: no drive is long enough to learn from: raise closed_loop.drive.seconds, or widen closed_loop.along.rows";
 
 /// A lesson that was driven.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -63,7 +62,8 @@ struct Driven {
 pub(super) fn check(closed_loop: &ClosedLoop, config: Option<&Path>) -> anyhow::Result<()> {
     let hz = undriven_layers(config)?.resolve()?.simulator.hz;
     let drives = closed_loop.drive.iter().map(|drive| (drive.seconds * hz).ceil() as u64);
-    let along = closed_loop.along.iter().map(|along| along.rows.map_or(u64::MAX, |(first, end)| end.saturating_sub(first) as u64));
+    let rows = |(first, end): (usize, usize)| end.saturating_sub(first) as u64;
+    let along = closed_loop.along.iter().map(|along| along.rows.map_or(u64::MAX, rows));
     if closed_loop.rounds > 0 && drives.chain(along).all(|most| most < FEWEST_ROWS) {
         bail!(TOO_SHORT);
     }

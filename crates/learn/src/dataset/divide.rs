@@ -36,7 +36,7 @@ pub struct Divided {
 /// [`DatasetError`] for invalid blocks, a run instead of a folder, a log that cannot be read, one that leaves a half
 /// empty, and folders that already have a log: nothing is overwritten.
 pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) -> Result<Divided, DatasetError> {
-    blocks.check(["block", "every"])?;
+    blocks.check(["--block", "--every"])?;
     let recording = Recording::open(source)?;
     let Some(log) = recording.log() else { return Err(DatasetError::Run { path: source.to_owned() }) };
     let mut texts = [String::new(), String::new()];

@@ -98,9 +98,8 @@ impl Selection {
 
     /// Checks what can be checked without the data.
     pub(crate) fn check(&self) -> Result<(), DatasetError> {
-        let wrong = |name, expected, got: String| {
-            Err(DatasetError::Selected { path: self.path.clone(), name, expected, got })
-        };
+        let wrong =
+            |name, expected, got: String| Err(DatasetError::Selected { path: self.path.clone(), name, expected, got });
         if !(1e-6..=1e6).contains(&self.weight) {
             return wrong("weight", "0.000001 to 1000000", self.weight.to_string());
         }
@@ -120,7 +119,7 @@ impl Selection {
             return wrong("smooth", "at most 999 rows", self.smooth.to_string());
         }
         if let Some((first, end)) = self.rows.filter(|(first, end)| first >= end) {
-            return wrong("rows", "a first row and a later one after the last", format!("{first}, {end}"));
+            return wrong("rows", "two row numbers, the second one larger", format!("{first}, {end}"));
         }
         Ok(())
     }

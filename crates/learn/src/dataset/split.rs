@@ -23,10 +23,7 @@ impl Default for Blocks {
 
 impl Blocks {
     /// Checks that there are blocks of both kinds; `names` are the settings' names of size and distance.
-    ///
-    /// # Errors
-    /// [`DatasetError::Setting`].
-    pub fn check(self, names: [&'static str; 2]) -> Result<(), DatasetError> {
+    pub(crate) fn check(self, names: [&'static str; 2]) -> Result<(), DatasetError> {
         let [size, every] = names;
         for (name, number, least, expected) in
             [(size, self.size, 1, "at least 1 row"), (every, self.every, 2, "at least 2 blocks")]

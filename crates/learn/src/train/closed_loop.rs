@@ -175,9 +175,11 @@ impl ClosedLoop {
         if let Some(along) = self.along.iter().find(|along| !(along.limit_m > 0.0 && along.limit_m <= 10.0)) {
             return wrong("closed_loop.along.limit_m", "a number above 0, at most 10", along.limit_m.to_string());
         }
-        if let Some((first, end)) = self.along.iter().filter_map(|along| along.rows).find(|(first, end)| first >= end) {
-            let expected = "a first row and a later one after the last";
-            return wrong("closed_loop.along.rows", expected, format!("{first}, {end}"));
+        for PracticeAlong { path, rows, .. } in &self.along {
+            if let Some((first, end)) = rows.filter(|(first, end)| first >= end) {
+                let got = format!("{first}, {end} for {}", path.display());
+                return wrong("closed_loop.along.rows", "two row numbers, the second one larger", got);
+            }
         }
         Ok(())
     }

@@ -333,9 +333,11 @@ impl Recipe {
         if let Some(clip) = o.clip.filter(|clip| !(clip.is_finite() && *clip > 0.0)) {
             return wrong("clip", "a number above 0", clip.to_string());
         }
-        self.closed_loop.as_ref().map_or(Ok(()), ClosedLoop::check)?;
         self.data.iter().chain(&self.validation).try_for_each(Selection::check)?;
-        self.blocks.check(["blocks.size", "blocks.every"])?;
+        self.closed_loop.as_ref().map_or(Ok(()), ClosedLoop::check)?;
+        if self.validation.is_empty() {
+            self.blocks.check(["blocks.size", "blocks.every"])?;
+        }
         self.balance.check()?;
         Ok(self.augment.check()?)
     }

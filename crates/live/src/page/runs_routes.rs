@@ -57,11 +57,11 @@ impl IntoResponse for RunsError {
     }
 }
 
-/// What is wrong with a file, with its name alone in place of its path.
+/// What is wrong with a run, with its name alone in place of its path.
 fn without_folder(error: &str) -> String {
-    let (path, why) = error.split_once(": ").unwrap_or((error, "it cannot be read"));
-    let name = std::path::Path::new(path).file_name().unwrap_or_default().to_string_lossy();
-    format!("{name}: {why}")
+    let end = error.find(".mcap").unwrap_or_default();
+    let start = error[..end].rfind(['/', std::path::MAIN_SEPARATOR]).map_or(0, |at| at + 1);
+    if end == 0 { "the run cannot be read".to_owned() } else { error[start..].to_owned() }
 }
 
 /// Reads from the folder of runs where that delays nobody, one after the other.

@@ -135,7 +135,8 @@ impl Viewer {
             let changed = async {
                 sleep_until(due).await;
                 match &mut self.watched {
-                    Some(watched) => watched.newest.changed().await.is_ok(),
+                    // What is watched is kept here, and with it the sender.
+                    Some(watched) => drop(watched.newest.changed().await),
                     None => std::future::pending().await,
                 }
             };
@@ -164,14 +165,9 @@ impl Viewer {
                     drives.borrow_and_update();
                     self.tabs().await?;
                 }
-                is_there = changed, if ready => {
+                () = changed, if ready => {
                     due = Instant::now() + EVERY;
-                    if is_there {
-                        self.moment().await?;
-                    } else {
-                        (self.watched, self.refused) = (None, false); // the drive is over
-                        self.tabs().await?;
-                    }
+                    self.moment().await?;
                 }
                 () = sleep_until(heard + GONE) => return self.close("nothing was heard for a minute").await,
             }
@@ -214,12 +210,14 @@ impl Viewer {
         }
     }
 
-    /// Tells which drives there are; looks at the first if at none yet.
+    /// Tells which drives there are; looks at the last if at none yet, or at one that has left.
     async fn tabs(&mut self) -> Result<(), tungstenite::Error> {
         let drives = self.page.drives();
-        if self.watched.is_none()
+        let is_there = |watched: &Watched| drives.iter().any(|drive| drive.id == watched.drive.id);
+        if !self.watched.as_ref().is_some_and(is_there)
             && let Some(drive) = drives.last()
         {
+            self.let_go();
             self.watch(drive.clone());
         }
         let tabs: Vec<_> =

@@ -69,7 +69,7 @@ impl Scorecard {
                     ("", format!("{}, telemetries {first} to {last}, {:.0} m: {drive}", i + 1, drive.way_m))
                 }));
                 let more = drives.len().saturating_sub(MOST_DRIVES);
-                rows.extend((more > 0).then(|| ("", format!("and {more} more; --json names them all"))));
+                rows.extend((more > 0).then(|| ("", format!("and {more} more"))));
             }
         }
         let laps = match (self.value(F::Laps), self.laps_asked) {

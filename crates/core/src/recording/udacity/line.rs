@@ -164,7 +164,7 @@ impl Columns {
         let values = if pieces.len() == columns.len() {
             pieces.iter().map(|p| Cow::Borrowed(p.text)).collect()
         } else if pieces.len() < columns.len() {
-            let semicolons = line.matches(';').count() + 1 >= columns.len();
+            let semicolons = line.matches(';').count() + 1 >= Column::REQUIRED.len();
             return Err(Bad {
                 field: "columns".into(),
                 expected: format!("{} ({})", columns.len(), names(columns)),

@@ -19,8 +19,14 @@ fn error(text: &str) -> String {
 
 #[test]
 fn a_table_of_another_kind_is_named_for_what_it_is() {
-    let told = error("IMG/center_1.jpg;;;0;0;0;9\n");
-    assert!(told.ends_with("commas separate the columns, not semicolons: save the table as CSV with commas"), "{told}");
+    for text in ["IMG/center_1.jpg;;;0;0;0;9\n", "center;steering;throttle;brake;speed\nIMG/center_1.jpg;0,1;0;0;9,5\n"]
+    {
+        let told = error(text);
+        assert!(
+            told.ends_with("commas separate the columns, not semicolons: save the table as CSV with commas"),
+            "{told}"
+        );
+    }
     let dir = tempfile::tempdir().unwrap();
     let text: Vec<u8> = "\u{feff}IMG/center_1.jpg,,,0,0,0,9\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     fs::write(dir.path().join("driving_log.csv"), text).unwrap();

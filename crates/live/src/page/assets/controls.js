@@ -123,7 +123,11 @@ $("steer").addEventListener("click", () => { takeWheel(!wheel.on); $("steer").bl
 for (const id of ["mph", "mph-slider"]) {
   $(id).addEventListener("input", () => { touch(id); say($("mph-now"), `${$(id).value} mph`); });
   $(id).addEventListener("change", () => {
-    if ($(id).value === "") return say($("answer"), "set speed: expected a speed in mph, got nothing"); // or no number
+    if ($(id).value === "") { // also if it is not a number
+      say($("answer"), "set speed: expected a speed in mph, got nothing");
+      $(id).value = +wants.status.set_speed_mph.toFixed(1);
+      return say($("mph-now"), `${$(id).value} mph`);
+    }
     touch(id);
     ask({ control: "set-speed", mph: +$(id).value });
   });

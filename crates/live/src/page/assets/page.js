@@ -26,12 +26,13 @@ function connect() {
 function linked(there) {
   $("link").classList.toggle("there", there);
   say($("link"), there ? "connected" : token ? "not connected" : "not connected: is Lapwing running? On another machine, open the address with the token that it printed");
-  if (!there) { live.status = null; live.turn = null; showControls(null, null, []); showTabs([], null); showLooks(); }
+  if (!there) showTabs([], null);
 }
 
 const HEARD = {
   drives: ({ drives, watched }) => showTabs(drives, watched),
   status: ({ drive, status, pilots }) => {
+    if (isOver()) return;
     const before = live.status?.run;
     [live.status, live.pilots] = [status, pilots];
     if (before !== status.run) listEvents();
@@ -54,6 +55,7 @@ const HEARD = {
   moment: ({ message, turn, place }) => {
     // Seen, even if it is not drawn: the next one may come.
     tell({ seen: message });
+    if (isOver()) return;
     live.turn = turn;
     if (turn) addToMinute(turn, live.status);
     addToTrail(place);
@@ -64,6 +66,9 @@ function hear(message) {
   HEARD[message.kind]?.(message);
   draw();
 }
+
+// Whether what is watched has left.
+const isOver = () => !live.drives.some(({ id }) => id === live.watched);
 
 function showTabs(drives, watched) {
   if (watched !== live.watched) {
@@ -77,7 +82,7 @@ function showTabs(drives, watched) {
     showControls(null, null, []);
   }
   live.drives = drives;
-  if (!drives.length) { // the last picture stays, but there is nothing to control
+  if (isOver()) { // the last picture stays, but there is nothing to control
     [live.status, live.turn] = [null, null];
     takeWheel(false);
     showControls(null, null, []);

@@ -124,8 +124,9 @@ function showEventsOf(...shown) {
 }
 
 function showScores(first, second) {
-  const rows = new Map(first.rows.map(([row, words]) => [row, [words]]));
-  second?.rows.forEach(([row, words]) => rows.set(row, [rows.get(row)?.[0] ?? "–", words]));
+  const named = ({ rows }) => rows.map(([row, words], i) => [row || " ".repeat(i + 1), words]); // those without a name stay apart
+  const rows = new Map(named(first).map(([row, words]) => [row, [words]]));
+  if (second) named(second).forEach(([row, words]) => rows.set(row, [rows.get(row)?.[0] ?? "–", words]));
   const count = second ? 2 : 1, head = second ? [el("dt", {}, ""), el("dd", { class: "which run-1" }, "run 1"), el("dd", { class: "which run-2" }, "run 2")] : [];
   $("run-score").classList.toggle("two", Boolean(second));
   $("run-score").replaceChildren(...head, ...[...rows].flatMap(([row, words]) => [el("dt", {}, row), ...Array.from({ length: count }, (_, i) => el("dd", {}, words[i] ?? "–"))]));
@@ -177,6 +178,7 @@ async function fetchFrame(side) {
     try {
       if (side.bitmap?.of !== run || side.bitmap.n !== n) {
         const bitmap = await createImageBitmap(await (await request(pathOf(run.name, `/frames/${n}`))).blob());
+        if (side.run !== run) { bitmap.close(); continue; }
         side.bitmap?.bitmap.close();
         side.bitmap = { bitmap, n, of: run };
         if (!player.playing && side.layer?.n !== n) side.layer = null;
@@ -192,8 +194,11 @@ async function fetchFrame(side) {
 }
 
 function drawFrame(side) {
+  if (!side.run) return;
   if (!side.run.frames_s.length) {
     const { context, width, height } = sharp(side.canvas);
+    delete side.canvas.dataset.shown;
+    delete side.canvas.dataset.layer;
     return drawNoPicture(context, width, height);
   }
   if (!side.bitmap || side.bitmap.of !== side.run) return;

@@ -2,7 +2,7 @@
 
 use super::{
     Scorer,
-    judgement::{NO_JUDGE, NO_LAPS_ASKED, NO_PILOT, NO_POSITION, NO_TIME, NO_WAY, UNTIMED, per_km},
+    judgement::{NO_JUDGE, NO_LAPS_ASKED, NO_PILOT, NO_POSITION, NO_TIME, UNTIMED, over_way, per_km},
     within_run::Span,
 };
 use crate::{
@@ -84,12 +84,7 @@ impl Scorer {
             let counted = measure(interventions.into(), 1.0, PUT);
             figures.set(F::Interventions, counted);
             let km = way / 1000.0;
-            let a_km = match distance {
-                Measure::Unknown(_) => distance,
-                _ if way > 0.0 => counted.map(|n| n / km, 1.0 / km),
-                _ => Measure::Unknown(NO_WAY),
-            };
-            figures.set(F::InterventionsPerKm, a_km);
+            figures.set(F::InterventionsPerKm, over_way(way, distance, || counted.map(|n| n / km, 1.0 / km)));
         }
         let (counted, measured) = autonomies(span.time_s, self.takeovers, self.human_s, interventions);
         let one = if span.time_s > 0.0 { (INTERVENTION_S / span.time_s).min(1.0) } else { 1.0 };

@@ -256,11 +256,14 @@ impl Scorer {
 
 /// A count over the distance driven.
 pub(super) fn per_km(count: f64, way: f64, distance: Measure) -> Measure {
-    if let Measure::Unknown(_) = distance {
-        distance
-    } else if way > 0.0 {
-        distance.map(|way| count / (way / 1000.0), count / way / way * 1000.0)
-    } else {
-        Measure::Unknown(NO_WAY)
+    over_way(way, distance, || distance.map(|way| count / (way / 1000.0), count / way / way * 1000.0))
+}
+
+/// Something over the distance driven, if that is known and not zero.
+pub(super) fn over_way(way: f64, distance: Measure, divided: impl FnOnce() -> Measure) -> Measure {
+    match distance {
+        Measure::Unknown(_) => distance,
+        _ if way > 0.0 => divided(),
+        _ => Measure::Unknown(NO_WAY),
     }
 }
