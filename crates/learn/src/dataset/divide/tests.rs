@@ -52,8 +52,8 @@ fn what_cannot_be_split_is_refused_with_what_to_do() {
     let error = |source: &Path, size, every| {
         divide(source, Blocks { size, every }, &train, &validation).unwrap_err().to_string()
     };
-    assert_eq!(error(&source, 0, 5), "block: expected at least 1 row, got 0");
-    assert_eq!(error(&source, 5, 1), "every: expected at least 2 blocks, got 1");
+    assert_eq!(error(&source, 0, 5), "--block: expected at least 1 row, got 0");
+    assert_eq!(error(&source, 5, 1), "--every: expected at least 2 blocks, got 1");
     assert!(error(&source, 50, 5).contains("got 10 rows, all of them for validation: choose smaller blocks"));
     assert!(error(&run, 1, 2).contains("convert it with `lapwing dataset convert`"));
 }
