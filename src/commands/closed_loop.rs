@@ -111,9 +111,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let report = recorder.and_then(super::close);
     let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } =
         judged.with_context(|| source.clone())?;
-    let place = film.as_ref().map(|film| film.film.place());
-    let filmed = film.map_or(Ok(()), |film| film.film.finish());
-    let film_is_in = place.filter(|_| filmed.is_ok());
+    let filmed = film.map(|film| film.film.finish()).transpose();
     let missed = score::missed(&settings.thresholds, &card);
     let Sources { lane, pictures, steering } = world.sources();
     let Sights { recorded, apart_m, filled: (filled, filled_most), .. } = *world.sights();
@@ -182,7 +180,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         text += &line("filled in", format!("{mean:.1} % of rows 60 to 134 on average, {most:.1} % at most{no_sides}"));
         text += &line("fingerprint", fingerprint[..16].to_owned());
         text += &run.map_or_else(String::new, |run| line("run", run));
-        text += &film_is_in.map_or_else(String::new, |place| line("film", place));
+        if let Ok(Some(place)) = &filmed {
+            text += &line("film", place.clone());
+        }
         text
     };
     let printed = super::print(&result);

@@ -145,9 +145,8 @@ impl Pictures {
         let mut made = vec![];
         let mut result = Ok(());
         if let Some((film, ..)) = self.film.take() {
-            let place = film.place();
             match film.finish() {
-                Ok(()) => made.push(("film", place)),
+                Ok(place) => made.push(("film", place)),
                 Err(error) => result = Err(error.into()),
             }
         }

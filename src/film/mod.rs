@@ -234,20 +234,22 @@ impl Film {
         }
     }
 
-    /// Ends the film. A film that is dropped without this is left as if interrupted.
+    /// Ends the film, and says [where](Self::place) it is. A film that is dropped without this is left as if interrupted.
     ///
     /// # Errors
     /// [`FilmError::Empty`], [`FilmError::Encode`] and [`FilmError::Io`].
-    pub fn finish(self) -> Result<(), FilmError> {
+    pub fn finish(self) -> Result<String, FilmError> {
         if self.reel.frames == 0 {
             return Err(FilmError::Empty { path: self.reel.path });
         }
+        let place = self.place();
         match self.kind {
             #[cfg(feature = "films")]
-            Kind::Mp4(mp4) => mp4.finish(&self.reel),
-            Kind::Gif(gif) => gif.finish(&self.reel),
-            Kind::Stills(_) => Ok(()),
+            Kind::Mp4(mp4) => mp4.finish(&self.reel)?,
+            Kind::Gif(gif) => gif.finish(&self.reel)?,
+            Kind::Stills(_) => {}
         }
+        Ok(place)
     }
 }
 

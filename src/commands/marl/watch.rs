@@ -47,9 +47,7 @@ pub(super) fn run(arguments: &MarlWatch) -> anyhow::Result<Ended> {
     }
     show(&environment, film.as_mut(), screen.as_mut(), END)?;
     if let Some(film) = film {
-        let place = film.place();
-        film.finish()?;
-        say!("the film is in {place}");
+        say!("the film is in {}", film.finish()?);
     }
     print(&told(&environment, arguments.seed, &stop))?;
     Ok(if stop.is_pressed() { Ended::Failed } else { Ended::Passed })

@@ -125,7 +125,7 @@ for (const id of ["mph", "mph-slider"]) {
   $(id).addEventListener("change", () => {
     if ($(id).value === "") { // also if it is not a number
       say($("answer"), "set speed: expected a speed in mph, got nothing");
-      $(id).value = +wants.status.set_speed_mph.toFixed(1);
+      $(id).value = wants.status?.set_speed_mph.toFixed(1) ?? "";
       return say($("mph-now"), `${$(id).value} mph`);
     }
     touch(id);

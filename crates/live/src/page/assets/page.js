@@ -71,20 +71,18 @@ function hear(message) {
 const isOver = () => !live.drives.some(({ id }) => id === live.watched);
 
 function showTabs(drives, watched) {
-  if (watched !== live.watched) {
-    live.watched = watched;
-    [live.status, live.turn, live.card] = [null, null, null];
+  const isOther = watched !== live.watched;
+  [live.drives, live.watched] = [drives, watched];
+  if (isOther) {
+    live.card = null;
     live.events.length = 0;
     picture.bitmap = null;
-    showLooks();
-    takeWheel(false);
-    forgetMinute(); forgetTrail(); showCourse(null); listEvents(); listScore([]); showLatency();
-    showControls(null, null, []);
+    forgetMinute(); forgetTrail(); showCourse(null); listScore([]); showLatency();
   }
-  live.drives = drives;
-  if (isOver()) { // the last picture stays, but there is nothing to control
+  if (isOther || isOver()) { // of one that has left the last picture stays, but there is nothing to control
     [live.status, live.turn] = [null, null];
     takeWheel(false);
+    listEvents();
     showControls(null, null, []);
     showLooks();
   }
