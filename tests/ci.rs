@@ -64,6 +64,16 @@ fn the_steps_of_the_action_drive_score_report_and_comment() {
     assert_eq!(code, 0, "{err}");
     assert!(read("published.md").contains("](https://example.org/run/summary-1-map.png)"));
 
+    // Thresholds of the settings fail the drives themselves: the others are driven all the same, and all are reported.
+    fs::write(at("lapwing.toml"), "[thresholds]\nmin_completion = 100\n").unwrap();
+    let driven = [driven[0], driven[1], ("LAPWING_OUT", "strict")];
+    assert_eq!(said(&script("drive.sh", dir.path(), &driven)).0, 3);
+    assert_eq!(fs::read_dir(at("strict/runs")).unwrap().count(), 2);
+    let (code, _, err) = said(&script("score.sh", dir.path(), &[driven[2]]));
+    assert_eq!(code, 3, "{err}");
+    assert!(read("strict/score.xml").contains("<failure") && read("strict/score.json").starts_with('{'));
+    fs::remove_file(at("lapwing.toml")).unwrap();
+
     assert_eq!(said(&script("comment.sh", dir.path(), &[])).0, 0);
     assert!(!at("gh.called").exists(), "there is no pull request");
     let (code, _, err) = said(&script("comment.sh", dir.path(), &[("LAPWING_PULL_REQUEST", "7")]));

@@ -46,10 +46,8 @@ fn placed(summary: Summary) -> Placed {
 #[test]
 fn on_the_real_roads_the_side_cameras_are_found_where_they_sit_on_the_car() {
     let Some(folder) = shared("recordings") else { return };
-    // Of the lake the second half of a lap, with the bridge and the bend into the open. On the mountain, where leaves cover
-    // the edges of the road, each picture says less: 95 % of the whole recording are within 0.294 m.
-    let slices = [("lake", 600, 450, 0.25), ("jungle", 1150, 200, 0.25), ("mountain", 800, 120, 0.33)];
-    for (road, first, count, p95_m) in slices {
+    // Of the lake the second half of a lap, with the bridge and the bend into the open.
+    for (road, first, count) in [("lake", 600, 450), ("jungle", 1150, 200), ("mountain", 800, 120)] {
         let dir = rows(&folder.join(road), first, count);
         let [center, left, right] = [CameraPosition::Center, CameraPosition::Left, CameraPosition::Right]
             .map(|which| located(dir.path(), which));
@@ -57,7 +55,7 @@ fn on_the_real_roads_the_side_cameras_are_found_where_they_sit_on_the_car() {
         assert_eq!((placed.track.as_str(), placed.reversed), (road, false));
         assert!(placed.located > 0.85, "{road}");
         let errors = placed.sides.unwrap().errors_m;
-        assert!(errors.median <= 0.10 && errors.p95 <= p95_m, "{road}: {errors:?}");
+        assert!(errors.median <= 0.10 && errors.p95 <= 0.25, "{road}: {errors:?}");
     }
 }
 
@@ -150,13 +148,13 @@ fn a_piece_whose_bends_fit_a_road_and_whose_pictures_are_not_found_there_says_wh
 
 /// Its bends alone do not tell the lake from the lake the other way round, and after the crash its pictures look like the latter.
 #[test]
-fn a_short_piece_with_a_crash_is_not_taken_for_a_road_on_which_it_would_have_gone_too_far() {
+fn a_short_piece_with_a_crash_is_not_taken_for_a_road_that_half_of_it_seems_to_show() {
     let Some(folder) = shared("recordings/lake") else { return };
     let dir = rows(&folder, 1900, 300);
     let found = located(dir.path(), CameraPosition::Center);
     assert!(found.drives().is_empty());
     let [why] = &found.unknown()[..] else { panic!("{:?}", found.unknown()) };
-    assert!(why.contains(" times as far as its speed says: "), "{why}");
+    assert!(why.contains("lake, the other way round, but only 55."), "{why}");
 }
 
 #[test]

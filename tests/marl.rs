@@ -166,8 +166,8 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     assert!(out.contains("\nThis call finished 1 training ("), "{out}");
     let cell = folder.path().join("study/cells/ppo-smarts-0-0/cell.json");
     let first = fs::read(&cell).unwrap();
-    let (status, out, err) = run(&["--most", "2"]);
-    assert_eq!(status, 0, "{err}");
+    let (status, out, err) = run(&["--most", "1"]);
+    assert!(status == 0 && err.contains("2 of 28 trainings are done"), "{err}");
     assert!(fs::read(&cell).unwrap() == first, "what is done is kept");
     assert!(out.contains("PPO takes 3 to 3.5 times MADDPG's time: "), "{out}");
     assert!(out.contains("\nThis call finished 1 training ("), "what was done before does not count: {out}");
@@ -177,7 +177,7 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let page = fs::read_to_string(folder.path().join("study/study.html")).unwrap();
     assert!(page.contains("<svg") && page.contains("SMARTS PPO"), "{page}");
     assert!(page.contains("The call that wrote this page finished 1 training ("), "{page}");
-    let (status, out, err) = run(&["--most", "4", "--jobs", "2", "--json"]);
+    let (status, out, err) = run(&["--most", "2", "--jobs", "2", "--json"]);
     assert!(status == 0 && err.contains("2 of 2: ") && err.contains("4 of 28 trainings are done"), "{err}");
     let report: serde_json::Value = serde_json::from_str(&out).unwrap();
     let steps_of = |cell: &str| {
@@ -191,8 +191,13 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     assert_eq!(report["rows"].as_array().map(Vec::len), Some(4), "{report}");
     let steps = call["agent_steps_per_s"].as_f64().unwrap() * call["seconds"].as_f64().unwrap();
     assert!((steps - both as f64).abs() < 1.0, "{call}");
-    let (status, out, err) = run(&["--most", "4"]);
+    // Once all is done, a call adds nothing and takes nothing away.
+    let (status, out, err) = run(&["--tasks", "smarts"]);
+    assert!(status == 0 && out.contains("\nThis call finished 3 trainings ("), "{out}{err}");
+    let rows = fs::read_to_string(folder.path().join("study/study.csv")).unwrap();
+    let (status, out, err) = run(&["--tasks", "smarts", "--most", "2"]);
     assert!(status == 0 && out.contains("\nThis call finished no training in "), "{out}{err}");
+    assert_eq!(fs::read_to_string(folder.path().join("study/study.csv")).unwrap(), rows);
     let parts = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CALL", "CURVES"];
     assert_eq!(parts.map(|part| page.contains(&format!("/*{part}*/"))), [false; 6], "{page}");
 }

@@ -238,7 +238,7 @@ pub struct MarlStudy {
     /// What to train on: a reward, and how much traffic; half of the intersections never have any [default: all four]
     #[arg(long, value_enum, value_delimiter = ',')]
     pub tasks: Vec<TaskKind>,
-    /// Stop after this many trainings; the same command continues later
+    /// Stop after this many more trainings; the same command continues later
     #[arg(long, value_name = "N", value_parser = count)]
     pub most: Option<u32>,
     /// Trainings side by side, each on one core; if cores are short, the seconds in the table are too many

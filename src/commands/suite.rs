@@ -123,7 +123,7 @@ fn reports(outcome: &SuiteOutcome, results: &Results) -> anyhow::Result<()> {
 fn tell_unused(settings: &Settings) {
     if settings.thresholds != Thresholds::default() {
         tracing::warn!(
-            "[thresholds] are not applied to a suite: lapwing score --against compares its runs with a baseline"
+            "[thresholds] are not applied to a suite: with --keep-runs all, lapwing score --against compares its runs with a baseline"
         );
     }
     if settings.brake != BrakeSettings::default() {

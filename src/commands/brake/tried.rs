@@ -41,9 +41,9 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
     let interrupted = interrupted();
     let defaults = TrialOptions::default();
     let options = TrialOptions {
-        cases: if arguments.cases.is_empty() { defaults.cases } else { arguments.cases.clone() },
-        layers: if arguments.layers.is_empty() { defaults.layers } else { arguments.layers.clone() },
-        speeds_mph: if arguments.speeds.is_empty() { defaults.speeds_mph } else { arguments.speeds.clone() },
+        cases: chosen(&arguments.cases, defaults.cases),
+        layers: chosen(&arguments.layers, defaults.layers),
+        speeds_mph: chosen(&arguments.speeds, defaults.speeds_mph),
         seeds: arguments.seeds,
         laps: arguments.laps,
         part: arguments.part,
@@ -74,6 +74,17 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
     }
     print(&if arguments.json { json } else { result.to_string() })?;
     Ok(if result.interrupted { Ended::Failed } else { Ended::Passed })
+}
+
+/// What was asked for, each once: twice, the same drives would count twice. If nothing was, the default.
+fn chosen<T: Clone + PartialEq>(asked: &[T], default: Vec<T>) -> Vec<T> {
+    let mut each = Vec::new();
+    for one in asked {
+        if !each.contains(one) {
+            each.push(one.clone());
+        }
+    }
+    if each.is_empty() { default } else { each }
 }
 
 /// A drive, as it is counted.

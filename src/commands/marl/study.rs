@@ -78,11 +78,9 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         train_side_by_side(arguments, &cells, &stop)?;
     }
     for (i, cell) in cells.iter().enumerate() {
-        if arguments.most.is_some_and(|most| done.len() >= most as usize) {
-            break;
-        }
         // Those that are done count, wherever they stand in the plan.
-        if stop.is_pressed() && !cell.is_done(&arguments.out) {
+        let enough = arguments.most.is_some_and(|most| finished_now.len() >= most as usize);
+        if (enough || stop.is_pressed()) && !cell.is_done(&arguments.out) {
             continue;
         }
         let message = format!("{} of {}: {}", i + 1, cells.len(), cell.name());
@@ -118,7 +116,7 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
 fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted) -> anyhow::Result<()> {
     let program = std::env::current_exe()?;
     let most = arguments.most.map_or(cells.len(), |most| most as usize);
-    let waiting: Vec<&Cell> = cells.iter().take(most).filter(|cell| !cell.is_done(&arguments.out)).collect();
+    let waiting: Vec<&Cell> = cells.iter().filter(|cell| !cell.is_done(&arguments.out)).take(most).collect();
     let train = |(i, cell): (usize, &&Cell)| {
         if stop.is_pressed() {
             return Ok(());

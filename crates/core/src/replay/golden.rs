@@ -210,10 +210,15 @@ impl Golden {
             })
             .collect();
         if answers.len() != self.lines.len() {
-            differences.push(Difference {
-                frame: answers.len().min(self.lines.len()) as u64,
-                what: format!("expected {}, got {}", count(self.lines.len(), "frame"), answers.len()),
-            });
+            // First: the file may be another recording's.
+            let (frames, source) = (count(self.lines.len(), "frame"), &self.header.source);
+            differences.insert(
+                0,
+                Difference {
+                    frame: answers.len().min(self.lines.len()) as u64,
+                    what: format!("expected {frames}, as in {source}, got {}", answers.len()),
+                },
+            );
         }
         differences
     }
@@ -307,7 +312,7 @@ mod tests {
             differences[0].what,
             "expected steering 0.20000 throttle 0.00000, got steering 0.30000 throttle 0.00000"
         );
-        assert_eq!(golden.compare(&answers(&[Some(0.1)]), 1e-3)[0].what, "expected 3 frames, got 1");
+        assert_eq!(golden.compare(&answers(&[Some(0.1)]), 1e-3)[0].what, "expected 3 frames, as in run, got 1");
     }
 
     #[test]

@@ -81,6 +81,9 @@ pub enum BrakingTrainError {
         /// Why.
         why: String,
     },
+    /// What is there would be lost.
+    #[error("{} is there already: nothing is overwritten; resume its training (--resume) if its state lies beside it, or choose another file", .0.display())]
+    Exists(PathBuf),
     /// Another training's state.
     #[error("{}: expected the state of a training by this recipe, got that of another one", path.display())]
     OtherRecipe {
@@ -175,6 +178,10 @@ pub fn train(
     // Before the data, which takes a while.
     let from = pretrained(recipe)?;
     let state = state::path_of(path);
+    if let Some(there) = [&*state, path].into_iter().find(|file| file.exists() && !(options.resume && state.is_file()))
+    {
+        return Err(BrakingTrainError::Exists(there.to_owned()));
+    }
     if options.resume && !state.is_file() {
         tracing::warn!("{}: no resume state: the training starts from the beginning", state.display());
     }

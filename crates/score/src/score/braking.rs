@@ -54,6 +54,8 @@ pub(super) struct Braking {
     /// Hits that nobody measured.
     unmeasured: u32,
     reductions_mph: Vec<f64>,
+    /// Whether the pilot once asked for less: a drive that begins faster than it is to go is slowed down at first.
+    has_driven: bool,
     /// When emergency braking was asked for last.
     emergency_s: Option<f64>,
     false_alarms: u32,
@@ -106,7 +108,8 @@ impl Braking {
 
     pub(super) fn command(&mut self, command: &CommandRecord) {
         let brakes = command.by == By::Pilot && command.throttle.get() <= EMERGENCY && self.mph > REVERSES_BELOW_MPH;
-        if brakes {
+        self.has_driven |= command.by == By::Pilot && !brakes;
+        if brakes && self.has_driven {
             let before = self.emergency_s.replace(self.at_s);
             let begins = before.is_none_or(|before| self.at_s - before >= APART_S);
             self.false_alarms += u32::from(begins && self.situation.is_none());

@@ -8,7 +8,7 @@ use super::{
     paintwork::{self, Paintwork},
     section::{Band, Pattern, Section},
 };
-use crate::track::Theme;
+use crate::track::{Side, Theme};
 
 /// Colour in grey levels, red first.
 pub(super) type GreyLevels = [f32; 3];
@@ -87,7 +87,7 @@ impl ThemeLook {
     }
 }
 
-/// Numbers of the cross-sections that [`sections`] makes.
+/// Kinds of the cross-sections that [`sections`] makes.
 pub(super) mod kind {
     pub(in super::super) const PLAIN: u8 = 0;
     pub(in super::super) const KERB: u8 = 1;
@@ -95,12 +95,46 @@ pub(super) mod kind {
     pub(in super::super) const PAVED: u8 = 3;
 }
 
+/// Which of the cross-sections that [`sections`] makes one side of a road has.
+pub(super) fn section(kind: u8, side: Side) -> u8 {
+    2 * kind + u8::from(side == Side::Right)
+}
+
+/// How bright the asphalt of the real mountain's road is, as a share of its mean, at each tenth of a metre from the middle outwards,
+/// first to the left: it is worn along the same lines everywhere. From the pictures of a whole drive, unrolled onto the road.
+const WORN: [[f32; 40]; 2] = [
+    [
+        1.03, 0.99, 0.95, 0.92, 0.90, 0.85, 0.82, 0.80, 0.81, 0.83, 0.84, 0.85, 0.87, 0.89, 0.90, 0.92, 0.91, 0.90,
+        0.92, 0.92, 0.92, 0.91, 0.87, 0.84, 0.90, 1.01, 1.09, 1.11, 1.07, 1.06, 1.06, 1.05, 1.04, 1.03, 1.02, 1.01,
+        1.02, 1.02, 1.02, 1.02,
+    ],
+    [
+        1.09, 1.16, 1.19, 1.19, 1.16, 1.10, 1.07, 1.04, 1.01, 1.01, 1.00, 0.98, 0.97, 0.97, 0.96, 0.96, 1.00, 1.03,
+        1.06, 1.10, 1.12, 1.10, 1.07, 0.99, 0.93, 0.99, 1.08, 1.14, 1.13, 1.10, 1.10, 1.10, 1.08, 1.06, 1.04, 1.02,
+        1.01, 1.01, 1.02, 1.02,
+    ],
+];
+/// The half width of that road, in metres. On a road of another width, wear is stretched.
+const WORN_HALF_M: f32 = 5.3;
+/// The sheen pales it. With differences so many times as large it is seen 6 m away as it was measured there.
+const WORN_TIMES: f32 = 1.5;
+
+/// The bands of worn asphalt.
+fn worn(asphalt: GreyLevels, half: f32, side: Side) -> impl Iterator<Item = Band> {
+    let tenth = 0.1 * half / WORN_HALF_M;
+    let shares = WORN[usize::from(side == Side::Right)];
+    shares.into_iter().zip(0u8..).map(move |(share, i)| {
+        let colour = asphalt.map(|level| level * (1.0 + WORN_TIMES * (share - 1.0)));
+        Band::plain(f32::from(i) * tenth, f32::from(i + 1) * tenth, colour, 1.0)
+    })
+}
+
 /// Colours of the lake's bank beside the road.
 const BANK: GreyLevels = [214.0, 207.0, 180.0];
 const YELLOW: GreyLevels = [184.0, 162.0, 72.0];
 
-/// The cross-sections of a theme's road, in the order of [`kind`]. Lines and verge stand out from the asphalt so many
-/// times as much as usual.
+/// The cross-sections of a theme's road, in the order of [`kind`], of each the left and the right side. Lines and verge stand out
+/// from the asphalt so many times as much as usual.
 pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Section> {
     let far = 20.0;
     let lay = |texture: u8, pattern: Pattern, bands: &[Band]| {
@@ -134,12 +168,13 @@ pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Sectio
             ];
             let paved = [Band::plain(0.0, far, [179.0, 158.0, 138.0], 1.0)];
             let bars = Pattern::Bars { period: 0.64, share: 0.5 };
-            vec![
+            let kinds = [
                 lay(0, Pattern::Plain, &road),
                 lay(0, bars, &kerbed),
                 lay(0, Pattern::Plain, &dirt),
                 lay(1, Pattern::Plain, &paved),
-            ]
+            ];
+            kinds.into_iter().flat_map(|alike| [alike.clone(), alike]).collect()
         }
         Theme::Jungle => {
             let asphalt = [137.0, 136.0, 133.0];
@@ -152,12 +187,11 @@ pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Sectio
                 Band::plain(half - 0.02, far, [110.0, 118.0, 80.0], 0.6),
             ];
             let dashes = Pattern::Bars { period: 9.0, share: 0.34 };
-            (0..4).map(|_| lay(0, dashes, &road)).collect()
+            vec![lay(0, dashes, &road); 8]
         }
         Theme::Mountain => {
             let asphalt = [68.0, 66.0, 69.0];
             let leaf = [202.0, 152.0, 64.0];
-            let track = [62.0, 60.0, 63.0];
             let leaves = |from: f32, to: f32, share: f32| Band {
                 from,
                 to,
@@ -166,20 +200,24 @@ pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Sectio
                 rough: 0.7,
                 pattern: share,
             };
-            let road = [
-                Band::plain(0.0, far, asphalt, 1.0),
-                Band::plain(0.0, 0.5, [80.0, 78.0, 80.0], 1.0),
-                Band::plain(half * 0.20, half * 0.32, track, 1.0),
-                Band::plain(half * 0.58, half * 0.68, track, 1.0),
-                // The real road, unrolled and averaged over a thousand pictures: leaves from 0.7 m inside the edge on, most
-                // of them on a yellow line; then dead ones, and from 0.6 m outside it concrete.
+            // The real road, unrolled and averaged over a thousand pictures: leaves from 0.7 m inside the edge on, most of
+            // them on a yellow line; then dead ones, and from 0.6 m outside it concrete.
+            let edge = [
                 leaves(half - 0.8, half - 0.45, 0.3),
                 leaves(half - 0.45, half + 0.3, 0.9),
                 Band::plain(half - 0.16, half - 0.02, [150.0, 130.0, 92.0], 0.5),
                 Band { colour: [66.0, 60.0, 54.0], ..leaves(half + 0.3, half + 0.6, 0.3) },
                 Band::plain(half + 0.6, far, [42.0, 42.0, 46.0], 0.5),
             ];
-            (0..4).map(|_| lay(0, Pattern::Flecks, &road)).collect()
+            let road = |side: Side| {
+                let bands: Vec<_> = [Band::plain(0.0, far, asphalt, 1.0)]
+                    .into_iter()
+                    .chain(worn(asphalt, half, side))
+                    .chain(edge)
+                    .collect();
+                lay(0, Pattern::Flecks, &bands)
+            };
+            (0..4).flat_map(|_| [road(Side::Left), road(Side::Right)]).collect()
         }
     }
 }

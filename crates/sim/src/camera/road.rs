@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::{
-    look::{ThemeLook, kind},
+    look::{self, ThemeLook, kind},
     noise::{fractal, unit},
     raster::{Cluster, Paint},
     terrain::{SHOULDER_M, Terrain},
@@ -174,19 +174,19 @@ impl Paver<'_> {
 
     fn strip_side(&self, chunk: &mut Cluster, from: &Station, to: &Station, side: Side) {
         let half = self.half();
-        let section = match side {
+        let kind = match side {
             _ if self.has(Edge::Bridge, side, from) => kind::PAVED,
             _ if self.has(Edge::Dirt, side, from) => kind::DIRT,
             _ if self.has(Edge::Kerb, side, from) => kind::KERB,
             _ => kind::PLAIN,
         };
         let number = (from.s / self.track.length() * self.track.stations().len() as f64) as u16;
-        let road = Paint::Road { section, station: number };
+        let road = Paint::Road { section: look::section(kind, side), station: number };
         let mut lay = |a: Corner, b: Corner, paint: Paint, towards: Option<Vec3>| {
             self.quad(chunk, (from, to), side, (a, b), paint, towards);
         };
         let eye = from.position.as_vec3() + Vec3::Y * 1.5;
-        if section == kind::PAVED {
+        if kind == kind::PAVED {
             let wall = half + Edge::Bridge.stands_off_m() as f32;
             lay((0.0, 0.0), (wall, 0.0), road, None);
             lay((wall, 0.0), (wall, WALL_M), BLACK, Some(eye));
@@ -195,7 +195,7 @@ impl Paver<'_> {
             return;
         }
         let (level, foot) = match self.track.file().theme {
-            Theme::Lake => (half + 1.65, (half + SHOULDER_M - 0.1, if section == kind::DIRT { 0.0 } else { 0.24 })),
+            Theme::Lake => (half + 1.65, (half + SHOULDER_M - 0.1, if kind == kind::DIRT { 0.0 } else { 0.24 })),
             Theme::Jungle => (half, (half + 1.0, 0.0)),
             Theme::Mountain => (half + 1.0, (half + 2.0, 0.0)),
         };
@@ -225,7 +225,7 @@ impl Paver<'_> {
         }
         lay((level, 0.0), foot, beside, None);
         lay(foot, (foot.0 + 1.6, foot.1 - 2.4), Paint::Ground, None);
-        if self.track.file().theme == Theme::Lake && section != kind::DIRT {
+        if self.track.file().theme == Theme::Lake && kind != kind::DIRT {
             // The bank is lit more strongly or weakly than so low a rise would be: the look is what counts.
             let inwards = from.position.as_vec3() - self.across(from, side, (1.0, 0.0));
             let steep = (Vec3::Y + inwards.normalize_or_zero() * 0.55).normalize();

@@ -138,6 +138,19 @@ fn braking_hard_with_nothing_ahead_is_a_false_alarm_and_going_on_with_it_is_none
 }
 
 #[test]
+fn a_drive_that_begins_faster_than_it_is_to_go_brakes_without_an_alarm() {
+    let mut braking = Braking::default();
+    for (at, mph, throttle) in [(0.0, 30.0, -1.0), (1.0, 28.5, -0.85), (2.0, 27.0, -0.7), (4.0, 20.0, 0.1)] {
+        told(&mut braking, at, mph, 60.0);
+        answered(&mut braking, By::Pilot, throttle);
+    }
+    assert_eq!(told_so(braking.clone(), SCENARIO)[4], Told(0.0));
+    told(&mut braking, 6.0, 20.0, 60.0);
+    answered(&mut braking, By::Pilot, -1.0);
+    assert_ne!(told_so(braking, SCENARIO)[4], Told(0.0));
+}
+
+#[test]
 fn what_a_run_does_not_tell_is_not_measurable_and_says_why() {
     let without = told_so(Braking::default(), Known { scenario: false, ..SCENARIO });
     assert_eq!(without, [Unknown(NO_SCENARIO); 5]);

@@ -152,12 +152,14 @@ impl Scorer {
         let by_human = self.began_s < self.first_s;
         let begun = within.filter(|_| !by_human).map_or(0.0, |within| within.begun);
         let share = within.map(|within| within.share).filter(|_| !is_done).or(is_done.then_some(1.0));
+        // To a waypoint at which it was put the car did not drive.
+        let carried = within.map_or(0.0, |within| f64::from(self.resets) * within.each);
         let completion = match (self.blind.laps_asked.map(|asked| f64::from(asked.max(1))), share) {
             (None, _) => Measure::Unknown(NO_LAPS_ASKED),
-            (Some(asked), _) if laps - begun >= asked => Measure::Told(1.0),
+            (Some(asked), _) if laps - begun >= asked => Measure::Told((1.0 - carried / asked).max(0.0)),
             (Some(_), None) => Measure::Unknown(no_completion),
             (Some(asked), Some(share)) => {
-                let value = ((laps - begun + share) / asked).clamp(0.0, 1.0);
+                let value = ((laps - begun + share - carried) / asked).clamp(0.0, 1.0);
                 let uncertainty = within.map_or(0.01, |within| within.off) / asked;
                 match within {
                     _ if is_done => Measure::Estimate { value, uncertainty, from: LAST_LAP },

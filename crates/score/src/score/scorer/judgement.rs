@@ -196,10 +196,15 @@ impl Scorer {
     fn by_judge(&self, figures: &mut Figures, span: &Span, way: f64, distance: Measure) {
         use Figure as F;
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
-        let completion = laps_asked.map(|asked| (self.progress / f64::from(asked.max(1))).min(1.0));
+        // To a waypoint at which it was put the car did not drive.
+        let waypoints = self.course.as_ref().map_or(1, |course| course.waypoints.max(1));
+        let carried = f64::from(self.resets) / f64::from(waypoints);
         // Laps alone say nothing about the last, unfinished one.
         let tells_waypoints = self.told.laps.total().is_some() && self.told.waypoints.are_told();
-        let completion = completion.filter(|share| tells_waypoints || *share >= 1.0);
+        let asked = laps_asked.map(|asked| f64::from(asked.max(1)));
+        let completion = asked
+            .filter(|asked| tells_waypoints || self.progress >= *asked)
+            .map(|asked| ((self.progress.min(asked) - carried) / asked).max(0.0));
         let no_completion = if laps_asked.is_none() { NO_LAPS_ASKED } else { NO_POSITION };
         figures.told(F::Completion, completion, no_completion);
         figures.told(F::Laps, Some(self.laps.len() as f64), NO_POSITION);

@@ -176,6 +176,16 @@ fn autonomy_counts_takeovers_and_interventions_apart() {
 }
 
 #[test]
+fn a_waypoint_at_which_the_car_was_put_is_not_one_that_it_reached() {
+    let crashes = [(30.0, EventRecord::Reset { waypoint: 3 }), (40.0, EventRecord::Reset { waypoint: 4 })];
+    for n in 0..3 {
+        let card = minute(&crashes[..n]);
+        close(&card, Figure::Completion, 0.5 - n as f64 / 100.0);
+        close(&card, Figure::DrivingScore, 50.0 - n as f64);
+    }
+}
+
+#[test]
 fn a_run_that_ends_in_a_collision_would_have_needed_somebody() {
     let end = |when: f64| {
         minute(&[(when, collision("a barrier")), (60.0, EventRecord::RunEnded { why: "collision".into() })])

@@ -39,6 +39,8 @@ pub(super) enum Arrival {
 pub(in crate::score) struct Within {
     /// Share of the lap that lies behind it.
     pub share: f64,
+    /// Share of a lap from one waypoint to the next.
+    pub each: f64,
     /// How far off that may be.
     pub off: f64,
     /// Share of a lap that was behind it at the run's first waypoint.
@@ -123,7 +125,7 @@ impl Waypoints {
             _ if is_counted => 1.0 / count,
             _ => 1.0 / count + (share - begun).abs() * LENGTH_OFF,
         };
-        Some(Within { share, off, begun, is_counted, is_done })
+        Some(Within { share, each: 1.0 / count, off, begun, is_counted, is_done })
     }
 }
 
