@@ -66,8 +66,7 @@ use lapwing_sim::{
 const SAMPLE: usize = 80;
 
 /// A road that bends alone do not tell from another is not believed if the car would have gone more or less than this many times
-/// as far there as its speed says (real recordings that are found by their bends went 0.99 to 1.01), or if fewer than [`FOUND`] of the
-/// pictures show it: of 196 m of the lake with a crash in them, 55 % seem to show the lake the other way round.
+/// as far there as its speed says. Real recordings that are found by their bends went 0.99 to 1.01.
 const PLAUSIBLE_WAY: std::ops::RangeInclusive<f64> = 0.92..=1.08;
 
 /// Why nothing is located of a recording whose pictures are lost.
@@ -299,7 +298,10 @@ pub fn locate(
                     Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
                 })
                 .transpose()?;
-            let doubt = on.as_ref().filter(|_| !is_sure).and_then(|on| implausible(on, &rows[of.clone()]));
+            let doubt = on
+                .as_ref()
+                .filter(|_| !is_sure)
+                .and_then(|on| implausible(on, &rows[of.clone()], lost.range(of.clone()).count()));
             let on = on.filter(|_| doubt.is_none());
             let is_located = on.iter().flat_map(|on| &on.drive.places).any(Option::is_some);
             Ok(Part { rows: of, way_m, on, unknown: unread.or(doubt).or(why).filter(|_| !is_located) })
@@ -354,10 +356,12 @@ impl Scenes<'_> {
     }
 }
 
-/// Why a road that only the pictures chose among several is not believed.
-fn implausible(on: &On, rows: &[Row]) -> Option<String> {
+/// Why a road that only the pictures chose among several is not believed: the car would have gone too far or not far enough there, or
+/// too few of the pictures that could be read show it. Of 196 m of the lake with a crash in them, 55 % seem to show the lake the other way
+/// round.
+fn implausible(on: &On, rows: &[Row], unread: usize) -> Option<String> {
     let places = &on.drive.places;
-    let share = places.iter().flatten().count() as f64 / places.len() as f64;
+    let share = places.iter().flatten().count() as f64 / (places.len() - unread).max(1) as f64;
     let way = Car::of(&on.drive, rows).map(|car| car.way).filter(|way| !PLAUSIBLE_WAY.contains(way));
     let but = match way {
         Some(way) => format!("there the car would have gone {way:.2} times as far as its speed says"),

@@ -222,6 +222,17 @@ fn a_network_is_trained_on_episodes_judged_on_others_and_watches_over_a_drive() 
     let (status, out, err) = run(&train);
     assert_eq!(status, 0, "{err}");
     assert!(out.starts_with("brake.safetensors (threshold ") && err.contains("epoch 2 after"), "{out}{err}");
+    let trained = fs::read(folder.path().join("brake.safetensors")).unwrap();
+    for (state, expected) in
+        [(true, "is the state of an earlier training: resume it"), (false, "without a resume state")]
+    {
+        if !state {
+            fs::remove_file(folder.path().join("brake.state.safetensors")).unwrap();
+        }
+        let (status, _, err) = run(&[&train[..], &["--seed", "5"]].concat());
+        assert!(status == 1 && err.contains(expected), "{status}: {err}");
+    }
+    assert!(fs::read(folder.path().join("brake.safetensors")).unwrap() == trained);
     fs::write(folder.path().join("more.toml"), format!("{recipe}pretrained = \"brake.safetensors\"\n")).unwrap();
     let more =
         ["brake", "train", "--recipe", "more.toml", "--data", "data", "--out", "new/more.safetensors", "--epochs", "1"];
@@ -265,7 +276,8 @@ fn each_recorded_hazard_is_labelled_as_one_emergency_and_nothing_harmless_is() {
 fn a_trial_tells_what_a_guard_avoids_in_a_table_a_file_and_a_page_with_films() {
     let folder = tempdir().unwrap();
     let run = |arguments: &[&str]| lapwing_in(folder.path(), "", arguments);
-    let less = ["--cases", "ccrs,steel-plate", "--speeds", "20", "--seeds", "2", "--laps", "0"];
+    // What is named twice is driven once.
+    let less = ["--cases", "ccrs,steel-plate,ccrs", "--speeds", "20,20", "--seeds", "2", "--laps", "0"];
     let trial = |more: &[&str]| run(&[&["brake", "trial"], &less[..], more].concat());
     let (status, out, err) = trial(&[]);
     assert_eq!((status, err.as_str()), (0, ""));

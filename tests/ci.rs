@@ -66,13 +66,19 @@ fn the_steps_of_the_action_drive_score_report_and_comment() {
 
     // Thresholds of the settings fail the drives themselves: the others are driven all the same, and all are reported.
     fs::write(at("lapwing.toml"), "[thresholds]\nmin_completion = 100\n").unwrap();
-    let driven = [driven[0], driven[1], ("LAPWING_OUT", "strict")];
+    let driven = [driven[0], driven[1], ("LAPWING_OUT", "strict"), ("GITHUB_OUTPUT", "output")];
     assert_eq!(said(&script("drive.sh", dir.path(), &driven)).0, 3);
     assert_eq!(fs::read_dir(at("strict/runs")).unwrap().count(), 2);
+    assert_eq!(read("output"), "driven=true\n", "the next step runs all the same");
     let (code, _, err) = said(&script("score.sh", dir.path(), &[driven[2]]));
     assert_eq!(code, 3, "{err}");
     assert!(read("strict/score.xml").contains("<failure") && read("strict/score.json").starts_with('{'));
     fs::remove_file(at("lapwing.toml")).unwrap();
+    // What cannot be driven at all is an error at once, and nothing is there to be scored.
+    let wrong = [("LAPWING_TRACKS", "nowhere lake"), ("LAPWING_OUT", "none"), ("GITHUB_OUTPUT", "none.output")];
+    assert_eq!(said(&script("drive.sh", dir.path(), &wrong)).0, 2);
+    assert!(!at("none.output").exists());
+    assert_eq!(said(&script("score.sh", dir.path(), &[wrong[1]])).0, 1);
 
     assert_eq!(said(&script("comment.sh", dir.path(), &[])).0, 0);
     assert!(!at("gh.called").exists(), "there is no pull request");
@@ -192,6 +198,11 @@ fn a_model_is_checked_and_a_file_of_another_tool_is_told_what_to_do() {
         said(&lapwing(&["model", "rename", "net.onnx", "--network", "pilotnet", "--out", "x.safetensors"]));
     assert!(code == 1 && err.contains("whole networks (.onnx, .pt) drive as they are, with --model"), "{err}");
     let dir = tempfile::tempdir().unwrap();
+    let own = dir.path().join("own.safetensors");
+    fs::write(&own, "weights").unwrap();
+    let own = own.to_str().unwrap();
+    let (code, _, err) = said(&lapwing(&["model", "rename", own, "--network", "pilotnet", "--out", own]));
+    assert!(code == 1 && err.contains("it is also an input, which would be lost"), "{err}");
     let saved = dir.path().join("saved");
     fs::create_dir(&saved).unwrap();
     fs::write(saved.join("saved_model.pb"), "").unwrap();

@@ -17,4 +17,5 @@ for track in $LAPWING_TRACKS; do
         missed=3
     }
 done
+[ -z "${GITHUB_OUTPUT:-}" ] || echo "driven=true" >> "$GITHUB_OUTPUT"
 exit "$missed"

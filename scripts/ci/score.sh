@@ -5,7 +5,10 @@
 set -eu
 : "${LAPWING_OUT:=lapwing-out}" "${LAPWING_THRESHOLDS:=}"
 # Thresholds of a lapwing.toml count here, too: a run that misses one is reported below.
-lapwing score "$LAPWING_OUT/runs" --json > "$LAPWING_OUT/score.json" || [ $? -eq 3 ]
+lapwing score "$LAPWING_OUT/runs" --json > "$LAPWING_OUT/score.json" || {
+    status=$?
+    [ "$status" -eq 3 ] || exit "$status"
+}
 set -- score "$LAPWING_OUT/runs" --junit "$LAPWING_OUT/score.xml" --html "$LAPWING_OUT/score.html" "--markdown=$LAPWING_OUT/summary.md"
 [ -z "${LAPWING_BASELINE:-}" ] || set -- "$@" --against "$LAPWING_BASELINE"
 [ -z "${LAPWING_PICTURES_AT:-}" ] || set -- "$@" --pictures-at "$LAPWING_PICTURES_AT"

@@ -138,7 +138,7 @@ pub struct WorldFlags {
     #[arg(long, value_name = "LIST")]
     pub conditions: Option<String>,
     /// Other traffic: ccrs, ccrm, ccrb, cpna, cpfa, cpla, child, cbna, cbla (after Euro NCAP), gentle-stop, parked, turn-off,
-    /// oncoming, steel-plate, pass-through, bystanders, or a scenario file (.toml)
+    /// oncoming, steel-plate, pass-through, bystanders, or a scenario file (.toml); it brings its own set speed, which only --speed changes
     #[arg(long, value_name = "NAME")]
     pub scenario: Option<String>,
     /// Telemetries per second of simulated time [default: 15]
@@ -205,7 +205,7 @@ pub struct Driving {
     #[cfg(feature = "networks")]
     #[command(flatten)]
     pub trust: Trust,
-    /// Target speed of the PI law, or limit of the quadratic law, in mph [default: a scenario's own, or control.speed_mph, 9]
+    /// Target speed of the PI law, or limit of the quadratic law, in mph [default: 9]
     #[arg(long, value_name = "MPH", value_parser = number, allow_negative_numbers = true)]
     pub speed: Option<f64>,
     /// Throttle law: drive.py's PI controller, or 1 - steering^2 - (speed/limit)^2 [default: pi]

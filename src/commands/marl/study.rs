@@ -108,7 +108,8 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     if !finished {
         say!("{} of {} trainings are done; the same command goes on", done.len(), cells.len());
     }
-    Ok(if finished || arguments.most.is_some() { Ended::Passed } else { Ended::Failed })
+    let enough = arguments.most.is_some() && !stop.is_pressed();
+    Ok(if finished || enough { Ended::Passed } else { Ended::Failed })
 }
 
 /// Trains what is not done, each in a process of its own: libtorch's random numbers are a process's, and a training must be
@@ -129,9 +130,11 @@ fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted)
             .args(["--episodes", &episodes.to_string(), "--every", &every.to_string()])
             .stdout(Stdio::null())
             .status()?;
-        say!("{} of {}: {}", i + 1, waiting.len(), cell.name());
         if !status.success() && !stop.is_pressed() {
             bail!("{}: its process ended with {status}", cell.name());
+        }
+        if status.success() {
+            say!("{} of {}: {}", i + 1, waiting.len(), cell.name());
         }
         Ok(())
     };

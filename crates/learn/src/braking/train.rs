@@ -81,9 +81,12 @@ pub enum BrakingTrainError {
         /// Why.
         why: String,
     },
-    /// What is there would be lost.
-    #[error("{} is there already: nothing is overwritten; resume its training (--resume) if its state lies beside it, or choose another file", .0.display())]
-    Exists(PathBuf),
+    /// The state of an earlier training would be lost.
+    #[error("{} is the state of an earlier training: resume it (--resume), or choose another file", .0.display())]
+    StateThere(PathBuf),
+    /// A network would be lost.
+    #[error("{} exists, but without a resume state: nothing is overwritten, choose another file", .0.display())]
+    NetworkThere(PathBuf),
     /// Another training's state.
     #[error("{}: expected the state of a training by this recipe, got that of another one", path.display())]
     OtherRecipe {
@@ -156,7 +159,7 @@ pub struct Trained {
 pub struct TrainOptions {
     /// Ends it early, with the best of its epochs, once so much has passed.
     pub most: Option<Duration>,
-    /// Goes on where an earlier one ended, if there is its state beside the network's file; else a warning is logged.
+    /// Goes on where an earlier one ended, if there is its state beside the network's file; if there is neither, a warning is logged.
     pub resume: bool,
     /// Threads of each of libtorch's operations while it learns, at least 1: other numbers round differently.
     pub threads: u16,
@@ -178,9 +181,11 @@ pub fn train(
     // Before the data, which takes a while.
     let from = pretrained(recipe)?;
     let state = state::path_of(path);
-    if let Some(there) = [&*state, path].into_iter().find(|file| file.exists() && !(options.resume && state.is_file()))
-    {
-        return Err(BrakingTrainError::Exists(there.to_owned()));
+    match (state.exists(), options.resume) {
+        (true, true) => {}
+        (true, false) => return Err(BrakingTrainError::StateThere(state)),
+        (false, _) if path.exists() => return Err(BrakingTrainError::NetworkThere(path.to_owned())),
+        (false, _) => {}
     }
     if options.resume && !state.is_file() {
         tracing::warn!("{}: no resume state: the training starts from the beginning", state.display());

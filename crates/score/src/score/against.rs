@@ -51,7 +51,7 @@ const CERTAIN: f64 = 2.0;
 const ALONE: f64 = 0.05;
 /// The same of what is counted a minute: whether the wheel turned back far enough to count hangs on so little that the same network
 /// on the same lap comes to 14.5 times on one kind of processor and 18.3 on another.
-const ALONE_COUNTED: f64 = 0.5;
+const ALONE_PER_MINUTE: f64 = 0.5;
 
 /// Which way a figure went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -243,7 +243,10 @@ fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
     let chance = match (of(before), of(now)) {
         // One more collision counts, however few runs there were.
         (None, None) if unit == Unit::Count => 0.0,
-        (None, None) if unit == Unit::PerMinute => ALONE_COUNTED * before.mean.abs(),
+        // Drives that are all the same are one drive.
+        _ if unit == Unit::PerMinute && [before, now].iter().all(|spread| spread.deviation.unwrap_or(0.0) == 0.0) => {
+            ALONE_PER_MINUTE * before.mean.abs()
+        }
         (None, None) => ALONE * before.mean.abs(),
         // The scatter of both together, or of one alone if the other is a single run.
         (a, b) => {
@@ -402,6 +405,7 @@ mod tests {
     #[test]
     fn a_single_run_on_another_processor_is_not_worse_by_how_often_its_wheel_turns_back() {
         assert_eq!(changed(Figure::SteeringReversals, &[14.5], &[18.3]), Trend::Same);
+        assert_eq!(changed(Figure::SteeringReversals, &[14.5, 14.5], &[18.3, 18.3]), Trend::Same);
         assert_eq!(changed(Figure::SteeringReversals, &[14.5], &[29.0]), Trend::Worse);
     }
 

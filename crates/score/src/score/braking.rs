@@ -24,6 +24,9 @@ const APART_S: f64 = 1.0;
 /// A throttle of this or less is emergency braking. An emergency brake is full, -1; the default PI controller asks for
 /// this much only at 8 mph over its speed.
 const EMERGENCY: f64 = -0.8;
+/// A drive that begins faster than it is to go is slowed down at first: from 30 to 9 mph the default PI controller brakes so hard for
+/// 0.8 s, in rain 1.1 s. What lasts longer, in seconds, is an alarm.
+const OPENING_S: f64 = 1.5;
 /// A car this much faster than it was at its slowest drives on, in mph; and one that is not this much slower than at the
 /// situation's begin; and any car after so many seconds.
 const DRIVES_ON_MPH: f64 = 1.0;
@@ -54,8 +57,9 @@ pub(super) struct Braking {
     /// Hits that nobody measured.
     unmeasured: u32,
     reductions_mph: Vec<f64>,
-    /// Whether the pilot once asked for less: a drive that begins faster than it is to go is slowed down at first.
-    has_driven: bool,
+    /// Whether the pilot has answered; and since when it brakes hard, if it did so from its first answer on.
+    has_begun: bool,
+    opening_s: Option<f64>,
     /// When emergency braking was asked for last.
     emergency_s: Option<f64>,
     false_alarms: u32,
@@ -108,11 +112,18 @@ impl Braking {
 
     pub(super) fn command(&mut self, command: &CommandRecord) {
         let brakes = command.by == By::Pilot && command.throttle.get() <= EMERGENCY && self.mph > REVERSES_BELOW_MPH;
-        self.has_driven |= command.by == By::Pilot && !brakes;
-        if brakes && self.has_driven {
+        let is_first = command.by == By::Pilot && !std::mem::replace(&mut self.has_begun, true);
+        if brakes {
             let before = self.emergency_s.replace(self.at_s);
-            let begins = before.is_none_or(|before| self.at_s - before >= APART_S);
+            if is_first {
+                self.opening_s = Some(self.at_s);
+                return;
+            }
+            let lasts = self.opening_s.take_if(|began| self.at_s - *began > OPENING_S).is_some();
+            let begins = lasts || before.is_none_or(|before| self.at_s - before >= APART_S);
             self.false_alarms += u32::from(begins && self.situation.is_none());
+        } else if command.by == By::Pilot {
+            self.opening_s = None;
         }
     }
 

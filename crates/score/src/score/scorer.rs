@@ -84,6 +84,10 @@ pub struct Scorer {
     off_since: Option<f64>,
     ended_off_road: bool,
     resets: u32,
+    /// Those before the laps asked for were done: the car did not drive to the waypoints at which it was put.
+    carried: u32,
+    /// Whether the laps asked for were done, by what the simulator reports.
+    all_laps: bool,
     stuck: u32,
     is_stuck: bool,
     takeovers: u32,
@@ -378,6 +382,13 @@ impl Scorer {
     /// The car was put back on the road.
     fn put(&mut self, at: f64) {
         self.resets += 1;
+        let done = match &self.course {
+            Some(course) => course.laps.map(|asked| self.progress >= f64::from(asked.max(1))),
+            None => {
+                self.blind.laps_asked.zip(self.told.laps.total()).map(|(asked, laps)| laps >= f64::from(asked.max(1)))
+            }
+        };
+        self.carried += u32::from(done != Some(true));
         self.was_put = true; // the reset also straightens the wheel
         self.braking.put();
         self.struck_now = false;

@@ -116,7 +116,7 @@ const WORN: [[f32; 40]; 2] = [
 ];
 /// The half width of that road, in metres. On a road of another width, wear is stretched.
 const WORN_HALF_M: f32 = 5.3;
-/// The sheen pales it. With differences so many times as large it is seen 6 m away as it was measured there.
+/// The sheen pales it: differences are drawn this many times as large, so that 6 m away they look as measured.
 const WORN_TIMES: f32 = 1.5;
 
 /// The bands of worn asphalt.
@@ -133,8 +133,8 @@ fn worn(asphalt: GreyLevels, half: f32, side: Side) -> impl Iterator<Item = Band
 const BANK: GreyLevels = [214.0, 207.0, 180.0];
 const YELLOW: GreyLevels = [184.0, 162.0, 72.0];
 
-/// The cross-sections of a theme's road, in the order of [`kind`], of each the left and the right side. Lines and verge stand out
-/// from the asphalt so many times as much as usual.
+/// The cross-sections of a theme's road, in the order of [`kind`], each for the left side, then for the right. Lines and verge stand
+/// out from the asphalt so many times as much as usual.
 pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Section> {
     let far = 20.0;
     let lay = |texture: u8, pattern: Pattern, bands: &[Band]| {

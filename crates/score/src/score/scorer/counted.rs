@@ -152,19 +152,24 @@ impl Scorer {
         let by_human = self.began_s < self.first_s;
         let begun = within.filter(|_| !by_human).map_or(0.0, |within| within.begun);
         let share = within.map(|within| within.share).filter(|_| !is_done).or(is_done.then_some(1.0));
-        // To a waypoint at which it was put the car did not drive.
-        let carried = within.map_or(0.0, |within| f64::from(self.resets) * within.each);
-        let completion = match (self.blind.laps_asked.map(|asked| f64::from(asked.max(1))), share) {
+        let asked = self.blind.laps_asked.map(|asked| f64::from(asked.max(1)));
+        let reported = asked.is_some_and(|asked| laps - begun >= asked);
+        let completion = match (asked, share) {
             (None, _) => Measure::Unknown(NO_LAPS_ASKED),
-            (Some(asked), _) if laps - begun >= asked => Measure::Told((1.0 - carried / asked).max(0.0)),
-            (Some(_), None) => Measure::Unknown(no_completion),
-            (Some(asked), Some(share)) => {
-                let value = ((laps - begun + share - carried) / asked).clamp(0.0, 1.0);
-                let uncertainty = within.map_or(0.01, |within| within.off) / asked;
+            // How much of a lap it is from one waypoint to the next is unknown, too.
+            (Some(_), None) if !reported || self.carried > 0 => Measure::Unknown(no_completion),
+            (Some(asked), share) => {
+                let driven = (laps - begun + share.unwrap_or(0.0)).clamp(0.0, asked);
+                self.all_laps = driven >= asked;
+                let each = within.map_or(0.0, |within| within.each);
+                let value = ((driven - f64::from(self.carried) * each) / asked).max(0.0);
+                let off = if reported { 0.0 } else { within.map_or(0.01, |within| within.off) / asked };
                 match within {
-                    _ if is_done => Measure::Estimate { value, uncertainty, from: LAST_LAP },
+                    _ if self.carried > 0 => Measure::Estimate { value, uncertainty: off + each / asked, from: PUT },
+                    _ if reported => Measure::Told(value),
+                    _ if is_done => Measure::Estimate { value, uncertainty: off, from: LAST_LAP },
                     Some(within) if within.is_counted => Measure::Told(value),
-                    _ => Measure::Estimate { value, uncertainty, from: OF_ROAD },
+                    _ => Measure::Estimate { value, uncertainty: off, from: OF_ROAD },
                 }
             }
         };

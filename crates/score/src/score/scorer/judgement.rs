@@ -164,7 +164,7 @@ impl Scorer {
         }
         if !judged {
             let lap_m = road_m.or(self.told.waypoints.lap_m());
-            span.open_ended(&mut figures, lap_m, laps_asked, self.driven_m);
+            span.open_ended(&mut figures, lap_m, laps_asked, (self.driven_m, self.all_laps));
             self.scores(&mut figures);
         }
         let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
@@ -196,9 +196,8 @@ impl Scorer {
     fn by_judge(&self, figures: &mut Figures, span: &Span, way: f64, distance: Measure) {
         use Figure as F;
         let laps_asked = self.course.as_ref().and_then(|course| course.laps);
-        // To a waypoint at which it was put the car did not drive.
         let waypoints = self.course.as_ref().map_or(1, |course| course.waypoints.max(1));
-        let carried = f64::from(self.resets) / f64::from(waypoints);
+        let carried = f64::from(self.carried) / f64::from(waypoints);
         // Laps alone say nothing about the last, unfinished one.
         let tells_waypoints = self.told.laps.total().is_some() && self.told.waypoints.are_told();
         let asked = laps_asked.map(|asked| f64::from(asked.max(1)));

@@ -186,6 +186,22 @@ fn a_waypoint_at_which_the_car_was_put_is_not_one_that_it_reached() {
 }
 
 #[test]
+fn nor_is_it_one_where_nobody_judges_unless_the_laps_asked_for_were_done() {
+    let driven = |puts: &[u32]| {
+        let mut scorer = Scorer::on(&[], Some(1));
+        // 50 waypoints, one a second; at some it stands, as it was put there.
+        for second in 0..=60 {
+            let mph = if second == 0 || puts.contains(&second) { 0.0 } else { 45.0 };
+            scorer.telemetry(at(f64::from(second)), &told(mph, 0.0, second / 50, second % 50));
+        }
+        scorer.finish()
+    };
+    for (puts, expected) in [(&[][..], 1.0), (&[20], 0.98), (&[20, 30], 0.96), (&[55], 1.0), (&[20, 55], 0.98)] {
+        close(&driven(puts), Figure::Completion, expected);
+    }
+}
+
+#[test]
 fn a_run_that_ends_in_a_collision_would_have_needed_somebody() {
     let end = |when: f64| {
         minute(&[(when, collision("a barrier")), (60.0, EventRecord::RunEnded { why: "collision".into() })])

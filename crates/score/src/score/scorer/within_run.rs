@@ -43,7 +43,13 @@ impl Scorer {
 
 impl Span {
     /// A human who drove on after the last telemetry came further than reported, limited by the car's top speed.
-    pub(super) fn open_ended(&self, figures: &mut Figures, lap_m: Option<f64>, asked: Option<u32>, driven_m: f64) {
+    pub(super) fn open_ended(
+        &self,
+        figures: &mut Figures,
+        lap_m: Option<f64>,
+        asked: Option<u32>,
+        (driven_m, all_laps): (f64, bool),
+    ) {
         let Some(open_s) = self.human_since.map(|since| self.end_s - since) else { return };
         if self.is_timed && open_s < MOMENT_S || self.told_s <= 0.0 {
             return;
@@ -53,7 +59,7 @@ impl Span {
         let asked = f64::from(asked.unwrap_or(1).max(1));
         for (figure, more) in [(Figure::Completion, open.map(|laps| laps / asked)), (Figure::Laps, open.map(f64::ceil))]
         {
-            let whole = figure == Figure::Completion && figures.get(figure).value().is_some_and(|share| share >= 1.0);
+            let whole = figure == Figure::Completion && all_laps;
             let measure = match (figures.get(figure), more) {
                 (Measure::Unknown(_), _) => continue,
                 _ if whole => continue,
