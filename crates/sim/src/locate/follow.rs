@@ -57,7 +57,7 @@ const FIRST: DVec3 = DVec3::new(20.0, 1.0, 0.2);
 /// many pictures only the last counts: a mean of more pictures says nothing of fewer.
 const WINDOW: usize = 10;
 const AGREES: f64 = 0.18;
-const APART_M: f64 = 0.3;
+const APART_M: f64 = 0.35;
 const SHOWN_M: f64 = 6.0;
 const UNSURE_M: f64 = 0.3;
 /// How far the search reaches: so many standard deviations, but at least and at most so far.
