@@ -181,15 +181,16 @@ pub fn train(
     // Before the data, which takes a while.
     let from = pretrained(recipe)?;
     let state = state::path_of(path);
-    match (state.exists(), options.resume) {
-        (true, true) => {}
+    let goes_on = match (state.exists(), options.resume) {
+        (true, true) => true,
         (true, false) => return Err(BrakingTrainError::StateThere(state)),
         (false, _) if path.exists() => return Err(BrakingTrainError::NetworkThere(path.to_owned())),
-        (false, _) => {}
-    }
-    if options.resume && !state.is_file() {
-        tracing::warn!("{}: no resume state: the training starts from the beginning", state.display());
-    }
+        (false, true) => {
+            tracing::warn!("{}: no resume state: the training starts from the beginning", state.display());
+            false
+        }
+        (false, false) => false,
+    };
     let architecture = recipe.network;
     let most = recipe.episodes.unwrap_or(usize::MAX);
     let mut drives = load(data, Part::Train, most, architecture)?;
@@ -205,7 +206,7 @@ pub fn train(
     let mut learning = Learning::new(recipe, &drives, from.as_ref())?;
     let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
-    if options.resume && state.is_file() {
+    if goes_on {
         learning.resume(&state)?;
     } else if recipe.pretrained.is_some() {
         learning.ask()?;

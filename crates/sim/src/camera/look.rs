@@ -217,7 +217,8 @@ pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Sectio
                     .collect();
                 lay(0, Pattern::Flecks, &bands)
             };
-            (0..4).flat_map(|_| [road(Side::Left), road(Side::Right)]).collect()
+            let sides = [road(Side::Left), road(Side::Right)];
+            (0..4).flat_map(|_| sides.clone()).collect()
         }
     }
 }
