@@ -7,6 +7,7 @@ use super::{
     raster::{COLOURED, FaceSetup, Paint, SKY},
     road::is_of_the_road,
     section::STRIPES_PER_M,
+    shade::log2,
     viewpoint::Viewpoint,
 };
 use lapwing_core::perception::Frame;
@@ -96,14 +97,19 @@ fn steepest(pixels: &[[f32; 3]], width: usize) -> Vec<Gradient> {
 }
 
 impl Renderer {
-    /// The road's edges as seen from here.
-    pub(crate) fn contours(&mut self, view: &Viewpoint) -> Vec<Contour> {
+    /// The road's edges as seen from here, in the picture's first `rows` rows.
+    pub(crate) fn contours(&mut self, view: &Viewpoint, rows: usize) -> Vec<Contour> {
+        // An edge is as steep as its neighbours' neighbours make it.
+        let view = &view.upper(rows + 2);
         self.rasterize(view);
         let (width, height) = (view.width, view.height);
-        let gradients = steepest(&self.plain(view), width);
+        let is_road = |setup: &&FaceSetup| is_of_the_road(setup.paint);
+        let Some(highest) = (0..width * height).find(|i| self.shown(*i).filter(is_road).is_some()) else { return vec![] };
+        let top = (highest / width).saturating_sub(2);
+        let gradients = steepest(&self.plain(view, top), width);
         let steep = |i: usize| gradients[i][0].powi(2) + gradients[i][1].powi(2);
         let mut contours = Vec::new();
-        for y in 1..height.saturating_sub(1) {
+        for y in 1..(height - top).saturating_sub(1) {
             for x in 1..width - 1 {
                 let i = y * width + x;
                 let [gx, gy] = gradients[i];
@@ -112,11 +118,10 @@ impl Renderer {
                 if steep(i) < CLEAR * CLEAR / 4.0 || steep(i - across) > steep(i) || steep(i + across) >= steep(i) {
                     continue;
                 }
-                let is_road = |setup: &&FaceSetup| is_of_the_road(setup.paint);
-                let Some(setup) = self.shown(i).filter(is_road) else { continue };
+                let Some(setup) = self.shown(top * width + i).filter(is_road) else { continue };
                 // Two pixels on, along the edge.
                 let along = 2.0 / steep(i).sqrt();
-                let (x, y) = (x as f32, y as f32);
+                let (x, y) = (x as f32, (top + y) as f32);
                 let (at, z) = seen(view, setup, x, y);
                 let (on, z_on) = seen(view, setup, x - gy * along, y + gx * along);
                 if (NEAR_M..FAR_M).contains(&z) && (NEAR_M..2.0 * FAR_M).contains(&z_on) {
@@ -134,9 +139,9 @@ impl Renderer {
         is_plain.then(|| &self.raster.setups[id as usize - 1])
     }
 
-    /// The picture without light, grain and pattern, as the road's cross-section alone would colour it; not a number
-    /// where something else is seen.
-    fn plain(&self, view: &Viewpoint) -> Vec<[f32; 3]> {
+    /// The picture from a row down, without light, grain and pattern, as the road's cross-section alone would colour it; not a
+    /// number where something else is seen.
+    fn plain(&self, view: &Viewpoint, top: usize) -> Vec<[f32; 3]> {
         let pixel = |i: usize| {
             let Some(setup) = self.shown(i) else { return [f32::NAN; 3] };
             match setup.paint {
@@ -146,14 +151,14 @@ impl Renderer {
                     let (x, y) = ((i % view.width) as f32, i / view.width);
                     let offset = |x: f32| (setup.v.row(y) + setup.v.x * x) / (setup.w.row(y) + setup.w.x * x);
                     let across = (offset(x + 0.5) - offset(x - 0.5)).abs();
-                    let level = (across * (STRIPES_PER_M * 0.7)).max(1.0).log2() as usize;
+                    let level = log2(across * (STRIPES_PER_M * 0.7));
                     let stripe = *self.scenery.sections[section as usize].level(level).at(offset(x).abs());
                     (stripe.plain + (stripe.other - stripe.plain) * 0.5).truncate().to_array()
                 }
                 _ => [f32::NAN; 3],
             }
         };
-        (0..view.width * view.height).map(pixel).collect()
+        (top * view.width..view.height * view.width).map(pixel).collect()
     }
 }
 

@@ -329,7 +329,7 @@ impl PixelRun<'_> {
 
 /// The whole part of the logarithm to base 2, 0 for anything below 2.
 #[inline]
-fn log2(x: f32) -> usize {
+pub(super) fn log2(x: f32) -> usize {
     ((x.to_bits() >> 23) as i32 - 127).clamp(0, 30) as usize
 }
 

@@ -43,6 +43,11 @@ impl Viewpoint {
         Self { eye, right, up, forward, focal, cx, cy, width: lens.width, height: lens.height, sides }
     }
 
+    /// The same, of which only so many rows are looked at, from the top.
+    pub(crate) fn upper(self, rows: usize) -> Self {
+        Self { height: self.height.min(rows), ..self }
+    }
+
     /// From the world to the camera's axes.
     #[inline]
     pub(crate) fn turn(&self, at: Vec3) -> Vec3 {

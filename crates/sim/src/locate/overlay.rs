@@ -62,13 +62,15 @@ pub struct Overlay {
     pub(super) track: Arc<Track>,
     renderer: Renderer,
     camera: Camera,
+    /// What was drawn last, and from where.
+    drawn: (Pose, Vec<Contour>),
 }
 
 impl Overlay {
     /// For pictures of this many pixels, of the stock camera.
     pub fn new(track: Arc<Track>, scenery: Arc<Scenery>, (width, height): (usize, usize)) -> Self {
         let camera = Camera { lens: Lens { width, height, ..Lens::STOCK }, ..Camera::CENTER };
-        Self { track, renderer: Renderer::new(scenery), camera }
+        Self { track, renderer: Renderer::new(scenery), camera, drawn: (Pose::default(), vec![]) }
     }
 
     pub(super) fn view(&self, pose: Pose) -> Viewpoint {
@@ -181,7 +183,11 @@ impl Overlay {
     fn visible(&mut self, field: &Field, pose: Pose) -> Seen {
         let view = self.view(pose);
         let right = view.width as f32 - 1.0;
-        let all = Seen::of(self.renderer.contours(&view).into_iter().map(|contour| (contour, 0.0)));
+        if self.drawn.0 != pose || self.drawn.1.is_empty() {
+            let rows = (view.height as f32 * ABOVE_BONNET).ceil() as usize;
+            self.drawn = (pose, self.renderer.contours(&view, rows));
+        }
+        let all = Seen::of(self.drawn.1.iter().map(|contour| (*contour, 0.0)));
         let mut seen = vec![];
         for (contours, points) in all.of.chunks(TOGETHER).zip(&all.points) {
             let edges = Edges::of(points, &view);
