@@ -104,7 +104,9 @@ impl Renderer {
         self.rasterize(view);
         let (width, height) = (view.width, view.height);
         let is_road = |setup: &&FaceSetup| is_of_the_road(setup.paint);
-        let Some(highest) = (0..width * height).find(|i| self.shown(*i).filter(is_road).is_some()) else { return vec![] };
+        let Some(highest) = (0..width * height).find(|i| self.shown(*i).filter(is_road).is_some()) else {
+            return vec![];
+        };
         let top = (highest / width).saturating_sub(2);
         let gradients = steepest(&self.plain(view, top), width);
         let steep = |i: usize| gradients[i][0].powi(2) + gradients[i][1].powi(2);

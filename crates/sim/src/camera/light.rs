@@ -3,6 +3,7 @@
 //! All of it is computed once for each position of the sun and then only looked up.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::{
     look::ThemeLook,
@@ -112,6 +113,7 @@ impl Light {
         let n = MAP / COARSE;
         let metres = lit.ground.side() / n as f32;
         let share: Vec<f32> = (0..(n + 1) * (n + 1))
+            .into_par_iter()
             .map(|k| {
                 let (x, z) =
                     (lit.ground.x0 + (k % (n + 1)) as f32 * metres, lit.ground.z0 + (k / (n + 1)) as f32 * metres);
@@ -153,7 +155,8 @@ impl Light {
             }
         }
         casting.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for k in 0..self.along {
+        let sun = self.sun;
+        let patches = |k: usize| -> [u8; ACROSS] {
             let s = k as f64 / f64::from(PATCHES_PER_M);
             let station = lit.track.at(s);
             let (middle, right) = (station.position.as_vec3(), station.right().as_vec3());
@@ -165,21 +168,21 @@ impl Light {
                 })
                 .map(|(_, sprite)| *sprite)
                 .collect();
-            for j in 0..ACROSS {
+            std::array::from_fn(|j| {
                 let offset = (j as f32 + 0.5 - ACROSS as f32 / 2.0) / PATCHES_PER_M;
                 let p = middle + right * offset + Vec3::Y * 0.05;
-                // Hills change slowly, so only every second patch is checked, along and across.
-                let hidden = !lit.ground.sunlit(p, self.sun)
+                let hidden = !lit.ground.sunlit(p, sun)
                     || nearby.iter().any(|s| s.shades(p, away, climb, &lit.pictures[s.picture as usize]));
-                if hidden {
-                    self.patches[k * ACROSS + j] = 0;
-                    let number = (s / length * stations as f64) as usize;
-                    for near in number.saturating_sub(9)..(number + 9).min(stations) {
-                        self.shaded[near] = true;
-                    }
-                }
-            }
+                if hidden { 0 } else { 255 }
+            })
+        };
+        let rows: Vec<_> = (0..self.along).into_par_iter().map(patches).collect();
+        for (k, _) in rows.iter().enumerate().filter(|(_, row)| row.contains(&0)) {
+            let s = k as f64 / f64::from(PATCHES_PER_M);
+            let number = (s / length * stations as f64) as usize;
+            self.shaded[number.saturating_sub(9)..(number + 9).min(stations)].fill(true);
         }
+        self.patches = rows.into_flattened();
     }
 
     /// The sun's share on the road, 0 to 1, blended between patches.

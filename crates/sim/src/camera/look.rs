@@ -4,7 +4,7 @@
 //! where nothing could be averaged.
 
 use super::{
-    noise::{fractal, mix3, step},
+    noise::{mix3, step},
     paintwork::{self, Paintwork},
     section::{Band, Pattern, Section},
 };
@@ -226,8 +226,9 @@ pub(super) fn sections(theme: Theme, half: f32, standing_out: f32) -> Vec<Sectio
 /// The properties of a place of open ground that decide its colour.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spot {
-    pub(super) x: f32,
-    pub(super) z: f32,
+    /// Noise over tens of metres and over a few, 0 to 1.
+    pub(super) wide: f32,
+    pub(super) fine: f32,
     /// Metres above the road nearby.
     pub(super) above_m: f32,
     /// Metres climbed a metre.
@@ -241,9 +242,8 @@ pub(super) struct Spot {
 }
 
 /// The colour of open ground in full light.
-pub(super) fn ground(theme: Theme, rock: GreyLevels, p: Spot, seed: u32) -> GreyLevels {
-    let wide = fractal(p.x / 31.0, p.z / 31.0, 3, 0, seed);
-    let fine = fractal(p.x / 5.0, p.z / 5.0, 3, 0, seed + 40);
+pub(super) fn ground(theme: Theme, rock: GreyLevels, p: Spot) -> GreyLevels {
+    let Spot { wide, fine, .. } = p;
     match theme {
         Theme::Lake => {
             let grass = mix3([204.0, 190.0, 92.0], [164.0, 160.0, 76.0], step(0.4, 0.62, fine));

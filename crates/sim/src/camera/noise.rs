@@ -18,26 +18,75 @@ pub(super) fn unit(x: i32, y: i32, seed: u32) -> f32 {
 
 /// Smooth noise from 0 to 1 with a grid of 1; repeats after `period` where that is not 0.
 pub(super) fn value(x: f32, y: f32, period: i32, seed: u32) -> f32 {
-    let (fx, fy) = (x.floor(), y.floor());
-    let (ix, iy) = (fx as i32, fy as i32);
-    let (tx, ty) = (x - fx, y - fy);
-    let (tx, ty) = (tx * tx * (3.0 - 2.0 * tx), ty * ty * (3.0 - 2.0 * ty));
-    let wrap = |i: i32| if period > 0 { i.rem_euclid(period) } else { i };
-    let at = |dx, dy| unit(wrap(ix + dx), wrap(iy + dy), seed);
-    let (top, bottom) = (mix(at(0, 0), at(1, 0), tx), mix(at(0, 1), at(1, 1), tx));
-    mix(top, bottom, ty)
+    { Cell::NONE }.value((x, y), period, seed)
 }
 
 /// Octaves of smooth noise, each half as strong and twice as fine; from 0 to 1, mostly near 0.5.
-pub(super) fn fractal(x: f32, y: f32, octaves: u32, period: i32, seed: u32) -> f32 {
-    let (mut sum, mut total, mut weight, mut scale) = (0.0, 0.0, 1.0, 1);
-    for octave in 0..octaves {
-        sum += weight * value(x * scale as f32, y * scale as f32, period * scale, seed + octave * 17);
-        total += weight;
-        weight *= 0.5;
-        scale *= 2;
+pub(super) fn fractal(x: f32, y: f32, octaves: usize, period: i32, seed: u32) -> f32 {
+    Fractal::new(octaves, period, seed).at(x, y)
+}
+
+/// The most octaves that [`Fractal`] adds up.
+const OCTAVES: usize = 4;
+
+/// [`fractal`] for one place after another: while they lie in the same cell of a grid, its corners are known.
+#[derive(Debug, Clone)]
+pub(super) struct Fractal {
+    cells: [Cell; OCTAVES],
+    octaves: usize,
+    period: i32,
+    seed: u32,
+}
+
+impl Fractal {
+    pub(super) fn new(octaves: usize, period: i32, seed: u32) -> Self {
+        Self { cells: [Cell::NONE; OCTAVES], octaves, period, seed }
     }
-    sum / total
+
+    pub(super) fn at(&mut self, x: f32, y: f32) -> f32 {
+        let (mut sum, mut total, mut weight, mut scale, mut seed) = (0.0, 0.0, 1.0, 1, self.seed);
+        for cell in &mut self.cells[..self.octaves] {
+            sum += weight * cell.value((x * scale as f32, y * scale as f32), self.period * scale, seed);
+            total += weight;
+            weight *= 0.5;
+            scale *= 2;
+            seed += 17;
+        }
+        sum / total
+    }
+}
+
+/// A square of a grid, and the noise at its corners.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    at: Option<(i32, i32)>,
+    corners: [f32; 4],
+}
+
+impl Cell {
+    const NONE: Self = Self { at: None, corners: [0.0; 4] };
+
+    /// See [`value`]; period and seed are always the same.
+    #[inline]
+    fn value(&mut self, (x, y): (f32, f32), period: i32, seed: u32) -> f32 {
+        let (ix, iy) = (floor(x), floor(y));
+        if self.at != Some((ix, iy)) {
+            let wrap = |i: i32| if period > 0 { i.rem_euclid(period) } else { i };
+            let corner = |dx, dy| unit(wrap(ix + dx), wrap(iy + dy), seed);
+            *self = Self { at: Some((ix, iy)), corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)] };
+        }
+        let [a, b, c, d] = self.corners;
+        let (tx, ty) = (x - ix as f32, y - iy as f32);
+        let (tx, ty) = (tx * tx * (3.0 - 2.0 * tx), ty * ty * (3.0 - 2.0 * ty));
+        mix(mix(a, b, tx), mix(c, d, tx), ty)
+    }
+}
+
+/// The next whole number down. `f32::floor` is a call where the compiler may not count on SSE4.1.
+#[inline]
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(whole as f32 > x)
 }
 
 /// The nearest whole number, kept to 22 bits: negative numbers count down from 2^22. Adding 1.5 * 2^23 leaves it in the

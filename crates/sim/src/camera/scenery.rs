@@ -3,10 +3,12 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 
 use super::{
     light::{Light, Lit, MAP, Sun},
     look::{self, ThemeLook},
+    noise::Fractal,
     plants::{self, Sprite},
     raster::{Cluster, Paint},
     road::Paver,
@@ -181,10 +183,12 @@ fn albedo(track: &Track, ground: &Terrain, look: &ThemeLook) -> Vec<[u8; 3]> {
         .iter()
         .map(|station| [Side::Left, Side::Right].map(|side| track.file().has(Edge::Dirt, side, station.s)))
         .collect();
-    let mut albedo = Vec::with_capacity(MAP * MAP);
-    for j in 0..MAP {
-        for i in 0..MAP {
-            let (x, z) = (ground.x0 + (i as f32 + 0.5) * metres, ground.z0 + (j as f32 + 0.5) * metres);
+    let row = |j: usize| {
+        let z = ground.z0 + (j as f32 + 0.5) * metres;
+        let (mut wide, mut fine) = (Fractal::new(3, 0, seed + 300), Fractal::new(3, 0, seed + 340));
+        let dirt = &dirt;
+        (0..MAP).map(move |i| {
+            let x = ground.x0 + (i as f32 + 0.5) * metres;
             let (from_edge_m, number) = ground.near(x, z);
             let station = &track.stations()[number];
             let to = Vec3::new(x, 0.0, z) - station.position.as_vec3();
@@ -192,18 +196,16 @@ fn albedo(track: &Track, ground: &Terrain, look: &ThemeLook) -> Vec<[u8; 3]> {
             let height = ground.height(x, z);
             let normal = ground.normal(x, z);
             let place = look::Spot {
-                x,
-                z,
+                wide: wide.at(x / 31.0, z / 31.0),
+                fine: fine.at(x / 5.0, z / 5.0),
                 above_m: height - station.position.y as f32,
                 slope: normal.x.hypot(normal.z) / normal.y,
                 from_edge_m,
                 dirt: dirt[number][usize::from(right)],
                 dry_m: ground.water.map_or(f32::MAX, |water| height - water),
             };
-            albedo.push(
-                look::ground(track.file().theme, look.rock, place, seed + 300).map(|c| c.clamp(0.0, 255.0) as u8),
-            );
-        }
-    }
-    albedo
+            look::ground(track.file().theme, look.rock, place).map(|c| c.clamp(0.0, 255.0) as u8)
+        })
+    };
+    (0..MAP).into_par_iter().flat_map_iter(row).collect()
 }

@@ -4,10 +4,11 @@
 //! away, and nothing pops up. A large cell includes the corners of its smaller neighbours, so there are no cracks.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::{
     look::ThemeLook,
-    noise::{fractal, mix, step},
+    noise::{Fractal, mix, step},
     raster::{Cluster, Paint},
 };
 use crate::track::{Edge, Side, Theme, Track};
@@ -64,87 +65,26 @@ impl Terrain {
         let side = n as f32 * CELL_M;
         let (x0, z0) = ((low[0] + high[0] - side) / 2.0, (low[2] + high[1] - side) / 2.0);
         let water = look.water.map(|_| low[1] - 1.3);
-        let mut ground = Self { x0, z0, n, heights: Vec::new(), near: Vec::new(), water };
         let half = track.half_width() as f32;
         // No corner of a cell that reaches under the strip may stand higher than it.
         let corridor = half + SHOULDER_M.min(shoulder(track.file().theme)) + CELL_M * 1.45;
-        for j in 0..=n {
-            for i in 0..=n {
-                let (x, z) = (x0 + i as f32 * CELL_M, z0 + j as f32 * CELL_M);
-                let (mut nearest, mut station) = (f32::MAX, 0);
-                let (mut weights, mut level, mut ceiling) = (0.0, 0.0, f32::MAX);
-                for p in &samples {
-                    let d2 = (p.x - x) * (p.x - x) + (p.z - z) * (p.z - z);
-                    if d2 < nearest {
-                        (nearest, station) = (d2, p.station);
-                    }
-                    let weight = 1.0 / ((d2 + 4.0) * (d2 + 4.0));
-                    weights += weight;
-                    level += weight * p.y;
-                    // Only from beside: on a slope, the road further down does not count here.
-                    let along = (x - p.x) * p.ahead.0 + (z - p.z) * p.ahead.1;
-                    if d2 < 900.0 && along.abs() < 4.5 {
-                        let beyond = (d2.sqrt() - corridor).max(0.0);
-                        ceiling = ceiling.min(p.y - DROP_M + beyond * look.steepest);
-                    }
-                }
-                let from_edge = (nearest.sqrt() - half).max(0.0);
-                let natural = ground.natural(track, x, z, level / weights, from_edge, station as usize);
-                ground.heights.push(natural.min(ceiling));
-                ground.near.push((from_edge, station));
+        let row = |j: usize| {
+            let (z, mut open) = (z0 + j as f32 * CELL_M, OpenCountry::new(track));
+            let mut row = Vec::with_capacity(n + 1);
+            for i in (0..=n).step_by(ABREAST) {
+                let xs: [f32; ABREAST] = std::array::from_fn(|k| x0 + (i + k) as f32 * CELL_M);
+                let beside = beside(&samples, xs, z, corridor, look.steepest);
+                row.extend(xs.into_iter().zip(beside).take(n + 1 - i).map(|(x, beside)| {
+                    let from_edge = (beside.nearest.sqrt() - half).max(0.0);
+                    let natural = open.height(x, z, beside.level, from_edge, beside.station as usize);
+                    (natural.min(beside.ceiling), (from_edge, beside.station))
+                }));
             }
-        }
-        ground
-    }
-
-    /// Height without any road.
-    fn natural(&self, track: &Track, x: f32, z: f32, level: f32, d: f32, station: usize) -> f32 {
-        let seed = track.file().scenery_seed as u32;
-        let hills = fractal(x / 64.0, z / 64.0, 4, 0, seed);
-        let wide = fractal(x / 210.0, z / 210.0, 2, 0, seed + 100);
-        let here = &track.stations()[station];
-        let to = Vec3::new(x, 0.0, z) - here.position.as_vec3();
-        let right = to.dot(here.right().as_vec3()) > 0.0;
-        let side = if right { Side::Right } else { Side::Left };
-        if track.file().has(Edge::Rock, side, here.s) {
-            let least = if track.file().theme == Theme::Mountain { 13.0 } else { 7.0 };
-            return level + step(2.5, 8.0, d) * (least + 9.0 * hills);
-        }
-        let rough = 0.5 * (fractal(x / 7.0, z / 7.0, 2, 0, seed + 7) - 0.5) * step(4.0, 9.0, d);
-        match track.file().theme {
-            Theme::Lake => {
-                let wet = track.file().has(Edge::Water, side, here.s);
-                let far = step(130.0, 260.0, d) * (6.0 + 34.0 * wide * hills.max(0.3));
-                if wet {
-                    return level - 5.0 * step(4.0, 12.0, d) + far + 4.0 * step(150.0, 200.0, d);
-                }
-                let flat = track.file().has(Edge::Dirt, side, here.s);
-                let beside = step(if flat { 24.0 } else { 6.0 }, if flat { 44.0 } else { 21.0 }, d);
-                // The middle of the country, which the road goes around, is a lake.
-                let bank = 15.0 * step(0.46, 0.70, hills) * if right { 1.0 } else { 0.35 };
-                let basin = if right { 0.0 } else { 6.0 * step(34.0, 70.0, d) * step(0.58, 0.42, wide) };
-                level - 0.15 + rough + beside * (bank + 1.5 * (hills - 0.4)) - basin + far
-            }
-            Theme::Jungle if track.file().has(Edge::Posts, side, here.s) => {
-                // They warn of a valley, whose far side rises as everywhere.
-                level - 0.1 + rough - 6.0 * step(4.0, 14.0, d) + step(30.0, 80.0, d) * (16.0 + 44.0 * wide)
-            }
-            Theme::Jungle => {
-                let cliffs = step(0.44, 0.52, fractal(x / 30.0, z / 30.0, 3, 0, seed + 3));
-                let close = step(2.5, 8.0, d);
-                let spires = 60.0 * step(50.0, 150.0, d) * (hills - 0.35).max(0.0);
-                // The real road is cut into slopes that hide most of the sky.
-                let slopes = step(6.0, 42.0, d) * (10.0 + 44.0 * wide);
-                level - 0.1 + rough + close * (cliffs * (9.0 + 12.0 * wide) + 3.0 * (hills - 0.45)) + slopes + spires
-            }
-            Theme::Mountain => {
-                let crag = step(0.48, 0.53, fractal(x / 44.0, z / 44.0, 3, 0, seed + 3));
-                let close = step(2.5, 16.0, d);
-                let slope = close * (crag * 10.0 + 9.0 * (hills - 0.34));
-                let heights = step(8.0, 60.0, d) * 34.0 * wide + step(40.0, 200.0, d) * 70.0 * (wide - 0.42).max(-0.1);
-                level - 0.1 + rough + slope + heights
-            }
-        }
+            row
+        };
+        let rows: Vec<_> = (0..=n).into_par_iter().flat_map_iter(row).collect();
+        let (heights, near) = rows.into_iter().unzip();
+        Self { x0, z0, n, heights, near, water }
     }
 
     fn at(&self, i: usize, j: usize) -> f32 {
@@ -154,7 +94,8 @@ impl Terrain {
     fn cell(&self, x: f32, z: f32) -> (usize, usize, f32, f32) {
         let most = self.n as f32 - 0.01;
         let (u, v) = (((x - self.x0) / CELL_M).clamp(0.0, most), ((z - self.z0) / CELL_M).clamp(0.0, most));
-        (u as usize, v as usize, u.fract(), v.fract())
+        let (i, j) = (u as u32, v as u32);
+        (i as usize, j as usize, u - i as f32, v - j as f32)
     }
 
     /// Height of the ground, in metres.
@@ -291,6 +232,129 @@ impl Terrain {
         let middle = point(i + size / 2, j + size / 2);
         for k in 0..around.len() {
             chunk.face([middle, around[k], around[(k + 1) % around.len()]], Paint::Ground, None);
+        }
+    }
+}
+
+/// So many places are held against the road at once, so that the compiler computes with several of them.
+const ABREAST: usize = 8;
+
+/// What a place has to do with the road.
+#[derive(Clone, Copy)]
+struct Beside {
+    /// Squared metres to the middle of the nearest piece of it, and that piece's station.
+    nearest: f32,
+    station: u32,
+    /// Height of the road, the nearer a piece the more it counts.
+    level: f32,
+    /// How high the ground may be.
+    ceiling: f32,
+}
+
+/// Holds places of one row against all pieces of a road.
+fn beside(road: &[RoadPoint], x: [f32; ABREAST], z: f32, corridor: f32, steepest: f32) -> [Beside; ABREAST] {
+    let (mut nearest, mut station) = ([f32::MAX; ABREAST], [0; ABREAST]);
+    let (mut weights, mut levels, mut ceiling) = ([0.0; ABREAST], [0.0; ABREAST], [f32::MAX; ABREAST]);
+    for p in road {
+        let squared = x.map(|x| (p.x - x) * (p.x - x) + (p.z - z) * (p.z - z));
+        for (k, d2) in squared.into_iter().enumerate() {
+            let nearer = d2 < nearest[k];
+            nearest[k] = if nearer { d2 } else { nearest[k] };
+            station[k] = if nearer { p.station } else { station[k] };
+            let weight = 1.0 / ((d2 + 4.0) * (d2 + 4.0));
+            weights[k] += weight;
+            levels[k] += weight * p.y;
+        }
+        if squared.into_iter().fold(f32::MAX, f32::min) >= 900.0 {
+            continue;
+        }
+        for (k, d2) in squared.into_iter().enumerate() {
+            // Only from beside: on a slope, the road further down does not count here.
+            let along = (x[k] - p.x) * p.ahead.0 + (z - p.z) * p.ahead.1;
+            if d2 < 900.0 && along.abs() < 4.5 {
+                let beyond = (d2.sqrt() - corridor).max(0.0);
+                ceiling[k] = ceiling[k].min(p.y - DROP_M + beyond * steepest);
+            }
+        }
+    }
+    std::array::from_fn(|k| Beside {
+        nearest: nearest[k],
+        station: station[k],
+        level: levels[k] / weights[k],
+        ceiling: ceiling[k],
+    })
+}
+
+/// Open ground without any road.
+struct OpenCountry<'a> {
+    track: &'a Track,
+    hills: Fractal,
+    wide: Fractal,
+    rough: Fractal,
+    /// Cliffs and crags.
+    steep: Fractal,
+}
+
+impl<'a> OpenCountry<'a> {
+    fn new(track: &'a Track) -> Self {
+        let seed = track.file().scenery_seed as u32;
+        let noise = |octaves, seed| Fractal::new(octaves, 0, seed);
+        Self {
+            track,
+            hills: noise(4, seed),
+            wide: noise(2, seed + 100),
+            rough: noise(2, seed + 7),
+            steep: noise(3, seed + 3),
+        }
+    }
+
+    /// The height there, beside a road of that level, so far from its edge.
+    fn height(&mut self, x: f32, z: f32, level: f32, d: f32, station: usize) -> f32 {
+        let track = self.track;
+        let hills = self.hills.at(x / 64.0, z / 64.0);
+        let wide = self.wide.at(x / 210.0, z / 210.0);
+        let here = &track.stations()[station];
+        let to = Vec3::new(x, 0.0, z) - here.position.as_vec3();
+        let right = to.dot(here.right().as_vec3()) > 0.0;
+        let side = if right { Side::Right } else { Side::Left };
+        if track.file().has(Edge::Rock, side, here.s) {
+            let least = if track.file().theme == Theme::Mountain { 13.0 } else { 7.0 };
+            return level + step(2.5, 8.0, d) * (least + 9.0 * hills);
+        }
+        let rough = 0.5 * (self.rough.at(x / 7.0, z / 7.0) - 0.5) * step(4.0, 9.0, d);
+        match track.file().theme {
+            Theme::Lake => {
+                let wet = track.file().has(Edge::Water, side, here.s);
+                let far = step(130.0, 260.0, d) * (6.0 + 34.0 * wide * hills.max(0.3));
+                if wet {
+                    return level - 5.0 * step(4.0, 12.0, d) + far + 4.0 * step(150.0, 200.0, d);
+                }
+                let flat = track.file().has(Edge::Dirt, side, here.s);
+                let beside = step(if flat { 24.0 } else { 6.0 }, if flat { 44.0 } else { 21.0 }, d);
+                // The middle of the country, which the road goes around, is a lake.
+                let bank = 15.0 * step(0.46, 0.70, hills) * if right { 1.0 } else { 0.35 };
+                let basin = if right { 0.0 } else { 6.0 * step(34.0, 70.0, d) * step(0.58, 0.42, wide) };
+                level - 0.15 + rough + beside * (bank + 1.5 * (hills - 0.4)) - basin + far
+            }
+            Theme::Jungle if track.file().has(Edge::Posts, side, here.s) => {
+                // They warn of a valley, whose far side rises as everywhere.
+                level - 0.1 + rough - 6.0 * step(4.0, 14.0, d) + step(30.0, 80.0, d) * (16.0 + 44.0 * wide)
+            }
+            Theme::Jungle => {
+                let cliffs = step(0.44, 0.52, self.steep.at(x / 30.0, z / 30.0));
+                let close = step(2.5, 8.0, d);
+                let spires = 60.0 * step(50.0, 150.0, d) * (hills - 0.35).max(0.0);
+                // The real road is cut into slopes that hide most of the sky.
+                let slopes = step(6.0, 42.0, d) * (10.0 + 44.0 * wide);
+                level - 0.1 + rough + close * (cliffs * (9.0 + 12.0 * wide) + 3.0 * (hills - 0.45)) + slopes + spires
+            }
+            Theme::Mountain => {
+                let crag = step(0.48, 0.53, self.steep.at(x / 44.0, z / 44.0));
+                let close = step(2.5, 16.0, d);
+                let slope = close * (crag * 10.0 + 9.0 * (hills - 0.34));
+                let heights = step(8.0, 60.0, d) * 34.0 * wide + step(40.0, 200.0, d) * 70.0 * (wide - 0.42).max(-0.1);
+                level - 0.1 + rough + slope + heights
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Pictures that surfaces and plants are covered with, in ever smaller copies.
 
-use super::noise::{fractal, mix, nearest, step, unit, value};
+use super::noise::{Fractal, mix, nearest, step, unit, value};
 
 /// Red, green, blue and a fourth number, which is coverage for sprites and a mask for surfaces.
 pub(super) type Texel = [u8; 4];
@@ -121,15 +121,16 @@ impl Texels<'_> {
 
 /// Coarse asphalt, 4 m a side: grey level 128 is the road's mean colour. The mask is a slower noise: leaves, dirt.
 pub(super) fn asphalt(contrast: f32, seed: u32) -> Texture {
+    let (mut patches, mut fallen) = (Fractal::new(3, 16, seed + 9), Fractal::new(3, 24, seed + 31));
     Texture::paint(256, 256, |x, y| {
         let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
         let stones = value(fx * 100.0, fy * 100.0, 100, seed) - 0.5;
         let grain = unit(x as i32, y as i32, seed + 5) - 0.5;
-        let patches = fractal(fx * 16.0, fy * 16.0, 3, 16, seed + 9) - 0.5;
+        let patches = patches.at(fx * 16.0, fy * 16.0) - 0.5;
         // A few bright stones, as in the real one.
         let bright = if value(fx * 64.0, fy * 64.0, 64, seed + 3) > 0.86 { 0.35 } else { 0.0 };
         let grey = 128.0 * (1.0 + contrast * (1.2 * stones + 0.8 * grain + 0.6 * patches + bright - 0.03));
-        let mask = 255.0 * step(0.42, 0.62, fractal(fx * 24.0, fy * 24.0, 3, 24, seed + 31));
+        let mask = 255.0 * step(0.42, 0.62, fallen.at(fx * 24.0, fy * 24.0));
         [grey, grey, grey * 0.99, mask]
     })
 }
@@ -137,17 +138,19 @@ pub(super) fn asphalt(contrast: f32, seed: u32) -> Texture {
 /// Round cobbles in ten crooked rows along the way, each of which repeats after eight, with pale joints between them.
 /// Grey level 128 is their mean; only the first channel counts, so they are grey.
 pub(super) fn cobbles(seed: u32) -> Texture {
+    // Crooked: no joint is straight, no stone as wide as the next.
+    let mut bent = [1, 2].map(|more| Fractal::new(2, 16, seed + more));
+    let mut rough = Fractal::new(2, 32, seed + 3);
     Texture::paint(256, 256, |x, y| {
         let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
-        // Crooked: no joint is straight, no stone as wide as the next.
-        let bent = |seed: u32| fractal(fx * 16.0, fy * 16.0, 2, 16, seed) - 0.5;
-        let across = (fy * 10.0 + 0.5 * bent(seed + 1)).rem_euclid(10.0);
+        let [bent_across, bent_along] = bent.each_mut().map(|bent| bent.at(fx * 16.0, fy * 16.0) - 0.5);
+        let across = (fy * 10.0 + 0.5 * bent_across).rem_euclid(10.0);
         let row = across as i32;
-        let along = (fx * 8.0 + 0.7 * bent(seed + 2) + 0.37 * (row * row % 7) as f32).rem_euclid(8.0);
+        let along = (fx * 8.0 + 0.7 * bent_along + 0.37 * (row * row % 7) as f32).rem_euclid(8.0);
         let (in_x, in_y) = (2.0 * along.fract() - 1.0, 2.0 * across.fract() - 1.0);
         let out = (in_x.powi(4) + in_y.powi(4)).sqrt().sqrt();
         let stone = step(1.02, 0.84, out);
-        let rough = fractal(fx * 32.0, fy * 32.0, 2, 32, seed + 3) - 0.5;
+        let rough = rough.at(fx * 32.0, fy * 32.0) - 0.5;
         let tone = 0.68 + 0.44 * unit(along as i32, row, seed) + 0.16 * rough;
         let grey = 128.0 * mix(COBBLE_JOINT, tone, stone);
         [grey, grey, grey, 0.0]
@@ -159,9 +162,10 @@ const COBBLE_JOINT: f32 = 1.45;
 
 /// Fine structure of open ground: grey level 128 is the ground's own colour.
 pub(super) fn ground(contrast: f32, seed: u32) -> Texture {
+    let mut noise = Fractal::new(4, 16, seed);
     Texture::paint(256, 256, |x, y| {
         let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
-        let n = fractal(fx * 16.0, fy * 16.0, 4, 16, seed) - 0.5;
+        let n = noise.at(fx * 16.0, fy * 16.0) - 0.5;
         let blades = value(fx * 128.0, fy * 64.0, 64, seed + 7) - 0.5;
         let grey = 128.0 * (1.0 + contrast * (1.5 * n + 0.5 * blades));
         [grey, grey, grey, 255.0]
@@ -170,11 +174,12 @@ pub(super) fn ground(contrast: f32, seed: u32) -> Texture {
 
 /// Rock with cracks, 8 m a side: grey level 128 is the rock's own colour.
 pub(super) fn rock(contrast: f32, seed: u32) -> Texture {
+    // Layers and clefts: coarse lumps, finer along the height than along the road.
+    let (mut lumps, mut clefts) = (Fractal::new(3, 5, seed), Fractal::new(4, 8, seed + 1));
     Texture::paint(256, 256, |x, y| {
         let (fx, fy) = (x as f32 / 256.0, y as f32 / 256.0);
-        // Layers and clefts: coarse lumps, finer along the height than along the road.
-        let lumps = fractal(fx * 5.0, fy * 5.0, 3, 5, seed) - 0.5;
-        let clefts = fractal(fx * 24.0, fy * 8.0, 4, 8, seed + 1) - 0.5;
+        let lumps = lumps.at(fx * 5.0, fy * 5.0) - 0.5;
+        let clefts = clefts.at(fx * 24.0, fy * 8.0) - 0.5;
         let grey = 128.0 * (1.0 + contrast * (0.5 * lumps + 1.5 * clefts));
         [grey, grey, grey, 255.0]
     })
@@ -182,9 +187,10 @@ pub(super) fn rock(contrast: f32, seed: u32) -> Texture {
 
 /// A concrete block's face with slanting yellow stripes, one block a picture.
 pub(super) fn striped_block(seed: u32) -> Texture {
+    let mut dirt = Fractal::new(3, 4, seed);
     Texture::paint(64, 32, |x, y| {
         let stripe = (x + y) / 11 % 2 == 0 && y > 3 && y < 28;
-        let dirt = 0.75 + 0.5 * fractal(x as f32 / 16.0, y as f32 / 16.0, 3, 4, seed);
+        let dirt = 0.75 + 0.5 * dirt.at(x as f32 / 16.0, y as f32 / 16.0);
         let colour = if stripe { [122.0, 104.0, 50.0] } else { [106.0, 106.0, 104.0] };
         let colour = colour.map(|c: f32| c * mix(0.75, 1.0, 1.0 - y as f32 / 32.0) * dirt);
         [colour[0], colour[1], colour[2], 255.0]
