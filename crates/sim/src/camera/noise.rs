@@ -50,7 +50,7 @@ impl Fractal {
             total += weight;
             weight *= 0.5;
             scale *= 2;
-            seed += 17;
+            seed = seed.wrapping_add(17);
         }
         sum / total
     }

@@ -169,6 +169,7 @@ impl Overlay {
                     let agreement = worth(pose);
                     if agreement > most {
                         (best, most) = (pose, agreement);
+                        break; // the other way leads back
                     }
                 }
             }
