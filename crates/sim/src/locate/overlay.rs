@@ -169,7 +169,6 @@ impl Overlay {
                     let agreement = worth(pose);
                     if agreement > most {
                         (best, most) = (pose, agreement);
-                        break; // the other way leads back
                     }
                 }
             }
