@@ -25,9 +25,16 @@ pub struct Roads {
 }
 
 impl Roads {
-    /// The roads that come with Lapwing, and more, named as for [`Track::open`].
+    /// The roads that come with Lapwing, and more, named as for [`Track::open`]. None is known twice: it would explain a drive as well
+    /// as itself.
     pub fn with(more: &[String]) -> Self {
-        Self { more: more.to_owned(), ..Self::default() }
+        let mut others: Vec<String> = vec![];
+        for name in more.iter().filter(|name| !Track::NAMES.contains(&name.as_str())) {
+            if !others.contains(name) {
+                others.push(name.clone());
+            }
+        }
+        Self { more: others, ..Self::default() }
     }
 
     /// All of them.

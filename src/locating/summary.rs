@@ -228,13 +228,17 @@ fn unseen(places: &[Option<Located>]) -> Vec<Range<usize>> {
 fn against_truth(on: &On, rows: &[Row]) -> Option<AgainstTruth> {
     let track = &on.drive.track;
     let (mut offsets, mut headings, mut places) = (vec![], vec![], vec![]);
+    // Where the car was follows from where it was before, not from where it was found: that may be far away.
+    let mut true_m = None;
     for (row, located) in rows.iter().zip(&on.drive.places) {
-        let (Some(truth), Some(located)) = (row.truth, located) else { continue };
+        let Some(truth) = row.truth else { continue };
+        let before_m = true_m.filter(|_| row.broken.is_none());
+        true_m = truth.position.map(|position| track.locate(position, before_m).station.s);
+        let Some(located) = located else { continue };
         let lane = located.pose.in_lane(track);
         offsets.push(lane.offset_m - truth.offset_m);
         headings.extend(truth.heading_deg.map(|heading_deg| lane.heading_rad.to_degrees() - heading_deg));
-        let at = |position| track.locate(position, Some(located.pose.s_m)).station.s;
-        places.extend(truth.position.map(|position| around(located.pose.s_m - at(position), track.length())));
+        places.extend(true_m.map(|true_m| around(located.pose.s_m - true_m, track.length())));
     }
     let offset_m = Errors::of(offsets)?;
     Some(AgainstTruth { offset_m, heading_deg: Errors::of(headings), place_m: Errors::of(places) })

@@ -221,6 +221,9 @@ pub enum TrackError {
     },
 }
 
+/// The ground around a longer road takes minutes to lay out.
+const LONGEST_M: f64 = 20_000.0;
+
 /// What a road of one's own may be called.
 const NAME: &str =
     "one other than lake, jungle, mountain, random… and random-lanes…, by which recordings tell the road";
@@ -251,11 +254,16 @@ impl TrackFile {
     pub(super) fn check_name(&self) -> Result<(), TrackError> {
         let is_random =
             |kind: &str| self.name.strip_prefix(kind).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'));
-        if !super::Track::NAMES.contains(&self.name.as_str()) && !is_random("random") && !is_random("random-lanes") {
-            return Ok(());
-        }
+        let known =
+            super::Track::NAMES.contains(&self.name.as_str()) || is_random("random") || is_random("random-lanes");
+        let is_plain = !self.name.is_empty() && self.name.trim() == self.name && !self.name.contains(char::is_control);
+        let expected = match (known, is_plain) {
+            (false, true) => return Ok(()),
+            (true, _) => NAME,
+            (false, false) => "a word or more on one line, without spaces around it",
+        };
         let (name, got) = (self.name.clone(), format!("{:?}", self.name));
-        Err(TrackError::Value { name, what: "name".into(), expected: NAME, got })
+        Err(TrackError::Value { name, what: "name".into(), expected, got })
     }
 
     pub(super) fn check(&self) -> Result<(), TrackError> {
@@ -273,6 +281,11 @@ impl TrackFile {
                 return wrong(format!("control point {i}"), expected, format!("{point:?}"));
             }
         }
+        let next = self.control_points.iter().cycle().skip(1);
+        let around_m: f64 = self.control_points.iter().zip(next).map(|(a, b)| (a[0] - b[0]).hypot(a[2] - b[2])).sum();
+        if around_m > LONGEST_M {
+            return wrong("control_points".into(), "a road of at most 20,000 m", format!("{around_m:.0} m"));
+        }
         if !(2.5..=50.0).contains(&self.width_m) {
             return wrong("width_m".into(), "2.5 to 50", self.width_m.to_string());
         }
@@ -282,6 +295,17 @@ impl TrackFile {
         let Start { x, y, z, yaw_deg } = self.start;
         if ![x, y, z, yaw_deg].iter().all(|v| v.abs() < 1e5) {
             return wrong("start".into(), "finite metres and degrees", format!("{:?}", self.start));
+        }
+        for (i, stretch) in self.stretches.iter().enumerate() {
+            if ![stretch.from_m, stretch.to_m].iter().all(|m| (0.0..=LONGEST_M).contains(m)) {
+                let got = format!("from {} to {}", stretch.from_m, stretch.to_m);
+                return wrong(format!("stretch {i}"), "metres along the road, from its first control point", got);
+            }
+        }
+        for (i, Landmark { x, z, .. }) in self.landmarks.iter().enumerate() {
+            if ![x, z].iter().all(|m| m.abs() < 1e5) {
+                return wrong(format!("landmark {i}"), "finite metres", format!("x = {x}, z = {z}"));
+            }
         }
         Ok(())
     }

@@ -26,6 +26,8 @@ pub const STATION_STEP_M: f64 = 0.5;
 
 /// Metres between points of a road that is drawn.
 const DRAWN_M: f64 = 3.0;
+/// A start this far above or below the road is not meant to be on it, in metres.
+const START_M: f64 = 5.0;
 
 /// One place on the road's middle line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,7 +119,30 @@ impl Track {
         TrackFile::parse(&text)
             .and_then(|file| file.check_name().map(|()| file))
             .and_then(Self::new)
+            .and_then(Self::starting_on_it)
             .map_err(|source| TrackError::File { path: name.into(), source: Box::new(source) })
+    }
+
+    /// The same, if its cars start on the road and face along it.
+    fn starting_on_it(self) -> Result<Self, TrackError> {
+        let Start { x, y, z, yaw_deg } = self.file.start;
+        let Place { station, offset } = self.locate(DVec3::new(x, y, z), None);
+        let ahead = station.ahead();
+        let faces = ahead.x * yaw_deg.to_radians().sin() + ahead.z * yaw_deg.to_radians().cos();
+        if offset.abs() <= self.half_width() && (y - station.position.y).abs() <= START_M && faces > 0.0 {
+            return Ok(self);
+        }
+        let here = station.position;
+        let along_deg = ahead.x.atan2(ahead.z).to_degrees();
+        Err(TrackError::Value {
+            name: self.file.name.clone(),
+            what: "start".into(),
+            expected: "a place on the road, and a direction along it",
+            got: format!(
+                "{:?}, where the nearest middle of the road is at x = {:.2}, y = {:.2}, z = {:.2}, yaw_deg = {along_deg:.1}",
+                self.file.start, here.x, here.y, here.z
+            ),
+        })
     }
 
     /// The track that is called so: one that [`Track::open`] knows by this name, or `own`, the path of a track's file, if that is its
@@ -312,6 +337,44 @@ impl Track {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_of_ones_own_whose_cars_cannot_set_off_along_the_road_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("mine.toml").to_str().unwrap().to_owned();
+        let lake = Track::named("lake").unwrap();
+        let refused = |change: &dyn Fn(&mut TrackFile)| {
+            let mut file = TrackFile { name: "mine".into(), ..lake.file().clone() };
+            change(&mut file);
+            fs::write(&path, toml::to_string(&file).unwrap()).unwrap();
+            Track::open(&path).err().map(|error| error.to_string())
+        };
+        assert_eq!(refused(&|_| ()), None);
+        let wrong: [(&dyn Fn(&mut TrackFile), &str); 8] = [
+            (&|file| file.start.x += 500.0, "start: expected a place on the road"),
+            (&|file| file.start.y -= 500.0, "start: expected a place on the road"),
+            (&|file| file.start.yaw_deg += 180.0, "and a direction along it"),
+            (&|file| file.stretches[0].from_m = f64::NAN, "stretch 0: expected metres along the road"),
+            (&|file| file.landmarks[0].x = f64::INFINITY, "landmark 0: expected finite metres"),
+            (&|file| file.name = String::new(), "name: expected a word"),
+            (&|file| file.name = "a\nb".into(), "name: expected a word"),
+            (
+                &|file| file.control_points = (0..400).map(|i| [f64::from(i) * 100.0, 0.0, f64::from(i % 2)]).collect(),
+                "control point 399",
+            ),
+        ];
+        for (change, expected) in wrong {
+            let error = refused(change).unwrap();
+            assert!(error.contains(expected) && error.starts_with(&path), "{expected}: {error}");
+        }
+        let round = |radius: f64| {
+            (0..400)
+                .map(move |i| f64::from(i) * std::f64::consts::TAU / 400.0)
+                .map(move |a| [radius * a.cos(), 0.0, radius * a.sin()])
+        };
+        let long = refused(&|file| file.control_points = round(4000.0).collect()).unwrap();
+        assert!(long.contains("expected a road of at most 20,000 m, got 25132 m"), "{long}");
+    }
 
     #[test]
     fn the_driving_line_goes_around_without_a_leap() {

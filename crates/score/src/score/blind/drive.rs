@@ -160,7 +160,10 @@ impl Drive {
         let once_around = self.looks(|way| way <= lap_m + SEARCH_M.1 + BEGINNING_M);
         match laps(&once_around).first().filter(|way| (*way - lap_m).abs() >= SEARCH_M.1) {
             Some(way) => {
-                Err(format!("it came back to its beginning after {way:.0} m, {} has {lap_m:.0} m", best.road.words()))
+                let road = best.road.words();
+                Err(format!(
+                    "it came back to its beginning after {way:.0} m, by its speed a lap of {road} is {lap_m:.0} m"
+                ))
             }
             None => Ok(best),
         }
