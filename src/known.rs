@@ -151,6 +151,12 @@ mod tests {
     };
 
     #[test]
+    fn no_road_is_known_twice() {
+        let more = ["lake", "random:3", "jungle", "random:3"].map(str::to_owned);
+        assert_eq!(Roads::with(&more).names().collect::<Vec<_>>(), ["lake", "jungle", "mountain", "random:3"]);
+    }
+
+    #[test]
     fn who_drives_a_tracks_line_is_followed_to_its_end() {
         for name in ["jungle", "lake"] {
             let track = Track::named(name).unwrap();

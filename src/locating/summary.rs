@@ -225,7 +225,7 @@ fn unseen(places: &[Option<Located>]) -> Vec<Range<usize>> {
     runs
 }
 
-fn against_truth(on: &On, rows: &[Row]) -> Option<AgainstTruth> {
+pub(super) fn against_truth(on: &On, rows: &[Row]) -> Option<AgainstTruth> {
     let track = &on.drive.track;
     let (mut offsets, mut headings, mut places) = (vec![], vec![], vec![]);
     // Where the car was follows from where it was before, not from where it was found: that may be far away.

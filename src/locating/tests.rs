@@ -37,6 +37,36 @@ fn drives_that_are_joined_in_one_log_are_kept_on_every_road() {
 }
 
 #[test]
+fn a_place_that_is_far_off_is_told_as_far_off() {
+    let mut found = recording(&[(Some("lake"), 5)]);
+    let on = found.parts[0].on.as_ref().unwrap();
+    for (row, s_m) in found.rows.iter_mut().zip(500..) {
+        row.truth = Some(RowTruth::of_pose(Pose { s_m: f64::from(s_m), ..Pose::default() }, &on.drive.track));
+    }
+    let told = summary::against_truth(on, &found.rows).unwrap().place_m.unwrap();
+    let at_m = on.drive.places[0].unwrap().pose.s_m;
+    assert!((told.median - (502.0 - at_m)).abs() < 1.0, "{told:?}, {at_m}");
+}
+
+#[test]
+fn a_road_on_which_the_car_would_have_gone_too_far_is_not_believed_even_if_only_its_bends_fit() {
+    let mut found = recording(&[(Some("lake"), 200)]);
+    let mut on = found.parts.remove(0).on.unwrap();
+    let mut gone = |metres_a_row: f64| {
+        for (i, (row, place)) in found.rows.iter_mut().zip(&mut on.drive.places).enumerate() {
+            (row.at_s, row.motion.way_m, row.steered_rad) = (0.1 * i as f64, 0.5, 0.01);
+            let s_m = 20.0 + metres_a_row * i as f64;
+            *place = Some(Located::known(Pose::from_lane(&on.drive.track, s_m, false, 0.0, 0.0)));
+        }
+        [true, false].map(|is_sure| implausible(&on, is_sure, &found.rows, 0))
+    };
+    assert_eq!(gone(0.5), [None, None]);
+    let [sure, chosen] = gone(1.0).map(Option::unwrap);
+    assert!(sure.starts_with("its bends fit lake, but there the car would have gone 2.0"), "{sure}");
+    assert!(chosen.contains("most like lake, but there the car would have gone 2.0"), "{chosen}");
+}
+
+#[test]
 fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
     let road = Arc::new(Road::new("bends".into(), 0.0, 100.0, None, vec![0.0, 1.0]));
     let tried = vec![Tried { road: road.clone(), fit: -3.1, behind: 0.0, explains: false }];
