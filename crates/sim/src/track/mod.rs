@@ -343,14 +343,15 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("mine.toml").to_str().unwrap().to_owned();
         let lake = Track::named("lake").unwrap();
-        let refused = |change: &dyn Fn(&mut TrackFile)| {
+        type Change<'a> = &'a dyn Fn(&mut TrackFile);
+        let refused = |change: Change<'_>| {
             let mut file = TrackFile { name: "mine".into(), ..lake.file().clone() };
             change(&mut file);
             fs::write(&path, toml::to_string(&file).unwrap()).unwrap();
             Track::open(&path).err().map(|error| error.to_string())
         };
         assert_eq!(refused(&|_| ()), None);
-        let wrong: [(&dyn Fn(&mut TrackFile), &str); 8] = [
+        let wrong: [(Change<'_>, &str); 8] = [
             (&|file| file.start.x += 500.0, "start: expected a place on the road"),
             (&|file| file.start.y -= 500.0, "start: expected a place on the road"),
             (&|file| file.start.yaw_deg += 180.0, "and a direction along it"),
