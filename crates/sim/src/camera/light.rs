@@ -137,8 +137,8 @@ impl Light {
     fn light_road(&mut self, lit: &Lit<'_>, casts: bool) {
         let length = lit.track.length();
         self.along = (length * f64::from(PATCHES_PER_M)) as usize;
-        self.patches = vec![255; self.along * ACROSS];
         if !casts {
+            self.patches = vec![255; self.along * ACROSS];
             return;
         }
         let stations = lit.track.stations().len();

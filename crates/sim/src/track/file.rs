@@ -273,6 +273,7 @@ impl TrackFile {
         if self.control_points.len() < 8 {
             return wrong("control_points".into(), "at least 8", self.control_points.len().to_string());
         }
+        let mut around_m = 0.0;
         for (i, point) in self.control_points.iter().enumerate() {
             let next = self.control_points[(i + 1) % self.control_points.len()];
             let apart = (point[0] - next[0]).hypot(point[2] - next[2]);
@@ -280,9 +281,8 @@ impl TrackFile {
                 let expected = "finite metres, 0.5 to 200 m from the next";
                 return wrong(format!("control point {i}"), expected, format!("{point:?}"));
             }
+            around_m += apart;
         }
-        let next = self.control_points.iter().cycle().skip(1);
-        let around_m: f64 = self.control_points.iter().zip(next).map(|(a, b)| (a[0] - b[0]).hypot(a[2] - b[2])).sum();
         if around_m > LONGEST_M {
             return wrong("control_points".into(), "a road of at most 20,000 m", format!("{around_m:.0} m"));
         }
