@@ -3,7 +3,7 @@
 use std::{ops::Range, sync::Arc};
 
 use super::rows::Row;
-use lapwing_score::odometry::{Leg, Match, Milestone, Road, both_ways, joins};
+use lapwing_score::odometry::{ASTRAY, Leg, Match, Milestone, Road, both_ways, joins};
 use lapwing_sim::{
     locate::{Known, Pose},
     track::Track,
@@ -15,8 +15,6 @@ const BESIDE: usize = 40;
 /// Places that the bends tell are this sure at best, in metres, and as they err alike, less sure than each by itself.
 pub(super) const NEAR_M: f64 = 5.0;
 const ALIKE: f64 = 2.0;
-/// How wrong the distance driven may be, as a share.
-const ASTRAY: f64 = 0.1;
 
 /// A road that a drive may have been on.
 pub(super) struct OnRoad {

@@ -21,10 +21,14 @@ pub const BENDS_M: f64 = 250.0;
 /// bends must speak for another road, or another place, before they outweigh what the start looks like.
 const LIKELY: f64 = 15.0;
 /// Places told from before and behind are compared within so many metres driven, and contradict one another if they are this
-/// many standard deviations apart, besides what a place is unsure at best, in metres.
-const ALONGSIDE_M: f64 = 40.0;
+/// many standard deviations apart, besides what a place is unsure at best, in metres, and how wrong the way between them may
+/// be. Of those so close together, the less sure one does not count.
+const COMPARED_M: f64 = 150.0;
 const CONTRADICTS: f64 = 3.0;
 const NEAR_M: f64 = 5.0;
+const ALONGSIDE_M: f64 = 40.0;
+/// How wrong the distance driven may be, as a share.
+pub const ASTRAY: f64 = 0.1;
 /// How far the mean of the speeds before and after a gap may be from the mean speed in it, in m/s.
 const UNSEEN_MPS: f64 = 2.5;
 /// How far a car that is put back may be from where it was, as a standard deviation in metres.
@@ -195,19 +199,54 @@ fn followed<'a>(mut matcher: Matcher, legs: impl Iterator<Item = (&'a Leg, bool)
     matcher.matches()
 }
 
-/// Of the places that the bends before and those behind tell, the surer one; none where they contradict one another.
+/// Of the places that the bends before and those behind tell, the surer one; none where they contradict one another. They may
+/// do so without lying side by side: a car does not leap.
 fn surest(before: &[Milestone], behind: &[Milestone], length_m: f64) -> Vec<Milestone> {
+    let apart_m = |stone: &Milestone, other: &Milestone| (other.way_m - stone.way_m).abs();
     let nearest = |stone: &Milestone, of: &[Milestone]| {
-        let off = |other: &Milestone| (other.way_m - stone.way_m).abs();
-        of.iter().min_by(|a, b| off(a).total_cmp(&off(b))).copied().filter(|other| off(other) < ALONGSIDE_M)
+        let nearest = of.iter().min_by(|a, b| apart_m(stone, a).total_cmp(&apart_m(stone, b)));
+        nearest.copied().filter(|other| apart_m(stone, other) < COMPARED_M)
     };
     let surer = |stone: &&Milestone, of: &[Milestone]| {
         nearest(stone, of).is_none_or(|other| {
             let off_m = around(stone.s_m - stone.way_m - other.s_m + other.way_m, length_m).abs();
             let unsure_m = NEAR_M + stone.deviation_m.hypot(other.deviation_m);
-            off_m < CONTRADICTS * unsure_m && stone.deviation_m <= other.deviation_m
+            let agrees = off_m < CONTRADICTS * unsure_m + ASTRAY * apart_m(stone, &other);
+            agrees && (stone.deviation_m <= other.deviation_m || apart_m(stone, &other) > ALONGSIDE_M)
         })
     };
     let surest = before.iter().filter(|stone| surer(stone, behind));
     surest.chain(behind.iter().filter(|stone| surer(stone, before))).copied().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stone(way_m: f64, s_m: f64) -> Milestone {
+        Milestone { way_m, s_m, progress_m: way_m, deviation_m: 3.0 }
+    }
+
+    fn ways(stones: &[Milestone]) -> Vec<f64> {
+        stones.iter().map(|stone| stone.way_m).collect()
+    }
+
+    #[test]
+    fn places_from_before_and_behind_that_a_car_would_have_to_leap_between_do_not_count() {
+        // The bends behind tell the first 100 m, those before the rest.
+        let before = [stone(128.0, 554.0), stone(150.0, 575.0), stone(240.0, 664.0)];
+        let agreeing = [stone(83.0, 512.0), stone(19.0, 446.0)];
+        assert_eq!(ways(&surest(&before, &agreeing, 1138.0)), [128.0, 150.0, 240.0, 83.0, 19.0]);
+        let elsewhere = [stone(83.0, 41.0), stone(19.0, 1115.0)];
+        assert_eq!(ways(&surest(&before, &elsewhere, 1138.0)), [240.0], "too far from any that contradicts it");
+    }
+
+    #[test]
+    fn of_places_side_by_side_the_surer_one_counts() {
+        let (before, mut behind) = ([stone(100.0, 100.0)], [stone(110.0, 112.0)]);
+        behind[0].deviation_m = 2.0;
+        assert_eq!(ways(&surest(&before, &behind, 1138.0)), [110.0]);
+        behind[0].s_m = 200.0;
+        assert_eq!(ways(&surest(&before, &behind, 1138.0)), [0.0; 0]);
+    }
 }
