@@ -16,14 +16,25 @@ use lapwing_core::{
 pub(super) trait Forward: fmt::Debug + Send + Sync {
     /// (1, C, H, W) or (1, H, W, C) f32 to as many numbers as there are outputs, in whatever shape.
     fn forward(&self, input: &Tensor) -> Result<Tensor, NnError>;
+
+    /// The same network as it was loaded, without what it has kept since; itself if it cannot keep anything.
+    fn afresh(self: Arc<Self>) -> Result<Arc<dyn Forward>, ModelError>;
 }
 
 /// Steers by the first output of such a network. Clones share its weights, and no frames.
+///
+/// A network that keeps something from picture to picture is loaded anew for each drive: nobody else can tell it to forget.
 #[derive(Debug, Clone)]
 pub(super) struct ForeignPilot {
     eye: Eye,
     network: Arc<dyn Forward>,
+    /// Whether its answer depends on the pictures before, and whether it has seen some of another drive.
+    remembers: bool,
+    is_used: bool,
 }
+
+/// Answers to the same picture that differ by no more than this are the same: TorchScript compiles itself meanwhile.
+const SAME: f64 = 1e-4;
 
 impl ForeignPilot {
     /// A pilot of the file `path`, with the `.toml` of the same stem beside it, warmed up. `load` makes the network, which
@@ -41,8 +52,9 @@ impl ForeignPilot {
         let unfit = |source: ModelError| ModelError::Unfit { path: path.to_owned(), source: Box::new(source) };
         let mut eye = Eye::new(preprocess, &outputs, clock).map_err(unfit)?;
         let network = Arc::new(load(shape)?);
-        eye.warm_up(|input| network.forward(input)).map_err(|error| unfit(error.into()))?;
-        Ok(Self { eye, network })
+        let [first, again] = eye.warm_up(|input| network.forward(input)).map_err(|error| unfit(error.into()))?;
+        let remembers = (first - again).abs() > SAME;
+        Ok(Self { eye, network, remembers, is_used: remembers })
     }
 
     /// What is done to a frame.
@@ -58,9 +70,15 @@ impl ForeignPilot {
 
 impl Pilot for ForeignPilot {
     fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
-        let Self { eye, network } = self;
+        let Self { eye, network, is_used, .. } = self;
+        if *is_used {
+            *network = network.clone().afresh().map_err(|error| PilotError::Network(error.into()))?;
+            *is_used = false;
+        }
         eye.steer(view.frame, |input| network.forward(input))
     }
 
-    fn reset(&mut self) {}
+    fn reset(&mut self) {
+        self.is_used = self.remembers;
+    }
 }

@@ -10,7 +10,7 @@ use safetensors::SafeTensors;
 
 #[cfg(feature = "onnx")]
 use super::onnx;
-use super::{ModelError, elsewhere::ForeignPilot, foreign, network::NetworkPilot, torchscript};
+use super::{ModelError, elsewhere::ForeignPilot, foreign, network::NetworkPilot, torchscript::Script};
 use crate::nn::{Architecture, Checkpoint, Network, NnError, braking::BrakingArchitecture};
 use lapwing_core::{
     hash::sha256,
@@ -76,7 +76,7 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
         Some("safetensors") => LoadedModel::of_checkpoint(path, &read()?, clock),
         Some(_) if is_torchscript(path) => {
             let bytes = read()?;
-            let pilot = ForeignPilot::load(path, clock, |_| torchscript::load(path, &bytes))?;
+            let pilot = ForeignPilot::load(path, clock, |_| Script::load(path, bytes.as_slice().into()))?;
             Ok(LoadedModel::of_foreign("torchscript", path, &bytes, pilot, (None, clock)))
         }
         #[cfg(feature = "onnx")]

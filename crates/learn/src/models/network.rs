@@ -103,16 +103,19 @@ impl Eye {
     /// Shows blank pictures, black, grey and white, of the stock simulator's size or as high as the crop asks for.
     /// Afterwards libtorch has chosen and compiled its kernels (TorchScript does so on the second pass), so the first
     /// frame is answered as fast as the others, and a network that does not answer correctly is reported now.
+    /// Returns the steering for the first picture, and for the same one after the others.
     pub(super) fn warm_up(
         &mut self,
         mut forward: impl FnMut(&Tensor) -> Result<Tensor, NnError>,
-    ) -> Result<(), PilotError> {
+    ) -> Result<[f64; 2], PilotError> {
         let [width, height] = self.preprocess().picture_size();
-        for shade in [0, 128, 255] {
+        let mut answer = |shade| {
             let blank = Frame::new(width, height, vec![shade; width * height * 3]);
-            self.steer(&blank.expect("there are three bytes for each pixel"), &mut forward)?;
-        }
-        Ok(())
+            let blank = blank.expect("there are three bytes for each pixel");
+            self.steer(&blank, &mut forward).map(|answer| answer.steering)
+        };
+        let [first, .., again] = [answer(0)?, answer(128)?, answer(255)?, answer(0)?];
+        Ok([first, again])
     }
 
     pub(super) fn steer(

@@ -4,7 +4,10 @@ use tch::{Device, Kind, Tensor};
 
 use super::*;
 use crate::models::load;
-use lapwing_core::{perception::Frame, pilot::View};
+use lapwing_core::{
+    perception::Frame,
+    pilot::{Pilot, View},
+};
 
 /// A drawn frame of the stock simulator's size.
 fn frame() -> Frame {
@@ -178,4 +181,35 @@ fn a_crop_beyond_any_picture_is_refused_when_loaded_and_one_beyond_this_picture_
         pilot.steer(&View::of(&frame())).unwrap_err().to_string(),
         "expected a frame of at least 300 rows for the crop to row 300, got 320x160"
     );
+}
+
+#[test]
+fn a_module_that_remembers_begins_each_drive_as_it_was_loaded() {
+    // class Counting: forward adds 1 to a buffer n and answers 0.001 * n + 0.5 * x.mean(); torch.jit.script(Counting()).save(…)
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("counting.pt");
+    fs::write(&path, include_bytes!("counting.pt")).unwrap();
+    fs::write(folder.path().join("counting.toml"), SIDE).unwrap();
+    let model = load(path, Instant::now).unwrap();
+    let (mut first, mut second) = (model.pilot(), model.pilot());
+    let steering = |pilot: &mut dyn Pilot| pilot.steer(&View::of(&frame())).unwrap().steering;
+    let begun = steering(&mut *first);
+    let later = steering(&mut *first);
+    assert!((later - begun - 0.001).abs() < 1e-6, "{begun} {later}");
+    assert_eq!(steering(&mut *second), begun, "another car's pilot has seen nothing");
+    first.reset();
+    assert_eq!(steering(&mut *first), begun, "another drive begins");
+}
+
+#[test]
+fn what_a_module_cannot_do_with_its_input_is_told_with_the_shape_that_it_got() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sum.pt");
+    let input = [Tensor::ones([1, 3, 4, 8], (Kind::Float, Device::Cpu))];
+    let weights = Tensor::ones([3 * 4 * 8, 1], (Kind::Float, Device::Cpu));
+    let mut sum = |inputs: &[Tensor]| vec![inputs[0].flatten(1, 3).matmul(&weights)];
+    CModule::create_by_tracing("Sum", "forward", &input, &mut sum).unwrap().save(&path).unwrap();
+    fs::write(folder.path().join("sum.toml"), SIDE.replace("height = 4", "height = 5")).unwrap();
+    let error = error(&path);
+    assert!(error.contains("cannot be multiplied") && error.contains("[1, 3, 5, 8] f32"), "{error}");
 }
