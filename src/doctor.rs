@@ -18,7 +18,7 @@ use lapwing_core::{
     driver::Driver,
     files,
     protocol::{CameraImage, Dialect, Observation, Sight, Telemetry, Truth},
-    recording::{Recording, RunHeader, recordings_in},
+    recording::{EventRecord, Recording, RunHeader, recordings_in},
     units::{Degrees, Mph, Throttle},
 };
 use lapwing_learn::{models::LoadedModel, nn::runtime};
@@ -71,18 +71,25 @@ const SCARCE_MB: u64 = 400;
 const PATIENCE: Duration = Duration::from_secs(2);
 const GREETING_BYTES: u64 = 4096;
 
-/// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be.
+/// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be; `guard` says
+/// whether theirs can be.
 ///
 /// # Errors
 /// The system grants no runtime to try the port with.
-pub fn examine(settings: &Settings, model: Result<LoadedModel, String>) -> io::Result<Findings> {
+pub fn examine(
+    settings: &Settings,
+    model: Result<LoadedModel, String>,
+    guard: Result<(), String>,
+) -> io::Result<Findings> {
     let mut troubles = Vec::new();
     let model = model.map_err(|why| troubles.push(format!("the model cannot be used: {why}"))).ok();
     let libtorch = runtime::libtorch();
     troubles.extend(libtorch.troubles());
-    let driver_ms = model.as_ref().map(|model| {
+    troubles.extend(guard.err().map(|why| format!("nothing can brake in place of the pilot: {why}")));
+    let driver_ms = model.as_ref().and_then(|model| {
         let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
-        median_answer_ms(&mut driver)
+        let answered = median_answer_ms(&mut driver);
+        answered.map_err(|why| troubles.push(format!("the model cannot steer by the simulator's pictures: {why}"))).ok()
     });
     let recordings = settings.recording.dir.clone();
     if let Err(error) = files::check_folder(&recordings) {
@@ -206,7 +213,7 @@ impl fmt::Display for Findings {
 }
 
 /// The median of some answers to a grey picture.
-fn median_answer_ms(driver: &mut Driver) -> f64 {
+fn median_answer_ms(driver: &mut Driver) -> Result<f64, String> {
     let telemetry = Telemetry {
         steering: Degrees::ZERO,
         throttle: Throttle::ZERO,
@@ -215,9 +222,16 @@ fn median_answer_ms(driver: &mut Driver) -> f64 {
         truth: Truth::default(),
     };
     let observation = Observation { at: Default::default(), sight: Sight::Telemetry(telemetry) };
-    let mut times: Vec<f64> = (0..20).map(|_| driver.drive(&observation).1.total.as_secs_f64() * 1e3).collect();
+    let mut times = vec![];
+    for _ in 0..20 {
+        let trace = driver.drive(&observation).1;
+        if let Some(EventRecord::BadFrame { why, .. }) = trace.events.into_iter().next() {
+            return Err(why);
+        }
+        times.push(trace.total.as_secs_f64() * 1e3);
+    }
     times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
+    Ok(times[times.len() / 2])
 }
 
 fn grey_jpeg() -> Vec<u8> {
@@ -240,7 +254,7 @@ mod tests {
     fn examined(model: Result<LoadedModel, String>) -> Findings {
         let settings = Layers::default().set("test", "bridge.port", 0).unwrap();
         let settings = settings.set("test", "recording.dir", env!("CARGO_MANIFEST_DIR")).unwrap().resolve().unwrap();
-        examine(&settings, model).unwrap()
+        examine(&settings, model, Ok(())).unwrap()
     }
 
     #[test]

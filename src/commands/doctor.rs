@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Ended, serve};
+use super::{Ended, guards, serve};
 use crate::{cli, doctor};
 
 pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Result<Ended> {
@@ -10,7 +10,8 @@ pub(super) fn run(arguments: cli::Doctor, config: Option<&Path>) -> anyhow::Resu
     let settings = serve::layers(layers, &arguments.server)?.resolve()?;
     // The model first: it chooses the number of threads.
     let model = super::load_model(&settings).map_err(|error| super::told(&error));
-    let findings = doctor::examine(&settings, model)?;
+    let guard = guards::load(&settings.brake).map(drop).map_err(|error| super::told(&error));
+    let findings = doctor::examine(&settings, model, guard)?;
     if arguments.json {
         super::print(&serde_json::to_string_pretty(&findings)?)?;
     } else {

@@ -15,12 +15,14 @@ use crate::cli::{self, PilotKind};
 use crate::real_time::RealTime;
 use lapwing_core::{
     config::{ConfigError, Settings},
-    drive::{DriveDigest, Observer},
+    drive::{DriveDigest, Observer, ObserverError},
     driver::Driver,
     guard::GuardModel,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{ModelId, Recorder, RecordingError, RecordingReport, RunHeader, RunKind},
+    recording::{EventRecord, ModelId, Recorder, RecordingError, RecordingReport, RunHeader, RunKind},
+    replay::{MOST_BAD_FRAMES, too_many_bad_frames},
+    turn::Turn,
     units::Mph,
     words::count,
 };
@@ -88,7 +90,9 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let mut bar = world::ProgressLine::new();
     let began = Instant::now();
     let mut recorded_by = recorder.as_ref();
-    let mut observers: Vec<&mut dyn Observer<_>> = vec![&mut recorded_by, &mut bar, &mut interrupted, &mut pictures];
+    let mut first_bad = FirstBad::default();
+    let mut observers: Vec<&mut dyn Observer<_>> =
+        vec![&mut recorded_by, &mut bar, &mut interrupted, &mut pictures, &mut first_bad];
     #[cfg(feature = "bridge")]
     let mut real_time = arguments.foxglove.map(|_| RealTime::default());
     #[cfg(feature = "bridge")]
@@ -97,7 +101,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: DriveDigest { fingerprint, frames, .. } } = judged?;
+    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
     #[cfg(feature = "bridge")]
     let served = viewers.map_or(Ok(()), FoxgloveServer::end);
@@ -134,7 +138,14 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     served?;
     drawn?;
     printed?;
-    unseen.map_or(Ok(ended), |why| Err(anyhow::Error::msg(why)))
+    if let Some(why) = unseen {
+        return Err(anyhow::Error::msg(why));
+    }
+    if bad_frames > 0 {
+        say!("{}", first_bad.told(bad_frames, frames));
+    }
+    let failed = matches!(ended, Ended::Passed) && too_many_bad_frames(bad_frames, frames);
+    Ok(if failed { Ended::Failed } else { ended })
 }
 
 /// Drives as fast as the scenario asks for, if it does.
@@ -191,6 +202,7 @@ pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow:
     }
     if let Some(dir) = &arguments.recordings {
         layers = layers.set_path("--recordings", "recording.dir", dir)?;
+        layers = layers.set("--recordings", "recording.enabled", true)?;
     }
     if arguments.no_recording {
         layers = layers.set("--no-recording", "recording.enabled", false)?;
@@ -200,6 +212,32 @@ pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow:
     // everywhere.
     settings.model.threads = 1;
     Ok(settings)
+}
+
+/// Why the first bad frame of a drive is one.
+#[derive(Default)]
+struct FirstBad(Option<String>);
+
+impl<W: ?Sized> Observer<W> for FirstBad {
+    fn turn(&mut self, _: &W, turn: &Turn) -> Result<(), ObserverError> {
+        let why = turn.trace.events.iter().find_map(|event| match event {
+            EventRecord::BadFrame { why, .. } => Some(why),
+            _ => None,
+        });
+        if self.0.is_none() {
+            self.0 = why.cloned();
+        }
+        Ok(())
+    }
+}
+
+impl FirstBad {
+    /// What to say of a drive with so many bad frames.
+    fn told(&self, bad: u64, all: u64) -> String {
+        let why = self.0.as_deref().map_or_else(String::new, |why| format!(", the first because: {why}"));
+        let most = MOST_BAD_FRAMES * 100.0;
+        format!("{bad} of {all} frames were bad{why}; a drive passes with at most {most} %")
+    }
 }
 
 fn paced(wall: Duration, times: f64) -> String {

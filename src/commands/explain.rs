@@ -28,7 +28,9 @@ pub(super) fn run(arguments: &cli::Explain) -> anyhow::Result<Ended> {
     let place = || format!("{}: moment {}", arguments.recording.display(), moment.row);
     let picture = moment.pictures[0].as_ref().with_context(|| format!("{}: no picture", place()))?;
     decode_jpeg(&picture.read().with_context(place)?, &mut frame).with_context(place)?;
-    let explained = |explainer: &mut Explainer, method| explainer.explain(&frame, moment.telemetry.speed, method);
+    let explained = |explainer: &mut Explainer, method| {
+        explainer.explain(&frame, moment.telemetry.speed, method).with_context(place)
+    };
     let visual = explained(&mut explainer, Method::VisualBackProp)?;
     let gradients = explained(&mut explainer, Method::IntegratedGradients)?;
     let recorded = moment.steering().map_or(String::new(), |steering| format!(", recorded {:+.3}", steering.get()));
@@ -46,7 +48,8 @@ pub(super) fn run(arguments: &cli::Explain) -> anyhow::Result<Ended> {
 /// The one that is asked for.
 fn moment(arguments: &cli::Explain) -> anyhow::Result<Moment> {
     let mut last = None;
-    for moment in Recording::open(&arguments.recording)? {
+    let mut moments = Recording::open(&arguments.recording)?;
+    for moment in &mut moments {
         let moment = moment?;
         if moment.row == arguments.frame {
             return Ok(moment);
@@ -54,9 +57,10 @@ fn moment(arguments: &cli::Explain) -> anyhow::Result<Moment> {
         last = Some(moment.row);
     }
     let (recording, got) = (arguments.recording.display(), arguments.frame);
+    let damage = moments.truncated().map_or_else(String::new, |why| format!("; {why}"));
     match last {
-        Some(last) => bail!("{recording}: expected a moment from 0 to {last} (--frame), got {got}"),
-        None => bail!("{recording}: expected moments, got none"),
+        Some(last) => bail!("{recording}: expected a moment from 0 to {last} (--frame), got {got}{damage}"),
+        None => bail!("{recording}: expected moments, got none{damage}"),
     }
 }
 

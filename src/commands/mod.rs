@@ -240,7 +240,7 @@ fn undriven_layers(config: Option<&Path>) -> Result<Layers, ConfigError> {
         layers = layers.file(config)?;
     }
     let layers = layers.environment(std::env::vars_os())?;
-    let settings = layers.clone().resolve()?;
+    let settings = layers.so_far()?;
     perception::limit_pixels(settings.perception.max_pixels as usize);
     #[cfg(feature = "onnx")]
     if let Some(library) = &settings.model.onnxruntime {
@@ -273,7 +273,7 @@ fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigErro
     #[cfg(feature = "networks")]
     {
         layers = allowing(layers, &driving.trust)?;
-        let settings = layers.clone().resolve()?;
+        let settings = layers.so_far()?;
         if let (Some(file), Some(model)) = (layers.model_named_by_others(), &settings.model.path) {
             refuse_strangers_code(file, model, true, &settings)?;
         }

@@ -157,6 +157,7 @@ pub(super) fn layers(mut layers: Layers, server: &cli::ServerFlags) -> Result<La
     }
     if let Some(dir) = recordings {
         layers = layers.set_path("--recordings", "recording.dir", dir)?;
+        layers = layers.set("--recordings", "recording.enabled", true)?;
     }
     Ok(layers)
 }

@@ -166,6 +166,7 @@ impl Evaluation {
 
 impl fmt::Display for Evaluation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "model  {}", self.model.display())?;
         write!(f, "{:<32} {:>6}  {:<12}  {:<6}  {:<6}  r", "data", "rows", "label", "MSE", "MAE")?;
         for Compared { data, rows, measured, .. } in &self.results {
             for (label, Metrics { mse, mae, r }) in [("as recorded", measured.raw), ("9-frame mean", measured.smooth)] {

@@ -56,11 +56,16 @@ impl BrakeSettings {
         }
     }
 
-    /// What is wrong with them.
-    pub(super) fn check(&self) -> Result<(), String> {
+    /// What is wrong with them together, once all layers are there.
+    pub(super) fn check_together(&self) -> Result<(), String> {
         if self.guard == Some(GuardKind::Model) && self.model.is_none() {
             return Err("brake.guard: expected brake.model to be the network's file, got none".into());
         }
+        Ok(())
+    }
+
+    /// What is wrong with one of them.
+    pub(super) fn check(&self) -> Result<(), String> {
         match self.threshold {
             Some(threshold) if !(threshold > 0.0 && threshold.is_finite()) => {
                 Err(format!("brake.threshold: expected a value above 0, got {threshold}"))

@@ -133,6 +133,9 @@ impl BridgeSettings {
             }
         }
         let Limits { message_mib, in_flight_mib, connections, patience_s } = self.limits;
+        if !(0.1..=3600.0).contains(&patience_s) {
+            return Err(format!("bridge.limits.patience_s: expected 0.1 to 3600 seconds, got {patience_s}"));
+        }
         for (key, most, got) in [
             ("message_mib", 64, message_mib),
             ("in_flight_mib", 4096, in_flight_mib),
@@ -142,6 +145,12 @@ impl BridgeSettings {
                 return Err(format!("bridge.limits.{key}: expected 1 to {most}, got {got}"));
             }
         }
+        Ok(())
+    }
+
+    /// Checks the values against one another, once all layers are there.
+    pub(super) fn check_together(&self) -> Result<(), String> {
+        let Limits { message_mib, in_flight_mib, connections, .. } = self.limits;
         if in_flight_mib < 2 * message_mib {
             return Err(format!(
                 "bridge.limits.in_flight_mib: expected room for two of the largest messages ({} MiB), got {in_flight_mib}",
@@ -154,9 +163,6 @@ impl BridgeSettings {
             return Err(format!(
                 "bridge.limits.in_flight_mib: expected at least {least} for {connections} connections, got {in_flight_mib}"
             ));
-        }
-        if !(0.1..=3600.0).contains(&patience_s) {
-            return Err(format!("bridge.limits.patience_s: expected 0.1 to 3600 seconds, got {patience_s}"));
         }
         Ok(())
     }

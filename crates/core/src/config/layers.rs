@@ -10,7 +10,7 @@ use std::{
 use serde::Serialize;
 use toml::{Table, Value};
 
-use super::{ConfigError, FILE, PREFIX, Settings, check};
+use super::{ConfigError, FILE, PREFIX, Settings, check, check_together};
 
 /// Settings on their way to being resolved, layer upon layer.
 #[derive(Debug, Clone, Default)]
@@ -139,6 +139,19 @@ impl Layers {
     /// # Errors
     /// [`ConfigError`] for values that cannot be combined.
     pub fn resolve(self) -> Result<Settings, ConfigError> {
+        let settings = self.so_far()?;
+        check_together(&settings).map_err(|why| {
+            let origin = why.split_once(": ").and_then(|(key, _)| self.origins.get(key));
+            ConfigError::Value { layer: origin.map_or_else(|| "settings".into(), String::clone), why }
+        })?;
+        Ok(settings)
+    }
+
+    /// The settings of the layers so far, which others may still complete.
+    ///
+    /// # Errors
+    /// [`ConfigError`]; none if each layer was added.
+    pub fn so_far(&self) -> Result<Settings, ConfigError> {
         check("settings", &self.merged)
     }
 

@@ -216,6 +216,7 @@ pub fn text_of(path: &Path) -> Result<String, ConfigError> {
     fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
 }
 
+/// The settings of the layers so far, each of which is checked by itself: another layer may still complete them.
 fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     let error = |why: String| ConfigError::Value { layer: layer.into(), why };
     let settings: Settings =
@@ -248,6 +249,12 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
         return Err(error(format!("recording.queue: expected at least 16, got {}", settings.recording.queue)));
     }
     Ok(settings)
+}
+
+/// What is wrong with settings together, beginning with the key.
+fn check_together(settings: &Settings) -> Result<(), String> {
+    settings.bridge.check_together()?;
+    settings.brake.check_together()
 }
 
 #[cfg(test)]

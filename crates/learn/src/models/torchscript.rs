@@ -52,7 +52,9 @@ fn script_error(error: &TchError, input: &Tensor) -> NnError {
     let is_reason = |line: &&str| line.split_once(": ").is_some_and(|(kind, _)| kind.ends_with("Error"));
     // Below it may stand C++'s own calls.
     match text.lines().map(str::trim).filter(is_reason).next_back() {
-        Some(reason) => NnError::Torch(format!("{reason} (it was given {:?} f32, as the .toml beside it says)", input.size())),
+        Some(reason) => {
+            NnError::Torch(format!("{reason} (it was given {:?} f32, as the .toml beside it says)", input.size()))
+        }
         None => NnError::Torch(torch_words(error)),
     }
 }

@@ -35,6 +35,10 @@ const UNSEEN_MPS: f64 = 2.5;
 const PUT_BACK_M: f64 = 20.0;
 /// How far from a road's start a car may have been turned round, as a standard deviation in metres: a guess.
 const TURNED_M: f64 = 10.0;
+/// What a drive's start looks like counts for one that sets off there: in its first second it goes no farther than this, and in
+/// all at least so far, in metres. Others begin anywhere, and many places look a little like a road's start.
+const SETS_OFF_M: f64 = 3.0;
+const LEAST_M: f64 = 20.0;
 /// A longer gap, in seconds, says nothing about where the car went on.
 const FORGOTTEN_S: f64 = 20.0;
 
@@ -118,6 +122,7 @@ pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
         |on: &Match| Tried { road: on.road.clone(), fit: on.fit(), behind: most - on.evidence, explains: on.explains };
     let all: Vec<Tried> = free.iter().map(tried).collect();
     let likely: Vec<Match> = free.into_iter().filter(|on| on.explains && on.evidence > most - LIKELY).collect();
+    let first = first.filter(|_| sets_off(legs));
     let agrees = |road: &Arc<Road>| road.start.as_ref().zip(first).map_or(0.0, |(start, look)| start.agrees(look));
     let start = roads.iter().max_by(|a, b| agrees(a).total_cmp(&agrees(b))).filter(|road| agrees(road) >= Look::SAME);
     let by_start = start.and_then(|road| {
@@ -133,13 +138,31 @@ pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
     }
 }
 
+/// Whether a drive begins from rest, or nearly, and then goes somewhere.
+fn sets_off(legs: &[Leg]) -> bool {
+    let (mut passed_s, mut way_m) = (0.0, 0.0);
+    for leg in legs {
+        passed_s += leg.apart_s;
+        way_m += leg.motion.way_m;
+        if passed_s <= 1.0 && way_m > SETS_OFF_M {
+            return false;
+        }
+    }
+    way_m >= LEAST_M
+}
+
 /// Where a drive was on the way, as told in three ways: by the bends before and behind each place, where they agree; by those
 /// before it; and by those behind it.
 pub fn both_ways(on: &Match, legs: &[Leg]) -> [Vec<Milestone>; 3] {
-    let (length_m, way_m) = (on.road.length_m, legs.iter().map(|leg| leg.motion.way_m).sum::<f64>());
+    let (length_m, way_m) = (on.road.length_m, way_m(legs));
     let turned = |stone: &Milestone| Milestone { way_m: way_m - stone.way_m, s_m: length_m - stone.s_m, ..*stone };
     let behind = back(on, legs).map_or_else(Vec::new, |back| back.trail.iter().map(turned).collect());
     [surest(&on.trail, &behind, length_m), on.trail.clone(), behind]
+}
+
+/// How far legs go in all, in metres.
+fn way_m(legs: &[Leg]) -> f64 {
+    legs.iter().map(|leg| leg.motion.way_m).sum()
 }
 
 /// The same drive, from its end to its beginning, along the road the other way round.
@@ -167,11 +190,17 @@ impl Match {
             return self;
         };
         let counted = |s_m: f64, progress_m: f64| progress_m + around(s_m - began_m - progress_m, length_m);
+        let progress_m = counted(self.place.s_m, self.place.progress_m);
+        // One of both ways has found it elsewhere.
+        let unsure_m = CONTRADICTS * (NEAR_M + deviation_m.hypot(self.place.deviation_m));
+        if (progress_m - self.place.progress_m).abs() > unsure_m + 2.0 * ASTRAY * way_m(legs) {
+            self.place.deviation_m = self.place.deviation_m.max(VAGUE_M);
+            return self;
+        }
         for stone in &mut self.trail {
             stone.progress_m = counted(stone.s_m, stone.progress_m);
             stone.deviation_m = stone.deviation_m.hypot(deviation_m);
         }
-        let progress_m = counted(self.place.s_m, self.place.progress_m);
         self.sure_m += (progress_m - self.place.progress_m).min(0.0);
         self.place.progress_m = progress_m;
         self.place.deviation_m = self.place.deviation_m.hypot(deviation_m);

@@ -134,11 +134,14 @@ fn a_drive_that_only_looks_as_if_it_began_at_the_start_is_found_by_its_bends() {
     let look = Look::of(&Frame::new(320, 160, rgb).unwrap()).unwrap();
     let Road { name, headings, .. } = (*bends("a", 1000.0, 0.3)).clone();
     let road = Arc::new(Road::new(name, 0.0, 1000.0, Some(look.clone()), headings));
-    for (from, by_start) in [(0.0, true), (620.0, false)] {
+    for (from, at_rest, by_start) in [(0.0, true, true), (0.0, false, false), (620.0, true, false)] {
         let mut legs = vec![];
+        if at_rest {
+            legs.push(Leg { motion: Motion::default(), apart_s: 2.0, broken: None });
+        }
         drive(&road, from, 500.0, |motion| legs.push(Leg { motion, apart_s: 0.067, broken: None }));
         let found = find(&legs, Some(&look), std::slice::from_ref(&road));
-        assert_eq!(found.by_start, by_start, "from {from}");
+        assert_eq!(found.by_start, by_start, "from {from}, at rest: {at_rest}");
         let s_m = found.sure().unwrap().place.s_m;
         let off = (s_m - from - 500.0 + 500.0).rem_euclid(1000.0) - 500.0;
         assert!(off.abs() < 15.0, "from {from}: {s_m}");

@@ -104,6 +104,14 @@ impl Unit {
         }
     }
 
+    /// A value that somebody gave, as people read it: with more digits than usual if it has them.
+    pub fn show_given(self, value: f64) -> String {
+        let (usual, exact) = (self.show(value), self.shown(value));
+        let (number, unit) = usual.split_at(usual.find(' ').unwrap_or(usual.len()));
+        let is_all = number.parse::<f64>().is_ok_and(|number| (number - exact).abs() < 1e-9 * exact.abs());
+        if is_all { usual } else { significant(exact, 6) + unit }
+    }
+
     /// A mean over runs as people read it: to four significant digits, whatever its size.
     pub fn show_mean(self, mean: f64) -> String {
         self.with_symbol(&significant(self.shown(mean), 4))

@@ -171,11 +171,16 @@ impl<'a> Report<'a> {
                 Measure::Estimate { value, .. } => format!("~{}", figure.unit().show(value)),
                 Measure::Unknown(_) => "-".to_owned(),
             };
-            rows.push(std::iter::once(run.run.clone()).chain(COMPARED.map(cell)).collect());
+            let damaged = if run.card.damaged { " (damaged)" } else { "" };
+            rows.push(std::iter::once(format!("{}{damaged}", run.run)).chain(COMPARED.map(cell)).collect());
         }
         let mean = |figure: Figure| {
-            let spread = self.summary.get(figure.key());
-            spread.map_or_else(|| "-".to_owned(), |spread| figure.unit().show_mean(spread.mean))
+            let Some(spread) = self.summary.get(figure.key()) else { return "-".to_owned() };
+            let is_estimate = |run: &ScoredRun<'_>| matches!(run.card.get(figure), Measure::Estimate { .. });
+            let about = if self.runs.iter().any(is_estimate) { "~" } else { "" };
+            // Where not all of them report it, of how many.
+            let of = if spread.runs < self.runs.len() { format!(" of {}", spread.runs) } else { String::new() };
+            format!("{about}{}{of}", figure.unit().show_mean(spread.mean))
         };
         rows.push(std::iter::once(format!("mean of {}", self.runs.len())).chain(COMPARED.map(mean)).collect());
         rows

@@ -19,9 +19,13 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
     let check = |threshold: Threshold| {
         let limit = threshold.limit(thresholds)?;
         let figure = Figure::of_key(threshold.figure)?;
-        let (bound, expected) = (threshold.bound, figure.unit().show(limit));
-        let words = format!("{}: expected {} {expected}, got {}", figure.label(), bound.words(), card.words(figure));
-        let passed = card.value(figure).is_some_and(|value| bound.holds(value, limit));
+        let (bound, unit, value) = (threshold.bound, figure.unit(), card.value(figure));
+        let passed = value.is_some_and(|value| bound.holds(value, limit));
+        // Where what came is rounded to what was expected, by how little it differs.
+        let alike = value.filter(|value| !passed && unit.show(*value) == unit.show(limit));
+        let alike = alike.map_or_else(String::new, |value| format!(" ({})", unit.show_given(value)));
+        let (label, expected, got) = (figure.label(), unit.show_given(limit), card.words(figure));
+        let words = format!("{label}: expected {} {expected}, got {got}{alike}", bound.words());
         Some(Check { name: threshold.key, passed, words })
     };
     let mut checks: Vec<Check> = Thresholds::ALL.into_iter().filter_map(check).collect();

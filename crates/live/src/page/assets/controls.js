@@ -28,6 +28,7 @@ async function ask(control) {
       headers: { "Content-Type": "application/json", ...bearer },
     });
     say($("answer"), response.ok ? "" : await whyRefused(response));
+    return response.ok;
   } catch {
     say($("answer"), "Lapwing does not answer: is it still running?");
   }
@@ -122,14 +123,17 @@ $("steer").addEventListener("click", () => { takeWheel(!wheel.on); $("steer").bl
 
 for (const id of ["mph", "mph-slider"]) {
   $(id).addEventListener("input", () => { touch(id); say($("mph-now"), `${$(id).value} mph`); });
-  $(id).addEventListener("change", () => {
+  $(id).addEventListener("change", async () => {
+    const asBefore = () => {
+      $(id).value = wants.status?.set_speed_mph.toFixed(1) ?? "";
+      say($("mph-now"), `${$(id).value} mph`);
+    };
     if ($(id).value === "") { // also if it is not a number
       say($("answer"), "set speed: expected a speed in mph, got nothing");
-      $(id).value = wants.status?.set_speed_mph.toFixed(1) ?? "";
-      return say($("mph-now"), `${$(id).value} mph`);
+      return asBefore();
     }
     touch(id);
-    ask({ control: "set-speed", mph: +$(id).value });
+    if (!await ask({ control: "set-speed", mph: +$(id).value })) asBefore();
   });
 }
 $("law").addEventListener("change", () => { touch("law"); ask({ control: "speed-law", law: $("law").value }); });
