@@ -29,6 +29,7 @@ WITH = ["models/pilotnet.safetensors", "models/pilotnet-first.toml", "models/cps
         "models/lane.safetensors", "models/brake.safetensors", "models/brake-first.toml", "models/brake.toml",
         "models/intersection-ppo.safetensors", "models/intersection-ppo.toml", "models/intersection-maddpg.toml",
         "models/README.md", "recordings/lake.mcap", "recordings/lake.golden",
+        "crates/sim/src/track/lake.toml", "crates/sim/src/scenario/ccrs.toml",
         "docs", "README.md", "NOTICES", "LICENSE-MIT", "LICENSE-APACHE"]
 
 
@@ -57,7 +58,7 @@ def gather(folder):
     if (torch / "licenses").is_dir():
         shutil.copytree(torch / "licenses", folder / "licenses")
     for name in WITH:
-        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, folder / name)
 
 

@@ -366,3 +366,27 @@ fn how_large_pictures_may_be_is_a_setting_of_every_verb_that_looks_at_them() {
     let (_, out, err) = small(&["replay", RUN]);
     assert!(out.contains(words) || err.contains(words), "{out}{err}");
 }
+
+#[test]
+fn a_drive_in_which_the_pilot_saw_nothing_fails_with_the_reason() {
+    let output = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+        .args(["drive", "--max-time", "3", "--no-recording"])
+        .env("LAPWING_PERCEPTION__MAX_PIXELS", "51199") // one less than our camera's 320x160
+        .output()
+        .unwrap();
+    let (code, out, err) = said(&output);
+    assert_eq!(code, 1, "{out}{err}");
+    assert!(err.contains("frames were bad, the first because: expected a JPEG of at most 51199 pixels"), "{err}");
+}
+
+#[test]
+fn the_doctor_finds_a_braking_network_that_is_not_there() {
+    let output = Command::new(env!("CARGO_BIN_EXE_lapwing"))
+        .arg("doctor")
+        .envs([("LAPWING_BRIDGE__PORT", "0"), ("LAPWING_BRAKE__MODEL", "nowhere.safetensors")])
+        .current_dir(std::env::temp_dir())
+        .output()
+        .unwrap();
+    let (code, out, _) = said(&output);
+    assert!(code == 1 && out.contains("nothing can brake in place of the pilot: nowhere.safetensors"), "{code} {out}");
+}

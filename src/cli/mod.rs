@@ -269,6 +269,7 @@ mod tests {
         assert!(all.iter().any(|(verb, _)| verb == "lapwing model check"), "verbs below verbs count, too");
         let archive = include_str!("../../scripts/dist.py");
         for (verb, examples) in all {
+            let examples = examples.replace("\\\n      ", ""); // what goes on in the next line
             let lines: Vec<_> = examples.lines().filter(|line| line.starts_with("  lapwing ")).collect();
             assert!(!lines.is_empty(), "{verb} has no examples");
             for line in lines {

@@ -58,15 +58,19 @@ pub(super) fn man(arguments: &cli::Man) -> anyhow::Result<Ended> {
     };
     outputs::check_folder(folder)?;
     fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    let mut command = Cli::command().name("lapwing");
+    // The verb `help` prints what these pages hold.
+    let mut command = Cli::command().name("lapwing").disable_help_subcommand(true);
     command.build();
-    let verbs: Vec<_> = command.get_subcommands().filter(|verb| verb.get_name() != "help").cloned().collect();
-    outputs::write(&folder.join("lapwing.1"), &page(command)?)?;
-    for verb in verbs {
-        let name = format!("lapwing-{}", verb.get_name());
-        outputs::write(&folder.join(format!("{name}.1")), &page(verb.name(name))?)?;
-    }
+    pages(folder, "lapwing", command)?;
     Ok(Ended::Passed)
+}
+
+/// Writes the page of a command by this name, and those of its verbs.
+fn pages(folder: &Path, name: &str, command: clap::Command) -> anyhow::Result<()> {
+    for verb in command.get_subcommands() {
+        pages(folder, &format!("{name}-{}", verb.get_name()), verb.clone())?;
+    }
+    outputs::write(&folder.join(format!("{name}.1")), &page(command.name(name.to_owned()))?)
 }
 
 /// A command's page, in roff.

@@ -43,7 +43,12 @@ pub fn partial(path: &Path) -> io::Result<NamedTempFile> {
         builder.permissions(fs::Permissions::from_mode(0o666)); // less the umask
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    builder.tempfile_in(folder.unwrap_or(Path::new(".")))
+    let folder = folder.unwrap_or(Path::new("."));
+    if !folder.exists() {
+        // Said of the folder, not of a file whose name nobody gave.
+        return Err(io::Error::new(io::ErrorKind::NotFound, format!("there is no folder {}", folder.display())));
+    }
+    builder.tempfile_in(folder)
 }
 
 /// Whether a file could be written at this path, as far as can be told without writing it; nothing is changed.

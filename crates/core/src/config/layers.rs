@@ -92,7 +92,11 @@ impl Layers {
         for (name, value) in variables {
             // Other variables with the prefix (LAPWING_LOG) name no section and are no settings.
             let Some(name) = name.to_str() else { continue };
-            let Some(key) = name.strip_prefix(PREFIX).filter(|k| k.contains("__")) else { continue };
+            let Some(key) = name.strip_prefix(PREFIX) else { continue };
+            if !key.contains("__") {
+                one_underscore(name, key)?;
+                continue;
+            }
             let (layer, key) = (format!("environment variable {name}"), key.to_lowercase().replace("__", "."));
             let value = unicode(&layer, &value)?;
             // `2026` is a number, and may be meant for the name of a folder.
@@ -141,7 +145,11 @@ impl Layers {
     pub fn resolve(self) -> Result<Settings, ConfigError> {
         let settings = self.so_far()?;
         check_together(&settings).map_err(|why| {
-            let origin = why.split_once(": ").and_then(|(key, _)| self.origins.get(key));
+            let (key, _) = why.split_once(": ").unwrap_or_default();
+            let table = key.rsplit_once('.').map_or(key, |(table, _)| table);
+            // The one that is named, or has its default, and what it does not suit is set.
+            let beside = || self.origins.iter().find(|(other, _)| other.starts_with(table)).map(|(_, layer)| layer);
+            let origin = self.origins.get(key).or_else(beside);
             ConfigError::Value { layer: origin.map_or_else(|| "settings".into(), String::clone), why }
         })?;
         Ok(settings)
@@ -194,6 +202,17 @@ impl Layers {
         check(name, &self.merged)?; // the layers below passed, so the fault is in this one
         Ok(self)
     }
+}
+
+/// Refuses a variable that seems to name a setting, but not as settings are named.
+fn one_underscore(name: &str, key: &str) -> Result<(), ConfigError> {
+    let key = key.to_lowercase();
+    let sections = Table::try_from(Settings::default()).unwrap_or_default();
+    let of = |section: &&String| key.strip_prefix(section.as_str()).is_some_and(|rest| rest.starts_with('_'));
+    let Some(section) = sections.keys().find(of) else { return Ok(()) };
+    let meant = format!("{PREFIX}{}__{}", section, &key[section.len() + 1..]).to_uppercase();
+    let why = format!("expected two underscores after the section, as in {meant}");
+    Err(ConfigError::Value { layer: format!("environment variable {name}"), why })
 }
 
 fn unicode<'a>(layer: &str, text: &'a OsStr) -> Result<&'a str, ConfigError> {
@@ -312,6 +331,28 @@ mod tests {
         assert_eq!((settings.control.speed_mph.get(), settings.control.kp, settings.control.ki), (15.5, 0.2, 0.002));
         let settings = layers.set("--speed", "control.speed_mph", 20.0).unwrap().resolve().unwrap();
         assert_eq!(settings.control.speed_mph.get(), 20.0);
+    }
+
+    #[test]
+    fn values_that_only_together_are_valid_may_come_from_several_layers_in_any_order() {
+        let (message, room) =
+            (("LAPWING_BRIDGE__LIMITS__MESSAGE_MIB", "40"), ("LAPWING_BRIDGE__LIMITS__IN_FLIGHT_MIB", "128"));
+        for both in [[message, room], [room, message]] {
+            assert_eq!(environment(&both).unwrap().resolve().unwrap().bridge.limits.message_mib, 40);
+        }
+        let guard = ("LAPWING_BRAKE__GUARD", "model");
+        let layers = environment(&[guard]).unwrap();
+        assert!(layers.clone().set("--brake-model", "brake.model", "net.safetensors").unwrap().resolve().is_ok());
+        let error = layers.resolve().unwrap_err().to_string();
+        let expected =
+            "environment variable LAPWING_BRAKE__GUARD: brake.guard: expected brake.model to be the network's file";
+        assert!(error.starts_with(expected), "{error}");
+    }
+
+    #[test]
+    fn a_variable_with_one_underscore_after_its_section_is_refused_with_the_right_name() {
+        let error = environment(&[("LAPWING_CONTROL_SPEED_MPH", "12")]).unwrap_err().to_string();
+        assert!(error.ends_with("as in LAPWING_CONTROL__SPEED_MPH"), "{error}");
     }
 
     #[test]

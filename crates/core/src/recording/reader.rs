@@ -48,11 +48,8 @@ pub struct Truncation {
 impl fmt::Display for Truncation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.unread == 0 {
-            return write!(
-                f,
-                "cut off at byte {}: it was not closed, so it is being recorded still, or that was killed",
-                self.read
-            );
+            let why = "the file was not closed: it is still being recorded, or the recording was killed";
+            return write!(f, "cut off at byte {}: {why}", self.read);
         }
         write!(f, "cut off or damaged at byte {}: {}; {} bytes are not read", self.read, self.why, self.unread)
     }

@@ -396,6 +396,21 @@ mod tests {
     }
 
     #[test]
+    fn a_given_value_is_shown_with_all_its_digits() {
+        for (unit, given, expected) in [
+            (Unit::Metres, 0.2148, "0.2148 m"),
+            (Unit::Metres, 0.2, "0.20 m"),
+            (Unit::Share, 0.1053, "10.53 %"),
+            (Unit::Share, 0.8, "80.0 %"),
+            (Unit::Points, 10.55, "10.55"),
+            (Unit::Count, 0.0, "0"),
+            (Unit::PerKm, 0.125, "0.125 a km"),
+        ] {
+            assert_eq!(unit.show_given(given), expected);
+        }
+    }
+
+    #[test]
     fn how_far_off_an_estimate_may_be_is_never_nought_and_reaches_nowhere_it_cannot() {
         for (unit, value, off, expected) in [
             (Unit::Share, 0.123, 0.0004, Some("± 0.04 %")),

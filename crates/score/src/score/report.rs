@@ -13,6 +13,7 @@ use super::{
 use lapwing_core::{
     config::Thresholds,
     recording::{Item, Recording, RecordingError, RunHeader},
+    words::count,
 };
 
 /// The schema of a [`Report`]'s JSON.
@@ -179,7 +180,8 @@ impl<'a> Report<'a> {
             let is_estimate = |run: &ScoredRun<'_>| matches!(run.card.get(figure), Measure::Estimate { .. });
             let about = if self.runs.iter().any(is_estimate) { "~" } else { "" };
             // Where not all of them report it, of how many.
-            let of = if spread.runs < self.runs.len() { format!(" of {}", spread.runs) } else { String::new() };
+            let of =
+                if spread.runs < self.runs.len() { format!(" ({})", count(spread.runs, "run")) } else { String::new() };
             format!("{about}{}{of}", figure.unit().show_mean(spread.mean))
         };
         rows.push(std::iter::once(format!("mean of {}", self.runs.len())).chain(COMPARED.map(mean)).collect());

@@ -23,7 +23,7 @@ pub(super) const NO_POSITION: &str = "the run reports no position: the stock bui
 pub(in crate::score) const NO_JUDGE: &str =
     "the run reports neither collisions nor the edge of the road: the stock build sends neither";
 pub(super) const NO_LAPS_ASKED: &str = "no laps were asked for";
-pub(in crate::score) const NO_TIME: &str = "the run has fewer than two telemetries";
+pub(in crate::score) const NO_TIME: &str = "the run has fewer than two telemetries at different times";
 const ALL_APART: &str = "there is a break between every two telemetries of the run";
 pub(super) const NOTHING: &str = "the run has no telemetry";
 pub(super) const NO_WAY: &str = "the car did not move";
