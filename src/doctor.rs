@@ -18,7 +18,7 @@ use lapwing_core::{
     driver::Driver,
     files,
     protocol::{CameraImage, Dialect, Observation, Sight, Telemetry, Truth},
-    recording::{EventRecord, Recording, RunHeader, recordings_in},
+    recording::{Recording, RunHeader, recordings_in},
     units::{Degrees, Mph, Throttle},
 };
 use lapwing_learn::{models::LoadedModel, nn::runtime};
@@ -72,7 +72,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 const GREETING_BYTES: u64 = 4096;
 
 /// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be; `guard` says
-/// whether theirs can be.
+/// whether the one that they name can be loaded, or why not.
 ///
 /// # Errors
 /// The system grants no runtime to try the port with.
@@ -85,7 +85,8 @@ pub fn examine(
     let model = model.map_err(|why| troubles.push(format!("the model cannot be used: {why}"))).ok();
     let libtorch = runtime::libtorch();
     troubles.extend(libtorch.troubles());
-    troubles.extend(guard.err().map(|why| format!("nothing can brake in place of the pilot: {why}")));
+    troubles
+        .extend(guard.err().map(|why| format!("the guard that brakes in place of the pilot cannot be used: {why}")));
     let driver_ms = model.as_ref().and_then(|model| {
         let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
         let answered = median_answer_ms(&mut driver);
@@ -225,8 +226,8 @@ fn median_answer_ms(driver: &mut Driver) -> Result<f64, String> {
     let mut times = vec![];
     for _ in 0..20 {
         let trace = driver.drive(&observation).1;
-        if let Some(EventRecord::BadFrame { why, .. }) = trace.events.into_iter().next() {
-            return Err(why);
+        if let Some(why) = trace.bad_frame() {
+            return Err(why.to_owned());
         }
         times.push(trace.total.as_secs_f64() * 1e3);
     }

@@ -44,7 +44,7 @@ use self::{
     network::ByNetwork,
     pictures::{Job, Pictures, decoded},
     rows::Rows,
-    stretch::{NEAR_M, OnRoad, Stretch, continuous, cut, parts_of},
+    stretch::{OnRoad, Stretch, continuous, cut, parts_of},
 };
 use crate::known::Roads;
 use lapwing_core::{
@@ -468,7 +468,7 @@ fn follow(
     }
     // A picture tells the place along a straight road no better than the bends before it do.
     for located in places.iter_mut().flatten() {
-        located.deviation.s_m = located.deviation.s_m.hypot(NEAR_M);
+        located.deviation.s_m = located.deviation.s_m.hypot(odometry::NEAR_M);
     }
     (kept, places)
 }

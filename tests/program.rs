@@ -376,7 +376,7 @@ fn a_drive_in_which_the_pilot_saw_nothing_fails_with_the_reason() {
         .unwrap();
     let (code, out, err) = said(&output);
     assert_eq!(code, 1, "{out}{err}");
-    assert!(err.contains("frames were bad, the first because: expected a JPEG of at most 51199 pixels"), "{err}");
+    assert!(err.contains("the first: image: expected a JPEG of at most 51199 pixels"), "{err}");
 }
 
 #[test]
@@ -388,5 +388,8 @@ fn the_doctor_finds_a_braking_network_that_is_not_there() {
         .output()
         .unwrap();
     let (code, out, _) = said(&output);
-    assert!(code == 1 && out.contains("nothing can brake in place of the pilot: nowhere.safetensors"), "{code} {out}");
+    assert!(
+        code == 1 && out.contains("the guard that brakes in place of the pilot cannot be used: nowhere.safetensors"),
+        "{code} {out}"
+    );
 }

@@ -46,7 +46,7 @@ pub struct Drive {
     pub pictures: PictureFlags,
     #[command(flatten)]
     pub thresholds: ThresholdFlags,
-    /// Folder for the run [default: recordings]
+    /// Folder for the run, which is then recorded whatever the settings say [default: recordings]
     #[arg(long, value_name = "DIR", conflicts_with = "no_recording")]
     pub recordings: Option<PathBuf>,
     /// Record nothing
@@ -166,7 +166,7 @@ pub struct ServerFlags {
     /// Port that serve listens on; the simulator connects only to port 4567 [default: 4567]
     #[arg(long)]
     pub port: Option<u16>,
-    /// Folder where serve saves its runs [default: recordings]
+    /// Folder where serve saves its runs, whatever the settings say [default: recordings]
     #[arg(long, value_name = "DIR")]
     pub recordings: Option<PathBuf>,
 }

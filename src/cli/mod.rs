@@ -110,7 +110,7 @@ pub enum Verb {
     #[cfg(feature = "networks")]
     #[command(after_help = examples::DATASET)]
     Dataset(Dataset),
-    /// Check the installation: libtorch, the model, the port, the folder for runs, the last simulator
+    /// Check the installation: libtorch, the model, the braking network, the port, the folder for runs, the last simulator
     #[cfg(feature = "bridge")]
     #[command(after_help = examples::DOCTOR)]
     Doctor(Doctor),
@@ -269,7 +269,7 @@ mod tests {
         assert!(all.iter().any(|(verb, _)| verb == "lapwing model check"), "verbs below verbs count, too");
         let archive = include_str!("../../scripts/dist.py");
         for (verb, examples) in all {
-            let examples = examples.replace("\\\n      ", ""); // what goes on in the next line
+            let examples = examples.replace("\\\n      ", ""); // continued lines are joined
             let lines: Vec<_> = examples.lines().filter(|line| line.starts_with("  lapwing ")).collect();
             assert!(!lines.is_empty(), "{verb} has no examples");
             for line in lines {

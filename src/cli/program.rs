@@ -47,7 +47,7 @@ impl From<CompletedShell> for Shell {
 /// `lapwing man`
 #[derive(Debug, Args)]
 pub struct Man {
-    /// Write a page for each verb, lapwing.1, lapwing-drive.1, …, to this folder [default: lapwing's own page to stdout]
+    /// Write a page for each verb, lapwing.1, lapwing-model-check.1, …, to this folder [default: lapwing's own page to stdout]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

@@ -20,8 +20,8 @@ use lapwing_core::{
     guard::GuardModel,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
-    recording::{EventRecord, ModelId, Recorder, RecordingError, RecordingReport, RunHeader, RunKind},
-    replay::{MOST_BAD_FRAMES, too_many_bad_frames},
+    recording::{ModelId, Recorder, RecordingError, RecordingReport, RunHeader, RunKind},
+    replay::{too_many_bad_frames, too_many_in_words},
     turn::Turn,
     units::Mph,
     words::count,
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } = judged?;
+    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames: bad } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
     #[cfg(feature = "bridge")]
     let served = viewers.map_or(Ok(()), FoxgloveServer::end);
@@ -138,14 +138,8 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     served?;
     drawn?;
     printed?;
-    if let Some(why) = unseen {
-        return Err(anyhow::Error::msg(why));
-    }
-    if bad_frames > 0 {
-        say!("{}", first_bad.told(bad_frames, frames));
-    }
-    let failed = matches!(ended, Ended::Passed) && too_many_bad_frames(bad_frames, frames);
-    Ok(if failed { Ended::Failed } else { ended })
+    let ended = first_bad.ended(ended, bad, frames);
+    unseen.map_or(Ok(ended), |why| Err(anyhow::Error::msg(why)))
 }
 
 /// Drives as fast as the scenario asks for, if it does.
@@ -216,27 +210,30 @@ pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow:
 
 /// Why the first bad frame of a drive is one.
 #[derive(Default)]
-struct FirstBad(Option<String>);
+pub(super) struct FirstBad(Option<String>);
 
 impl<W: ?Sized> Observer<W> for FirstBad {
     fn turn(&mut self, _: &W, turn: &Turn) -> Result<(), ObserverError> {
-        let why = turn.trace.events.iter().find_map(|event| match event {
-            EventRecord::BadFrame { why, .. } => Some(why),
-            _ => None,
-        });
         if self.0.is_none() {
-            self.0 = why.cloned();
+            self.0 = turn.trace.bad_frame().map(str::to_owned);
         }
         Ok(())
     }
 }
 
 impl FirstBad {
-    /// What to say of a drive with so many bad frames.
-    fn told(&self, bad: u64, all: u64) -> String {
-        let why = self.0.as_deref().map_or_else(String::new, |why| format!(", the first because: {why}"));
-        let most = MOST_BAD_FRAMES * 100.0;
-        format!("{bad} of {all} frames were bad{why}; a drive passes with at most {most} %")
+    /// How a drive with so many bad frames ends that would end so without them. Says how many they are, and why the first is one.
+    pub fn ended(&self, ended: Ended, bad: u64, all: u64) -> Ended {
+        if bad == 0 {
+            return ended;
+        }
+        let why = self.0.as_deref().unwrap_or("no reason given");
+        if !too_many_bad_frames(bad, all) {
+            say!("{bad} of {all} frames were bad; the first: {why}");
+            return ended;
+        }
+        say!("{}; the first: {why}", too_many_in_words(bad, all));
+        if matches!(ended, Ended::Passed) { Ended::Failed } else { ended }
     }
 }
 

@@ -240,13 +240,14 @@ impl Run<'_> {
         let mut staged = Staged::new(simulation, console.clone());
         let mut screen = Screen::new(console.clone());
         let began = Instant::now();
+        let mut first_bad = drive::FirstBad::default();
         let observers: &mut [&mut dyn Observer<_>] =
-            &mut [&mut recorder.as_ref(), &mut screen, &mut feed, &mut interrupted];
+            &mut [&mut recorder.as_ref(), &mut screen, &mut feed, &mut interrupted, &mut first_bad];
         let judged = judged::run(&mut staged, &mut driver, observers);
         let wall = began.elapsed();
         // Whatever happened, the run is closed and can be read.
         let report = recorder.and_then(super::close);
-        let Judged { card, driven: DriveDigest { fingerprint, frames, .. } } = judged?;
+        let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } = judged?;
         let missed = score::missed(&settings.thresholds, &card);
         let setup = staged.simulation().setup();
         let seed = setup.seed;
@@ -267,6 +268,7 @@ impl Run<'_> {
         super::print(&text)?;
         super::whole(report)?;
         let asked = console.borrow().is_asked_on();
-        Ok((thresholds::ended_whole(&card, &settings.thresholds, &missed), asked))
+        let ended = thresholds::ended_whole(&card, &settings.thresholds, &missed);
+        Ok((first_bad.ended(ended, bad_frames, frames), asked))
     }
 }

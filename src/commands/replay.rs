@@ -17,8 +17,8 @@ use lapwing_core::{
     drive::{self, Observer, ObserverError},
     driver::Driver,
     replay::{
-        Answered, Answers, ForBridge, Golden, GoldenComparison, GoldenError, MOST_BAD_FRAMES, Machine, Replay,
-        ReplayReport, Response,
+        Answered, Answers, ForBridge, Golden, GoldenComparison, GoldenError, Machine, Replay, ReplayReport, Response,
+        too_many_in_words,
     },
     turn::Turn,
     words::count,
@@ -129,11 +129,7 @@ fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<ReplayAns
 
 /// The message for a replay that fails because of its bad frames.
 pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
-    let most = MOST_BAD_FRAMES * 100.0;
-    format!(
-        "{source}: expected at most {most} % bad frames, which no network sees, got {bad} of {all}; \
-         --allow-bad-frames accepts them"
-    )
+    format!("{source}: {}; --allow-bad-frames accepts them", too_many_in_words(bad, all))
 }
 
 /// A line of progress through a recording, if stderr is a terminal.

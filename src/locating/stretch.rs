@@ -3,7 +3,7 @@
 use std::{ops::Range, sync::Arc};
 
 use super::rows::Row;
-use lapwing_score::odometry::{ASTRAY, Leg, Match, Milestone, Road, both_ways, joins};
+use lapwing_score::odometry::{ASTRAY, Leg, Match, Milestone, NEAR_M, Road, both_ways, joins};
 use lapwing_sim::{
     locate::{Known, Pose},
     track::Track,
@@ -12,8 +12,7 @@ use lapwing_sim::{
 /// Rows of a stretch, and how many more on either side are looked at to locate its ends as surely as its middle.
 const STRETCH: usize = 250;
 const BESIDE: usize = 40;
-/// Places that the bends tell are this sure at best, in metres, and as they err alike, less sure than each by itself.
-pub(super) const NEAR_M: f64 = 5.0;
+/// Places that the bends tell are [`NEAR_M`] sure at best, and as they err alike, less sure than each by itself.
 const ALIKE: f64 = 2.0;
 
 /// A road that a drive may have been on.

@@ -44,7 +44,7 @@ pub fn partial(path: &Path) -> io::Result<NamedTempFile> {
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
-    if !folder.exists() {
+    if matches!(folder.try_exists(), Ok(false)) {
         // Said of the folder, not of a file whose name nobody gave.
         return Err(io::Error::new(io::ErrorKind::NotFound, format!("there is no folder {}", folder.display())));
     }

@@ -56,10 +56,13 @@ impl BrakeSettings {
         }
     }
 
-    /// What is wrong with them together, once all layers are there.
-    pub(super) fn check_together(&self) -> Result<(), String> {
+    /// What is wrong with them together, once all layers are there: the keys, and why.
+    pub(super) fn check_together(&self) -> Result<(), (&'static [&'static str], String)> {
         if self.guard == Some(GuardKind::Model) && self.model.is_none() {
-            return Err("brake.guard: expected brake.model to be the network's file, got none".into());
+            return Err((
+                &["brake.guard"],
+                "brake.guard: expected brake.model to be the network's file, got none".into(),
+            ));
         }
         Ok(())
     }

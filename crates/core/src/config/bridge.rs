@@ -148,21 +148,20 @@ impl BridgeSettings {
         Ok(())
     }
 
-    /// Checks the values against one another, once all layers are there.
-    pub(super) fn check_together(&self) -> Result<(), String> {
+    /// What is wrong with the values together, once all layers are there: the keys, and why.
+    pub(super) fn check_together(&self) -> Result<(), (&'static [&'static str], String)> {
         let Limits { message_mib, in_flight_mib, connections, .. } = self.limits;
         if in_flight_mib < 2 * message_mib {
-            return Err(format!(
-                "bridge.limits.in_flight_mib: expected room for two of the largest messages ({} MiB), got {in_flight_mib}",
-                2 * message_mib
-            ));
+            let why = format!("room for two of the largest messages ({} MiB), got {in_flight_mib}", 2 * message_mib);
+            let keys = &["bridge.limits.in_flight_mib", "bridge.limits.message_mib"];
+            return Err((keys, format!("bridge.limits.in_flight_mib: expected {why}")));
         }
         // Each connection has 64 KiB of its own, enough for an ordinary message.
         let least = connections.div_ceil(4);
         if in_flight_mib < least {
-            return Err(format!(
-                "bridge.limits.in_flight_mib: expected at least {least} for {connections} connections, got {in_flight_mib}"
-            ));
+            let why = format!("at least {least} for {connections} connections, got {in_flight_mib}");
+            let keys = &["bridge.limits.in_flight_mib", "bridge.limits.connections"];
+            return Err((keys, format!("bridge.limits.in_flight_mib: expected {why}")));
         }
         Ok(())
     }

@@ -94,7 +94,7 @@ impl Layers {
             let Some(name) = name.to_str() else { continue };
             let Some(key) = name.strip_prefix(PREFIX) else { continue };
             if !key.contains("__") {
-                one_underscore(name, key)?;
+                self.one_underscore(name, key, &value)?;
                 continue;
             }
             let (layer, key) = (format!("environment variable {name}"), key.to_lowercase().replace("__", "."));
@@ -106,6 +106,27 @@ impl Layers {
                 .or_else(|e| self.set(&layer, &key, value).map_err(|_| e))?;
         }
         Ok(self)
+    }
+
+    /// Refuses a variable that would be a setting if each part of its key ended in two underscores.
+    fn one_underscore(&self, name: &str, key: &str, value: &OsStr) -> Result<(), ConfigError> {
+        let key = key.to_lowercase();
+        let Some(value) = value.to_str() else { return Ok(()) };
+        let dotted = |at: &[usize]| {
+            let part = |(i, c): (usize, char)| if at.contains(&i) { '.' } else { c };
+            key.char_indices().map(part).collect::<String>()
+        };
+        let between: Vec<usize> = key.match_indices('_').map(|(i, _)| i).collect();
+        let one = between.iter().map(|i| dotted(&[*i]));
+        let two = between.iter().flat_map(|i| between.iter().filter(move |j| *j > i).map(|j| dotted(&[*i, *j])));
+        let is_setting = |key: &String| {
+            let set = |value: Value| self.clone().set("", key, value).is_ok();
+            set(text(value)) || set(value.into())
+        };
+        let Some(meant) = one.chain(two).find(is_setting) else { return Ok(()) };
+        let meant = format!("{PREFIX}{}", meant.replace('.', "__").to_uppercase());
+        let why = format!("expected two underscores between the parts of a key, as in {meant}");
+        Err(ConfigError::Value { layer: format!("environment variable {name}"), why })
     }
 
     /// Sets one dotted key, as flags do.
@@ -144,12 +165,8 @@ impl Layers {
     /// [`ConfigError`] for values that cannot be combined.
     pub fn resolve(self) -> Result<Settings, ConfigError> {
         let settings = self.so_far()?;
-        check_together(&settings).map_err(|why| {
-            let (key, _) = why.split_once(": ").unwrap_or_default();
-            let table = key.rsplit_once('.').map_or(key, |(table, _)| table);
-            // The one that is named, or has its default, and what it does not suit is set.
-            let beside = || self.origins.iter().find(|(other, _)| other.starts_with(table)).map(|(_, layer)| layer);
-            let origin = self.origins.get(key).or_else(beside);
+        check_together(&settings).map_err(|(keys, why)| {
+            let origin = keys.iter().find_map(|key| self.origins.get(*key));
             ConfigError::Value { layer: origin.map_or_else(|| "settings".into(), String::clone), why }
         })?;
         Ok(settings)
@@ -158,7 +175,7 @@ impl Layers {
     /// The settings of the layers so far, which others may still complete.
     ///
     /// # Errors
-    /// [`ConfigError`]; none if each layer was added.
+    /// [`ConfigError`]; cannot fail for layers that were added by these methods.
     pub fn so_far(&self) -> Result<Settings, ConfigError> {
         check("settings", &self.merged)
     }
@@ -202,17 +219,6 @@ impl Layers {
         check(name, &self.merged)?; // the layers below passed, so the fault is in this one
         Ok(self)
     }
-}
-
-/// Refuses a variable that seems to name a setting, but not as settings are named.
-fn one_underscore(name: &str, key: &str) -> Result<(), ConfigError> {
-    let key = key.to_lowercase();
-    let sections = Table::try_from(Settings::default()).unwrap_or_default();
-    let of = |section: &&String| key.strip_prefix(section.as_str()).is_some_and(|rest| rest.starts_with('_'));
-    let Some(section) = sections.keys().find(of) else { return Ok(()) };
-    let meant = format!("{PREFIX}{}__{}", section, &key[section.len() + 1..]).to_uppercase();
-    let why = format!("expected two underscores after the section, as in {meant}");
-    Err(ConfigError::Value { layer: format!("environment variable {name}"), why })
 }
 
 fn unicode<'a>(layer: &str, text: &'a OsStr) -> Result<&'a str, ConfigError> {
@@ -341,6 +347,8 @@ mod tests {
             assert_eq!(environment(&both).unwrap().resolve().unwrap().bridge.limits.message_mib, 40);
         }
         let guard = ("LAPWING_BRAKE__GUARD", "model");
+        let error = environment(&[message]).unwrap().resolve().unwrap_err().to_string();
+        assert!(error.starts_with("environment variable LAPWING_BRIDGE__LIMITS__MESSAGE_MIB: bridge"), "{error}");
         let layers = environment(&[guard]).unwrap();
         assert!(layers.clone().set("--brake-model", "brake.model", "net.safetensors").unwrap().resolve().is_ok());
         let error = layers.resolve().unwrap_err().to_string();
@@ -351,8 +359,14 @@ mod tests {
 
     #[test]
     fn a_variable_with_one_underscore_after_its_section_is_refused_with_the_right_name() {
-        let error = environment(&[("LAPWING_CONTROL_SPEED_MPH", "12")]).unwrap_err().to_string();
-        assert!(error.ends_with("as in LAPWING_CONTROL__SPEED_MPH"), "{error}");
+        for (wrong, right) in [
+            ("LAPWING_CONTROL_SPEED_MPH", "LAPWING_CONTROL__SPEED_MPH"),
+            ("LAPWING_BRIDGE_LIMITS_MESSAGE_MIB", "LAPWING_BRIDGE__LIMITS__MESSAGE_MIB"),
+        ] {
+            let error = environment(&[(wrong, "12")]).unwrap_err().to_string();
+            assert!(error.ends_with(&format!("as in {right}")), "{error}");
+        }
+        assert!(environment(&[("LAPWING_MODEL_CACHE", "12")]).is_ok(), "no setting of ours");
     }
 
     #[test]

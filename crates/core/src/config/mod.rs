@@ -216,7 +216,7 @@ pub fn text_of(path: &Path) -> Result<String, ConfigError> {
     fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
 }
 
-/// The settings of the layers so far, each of which is checked by itself: another layer may still complete them.
+/// The settings of the layers so far. Each value is checked by itself, because a later layer may complete them.
 fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     let error = |why: String| ConfigError::Value { layer: layer.into(), why };
     let settings: Settings =
@@ -251,8 +251,8 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     Ok(settings)
 }
 
-/// What is wrong with settings together, beginning with the key.
-fn check_together(settings: &Settings) -> Result<(), String> {
+/// What is wrong with settings together: the keys, and why.
+fn check_together(settings: &Settings) -> Result<(), (&'static [&'static str], String)> {
     settings.bridge.check_together()?;
     settings.brake.check_together()
 }

@@ -68,7 +68,11 @@ impl<R: BufRead + Seek> Container<R> {
         }
         let left = self.len.saturating_sub(self.at);
         if left < FRAME as u64 {
-            return damaged(format!("expected a record, got the file's end after {left} bytes"));
+            return damaged(match left {
+                0 => "expected a record, got the file's end: it is still being recorded, or the recording was killed"
+                    .into(),
+                left => format!("expected a record, got the file's end after {left} bytes"),
+            });
         }
         let mut frame = [0; FRAME];
         self.input.read_exact(&mut frame)?;

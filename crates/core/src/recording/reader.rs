@@ -47,11 +47,8 @@ pub struct Truncation {
 
 impl fmt::Display for Truncation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.unread == 0 {
-            let why = "the file was not closed: it is still being recorded, or the recording was killed";
-            return write!(f, "cut off at byte {}: {why}", self.read);
-        }
-        write!(f, "cut off or damaged at byte {}: {}; {} bytes are not read", self.read, self.why, self.unread)
+        write!(f, "cut off or damaged at byte {}: {}", self.read, self.why)?;
+        if self.unread > 0 { write!(f, "; {} bytes are not read", self.unread) } else { Ok(()) }
     }
 }
 

@@ -136,6 +136,12 @@ pub fn too_many_bad_frames(bad: u64, all: u64) -> bool {
     bad as f64 > MOST_BAD_FRAMES * all as f64
 }
 
+/// What is wrong with so many.
+pub fn too_many_in_words(bad: u64, all: u64) -> String {
+    let most = MOST_BAD_FRAMES * 100.0;
+    format!("expected at most {most} % bad frames, which no network sees, got {bad} of {all}")
+}
+
 impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "replay of {} to {}", self.source, self.driver)?;

@@ -53,6 +53,16 @@ pub struct Trace {
     pub events: Vec<EventRecord>,
 }
 
+impl Trace {
+    /// Why the telemetry or picture could not be used, if it could not.
+    pub fn bad_frame(&self) -> Option<&str> {
+        self.events.iter().find_map(|event| match event {
+            EventRecord::BadFrame { why, .. } => Some(why.as_str()),
+            _ => None,
+        })
+    }
+}
+
 /// One turn of a drive: what was seen, what was answered, and how that came about.
 #[derive(Debug, Clone)]
 pub struct Turn {

@@ -21,16 +21,16 @@ pub(super) trait Forward: fmt::Debug + Send + Sync {
     fn afresh(self: Arc<Self>) -> Result<Arc<dyn Forward>, ModelError>;
 }
 
-/// Steers by the first output of such a network. Clones share its weights, and no frames.
-///
-/// A network that keeps something from picture to picture is loaded anew for each drive: nobody else can tell it to forget.
+/// Steers by the first output of such a network. Clones of one that remembers nothing share it. One that remembers is loaded anew
+/// before its first picture and after each reset, because nothing else makes it forget.
 #[derive(Debug, Clone)]
 pub(super) struct ForeignPilot {
     eye: Eye,
     network: Arc<dyn Forward>,
-    /// Whether its answer depends on the pictures before, and whether it has seen some of another drive.
+    /// Whether its answer depends on earlier pictures.
     remembers: bool,
-    is_used: bool,
+    /// Whether it must be loaded anew before the next picture.
+    is_stale: bool,
 }
 
 /// Answers to the same picture that differ by no more than this are the same: TorchScript compiles itself meanwhile.
@@ -54,7 +54,7 @@ impl ForeignPilot {
         let network = Arc::new(load(shape)?);
         let [first, again] = eye.warm_up(|input| network.forward(input)).map_err(|error| unfit(error.into()))?;
         let remembers = (first - again).abs() > SAME;
-        Ok(Self { eye, network, remembers, is_used: remembers })
+        Ok(Self { eye, network, remembers, is_stale: remembers })
     }
 
     /// What is done to a frame.
@@ -70,15 +70,15 @@ impl ForeignPilot {
 
 impl Pilot for ForeignPilot {
     fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
-        let Self { eye, network, is_used, .. } = self;
-        if *is_used {
+        let Self { eye, network, is_stale, .. } = self;
+        if *is_stale {
             *network = network.clone().afresh().map_err(|error| PilotError::Network(error.into()))?;
-            *is_used = false;
+            *is_stale = false;
         }
         eye.steer(view.frame, |input| network.forward(input))
     }
 
     fn reset(&mut self) {
-        self.is_used = self.remembers;
+        self.is_stale = self.remembers;
     }
 }

@@ -100,7 +100,7 @@ impl Eye {
         self.preprocessor.preprocess()
     }
 
-    /// Shows blank pictures, black, grey and white, of the stock simulator's size or as high as the crop asks for.
+    /// Shows blank pictures, black, grey, white and black again, of the stock simulator's size or as high as the crop asks for.
     /// Afterwards libtorch has chosen and compiled its kernels (TorchScript does so on the second pass), so the first
     /// frame is answered as fast as the others, and a network that does not answer correctly is reported now.
     /// Returns the steering for the first picture, and for the same one after the others.
@@ -114,8 +114,10 @@ impl Eye {
             let blank = blank.expect("there are three bytes for each pixel");
             self.steer(&blank, &mut forward).map(|answer| answer.steering)
         };
-        let [first, .., again] = [answer(0)?, answer(128)?, answer(255)?, answer(0)?];
-        Ok([first, again])
+        let first = answer(0)?;
+        answer(128)?;
+        answer(255)?;
+        Ok([first, answer(0)?])
     }
 
     pub(super) fn steer(

@@ -20,12 +20,13 @@ pub const BENDS_M: f64 = 250.0;
 /// Roads that explain a drive worse than the best by less than this, as a log likelihood, may be the one. By as much the
 /// bends must speak for another road, or another place, before they outweigh what the start looks like.
 const LIKELY: f64 = 15.0;
-/// Places told from before and behind are compared within so many metres driven, and contradict one another if they are this
-/// many standard deviations apart, besides what a place is unsure at best, in metres, and how wrong the way between them may
-/// be. Of those so close together, the less sure one does not count.
+/// Places told from before and behind are compared if they are no farther apart than this, in metres driven.
 const COMPARED_M: f64 = 150.0;
+/// They contradict one another if they are this many standard deviations apart, besides …
 const CONTRADICTS: f64 = 3.0;
-const NEAR_M: f64 = 5.0;
+/// … what a place is unsure at best, in metres, and how wrong the way between them may be.
+pub const NEAR_M: f64 = 5.0;
+/// Of places so close together, the less sure one does not count, in metres driven.
 const ALONGSIDE_M: f64 = 40.0;
 /// How wrong the distance driven may be, as a share.
 pub const ASTRAY: f64 = 0.1;
@@ -142,9 +143,10 @@ pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
 fn sets_off(legs: &[Leg]) -> bool {
     let (mut passed_s, mut way_m) = (0.0, 0.0);
     for leg in legs {
+        let begins = passed_s < 1.0;
         passed_s += leg.apart_s;
         way_m += leg.motion.way_m;
-        if passed_s <= 1.0 && way_m > SETS_OFF_M {
+        if begins && way_m > SETS_OFF_M * passed_s.max(1.0) {
             return false;
         }
     }
@@ -191,17 +193,20 @@ impl Match {
         };
         let counted = |s_m: f64, progress_m: f64| progress_m + around(s_m - began_m - progress_m, length_m);
         let progress_m = counted(self.place.s_m, self.place.progress_m);
-        // One of both ways has found it elsewhere.
+        // Beyond this, one of the two ways found it elsewhere: what it has gone may be wrong in both.
         let unsure_m = CONTRADICTS * (NEAR_M + deviation_m.hypot(self.place.deviation_m));
-        if (progress_m - self.place.progress_m).abs() > unsure_m + 2.0 * ASTRAY * way_m(legs) {
-            self.place.deviation_m = self.place.deviation_m.max(VAGUE_M);
+        let most_m = (unsure_m + 2.0 * ASTRAY * way_m(legs)).min(length_m / 4.0);
+        let off_m = progress_m - self.place.progress_m;
+        if off_m.abs() > most_m {
+            self.place.deviation_m = self.place.deviation_m.max(VAGUE_M).max(off_m.abs() / 2.0);
+            self.sure_m += off_m.min(0.0);
             return self;
         }
         for stone in &mut self.trail {
             stone.progress_m = counted(stone.s_m, stone.progress_m);
             stone.deviation_m = stone.deviation_m.hypot(deviation_m);
         }
-        self.sure_m += (progress_m - self.place.progress_m).min(0.0);
+        self.sure_m += off_m.min(0.0);
         self.place.progress_m = progress_m;
         self.place.deviation_m = self.place.deviation_m.hypot(deviation_m);
         self

@@ -108,8 +108,8 @@ impl Unit {
     pub fn show_given(self, value: f64) -> String {
         let (usual, exact) = (self.show(value), self.shown(value));
         let (number, unit) = usual.split_at(usual.find(' ').unwrap_or(usual.len()));
-        let is_all = number.parse::<f64>().is_ok_and(|number| (number - exact).abs() < 1e-9 * exact.abs());
-        if is_all { usual } else { significant(exact, 6) + unit }
+        let is_all = number.parse::<f64>().is_ok_and(|number| (number - exact).abs() <= 1e-9 * exact.abs());
+        if is_all { usual } else { significant(exact, 12) + unit }
     }
 
     /// A mean over runs as people read it: to four significant digits, whatever its size.
@@ -404,6 +404,8 @@ mod tests {
             (Unit::Share, 0.8, "80.0 %"),
             (Unit::Points, 10.55, "10.55"),
             (Unit::Count, 0.0, "0"),
+            (Unit::Seconds, 0.0, "0.0 s"),
+            (Unit::Share, 0.799_999_96, "79.999996 %"),
             (Unit::PerKm, 0.125, "0.125 a km"),
         ] {
             assert_eq!(unit.show_given(given), expected);

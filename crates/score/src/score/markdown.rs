@@ -141,7 +141,7 @@ pub fn render(report: &Report<'_>, runs: &[ShownRun<'_>], against: Option<&Compa
             text += &format!("|---|{}\n", "---:|".repeat(row.len() - 1));
         }
     }
-    text += "\n~ is an estimate, - not measurable.\n";
+    text += "\n~ is an estimate, - not measurable, (2 runs) the mean of two runs.\n";
     for run in runs {
         text += &format!("\n<details><summary>{}</summary>\n\n", escaped(&run.title));
         if let Some(map) = &run.map {

@@ -159,7 +159,8 @@ impl<'a> Report<'a> {
 
     /// A line for each run, and their mean.
     pub fn table(&self) -> String {
-        aligned(&self.rows(), 1) + "\n~ is an estimate, - not measurable; lapwing score RUN says more."
+        aligned(&self.rows(), 1)
+            + "\n~ is an estimate, - not measurable, (2 runs) the mean of two runs; lapwing score RUN says more."
     }
 
     /// The same as cells: names of figures, runs, and their mean.

@@ -20,6 +20,7 @@ async function whyRefused(response) {
   return (await response.json().catch(() => null))?.error ?? `refused: ${response.status}`;
 }
 
+// Whether it was granted.
 async function ask(control) {
   if (wants.drive === null) return;
   try {
@@ -124,16 +125,19 @@ $("steer").addEventListener("click", () => { takeWheel(!wheel.on); $("steer").bl
 for (const id of ["mph", "mph-slider"]) {
   $(id).addEventListener("input", () => { touch(id); say($("mph-now"), `${$(id).value} mph`); });
   $(id).addEventListener("change", async () => {
+    const asked = $(id).value;
     const asBefore = () => {
-      $(id).value = wants.status?.set_speed_mph.toFixed(1) ?? "";
+      wants.touched.delete(id);
+      if ($(id).value !== asked) return; // another one is being typed
+      $(id).value = wants.status ? +wants.status.set_speed_mph.toFixed(1) : "";
       say($("mph-now"), `${$(id).value} mph`);
     };
-    if ($(id).value === "") { // also if it is not a number
+    if (asked === "") { // also if it is not a number
       say($("answer"), "set speed: expected a speed in mph, got nothing");
       return asBefore();
     }
     touch(id);
-    if (!await ask({ control: "set-speed", mph: +$(id).value })) asBefore();
+    if (!await ask({ control: "set-speed", mph: +asked })) asBefore();
   });
 }
 $("law").addEventListener("change", () => { touch("law"); ask({ control: "speed-law", law: $("law").value }); });
