@@ -272,7 +272,7 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
     for (arguments, code, words) in [
         ("drive --pilot expert --video x.avi", 2, "expected a film that ends in .mp4, .gif, .png or .jpg"),
         ("drive --pilot expert --map x.jpg", 2, "expected the name of a picture that ends in .svg or .png"),
-        ("drive --pilot expert --map no/x.svg", 1, "no/x.svg: cannot be written: No such file"),
+        ("drive --pilot expert --map no/x.svg", 1, "no/x.svg: cannot be written: there is no folder no"),
         ("drive --pilot expert --video no/x.mp4", 1, "cannot create the film"),
         ("drive --pilot expert --video file/x", 1, "cannot create pictures in the folder"),
         ("drive --pilot expert --recordings file/x", 1, "cannot make the folder"),
