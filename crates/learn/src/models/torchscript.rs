@@ -51,7 +51,7 @@ fn script_error(error: &TchError, input: &Tensor) -> NnError {
     let TchError::Torch(text) = error else { return NnError::Torch(torch_words(error)) };
     let is_reason = |line: &&str| line.split_once(": ").is_some_and(|(kind, _)| kind.ends_with("Error"));
     // Below it may stand C++'s own calls.
-    match text.lines().map(str::trim).filter(is_reason).next_back() {
+    match text.lines().map(str::trim).rfind(is_reason) {
         Some(reason) => {
             NnError::Torch(format!("{reason} (it was given {:?} f32, as the .toml beside it says)", input.size()))
         }
