@@ -39,7 +39,7 @@ const TURNED_M: f64 = 10.0;
 /// What a drive's start looks like counts for one that sets off there: in its first second it goes no farther than this, and in
 /// all at least so far, in metres. Others begin anywhere, and many places look a little like a road's start.
 const SETS_OFF_M: f64 = 3.0;
-const LEAST_M: f64 = 20.0;
+const LEAST_M: f64 = 5.0;
 /// A longer gap, in seconds, says nothing about where the car went on.
 const FORGOTTEN_S: f64 = 20.0;
 
