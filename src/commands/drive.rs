@@ -101,7 +101,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames: bad } } = judged?;
+    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } = judged?;
     let (made, drawn) = pictures.finish(&simulation);
     #[cfg(feature = "bridge")]
     let served = viewers.map_or(Ok(()), FoxgloveServer::end);
@@ -138,7 +138,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     served?;
     drawn?;
     printed?;
-    let ended = first_bad.ended(ended, bad, frames);
+    let ended = first_bad.ended(ended, bad_frames, frames);
     unseen.map_or(Ok(ended), |why| Err(anyhow::Error::msg(why)))
 }
 
@@ -195,8 +195,7 @@ pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow:
         layers = super::paged::layers(layers, &arguments.page)?;
     }
     if let Some(dir) = &arguments.recordings {
-        layers = layers.set_path("--recordings", "recording.dir", dir)?;
-        layers = layers.set("--recordings", "recording.enabled", true)?;
+        layers = super::recorded_in(layers, dir)?;
     }
     if arguments.no_recording {
         layers = layers.set("--no-recording", "recording.enabled", false)?;

@@ -254,6 +254,11 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
 
+/// Settings with which runs are recorded, in this folder.
+fn recorded_in(layers: Layers, dir: &Path) -> Result<Layers, ConfigError> {
+    layers.set_path("--recordings", "recording.dir", dir)?.set("--recordings", "recording.enabled", true)
+}
+
 /// Those, then the flags that all driving verbs share.
 fn layers(config: Option<&Path>, driving: &Driving) -> Result<Layers, ConfigError> {
     let mut layers = undriven_layers(config)?;

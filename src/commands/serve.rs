@@ -156,8 +156,7 @@ pub(super) fn layers(mut layers: Layers, server: &cli::ServerFlags) -> Result<La
         layers = layers.set("--port", "bridge.port", i64::from(*port))?;
     }
     if let Some(dir) = recordings {
-        layers = layers.set_path("--recordings", "recording.dir", dir)?;
-        layers = layers.set("--recordings", "recording.enabled", true)?;
+        layers = super::recorded_in(layers, dir)?;
     }
     Ok(layers)
 }

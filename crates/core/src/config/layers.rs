@@ -98,12 +98,7 @@ impl Layers {
                 continue;
             }
             let (layer, key) = (format!("environment variable {name}"), key.to_lowercase().replace("__", "."));
-            let value = unicode(&layer, &value)?;
-            // `2026` is a number, and may be meant for the name of a folder.
-            self = self
-                .clone()
-                .set(&layer, &key, text(value))
-                .or_else(|e| self.set(&layer, &key, value).map_err(|_| e))?;
+            self = self.set_text(&layer, &key, unicode(&layer, &value)?)?;
         }
         Ok(self)
     }
@@ -119,14 +114,16 @@ impl Layers {
         let between: Vec<usize> = key.match_indices('_').map(|(i, _)| i).collect();
         let one = between.iter().map(|i| dotted(&[*i]));
         let two = between.iter().flat_map(|i| between.iter().filter(move |j| *j > i).map(|j| dotted(&[*i, *j])));
-        let is_setting = |key: &String| {
-            let set = |value: Value| self.clone().set("", key, value).is_ok();
-            set(text(value)) || set(value.into())
-        };
+        let is_setting = |key: &String| self.clone().set_text("", key, value).is_ok();
         let Some(meant) = one.chain(two).find(is_setting) else { return Ok(()) };
         let meant = format!("{PREFIX}{}", meant.replace('.', "__").to_uppercase());
         let why = format!("expected two underscores between the parts of a key, as in {meant}");
         Err(ConfigError::Value { layer: format!("environment variable {name}"), why })
+    }
+
+    /// Sets one dotted key to what a variable's text looks like. `2026` is a number, and may be meant for the name of a folder.
+    fn set_text(self, layer: &str, key: &str, value: &str) -> Result<Self, ConfigError> {
+        self.clone().set(layer, key, text(value)).or_else(|e| self.set(layer, key, value).map_err(|_| e))
     }
 
     /// Sets one dotted key, as flags do.

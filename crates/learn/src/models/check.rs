@@ -230,9 +230,8 @@ fn troubles(answers: &Answered) -> Vec<String> {
 impl fmt::Display for Checked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { model, input, outputs, parameters, answers, troubles, .. } = self;
-        let Answered { recording, range: [least, mean, most], deviation, agreement, latency_ms: [p50, p99], .. } =
-            answers;
-        let recorded_deviation = answers.recorded_deviation;
+        let Answered { recording, range, deviation, agreement, recorded_deviation, latency_ms: [p50, p99] } = answers;
+        let [least, mean, most] = range;
         writeln!(f, "model       {model}")?;
         writeln!(f, "input       {input:?} f32")?;
         writeln!(f, "outputs     {}", outputs.join(", "))?;

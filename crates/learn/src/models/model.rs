@@ -3,7 +3,7 @@
 use std::{
     fs,
     path::Path,
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 use safetensors::SafeTensors;
@@ -75,8 +75,8 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
     match path.extension().and_then(|e| e.to_str()) {
         Some("safetensors") => LoadedModel::of_checkpoint(path, &read()?, clock),
         Some(_) if is_torchscript(path) => {
-            let bytes = read()?;
-            let pilot = ForeignPilot::load(path, clock, |_| Script::load(path, bytes.as_slice().into()))?;
+            let bytes: Arc<[u8]> = read()?.into();
+            let pilot = ForeignPilot::load(path, clock, |_| Script::load(path, bytes.clone()))?;
             Ok(LoadedModel::of_foreign("torchscript", path, &bytes, pilot, (None, clock)))
         }
         #[cfg(feature = "onnx")]
