@@ -36,9 +36,11 @@ const UNSEEN_MPS: f64 = 2.5;
 const PUT_BACK_M: f64 = 20.0;
 /// How far from a road's start a car may have been turned round, as a standard deviation in metres: a guess.
 const TURNED_M: f64 = 10.0;
-/// What a drive's start looks like counts for one that sets off there: in its first second it goes no farther than this, and in
-/// all at least so far, in metres. Others begin anywhere, and many places look a little like a road's start.
-const SETS_OFF_M: f64 = 3.0;
+/// What a drive's start looks like counts for one that sets off there: at first, for so many seconds, it is no faster on the
+/// mean than this, in m/s, and in all it goes at least so far, in metres. Others begin anywhere, and many places look a little
+/// like a road's start. At full throttle the stock car gains 5 m/s each second, so it has 1.25 m/s on the mean then.
+const BEGINS_S: f64 = 0.5;
+const SETS_OFF_MPS: f64 = 3.0;
 const LEAST_M: f64 = 5.0;
 /// A longer gap, in seconds, says nothing about where the car went on.
 const FORGOTTEN_S: f64 = 20.0;
@@ -141,16 +143,15 @@ pub fn find(legs: &[Leg], first: Option<&Look>, roads: &[Arc<Road>]) -> Found {
 
 /// Whether a drive begins from rest, or nearly, and then goes somewhere.
 fn sets_off(legs: &[Leg]) -> bool {
-    let (mut passed_s, mut way_m) = (0.0, 0.0);
+    let (mut began_s, mut began_m) = (0.0, 0.0);
     for leg in legs {
-        let begins = passed_s < 1.0;
-        passed_s += leg.apart_s;
-        way_m += leg.motion.way_m;
-        if begins && way_m > SETS_OFF_M * passed_s.max(1.0) {
-            return false;
+        began_s += leg.apart_s;
+        began_m += leg.motion.way_m;
+        if began_s >= BEGINS_S {
+            break;
         }
     }
-    way_m >= LEAST_M
+    began_m <= SETS_OFF_MPS * began_s && way_m(legs) >= LEAST_M
 }
 
 /// Where a drive was on the way, as told in three ways: by the bends before and behind each place, where they agree; by those
@@ -273,6 +274,27 @@ mod tests {
         assert_eq!(ways(&surest(&before, &agreeing, 1138.0)), [128.0, 150.0, 240.0, 83.0, 19.0]);
         let elsewhere = [stone(83.0, 41.0), stone(19.0, 1115.0)];
         assert_eq!(ways(&surest(&before, &elsewhere, 1138.0)), [240.0], "too far from any that contradicts it");
+    }
+
+    #[test]
+    fn who_gives_full_throttle_from_rest_sets_off_whenever_pictures_come_and_who_rolls_by_does_not() {
+        let legs = |from_mps: f64, first_s: f64, apart_s: f64| -> Vec<Leg> {
+            let way_m = |at_s: f64| from_mps * at_s + 5.0 / 2.0 * at_s * at_s;
+            let moments: Vec<f64> =
+                (0..30).map(|i| if i == 0 { 0.0 } else { first_s + f64::from(i - 1) * apart_s }).collect();
+            let leg = |pair: &[f64]| {
+                let motion = Motion { way_m: way_m(pair[1]) - way_m(pair[0]), turn_rad: 0.0 };
+                Leg { motion, apart_s: pair[1] - pair[0], broken: None }
+            };
+            moments.windows(2).map(leg).collect()
+        };
+        for apart_s in [0.05, 0.1, 0.17, 0.3, 0.5] {
+            for first_s in [0.02, 0.11, 0.17, 0.4] {
+                assert!(sets_off(&legs(0.0, first_s, apart_s)), "{first_s} s, then every {apart_s} s");
+                assert!(!sets_off(&legs(4.0, first_s, apart_s)), "{first_s} s, then every {apart_s} s");
+            }
+        }
+        assert!(!sets_off(&legs(0.0, 0.1, 0.1)[..9]), "2 m in all");
     }
 
     #[test]
