@@ -11,7 +11,7 @@ use serde_json::json;
 use super::{
     Ended, outputs,
     recorded_world::no_sides,
-    replay::{ReplayBar, too_many_bad_frames},
+    replay::{ReplayBar, accepted_by_flag},
     thresholds,
 };
 use crate::{
@@ -27,7 +27,6 @@ use lapwing_core::{
     perception::Frame,
     protocol::Dialect,
     recording::{CameraPosition, ModelId, Recorder, RecorderOptions, RunHeader},
-    replay::{self},
     turn::Turn,
     words::count,
 };
@@ -109,8 +108,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let judged = judged::run(&mut world, &mut driver, observers);
     let wall = began.elapsed();
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } =
-        judged.with_context(|| source.clone())?;
+    let Judged { card, driven } = judged.with_context(|| source.clone())?;
+    let DriveDigest { fingerprint, frames, bad_frames, .. } = &driven;
     let filmed = film.map(|film| film.film.finish()).transpose();
     let missed = score::missed(&settings.thresholds, &card);
     let Sources { lane, pictures, steering } = world.sources();
@@ -120,8 +119,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let run = report.as_ref().map(|report| report.path.display().to_string());
     let result = if arguments.json {
         let how = AlongRows {
-            frames,
-            unseen_frames: bad_frames,
+            frames: *frames,
+            unseen_frames: *bad_frames,
             rows_read: read,
             rows_standing: stood,
             turned_by_lane: lane,
@@ -132,7 +131,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             apart_m,
             filled_mean,
             filled_most,
-            fingerprint: &fingerprint,
+            fingerprint,
             times_real_time: card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9),
             run,
         };
@@ -161,7 +160,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             format!(
                 "{frames} in {:.1} s, {:.0}/s{unseen}; the car is stationary in {stood} of {read}",
                 wall.as_secs_f64(),
-                frames as f64 / wall.as_secs_f64().max(1e-9)
+                *frames as f64 / wall.as_secs_f64().max(1e-9)
             ),
         );
         let turning =
@@ -190,11 +189,13 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     super::whole(report)?;
     filmed?;
     printed?;
-    if replay::too_many_bad_frames(bad_frames, frames) && !arguments.allow_bad_frames {
-        say!("{}", too_many_bad_frames(&arguments.source.display().to_string(), bad_frames, frames));
-        return Ok(Ended::Failed);
+    match driven.bad_in_words() {
+        Some(Err(too_many)) if !arguments.allow_bad_frames => {
+            say!("{}: {}", arguments.source.display(), accepted_by_flag(&too_many));
+            Ok(Ended::Failed)
+        }
+        _ => Ok(ended),
     }
-    Ok(ended)
 }
 
 /// Where the recording was driven, if it was on a known road: of several, on the one that most of the rows show.

@@ -15,14 +15,12 @@ use crate::cli::{self, PilotKind};
 use crate::real_time::RealTime;
 use lapwing_core::{
     config::{ConfigError, Settings},
-    drive::{DriveDigest, Observer, ObserverError},
+    drive::{DriveDigest, Observer},
     driver::Driver,
     guard::GuardModel,
     pilot::{Pilot, PurePursuit},
     protocol::Dialect,
     recording::{ModelId, Recorder, RecordingError, RecordingReport, RunHeader, RunKind},
-    replay::{too_many_bad_frames, too_many_in_words},
-    turn::Turn,
     units::Mph,
     words::count,
 };
@@ -90,9 +88,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let mut bar = world::ProgressLine::new();
     let began = Instant::now();
     let mut recorded_by = recorder.as_ref();
-    let mut first_bad = FirstBad::default();
-    let mut observers: Vec<&mut dyn Observer<_>> =
-        vec![&mut recorded_by, &mut bar, &mut interrupted, &mut pictures, &mut first_bad];
+    let mut observers: Vec<&mut dyn Observer<_>> = vec![&mut recorded_by, &mut bar, &mut interrupted, &mut pictures];
     #[cfg(feature = "bridge")]
     let mut real_time = arguments.foxglove.map(|_| RealTime::default());
     #[cfg(feature = "bridge")]
@@ -101,7 +97,8 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let wall = began.elapsed();
     // Whatever happened, the run is closed and can be read.
     let report = recorder.and_then(super::close);
-    let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } = judged?;
+    let Judged { card, driven } = judged?;
+    let DriveDigest { fingerprint, frames, .. } = &driven;
     let (made, drawn) = pictures.finish(&simulation);
     #[cfg(feature = "bridge")]
     let served = viewers.map_or(Ok(()), FoxgloveServer::end);
@@ -113,7 +110,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     let result = if arguments.json {
         let run = report.as_ref().map(|report| report.path.display().to_string());
         let (who, fingerprint) = (Simulated { pilot: &name, seed }, fingerprint.as_str());
-        let how = InProcess { frames, fingerprint, times_real_time, seen, run };
+        let how = InProcess { frames: *frames, fingerprint, times_real_time, seen, run };
         serde_json::to_string_pretty(&ScoredDrive { who, card: &card, how, missed: &missed })?
     } else {
         let pictures = if seen.is_some() { format!(", {RECORDED}") } else { String::new() };
@@ -138,7 +135,7 @@ pub(super) fn run(arguments: cli::Drive, config: Option<&Path>) -> anyhow::Resul
     served?;
     drawn?;
     printed?;
-    let ended = first_bad.ended(ended, bad_frames, frames);
+    let ended = ended_seeing(ended, &driven);
     unseen.map_or(Ok(ended), |why| Err(anyhow::Error::msg(why)))
 }
 
@@ -207,32 +204,18 @@ pub(super) fn settings(arguments: &cli::Drive, config: Option<&Path>) -> anyhow:
     Ok(settings)
 }
 
-/// Why the first bad frame of a drive is one.
-#[derive(Default)]
-pub(super) struct FirstBad(Option<String>);
-
-impl<W: ?Sized> Observer<W> for FirstBad {
-    fn turn(&mut self, _: &W, turn: &Turn) -> Result<(), ObserverError> {
-        if self.0.is_none() {
-            self.0 = turn.trace.bad_frame().map(str::to_owned);
+/// How a drive ends that would end so if no frame had been bad. Says how many were, and why the first was one.
+pub(super) fn ended_seeing(ended: Ended, driven: &DriveDigest) -> Ended {
+    match driven.bad_in_words() {
+        None => ended,
+        Some(Ok(some)) => {
+            say!("{some}");
+            ended
         }
-        Ok(())
-    }
-}
-
-impl FirstBad {
-    /// How a drive with so many bad frames ends that would end so without them. Says how many they are, and why the first is one.
-    pub fn ended(&self, ended: Ended, bad: u64, all: u64) -> Ended {
-        if bad == 0 {
-            return ended;
+        Some(Err(too_many)) => {
+            say!("{too_many}");
+            if matches!(ended, Ended::Passed) { Ended::Failed } else { ended }
         }
-        let why = self.0.as_deref().unwrap_or("no reason given");
-        if !too_many_bad_frames(bad, all) {
-            say!("{bad} of {all} frames were bad; the first: {why}");
-            return ended;
-        }
-        say!("{}; the first: {why}", too_many_in_words(bad, all));
-        if matches!(ended, Ended::Passed) { Ended::Failed } else { ended }
     }
 }
 

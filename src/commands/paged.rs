@@ -13,7 +13,7 @@ use crate::{
 };
 use lapwing_core::{
     config::{ConfigError, Layers, Settings},
-    drive::{DriveDigest, Observer},
+    drive::Observer,
     driver::Driver,
     guard::GuardModel,
     pilot::PurePursuit,
@@ -240,21 +240,21 @@ impl Run<'_> {
         let mut staged = Staged::new(simulation, console.clone());
         let mut screen = Screen::new(console.clone());
         let began = Instant::now();
-        let mut first_bad = drive::FirstBad::default();
         let observers: &mut [&mut dyn Observer<_>] =
-            &mut [&mut recorder.as_ref(), &mut screen, &mut feed, &mut interrupted, &mut first_bad];
+            &mut [&mut recorder.as_ref(), &mut screen, &mut feed, &mut interrupted];
         let judged = judged::run(&mut staged, &mut driver, observers);
         let wall = began.elapsed();
         // Whatever happened, the run is closed and can be read.
         let report = recorder.and_then(super::close);
-        let Judged { card, driven: DriveDigest { fingerprint, frames, bad_frames } } = judged?;
+        let Judged { card, driven } = judged?;
         let missed = score::missed(&settings.thresholds, &card);
         let setup = staged.simulation().setup();
         let seed = setup.seed;
         let text = if json {
             let run = report.as_ref().map(|report| report.path.display().to_string());
             let times_real_time = card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9);
-            let how = InProcess { frames, fingerprint: &fingerprint, times_real_time, seen: None, run };
+            let how =
+                InProcess { frames: driven.frames, fingerprint: &driven.fingerprint, times_real_time, seen: None, run };
             serde_json::to_string(&ScoredDrive {
                 who: Simulated { pilot: &pilot.name, seed },
                 card: &card,
@@ -269,6 +269,6 @@ impl Run<'_> {
         super::whole(report)?;
         let asked = console.borrow().is_asked_on();
         let ended = thresholds::ended_whole(&card, &settings.thresholds, &missed);
-        Ok((first_bad.ended(ended, bad_frames, frames), asked))
+        Ok((drive::ended_seeing(ended, &driven), asked))
     }
 }

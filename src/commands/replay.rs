@@ -18,7 +18,6 @@ use lapwing_core::{
     driver::Driver,
     replay::{
         Answered, Answers, ForBridge, Golden, GoldenComparison, GoldenError, Machine, Replay, ReplayReport, Response,
-        too_many_in_words,
     },
     turn::Turn,
     words::count,
@@ -56,16 +55,16 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         bail!("{source}: expected frames with a picture, got none{skipped}{cut_off}");
     }
     let report = ReplayReport::new((source.clone(), driver.clone()), &answers, losses, (&times, wall));
-    let too_many_bad = report.has_too_many_bad_frames() && !arguments.allow_bad_frames;
+    let too_many_bad = report.too_many_bad_frames().filter(|_| !arguments.allow_bad_frames);
     // A failed write does not affect the other results.
-    let written = arguments.write_golden.as_ref().filter(|_| !too_many_bad).map_or(Ok(()), |path| {
+    let written = arguments.write_golden.as_ref().filter(|_| too_many_bad.is_none()).map_or(Ok(()), |path| {
         Golden::new(&source, &driver, &answers, here.clone()).write(path)?;
         say!("written: {}", path.display());
         Ok::<_, GoldenError>(())
     });
     let comparison = golden.map(|golden| GoldenComparison::new(&golden, &answers, arguments.tolerance, here));
     let ended = match &comparison {
-        _ if too_many_bad => Ended::Failed,
+        _ if too_many_bad.is_some() => Ended::Failed,
         Some(comparison) if comparison.differing_frames > 0 => Ended::Failed,
         _ => Ended::Passed,
     };
@@ -77,8 +76,8 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         let comparison = comparison.map_or_else(String::new, |comparison| format!("\n{comparison}"));
         super::print(&format!("{report}{comparison}"))?;
     }
-    if too_many_bad {
-        say!("{}", too_many_bad_frames(&report.source, report.bad_frames, report.for_the_pilot()));
+    if let Some(too_many) = too_many_bad {
+        say!("{}: {}", report.source, accepted_by_flag(&too_many));
         if let Some(path) = &arguments.write_golden {
             say!("not written: {}", path.display());
         }
@@ -127,9 +126,9 @@ fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<ReplayAns
     Ok(ReplayAnswers { driver: model.name().to_owned(), answers, times, losses: replay.losses(), wall, here })
 }
 
-/// The message for a replay that fails because of its bad frames.
-pub(super) fn too_many_bad_frames(source: &str, bad: u64, all: u64) -> String {
-    format!("{source}: {}; --allow-bad-frames accepts them", too_many_in_words(bad, all))
+/// What is wrong with the bad frames of a replay, and how they are accepted.
+pub(super) fn accepted_by_flag(too_many: &str) -> String {
+    format!("{too_many}; --allow-bad-frames accepts them")
 }
 
 /// A line of progress through a recording, if stderr is a terminal.

@@ -22,7 +22,9 @@ use lapwing_core::{
     words::count,
 };
 use lapwing_learn::nn::runtime;
-use lapwing_score::suite::{self, Cell, Done, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table};
+use lapwing_score::suite::{
+    self, Cell, Done, Group, GroupDrive, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table,
+};
 
 /// How many missing cells are named.
 const NAMED: usize = 5;
@@ -71,8 +73,9 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     if interrupted.is_pressed() {
         bail!("interrupted; run the same command again to continue");
     }
-    report(&planned.outcome(&results)?, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
-    Ok(Ended::Passed)
+    let outcome = planned.outcome(&results)?;
+    report(&outcome, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
+    Ok(if tell_blind(&outcome) { Ended::Failed } else { Ended::Passed })
 }
 
 pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
@@ -84,7 +87,8 @@ pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
     tell_left_out(merged.left_out, "result");
     let results = Results::open(&arguments.out)?;
     report(&merged.outcome, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
-    Ok(if merged.is_whole() { Ended::Passed } else { Ended::Failed })
+    let blind = tell_blind(&merged.outcome);
+    Ok(if merged.is_whole() && !blind { Ended::Passed } else { Ended::Failed })
 }
 
 /// Writes the outcome of the results and the reports of the runs that were kept, and prints the outcome.
@@ -135,6 +139,26 @@ fn tell_left_out(left_out: usize, what: &str) {
     if left_out > 0 {
         tracing::info!("skipped {}: a different seed would not change their drives", count(left_out, what));
     }
+}
+
+/// Says which drives had too many bad frames, and whether there are any: their figures say little about their pilots.
+fn tell_blind(outcome: &SuiteOutcome) -> bool {
+    let blind = |group: &Group| {
+        let Group { pilot, track, conditions, speed_mph, drives, .. } = group;
+        let told = |drive: &GroupDrive| {
+            let why = drive.bad_frames.as_ref()?;
+            Some(format!("{pilot} on {track}, {conditions}, {speed_mph} mph, seed {}: {why}", drive.seed))
+        };
+        drives.iter().filter_map(told).collect::<Vec<_>>()
+    };
+    let blind: Vec<_> = outcome.groups.iter().flat_map(blind).collect();
+    for told in blind.iter().take(NAMED) {
+        say!("{told}");
+    }
+    if let more @ 1.. = blind.len().saturating_sub(NAMED) {
+        say!("{} with too many bad frames", count(more, "more drive"));
+    }
+    !blind.is_empty()
 }
 
 /// Reports how much of the suite is present.

@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
-use super::{Observer, ObserverError};
+use super::{Observer, ObserverError, bad_frames::too_many_bad_frames};
 use crate::{
     hash::hex,
     protocol::{Answer, CameraImage},
@@ -15,6 +15,7 @@ pub struct Fingerprint {
     hash: Sha256,
     frames: u64,
     bad_frames: u64,
+    first_bad: Option<String>,
 }
 
 /// The outcome of a drive.
@@ -26,13 +27,31 @@ pub struct DriveDigest {
     pub frames: u64,
     /// Frames among them that no pilot could use.
     pub bad_frames: u64,
+    /// Why the first of those is one.
+    pub first_bad: Option<String>,
+}
+
+impl DriveDigest {
+    /// Of bad frames, if there were any: how many, and why the first is one. An error if they are so many that the drive says too
+    /// little about its driver.
+    pub fn bad_in_words(&self) -> Option<Result<String, String>> {
+        let (bad, all) = (self.bad_frames, self.frames);
+        if bad == 0 {
+            return None;
+        }
+        let why = self.first_bad.as_deref().unwrap_or("no reason given");
+        Some(match too_many_bad_frames(bad, all) {
+            Some(too_many) => Err(format!("{too_many}; the first: {why}")),
+            None => Ok(format!("{bad} of {all} frames were bad; the first: {why}")),
+        })
+    }
 }
 
 impl Fingerprint {
     /// The outcome of what was seen so far.
     pub fn finish(self) -> DriveDigest {
         let fingerprint = hex(&self.hash.finalize());
-        DriveDigest { fingerprint, frames: self.frames, bad_frames: self.bad_frames }
+        DriveDigest { fingerprint, frames: self.frames, bad_frames: self.bad_frames, first_bad: self.first_bad }
     }
 }
 
@@ -40,7 +59,10 @@ impl<W: ?Sized> Observer<W> for Fingerprint {
     fn turn(&mut self, _world: &W, turn: &Turn) -> Result<(), ObserverError> {
         if let Some(telemetry) = turn.telemetry() {
             self.frames += 1;
-            self.bad_frames += u64::from(turn.trace.by == By::Safe);
+            if turn.trace.by == By::Safe {
+                self.bad_frames += 1;
+                self.first_bad = self.first_bad.take().or_else(|| turn.trace.bad_frame().map(str::to_owned));
+            }
             if let CameraImage::Jpeg(jpeg) = &telemetry.image {
                 self.hash.update(jpeg);
             }

@@ -9,10 +9,12 @@
 //! end of a connection, makes its turns with the same [`turn`] and shows them to the same [`Observer`]s; its world is
 //! [`Elsewhere`].
 
+mod bad_frames;
 mod fingerprint;
 
 use std::time::Duration;
 
+pub use bad_frames::too_many_bad_frames;
 pub use fingerprint::{DriveDigest, Fingerprint};
 
 use crate::{

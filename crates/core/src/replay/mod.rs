@@ -18,5 +18,5 @@ mod source;
 pub use answers::{Answered, Answers, ForBridge, Response};
 pub use comparison::GoldenComparison;
 pub use golden::{Difference, Golden, GoldenError, Machine};
-pub use report::{BadFrame, MOST_BAD_FRAMES, ReplayLatency, ReplayReport, too_many_bad_frames, too_many_in_words};
+pub use report::{BadFrame, ReplayLatency, ReplayReport};
 pub use source::{Rate, Replay, ReplayError};

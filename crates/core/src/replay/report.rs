@@ -5,10 +5,7 @@ use std::{fmt, time::Duration};
 use serde::Serialize;
 
 use super::{Answered, Response};
-use crate::{stats::Agreement, words};
-
-/// Share of bad frames above which a replay says too little about a driver to pass.
-pub const MOST_BAD_FRAMES: f64 = 0.01;
+use crate::{drive::too_many_bad_frames, stats::Agreement, words};
 
 /// Bad frames that are listed one by one.
 const NAMED: usize = 3;
@@ -116,8 +113,8 @@ impl ReplayReport {
         self.moments - self.human - self.pilot_off
     }
 
-    /// Whether so many frames are bad ([`MOST_BAD_FRAMES`]) that the figures say too little about the driver.
-    pub fn has_too_many_bad_frames(&self) -> bool {
+    /// What is wrong, if so many frames are bad that the figures say too little about the driver.
+    pub fn too_many_bad_frames(&self) -> Option<String> {
         too_many_bad_frames(self.bad_frames, self.for_the_pilot())
     }
 
@@ -129,17 +126,6 @@ impl ReplayReport {
         let nothing_seen = self.bad_frames > 0 && self.bad_frames == self.for_the_pilot();
         self.steering.as_ref().ok_or(if nothing_seen { NOTHING_SEEN } else { NO_STEERING })
     }
-}
-
-/// Whether more of `all` frames are bad than [`MOST_BAD_FRAMES`] allows.
-pub fn too_many_bad_frames(bad: u64, all: u64) -> bool {
-    bad as f64 > MOST_BAD_FRAMES * all as f64
-}
-
-/// What is wrong with so many.
-pub fn too_many_in_words(bad: u64, all: u64) -> String {
-    let most = MOST_BAD_FRAMES * 100.0;
-    format!("expected at most {most} % bad frames, which no network sees, got {bad} of {all}")
 }
 
 impl fmt::Display for ReplayReport {
@@ -255,7 +241,7 @@ mod tests {
         let with = |frames: usize, bad_ones: usize| {
             let mut responses = vec![steer(0.1); frames - bad_ones];
             responses.extend(vec![bad(); bad_ones]);
-            report(responses).has_too_many_bad_frames()
+            report(responses).too_many_bad_frames().is_some()
         };
         assert!(!with(100, 0) && !with(100, 1) && !with(200, 2));
         assert!(with(100, 2) && with(99, 1) && with(1, 1));

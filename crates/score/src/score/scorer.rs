@@ -192,7 +192,8 @@ impl Scorer {
         if let Some((_, was_mps)) = self.last.filter(|_| !is_cut) {
             self.has_way = true;
             // Trapezium: the speed changes evenly between two telemetries.
-            let way = apart * (speed_mps + was_mps) / 2.0;
+            // Who goes backwards goes some way, too.
+            let way = apart * (speed_mps.abs() + was_mps.abs()) / 2.0;
             self.driven_m += way;
             self.in_gaps_m += if after_gap { way } else { 0.0 };
             self.off_road_m += if self.off_since.is_some() { way } else { 0.0 };

@@ -209,7 +209,9 @@ fn drive_one<C: Course>(
         return driven.map(drop).map_err(|source| DriveError::Cell { cell: name.clone(), source });
     };
     let card = serde_json::to_value(card).map_err(|source| DriveError::Card { cell: name.clone(), source })?;
+    let bad_frames = driven.bad_in_words().and_then(Result::err);
     let mut done = Done::new(cell, card, driven.fingerprint, began.elapsed().as_secs_f64());
+    done.bad_frames = bad_frames;
     if run.is_some() {
         if keep == Keep::All || done.failed().is_some() {
             done.run = Some(Results::run_name(&done.cell));

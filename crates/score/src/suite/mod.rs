@@ -52,6 +52,7 @@
 //! | `cell.world.track_sha256` | string or null | SHA-256 of the track's file; null for a track that comes with Lapwing |
 //! | `card` | object | the scorecard, `lapwing.scorecard/1`: [`Scorecard`](crate::score::Scorecard) |
 //! | `fingerprint` | string | SHA-256 over all frames and commands in hexadecimal: equal if two drives were the same |
+//! | `bad_frames` | string or absent | if more than 1 % of its frames were bad: how many, and why the first was |
 //! | `took_s` | number, s | how long the drive took, in real time |
 //! | `run` | string or absent | its run, if it was kept: the path from this folder, such as `runs/ID.mcap` |
 //!
@@ -74,28 +75,23 @@
 //! | `planned` | integer or null | cells of the suite, including those of other parts; null without a plan |
 //! | `missing` | integer | those without a result; without a plan only those whose file cannot be read |
 //! | `groups[]` | object | cells that differ only in their seed |
-//! | `groups[].pilot` | string | the pilot's name, followed by ` (settings ID)` if the name alone does not tell groups
-//! apart |
+//! | `groups[].pilot` | string | the pilot's name, followed by ` (settings ID)` if the name alone does not tell groups apart |
 //! | `groups[].model_sha256` | string or null | as `cell.model_sha256` |
 //! | `groups[].track` | string | as `cell.track` |
 //! | `groups[].conditions` | string | as `cell.conditions` |
 //! | `groups[].speed_mph` | number, mph | as `cell.speed_mph` |
-//! | `groups[].figures.KEY` | object | the figure of this key over the drives, in the unit of
-//! [`Figure`](crate::score::Figure); a share is 0 to 1; absent if no drive reports it |
+//! | `groups[].figures.KEY` | object | the figure of this key over the drives, in the unit of [`Figure`](crate::score::Figure); a share is 0 to 1; absent if no drive reports it |
 //! | `groups[].figures.KEY.runs` | integer | drives that report it, n |
 //! | `groups[].figures.KEY.mean` | number | mean over them; for the collision rate, over their episodes |
-//! | `groups[].figures.KEY.deviation` | number or null | standard deviation of one drive, with divisor n - 1; null for
-//! a single one |
+//! | `groups[].figures.KEY.deviation` | number or null | standard deviation of one drive, with divisor n - 1; null for a single one |
 //! | `groups[].figures.KEY.least` | number | smallest |
 //! | `groups[].figures.KEY.most` | number | largest |
-//! | `groups[].figures.KEY.confidence` | number or null | half the width of the mean's confidence interval at 95 %, by
-//! Student's t; null for a single drive |
-//! | `groups[].figures.KEY.interval` | two numbers or null | the mean's interval at 95 %, within the possible range:
-//! Student's t, for counts of occasional events at least Garwood's; null for a single drive, and if all report the
-//! same; the table and the page show this one |
+//! | `groups[].figures.KEY.confidence` | number or null | half the width of the mean's confidence interval at 95 %, by Student's t; null for a single drive |
+//! | `groups[].figures.KEY.interval` | two numbers or null | the mean's interval at 95 %, within the possible range: Student's t, for counts of occasional events at least Garwood's; null for a single drive, and if all report the same; the table and the page show this one |
 //! | `groups[].drives[]` | object | the drives that failed, or whose run was kept |
 //! | `groups[].drives[].seed` | integer | as `cell.seed` |
-//! | `groups[].drives[].failed` | string or null | what went wrong: laps not finished, collisions, times off the road |
+//! | `groups[].drives[].failed` | string or null | what went wrong: too many bad frames, laps not finished, collisions, times off the road |
+//! | `groups[].drives[].bad_frames` | string or null | as `bad_frames` of `cells/ID.json`; null if there were few or none |
 //! | `groups[].drives[].run` | string or null | as `run` of `cells/ID.json` |
 
 mod drive;

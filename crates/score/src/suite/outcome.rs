@@ -71,6 +71,8 @@ pub struct GroupDrive {
     pub seed: u64,
     /// What went wrong, in words; none if all went well.
     pub failed: Option<String>,
+    /// If too many of its frames were bad: how many, and why the first was.
+    pub bad_frames: Option<String>,
     /// Its run: the path from the folder of the results.
     pub run: Option<String>,
 }
@@ -118,7 +120,12 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
             Some((figure.key(), Over { spread, confidence, interval }))
         };
         let figures = Figure::ALL.into_iter().filter_map(over).collect();
-        let alone = |one: &&Done| GroupDrive { seed: one.cell.seed, failed: one.failed(), run: one.run.clone() };
+        let alone = |one: &&Done| GroupDrive {
+            seed: one.cell.seed,
+            failed: one.failed(),
+            bad_frames: one.bad_frames.clone(),
+            run: one.run.clone(),
+        };
         let told = |drive: &GroupDrive| drive.failed.is_some() || drive.run.is_some();
         let drives = done.iter().map(alone).filter(told).collect();
         Group { pilot, model_sha256, track, conditions, speed_mph, figures, drives }

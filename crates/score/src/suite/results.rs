@@ -24,6 +24,9 @@ pub struct Done {
     pub card: serde_json::Value,
     /// The hash of its frames and commands.
     pub fingerprint: String,
+    /// If too many of its frames were bad: how many, and why the first was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bad_frames: Option<String>,
     /// How long it took, in seconds of real time.
     pub took_s: f64,
     /// Its run, if it was kept: the path from the folder of the results, such as `runs/ID.mcap`.
@@ -34,21 +37,19 @@ pub struct Done {
 impl Done {
     /// What was driven.
     pub fn new(cell: Cell, card: serde_json::Value, fingerprint: String, took_s: f64) -> Self {
-        Self { schema: SCHEMA.into(), cell, card, fingerprint, took_s, run: None }
+        Self { schema: SCHEMA.into(), cell, card, fingerprint, bad_frames: None, took_s, run: None }
     }
 
     pub(super) fn value(&self, figure: Figure) -> Option<f64> {
         self.card.get(figure.key())?.as_f64()
     }
 
-    /// What went wrong in the drive, in words: laps not finished, collisions, times off the road. A figure that is not
-    /// measurable is no failure.
+    /// What went wrong in the drive, in words: too many bad frames, laps not finished, collisions, times off the road. A figure
+    /// that is not measurable is no failure.
     pub fn failed(&self) -> Option<String> {
         let completion = self.value(Figure::Completion).filter(|share| *share < 1.0);
-        let mut words: Vec<_> = completion
-            .map(|share| format!("{} driven", Figure::Completion.unit().show_mean(share)))
-            .into_iter()
-            .collect();
+        let completed = completion.map(|share| format!("{} driven", Figure::Completion.unit().show_mean(share)));
+        let mut words: Vec<_> = self.bad_frames.clone().into_iter().chain(completed).collect();
         for (figure, what) in [(Figure::Collisions, "collision"), (Figure::OffRoads, "time off the road")] {
             if let Some(many) = self.value(figure).filter(|many| *many > 0.0) {
                 let plural = if what == "collision" { "collisions" } else { "times off the road" };

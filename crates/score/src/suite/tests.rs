@@ -306,8 +306,10 @@ impl Course for Paper {
             telemetry.truth.crashes = Some(u32::from(cell.seed == 0 && second > 1));
             scorer.telemetry(Duration::from_secs(second), &telemetry);
         }
-        let (fingerprint, frames, bad_frames) = ("ab".into(), 1, 0);
-        let driven = DriveDigest { fingerprint, frames, bad_frames };
+        // And the second seed's frames cannot be used.
+        let bad_frames = u64::from(cell.seed == 1);
+        let first_bad = (bad_frames > 0).then(|| "no JPEG".to_owned());
+        let driven = DriveDigest { fingerprint: "ab".into(), frames: 1, bad_frames, first_bad };
         Ok((!stop()).then(|| Judged { card: scorer.finish(), driven }))
     }
 }
@@ -336,10 +338,12 @@ fn the_runs_of_failed_drives_are_kept_and_the_page_leads_to_them() {
         (done, dir)
     };
     let (done, _dir) = runs_in(Keep::Failed, &|| false);
-    assert_eq!((done.len(), done.iter().filter(|one| one.run.is_some()).count()), (24, 8));
+    assert_eq!((done.len(), done.iter().filter(|one| one.run.is_some()).count()), (24, 16));
     let groups = groups(&done);
-    let [drive] = &groups[0].drives[..] else { unreachable!("one drive of the group failed: {:?}", groups[0].drives) };
-    assert_eq!((drive.seed, drive.failed.as_deref()), (0, Some("1 collision")));
+    let [drive, blind] = &groups[0].drives[..] else { unreachable!("two drives failed: {:?}", groups[0].drives) };
+    assert_eq!((drive.seed, drive.failed.as_deref(), &drive.bad_frames), (0, Some("1 collision"), &None));
+    let why = "expected at most 1 % bad frames, which no network sees, got 1 of 1; the first: no JPEG";
+    assert_eq!((blind.seed, blind.failed.as_deref(), blind.bad_frames.as_deref()), (1, Some(why), Some(why)));
     let page = render(&SuiteOutcome::new(groups.clone(), None, 0), "../results").unwrap();
     assert!(page.contains(drive.run.as_ref().unwrap()) && page.contains(r#""folder":"../results""#));
     assert_eq!(runs_in(Keep::All, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 24);

@@ -140,8 +140,15 @@ for (const id of ["mph", "mph-slider"]) {
     if (!await ask({ control: "set-speed", mph: +asked })) asBefore();
   });
 }
-$("law").addEventListener("change", () => { touch("law"); ask({ control: "speed-law", law: $("law").value }); });
-$("pilot").addEventListener("change", () => { touch("pilot"); ask({ control: "pilot", index: +$("pilot").value }); });
+// What is refused does not stay chosen.
+const choose = (id, control, now) => $(id).addEventListener("change", async () => {
+  touch(id);
+  if (await ask(control($(id).value))) return;
+  wants.touched.delete(id);
+  if (wants.status) $(id).value = now(wants.status);
+});
+choose("law", (law) => ({ control: "speed-law", law }), (status) => status.speed_law);
+choose("pilot", (index) => ({ control: "pilot", index: +index }), (status) => status.pilot);
 
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
