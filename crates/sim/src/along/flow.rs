@@ -8,6 +8,8 @@ const LEVELS: usize = 3;
 const REACH: usize = 7;
 /// The side.
 const SIDE: usize = 2 * REACH + 1;
+/// Pixels in a row of a patch, the last of which counts for nothing: whole vectors of the processor.
+const LANES: usize = SIDE + 1;
 /// Rows of the picture that are used: sky, scenery, and the part of the road just below the horizon.
 const ROWS: usize = 104;
 /// The distant scenery's rows, whose common shift is the first guess.
@@ -34,22 +36,23 @@ struct Grey {
 }
 
 impl Grey {
-    /// The square around a place, of the size of `out` (at most 30 a side), in rows; beyond the picture its rim is
-    /// repeated. All its pixels lie at the same fraction between those of the picture, so four weights serve for all.
-    fn square<const N: usize>(&self, x: f32, y: f32, out: &mut [[f32; N]; N]) {
-        let (left, top) = (x.floor() - (N / 2) as f32, y.floor() - (N / 2) as f32);
+    /// The patch around the middle of `out`'s rows, at most 30 a side, in rows of which the last pixels may be more than are
+    /// wanted; beyond the picture its rim is repeated. All its pixels lie at the same fraction between those of the picture, so
+    /// four weights serve for all.
+    fn square<const W: usize, const H: usize>(&self, x: f32, y: f32, out: &mut [[f32; W]; H]) {
+        let (left, top) = (x.floor() as i32 - (H / 2) as i32, y.floor() as i32 - (H / 2) as i32);
         let (s, t) = (x - x.floor(), y - y.floor());
         let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
-        let columns: [usize; 31] = std::array::from_fn(|i| ((left + i as f32).max(0.0) as usize).min(self.width - 1));
-        let line = |j: usize| {
-            let row = ((top + j as f32).max(0.0) as usize).min(self.height - 1);
-            &self.light[row * self.width..][..self.width]
-        };
-        let inside = left >= 0.0 && left + (N as f32) < self.width as f32;
+        let within = |from: i32, i: usize, size: usize| from.saturating_add(i as i32).clamp(0, size as i32 - 1) as usize;
+        let line = |j: usize| &self.light[within(top, j, self.height) * self.width..][..self.width];
+        let first = within(left, 0, self.width);
+        let inside = left >= 0 && first + W < self.width;
+        let columns: [usize; 31] =
+            if inside { [0; 31] } else { std::array::from_fn(|i| within(left, i, self.width)) };
         for (j, row) in out.iter_mut().enumerate() {
             let (above, below) = (line(j), line(j + 1));
             if inside {
-                let (above, below) = (&above[columns[0]..][..N + 1], &below[columns[0]..][..N + 1]);
+                let (above, below) = (&above[first..][..W + 1], &below[first..][..W + 1]);
                 for (i, pixel) in row.iter_mut().enumerate() {
                     let (up, down) = (
                         weights[0] * above[i] + weights[1] * above[i + 1],
@@ -71,11 +74,13 @@ impl Grey {
 
     fn half(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
-        let pixel = |i: usize| {
-            let k = (i / width) * 2 * self.width + (i % width) * 2;
-            (self.light[k] + self.light[k + 1] + self.light[k + self.width] + self.light[k + self.width + 1]) / 4.0
-        };
-        Self { width, height, light: (0..width * height).map(pixel).collect() }
+        let rows = self.light.chunks_exact(2 * self.width);
+        let light = rows.flat_map(|rows| {
+            let (above, below) = rows.split_at(self.width);
+            let pairs = above.as_chunks::<2>().0.iter().zip(below.as_chunks::<2>().0);
+            pairs.map(|(above, below)| (above[0] + above[1] + below[0] + below[1]) / 4.0)
+        });
+        Self { width, height, light: light.collect() }
     }
 }
 
@@ -107,7 +112,8 @@ impl Pyramid {
             }
             sum / columns.len() as f32
         };
-        (-FARTHEST..=FARTHEST).min_by(|&a, &b| difference(a).total_cmp(&difference(b))).unwrap_or(0)
+        let all = (-FARTHEST..=FARTHEST).map(|shift| (shift, difference(shift)));
+        all.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(shift, _)| shift)
     }
 
     /// Patches here and where they are in `next`, in pixels; `shift` is the first guess.
@@ -134,18 +140,25 @@ fn follow(here: &Pyramid, next: &Pyramid, from: [f32; 2], guess: [f32; 2]) -> Op
         let scale = (1 << level) as f32;
         let (a, b) = (&here.0[level], &next.0[level]);
         let (x, y) = ((from[0] + 0.5) / scale - 0.5, (from[1] + 0.5) / scale - 0.5);
-        let mut wide = [[0.0; SIDE + 2]; SIDE + 2];
+        let mut wide = [[0.0; LANES + 2]; SIDE + 2];
         a.square(x, y, &mut wide);
-        let (mut light, mut across, mut down) = ([[0.0; SIDE]; SIDE], [[0.0; SIDE]; SIDE], [[0.0; SIDE]; SIDE]);
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        let (mut light, mut across, mut down) = ([[0.0; LANES]; SIDE], [[0.0; LANES]; SIDE], [[0.0; LANES]; SIDE]);
+        // Sums of each column, and then of all.
+        let (mut xx, mut xy, mut yy) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for j in 0..SIDE {
-            for i in 0..SIDE {
-                let dx = (wide[j + 1][i + 2] - wide[j + 1][i]) / 2.0;
-                let dy = (wide[j + 2][i + 1] - wide[j][i + 1]) / 2.0;
-                (xx, xy, yy) = (xx + dx * dx, xy + dx * dy, yy + dy * dy);
-                (light[j][i], across[j][i], down[j][i]) = (wide[j + 1][i + 1], dx, dy);
+            for i in 0..LANES {
+                light[j][i] = wide[j + 1][i + 1];
+                across[j][i] = (wide[j + 1][i + 2] - wide[j + 1][i]) / 2.0;
+                down[j][i] = (wide[j + 2][i + 1] - wide[j][i + 1]) / 2.0;
+            }
+            (across[j][SIDE], down[j][SIDE]) = (0.0, 0.0);
+            for i in 0..LANES {
+                xx[i] += across[j][i] * across[j][i];
+                xy[i] += across[j][i] * down[j][i];
+                yy[i] += down[j][i] * down[j][i];
             }
         }
+        let [xx, xy, yy] = [xx, xy, yy].map(|sums| sums.iter().sum::<f32>());
         let determinant = xx * yy - xy * xy;
         let weakest = (xx + yy - ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt()) / 2.0 / (SIDE * SIDE) as f32;
         if weakest < 2.0 {
@@ -155,12 +168,12 @@ fn follow(here: &Pyramid, next: &Pyramid, from: [f32; 2], guess: [f32; 2]) -> Op
             continue;
         }
         let (mut u, mut v) = (flow[0] / scale, flow[1] / scale);
-        let mut there = [[0.0; SIDE]; SIDE];
+        let mut there = [[0.0; LANES]; SIDE];
         for _ in 0..12 {
             b.square(x + u, y + v, &mut there);
-            let (mut ex, mut ey) = ([0.0; SIDE], [0.0; SIDE]);
+            let (mut ex, mut ey) = ([0.0; LANES], [0.0; LANES]);
             for j in 0..SIDE {
-                for i in 0..SIDE {
+                for i in 0..LANES {
                     let error = light[j][i] - there[j][i];
                     ex[i] += error * across[j][i];
                     ey[i] += error * down[j][i];
