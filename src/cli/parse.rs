@@ -40,5 +40,5 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
 
 #[cfg(feature = "networks")]
 pub(super) fn tolerance(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|t| *t >= 0.0).ok_or_else(|| "expected a number of at least 0".into())
+    not_negative(text)
 }

@@ -41,7 +41,14 @@ pub(super) fn run(arguments: &cli::Explain) -> anyhow::Result<Ended> {
         ("what turns right (red) and left (blue)".into(), gradients.over(&frame)),
     ];
     sheet(pictures).write(&arguments.out)?;
-    outputs::print(&format!("{}\n{told} ({})", arguments.recording.display(), model.name()))?;
+    // The driver's steering is that for the road from there.
+    let ahead = moment.command.as_ref().and_then(|command| command.ahead_ns).map_or(String::new(), |ns| {
+        format!(
+            "\nas commands took effect late, the network that drove was shown the road from {} ms ahead; this is the picture as it came",
+            ns / 1_000_000
+        )
+    });
+    outputs::print(&format!("{}\n{told} ({}){ahead}", arguments.recording.display(), model.name()))?;
     Ok(Ended::Passed)
 }
 

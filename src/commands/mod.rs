@@ -316,10 +316,11 @@ fn tell_ignored(lost: u64) {
     }
 }
 
-/// Ends the recording of a drive, however it ended. The file of an empty run is removed.
+/// Ends the recording of a drive, however it ended. The file of a run in which nothing happened is removed.
 fn close(recorder: Recorder) -> Option<RecordingReport> {
     let report = recorder.finish();
-    if report.telemetries > 0 {
+    let lost = report.frames_not_recorded + report.items_not_recorded;
+    if report.telemetries > 0 || lost > 0 || report.error.is_some() {
         return Some(report);
     }
     if let Err(error) = fs::remove_file(&report.path) {

@@ -56,6 +56,10 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let (mut runs, mut unscored) = (vec![], vec![]);
     for path in paths {
         let name = path.display().to_string();
+        if path.to_str().is_none() {
+            unscored.push((name.clone(), format!("{name}: expected a name in UTF-8: rename it")));
+            continue;
+        }
         let mut collector = arguments.html.is_some().then(Collector::with_pictures);
         let mut worst = arguments.markdown.is_some().then(WorstWatch::default);
         let watch = |at: Duration, item: &Item| {

@@ -86,7 +86,10 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
     let several = Found { likely: vec![on(road.clone()), on(Arc::new(road.reversed()))], ..Found::default() };
     let told = unknown(&several, false).unwrap();
     assert!(unknown(&several, true).unwrap().ends_with(UNREAD));
-    assert!(told.starts_with("bends and bends, the other way round explain it about as well, and its pic"), "{told}");
+    assert!(
+        told.starts_with("bends, or bends, the other way round: both explain it about as well, and its pic"),
+        "{told}"
+    );
     assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }, false), None);
 }
 

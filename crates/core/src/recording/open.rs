@@ -1,9 +1,10 @@
 //! Opens anything recorded. What kind of recording it is, is decided here and nowhere else.
 
 use std::{
-    collections::VecDeque,
+    collections::{BTreeSet, VecDeque},
     fs, io,
     path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
     time::Duration,
 };
 
@@ -221,6 +222,16 @@ fn of_log(row: usize, of_log: &Row) -> Moment {
     }
 }
 
+/// Logs, once for each file, that a run is cut off: whoever reads it may look no further than its moments.
+fn tell_truncated(path: &Path, entries: &Entries) -> Option<Result<Entry, RecordingError>> {
+    static TOLD: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let why = entries.truncated()?;
+    if TOLD.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_owned()) {
+        tracing::warn!("{}: {why}", path.display());
+    }
+    None
+}
+
 impl Iterator for Recording {
     type Item = Result<Moment, RecordingError>;
 
@@ -228,7 +239,7 @@ impl Iterator for Recording {
         let moment = loop {
             match &mut self.source {
                 OpenedFile::Log(log) => break of_log(self.row, log.rows.get(self.row)?),
-                OpenedFile::Run(entries) => match entries.next()? {
+                OpenedFile::Run(entries) => match entries.next().or_else(|| tell_truncated(&self.path, entries))? {
                     Ok(Entry::Step(step)) => break self.of_run(step),
                     Ok(Entry::Event { at, event }) => {
                         if self.events.len() < MOST_EVENTS {

@@ -190,11 +190,11 @@ impl RecordingQueue {
         warn
     }
 
-    /// Waits until half of the queue is free, or until nothing empties it any more.
+    /// Waits until half of the queue is free, or until nothing empties it: nobody need free a full disk while a world stands still.
     pub(super) fn wait_for_half(&self) {
         let full = |state: &mut QueueState| {
             let bytes = state.waiting_bytes > MAX_WAITING_BYTES / 2;
-            !state.dead && (state.waiting.len() > state.capacity / 2 || bytes)
+            !state.dead && state.failed.is_none() && (state.waiting.len() > state.capacity / 2 || bytes)
         };
         drop(self.taken.wait_while(self.lock(), full).unwrap_or_else(PoisonError::into_inner));
     }
@@ -246,7 +246,7 @@ impl RecordingQueue {
             drop(state);
             tracing::error!(
                 run = %self.path.display(),
-                "cannot write the run: {error}. Driving continues without recording; what was written so far can be read. Record the next run to another disk"
+                "cannot write the run: {error}. Everything else continues; what was written so far can be read. Record the next run to another disk"
             );
         }
     }
@@ -257,9 +257,10 @@ impl RecordingQueue {
         if !state.closing && state.failed.is_none() {
             state.failed = Some(error.to_string());
             drop(state);
+            self.taken.notify_one();
             tracing::error!(
                 run = %self.path.display(),
-                "cannot write the run: {error}. Driving continues; free some space and recording continues, too"
+                "cannot write the run: {error}. Everything else continues; free some space and recording continues, too"
             );
             state = self.lock();
         }

@@ -100,7 +100,7 @@ impl Recorder {
     pub fn create(dir: &Path, header: RunHeader, options: RecorderOptions) -> Result<Self, RecordingError> {
         fs::create_dir_all(dir).map_err(RecordingError::io("make the folder", dir))?;
         let (file, path) = new_file(dir, &header)?;
-        Self::with_sink(file, path, &header, options)
+        Self::in_file(file, path, &header, options)
     }
 
     /// Makes a file of exactly this name; its folder must exist.
@@ -109,7 +109,21 @@ impl Recorder {
     /// As [`create`](Self::create), and if there is such a file already.
     pub fn create_file(path: &Path, header: RunHeader, options: RecorderOptions) -> Result<Self, RecordingError> {
         let file = fs::File::create_new(path).map_err(RecordingError::io("create", path))?;
-        Self::with_sink(file, path.to_owned(), &header, options)
+        Self::in_file(file, path.to_owned(), &header, options)
+    }
+
+    /// Records into a new file, which is removed if not even the header can be written to it.
+    fn in_file(
+        file: fs::File,
+        path: PathBuf,
+        header: &RunHeader,
+        options: RecorderOptions,
+    ) -> Result<Self, RecordingError> {
+        Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
+            if let Err(error) = fs::remove_file(&path) {
+                tracing::warn!("{}: an empty run is left here: {error}", path.display());
+            }
+        })
     }
 
     /// Records into any sink, which messages call `path`.
@@ -160,8 +174,8 @@ impl Recorder {
         }
     }
 
-    /// Waits for the disk until half of the queue is free: for a world that can stand still,
-    /// so that nothing of its run is dropped.
+    /// Waits for the disk until half of the queue is free: for a world that can stand still, so that nothing of its run is
+    /// dropped. Does not wait for a full disk to be freed.
     pub fn wait_for_room(&self) {
         self.queue.wait_for_half();
     }

@@ -14,7 +14,7 @@ use crate::{
 /// The answer to one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answered {
-    /// Number of the frame, from 0.
+    /// Its moment's number in the recording, from 0, as other verbs print it; for a human's driving, that of the moment after it.
     pub frame: u64,
     /// Time since the recording began.
     pub at: Duration,
@@ -83,7 +83,7 @@ impl Observer<Replay> for Answers {
         for event in &turn.trace.events {
             tracing::debug!("at {:.2} s: {event:?}", turn.at().as_secs_f64());
         }
-        let (frame, recorded) = (self.answers.len() as u64, replay.recorded());
+        let (frame, recorded) = (replay.row(), replay.recorded());
         let response = replay.missing().map_or_else(|| Response::of(turn), |why| Response::Bad { why: why.into() });
         self.answers.push(Answered { frame, at: turn.at(), recorded, response });
         self.times.push(turn.trace.total);
@@ -98,7 +98,6 @@ pub struct ForBridge {
     /// Shown and not yet answered.
     waiting: VecDeque<Unanswered>,
     answers: Vec<Answered>,
-    shown: u64,
     /// Memory for pictures that are decoded here.
     scratch: Frame,
 }
@@ -115,7 +114,7 @@ struct Unanswered {
 impl ForBridge {
     /// From the recording's beginning.
     pub fn new(replay: Replay) -> Self {
-        Self { replay, waiting: VecDeque::new(), answers: vec![], shown: 0, scratch: Frame::default() }
+        Self { replay, waiting: VecDeque::new(), answers: vec![], scratch: Frame::default() }
     }
 
     /// What has been answered.
@@ -150,10 +149,9 @@ impl World for ForBridge {
             Sight::Telemetry(telemetry) => Some(telemetry.image.clone()),
             Sight::HumanDrives | Sight::Unreadable(_) => None,
         };
-        let (frame, at, recorded) = (self.shown, observation.at, self.replay.recorded());
+        let (frame, at, recorded) = (self.replay.row(), observation.at, self.replay.recorded());
         let missing = self.replay.missing().map(str::to_owned);
         self.waiting.push_back(Unanswered { frame, at, recorded, image, missing });
-        self.shown += 1;
         Ok(Some(observation))
     }
 

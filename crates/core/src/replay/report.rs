@@ -132,14 +132,12 @@ impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "replay of {} to {}", self.source, self.driver)?;
         write!(f, "  frames           {:9}", self.moments)?;
-        if self.human > 0 {
-            write!(f, " ({} with a human driving)", self.human)?;
-        }
-        if self.pilot_off > 0 {
-            write!(f, " ({} with the pilot off)", self.pilot_off)?;
-        }
-        if self.skipped > 0 {
-            write!(f, " ({} more are without a picture)", self.skipped)?;
+        let human = (self.human > 0).then(|| format!("{} for all that a human drove in between", self.human));
+        let off = (self.pilot_off > 0).then(|| format!("{} with the pilot off", self.pilot_off));
+        let skipped = (self.skipped > 0).then(|| format!("{} more are without a picture", self.skipped));
+        let besides: Vec<_> = [human, off, skipped].into_iter().flatten().collect();
+        if !besides.is_empty() {
+            write!(f, " ({})", besides.join("; "))?;
         }
         if self.bad_frames > 0 {
             let percent = 100.0 * self.bad_frames as f64 / self.for_the_pilot() as f64;

@@ -69,6 +69,8 @@ pub struct Replay {
     rate: Rate,
     began: Option<Instant>,
     shown: u64,
+    /// The number in the recording of the moment observed last.
+    row: u64,
     skipped: u64,
     /// What was steered at the moment observed last.
     recorded: Option<Steering>,
@@ -94,6 +96,7 @@ impl Replay {
             rate,
             began: None,
             shown: 0,
+            row: 0,
             skipped: 0,
             recorded: None,
             shows: false,
@@ -107,6 +110,11 @@ impl Replay {
     /// How many frames there are, if that is known beforehand.
     pub fn frames(&self) -> Option<u64> {
         self.recording.left()
+    }
+
+    /// The number in the recording of the moment observed last, from 0: for a human's driving, of the moment after it.
+    pub fn row(&self) -> u64 {
+        self.row
     }
 
     /// What was steered at the moment observed last; absent if the recording does not say.
@@ -145,6 +153,7 @@ impl Replay {
             match self.recording.next().transpose()? {
                 Some(mut moment) => {
                     self.events.extend(std::mem::take(&mut moment.before));
+                    self.row = moment.row as u64;
                     self.moment = Some(moment);
                 }
                 None => {

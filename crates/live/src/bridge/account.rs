@@ -12,6 +12,7 @@ use lapwing_core::{
     protocol::{Answer, Dialect},
     recording::{Recorder, RecorderOptions, RunHeader},
     turn::{EventRecord, Turn},
+    words::count,
 };
 use lapwing_score::score::{self, Figure, Scorecard, Scorer};
 
@@ -135,12 +136,12 @@ impl fmt::Display for Summary {
         let mut rows = self.card.known_rows();
         rows.push((
             "messages",
-            format!("{} from the simulator, {} while a human drove", self.telemetries, self.human_messages),
+            format!("{} with telemetry, {} more while a human drove", self.telemetries, self.human_messages),
         ));
         match &self.run {
             None => rows.push(("run", "not recorded".into())),
             Some(Recorded { path, frames, not_recorded, error }) => {
-                rows.push(("run", format!("{} ({frames} frames)", path.display())));
+                rows.push(("run", format!("{} ({})", path.display(), count(*frames, "frame"))));
                 if *not_recorded > 0 {
                     rows.push(("not recorded", format!("{not_recorded} frames and other items")));
                 }

@@ -246,9 +246,10 @@ impl Opened {
     }
 }
 
+/// As `lapwing score` does without `--laps`.
 fn judged(path: PathBuf, courses: &[Course], watch: impl FnMut(Duration, &Item)) -> Result<JudgedRun, RunsError> {
     let roads: Vec<Arc<Road>> = courses.iter().flat_map(|course| course.ways.clone()).collect();
-    JudgedRun::open(path, &Thresholds::default(), || Ok(Scorer::on(&roads, None)), watch)
+    JudgedRun::open(path, &Thresholds::default(), || Ok(Scorer::on(&roads, Some(1))), watch)
 }
 
 /// The run, its model and its track, without the folder, which is nobody's business.

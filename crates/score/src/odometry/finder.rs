@@ -112,7 +112,7 @@ impl Found {
             ));
         };
         let next = self.likely.get(1).map_or_else(String::new, |next| next.road.words());
-        self.sure().ok_or_else(|| format!("{} and {next} explain it about as well", best.road.words()))
+        self.sure().ok_or_else(|| format!("{}, or {next}: both explain it about as well", best.road.words()))
     }
 }
 

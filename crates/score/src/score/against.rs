@@ -12,7 +12,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Better, Figure, Scorecard, Spread, Unit, report::SCHEMA, summary::student};
+use super::{Better, Figure, Scorecard, Spread, Unit, figure::wrong_figure, report::SCHEMA, summary::student};
 use lapwing_core::recording::RunHeader;
 
 /// A file that cannot be used as a baseline.
@@ -33,6 +33,22 @@ pub enum BaselineError {
         path: PathBuf,
         /// Why not.
         source: serde_json::Error,
+    },
+    /// A figure of a run in it is none.
+    #[error("{}: run {run}: {what}", path.display())]
+    Figure {
+        /// The file.
+        path: PathBuf,
+        /// Which run, from 1.
+        run: usize,
+        /// What is wrong.
+        what: String,
+    },
+    /// It has nothing to compare with.
+    #[error("{}: expected at least one figure of a run, got none: nothing could be compared with it", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
     },
     /// It is that of another version.
     #[error("{}: expected schema {SCHEMA}, got {got:?}", path.display())]
@@ -173,10 +189,19 @@ impl Baseline {
     pub fn read(path: &Path) -> Result<Self, BaselineError> {
         let text = fs::read_to_string(path).map_err(|source| BaselineError::Read { path: path.to_owned(), source })?;
         let content = |source| BaselineError::Content { path: path.to_owned(), source };
-        let baseline: Self = serde_json::from_str(&text).map_err(content)?;
-        match baseline.schema == SCHEMA {
-            true => Ok(baseline),
-            false => Err(BaselineError::Schema { path: path.to_owned(), got: baseline.schema }),
+        let baseline: Self = serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(content)?;
+        if baseline.schema != SCHEMA {
+            return Err(BaselineError::Schema { path: path.to_owned(), got: baseline.schema });
+        }
+        for (i, run) in baseline.runs.iter().enumerate() {
+            let wrong = |what| BaselineError::Figure { path: path.to_owned(), run: i + 1, what };
+            wrong_figure(|key| run.figures.get(key)).map_or(Ok(()), |what| Err(wrong(what)))?;
+        }
+        let has_any = |run: &Before| Figure::ALL.iter().any(|f| run.figures.get(f.key()).is_some_and(Value::is_number));
+        if baseline.runs.iter().any(has_any) {
+            Ok(baseline)
+        } else {
+            Err(BaselineError::Empty { path: path.to_owned() })
         }
     }
 

@@ -3,6 +3,7 @@
 //! The text after each is its documentation here and in `lapwing score --explain`; [`SOURCES`] are cited in it.
 
 use serde::Serialize;
+use serde_json::Value;
 
 /// The sources that figures cite, by their short names.
 pub const SOURCES: [(&str, &str); 10] = [
@@ -362,6 +363,26 @@ figures! {
         "Telemetries that were followed by another before they were answered.";
 }
 
+/// No figure of a drive is larger.
+const MOST: f64 = 1e15;
+
+/// What is wrong with the first wrong figure of a scorecard that was read from JSON, by key: it is no number, or no possible one.
+pub(crate) fn wrong_figure<'a>(get: impl Fn(&str) -> Option<&'a Value>) -> Option<String> {
+    Figure::ALL.into_iter().find_map(|figure| {
+        let got = get(figure.key()).filter(|value| !value.is_null())?;
+        let (least, most, expected) = match figure.unit() {
+            Unit::Share => (0.0, 1.0, "a number from 0 to 1"),
+            Unit::Points => (0.0, 100.0, "a number from 0 to 100"),
+            Unit::Correlation => (-1.0, 1.0, "a number from -1 to 1"),
+            _ => (0.0, MOST, "a number of at least 0"),
+        };
+        // Rounded sums may be a little beyond.
+        let can_be = |x: f64| (least - 1e-9..=most + 1e-9).contains(&x);
+        let is_wrong = !got.as_f64().is_some_and(can_be);
+        is_wrong.then(|| format!("{}: expected {expected}, or null, got {got}", figure.key()))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
@@ -374,6 +395,27 @@ mod tests {
         assert_eq!(keys.len(), Figure::ALL.len());
         for (i, figure) in Figure::ALL.into_iter().enumerate() {
             assert_eq!(figure as usize, i);
+        }
+    }
+
+    #[test]
+    fn a_figure_that_is_no_number_or_cannot_be_is_named() {
+        let wrong = |json: serde_json::Value| wrong_figure(|key| json.get(key));
+        let fine = serde_json::json!({"completion": 1.0, "collisions": 0, "steering_r": -0.2, "max_cte_m": null});
+        assert_eq!(wrong(fine), None);
+        for (json, expected) in [
+            (
+                serde_json::json!({"collisions": "zero"}),
+                "collisions: expected a number of at least 0, or null, got \"zero\"",
+            ),
+            (serde_json::json!({"collisions": -5}), "collisions: expected a number of at least 0, or null, got -5"),
+            (serde_json::json!({"completion": 300}), "completion: expected a number from 0 to 1, or null, got 300"),
+            (
+                serde_json::json!({"distance_m": 1e300}),
+                "distance_m: expected a number of at least 0, or null, got 1e+300",
+            ),
+        ] {
+            assert_eq!(wrong(json).as_deref(), Some(expected));
         }
     }
 

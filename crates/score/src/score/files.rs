@@ -19,9 +19,6 @@ pub enum FilesError {
         /// Why not.
         source: io::Error,
     },
-    /// The name of a file is not Unicode.
-    #[error("{0:?}: expected a name in UTF-8")]
-    Name(PathBuf),
     /// A folder without runs.
     #[error("{}: expected runs (.mcap) or a driving_log.csv in the folder, got {got}", path.display())]
     NoRuns {
@@ -54,9 +51,6 @@ pub fn runs_in(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FilesError> {
 fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
     let cannot = |source| FilesError::Read { path: path.to_owned(), source };
     let inside = recordings_in(path).map_err(cannot)?;
-    if let Some(file) = inside.iter().find(|file| file.to_str().is_none()) {
-        return Err(FilesError::Name(file.clone()));
-    }
     if inside.is_empty() {
         let got = pictures_alone(path).map_err(cannot)?.unwrap_or_else(|| "neither".to_owned());
         return Err(FilesError::NoRuns { path: path.to_owned(), got });

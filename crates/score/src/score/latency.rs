@@ -19,8 +19,9 @@ pub struct Latency {
 /// Longest time that is told apart from longer ones: an hour, in nanoseconds.
 const LONGEST_NS: u64 = 3_600_000_000_000;
 
-/// The stages of an answer, in their order; then what of the driver's time is its guard's.
-pub const STAGES: [&str; 6] = ["decode", "preprocess", "forward", "driver", "answer", "guard"];
+/// The stages of an answer, in their order; then what of the driver's time is its guard's, and how late commands take effect, where
+/// the network was shown the road from there.
+pub const STAGES: [&str; 7] = ["decode", "preprocess", "forward", "driver", "answer", "guard", "ahead"];
 
 /// Times of the pilot's answers.
 #[derive(Debug, Clone)]
@@ -38,9 +39,11 @@ impl Stages {
         if command.by != By::Pilot {
             return;
         }
-        let CommandRecord { decode_ns, preprocess_ns, forward_ns, driver_ns, latency_ns, guard_ns, .. } = command;
-        let times =
-            [Some(*decode_ns), Some(*preprocess_ns), Some(*forward_ns), Some(*driver_ns), *latency_ns, *guard_ns];
+        let CommandRecord { decode_ns, preprocess_ns, forward_ns, driver_ns, latency_ns, guard_ns, ahead_ns, .. } =
+            command;
+        let [decode_ns, preprocess_ns, forward_ns, driver_ns] =
+            [decode_ns, preprocess_ns, forward_ns, driver_ns].map(|ns| Some(*ns));
+        let times = [decode_ns, preprocess_ns, forward_ns, driver_ns, *latency_ns, *guard_ns, *ahead_ns];
         for (histogram, ns) in self.0.iter_mut().zip(times) {
             ns.into_iter().for_each(|ns| histogram.record(ns.min(LONGEST_NS)).expect("it grows to an hour"));
         }

@@ -32,6 +32,11 @@ use lapwing_core::{
 
 pub(super) use judgement::{NO_JUDGE, NO_PILOT, NO_TIME};
 
+/// From one telemetry to the next a car comes no further along the road than this many times as far as it drives, besides so many
+/// metres: it may be put at the next waypoint but one, and the inside of a bend is shorter than the middle.
+const LEAP: f64 = 2.0;
+const LEAP_M: f64 = 60.0;
+
 /// Watches one run.
 #[derive(Debug, Clone, Default)]
 pub struct Scorer {
@@ -71,6 +76,11 @@ pub struct Scorer {
     was_put: bool,
     /// Whether there was a break since the last telemetry, whatever time has passed by the clock.
     is_cut: bool,
+    /// How far it had driven when it reached the furthest point, in metres, and how many telemetries tell one farther away than that.
+    progressed_m: f64,
+    leaps: u64,
+    /// Whether a person changed how it is driven.
+    is_changed: bool,
     /// Furthest point that the car reached, in laps.
     progress: f64,
     laps: Vec<f64>,
@@ -116,6 +126,7 @@ struct DrivenTrack {
     track: String,
     waypoints: u32,
     laps: Option<u32>,
+    length_m: f64,
     scenario: Option<String>,
 }
 
@@ -225,7 +236,13 @@ impl Scorer {
         }
         if let (Some(course), Some(lap), Some(waypoint)) = (&self.course, truth.lap, truth.waypoint) {
             let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
-            self.progress = self.progress.max(progress);
+            let ahead_m = (progress - self.progress) * course.length_m;
+            let can_be = !goes_on_from_last || ahead_m <= LEAP_M + LEAP * (self.driven_m - self.progressed_m);
+            if waypoint > course.waypoints || !can_be {
+                self.leaps += 1;
+            } else if progress > self.progress {
+                (self.progress, self.progressed_m) = (progress, self.driven_m);
+            }
         }
     }
 
@@ -290,12 +307,16 @@ impl Scorer {
         };
         self.latest_s = self.latest_s.max(at);
         match event {
-            EventRecord::Course { track, waypoints, laps, edge_m, scenario, .. } => {
+            EventRecord::Course { track, waypoints, laps, edge_m, scenario, length_m } => {
                 self.edge_m = *edge_m;
                 let (track, scenario) = (track.clone(), scenario.clone());
-                self.course = Some(DrivenTrack { track, waypoints: *waypoints, laps: *laps, scenario });
+                let (waypoints, laps, length_m) = (*waypoints, *laps, *length_m);
+                self.course = Some(DrivenTrack { track, waypoints, laps, length_m, scenario });
                 self.clock.is_the_worlds();
                 self.blind.stand_down();
+            }
+            EventRecord::SpeedSet { .. } | EventRecord::SpeedLawSet { .. } | EventRecord::PilotSet { .. } => {
+                self.is_changed = true;
             }
             EventRecord::Lap { number, time_s } => {
                 self.laps.push(within(*time_s, at));

@@ -237,7 +237,8 @@ impl Scorecard {
 
     fn latency_rows(&self) -> Option<(&'static str, String)> {
         // The others are in the JSON.
-        let told = STAGES.into_iter().zip(self.latency).filter(|(stage, _)| ["forward", "answer"].contains(stage));
+        let told =
+            STAGES.into_iter().zip(self.latency).filter(|(stage, _)| ["forward", "answer", "ahead"].contains(stage));
         let stages: Vec<_> = told
             .filter_map(|(stage, latency)| {
                 let latency = latency?;

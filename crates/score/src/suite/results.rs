@@ -8,7 +8,7 @@ use std::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{Cell, Plan, plan};
-use crate::score::Figure;
+use crate::score::{Figure, figure::wrong_figure};
 use lapwing_core::files;
 
 /// The schema of a cell's file.
@@ -239,7 +239,15 @@ fn write(what: &'static str, path: &Path, content: &impl Serialize) -> Result<()
 }
 
 fn read_cell(path: &Path) -> Result<Done, ResultsError> {
-    read(path, "the result of a cell", SCHEMA, |done: &Done| &done.schema)
+    let done = read(path, "the result of a cell", SCHEMA, |done: &Done| &done.schema)?;
+    match wrong_figure(|key| done.card.get(key)) {
+        None => Ok(done),
+        Some(got) => Err(ResultsError::Content {
+            path: path.to_owned(),
+            expected: format!("the result of a cell ({SCHEMA})"),
+            got: format!("a scorecard with a wrong figure: {got}"),
+        }),
+    }
 }
 
 /// Reads a file that names its own schema.

@@ -43,12 +43,12 @@ impl Grey {
         let (left, top) = (x.floor() as i32 - (H / 2) as i32, y.floor() as i32 - (H / 2) as i32);
         let (s, t) = (x - x.floor(), y - y.floor());
         let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
-        let within = |from: i32, i: usize, size: usize| from.saturating_add(i as i32).clamp(0, size as i32 - 1) as usize;
+        let within =
+            |from: i32, i: usize, size: usize| from.saturating_add(i as i32).clamp(0, size as i32 - 1) as usize;
         let line = |j: usize| &self.light[within(top, j, self.height) * self.width..][..self.width];
         let first = within(left, 0, self.width);
         let inside = left >= 0 && first + W < self.width;
-        let columns: [usize; 31] =
-            if inside { [0; 31] } else { std::array::from_fn(|i| within(left, i, self.width)) };
+        let columns: [usize; 31] = if inside { [0; 31] } else { std::array::from_fn(|i| within(left, i, self.width)) };
         for (j, row) in out.iter_mut().enumerate() {
             let (above, below) = (line(j), line(j + 1));
             if inside {

@@ -285,7 +285,15 @@ fn lines(path: &Path, text: &str) -> Result<Vec<Line>, LaneTableError> {
                 return Ok((count, at_s, None));
             }
             let against = field(reversed).parse().map_err(|_| wrong(3, "true or false", field(reversed)))?;
-            let numbers = [number(4, place)?, number(5, offset)?, number(6, heading_deg)?];
+            let within = |column: usize, at: usize, most: f64, expected: &'static str| {
+                let number = number(column, at)?;
+                (number.abs() <= most).then_some(number).ok_or_else(|| wrong(column, expected, field(at)))
+            };
+            let numbers = [
+                within(4, place, 1e5, "metres along the road")?,
+                within(5, offset, 100.0, "at most 100 m to either side")?,
+                within(6, heading_deg, 180.0, "at most 180 degrees to either side")?,
+            ];
             Ok((count, at_s, Some((field(track).to_owned(), against, numbers))))
         })
         .collect()

@@ -197,6 +197,21 @@ fn a_full_disk_with_room_again_loses_nothing() {
 }
 
 #[test]
+fn a_world_that_can_stand_still_does_not_wait_for_a_full_disk_and_what_is_lost_is_told() {
+    let disk = Disk::default();
+    let recorder = record_on(&disk, 4);
+    disk.set(|p| p.room = Some(CHUNK_BYTES / 2));
+    for second in 0..20 {
+        recorder.wait_for_room();
+        recorder.record(Duration::from_secs(second), large());
+        recorder.record(Duration::from_secs(second), telemetry());
+    }
+    let report = recorder.finish();
+    assert!(report.error.is_some());
+    assert_eq!((report.telemetries, report.frames_not_recorded, report.items_not_recorded), (0, 20, 20));
+}
+
+#[test]
 fn a_broken_disk_ends_the_recording_and_everything_else_is_counted() {
     let disk = Disk::default();
     let recorder = record_on(&disk, 100);

@@ -147,7 +147,7 @@ impl TrialResult {
                 .collect()
         };
         let named = |drive: &TrialDrive| {
-            drive.laps.map_or(drive.case.clone(), |laps| format!("{laps} laps of {}", drive.track))
+            drive.laps.map_or(drive.case.clone(), |laps| format!("{} of {}", count(laps, "lap"), drive.track))
         };
         let rows = grouped(&harmless, &|drive| (named(drive), None));
         Self {

@@ -148,7 +148,7 @@ impl Drive {
         let way_m = self.way_m();
         let best = found.road()?;
         if !found.by_start && way_m <= BENDS_M {
-            return Err(format!("{way_m:.0} m of bends tell too little, {BENDS_M} m are needed"));
+            return Err(format!("{way_m:.0} m tell too little, {BENDS_M} m are needed"));
         }
         let legs: Vec<Leg> = self.legs.iter().map(|(_, leg)| *leg).collect();
         let best = best.clone().counted_from_its_start(found.by_start, &legs);

@@ -11,8 +11,10 @@ use crate::{
     score::smoothness::Smoothness,
     score::{Figure, Measure, Scorecard},
 };
-use lapwing_core::units::MPS_PER_MPH;
+use lapwing_core::{units::MPS_PER_MPH, words::count};
 
+const CHANGED: &str =
+    "a person changed the set speed, the speed law or the pilot during the run: its title and setting say how it began";
 /// A run that ends within this many seconds of a collision ended because of it.
 const AFTERMATH_S: f64 = 2.0;
 /// How far off a distance computed from speed and time may be, as a share: the speed is momentary, and telemetries come
@@ -123,6 +125,14 @@ impl Scorer {
             if (self.from_lane_m > 0.0 || self.lacks_edge) && self.put_by_path > 0 {
                 self.notes.push(recorded::put_by_path(self.put_by_path, self.off_roads));
             }
+        }
+        if self.is_changed {
+            self.notes.push(CHANGED.to_owned());
+        }
+        if self.leaps > 0 {
+            let told = count(self.leaps, "telemetry");
+            self.notes
+                .push(format!("{told} with a place that the car cannot have reached: completion leaves them out"));
         }
         let scenario = self.course.as_ref().is_some_and(|course| course.scenario.is_some());
         let known = Known { time_s, judged, counted: self.told.crashes.total().is_some(), scenario };

@@ -53,6 +53,30 @@ fn collision(with: &str) -> EventRecord {
     EventRecord::Collision { with: with.into(), speed_mph: 10.0, own_mph: Some(10.0) }
 }
 
+#[test]
+fn a_place_that_the_car_cannot_have_reached_is_no_progress() {
+    let driven = |wrong: &dyn Fn(u32) -> Option<(u32, u32)>| {
+        let mut scorer = Scorer::default();
+        scorer.event(at(0.0), &course(1));
+        for second in 0..=60 {
+            let (lap, waypoint) = wrong(second).unwrap_or((0, second * 50 / 60));
+            scorer.telemetry(at(f64::from(second)), &told(10.0, 0.0, lap, waypoint));
+        }
+        scorer.finish()
+    };
+    close(&driven(&|_| None), Figure::Completion, 0.5);
+    for wrong in [(1, 0), (7, 3), (0, 99), (0, 1_000_000_000), (u32::MAX, 5)] {
+        let card = driven(&|second| (second == 30).then_some(wrong));
+        close(&card, Figure::Completion, 0.5);
+        assert_eq!(card.notes.len(), 1, "{:?}", card.notes);
+        assert!(
+            card.notes[0].starts_with("1 telemetry with a place that the car cannot have reached"),
+            "{:?}",
+            card.notes
+        );
+    }
+}
+
 /// A run of 60 s at 10 mph, reported each second, on a course of one lap, half of which is driven, with these events.
 fn minute(events: &[(f64, EventRecord)]) -> Scorecard {
     let mut scorer = Scorer::default();
