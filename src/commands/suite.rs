@@ -42,15 +42,17 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
         if let Some(model) = pilot.model.as_ref().filter(|_| !pilot.expert) {
             super::refuse_strangers_code(&named(), model, false, &settings)?;
         }
-        if let Some(model) = course::model_of(pilot)? {
+        let pilots = || format!("{}: pilot {:?}", named(), pilot.name);
+        if let Some(model) = course::model_of(pilot).with_context(pilots)? {
             super::suits_our_cameras(&model)?;
             models.insert(pilot.name.clone(), model);
         }
     }
     let course = SimulatedCourse::new(&suite, layers, models, |settings, setup, who| {
         drive::header(settings, setup, who, None, Value::Null)
-    })?;
-    let planned = Planned::new(&suite, &course)?;
+    })
+    .with_context(named)?;
+    let planned = Planned::new(&suite, &course).with_context(named)?;
     tell_left_out(planned.left_out, "cell");
     let results = Results::open(&arguments.out)?;
     results.keep_plan(&planned.plan())?;
