@@ -454,12 +454,12 @@ fn a_path_that_is_no_text_is_refused_and_never_changed() {
     assert!(code == 1 && err.contains("expected a folder with a path in UTF-8"), "{err}");
     assert!(!folder.join("data").exists());
     // And a run of such a name in a folder is named by no other.
-    fs::rename(
-        fs::read_dir(folder.join("runs")).unwrap().next().unwrap().unwrap().path(),
-        folder.join("runs").join(OsStr::from_bytes(b"\xff.mcap")),
-    )
-    .unwrap();
+    let run = fs::read_dir(folder.join("runs")).unwrap().next().unwrap().unwrap().path();
+    fs::rename(&run, folder.join("runs").join(OsStr::from_bytes(b"\xff.mcap"))).unwrap();
     let (code, out, err) = said(DESK.command("score runs").current_dir(&folder).output().unwrap());
     assert_eq!((code, out.as_str()), (1, ""), "{err}");
-    assert!(err.contains(r#"\xFF.mcap": expected a name in UTF-8"#), "{err}");
+    assert!(err.contains(r#"\xFF.mcap": expected a name in UTF-8: rename it"#), "{err}");
+    fs::copy(folder.join("runs").join(OsStr::from_bytes(b"\xff.mcap")), &run).unwrap();
+    let (code, out, err) = said(DESK.command("score runs").current_dir(&folder).output().unwrap());
+    assert!(code == 1 && out.contains("distance") && err.contains("1 of 2 runs cannot be scored"), "{out}{err}");
 }

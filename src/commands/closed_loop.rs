@@ -11,7 +11,7 @@ use serde_json::json;
 use super::{
     Ended, outputs,
     recorded_world::no_sides,
-    replay::{ReplayBar, accepted_by_flag},
+    replay::{ReplayBar, with_flag_hint},
     thresholds,
 };
 use crate::{
@@ -191,7 +191,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     printed?;
     match driven.bad_in_words() {
         Some(Err(too_many)) if !arguments.allow_bad_frames => {
-            say!("{}: {}", arguments.source.display(), accepted_by_flag(&too_many));
+            say!("{}: {}", arguments.source.display(), with_flag_hint(&too_many));
             Ok(Ended::Failed)
         }
         _ => Ok(ended),

@@ -77,7 +77,7 @@ pub(super) fn run(arguments: cli::Replay, config: Option<&Path>) -> anyhow::Resu
         super::print(&format!("{report}{comparison}"))?;
     }
     if let Some(too_many) = too_many_bad {
-        say!("{}: {}", report.source, accepted_by_flag(&too_many));
+        say!("{}: {}", report.source, with_flag_hint(&too_many));
         if let Some(path) = &arguments.write_golden {
             say!("not written: {}", path.display());
         }
@@ -127,7 +127,7 @@ fn of_model(mut replay: Replay, settings: &Settings) -> anyhow::Result<ReplayAns
 }
 
 /// What is wrong with the bad frames of a replay, and how they are accepted.
-pub(super) fn accepted_by_flag(too_many: &str) -> String {
+pub(super) fn with_flag_hint(too_many: &str) -> String {
     format!("{too_many}; --allow-bad-frames accepts them")
 }
 

@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     for path in paths {
         let name = path.display().to_string();
         if path.to_str().is_none() {
-            unscored.push((name.clone(), format!("{name}: expected a name in UTF-8: rename it")));
+            unscored.push((name, format!("{path:?}: expected a name in UTF-8: rename it")));
             continue;
         }
         let mut collector = arguments.html.is_some().then(Collector::with_pictures);

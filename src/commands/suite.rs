@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     }
     let outcome = planned.outcome(&results)?;
     report(&outcome, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
-    Ok(if tell_blind(&outcome) { Ended::Failed } else { Ended::Passed })
+    Ok(if tell_bad_frames(&outcome) { Ended::Failed } else { Ended::Passed })
 }
 
 pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
@@ -89,8 +89,8 @@ pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
     tell_left_out(merged.left_out, "result");
     let results = Results::open(&arguments.out)?;
     report(&merged.outcome, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
-    let blind = tell_blind(&merged.outcome);
-    Ok(if merged.is_whole() && !blind { Ended::Passed } else { Ended::Failed })
+    let has_bad = tell_bad_frames(&merged.outcome);
+    Ok(if merged.is_whole() && !has_bad { Ended::Passed } else { Ended::Failed })
 }
 
 /// Writes the outcome of the results and the reports of the runs that were kept, and prints the outcome.
@@ -144,23 +144,23 @@ fn tell_left_out(left_out: usize, what: &str) {
 }
 
 /// Says which drives had too many bad frames, and whether there are any: their figures say little about their pilots.
-fn tell_blind(outcome: &SuiteOutcome) -> bool {
-    let blind = |group: &Group| {
+fn tell_bad_frames(outcome: &SuiteOutcome) -> bool {
+    let told = |group: &Group| {
         let Group { pilot, track, conditions, speed_mph, drives, .. } = group;
-        let told = |drive: &GroupDrive| {
+        let of = |drive: &GroupDrive| {
             let why = drive.bad_frames.as_ref()?;
             Some(format!("{pilot} on {track}, {conditions}, {speed_mph} mph, seed {}: {why}", drive.seed))
         };
-        drives.iter().filter_map(told).collect::<Vec<_>>()
+        drives.iter().filter_map(of).collect::<Vec<_>>()
     };
-    let blind: Vec<_> = outcome.groups.iter().flat_map(blind).collect();
-    for told in blind.iter().take(NAMED) {
-        say!("{told}");
+    let told: Vec<_> = outcome.groups.iter().flat_map(told).collect();
+    for drive in told.iter().take(NAMED) {
+        say!("{drive}");
     }
-    if let more @ 1.. = blind.len().saturating_sub(NAMED) {
+    if let more @ 1.. = told.len().saturating_sub(NAMED) {
         say!("{} with too many bad frames", count(more, "more drive"));
     }
-    !blind.is_empty()
+    !told.is_empty()
 }
 
 /// Reports how much of the suite is present.

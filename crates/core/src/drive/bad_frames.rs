@@ -3,7 +3,7 @@
 /// Share of bad frames above which a drive or a replay says too little about a driver to pass.
 const MOST: f64 = 0.01;
 
-/// What is wrong, if more of `all` frames are bad than one in a hundred: then the others say too little about the driver.
+/// The error, if too many of `all` frames are bad.
 pub fn too_many_bad_frames(bad: u64, all: u64) -> Option<String> {
     let most = MOST * 100.0;
     (bad as f64 > MOST * all as f64)

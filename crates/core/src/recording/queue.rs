@@ -190,7 +190,8 @@ impl RecordingQueue {
         warn
     }
 
-    /// Waits until half of the queue is free, or until nothing empties it: nobody need free a full disk while a world stands still.
+    /// Waits until half of the queue is free, or until nothing empties it. A full disk is not waited for: perhaps nobody ever frees
+    /// it.
     pub(super) fn wait_for_half(&self) {
         let full = |state: &mut QueueState| {
             let bytes = state.waiting_bytes > MAX_WAITING_BYTES / 2;

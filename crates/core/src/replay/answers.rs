@@ -14,7 +14,8 @@ use crate::{
 /// The answer to one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answered {
-    /// Its moment's number in the recording, from 0, as other verbs print it; for a human's driving, that of the moment after it.
+    /// Its moment's number in the recording, from 0, as other verbs print it; for a human's driving, that of the moment after it, or
+    /// at the end that of the last.
     pub frame: u64,
     /// Time since the recording began.
     pub at: Duration,

@@ -215,7 +215,11 @@ impl Golden {
             differences.insert(
                 0,
                 Difference {
-                    frame: answers.len().min(self.lines.len()) as u64,
+                    frame: {
+                        let n = answers.len().min(self.lines.len());
+                        let got = answers.get(n).map(|answered| answered.frame);
+                        got.or_else(|| self.lines.get(n).map(|line| line.frame)).unwrap_or(n as u64)
+                    },
                     what: format!("expected {frames}, as in {source}, got {}", answers.len()),
                 },
             );

@@ -132,7 +132,7 @@ impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "replay of {} to {}", self.source, self.driver)?;
         write!(f, "  frames           {:9}", self.moments)?;
-        let human = (self.human > 0).then(|| format!("{} for all that a human drove in between", self.human));
+        let human = (self.human > 0).then(|| format!("{} by a human", words::count(self.human, "drive")));
         let off = (self.pilot_off > 0).then(|| format!("{} with the pilot off", self.pilot_off));
         let skipped = (self.skipped > 0).then(|| format!("{} more are without a picture", self.skipped));
         let besides: Vec<_> = [human, off, skipped].into_iter().flatten().collect();

@@ -112,7 +112,8 @@ impl Replay {
         self.recording.left()
     }
 
-    /// The number in the recording of the moment observed last, from 0: for a human's driving, of the moment after it.
+    /// The number in the recording of the moment observed last, from 0: for a human's driving, of the moment after it, or at the end
+    /// of the last.
     pub fn row(&self) -> u64 {
         self.row
     }

@@ -114,7 +114,10 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
     let finished = written.and_then(|()| match report.error {
         Some(error) => Err(error.into()),
         None if lost > 0 => {
-            let why = io::Error::other(format!("{} could not be written: the disk was too slow", count(lost, "item")));
+            let why = io::Error::other(format!(
+                "{} could not be written: the disk was full or too slow",
+                count(lost, "item")
+            ));
             Err(io_error("write", target, why))
         }
         None => {

@@ -36,11 +36,12 @@ const UNSEEN_MPS: f64 = 2.5;
 const PUT_BACK_M: f64 = 20.0;
 /// How far from a road's start a car may have been turned round, as a standard deviation in metres: a guess.
 const TURNED_M: f64 = 10.0;
-/// What a drive's start looks like counts for one that sets off there: at first, for so many seconds, it is no faster on the
-/// mean than this, in m/s, and in all it goes at least so far, in metres. Others begin anywhere, and many places look a little
-/// like a road's start. At full throttle the stock car gains 5 m/s each second, so it has 1.25 m/s on the mean then.
+/// What a drive's start looks like counts only for one that sets off from there: others begin anywhere, and many places look a
+/// little like a road's start. For this many seconds …
 const BEGINS_S: f64 = 0.5;
+/// … it is no faster than this on average, in m/s: at full throttle the stock car gains 5 m/s each second, which is 1.25 m/s …
 const SETS_OFF_MPS: f64 = 3.0;
+/// … and in all it goes at least this far, in metres.
 const LEAST_M: f64 = 5.0;
 /// A longer gap, in seconds, says nothing about where the car went on.
 const FORGOTTEN_S: f64 = 20.0;

@@ -272,7 +272,7 @@ figures! {
     CollisionRate = "collision_rate", "collision rate", Share, Lower,
         "Episodes with a collision as a share of all (Lu).";
     MeanMph = "mean_mph", "mean speed", Mph, Higher,
-        "Integral of the reported speed over time, divided by the time, from the first telemetry to the last.";
+        "Integral of the reported speed (without its sign) over time, divided by the time, from the first telemetry to the last.";
     MaxMph = "max_mph", "maximum speed", Mph, Neither,
         "Highest reported speed (Lu).";
     Autonomy = "autonomy", "autonomy", Share, Higher,
@@ -370,16 +370,13 @@ const MOST: f64 = 1e15;
 pub(crate) fn wrong_figure<'a>(get: impl Fn(&str) -> Option<&'a Value>) -> Option<String> {
     Figure::ALL.into_iter().find_map(|figure| {
         let got = get(figure.key()).filter(|value| !value.is_null())?;
-        let (least, most, expected) = match figure.unit() {
-            Unit::Share => (0.0, 1.0, "a number from 0 to 1"),
-            Unit::Points => (0.0, 100.0, "a number from 0 to 100"),
-            Unit::Correlation => (-1.0, 1.0, "a number from -1 to 1"),
-            _ => (0.0, MOST, "a number of at least 0"),
-        };
+        let (least, most) = figure.unit().range();
+        let (most, most_words) = if most < MOST { (most, most.to_string()) } else { (MOST, format!("{MOST:e}")) };
         // Rounded sums may be a little beyond.
         let can_be = |x: f64| (least - 1e-9..=most + 1e-9).contains(&x);
         let is_wrong = !got.as_f64().is_some_and(can_be);
-        is_wrong.then(|| format!("{}: expected {expected}, or null, got {got}", figure.key()))
+        is_wrong
+            .then(|| format!("{}: expected a number from {least} to {most_words}, or null, got {got}", figure.key()))
     })
 }
 
@@ -406,13 +403,13 @@ mod tests {
         for (json, expected) in [
             (
                 serde_json::json!({"collisions": "zero"}),
-                "collisions: expected a number of at least 0, or null, got \"zero\"",
+                "collisions: expected a number from 0 to 1e15, or null, got \"zero\"",
             ),
-            (serde_json::json!({"collisions": -5}), "collisions: expected a number of at least 0, or null, got -5"),
+            (serde_json::json!({"collisions": -5}), "collisions: expected a number from 0 to 1e15, or null, got -5"),
             (serde_json::json!({"completion": 300}), "completion: expected a number from 0 to 1, or null, got 300"),
             (
                 serde_json::json!({"distance_m": 1e300}),
-                "distance_m: expected a number of at least 0, or null, got 1e+300",
+                "distance_m: expected a number from 0 to 1e15, or null, got 1e+300",
             ),
         ] {
             assert_eq!(wrong(json).as_deref(), Some(expected));

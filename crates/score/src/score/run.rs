@@ -74,7 +74,7 @@ pub fn of_recording(
         judge.scorer.damaged(truncation.to_string());
     }
     if not_recorded > 0 {
-        judge.scorer.note(format!("{} not recorded: the disk was too slow", count(not_recorded, "picture")));
+        judge.scorer.note(format!("{} not recorded: the disk was full or too slow", count(not_recorded, "picture")));
     }
     if let Some(second) = second {
         let (what, begins) = match log.and_then(|log| log.rows.iter().find(|row| row.broken.is_some())) {

@@ -202,8 +202,7 @@ impl Scorer {
         // Nothing was driven between two drives.
         if let Some((_, was_mps)) = self.last.filter(|_| !is_cut) {
             self.has_way = true;
-            // Trapezium: the speed changes evenly between two telemetries.
-            // Who goes backwards goes some way, too.
+            // Trapezium: the speed changes evenly between two telemetries. Reversing counts as distance, too.
             let way = apart * (speed_mps.abs() + was_mps.abs()) / 2.0;
             self.driven_m += way;
             self.in_gaps_m += if after_gap { way } else { 0.0 };
@@ -237,7 +236,9 @@ impl Scorer {
         if let (Some(course), Some(lap), Some(waypoint)) = (&self.course, truth.lap, truth.waypoint) {
             let progress = f64::from(lap) + f64::from(waypoint) / f64::from(course.waypoints.max(1));
             let ahead_m = (progress - self.progress) * course.length_m;
-            let can_be = !goes_on_from_last || ahead_m <= LEAP_M + LEAP * (self.driven_m - self.progressed_m);
+            // Nobody saw where a human drove.
+            let is_unseen = after_gap || (apart_s.is_none() && !is_beginning);
+            let can_be = is_unseen || ahead_m <= LEAP_M + LEAP * (self.driven_m - self.progressed_m);
             if waypoint > course.waypoints || !can_be {
                 self.leaps += 1;
             } else if progress > self.progress {
@@ -320,7 +321,12 @@ impl Scorer {
             }
             EventRecord::Lap { number, time_s } => {
                 self.laps.push(within(*time_s, at));
-                self.progress = self.progress.max(f64::from(*number));
+                // Laps are counted one by one; one that could not be read may lie between.
+                if *number as usize <= self.laps.len() + 1 {
+                    self.progress = self.progress.max(f64::from(*number));
+                } else {
+                    self.leaps += 1;
+                }
             }
             EventRecord::Collision { with, speed_mph, own_mph } => {
                 self.braking.collision(*speed_mph, *own_mph);

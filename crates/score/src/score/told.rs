@@ -154,7 +154,7 @@ pub(super) struct Counter {
 impl Counter {
     /// By how much it went up.
     fn take(&mut self, count: Option<f64>) -> u32 {
-        // None is below nothing.
+        // A count below 0 is no count.
         let count = count.filter(|count| *count >= 0.0);
         let more = count.zip(self.last).map_or(0.0, |(now, before)| (now - before).max(0.0));
         self.total += more;

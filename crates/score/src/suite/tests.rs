@@ -342,10 +342,10 @@ fn the_runs_of_failed_drives_are_kept_and_the_page_leads_to_them() {
     let groups = groups(&done);
     let of_seed = |seed| groups[0].drives.iter().find(|drive| drive.seed == seed).unwrap();
     assert_eq!(groups[0].drives.len(), 2);
-    let [drive, blind] = [0, 1].map(of_seed);
+    let [drive, unseen] = [0, 1].map(of_seed);
     assert_eq!((drive.seed, drive.failed.as_deref(), &drive.bad_frames), (0, Some("1 collision"), &None));
     let why = "expected at most 1 % bad frames, which no network sees, got 1 of 1; the first: no JPEG";
-    assert_eq!((blind.seed, blind.failed.as_deref(), blind.bad_frames.as_deref()), (1, Some(why), Some(why)));
+    assert_eq!((unseen.seed, unseen.failed.as_deref(), unseen.bad_frames.as_deref()), (1, Some(why), Some(why)));
     let page = render(&SuiteOutcome::new(groups.clone(), None, 0), "../results").unwrap();
     assert!(page.contains(drive.run.as_ref().unwrap()) && page.contains(r#""folder":"../results""#));
     assert_eq!(runs_in(Keep::All, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 24);

@@ -140,25 +140,19 @@ fn follow(here: &Pyramid, next: &Pyramid, from: [f32; 2], guess: [f32; 2]) -> Op
         let scale = (1 << level) as f32;
         let (a, b) = (&here.0[level], &next.0[level]);
         let (x, y) = ((from[0] + 0.5) / scale - 0.5, (from[1] + 0.5) / scale - 0.5);
-        let mut wide = [[0.0; LANES + 2]; SIDE + 2];
+        let mut wide = [[0.0; SIDE + 2]; SIDE + 2];
         a.square(x, y, &mut wide);
+        // Whatever the last pixel of a row is, it is no error where nothing changes across and down.
         let (mut light, mut across, mut down) = ([[0.0; LANES]; SIDE], [[0.0; LANES]; SIDE], [[0.0; LANES]; SIDE]);
-        // Sums of each column, and then of all.
-        let (mut xx, mut xy, mut yy) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
         for j in 0..SIDE {
-            for i in 0..LANES {
-                light[j][i] = wide[j + 1][i + 1];
-                across[j][i] = (wide[j + 1][i + 2] - wide[j + 1][i]) / 2.0;
-                down[j][i] = (wide[j + 2][i + 1] - wide[j][i + 1]) / 2.0;
-            }
-            (across[j][SIDE], down[j][SIDE]) = (0.0, 0.0);
-            for i in 0..LANES {
-                xx[i] += across[j][i] * across[j][i];
-                xy[i] += across[j][i] * down[j][i];
-                yy[i] += down[j][i] * down[j][i];
+            for i in 0..SIDE {
+                let dx = (wide[j + 1][i + 2] - wide[j + 1][i]) / 2.0;
+                let dy = (wide[j + 2][i + 1] - wide[j][i + 1]) / 2.0;
+                (xx, xy, yy) = (xx + dx * dx, xy + dx * dy, yy + dy * dy);
+                (light[j][i], across[j][i], down[j][i]) = (wide[j + 1][i + 1], dx, dy);
             }
         }
-        let [xx, xy, yy] = [xx, xy, yy].map(|sums| sums.iter().sum::<f32>());
         let determinant = xx * yy - xy * xy;
         let weakest = (xx + yy - ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt()) / 2.0 / (SIDE * SIDE) as f32;
         if weakest < 2.0 {

@@ -142,8 +142,9 @@ for (const id of ["mph", "mph-slider"]) {
 }
 // What is refused does not stay chosen.
 const choose = (id, control, now) => $(id).addEventListener("change", async () => {
+  const asked = $(id).value;
   touch(id);
-  if (await ask(control($(id).value))) return;
+  if (await ask(control(asked)) || $(id).value !== asked) return; // or another one has been chosen since
   wants.touched.delete(id);
   if (wants.status) $(id).value = now(wants.status);
 });

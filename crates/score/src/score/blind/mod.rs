@@ -134,7 +134,7 @@ impl Blind {
         });
         if let Some(leg) = leg {
             // Nothing was driven between two drives.
-            self.way_m += if leg.broken.is_some_and(joins) { 0.0 } else { leg.motion.way_m };
+            self.way_m += if leg.broken.is_some_and(joins) { 0.0 } else { leg.motion.way_m.abs() };
         }
         if self.asks {
             match (leg, self.drives.last_mut()) {
@@ -283,6 +283,7 @@ impl Blind {
             match distance {
                 Measure::Estimate { uncertainty, from, .. } => estimate(way_m, uncertainty * share + second_m, from),
                 Measure::Told(_) if second_m > 0.0 => estimate(way_m, second_m, INFRACTIONS),
+                distance if first.is_none() => distance,
                 other => other.map(|_| way_m, share),
             },
         );

@@ -130,9 +130,8 @@ impl Scorer {
             self.notes.push(CHANGED.to_owned());
         }
         if self.leaps > 0 {
-            let told = count(self.leaps, "telemetry");
-            self.notes
-                .push(format!("{told} with a place that the car cannot have reached: completion leaves them out"));
+            let told = count(self.leaps, "message");
+            self.notes.push(format!("{told} with a place that the car cannot have reached, which completion ignores"));
         }
         let scenario = self.course.as_ref().is_some_and(|course| course.scenario.is_some());
         let known = Known { time_s, judged, counted: self.told.crashes.total().is_some(), scenario };

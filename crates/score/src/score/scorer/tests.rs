@@ -66,15 +66,39 @@ fn a_place_that_the_car_cannot_have_reached_is_no_progress() {
     };
     close(&driven(&|_| None), Figure::Completion, 0.5);
     for wrong in [(1, 0), (7, 3), (0, 99), (0, 1_000_000_000), (u32::MAX, 5)] {
-        let card = driven(&|second| (second == 30).then_some(wrong));
-        close(&card, Figure::Completion, 0.5);
-        assert_eq!(card.notes.len(), 1, "{:?}", card.notes);
-        assert!(
-            card.notes[0].starts_with("1 telemetry with a place that the car cannot have reached"),
-            "{:?}",
-            card.notes
-        );
+        for at in [0, 30] {
+            let card = driven(&|second| (second == at).then_some(wrong));
+            close(&card, Figure::Completion, 0.5);
+            let told = "1 message with a place that the car cannot have reached, which completion ignores";
+            assert_eq!(card.notes, [told], "{wrong:?} at {at} s");
+        }
     }
+    let lap = EventRecord::Lap { number: 9, time_s: 30.0 };
+    close(&minute(&[(30.0, lap)]), Figure::Completion, 0.5);
+    // It may be put at the next waypoint.
+    let reset = minute(&[(30.0, EventRecord::Reset { waypoint: 26 })]);
+    assert!(reset.notes.is_empty(), "{:?}", reset.notes);
+}
+
+#[test]
+fn who_reverses_drives_some_way_too() {
+    let mut scorer = Scorer::default();
+    for second in 0..=10 {
+        scorer.telemetry(at(f64::from(second)), &stock(-10.0));
+    }
+    let card = scorer.finish();
+    assert!((card.value(Figure::DistanceM).unwrap() - 100.0 * MPS_PER_MPH).abs() < 0.01, "{card}");
+}
+
+#[test]
+fn a_run_that_a_person_changed_says_so() {
+    let card = minute(&[(9.0, EventRecord::SpeedSet { mph: 12.0 })]);
+    assert_eq!(card.notes.len(), 1, "{:?}", card.notes);
+    assert!(
+        card.notes[0].starts_with("a person changed the set speed, the speed law or the pilot"),
+        "{:?}",
+        card.notes
+    );
 }
 
 /// A run of 60 s at 10 mph, reported each second, on a course of one lap, half of which is driven, with these events.
