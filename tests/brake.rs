@@ -151,6 +151,10 @@ fn a_wrong_number_is_named_by_its_flag() {
     let folder = tempdir().unwrap();
     for (flags, expected) in [
         (&["drive", "--brake-model", model, "--brake-threshold", "-1"][..], "expected a number above 0"),
+        (
+            &["drive", "--pilot", "expert", "--no-recording", "--brake-model", model, "--brake-threshold", "2"][..],
+            "expected a threshold of at most 1, as a brake-live network says no more, got 2",
+        ),
         (&["brake", "label", "drive.csv", "--threshold", "-1"][..], "expected a number above 0"),
         (&["brake", "evaluate", model, "--data", "data", "--episodes", "0"][..], "'--episodes <COUNT>'"),
     ] {

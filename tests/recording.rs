@@ -12,6 +12,7 @@ use std::{
 };
 
 use lapwing_core::{
+    pilot::PurePursuit,
     protocol::{CameraImage, Dialect, Telemetry},
     recording::{
         Break, By, CommandRecord, Entry, EventRecord, Item, ModelId, Recorder, RecorderOptions, Recording, RunHeader,
@@ -389,7 +390,8 @@ fn a_recording_says_where_it_is_broken_and_why() {
     for (at, item) in items.into_iter().flatten() {
         recorder.record(ms(*at), item.clone());
     }
-    let mut recording = Recording::open(recorder.finish().path).unwrap();
+    let path = recorder.finish().path;
+    let mut recording = Recording::open(&path).unwrap();
     assert_eq!((recording.left(), recording.log().is_none()), (Some(8), true));
     let moments: Vec<_> = recording.by_ref().map(Result::unwrap).collect();
     let breaks: Vec<_> = moments.iter().map(|moment| moment.broken).collect();
@@ -411,6 +413,10 @@ fn a_recording_says_where_it_is_broken_and_why() {
     assert_eq!(moments[4].before, [(ms(2080), EventRecord::TakeoverBegan)]);
     assert_eq!(recording.events_after(), [(ms(9200), EventRecord::RunEnded { why: "the end".into() })]);
     assert_eq!((recording.left(), recording.truncated()), (Some(0), None));
+    // A replay numbers frames as the recording does; a human's driving has the number of what comes after it.
+    let answers = crate::replay::answered_by(&path, Box::new(PurePursuit::default())).0;
+    let numbers: Vec<_> = answers.answers().iter().map(|answered| answered.frame).collect();
+    assert_eq!(numbers, [0, 1, 2, 3, 4, 4, 6, 7]);
 }
 
 /// In the environment of the process that is to be killed: where it records to.

@@ -41,7 +41,7 @@ fn steered(answered: &Answered) -> Command {
 }
 
 /// What a pilot in this process answers, and what the recording lost.
-fn answered_by(path: &Path, pilot: Box<dyn Pilot>) -> (Answers, (u64, Option<String>)) {
+pub fn answered_by(path: &Path, pilot: Box<dyn Pilot>) -> (Answers, (u64, Option<String>)) {
     let mut replay = Replay::open(path, Rate::Max).unwrap();
     let mut driver = Driver::new(pilot, &ControlSettings::default(), Instant::now);
     let mut answers = Answers::default();

@@ -277,6 +277,7 @@ mod tests {
         assert!(error("bridge.port", 70000.into()).contains("70000"));
         let greeting = |text: &str| Value::Array(vec![text.into()]);
         assert!(error("bridge.greet", greeting(r#"["a",1]"#)).contains(r#"expected ["name"] or ["name",{…}] in JSON"#));
+        assert!(error("bridge.kick_after_s", 0.4.into()).contains("expected 0.5 to 3600 seconds, got 0.4"));
         assert!(error("bridge.limits.connections", 0.into()).contains("expected 1 to 1024, got 0"));
         assert!(error("bridge.limits.in_flight_mib", 6.into()).contains("two of the largest messages (8 MiB), got 6"));
         let connections = error("bridge.limits.connections", 257.into());

@@ -334,6 +334,30 @@ mod tests {
     }
 
     #[test]
+    fn a_baseline_without_a_figure_or_with_a_wrong_one_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let read = |change: fn(&mut Value)| {
+            let mut run = serde_json::to_value(card("lake", 0.9)).unwrap();
+            change(&mut run);
+            let path = dir.path().join("score.json");
+            let json = serde_json::json!({ "schema": SCHEMA, "runs": [run] });
+            // As some editors write it.
+            fs::write(&path, format!("\u{feff}{json}")).unwrap();
+            Baseline::read(&path).map(drop).map_err(|error| error.to_string())
+        };
+        assert_eq!(read(|_| ()), Ok(()));
+        let none = read(|run| run["completion"] = Value::Null).unwrap_err();
+        assert!(
+            none.ends_with(
+                "score.json: expected at least one figure of a run, got none: nothing could be compared with it"
+            ),
+            "{none}"
+        );
+        let wrong = read(|run| run["collisions"] = "zero".into()).unwrap_err();
+        assert!(wrong.contains("score.json: run 1: collisions: expected a number"), "{wrong}");
+    }
+
+    #[test]
     fn each_track_is_held_against_itself() {
         let (lake, jungle, mountain) = (card("lake", 1.0), card("jungle", 1.0), card("mountain", 1.0));
         let before = baseline(&[("lake", &lake), ("jungle", &jungle), ("mountain", &mountain)]);

@@ -408,6 +408,10 @@ mod tests {
         assert!(error(&(heading() + "x,,,,,,\n")).contains("line 2: moment: expected a whole number, got \"x\""));
         assert!(error(&(heading() + "1,0,lake,no,1,1,1\n")).contains("line 2: reversed: expected true or false"));
         assert!(error(&(heading() + "1,0,lake,true,1,nan,1\n")).contains("line 2: offset_m: expected a number"));
+        let far = error(&(heading() + "1,0,lake,true,1,1e9,1\n"));
+        assert!(far.contains("line 2: offset_m: expected at most 100 m to either side, got"), "{far}");
+        let turned = error(&(heading() + "1,0,lake,true,1,1,400\n"));
+        assert!(turned.contains("line 2: heading_deg: expected at most 180 degrees to either side"), "{turned}");
         assert!(error(&(heading() + "1,0,,,,,\n")).contains("expected places in a lane, got 1 rows without one"));
         assert!(error(&(heading() + "1,0,moon,true,1,1,1\n")).contains("moon"));
     }
