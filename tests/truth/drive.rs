@@ -70,8 +70,8 @@ pub struct Played {
     pub peer: String,
     /// The world's own judgement.
     pub truth: Scorecard,
-    /// For how long a human drove by the clock on the wall, in seconds: a busy machine sends later than the world says.
-    pub human_sent_s: f64,
+    /// By how much a message was sent too late at most: the bridge goes by when they come.
+    pub late: Duration,
     pub summary: Option<Summary>,
 }
 
@@ -116,20 +116,19 @@ pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scener
     let mut wire = Wire::simulator(address).await;
     let peer = wire.socket.get_ref().local_addr().unwrap().to_string();
     let (mut scorer, mut handover) = (Scorer::default(), Handover::new(false));
-    let began = Instant::now();
-    let (mut human_sent_s, mut human_since) = (0.0, None::<Instant>);
+    let (began, mut late) = (Instant::now(), Duration::ZERO);
     loop {
         let seen = block_in_place(|| world.observe().unwrap());
         world.take_events().iter().for_each(|(at, event)| scorer.event(*at, event));
         let Some(Observation { at, sight }) = seen else { break };
         if case.realtime {
             tokio::time::sleep_until((began + at).into()).await;
+            late = late.max(began.elapsed().saturating_sub(at));
         }
         let change = match &sight {
             Sight::HumanDrives => handover.human_drives(at),
             _ => handover.command_asked(at),
         };
-        let is_human = sight == Sight::HumanDrives;
         if let Some(change) = change {
             let event = match change {
                 HandoverChange::TakeoverBegan => EventRecord::TakeoverBegan,
@@ -144,14 +143,6 @@ pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scener
             }
             _ => r#"42["telemetry",null]"#.to_owned(),
         };
-        match human_since {
-            None if is_human => human_since = Some(Instant::now()),
-            Some(since) if !is_human => {
-                human_sent_s += since.elapsed().as_secs_f64();
-                human_since = None;
-            }
-            _ => {}
-        }
         let answer = wire.ask(&text).await;
         assert_eq!(answer.contains("manual"), sight == Sight::HumanDrives, "{case:?}: {answer}");
         let mut command = world.expert(LAP_MPH);
@@ -160,12 +151,11 @@ pub async fn play(address: SocketAddr, (track, scenery): (Arc<Track>, Arc<Scener
         }
         world.apply(Answer::Steer(command));
     }
-    human_sent_s += human_since.map_or(0.0, |since| since.elapsed().as_secs_f64());
     // As the simulator quits.
     wire.send("41").await;
     wire.send("1").await;
     let _ = wire.ends_within(Duration::from_secs(5)).await;
-    Played { case, peer, truth: scorer.finish(), human_sent_s, summary: None }
+    Played { case, peer, truth: scorer.finish(), late, summary: None }
 }
 
 /// A telemetry in the words of a build.

@@ -4,7 +4,7 @@
 mod drive;
 mod summary;
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 use drive::{Case, How, Played, Speaks, loop_road, play};
 use futures_util::future::join_all;
@@ -36,6 +36,20 @@ async fn played(cases: &[Case]) -> Vec<(Played, Scorecard)> {
     drives.into_iter().map(judged).collect()
 }
 
+/// The same in real time. What a machine that is too busy for it plays, says nothing: it plays again.
+async fn punctually(cases: &[Case]) -> Vec<(Played, Scorecard)> {
+    for _ in 0..5 {
+        let all = played(cases).await;
+        if all.iter().all(|(drive, _)| drive.late < PUNCTUAL) {
+            return all;
+        }
+    }
+    panic!("the machine is too busy: five times a message was sent {PUNCTUAL:?} too late");
+}
+
+/// How late a message may be sent.
+const PUNCTUAL: Duration = Duration::from_millis(120);
+
 /// How far off a figure of a run may be from the world's own: a share of it, and so much besides.
 const HELD: [(F, f64, f64); 14] = [
     (F::TimeS, 0.01, 0.25),
@@ -57,10 +71,7 @@ const HELD: [(F, f64, f64); 14] = [
 fn hold(drive: &Played, card: &Scorecard, figures: impl Fn(F) -> bool) {
     let truth = &drive.truth;
     let told = |figure: F, share: f64, off: f64, card: &Scorecard, whose: &str| {
-        let (Some(told), Some(got)) = (truth.value(figure), card.value(figure)) else { return };
-        // Without a clock of the simulator's own, the bridge goes by when messages come.
-        let is_by_arrival = drive.case.realtime && drive.case.speaks != Speaks::SelfOracle;
-        let expected = if figure == F::HumanS && is_by_arrival { drive.human_sent_s } else { told };
+        let (Some(expected), Some(got)) = (truth.value(figure), card.value(figure)) else { return };
         let off = off + share * expected.abs();
         assert!(
             (got - expected).abs() <= off + 1e-9,
@@ -122,7 +133,7 @@ async fn a_run_at_the_walls_clock_is_judged_as_the_world_judges_it_in_every_dial
     }
     cases.extend([Speaks::Term2Pid, Speaks::Positioned, Speaks::Gym].map(|speaks| real(speaks, How::Finished)));
     cases.extend([Speaks::Positioned, Speaks::Gym].map(|speaks| real(speaks, How::Crashed)));
-    for (drive, card) in played(&cases).await {
+    for (drive, card) in punctually(&cases).await {
         let Case { how, speaks, .. } = drive.case;
         // Who was put into the car at the start of the run, or who is driven to its end unseen, has come further than told.
         let unseen = matches!(how, How::TakenToTheEnd | How::HumanFirst);
