@@ -155,6 +155,10 @@ fn a_wrong_number_is_named_by_its_flag() {
             &["drive", "--pilot", "expert", "--no-recording", "--brake-model", model, "--brake-threshold", "2"][..],
             "expected a threshold of at most 1, as a brake-live network says no more, got 2",
         ),
+        (
+            &["brake", "evaluate", model, "--data", "data", "--threshold", "2"][..],
+            "expected a threshold of at most 1, as a brake-live network says no more, got 2",
+        ),
         (&["brake", "label", "drive.csv", "--threshold", "-1"][..], "expected a number above 0"),
         (&["brake", "evaluate", model, "--data", "data", "--episodes", "0"][..], "'--episodes <COUNT>'"),
     ] {

@@ -6,8 +6,6 @@ use clap::{Args, ValueEnum};
 
 #[cfg(all(feature = "networks", feature = "simulator"))]
 use super::parse::range;
-#[cfg(feature = "networks")]
-use super::parse::tolerance;
 use super::{
     Driving, GuardFlags, PictureFlags, Thinking, ThresholdFlags, WorldFlags,
     parse::{above_zero, culture, not_negative},
@@ -270,7 +268,7 @@ pub struct Replay {
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     pub write_golden: Option<PathBuf>,
     /// Largest difference in steering and throttle that --golden accepts
-    #[arg(long, default_value_t = 1e-3, value_parser = tolerance, allow_negative_numbers = true, requires = "golden")]
+    #[arg(long, default_value_t = 1e-3, value_parser = not_negative, allow_negative_numbers = true, requires = "golden")]
     pub tolerance: f64,
     /// Do not fail if more than 1 % of the frames are bad (not seen by the network, not counted in any figure)
     #[arg(long)]

@@ -37,8 +37,3 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
     number.ok_or_else(|| "expected a number of at least 0".into())
 }
-
-#[cfg(feature = "networks")]
-pub(super) fn tolerance(text: &str) -> Result<f64, String> {
-    not_negative(text)
-}

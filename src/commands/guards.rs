@@ -1,8 +1,5 @@
 //! Guards of the verbs that drive: who may brake in place of the pilot, and loading them.
 
-#[cfg(feature = "networks")]
-use std::path::Path;
-
 use serde_json::{Value, json};
 
 use crate::cli::GuardFlags;
@@ -10,8 +7,6 @@ use lapwing_core::{
     config::{BrakeSettings, ConfigError, GuardKind, Guarding, Layers},
     guard::{GuardModel, TimeToCollision},
 };
-#[cfg(feature = "networks")]
-use lapwing_learn::braking::{BrakingModel, BrakingModelError};
 
 /// Those, then the flags about the brake.
 pub(super) fn layers(mut layers: Layers, flags: &GuardFlags) -> Result<Layers, ConfigError> {
@@ -44,7 +39,7 @@ pub(super) fn load(settings: &BrakeSettings) -> anyhow::Result<Option<Box<dyn Gu
         Guarding::Nobody => return Ok(None),
         Guarding::TimeToCollision => Box::new(TimeToCollision::default()),
         #[cfg(feature = "networks")]
-        Guarding::Network(path, threshold) => Box::new(network(path, threshold)?),
+        Guarding::Network(path, threshold) => Box::new(lapwing_learn::braking::BrakingModel::load(path, threshold)?),
         #[cfg(not(feature = "networks"))]
         Guarding::Network(path, _) => {
             anyhow::bail!("{}: expected a program with networks, got one built without them", path.display())
@@ -52,17 +47,6 @@ pub(super) fn load(settings: &BrakeSettings) -> anyhow::Result<Option<Box<dyn Gu
     };
     tracing::info!("guard: {}", guard.name());
     Ok(Some(guard))
-}
-
-/// A braking network. A threshold that it never reaches is wrong usage.
-#[cfg(feature = "networks")]
-fn network(path: &Path, threshold: Option<f64>) -> anyhow::Result<BrakingModel> {
-    BrakingModel::load(path, threshold).map_err(|error| match error {
-        BrakingModelError::Threshold { .. } => {
-            ConfigError::Value { layer: "brake.threshold".into(), why: error.to_string() }.into()
-        }
-        error => error.into(),
-    })
 }
 
 /// What a run says about its guard.

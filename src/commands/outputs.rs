@@ -22,7 +22,12 @@ use lapwing_core::{
     recording::{is_run_name, udacity},
 };
 #[cfg(feature = "networks")]
-use lapwing_learn::{braking::BrakingTrainError, dataset::DatasetError, marl::MarlError, train::TrainError};
+use lapwing_learn::{
+    braking::{BrakingModelError, BrakingTrainError},
+    dataset::DatasetError,
+    marl::MarlError,
+    train::TrainError,
+};
 use lapwing_score::{
     drawing::{self, DrawingError},
     suite::SuiteError,
@@ -143,6 +148,7 @@ fn is_usage_of_networks(cause: &(dyn Error + 'static)) -> bool {
     use DatasetError::{Selected, Setting, Target};
     let is_of_data = |error: &DatasetError| matches!(error, Setting { .. } | Selected { .. } | Target { .. });
     matches!(cause.downcast_ref(), Some(MarlError::Setting { .. } | MarlError::Recipe { .. }))
+        || matches!(cause.downcast_ref(), Some(BrakingModelError::Threshold { .. }))
         || matches!(cause.downcast_ref(), Some(BrakingTrainError::Setting { .. } | BrakingTrainError::Recipe(_)))
         || cause.downcast_ref().is_some_and(|error| match error {
             TrainError::Setting { .. } | TrainError::Recipe(_) => true,

@@ -212,16 +212,12 @@ impl Golden {
         if answers.len() != self.lines.len() {
             // First: the file may be another recording's.
             let (frames, source) = (count(self.lines.len(), "frame"), &self.header.source);
+            let both = answers.len().min(self.lines.len());
+            let got = answers.get(both).map(|answered| answered.frame);
+            let first = got.or_else(|| self.lines.get(both).map(|line| line.frame)).unwrap_or_default();
             differences.insert(
                 0,
-                Difference {
-                    frame: {
-                        let n = answers.len().min(self.lines.len());
-                        let got = answers.get(n).map(|answered| answered.frame);
-                        got.or_else(|| self.lines.get(n).map(|line| line.frame)).unwrap_or(n as u64)
-                    },
-                    what: format!("expected {frames}, as in {source}, got {}", answers.len()),
-                },
+                Difference { frame: first, what: format!("expected {frames}, as in {source}, got {}", answers.len()) },
             );
         }
         differences

@@ -32,6 +32,11 @@ impl Measure {
         }
     }
 
+    /// A part of this value, as certain a share of it as the whole is.
+    pub fn part(self, part: f64, whole: f64) -> Self {
+        self.map(|_| part, if whole > 0.0 { part / whole } else { 1.0 })
+    }
+
     /// Another value computed from this one, equally certain; `scale` converts the uncertainty to the new unit.
     pub fn map(self, of: impl Fn(f64) -> f64, scale: f64) -> Self {
         match self {

@@ -275,16 +275,15 @@ impl Blind {
         let first = suspected.iter().chain(&self.takeovers).copied().reduce(f64::min);
         figures.suggest(F::SurvivalS, estimate(first.map_or(time_s, |at| (at - began_s).max(0.0)), 1.0, INFRACTIONS));
         let way_m = first.map_or(self.way_m, |at| self.clock.way_m(at));
-        // As uncertain as its share of the way, and by what is driven in the second by which its end is.
-        let share = if self.way_m > 0.0 { way_m / self.way_m } else { 1.0 };
+        // Uncertain by what is driven in the second by which its end is, too.
         let second_m = first.map_or(0.0, |at| (self.clock.way_m(at + 1.0) - self.clock.way_m(at - 1.0)) / 2.0);
         figures.suggest(
             F::SurvivalM,
-            match distance {
-                Measure::Estimate { uncertainty, from, .. } => estimate(way_m, uncertainty * share + second_m, from),
-                Measure::Told(_) if second_m > 0.0 => estimate(way_m, second_m, INFRACTIONS),
-                distance if first.is_none() => distance,
-                other => other.map(|_| way_m, share),
+            match distance.part(way_m, self.way_m) {
+                Measure::Estimate { value, uncertainty, from } => estimate(value, uncertainty + second_m, from),
+                Measure::Told(value) if second_m > 0.0 => estimate(value, second_m, INFRACTIONS),
+                _ if first.is_none() => distance,
+                part => part,
             },
         );
         if !is_whole || !by_pilot || time_s <= 0.0 {

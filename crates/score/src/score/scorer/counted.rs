@@ -2,7 +2,7 @@
 
 use super::{
     Scorer,
-    judgement::{NO_JUDGE, NO_LAPS_ASKED, NO_PILOT, NO_POSITION, NO_TIME, UNTIMED, over_way, per_km, survived},
+    judgement::{NO_JUDGE, NO_LAPS_ASKED, NO_PILOT, NO_POSITION, NO_TIME, UNTIMED, over_way, per_km},
     within_run::Span,
 };
 use crate::{
@@ -96,7 +96,7 @@ impl Scorer {
         if crashes.is_some() {
             let (survival_s, survival_m) = self.survival(span, way);
             figures.told(F::SurvivalS, self.last.map(|_| survival_s), NO_TIME);
-            figures.set(F::SurvivalM, survived(survival_m, way, distance));
+            figures.set(F::SurvivalM, distance.part(survival_m, way));
         } else {
             figures.told(F::SurvivalS, None, why(NO_COLLISIONS));
             figures.told(F::SurvivalM, None, why(NO_COLLISIONS));

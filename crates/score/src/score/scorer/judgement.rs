@@ -246,7 +246,7 @@ impl Scorer {
         figures.told(F::AutonomyMeasured, autonomies.map(|(_, measured)| measured), why);
         let (survival_s, survival_m) = self.survival(span, way);
         figures.told(F::SurvivalS, Some(survival_s), NO_TIME);
-        figures.set(F::SurvivalM, survived(survival_m, way, distance));
+        figures.set(F::SurvivalM, distance.part(survival_m, way));
     }
 
     /// Whether there are answers, and none is a pilot's.
@@ -265,11 +265,6 @@ impl Scorer {
     pub(super) fn survival(&self, span: &Span, way: f64) -> (f64, f64) {
         self.survived.unwrap_or((span.time_s, way))
     }
-}
-
-/// Of the distance driven, what was driven before the first infraction: as exact a share of it as the whole.
-pub(super) fn survived(survival_m: f64, way: f64, distance: Measure) -> Measure {
-    distance.map(|_| survival_m, if way > 0.0 { survival_m / way } else { 1.0 })
 }
 
 /// A count over the distance driven.
