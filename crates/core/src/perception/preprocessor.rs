@@ -1,8 +1,9 @@
 //! Preprocessing as a function: it prepares a picture for a network.
 
 use fast_image_resize::{
-    FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer,
-    images::{Image, ImageRef},
+    FilterType, ResizeAlg, ResizeOptions, Resizer,
+    images::{TypedImage, TypedImageRef},
+    pixels::U8x3,
 };
 
 use super::{
@@ -115,13 +116,10 @@ impl Preprocessor {
         let bytes = if is_untouched { rows } else { &self.before[..] };
         let Resize { width, height, filter } = self.preprocess.resize;
         if filter == ResizeFilter::BilinearAntialiased {
-            let source = ImageRef::new(area.width() as u32, area.height() as u32, bytes, PixelType::U8x3)
-                .expect("a frame has three bytes for each pixel");
             // What is kept of an earlier picture may have left it shorter.
             self.resized.resize(width * height * 3, 0);
-            let mut target = Image::from_slice_u8(width as u32, height as u32, &mut self.resized, PixelType::U8x3)
-                .expect("the scratch has three bytes for each pixel");
-            self.resizer.resize(&source, &mut target, &options()).expect("both have the same kind of pixels");
+            let source = (bytes, [area.width(), area.height()]);
+            antialiased(&mut self.resizer, source, (&mut self.resized, [width, height]), &options());
         } else {
             self.resized.resize(width * height * 3, 0);
             let source = Pixels { bytes, width: area.width(), height: area.height(), channels: 3 };
@@ -172,12 +170,9 @@ impl Preprocessor {
         if count > 0 {
             let high = count as f64 * (crop.bottom - crop.top) as f64 / height as f64;
             let from = from.clamp(0.0, (frame.height() as f64 - high).max(0.0));
-            let source = ImageRef::new(frame.width() as u32, frame.height() as u32, frame.rgb(), PixelType::U8x3)
-                .expect("a frame has three bytes for each pixel");
-            let mut target = Image::from_slice_u8(width as u32, count as u32, &mut rows, PixelType::U8x3)
-                .expect("there are three bytes for each pixel");
             let options = options().crop(0.0, from, frame.width() as f64, high);
-            self.resizer.resize(&source, &mut target, &options).expect("the rows lie within the frame");
+            let source = (frame.rgb(), [frame.width(), frame.height()]);
+            antialiased(&mut self.resizer, source, (&mut rows, [width, count]), &options);
         }
         rows
     }
@@ -196,6 +191,21 @@ fn recolour(bytes: &mut [u8], colour: Option<fn([u8; 3]) -> [u8; 3]>) {
     if let Some(colour) = colour {
         bytes.as_chunks_mut::<3>().0.iter_mut().for_each(|pixel| *pixel = colour(*pixel));
     }
+}
+
+/// Resizes RGB bytes of a width and a height. Of these pixels alone: `Resizer::resize` would compile the filter for a dozen
+/// other kinds, too, which takes as long as the rest of the crate.
+fn antialiased(
+    resizer: &mut Resizer,
+    (from, [width, height]): (&[u8], [usize; 2]),
+    (to, [to_width, to_height]): (&mut [u8], [usize; 2]),
+    options: &ResizeOptions,
+) {
+    let source = TypedImageRef::<U8x3>::from_buffer(width as u32, height as u32, from)
+        .expect("a frame has three bytes for each pixel");
+    let mut target = TypedImage::<U8x3>::from_buffer(to_width as u32, to_height as u32, to)
+        .expect("the target has three bytes for each pixel");
+    resizer.resize_typed(&source, &mut target, options).expect("what is cropped lies within the frame");
 }
 
 fn options() -> ResizeOptions {
