@@ -14,8 +14,8 @@ drive: build
 # symbols behind where an incremental build is interrupted (rust-lang/rust#81280); rm -r target/release/incremental mends it.
 test lint: export CARGO_INCREMENTAL = 1
 
-# Tests run side by side: while libtorch's threads wait for one another, they leave the processor to other tests.
-test: export OMP_WAIT_POLICY = passive
+# Tests run side by side, one on each processor: more threads of libtorch's only wait for one another.
+test: export OMP_NUM_THREADS = 1
 test: .libtorch/build-version
 	$(CARGO) test --release --workspace
 

@@ -22,7 +22,7 @@ use tch::{Device, nn::VarStore};
 use crate::{program::lapwing_in, support::shared};
 
 /// Pictures of each road, and the share of their pixels that counts as marked.
-const PICTURES: usize = 40;
+const PICTURES: usize = 20;
 const MARKED: f64 = 0.05;
 /// So near, in pixels, is on an edge.
 const NEAR_PX: f64 = 3.0;
