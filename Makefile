@@ -14,7 +14,7 @@ drive: build
 # symbols behind where an incremental build is interrupted (rust-lang/rust#81280); rm -r target/release/incremental mends it.
 test lint: export CARGO_INCREMENTAL = 1
 
-# Tests run side by side, one on each processor: more threads of libtorch's only wait for one another.
+# Tests run in parallel, one on each core: further threads of libtorch would only wait for one another.
 test: export OMP_NUM_THREADS = 1
 test: .libtorch/build-version
 	$(CARGO) test --release --workspace

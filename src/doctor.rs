@@ -37,14 +37,18 @@ pub struct Findings {
     pub libtorch: runtime::Libtorch,
     /// The model that drives, where one can be used.
     pub model: Option<String>,
-    /// The median time from a JPEG to a command, in milliseconds, with that model.
+    /// The median time from a JPEG to a command, in milliseconds, with that model, without the guard.
     pub driver_ms: Option<f64>,
+    /// The guard that brakes in place of the pilot, where one is asked for and can be used.
+    pub guard: Option<String>,
     /// Folder of the runs.
     pub recordings: PathBuf,
     /// What the disk has left for runs, in MB, where the system tells it.
     pub free_mb: Option<u64>,
     /// The last simulator that was driven, by the newest run.
     pub last_simulator: Option<LastSimulator>,
+    /// Where `serve` would listen, if its port is free.
+    pub free_address: Option<SocketAddr>,
     /// Where Lapwing serves already, if it holds the port.
     pub serving: Option<SocketAddr>,
     /// What is wrong, in words; empty if all is well.
@@ -71,22 +75,22 @@ const SCARCE_MB: u64 = 400;
 const PATIENCE: Duration = Duration::from_secs(2);
 const GREETING_BYTES: u64 = 4096;
 
-/// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be; `guard` says
-/// whether the one that they name can be loaded, or why not.
+/// Checks all that a drive with these settings needs. `model` is the one that they name, loaded, or why it cannot be; `guard` is
+/// the name of the guard that they ask for, if any, or why it cannot be loaded.
 ///
 /// # Errors
 /// The system grants no runtime to try the port with.
 pub fn examine(
     settings: &Settings,
     model: Result<LoadedModel, String>,
-    guard: Result<(), String>,
+    guard: Result<Option<String>, String>,
 ) -> io::Result<Findings> {
     let mut troubles = Vec::new();
     let model = model.map_err(|why| troubles.push(format!("the model cannot be used: {why}"))).ok();
     let libtorch = runtime::libtorch();
     troubles.extend(libtorch.troubles());
-    troubles
-        .extend(guard.err().map(|why| format!("the guard that brakes in place of the pilot cannot be used: {why}")));
+    let unusable = |why| troubles.push(format!("the guard that brakes in place of the pilot cannot be used: {why}"));
+    let guard = guard.map_err(unusable).ok().flatten();
     let driver_ms = model.as_ref().and_then(|model| {
         let mut driver = Driver::new(model.pilot(), &settings.control, Instant::now);
         let answered = median_answer_ms(&mut driver);
@@ -104,6 +108,8 @@ pub fn examine(
     let address = SocketAddr::new(settings.bridge.bind, settings.bridge.port);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let bound = runtime.block_on(Listener::bind(address));
+    // With port 0, the port that the system chose.
+    let free_address = bound.as_ref().map(Listener::address).ok();
     let is_taken = matches!(bound, Err(BindError::Taken { .. }));
     let holder = if is_taken { runtime.block_on(lapwing_at(address)) } else { None };
     let serving = (holder == Some(LapwingPort::Bridge)).then_some(address);
@@ -118,7 +124,19 @@ pub fn examine(
     let model = model.map(|model| model.name().to_owned());
     let last_simulator = last_simulator(&recordings);
     let lapwing = env!("CARGO_PKG_VERSION");
-    Ok(Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, serving, troubles })
+    Ok(Findings {
+        lapwing,
+        libtorch,
+        model,
+        driver_ms,
+        guard,
+        recordings,
+        free_mb,
+        last_simulator,
+        free_address,
+        serving,
+        troubles,
+    })
 }
 
 /// Which of Lapwing's ports is taken.
@@ -184,15 +202,19 @@ fn free_mb(_: &Path) -> Option<u64> {
 
 impl fmt::Display for Findings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Findings { lapwing, libtorch, model, driver_ms, recordings, free_mb, last_simulator, serving, troubles } =
-            self;
+        let Self { lapwing, libtorch, model, driver_ms, guard, recordings, .. } = self;
+        let Self { free_mb, last_simulator, free_address, serving, troubles, .. } = self;
         writeln!(f, "lapwing     {lapwing}\nlibtorch    {libtorch}")?;
         writeln!(f, "model       {}", model.as_deref().unwrap_or("none"))?;
         if let Some(ms) = driver_ms {
-            writeln!(f, "driver      {ms:.2} ms from JPEG to command")?;
+            let without = if guard.is_some() { ", without the guard" } else { "" };
+            writeln!(f, "driver      {ms:.2} ms from JPEG to command{without}")?;
         }
-        let free = free_mb.map_or_else(String::new, |mb| format!(", {:.1} GB free", mb as f64 / 1e3));
-        writeln!(f, "recordings  {}{free}", recordings.display())?;
+        if let Some(guard) = guard {
+            writeln!(f, "guard       {guard}")?;
+        }
+        let room = free_mb.map_or_else(String::new, |mb| format!(", {:.1} GB free", mb as f64 / 1e3));
+        writeln!(f, "recordings  {}{room}", recordings.display())?;
         if let Some(LastSimulator { run, dialect, decimal_separator, started }) = last_simulator {
             let dialect = serde_json::to_string(dialect).unwrap_or_default();
             writeln!(f, "simulator   {} was the last, {started} ({})", dialect.trim_matches('"'), run.display())?;
@@ -205,6 +227,9 @@ impl fmt::Display for Findings {
         }
         if let Some(address) = serving {
             writeln!(f, "port        {address}: Lapwing is serving there")?;
+        }
+        if let Some(address) = free_address {
+            writeln!(f, "port        {address}: free")?;
         }
         if troubles.is_empty() {
             return f.write_str("all is well");
@@ -255,7 +280,7 @@ mod tests {
     fn examined(model: Result<LoadedModel, String>) -> Findings {
         let settings = Layers::default().set("test", "bridge.port", 0).unwrap();
         let settings = settings.set("test", "recording.dir", env!("CARGO_MANIFEST_DIR")).unwrap().resolve().unwrap();
-        examine(&settings, model, Ok(())).unwrap()
+        examine(&settings, model, Ok(None)).unwrap()
     }
 
     #[test]

@@ -393,3 +393,17 @@ fn the_doctor_finds_a_braking_network_that_is_not_there() {
         "{code} {out}"
     );
 }
+
+#[test]
+fn the_doctor_names_the_braking_network_that_serve_would_use_and_the_port_that_is_free() {
+    let network = concat!(env!("CARGO_MANIFEST_DIR"), "/models/brake.safetensors");
+    let folder = tempfile::tempdir().unwrap();
+    let doctor = |threshold| {
+        let arguments = ["doctor", "--port", "0", "--brake-model", network, "--brake-threshold", threshold];
+        lapwing_in(folder.path(), "", &arguments)
+    };
+    let (_, out, _) = doctor("0.5");
+    assert!(out.contains(&format!("\nguard       brake-live ({network})\n")) && out.contains(": free\n"), "{out}");
+    let (code, out, err) = doctor("2");
+    assert_eq!(code, 2, "wrong usage, as in serve: {out}{err}");
+}

@@ -262,7 +262,7 @@ async fn a_limit_on_file_sizes_costs_the_recording_and_not_the_drive() {
     }
     drop(simulator);
     let status = driven_until(&mut verb, address, async |verb| verb.signal("TERM")).await;
-    assert!(status.code().is_some(), "{status}: not ended by a signal");
+    assert_eq!(status.code(), Some(1), "{status}: a run is not whole");
     let (out, _) = verb.said();
     assert!(out.contains("recording error"), "{out}");
     for run in std::fs::read_dir(verb.dir.path().join("runs")).unwrap() {

@@ -305,6 +305,8 @@ pub struct Doctor {
     #[command(flatten)]
     pub driving: Driving,
     #[command(flatten)]
+    pub guard: GuardFlags,
+    #[command(flatten)]
     pub thinking: Thinking,
     #[command(flatten)]
     pub server: ServerFlags,

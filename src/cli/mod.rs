@@ -217,7 +217,7 @@ pub struct Driving {
     pub takeover: Option<Takeover>,
 }
 
-/// Who may brake in place of the pilot; shared by the verbs that drive a car which may hit something.
+/// Who may brake in place of the pilot; shared by the verbs that drive a car which may hit something, and by `doctor`.
 #[derive(Debug, Args)]
 pub struct GuardFlags {
     /// A network that watches for what the car would hit and brakes in place of the pilot (.safetensors), as brake

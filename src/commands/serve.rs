@@ -61,14 +61,17 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     }
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot listen for Ctrl-C")?;
-    let unprinted = Arc::new(AtomicBool::new(false));
+    let lost = Arc::new(AtomicBool::new(false));
     let bridge = Bridge::new(settings.clone(), {
-        let unprinted = unprinted.clone();
+        let (lost, wants_runs) = (lost.clone(), settings.recording.enabled);
         move |summary| {
-            // The simulators are driven on; a lost result is reported at once, and by the exit status.
-            if let Err(error) = print(summary, json) {
+            // The simulators are driven on; a lost result or run is reported at once, and by the exit status.
+            let printed = print(summary, json);
+            if let Err(error) = &printed {
                 say!("error: {error}");
-                unprinted.store(true, Ordering::Relaxed);
+            }
+            if printed.is_err() || wants_runs && !summary.is_recorded_whole() {
+                lost.store(true, Ordering::Relaxed);
             }
         }
     });
@@ -143,7 +146,7 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     if let Ok(why) = end.await {
         why?;
     }
-    Ok(if unprinted.load(Ordering::Relaxed) { Ended::Failed } else { Ended::Passed })
+    Ok(if lost.load(Ordering::Relaxed) { Ended::Failed } else { Ended::Passed })
 }
 
 /// Those, then the flags that say where the bridge listens and where its runs go.

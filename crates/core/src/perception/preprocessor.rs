@@ -193,8 +193,8 @@ fn recolour(bytes: &mut [u8], colour: Option<fn([u8; 3]) -> [u8; 3]>) {
     }
 }
 
-/// Resizes RGB bytes of a width and a height. Of these pixels alone: `Resizer::resize` would compile the filter for a dozen
-/// other kinds, too, which takes as long as the rest of the crate.
+/// Resizes RGB bytes of a given width and height. Typed, because `Resizer::resize` would compile the filter for a dozen other
+/// kinds of pixels, which takes as long as the rest of the crate.
 fn antialiased(
     resizer: &mut Resizer,
     (from, [width, height]): (&[u8], [usize; 2]),

@@ -233,7 +233,8 @@ fn new_file(dir: &Path, header: &RunHeader) -> Result<(fs::File, PathBuf), Recor
     }
     let mut number = 1;
     loop {
-        let count = if number == 1 { String::new() } else { format!("-{number}") };
+        // '_' sorts after the '.' of the first run's name; '-' would sort before it.
+        let count = if number == 1 { String::new() } else { format!("_{number}") };
         let path = dir.join(format!("{name}{count}.mcap"));
         match fs::File::create_new(&path) {
             Ok(file) => return Ok((file, path)),

@@ -161,7 +161,8 @@ impl Golden {
             why,
         };
         let first = lines.next().map(|(_, line)| line.map_err(io)).transpose()?.unwrap_or_default();
-        let header: GoldenHeader = serde_json::from_str(&first)
+        // An editor may have put a byte order mark before it.
+        let header: GoldenHeader = serde_json::from_str(first.trim_start_matches('\u{feff}'))
             .map_err(|e| parse_error(0, "a golden file's header", &first, e.to_string()))?;
         if ![FORMAT, OLDER_FORMAT].contains(&header.format.as_str()) {
             return Err(parse_error(0, FORMAT, &header.format, "written by another version".into()));
@@ -275,6 +276,9 @@ mod tests {
         let on = r#""written_on":{"cpu":"AMD EPYC (x86_64, AVX-512)","libtorch":"2.13.0"}}"#;
         assert!(text.lines().next().unwrap().ends_with(on), "{text}");
         assert_eq!(text.lines().nth(2), Some(r#"{"frame":1,"bad":true}"#));
+        let golden = Golden::read(&path).unwrap();
+        fs::write(&path, format!("\u{feff}{text}")).unwrap();
+        assert_eq!(Golden::read(&path).unwrap(), golden);
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub struct ReplayReport {
     pub driver: String,
     /// Moments replayed.
     pub moments: u64,
-    /// Those at which a human drove.
+    /// Those at which a human took over: however long a human drives, it is one.
     pub human: u64,
     /// Those at which the pilot waited to be armed.
     pub pilot_off: u64,

@@ -124,6 +124,11 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Whether the whole drive is in a file; false if none was made.
+    pub fn is_recorded_whole(&self) -> bool {
+        self.run.as_ref().is_some_and(|run| run.not_recorded == 0 && run.error.is_none())
+    }
+
     /// A count from the scorecard; 0 if it has none.
     pub fn count(&self, figure: Figure) -> u64 {
         self.card.value(figure).map_or(0, |count| count as u64)

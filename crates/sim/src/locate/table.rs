@@ -147,7 +147,8 @@ impl LaneTable {
     /// [`LaneTableError`].
     pub fn read(path: &Path, road: impl Fn(&str) -> Result<Track, TrackError>) -> Result<Self, LaneTableError> {
         let text = fs::read_to_string(path).map_err(|source| LaneTableError::Read { path: path.to_owned(), source })?;
-        let lines = lines(path, &text)?;
+        // A spreadsheet may have put a byte order mark before it.
+        let lines = lines(path, text.trim_start_matches('\u{feff}'))?;
         let named = |name: &str| lines.iter().filter(|(.., at)| at.as_ref().is_some_and(|at| at.0 == name)).count();
         let names = lines.iter().filter_map(|(.., at)| at.as_ref().map(|at| at.0.as_str()));
         let mut roads: Vec<&str> = names.collect();
@@ -360,6 +361,7 @@ mod tests {
         assert_eq!((table.track.file().name.as_str(), table.elsewhere), ("jungle", 0));
         assert_eq!(table.rows.iter().map(|(moment, _)| *moment).collect::<Vec<_>>(), [0, 1, 2]);
         assert_eq!(table.rows[1].1, None);
+        assert_eq!(read(&format!("\u{feff}{text}")).unwrap().rows, table.rows);
         for ((_, got), expected) in [table.rows[0], table.rows[2]].into_iter().zip([there, back]) {
             let (got, expected) = (got.unwrap().in_lane(&track), expected.in_lane(&track));
             assert!((got.offset_m - expected.offset_m).abs() < 1e-3, "{got:?} {expected:?}");

@@ -243,7 +243,7 @@ fn runs_of_the_same_second_get_files_of_their_own() {
     let (first, second) = (make(), make());
     let name = |r: &Recorder| r.path().file_name().unwrap().to_str().unwrap().to_owned();
     assert!(name(&first).ends_with("-30-a-b.mcap"), "{}", name(&first));
-    assert!(name(&second).ends_with("-30-a-b-2.mcap"), "{}", name(&second));
+    assert!(name(&second).ends_with("-30-a-b_2.mcap"), "{}", name(&second));
     let report = first.finish();
     assert_eq!(report.bytes, fs::metadata(&report.path).unwrap().len());
     assert!(report.bytes > 0);
