@@ -240,7 +240,7 @@ fn shown(seen: &Seen) -> String {
 }
 
 pub(super) fn told(report: &RecordingReport) -> String {
-    let lost = report.frames_not_recorded + report.items_not_recorded;
+    let lost = report.lost();
     let lost = if lost > 0 { format!(", {} could not be recorded", count(lost, "item")) } else { String::new() };
     format!("{} ({}{lost})", report.path.display(), count(report.frames, "frame"))
 }

@@ -319,8 +319,7 @@ fn tell_ignored(lost: u64) {
 /// Ends the recording of a drive, however it ended. The file of a run in which nothing happened is removed.
 fn close(recorder: Recorder) -> Option<RecordingReport> {
     let report = recorder.finish();
-    let lost = report.frames_not_recorded + report.items_not_recorded;
-    if report.telemetries > 0 || lost > 0 || report.error.is_some() {
+    if report.telemetries > 0 || report.lost() > 0 || report.error.is_some() {
         return Some(report);
     }
     if let Err(error) = fs::remove_file(&report.path) {
@@ -331,13 +330,11 @@ fn close(recorder: Recorder) -> Option<RecordingReport> {
 
 /// Fails if a run is not whole.
 fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
-    let Some(RecordingReport { path, frames_not_recorded, items_not_recorded, error, .. }) = report else {
-        return Ok(());
-    };
-    if let Some(error) = error {
+    let Some(report) = report else { return Ok(()) };
+    let lost = report.lost();
+    if let Some(error) = report.error {
         return Err(error.into());
     }
-    let lost = frames_not_recorded + items_not_recorded;
-    anyhow::ensure!(lost == 0, "{}: {} could not be recorded", path.display(), count(lost, "item"));
+    anyhow::ensure!(lost == 0, "{}: {} could not be recorded", report.path.display(), count(lost, "item"));
     Ok(())
 }

@@ -72,6 +72,13 @@ pub struct RecordingReport {
     pub error: Option<RecordingError>,
 }
 
+impl RecordingReport {
+    /// Frames and other items that were lost.
+    pub fn lost(&self) -> u64 {
+        self.frames_not_recorded + self.items_not_recorded
+    }
+}
+
 /// Records one run.
 ///
 /// Items wait in a bounded queue. If the disk does not keep up, frames are dropped as soon as three quarters of it are

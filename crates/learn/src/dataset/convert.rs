@@ -110,7 +110,7 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
         go_on(progress(converted.rows, Some(log.rows.len() as u64)), target)
     });
     let report = recorder.finish();
-    let lost = report.frames_not_recorded + report.items_not_recorded;
+    let lost = report.lost();
     let finished = written.and_then(|()| match report.error {
         Some(error) => Err(error.into()),
         None if lost > 0 => {

@@ -58,9 +58,9 @@ impl Account {
         let run = self.recorder.map(|recorder| {
             let report = recorder.finish();
             Recorded {
+                not_recorded: report.lost(),
                 path: report.path,
                 frames: report.frames,
-                not_recorded: report.frames_not_recorded + report.items_not_recorded,
                 error: report.error.map(|error| error.to_string()),
             }
         });
