@@ -164,7 +164,7 @@ fn the_reader_says_where_and_how_a_file_ends_too_early() {
     assert_eq!(run.by_ref().count(), 39);
     let truncation = run.truncated().unwrap();
     assert_eq!(truncation.why, "expected the end mark, got the file's end");
-    assert_eq!(truncation.read + truncation.unread, bytes.len() as u64 - 3);
+    assert_eq!(truncation.at + truncation.unread, bytes.len() as u64 - 3);
 
     let (_dir, path) = on_disk(&[bytes, b"more".as_slice()].concat());
     let mut run = RunReader::open(&path).unwrap();
@@ -174,6 +174,57 @@ fn the_reader_says_where_and_how_a_file_ends_too_early() {
     // What file systems leave of a file that grew when the machine went down.
     let (_dir, path) = on_disk(&[&bytes[..bytes.len() - 3], &[0; 5000]].concat());
     assert_eq!(read(&path).unwrap().0.len(), 39);
+}
+
+/// Where the chunks of a run begin and end.
+fn chunks_of(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
+    let (mut at, mut chunks) = (mcap::MAGIC.len(), vec![]);
+    while bytes[at] != mcap::records::op::DATA_END {
+        let end = at + 9 + u64::from_le_bytes(*bytes[at + 1..].first_chunk().unwrap()) as usize;
+        if bytes[at] == mcap::records::op::CHUNK {
+            chunks.push(at..end);
+        }
+        at = end;
+    }
+    chunks
+}
+
+#[test]
+fn of_a_run_with_damaged_chunks_the_others_are_read() {
+    let (bytes, items) = short_run();
+    let chunks = chunks_of(bytes);
+    assert_eq!(chunks.len(), 4);
+    let lengths = [9, 10, 10, 10];
+    for damaged in [vec![0], vec![1], vec![3], vec![0, 2], vec![1, 2], vec![0, 1, 2, 3]] {
+        let (mut bytes, mut expected, mut left) = (bytes.clone(), vec![], items.as_slice());
+        for (i, chunk) in chunks.iter().enumerate() {
+            let (inside, rest) = left.split_at(lengths[i]);
+            left = rest;
+            if damaged.contains(&i) {
+                bytes[(chunk.start + chunk.end) / 2] ^= 1;
+            } else {
+                expected.extend_from_slice(inside);
+            }
+        }
+        let (_dir, path) = on_disk(&bytes);
+        let mut run = RunReader::open(&path).unwrap();
+        assert_eq!(run.by_ref().map(Result::unwrap).collect::<Vec<_>>(), expected, "{damaged:?}");
+        let truncation = run.truncated().unwrap();
+        assert!(truncation.why.contains("checksum"), "{truncation}");
+        let unread: usize = damaged.iter().map(|i| chunks[*i].len()).sum();
+        assert_eq!((truncation.at, truncation.unread), (chunks[damaged[0]].start as u64, unread as u64));
+
+        // Each moment is joined as it was, though another chunk's answer may come next.
+        let moments = Recording::open(&path).unwrap().map(Result::unwrap).collect::<Vec<_>>();
+        for moment in &moments {
+            let is_its = |(at, item): &&(_, _)| *at >= moment.at && matches!(item, Item::Command(_));
+            let Some((_, Item::Command(answer))) = items.iter().find(is_its) else { panic!("all are answered") };
+            assert!(moment.command.as_ref().is_none_or(|command| command == answer), "{damaged:?} {:?}", moment.at);
+        }
+        let breaks = moments.iter().filter(|moment| matches!(moment.broken, Some(Break::Gap(_)))).count();
+        let inside = damaged.iter().filter(|i| !damaged.contains(&(**i + 1)) && **i > 0 && **i < 3).count();
+        assert_eq!(breaks, inside, "{damaged:?}");
+    }
 }
 
 /// The run as another tool would write it: other chunks, its own channel, our metadata last.

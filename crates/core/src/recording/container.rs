@@ -1,8 +1,7 @@
-//! The records of an MCAP file from its beginning, as far as the file is whole.
+//! The records of an MCAP file from its beginning, as far as it is whole.
 //!
 //! The framing is read here and not by the crate `mcap`, because a run may be cut off or damaged anywhere: every length
-//! is checked against the actual data before memory is allocated for it, and the place where the good part ends is
-//! known. Chunks are unpacked here for the same reason: one that holds more than it says is damaged, and a small file
+//! is checked against the actual data before memory is allocated for it, and the place of the damage is known. Chunks are unpacked here for the same reason: one that holds more than it says is damaged, and a small file
 //! cannot unpack to a large one. Source: <https://mcap.dev/spec>.
 
 use std::{
@@ -147,9 +146,9 @@ pub(super) struct Chunk {
 }
 
 impl Chunk {
-    /// Takes the body of a chunk record, which may unpack to at most `most` bytes, and must unpack to exactly as many
-    /// as it says.
-    pub(super) fn new(body: &[u8], most: u64) -> Result<Self, Broken> {
+    /// Takes the body of a chunk record, which must unpack to exactly as many bytes as it says. They are taken off
+    /// `may_unpack`, and may not be more.
+    pub(super) fn new(body: &[u8], may_unpack: &mut u64) -> Result<Self, Broken> {
         let mut fields = BodyFields(body);
         let mut header = || {
             fields.take(8 + 8)?; // times of the first and last message
@@ -164,11 +163,14 @@ impl Chunk {
         if unpacked > LIMIT as u64 {
             return damaged(format!("expected a chunk that unpacks to {LIMIT} bytes at most, got {unpacked}"));
         }
-        if unpacked > most {
-            return damaged(format!(
-                "expected chunks that unpack to {FREE} bytes and {RATIO} times the file's length at most, got more"
-            ));
-        }
+        *may_unpack = match may_unpack.checked_sub(unpacked) {
+            Some(rest) => rest,
+            None => {
+                return damaged(format!(
+                    "expected chunks that unpack to {FREE} bytes and {RATIO} times the file's length at most, got more"
+                ));
+            }
+        };
         let records = match compression {
             "" => Ok(packed.to_owned()),
             "zstd" => unzstd(packed, unpacked),
@@ -204,11 +206,6 @@ impl Chunk {
             }
         }
         Ok(Self { records, at: 0 })
-    }
-
-    /// How many bytes its records are.
-    pub(super) fn len(&self) -> u64 {
-        self.records.len() as u64
     }
 
     /// The opcode and body of the next record, `None` after the last.

@@ -41,10 +41,14 @@ const WAITING: usize = 64;
 
 /// Joins a run's items: a telemetry, the frame with the same time, and the
 /// first command before the next telemetry make a [`Step`]. Events stay where
-/// they are between the steps.
+/// they are between the steps. Where damaged chunks are left out, an
+/// [`EventRecord::Break`] says for how long.
 #[derive(Debug)]
 pub struct Entries {
     run: RunReader,
+    /// Damaged chunks before the last item, and when that was.
+    left_out: usize,
+    last: Duration,
     /// The step that may yet get its frame or command, then events after it.
     open: Option<Step>,
     /// A frame that came before its telemetry: tools that sort may swap items of equal times.
@@ -58,7 +62,7 @@ pub struct Entries {
 impl Entries {
     pub(super) fn new(run: RunReader) -> Self {
         let (events, ready) = Default::default();
-        Self { run, open: None, early: None, events, ready, without_frame: 0, unanswered: 0 }
+        Self { run, left_out: 0, last: Duration::ZERO, open: None, early: None, events, ready, without_frame: 0, unanswered: 0 }
     }
 
     /// The run that is read.
@@ -87,6 +91,12 @@ impl Entries {
     }
 
     fn take(&mut self, at: Duration, item: Item) {
+        if std::mem::replace(&mut self.left_out, self.run.left_out()) != self.run.left_out() {
+            self.close(); // what it was answered may be lost
+            let seconds = at.as_secs_f64() - self.last.as_secs_f64();
+            self.ready.push_back(Entry::Event { at, event: EventRecord::Break { seconds: Some(seconds) } });
+        }
+        self.last = at;
         match item {
             Item::Telemetry(telemetry) => {
                 self.close();

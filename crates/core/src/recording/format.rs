@@ -57,7 +57,12 @@ impl Channel {
         [Self::Camera, Self::Telemetry, Self::Command, Self::Event, Self::Log, Self::Transform, Self::Scene];
 
     /// Those that a run's items are read from; the others only show the same once more.
-    pub(super) const READ: [Self; 4] = [Self::Camera, Self::Telemetry, Self::Command, Self::Event];
+    const READ: [Self; 4] = [Self::Camera, Self::Telemetry, Self::Command, Self::Event];
+
+    /// The channel with items that is declared so.
+    pub(super) fn with_items(topic: &str, encoding: &str) -> Option<Self> {
+        Self::READ.into_iter().find(|c| c.topic() == topic && c.message_encoding() == encoding)
+    }
 
     /// Its name.
     pub fn topic(self) -> &'static str {

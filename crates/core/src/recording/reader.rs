@@ -11,7 +11,7 @@ use std::{
 
 use foxglove::messages::CompressedImage;
 use mcap::{
-    MAGIC,
+    MAGIC, Summary,
     records::op,
     sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions},
 };
@@ -37,9 +37,9 @@ type Yield = Result<(Duration, Item), RecordingError>;
 /// Where and why a file is cut off or damaged.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Truncation {
-    /// Length of the part that was read.
-    pub read: u64,
-    /// Length of the part that was not.
+    /// The place of the first damage, in bytes from the beginning.
+    pub at: u64,
+    /// How many bytes could not be read, there and further on.
     pub unread: u64,
     /// What was expected there, and what came.
     pub why: String,
@@ -47,7 +47,7 @@ pub struct Truncation {
 
 impl fmt::Display for Truncation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "cut off or damaged at byte {}: {}", self.read, self.why)?;
+        write!(f, "cut off or damaged at byte {}: {}", self.at, self.why)?;
         if self.unread > 0 { write!(f, "; {} bytes are not read", self.unread) } else { Ok(()) }
     }
 }
@@ -55,9 +55,9 @@ impl fmt::Display for Truncation {
 /// Reads a run: its header at once, its items as an iterator.
 ///
 /// Files that other tools have rewritten (with compressed chunks, without chunks, with channels of their own) read as
-/// well; channels that are not a run's are skipped. A file cut off or damaged somewhere reads up to the last whole
-/// chunk before that place, and [`truncated`](Self::truncated) says so, as it does if the number of messages differs
-/// from the file's statistics.
+/// well; channels that are not a run's are skipped. A file that is cut off reads up to the last whole chunk. A damaged
+/// chunk is left out. [`truncated`](Self::truncated) tells of both, and if the number of messages differs from the
+/// file's statistics.
 ///
 /// The iterator yields [`RecordingError::Message`] for a message that does not parse, and continues after it. It yields
 /// [`RecordingError::Io`] if the file cannot be read any further, and ends.
@@ -68,8 +68,10 @@ pub struct RunReader {
     /// By id; `None` for channels without items: those for viewers, and other tools' own.
     channels: HashMap<u16, Option<Channel>>,
     chunk: Option<Chunk>,
-    /// Unpacked size of the chunks so far, in bytes.
-    unpacked: u64,
+    /// How many bytes the chunks to come may unpack to.
+    may_unpack: u64,
+    /// How many chunks are left out so far.
+    left_out: usize,
     /// Where the record being read begins.
     at: u64,
     /// Messages so far, and how many there are by the file's own statistics.
@@ -116,10 +118,11 @@ impl RunReader {
         Ok(Self {
             path: path.to_owned(),
             header,
+            may_unpack: container.may_unpack(),
             container,
             channels: HashMap::new(),
             chunk: None,
-            unpacked: 0,
+            left_out: 0,
             at: 0,
             messages: 0,
             counted: None,
@@ -140,6 +143,13 @@ impl RunReader {
 
     /// How many telemetries there are, if the file ends in good order and says so.
     pub fn telemetries(&self) -> Option<u64> {
+        let summary = self.summary()?;
+        let channel = summary.channels.values().find(|c| c.topic == Channel::Telemetry.topic())?;
+        summary.stats?.channel_message_counts.get(&channel.id).copied()
+    }
+
+    /// What stands after the data, if the file ends in good order.
+    fn summary(&self) -> Option<Summary> {
         let mut file = File::open(&self.path).ok()?;
         let len = file.metadata().ok()?.len();
         let options = SummaryReaderOptions::default().with_file_size(len).with_record_length_limit(SUMMARY_RECORD);
@@ -154,14 +164,17 @@ impl RunReader {
                 }
             }
         }
-        let summary = reader.finish()?;
-        let channel = summary.channels.values().find(|c| c.topic == Channel::Telemetry.topic())?;
-        summary.stats?.channel_message_counts.get(&channel.id).copied()
+        reader.finish()
     }
 
     /// How the file ends, once the iterator has ended: `None` if in good order.
     pub fn truncated(&self) -> Option<&Truncation> {
         self.truncation.as_ref()
+    }
+
+    /// How many damaged chunks are left out so far.
+    pub(super) fn left_out(&self) -> usize {
+        self.left_out
     }
 
     /// The items joined: each telemetry with its picture and its answer.
@@ -172,8 +185,7 @@ impl RunReader {
     /// The next record that may matter: from the open chunk, else from the file.
     fn step(&mut self) -> Result<Option<Yield>, Broken> {
         loop {
-            let Self { chunk, container, channels, .. } = self;
-            let may_unpack = container.may_unpack();
+            let Self { chunk, container, channels, may_unpack, .. } = self;
             let in_chunk = chunk.is_some();
             let (opcode, body) = match chunk {
                 Some(open) => match open.next() {
@@ -193,17 +205,16 @@ impl RunReader {
                 }
             };
             match opcode {
-                op::CHUNK if !in_chunk => {
-                    let chunk = Chunk::new(body, may_unpack.saturating_sub(self.unpacked))?;
-                    self.unpacked += chunk.len();
-                    self.chunk = Some(chunk);
-                }
+                op::CHUNK if !in_chunk => match Chunk::new(body, may_unpack) {
+                    Ok(chunk) => self.chunk = Some(chunk),
+                    Err(Broken::Damaged(why)) => self.leave_out(why),
+                    Err(error) => return Err(error),
+                },
                 op::CHANNEL => {
                     let (id, topic, encoding) = BodyFields(body)
                         .channel()
                         .ok_or_else(|| Broken::Damaged("expected a channel, got a piece of one".into()))?;
-                    let ours = |c: &Channel| c.topic() == topic && c.message_encoding() == encoding;
-                    channels.insert(id, Channel::READ.into_iter().find(ours));
+                    channels.insert(id, Channel::with_items(topic, encoding));
                 }
                 op::STATISTICS => self.counted = BodyFields(body).statistics(),
                 op::MESSAGE => {
@@ -231,12 +242,32 @@ impl RunReader {
 }
 
 impl RunReader {
+    /// A chunk is damaged: what it declared stands once more at the file's end, if that is whole.
+    fn leave_out(&mut self, why: String) {
+        if self.truncation.is_none()
+            && let Some(summary) = self.summary()
+        {
+            for channel in summary.channels.values() {
+                let known = || Channel::with_items(&channel.topic, &channel.message_encoding);
+                self.channels.entry(channel.id).or_insert_with(known);
+            }
+        }
+        self.left_out += 1;
+        self.damaged(why, self.container.at() - self.at);
+    }
+
+    /// The first damage is told; how much could not be read is added up.
+    fn damaged(&mut self, why: String, unread: u64) {
+        let at = self.at;
+        self.truncation.get_or_insert(Truncation { at, unread: 0, why }).unread += unread;
+    }
+
     /// After the file's orderly end. Its statistics reveal damage that hides a whole chunk.
     fn end(&mut self) -> Result<Option<Yield>, Broken> {
         self.done = true;
         self.at = self.container.len();
         match self.counted {
-            Some(counted) if counted != self.messages => Err(Broken::Damaged(format!(
+            Some(counted) if counted != self.messages && self.truncation.is_none() => Err(Broken::Damaged(format!(
                 "expected {counted} messages by the file's own count, got {}",
                 self.messages
             ))),
@@ -256,8 +287,7 @@ impl Iterator for RunReader {
             Ok(item) => item,
             Err(Broken::Damaged(why)) => {
                 self.done = true;
-                let unread = self.container.len().saturating_sub(self.at);
-                self.truncation = Some(Truncation { read: self.at, unread, why });
+                self.damaged(why, self.container.len().saturating_sub(self.at));
                 None
             }
             Err(Broken::Io(e)) => {
