@@ -62,7 +62,17 @@ pub struct Entries {
 impl Entries {
     pub(super) fn new(run: RunReader) -> Self {
         let (events, ready) = Default::default();
-        Self { run, left_out: 0, last: Duration::ZERO, open: None, early: None, events, ready, without_frame: 0, unanswered: 0 }
+        Self {
+            run,
+            left_out: 0,
+            last: Duration::ZERO,
+            open: None,
+            early: None,
+            events,
+            ready,
+            without_frame: 0,
+            unanswered: 0,
+        }
     }
 
     /// The run that is read.
