@@ -135,7 +135,11 @@ impl suite::Course for SimulatedCourse {
         let setup = spec.setup(&settings.simulator)?;
         let model = self.models.get(&cell.pilot);
         let pilot: Box<dyn Pilot> = model.map_or_else(|| Box::new(PurePursuit::default()) as _, LoadedModel::pilot);
-        let header = || (self.heading)(&settings, &setup, (&cell.pilot, model.map(|model| ModelId::of(model))));
+        let header = || {
+            let mut header = (self.heading)(&settings, &setup, (&cell.pilot, model.map(|model| ModelId::of(model))));
+            header.config["cell"] = json!({ "pilot": cell.pilot, "conditions": cell.conditions });
+            header
+        };
         let options = || setup.recorder(settings.recording.queue);
         let recorder = run.map(|run| Recorder::create_file(run, header(), options())).transpose()?;
         let mut driver = Driver::new(pilot, &settings.control, Instant::now);

@@ -27,7 +27,8 @@ pub(super) fn run(arguments: &cli::Explain) -> anyhow::Result<Ended> {
     let mut frame = Frame::default();
     let place = || format!("{}: moment {}", arguments.recording.display(), moment.row);
     let picture = moment.pictures[0].as_ref().with_context(|| format!("{}: no picture", place()))?;
-    decode_jpeg(&picture.read().with_context(place)?, &mut frame).with_context(place)?;
+    let which = || format!("{}: {picture}", place());
+    decode_jpeg(&picture.read().with_context(which)?, &mut frame).with_context(which)?;
     let explained = |explainer: &mut Explainer, method| {
         explainer.explain(&frame, moment.telemetry.speed, method).with_context(place)
     };

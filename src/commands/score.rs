@@ -80,8 +80,8 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
         }
     }
     let judged: Vec<_> = runs.iter().map(|run| &run.judged).collect();
-    let settings: Vec<_> = judged.iter().map(|run| (run.setting(), &run.card)).collect();
-    let against = baseline.map(|baseline| baseline.compare(&settings));
+    let compared: Vec<_> = judged.iter().map(|run| run.compared()).collect();
+    let against = baseline.map(|baseline| baseline.compare(&compared));
     // A failed write does not affect the other results.
     let written = [
         arguments.junit.as_deref().map(|path| {

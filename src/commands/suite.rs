@@ -55,6 +55,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     let planned = Planned::new(&suite, &course).with_context(named)?;
     tell_left_out(planned.left_out, "cell");
     let results = Results::open(&arguments.out)?;
+    let _lock = results.lock(arguments.shard.is_some())?;
     results.keep_plan(&planned.plan())?;
     let (open, driven) = planned.open(arguments.shard, &results)?;
     tracing::info!("{}, {driven} of them already driven", count(driven + open.len(), "cell"));

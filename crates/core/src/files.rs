@@ -2,7 +2,7 @@
 
 use std::{
     ffi::OsStr,
-    fs::{self, OpenOptions},
+    fs::{self, File, OpenOptions, TryLockError},
     io::{self, Write},
     path::Path,
 };
@@ -83,6 +83,23 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
     partial(&existing.join("lapwing")).map(drop)
 }
 
+/// Holds a folder for this process until what is returned is dropped, or the process ends: alone, or `shared` with others
+/// that share it. `None` where the system cannot lock folders.
+///
+/// # Errors
+/// If another one holds it.
+pub fn lock(folder: &Path, shared: bool) -> io::Result<Option<File>> {
+    let Ok(handle) = File::open(folder) else { return Ok(None) };
+    match if shared { handle.try_lock_shared() } else { handle.try_lock() } {
+        Ok(()) => Ok(Some(handle)),
+        Err(TryLockError::WouldBlock) => {
+            let why = "another lapwing is writing into this folder: wait for it, or choose another folder";
+            Err(io::Error::new(io::ErrorKind::ResourceBusy, why))
+        }
+        Err(TryLockError::Error(_)) => Ok(None),
+    }
+}
+
 fn is_special(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
@@ -113,6 +130,20 @@ mod tests {
             fs::write(dir.path().join("plain"), "").unwrap();
             assert_eq!(mode("a.txt"), mode("plain"), "readable by the same users as any other file");
         }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_folder_is_held_by_one_or_shared_by_several() {
+        let dir = tempfile::tempdir().unwrap();
+        let lock = |shared| lock(dir.path(), shared);
+        let alone = lock(false).unwrap().unwrap();
+        assert!([true, false].iter().all(|shared| lock(*shared).is_err()));
+        drop(alone);
+        let shared = [lock(true), lock(true)];
+        assert!(shared.iter().all(Result::is_ok) && lock(false).is_err());
+        drop(shared);
+        assert!(lock(false).is_ok() && names(dir.path()).is_empty());
     }
 
     #[test]

@@ -105,7 +105,8 @@ pub struct Evaluation {
 pub struct Compared {
     /// The data set.
     pub data: PathBuf,
-    /// How many of these rows the network learnt from, as far as its recipe says; absent without a recipe.
+    /// How many of these rows the network learnt from, as far as its recipe says; `None` without a recipe, or if data that
+    /// it names is not there, which may be the same under another name.
     pub learnt_from: Option<usize>,
     /// Rows that were evaluated.
     pub rows: usize,
@@ -202,9 +203,14 @@ impl Compared {
                 rows,
             });
         }
-        let learnt_from = recipe.map(|recipe| {
-            let learnt = learnt_from(recipe, path);
-            samples.samples.iter().filter(|sample| learnt(sample.row as usize)).count()
+        let learnt_from = recipe.and_then(|recipe| {
+            let learnt = learnt_from(recipe, path)
+                .inspect_err(|gone| {
+                    let (path, gone) = (path.display(), gone.display());
+                    tracing::info!("{path}: if the network learnt from it is unknown, as its recipe names {gone}, which is not there");
+                })
+                .ok()?;
+            Some(samples.samples.iter().filter(|sample| learnt(sample.row as usize)).count())
         });
         if let Some(learnt) = learnt_from.filter(|learnt| *learnt > 0) {
             let path = path.display();
@@ -237,15 +243,20 @@ fn of_pilot(model: &LoadedModel, samples: &Samples) -> Result<Vec<f64>, Evaluate
     samples.samples.iter().map(answer).collect()
 }
 
-/// Which rows of a data set a training learnt from, judging by paths: a copy elsewhere counts as another data set.
-fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> impl Fn(usize) -> bool + 'a {
+/// Which rows of a data set a training learnt from, judging by paths: a copy elsewhere counts as another data set. The
+/// error is a path of the recipe at which there is nothing, if no other is that of the data set.
+fn learnt_from<'a>(recipe: &'a Recipe, path: &Path) -> Result<impl Fn(usize) -> bool + 'a, &'a Path> {
     let measured = Selection::of(path).place();
     let same: Vec<&Selection> = recipe.data.iter().filter(|data| data.place() == measured).collect();
-    move |row| {
+    let gone = recipe.data.iter().map(|data| data.path.as_path()).find(|path| !path.exists());
+    if let Some(gone) = gone.filter(|_| same.is_empty()) {
+        return Err(gone);
+    }
+    Ok(move |row| {
         let taken = same.iter().any(|data| data.rows.is_none_or(|(first, end)| (first..end).contains(&row)));
         // If there was separate validation data, no blocks were held out.
         taken && !(recipe.validation.is_empty() && recipe.blocks.is_validation(row))
-    }
+    })
 }
 
 /// Width of a bin of steering over which errors are averaged.
@@ -282,12 +293,16 @@ mod tests {
         let data = vec![Selection { rows: Some((20, 40)), ..Selection::of(&lake) }];
         let mut recipe = Recipe { data, blocks: Blocks { size: 10, every: 3 }, ..Recipe::default() };
         let rows = |recipe: &Recipe, path: &Path| {
-            let learnt = learnt_from(recipe, path);
+            let learnt = learnt_from(recipe, path).unwrap();
             (0..50).filter(|row| learnt(*row)).collect::<Vec<_>>()
         };
         assert_eq!(rows(&recipe, &dir.path().join("./lake")), (20..30).collect::<Vec<_>>());
         assert!(rows(&recipe, dir.path()).is_empty());
         recipe.validation = vec![Selection::of("other")];
         assert_eq!(rows(&recipe, &lake), (20..40).collect::<Vec<_>>());
+        // Of two data sets one is gone: it may be the one that is evaluated.
+        recipe.data.push(Selection::of("gone"));
+        assert_eq!(rows(&recipe, &lake), (20..40).collect::<Vec<_>>());
+        assert_eq!(learnt_from(&recipe, dir.path()).err(), Some(Path::new("gone")));
     }
 }

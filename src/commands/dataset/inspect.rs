@@ -5,6 +5,7 @@ use crate::{
     cli,
     commands::{outputs, print},
 };
+use lapwing_core::words::count;
 use lapwing_learn::dataset::{self, CameraCount, Gap, Inspection, Problem, Size};
 
 /// Gaps and problems that are listed one by one; `--json` has all.
@@ -125,6 +126,13 @@ fn particulars(inspection: &Inspection) -> String {
     let mut problems: Vec<&Problem> = inspection.problems.iter().collect();
     problems.sort_by_key(|problem| problem.camera.is_some_and(|camera| camera != "center"));
     lines.extend(some(&problems, "problems", |it| problem(it)));
+    if inspection.sizes.len() > 1 {
+        lines.push("pictures have several sizes: no network can learn from them together".into());
+    }
+    if inspection.repeated > 0 {
+        let rows = count(inspection.repeated, "row");
+        lines.push(format!("{rows} repeat the picture of an earlier row: leave them out of the log"));
+    }
     lines.extend(inspection.truncated.iter().map(|why| format!("the run is {why}")));
     if lines.is_empty() {
         return String::new();

@@ -191,11 +191,16 @@ fn set_some<T>(setting: &mut Option<T>, flag: Option<T>) {
 fn selection(text: &str) -> anyhow::Result<Selection> {
     match text.rsplit_once('@') {
         Some((path, weight)) if !Path::new(text).exists() => {
-            let weight = weight.parse().with_context(|| format!("--data {text}: expected a number after the @"))?;
+            let why = format!("expected a number after the @, got {weight:?}");
+            let weight = weight.parse().map_err(|_| ConfigError::Value { layer: format!("--data {text}"), why })?;
             Ok(Selection { weight, ..Selection::of(path) })
         }
         _ => Ok(Selection::of(text)),
     }
+}
+
+fn wrong_augment(why: String) -> anyhow::Result<()> {
+    Err(ConfigError::Value { layer: "--augment".into(), why }.into())
 }
 
 /// Switches off all changes but those named.
@@ -203,10 +208,10 @@ fn only(augmentation: &mut Augmentation, names: &[String]) -> anyhow::Result<()>
     let all: Vec<&str> = names.iter().map(String::as_str).collect();
     let names: Vec<&str> = all.iter().copied().filter(|name| *name != "none").collect();
     if !names.is_empty() && names.len() < all.len() {
-        anyhow::bail!("--augment: expected none alone, got {:?}", all.join(","));
+        return wrong_augment(format!("expected none alone, got {:?}", all.join(",")));
     }
     if let Some(unknown) = names.iter().find(|name| !Augmentation::NAMES.contains(name)) {
-        anyhow::bail!("--augment: expected {} or none, got {unknown:?}", Augmentation::NAMES.join(", "));
+        return wrong_augment(format!("expected {} or none, got {unknown:?}", Augmentation::NAMES.join(", ")));
     }
     augmentation.late = 0.0;
     let defaults = &mut Augmentation::default();

@@ -110,6 +110,16 @@ pub fn decode_base64(text: &[u8]) -> Result<Bytes, ImageError> {
     })
 }
 
+/// Whether these are the bytes of a whole JPEG, without decoding it: its columns and rows. What is inside may still be
+/// broken.
+///
+/// # Errors
+/// As [`decode_jpeg`], but for those that only decoding finds.
+pub fn check_jpeg(bytes: &[u8]) -> Result<(usize, usize), ImageError> {
+    check_markers(bytes, PIXELS.load(Ordering::Relaxed))?
+        .ok_or_else(|| ImageError::Broken("it has no start of frame".into()))
+}
+
 /// Decodes a JPEG into `frame`, whose memory is reused. A grey picture becomes
 /// an RGB one of equal channels.
 ///
@@ -174,8 +184,9 @@ fn check_sampling(components: &[u8]) -> Result<(), ImageError> {
 /// Walks the markers from the first to the end-of-image, without decoding: sizes and scans are known before a pixel is.
 ///
 /// Segments are skipped by their lengths, so that an end marker in a thumbnail or by chance does not count; inside a
-/// scan every FF that is neither stuffed (00) nor a restart (D0-D7) is a marker. ITU-T T.81, annex B.
-fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
+/// scan every FF that is neither stuffed (00) nor a restart (D0-D7) is a marker. ITU-T T.81, annex B. Returns the size, if
+/// a start of frame tells it.
+fn check_markers(bytes: &[u8], most: usize) -> Result<Option<(usize, usize)>, ImageError> {
     const SOI: u8 = 0xd8;
     const EOI: u8 = 0xd9;
     const SOS: u8 = 0xda;
@@ -185,16 +196,17 @@ fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
     }
     if !bytes.starts_with(&[0xff, SOI]) || !matches!(bytes.get(2), None | Some(0xff)) {
         let head: Vec<String> = bytes.iter().take(4).map(|b| format!("{b:02x}")).collect();
-        return Err(ImageError::NotJpeg(head.join(" ")));
+        let kind = if bytes.starts_with(b"\x89PNG") { ", as a PNG does: convert it" } else { "" };
+        return Err(ImageError::NotJpeg(head.join(" ") + kind));
     }
-    let mut scans = 0;
+    let (mut scans, mut size) = (0, None);
     let mut rest = &bytes[2..];
     // Where there is no marker the decoder skips to the next one, and so does this: one loop for scans and garbage.
     while let Some(at) = rest.windows(2).position(|w| w[0] == 0xff && !matches!(w[1], 0x00 | 0xff | TEM | 0xd0..=SOI)) {
         let marker = rest[at + 1];
         rest = &rest[at + 2..];
         if marker == EOI {
-            return Ok(());
+            return Ok(size);
         }
         scans += usize::from(marker == SOS);
         if scans > MAX_SCANS {
@@ -204,7 +216,8 @@ fn check_markers(bytes: &[u8], most: usize) -> Result<(), ImageError> {
         // A start of frame, but not DHT (C4), JPG (C8) or DAC (CC), which share its numbers.
         if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
             let &[_, _, _, h1, h0, w1, w0, components, ref factors @ ..] = rest else { break };
-            check_size(u16::from_be_bytes([w1, w0]).into(), u16::from_be_bytes([h1, h0]).into(), most)?;
+            let [width, height] = [[w1, w0], [h1, h0]].map(|side| u16::from_be_bytes(side).into());
+            size = Some(check_size(width, height, most)?);
             check_sampling(factors.get(..3 * usize::from(components)).unwrap_or_default())?;
         }
         let Some(next) = rest.get(length.max(2)..) else { break };

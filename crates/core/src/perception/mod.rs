@@ -22,7 +22,9 @@ mod scale;
 pub use blur::Blur;
 pub use colour::ColourSpace;
 pub use frame::Frame;
-pub use jpeg::{ImageError, MAX_BASE64_LEN, MAX_PIXELS, MAX_SIDE, decode_base64, decode_jpeg, limit_pixels};
+pub use jpeg::{
+    ImageError, MAX_BASE64_LEN, MAX_PIXELS, MAX_SIDE, check_jpeg, decode_base64, decode_jpeg, limit_pixels,
+};
 pub use preprocess::{Area, Crop, Preprocess, PreprocessError, Resize, ResizeFilter, TensorLayout};
 pub use preprocessor::Preprocessor;
 pub use scale::PixelScale;

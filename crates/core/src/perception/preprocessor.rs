@@ -1,5 +1,7 @@
 //! Preprocessing as a function: it prepares a picture for a network.
 
+use std::sync::Once;
+
 use fast_image_resize::{
     FilterType, ResizeAlg, ResizeOptions, Resizer,
     images::{TypedImage, TypedImageRef},
@@ -13,6 +15,8 @@ use super::{
 
 /// Pixels converted from bytes to numbers at a time.
 const BLOCK: usize = 64;
+/// Columns and rows of the pictures that the stock simulator sends.
+const STOCK: (usize, usize) = (320, 160);
 
 /// A [`Preprocess`] ready to run, with its scratch memory.
 #[derive(Debug, Clone)]
@@ -107,6 +111,18 @@ impl Preprocessor {
     pub fn resize(&mut self, frame: &Frame) -> Result<&[u8], PreprocessError> {
         let (width, height) = (frame.width(), frame.height());
         let area = self.preprocess.area_of(width, height)?;
+        if (width, height) != STOCK && self.preprocess.crop.is_some() {
+            static TOLD: Once = Once::new();
+            TOLD.call_once(|| {
+                let Area { top, bottom, .. } = area;
+                tracing::warn!(
+                    "pictures are {width}x{height}, where the stock simulator's are {}x{}: this model keeps their rows \
+                     {top} to {bottom}, and is of no use unless it has learnt from pictures of this size",
+                    STOCK.0,
+                    STOCK.1
+                );
+            });
+        }
         // Rows are contiguous, so their crop is a slice, and pixels beyond it cannot bleed in.
         let rows = &frame.rgb()[area.top * width * 3..area.bottom * width * 3];
         let is_untouched = area.width() == width && self.preprocess.blur.is_none() && !self.preprocess.colour_first;

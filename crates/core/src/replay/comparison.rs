@@ -18,6 +18,8 @@ pub struct GoldenComparison {
     pub differing_frames: usize,
     /// The first of them.
     pub first: Vec<Difference>,
+    /// The recording that the stored replay was made from.
+    pub source: String,
     /// Where the stored replay was written, if that is known.
     pub written_on: Option<Machine>,
     /// Where this one ran, if that is known.
@@ -32,6 +34,7 @@ impl GoldenComparison {
             tolerance,
             differing_frames: differences.len(),
             first: differences.into_iter().take(NAMED).collect(),
+            source: golden.source().to_owned(),
             written_on: golden.written_on().cloned(),
             compared_on: here,
         }
@@ -40,7 +43,7 @@ impl GoldenComparison {
 
 impl fmt::Display for GoldenComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { tolerance, differing_frames, first, written_on, compared_on } = self;
+        let Self { tolerance, differing_frames, first, source, written_on, compared_on } = self;
         if *differing_frames == 0 {
             return write!(f, "  golden           every command agrees within {tolerance}");
         }
@@ -53,7 +56,12 @@ impl fmt::Display for GoldenComparison {
         }
         let machine =
             |machine: &Option<Machine>| machine.as_ref().map_or_else(|| "not reported".into(), Machine::to_string);
-        write!(f, "\n    written on       {}\n    compared on      {}", machine(written_on), machine(compared_on))?;
+        write!(
+            f,
+            "\n    made from        {source}\n    written on       {}\n    compared on      {}",
+            machine(written_on),
+            machine(compared_on)
+        )?;
         if written_on != compared_on {
             f.write_str(
                 "\n    the last bits of a network's answers differ between kinds of processor and versions of libtorch",

@@ -90,6 +90,16 @@ pub enum GoldenError {
         /// Why not.
         source: io::Error,
     },
+    /// Another number of frames than its header says.
+    #[error("{}: expected {expected} frames, as its first line says, got {got}: it was cut off or edited", path.display())]
+    Frames {
+        /// The file.
+        path: PathBuf,
+        /// Frames by the header.
+        expected: u64,
+        /// Lines of frames.
+        got: usize,
+    },
     /// A line is not what it should be.
     #[error("{path}, line {line}: expected {expected}, got {got:?}: {why}")]
     Line {
@@ -173,10 +183,14 @@ impl Golden {
         });
         let lines: Vec<Line> = lines.collect::<Result<_, _>>()?;
         if lines.len() as u64 != header.frames {
-            let why = format!("the file holds {}: it was cut off", count(lines.len(), "frame"));
-            return Err(parse_error(0, "as many frames as the header says", &first, why));
+            return Err(GoldenError::Frames { path: path.into(), expected: header.frames, got: lines.len() });
         }
         Ok(Self { header, lines })
+    }
+
+    /// The recording that it was made from.
+    pub fn source(&self) -> &str {
+        &self.header.source
     }
 
     /// The machine that it was written on, if that is known.

@@ -6,11 +6,12 @@ use std::{
     path::{self, Path, PathBuf},
 };
 
-use super::{Blocks, DatasetError};
+use super::{Blocks, DatasetError, source};
 use lapwing_core::{
     files,
     recording::udacity::{LOG_NAME, Row},
     recording::{Recording, RecordingError},
+    words::count,
 };
 
 /// The result of a split.
@@ -39,6 +40,14 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
     blocks.check(["--block", "--every"])?;
     let recording = Recording::open(source)?;
     let Some(log) = recording.log() else { return Err(DatasetError::Run { path: source.to_owned() }) };
+    let repeated = source::repeated(log.rows.iter().map(|row| row.center.as_path()));
+    if repeated > 0 {
+        let rows = count(repeated, "row");
+        tracing::warn!(
+            "{}: {rows} repeat the picture of an earlier row, which may be in the other half",
+            log.path.display()
+        );
+    }
     let mut texts = [String::new(), String::new()];
     let mut counts = [0, 0];
     for (i, row) in log.rows.iter().enumerate() {

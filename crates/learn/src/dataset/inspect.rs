@@ -1,7 +1,7 @@
 //! Reports what is in a data set, and what is wrong with it.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashSet},
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -54,6 +54,8 @@ pub struct Inspection {
     pub gaps: Vec<Gap>,
     /// Sizes of the pictures.
     pub sizes: Vec<Size>,
+    /// Rows that name a centre picture that a row before them names, too.
+    pub repeated: usize,
     /// All pictures together, in bytes.
     pub picture_bytes: u64,
     /// How many telemetries of a run were answered by each of: `pilot`, `human`, `safe`, `off` or `nobody`.
@@ -308,6 +310,9 @@ struct RowFindings {
     untimed: u64,
     gaps: Vec<Gap>,
     answered: BTreeMap<&'static str, u64>,
+    /// The centre pictures so far, and how many rows name one of them again.
+    named: HashSet<PathBuf>,
+    repeated: usize,
     problems: Vec<Problem>,
 }
 
@@ -331,6 +336,9 @@ impl RowFindings {
         self.last = moment.at;
         if self.is_run {
             *self.answered.entry(answered(moment)).or_default() += 1;
+        }
+        if let Some(Picture::File(path)) = &moment.pictures[0] {
+            self.repeated += usize::from(!self.named.insert(path.clone()));
         }
         self.untimed += u64::from(moment.taken_at.is_none());
         if let (Some(from), Some(to)) = (self.last_taken, moment.taken_at) {
@@ -374,6 +382,7 @@ impl RowFindings {
             untimed: self.untimed,
             gaps: self.gaps,
             sizes: sizes.map(|((width, height), pictures)| Size { width, height, pictures }).collect(),
+            repeated: self.repeated,
             picture_bytes: pictures.bytes,
             answered: self.answered,
             problems: self.problems,

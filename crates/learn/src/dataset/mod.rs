@@ -119,13 +119,23 @@ pub enum DatasetError {
         /// The data set.
         path: PathBuf,
     },
+    /// Pictures of several sizes.
+    #[error("expected pictures of one size, as a network's crop counts their pixels, got {got}: bring all to one size")]
+    Sizes {
+        /// Each size, and a picture of it.
+        got: String,
+    },
     /// A data set without any usable row.
-    #[error("{path}: expected usable rows with a picture, got none of {rows}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", path = path.display())]
+    #[error("{path}: expected rows with a picture {aim}, got none of {rows}{}: see `rows`, `cameras` and `blocks`, and `lapwing dataset inspect` for pictures that are missing", told(*blocks), path = path.display())]
     NoneLeft {
         /// The data set.
         path: PathBuf,
         /// How many rows it has.
         rows: usize,
+        /// What they are for.
+        aim: &'static str,
+        /// How rows are held out, if they are.
+        blocks: Option<Blocks>,
     },
     /// A setting with an invalid value.
     #[error("{name}: expected {expected}, got {got}")]
@@ -187,6 +197,17 @@ pub enum DatasetError {
         /// What the system says.
         why: std::io::Error,
     },
+}
+
+/// How rows are held out.
+fn told(blocks: Option<Blocks>) -> String {
+    let how = |Blocks { size, every }| {
+        format!(
+            " (to measure by, the first {size} of each {} rows are held out, unless there is validation data of its own)",
+            size * every
+        )
+    };
+    blocks.map_or_else(String::new, how)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels, places};
+use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels, places, source::PictureCheck};
 use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
@@ -196,6 +196,43 @@ pub enum Set {
     All,
 }
 
+impl Set {
+    /// What its rows are for.
+    fn aim(self) -> &'static str {
+        match self {
+            Self::Training => "to learn from",
+            Self::Validation | Self::All => "to measure by",
+        }
+    }
+}
+
+/// Removes the pictures that cannot be used; they are told once, with the training set or with data of its own.
+fn usable(source: &mut Source, set: Set) -> PictureCheck {
+    let repeated = source.repeated();
+    let found = source.forget_unusable();
+    if set == Set::Validation {
+        return found; // the same data as the training set's
+    }
+    let path = source.path.display();
+    let are = |number: usize, what: &str| format!("{} {what}", count(number, "picture"));
+    if found.missing > 0 {
+        let are = are(found.missing, if found.missing == 1 { "is" } else { "are" });
+        tracing::warn!("{path}: {are} missing and left out; see `lapwing dataset inspect`");
+    }
+    if let Some((picture, why)) = &found.example {
+        let are = are(found.broken, if found.broken == 1 { "is" } else { "are" });
+        tracing::warn!("{path}: {are} broken and left out, such as {picture}: {why}; see `lapwing dataset inspect`");
+    }
+    if repeated > 0 && set == Set::Training {
+        let rows = count(repeated, "row");
+        tracing::warn!(
+            "{path}: {rows} repeat the picture of an earlier row: what is held out may be learnt from all the same; \
+             leave them out of the log"
+        );
+    }
+    found
+}
+
 /// Samples to learn from, or to measure by.
 #[derive(Debug)]
 pub struct Samples {
@@ -206,8 +243,8 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Opens the data sets and picks the set's rows from each. Missing pictures are left out with a warning; sequences
-    /// start again after them.
+    /// Opens the data sets and picks the set's rows from each. Pictures that are missing, or no whole JPEG, are left out
+    /// with a warning; sequences start again after them.
     ///
     /// # Errors
     /// [`DatasetError`]; [`DatasetError::NoneLeft`] also where one of several data sets has nothing to train on.
@@ -221,6 +258,7 @@ impl Samples {
         blocks.map_or(Ok(()), |blocks| blocks.check(["blocks.size", "blocks.every"]))?;
         selections.iter().try_for_each(Selection::check)?;
         let mut all = Self { sources: vec![], samples: vec![] };
+        let mut sizes = PictureCheck::default();
         // For each sample, the steering of its row.
         let mut steered = vec![];
         for selection in selections {
@@ -232,15 +270,23 @@ impl Samples {
             if let Some(lane) = lane.as_ref().filter(|_| set == Set::Training) {
                 lane.tell(&source, selection.rows.unwrap_or((0, usize::MAX)));
             }
+            sizes = sizes.and(usable(&mut source, set));
             all.take(source, selection, lane.as_ref(), set, blocks, &mut steered);
             if set == Set::Training && all.samples.len() == before {
-                return Err(DatasetError::NoneLeft { path: selection.path.clone(), rows });
+                return Err(DatasetError::NoneLeft { path: selection.path.clone(), rows, aim: set.aim(), blocks });
             }
         }
         if all.samples.is_empty() {
             let path = selections.first().map(|s| s.path.clone()).unwrap_or_default();
             let rows = all.sources.iter().map(|source| source.rows.len()).sum();
-            return Err(DatasetError::NoneLeft { path, rows });
+            return Err(DatasetError::NoneLeft { path, rows, aim: set.aim(), blocks });
+        }
+        if sizes.sizes.len() > 1 {
+            let told = |((width, height), (pictures, example)): (&(usize, usize), &(usize, String))| {
+                format!("{} of {width}x{height} such as {example}", count(*pictures, "picture"))
+            };
+            let got = sizes.sizes.iter().map(told).collect::<Vec<_>>().join(", ");
+            return Err(DatasetError::Sizes { got });
         }
         if set == Set::Training {
             let drawn: Vec<_> = steered.into_iter().zip(&all.samples).map(|(x, sample)| (x, sample.weight)).collect();
@@ -260,12 +306,6 @@ impl Samples {
         blocks: Option<Blocks>,
         steered: &mut Vec<f64>,
     ) {
-        let missing = source.forget_missing();
-        if missing > 0 {
-            let path = source.path.display();
-            let (missing, are) = (count(missing, "picture"), if missing == 1 { "is" } else { "are" });
-            tracing::warn!("{path}: {missing} {are} missing; see `lapwing dataset inspect`");
-        }
         let sides = [CameraPosition::Left, CameraPosition::Right];
         let wants_sides = set == Set::Training && sides.iter().any(|side| selection.cameras.contains(side));
         if wants_sides && !source.rows.iter().any(|row| sides.iter().any(|side| row.pictures[*side as usize].is_some()))

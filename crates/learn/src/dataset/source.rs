@@ -1,14 +1,17 @@
 //! Recordings as lists of rows with a label.
 
 use std::{
+    collections::{BTreeMap, HashSet},
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use bytes::Bytes;
+use rayon::prelude::*;
 
 use super::{DatasetError, places::CarPlace};
 use lapwing_core::{
+    perception::{ImageError, check_jpeg},
     recording::{Picture, Recording},
     units::{Mph, Steering},
 };
@@ -62,6 +65,55 @@ pub struct Source {
     pub(super) places: Vec<Option<CarPlace>>,
 }
 
+/// What pictures are, judging by their files.
+#[derive(Debug, Default)]
+pub(super) struct PictureCheck {
+    /// How many are not there.
+    pub missing: usize,
+    /// How many are no whole JPEG, and one of them with the reason.
+    pub broken: usize,
+    pub example: Option<(String, ImageError)>,
+    /// How many have each size, columns and rows, and one of them.
+    pub sizes: BTreeMap<(usize, usize), (usize, String)>,
+}
+
+impl PictureCheck {
+    /// And that of this picture, which is removed if it cannot be used.
+    fn with(mut self, picture: &mut Option<Picture>) -> Self {
+        let Some(found) = picture else { return self };
+        let Ok(bytes) = found.read() else {
+            self.missing += 1;
+            *picture = None;
+            return self;
+        };
+        match check_jpeg(&bytes) {
+            Ok(size) => self.sizes.entry(size).or_insert_with(|| (0, found.to_string())).0 += 1,
+            Err(why) => {
+                self.broken += 1;
+                self.example.get_or_insert((found.to_string(), why));
+                *picture = None;
+            }
+        }
+        self
+    }
+
+    pub(super) fn and(mut self, other: Self) -> Self {
+        self.missing += other.missing;
+        self.broken += other.broken;
+        self.example = self.example.or(other.example);
+        for (size, (count, picture)) in other.sizes {
+            self.sizes.entry(size).or_insert((0, picture)).0 += count;
+        }
+        self
+    }
+}
+
+/// How many of these paths are there already.
+pub(super) fn repeated<'a>(pictures: impl Iterator<Item = &'a Path>) -> usize {
+    let mut seen = HashSet::new();
+    pictures.filter(|picture| !seen.insert(*picture)).count()
+}
+
 /// Checks that there is a data set, as far as possible without reading all of it.
 ///
 /// # Errors
@@ -88,17 +140,22 @@ impl Source {
         Ok(source)
     }
 
-    /// Removes the pictures whose files are missing, and returns how many there were.
-    pub(super) fn forget_missing(&mut self) -> usize {
-        let mut missing = 0;
-        for picture in self.rows.iter_mut().flat_map(|row| &mut row.pictures) {
-            if matches!(picture, Some(Picture::File(path)) if !path.is_file()) {
-                *picture = None;
-                missing += 1;
-            }
-        }
+    /// Removes the pictures that are missing, and those that are no whole JPEG; they are not decoded.
+    pub(super) fn forget_unusable(&mut self) -> PictureCheck {
+        let check =
+            |checked: PictureCheck, row: &mut Labelled| row.pictures.iter_mut().fold(checked, PictureCheck::with);
+        let found = self.rows.par_iter_mut().fold(PictureCheck::default, check);
+        let found = found.reduce(PictureCheck::default, PictureCheck::and);
         self.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
-        missing
+        found
+    }
+
+    /// How many rows name a centre picture that a row before them names, too.
+    pub(super) fn repeated(&self) -> usize {
+        repeated(self.rows.iter().filter_map(|row| match &row.pictures[0] {
+            Some(Picture::File(path)) => Some(path.as_path()),
+            _ => None,
+        }))
     }
 
     /// Gives its rows other labels; those without one are in no drive with those that have one.

@@ -258,8 +258,8 @@ fn a_sequence_ends_with_its_row_and_begins_anew_with_each_drive() {
 fn a_broken_picture_is_named() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), |_| 0.0, 20);
-    fs::write(dir.path().join("IMG/center_3.jpg"), b"no picture").unwrap();
     let samples = Arc::new(open(dir.path(), Set::Training, Balance::default()));
+    fs::write(dir.path().join("IMG/center_3.jpg"), b"no picture").unwrap();
     let order = (0..48).collect();
     let cache = Cache::new(&samples, 0);
     let loader =

@@ -128,6 +128,7 @@ fn maddpg_is_stopped_within_an_update_and_what_it_has_learnt_by_then_is_kept() {
         let last = first.last.unwrap();
         assert!(!first.finished && last.number == 1 && last.agent_steps <= 100 * 8 * 4, "{learners}: {last:?}");
         assert!((1..=3).contains(&last.gradient_steps), "a step for each 100 of 800 after the first 500: {last:?}");
+        drop(training);
         let resumed = resume(folder.path()).unwrap();
         assert!(resumed.finished && resumed.last.unwrap().gradient_steps > last.gradient_steps, "{learners}");
         let (numbers, headers) = logged(folder.path());

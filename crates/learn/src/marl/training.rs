@@ -3,7 +3,7 @@
 use std::{
     collections::{HashMap, VecDeque},
     fmt::Write as _,
-    fs::{self, OpenOptions},
+    fs::{self, File, OpenOptions},
     io::Write as _,
     path::{Path, PathBuf},
     time::Instant,
@@ -105,6 +105,8 @@ pub struct MarlOutcome {
 #[derive(Debug)]
 pub struct Training {
     out: PathBuf,
+    /// Held until the training ends.
+    _lock: Option<File>,
     settings: TrainingSettings,
     learner: Box<dyn Learner>,
     position: Position,
@@ -122,7 +124,8 @@ impl Training {
         }
         let learner = settings.algorithm.clone().begin(settings.world)?;
         fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
-        Ok(Self { out: out.to_owned(), settings, learner, position: Position::default() })
+        let lock = files::lock(out, false).map_err(MarlError::io("train in", out))?;
+        Ok(Self { out: out.to_owned(), _lock: lock, settings, learner, position: Position::default() })
     }
 
     /// Goes on with the one in a folder, with its settings; more `agent_steps` make it longer, and stretch what changes in
@@ -161,7 +164,8 @@ impl Training {
         let mut learner = algorithm.begin(settings.world)?;
         stored.copy_to(&learner.tensors())?;
         learner.go_on_at(position.counters);
-        Ok(Self { out: out.to_owned(), settings, learner, position })
+        let lock = files::lock(out, false).map_err(MarlError::io("train in", out))?;
+        Ok(Self { out: out.to_owned(), _lock: lock, settings, learner, position })
     }
 
     /// The settings that are followed.

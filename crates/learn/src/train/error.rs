@@ -94,6 +94,19 @@ pub enum TrainError {
         /// All that differs, with expected and got.
         differences: String,
     },
+    /// The data is not what the training in that folder began with.
+    #[error(
+        "{folder}: the data has changed since this training began: expected {expected} samples, got {got}: undo the change, or begin a new training in another folder",
+        folder = folder.display()
+    )]
+    OtherData {
+        /// The training's folder.
+        folder: PathBuf,
+        /// Samples then.
+        expected: String,
+        /// Samples now.
+        got: String,
+    },
     /// A checkpoint without a resume state, where one would be written.
     #[error("{path} exists, but without a resume state: nothing is overwritten, choose another folder", path = .0.display())]
     ModelThere(PathBuf),

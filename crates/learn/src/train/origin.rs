@@ -48,8 +48,7 @@ impl Origin {
             return Ok(());
         }
         let told = |(training, validation): (usize, usize)| format!("{training} and {validation} held out");
-        let differences = format!("samples: expected {}, got {}", told(self.samples), told(samples));
-        Err(TrainError::OtherRecipe { folder: folder.to_owned(), differences })
+        Err(TrainError::OtherData { folder: folder.to_owned(), expected: told(self.samples), got: told(samples) })
     }
 }
 
@@ -105,7 +104,7 @@ mod tests {
             "{error}"
         );
         let error = origin().check_samples((400, 90), Path::new("out")).unwrap_err().to_string();
-        assert!(error.contains("samples: expected 400 and 100 held out, got 400 and 90 held out"), "{error}");
+        assert!(error.contains("expected 400 and 100 held out samples, got 400 and 90 held out: undo"), "{error}");
     }
 
     #[test]

@@ -282,7 +282,7 @@ fn a_training_goes_on_by_its_own_recipe_and_on_its_own_data_only() {
     let log = fs::read_to_string(dir.path().join("driving_log.csv")).unwrap();
     fs::write(dir.path().join("driving_log.csv"), log.lines().take(39).collect::<Vec<_>>().join("\n")).unwrap();
     let error = refused(|_| ());
-    assert!(error.contains("samples: expected 30 and 10 held out, got 29 and 10 held out"), "{error}");
+    assert!(error.contains("expected 30 and 10 held out samples, got 29 and 10 held out: undo"), "{error}");
 }
 
 #[test]
@@ -376,6 +376,11 @@ fn what_cannot_be_written_is_an_error_that_leaves_what_was() {
     assert!(matches!(error, TrainError::Io { doing: "write the training's state", .. }), "{error}");
     fs::rename(&away, &out).unwrap();
     assert!(fs::read(out.join("state.safetensors")).unwrap() == state);
+    if cfg!(unix) {
+        let beside = Trainer::new(recipe(dir.path()), &out, true).map(drop).unwrap_err().to_string();
+        assert!(beside.contains("another lapwing is writing into this folder"), "{beside}");
+    }
+    drop(trainer);
     assert!(Trainer::new(recipe(dir.path()), &out, true).unwrap().run(&mut on).unwrap().finished);
     // A file where the folder would be.
     let error = Trainer::new(recipe(dir.path()), &dir.path().join("driving_log.csv"), false).unwrap_err();

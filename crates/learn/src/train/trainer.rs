@@ -1,7 +1,7 @@
 //! The training loop.
 
 use std::{
-    fs,
+    fs::{self, File},
     path::{Path, PathBuf},
     sync::Arc,
     time::Instant,
@@ -50,6 +50,8 @@ pub struct Trainer {
     position: Position,
     /// Keep the variables alive.
     _stores: Vec<VarStore>,
+    /// Holds the folder.
+    _lock: Option<File>,
 }
 
 /// (B, outputs) for a batch; the speed is used only if the network takes it.
@@ -169,6 +171,7 @@ impl Trainer {
             validation,
             position,
             _stores: stores,
+            _lock: None,
         };
         if let Some(stored) = stored {
             stored.copy_to(&borrow(&trainer.state()))?;
@@ -176,6 +179,7 @@ impl Trainer {
             trainer.stepper.steps = trainer.position.steps;
         }
         fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
+        trainer._lock = files::lock(out, false).map_err(TrainError::io("train in it", out))?;
         let path = out.join("recipe.toml");
         let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
         files::write(&path, text.as_bytes()).map_err(TrainError::io("write the recipe", &path))?;

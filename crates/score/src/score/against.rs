@@ -12,7 +12,12 @@ use std::{
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Better, Figure, Scorecard, Spread, Unit, figure::wrong_figure, report::SCHEMA, summary::student};
+use super::{
+    Better, Figure, Scorecard, Spread, Unit,
+    figure::wrong_figure,
+    report::SCHEMA,
+    summary::{ROUNDING, student},
+};
 use lapwing_core::recording::RunHeader;
 
 /// A file that cannot be used as a baseline.
@@ -50,6 +55,14 @@ pub enum BaselineError {
         /// The file.
         path: PathBuf,
     },
+    /// A run in it is not whole.
+    #[error("{}: run {run}: expected a whole run, got a damaged one: make the baseline from whole runs", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Which run, from 1.
+        run: usize,
+    },
     /// It is that of another version.
     #[error("{}: expected schema {SCHEMA}, got {got:?}", path.display())]
     Schema {
@@ -63,7 +76,8 @@ pub enum BaselineError {
 /// A difference is not due to chance if it is this many times the half width of its confidence interval at 95 %: some
 /// forty figures are compared, and one of them would often lie outside the interval itself.
 const CERTAIN: f64 = 2.0;
-/// If only one run reports a figure, its noise is unknown; a relative change of this size is taken as real.
+/// If the baseline's runs do not scatter, or are a single one, its noise is unknown; a relative change of this size is
+/// taken as real.
 const ALONE: f64 = 0.05;
 /// The same of what is counted a minute: whether the wheel turned back far enough to count hangs on so little that the same network
 /// on the same lap comes to 14.5 times on one kind of processor and 18.3 on another.
@@ -112,6 +126,10 @@ pub struct Baseline {
 struct Before {
     setting: Option<String>,
     track: Option<String>,
+    model: Option<String>,
+    laps_asked: Option<u32>,
+    #[serde(default)]
+    damaged: bool,
     #[serde(flatten)]
     figures: BTreeMap<String, Value>,
 }
@@ -126,11 +144,28 @@ pub struct Comparison {
     pub missing: Vec<String>,
     /// Settings that the baseline does not have.
     pub new: Vec<String>,
+    /// Settings with a run that is damaged now: the lost part may have been worse.
+    pub damaged: Vec<String>,
 }
+
+/// A run that is compared with a baseline.
+#[derive(Debug, Clone)]
+pub struct ComparedRun<'a> {
+    /// Its [`setting`].
+    pub setting: String,
+    /// Its model's name.
+    pub model: Option<&'a str>,
+    /// Its figures.
+    pub card: &'a Scorecard,
+}
+
+/// The runs of one setting, before and now.
+type Group<'a> = (Vec<&'a Before>, Vec<&'a ComparedRun<'a>>);
 
 /// What runs must have in common to be compared: the track, whether its pictures were recorded or drawn, the scenario,
 /// and the speed that was asked for, to 0.01 mph; of a drive along a recording, which goes at the recorded speed, the
-/// rules in place of the speed. All that as far as the run reports it. Weather and seeds may differ.
+/// rules in place of the speed. All that as far as the run reports it. Weather and seeds may differ, but for the runs of
+/// a suite, whose pilot and conditions are part of their setting.
 pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
     let track = card.road().unwrap_or_else(|| UNKNOWN.to_owned());
     let recorded = is_in_recorded_pictures(header).then(|| RECORDED.to_owned());
@@ -139,6 +174,8 @@ pub fn setting(header: &RunHeader, card: &Scorecard) -> String {
         Some(world) => parts.extend(rules_along(world)),
         None => parts.extend(asked_mph(header)),
     }
+    let of_cell = |key: &str| header.config.pointer(&format!("/cell/{key}")).and_then(Value::as_str);
+    parts.extend(["pilot", "conditions"].into_iter().filter_map(of_cell).map(str::to_owned));
     parts.join(", ")
 }
 
@@ -196,6 +233,9 @@ impl Baseline {
         for (i, run) in baseline.runs.iter().enumerate() {
             let wrong = |what| BaselineError::Figure { path: path.to_owned(), run: i + 1, what };
             wrong_figure(|key| run.figures.get(key)).map_or(Ok(()), |what| Err(wrong(what)))?;
+            if run.damaged {
+                return Err(BaselineError::Damaged { path: path.to_owned(), run: i + 1 });
+            }
         }
         let has_any = |run: &Before| Figure::ALL.iter().any(|f| run.figures.get(f.key()).is_some_and(Value::is_number));
         if baseline.runs.iter().any(has_any) {
@@ -205,20 +245,45 @@ impl Baseline {
         }
     }
 
-    /// Compares runs, each with its [`setting`], with it.
-    pub fn compare(&self, runs: &[(String, &Scorecard)]) -> Comparison {
+    /// Runs of one setting and as many laps, before and now. Where several models drove before, each is a group.
+    fn groups<'a>(&'a self, runs: &'a [ComparedRun<'a>]) -> BTreeMap<String, Group<'a>> {
         // Lapwing 0.1 wrote no settings at first.
         let by_track = self.runs.iter().any(|run| run.setting.is_none());
         let track = |track: &Option<String>| track.clone().unwrap_or_else(|| UNKNOWN.to_owned());
-        let mut groups: BTreeMap<String, (Vec<&Before>, Vec<&Scorecard>)> = BTreeMap::new();
+        let with_laps = |setting: String, laps: Option<u32>| match laps {
+            Some(laps @ 2..) => format!("{setting}, {laps} laps"),
+            _ => setting,
+        };
+        let mut groups: BTreeMap<String, Group> = BTreeMap::new();
         for run in &self.runs {
             let setting = run.setting.clone().filter(|_| !by_track).unwrap_or_else(|| track(&run.track));
-            groups.entry(setting).or_default().0.push(run);
+            groups.entry(with_laps(setting, run.laps_asked)).or_default().0.push(run);
         }
-        for (setting, card) in runs {
-            let setting = if by_track { track(&card.track) } else { setting.clone() };
-            groups.entry(setting).or_default().1.push(card);
+        for run in runs {
+            let setting = if by_track { track(&run.card.track) } else { run.setting.clone() };
+            groups.entry(with_laps(setting, run.card.laps_asked)).or_default().1.push(run);
         }
+        let mut by_model: BTreeMap<String, Group> = BTreeMap::new();
+        for (setting, (before, now)) in groups {
+            let has_several = before.iter().any(|run| run.model != before[0].model);
+            let of = |model: Option<&str>| match model {
+                _ if !has_several => setting.clone(),
+                Some(model) => format!("{setting}, {model}"),
+                None => format!("{setting}, without a model"),
+            };
+            for run in before {
+                by_model.entry(of(run.model.as_deref())).or_default().0.push(run);
+            }
+            for run in now {
+                by_model.entry(of(run.model)).or_default().1.push(run);
+            }
+        }
+        by_model
+    }
+
+    /// Compares runs with it.
+    pub fn compare(&self, runs: &[ComparedRun<'_>]) -> Comparison {
+        let groups = self.groups(runs);
         let mut comparison = Comparison::default();
         for (setting, (before, now)) in groups {
             if now.is_empty() {
@@ -226,10 +291,13 @@ impl Baseline {
             } else if before.is_empty() {
                 comparison.new.push(setting);
             } else {
+                if now.iter().any(|run| run.card.damaged) {
+                    comparison.damaged.push(setting.clone());
+                }
                 let change = |figure: Figure| {
                     let values: Vec<f64> =
                         before.iter().filter_map(|run| run.figures.get(figure.key())?.as_f64()).collect();
-                    let now: Vec<f64> = now.iter().filter_map(|card| card.value(figure)).collect();
+                    let now: Vec<f64> = now.iter().filter_map(|run| run.card.value(figure)).collect();
                     change(&setting, figure, Spread::of(&values)?, Spread::of(&now))
                 };
                 comparison.changes.extend(Figure::ALL.into_iter().filter_map(change));
@@ -240,10 +308,13 @@ impl Baseline {
 }
 
 impl Comparison {
-    /// What got worse, in words: figures, and settings without a run.
+    /// What got worse, in words: figures, settings without a run, and those with a damaged one.
     pub fn worse(&self) -> impl Iterator<Item = String> {
         let worse = self.changes.iter().filter(|change| change.turn == Trend::Worse).map(Change::to_string);
-        worse.chain(self.missing.iter().map(|setting| format!("{setting} has no run, but the baseline does")))
+        let missing = self.missing.iter().map(|setting| format!("{setting} has no run, but the baseline does"));
+        let damaged =
+            self.damaged.iter().map(|setting| format!("{setting} has a damaged run, and what is lost may be worse"));
+        worse.chain(missing).chain(damaged)
     }
 }
 
@@ -262,24 +333,26 @@ fn change(setting: &str, figure: Figure, before: Spread, now: Option<Spread>) ->
     Some(Change { setting: setting.to_owned(), figure: figure.key(), before, now, noise, turn, unit: figure.unit() })
 }
 
+/// How far apart the means may lie by chance.
+///
+/// The scatter is that of both together, but not more than the baseline's alone: of three drives of which one leaves the
+/// road, the scatter is as large as the loss, and would hide it.
 fn noise(unit: Unit, before: &Spread, now: &Spread) -> f64 {
-    let of = |spread: &Spread| Some((spread.deviation?.powi(2), (spread.runs - 1) as f64));
     let each = 1.0 / before.runs as f64 + 1.0 / now.runs as f64;
-    let chance = match (of(before), of(now)) {
-        // One more collision counts, however few runs there were.
-        (None, None) if unit == Unit::Count => 0.0,
-        // Drives that are all the same are one drive.
-        _ if unit == Unit::PerMinute && [before, now].iter().all(|spread| spread.deviation.unwrap_or(0.0) == 0.0) => {
-            ALONE_PER_MINUTE * before.mean.abs()
+    let margin = |squares: f64, freedom: usize| CERTAIN * student(freedom) * (squares / freedom as f64 * each).sqrt();
+    let chance = match before.deviation.filter(|deviation| *deviation > ROUNDING * before.mean.abs()) {
+        Some(deviation) => {
+            let (freedom, more) = (before.runs - 1, now.runs - 1);
+            let squares = deviation.powi(2) * freedom as f64;
+            let now_squares = now.deviation.map_or(0.0, |deviation| deviation.powi(2) * more as f64);
+            margin(squares, freedom).min(margin(squares + now_squares, freedom + more))
         }
-        (None, None) => ALONE * before.mean.abs(),
-        // The scatter of both together, or of one alone if the other is a single run.
-        (a, b) => {
-            let ((a, of_a), (b, of_b)) = (a.unwrap_or((0.0, 0.0)), b.unwrap_or((0.0, 0.0)));
-            let freedom = of_a + of_b;
-            let variance = (a * of_a + b * of_b) / freedom;
-            CERTAIN * student(freedom as usize) * (variance * each).sqrt()
-        }
+        // Drives that are all the same are one drive, of which one more collision counts.
+        None => match unit {
+            Unit::Count => 0.0,
+            Unit::PerMinute => ALONE_PER_MINUTE * before.mean.abs(),
+            _ => ALONE * before.mean.abs(),
+        },
     };
     chance.max(trifle(unit))
 }
@@ -323,6 +396,10 @@ mod tests {
         Scorecard { track: Some(track.into()), ..figures.card() }
     }
 
+    fn compared<'a>(setting: &str, card: &'a Scorecard) -> ComparedRun<'a> {
+        ComparedRun { setting: setting.to_owned(), model: None, card }
+    }
+
     fn baseline(runs: &[(&str, &Scorecard)]) -> Baseline {
         let run = |(setting, card): &(&str, &Scorecard)| {
             let mut run = serde_json::to_value(card).unwrap();
@@ -353,6 +430,8 @@ mod tests {
             ),
             "{none}"
         );
+        let damaged = read(|run| run["damaged"] = true.into()).unwrap_err();
+        assert!(damaged.contains("score.json: run 1: expected a whole run, got a damaged one"), "{damaged}");
         let wrong = read(|run| run["collisions"] = "zero".into()).unwrap_err();
         assert!(wrong.contains("score.json: run 1: collisions: expected a number"), "{wrong}");
     }
@@ -362,7 +441,7 @@ mod tests {
         let (lake, jungle, mountain) = (card("lake", 1.0), card("jungle", 1.0), card("mountain", 1.0));
         let before = baseline(&[("lake", &lake), ("jungle", &jungle), ("mountain", &mountain)]);
         let (slow, lost) = (card("lake", 0.526), card("jungle", 0.122));
-        let runs = [("lake".to_owned(), &slow), ("jungle".to_owned(), &lost), ("mountain".to_owned(), &mountain)];
+        let runs = [compared("lake", &slow), compared("jungle", &lost), compared("mountain", &mountain)];
         let worse: Vec<_> = before.compare(&runs).worse().collect();
         assert_eq!(worse.len(), 2, "{worse:?}");
         assert!(worse[0].starts_with("jungle: completion: 100 % before, 12.2 % now"), "{worse:?}");
@@ -418,7 +497,7 @@ mod tests {
     #[test]
     fn a_setting_without_a_run_is_worse_and_a_new_one_is_named() {
         let (lake, jungle) = (card("lake", 1.0), card("jungle", 1.0));
-        let compared = baseline(&[("lake, 20 mph", &lake)]).compare(&[("jungle, 20 mph".to_owned(), &jungle)]);
+        let compared = baseline(&[("lake, 20 mph", &lake)]).compare(&[compared("jungle, 20 mph", &jungle)]);
         assert_eq!(
             (&compared.missing[..], &compared.new[..]),
             (&["lake, 20 mph".to_owned()][..], &["jungle, 20 mph".to_owned()][..])
@@ -431,7 +510,7 @@ mod tests {
         let mut before = baseline(&[("", &card("lake", 1.0))]);
         before.runs[0].setting = None;
         let now = card("lake", 0.5);
-        let compared = before.compare(&[("lake, 20 mph".to_owned(), &now)]);
+        let compared = before.compare(&[compared("lake, 20 mph", &now)]);
         assert_eq!((compared.worse().count(), compared.missing.len()), (1, 0));
     }
 
@@ -441,6 +520,63 @@ mod tests {
         assert_eq!(changed(Figure::MeanCte, &before, &[0.22, 0.26, 0.30]), Trend::Same);
         assert_eq!(changed(Figure::MeanCte, &before, &[0.42, 0.46, 0.50]), Trend::Worse, "5.6 times 0.033");
         assert_eq!(changed(Figure::MeanCte, &before, &[0.05, 0.06, 0.07]), Trend::Better);
+    }
+
+    #[test]
+    fn drives_that_fail_now_and_then_are_worse_than_drives_that_never_do() {
+        // Two of three leave the road: their own scatter is as large as the loss.
+        assert_eq!(changed(Figure::OffRoads, &[0.0; 3], &[0.0, 1.0, 1.0]), Trend::Worse);
+        assert_eq!(changed(Figure::Autonomy, &[1.0; 3], &[1.0, 0.0, 0.0]), Trend::Worse);
+        assert_eq!(changed(Figure::MeanCte, &[0.073, 0.074, 0.075], &[0.073, 3.4, 3.7]), Trend::Worse);
+        // Three of ten.
+        let now = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+        assert_eq!(changed(Figure::OffRoads, &[0.0; 10], &now), Trend::Worse);
+        assert_eq!(changed(Figure::OffRoads, &now, &now), Trend::Same);
+        assert_eq!(changed(Figure::OffRoads, &[0.0; 10], &[0.0; 3]), Trend::Same);
+        // The last digits of equal values differ.
+        assert_eq!(changed(Figure::MeanCte, &[0.1 + 0.2, 0.3, 0.3], &[0.31]), Trend::Same);
+    }
+
+    #[test]
+    fn laps_models_and_the_cells_of_a_suite_are_not_mixed() {
+        let mut two = card("lake", 1.0);
+        two.laps_asked = Some(2);
+        let one = card("lake", 0.5);
+        let split = baseline(&[("lake, 20 mph", &two)]).compare(&[compared("lake, 20 mph", &one)]);
+        assert_eq!(
+            (&split.missing[..], &split.new[..]),
+            (&["lake, 20 mph, 2 laps".into()][..], &["lake, 20 mph".into()][..])
+        );
+
+        let (good, bad) = (card("lake", 1.0), card("lake", 0.1));
+        let mut before = baseline(&[("lake", &good), ("lake", &bad)]);
+        (before.runs[0].model, before.runs[1].model) = (Some("good".into()), Some("bad".into()));
+        let by = |model, card| ComparedRun { model: Some(model), ..compared("lake", card) };
+        let same = before.compare(&[by("good", &good), by("bad", &bad)]);
+        assert_eq!((same.worse().count(), same.changes.len()), (0, 2), "{same:?}");
+        let worse: Vec<_> = before.compare(&[by("good", &bad), by("bad", &bad)]).worse().collect();
+        assert!(
+            worse.len() == 1 && worse[0].starts_with("lake, good: completion: 100 % before, 10 % now"),
+            "{worse:?}"
+        );
+        // A single model is compared with its successor, whatever that is called.
+        before.runs.truncate(1);
+        assert_eq!(before.compare(&[by("better", &good)]).changes.len(), 1);
+
+        let cell = serde_json::json!({ "pilot": "mine", "conditions": "rain=0.5" });
+        let settings = serde_json::json!({ "control": { "speed_mph": 25.0 } });
+        assert_eq!(
+            setting_of(serde_json::json!({ "settings": settings, "cell": cell })),
+            "lake, 25 mph, mine, rain=0.5"
+        );
+    }
+
+    #[test]
+    fn a_damaged_run_is_not_known_to_be_as_good() {
+        let (whole, mut damaged) = (card("lake", 1.0), card("lake", 1.0));
+        damaged.damaged = true;
+        let worse: Vec<_> = baseline(&[("lake", &whole)]).compare(&[compared("lake", &damaged)]).worse().collect();
+        assert_eq!(worse, ["lake has a damaged run, and what is lost may be worse"]);
     }
 
     #[test]

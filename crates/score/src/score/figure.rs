@@ -342,7 +342,7 @@ figures! {
     SteeringR = "steering_r", "steering r", Correlation, Higher,
         "Open-loop replay: Pearson's correlation of the driver's steering and the recorded one over frames (Codevilla).";
     TimeS = "time_s", "time", Seconds, Neither,
-        "From the first telemetry to the last, in seconds of the world: its own clock if it sends one (sim_time), otherwise the recording's. A human's drive before the first or after the last counts.";
+        "From the first telemetry to the last, in seconds of the world: of a drive in Lapwing's own simulator, its telemetries at equal distances; otherwise the world's own clock if it sends one (sim_time), or else the recording's. A human's drive before the first or after the last counts.";
     DistanceM = "distance_m", "distance", Metres, Neither,
         "Metres driven: as the world reports them, otherwise speed over time.";
     SurvivalS = "survival_s", "survived", Seconds, Higher,

@@ -58,6 +58,13 @@ pub fn report(
         for setting in &against.missing {
             suite.add_test_case(case(setting, "driven", status(Some("no run, but the baseline has one"), "worse")));
         }
+        for setting in &against.damaged {
+            suite.add_test_case(case(
+                setting,
+                "whole",
+                status(Some("a run is damaged, and what is lost may be worse"), "worse"),
+            ));
+        }
         report.add_test_suite(suite);
     }
     report.to_string()

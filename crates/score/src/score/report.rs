@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{
     Check, Figure, Measure, SOURCES, Scorecard, Scorer, Spread, Unit,
-    against::{self, Comparison},
+    against::{self, ComparedRun, Comparison},
     aligned, checks, of_recording,
     summary::summary,
 };
@@ -73,6 +73,11 @@ impl JudgedRun {
     /// See [`against::setting`].
     pub fn setting(&self) -> String {
         against::setting(&self.header, &self.card)
+    }
+
+    /// As it is compared with a baseline.
+    pub fn compared(&self) -> ComparedRun<'_> {
+        ComparedRun { setting: self.setting(), model: self.model(), card: &self.card }
     }
 
     /// The thresholds that it misses, in words.

@@ -48,9 +48,12 @@ impl Spread {
         })
     }
 
-    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none for a single run.
+    /// Half the width of the mean's confidence interval at 95 %, by Student's t; none for a single run, and 0 if all runs
+    /// report the same, but for the last digits.
     pub fn confidence(&self) -> Option<f64> {
-        Some(student(self.runs - 1) * self.deviation? / (self.runs as f64).sqrt())
+        let deviation = self.deviation?;
+        let half = student(self.runs - 1) * deviation / (self.runs as f64).sqrt();
+        Some(if deviation > ROUNDING * self.mean.abs() { half } else { 0.0 })
     }
 
     /// The mean's confidence interval at 95 %, within the possible range of this figure's mean; none for a single run,
@@ -80,6 +83,9 @@ fn poisson(count: f64) -> [f64; 2] {
     let [low, high] = [(1.0 - CERTAINTY) / 2.0, (1.0 + CERTAINTY) / 2.0];
     [if count > 0.0 { chi_squared(2.0 * count, low) } else { 0.0 }, chi_squared(2.0 * count + 2.0, high)]
 }
+
+/// Values whose deviation is less than this part of their mean are equal but for their last digits.
+pub(super) const ROUNDING: f64 = 1e-9;
 
 /// How certain an interval is.
 const CERTAINTY: f64 = 0.95;

@@ -1,7 +1,8 @@
 //! Results of cells, and the plan beside them, as files in a folder.
 
 use std::{
-    fs, io,
+    fs::{self, File},
+    io,
     path::{Path, PathBuf},
 };
 
@@ -111,6 +112,14 @@ impl Results {
         Ok(results)
     }
 
+    /// Holds the folder for the driving of a suite, or of a shard of it beside others; see [`files::lock`].
+    ///
+    /// # Errors
+    /// [`ResultsError::Io`] if another suite is driven there.
+    pub fn lock(&self, is_shard: bool) -> Result<Option<File>, ResultsError> {
+        files::lock(&self.0, is_shard).map_err(ResultsError::io("drive a suite there", &self.0))
+    }
+
     /// Where the run of a cell is kept, from the folder of the results.
     pub(super) fn run_name(cell: &Cell) -> String {
         format!("runs/{}.mcap", cell.id())
@@ -141,10 +150,13 @@ impl Results {
         }
     }
 
-    /// Copies the run of a result from another folder of results: whole or not at all.
+    /// Copies the run of a result from another folder of results: whole or not at all. It is where this program keeps it,
+    /// whatever the result says.
     pub(super) fn take_run(&self, from: &Self, done: &Done) -> Result<(), ResultsError> {
-        let Some(run) = &done.run else { return Ok(()) };
-        let (from, to) = (from.file(run), self.room_for_run(&done.cell)?);
+        if done.run.is_none() {
+            return Ok(());
+        }
+        let (from, to) = (from.file(&Self::run_name(&done.cell)), self.room_for_run(&done.cell)?);
         let part = files::partial(&to).map_err(ResultsError::io("write the run", &to))?;
         fs::copy(&from, part.path()).map_err(ResultsError::io("copy the run", &from))?;
         part.persist(&to).map_err(|error| ResultsError::io("write the run", &to)(error.error))?;

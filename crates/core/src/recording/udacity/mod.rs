@@ -4,13 +4,14 @@
 //! of the player's locale; people then move, join and edit it. All of that is read, each line on its own, so that logs
 //! joined from several sources read too:
 //!
-//! - with or without a header, whose names then say the order of the columns (`center`, `left`, `right`, `steering`,
+//! - with or without a header, also of each part of joined logs, whose names then say the order of the columns (`center`, `left`, `right`, `steering`,
 //!   `throttle`, `brake`, `speed`; others are ignored);
 //! - `,` or `, ` between the fields, with or without quotes; LF or CRLF; with
 //!   or without a byte order mark and a final newline;
 //! - any path of Windows, macOS or Linux, or none: only the file name counts, and it is looked up in `IMG` beside the
 //!   log, or beside the log itself where there is no `IMG`. Only if there is no such file, but there is one at the
-//!   absolute path in the log, is that one used: so a log can refer to pictures elsewhere;
+//!   path in the log (from the log's folder, if it is relative), is that one used: so a log can refer to pictures
+//!   elsewhere;
 //! - decimal points and decimal commas, also where they are mixed up with the commas between fields.
 //!
 //! Pictures are opened on request ([`Row::jpeg`]), and need not exist.
@@ -37,6 +38,7 @@ use self::line::{Bad, Column, Columns};
 pub use self::writer::{DrivingLogWriter, NewRow};
 use super::{Break, CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture};
 use crate::{
+    perception::check_jpeg,
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
 };
@@ -103,8 +105,8 @@ impl DrivingLog {
                 if runs {
                     return Err(none("a folder of runs: name the runs in it"));
                 }
-                let pictures = super::pictures_alone(path).ok().flatten();
-                return Err(none(pictures.as_deref().unwrap_or("a folder without one")));
+                let told = super::pictures_alone(path).ok().flatten().or_else(|| instead(path));
+                return Err(none(told.as_deref().unwrap_or("a folder without one")));
             }
             Some(log) => log,
             None if !is_there(path)? => return Err(none("nothing: no such file or folder")),
@@ -114,14 +116,14 @@ impl DrivingLog {
             read_file(&path, "a driving log", MOST_LOG).map_err(RecordingError::io("read the driving log", &path))?;
         let beside = path.parent().unwrap_or(Path::new(""));
         let img = beside.join("IMG");
-        let images = if img.is_dir() { &img } else { beside };
+        let folders = Folders { log: beside, images: if img.is_dir() { &img } else { beside } };
         // Only folders have names in encodings other than UTF-8, and folders do not matter.
         let text = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
             Err((1, Bad::utf_16()))
         } else {
             Ok(String::from_utf8_lossy(&bytes))
         };
-        let rows = text.and_then(|text| read(&text, images)).map_err(|(line, bad)| RecordingError::Log {
+        let rows = text.and_then(|text| read(&text, folders)).map_err(|(line, bad)| RecordingError::Log {
             path: path.clone(),
             line,
             field: bad.field,
@@ -131,6 +133,25 @@ impl DrivingLog {
         })?;
         if rows.is_empty() { Err(RecordingError::NoRows { path }) } else { Ok(Self { path, rows }) }
     }
+}
+
+/// What a folder without a log has in its place, in words.
+fn instead(folder: &Path) -> Option<String> {
+    let inside: Vec<_> = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let is_like = |path: &&PathBuf| {
+        let name = name(path).to_lowercase();
+        name.starts_with("driving_log") && name.ends_with(".csv")
+    };
+    if let Some(like) = inside.iter().find(is_like) {
+        return Some(format!("a folder with {:?}: rename it", name(like)));
+    }
+    let mut with_one: Vec<_> =
+        inside.iter().filter(|path| path.join(LOG_NAME).is_file()).map(|path| name(path)).collect();
+    with_one.sort();
+    with_one.truncate(5);
+    (!with_one.is_empty())
+        .then(|| format!("a folder without one, but with folders that have one: name {}", with_one.join(", ")))
 }
 
 impl DrivingLog {
@@ -157,7 +178,10 @@ impl Row {
     pub fn jpeg(&self) -> Result<Bytes, RecordingError> {
         let wrong = |why: String| RecordingError::Picture { path: self.center.clone(), why };
         let bytes = read_picture(&self.center).map_err(|e| wrong(e.to_string()))?;
-        if bytes.starts_with(b"\xff\xd8") { Ok(bytes) } else { Err(wrong("expected a JPEG, got another kind".into())) }
+        if bytes.starts_with(b"\xff\xd8") {
+            return Ok(bytes);
+        }
+        Err(wrong(check_jpeg(&bytes).map_or_else(|why| why.to_string(), |_| "expected a JPEG".into())))
     }
 
     /// The row as telemetry, as a simulator would send it.
@@ -184,12 +208,19 @@ impl Row {
     }
 }
 
+/// Where a log and its pictures are.
+#[derive(Clone, Copy)]
+struct Folders<'a> {
+    log: &'a Path,
+    images: &'a Path,
+}
+
 /// The rows of a log's text; an error comes with its line.
-fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
+fn read(text: &str, folders: Folders<'_>) -> Result<Vec<Row>, (usize, Bad)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, l)| !l.trim().is_empty());
     let Some(first) = lines.clone().next() else { return Ok(Vec::new()) };
-    let layout = match Columns::from_header(first.1).map_err(|bad| (first.0, bad))? {
+    let mut layout = match Columns::from_header(first.1).map_err(|bad| (first.0, bad))? {
         Some(layout) => {
             lines.next();
             layout
@@ -198,7 +229,17 @@ fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
     };
     let mut rows: Vec<Row> = Vec::new();
     for (number, line) in lines {
-        let mut row = row(&layout, line, images).map_err(|bad| (number, bad))?;
+        let mut row = match row(&layout, line, folders) {
+            Ok(row) => row,
+            // A log is joined here that has a header, too.
+            Err(bad) => match Columns::from_header(line) {
+                Ok(Some(next)) => {
+                    layout = next;
+                    continue;
+                }
+                _ => return Err((number, bad)),
+            },
+        };
         row.line = number;
         if let Some(previous) = rows.last() {
             row.broken = Break::between(previous.taken_at, row.taken_at);
@@ -210,7 +251,7 @@ fn read(text: &str, images: &Path) -> Result<Vec<Row>, (usize, Bad)> {
     Ok(rows)
 }
 
-fn row(layout: &Columns, line: &str, images: &Path) -> Result<Row, Bad> {
+fn row(layout: &Columns, line: &str, folders: Folders<'_>) -> Result<Row, Bad> {
     let fields = layout.fields(line)?;
     let image = |column: Column| match fields.get(column) {
         None | Some("") => Ok(None),
@@ -228,10 +269,14 @@ fn row(layout: &Columns, line: &str, images: &Path) -> Result<Row, Bad> {
         help: "remove the line, it has no picture",
     })?;
     let resolve = |(name, written): (&str, &str)| {
-        let beside = images.join(name);
-        // A path of another system is not absolute here, so most logs need no look at the disk.
-        let elsewhere = Path::new(written);
-        if elsewhere.is_absolute() && !beside.is_file() && elsewhere.is_file() { elsewhere.to_owned() } else { beside }
+        let beside = folders.images.join(name);
+        // An absolute path replaces the folder. Most paths are those of another system, and need no look at the disk.
+        let is_ours = Path::new(written).is_absolute() || (written.contains('/') && !written.contains([':', '\\']));
+        let elsewhere = || folders.log.join(written);
+        match is_ours && !beside.is_file() && elsewhere().is_file() {
+            true => elsewhere(),
+            false => beside,
+        }
     };
     Ok(Row {
         line: 0,

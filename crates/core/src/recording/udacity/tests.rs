@@ -1,7 +1,8 @@
 use super::*;
 
 fn rows(text: &str) -> Vec<Row> {
-    read(text, Path::new("IMG")).unwrap_or_else(|(line, bad)| panic!("line {line}: {bad:?}"))
+    read(text, Folders { log: Path::new(""), images: Path::new("IMG") })
+        .unwrap_or_else(|(line, bad)| panic!("line {line}: {bad:?}"))
 }
 
 fn values(row: &Row) -> (f64, f64, f64, f64) {
@@ -67,6 +68,19 @@ fn a_header_says_the_order_of_the_columns() {
     let other = rows("\u{feff}\"\",Speed,steering,Throttle,brake,center,lap\r\n0,10,0.25,0.5,0,c.jpg,3\r\n");
     assert_eq!(values(&other[0]), (0.25, 0.5, 0.0, 10.0));
     assert_eq!((other[0].center.as_path(), &other[0].left), (Path::new("IMG/c.jpg"), &None));
+}
+
+#[test]
+fn each_part_of_a_joined_log_may_have_its_own_header() {
+    let text = "center,left,right,steering,throttle,brake,speed\nIMG/1.jpg,,,0.1,0.5,0,9\n\
+                speed,brake,throttle,steering,center\n8,0,0.5,0.2,IMG/2.jpg\n\
+                center,steering,throttle,brake,speed\nIMG/3.jpg,0.3,0.5,0,7\n";
+    let told = rows(text);
+    assert_eq!(told.iter().map(|row| row.line).collect::<Vec<_>>(), [2, 4, 6]);
+    assert_eq!(
+        told.iter().map(|row| (row.steering.get(), row.speed.get())).collect::<Vec<_>>(),
+        [(0.1, 9.0), (0.2, 8.0), (0.3, 7.0)]
+    );
 }
 
 #[test]
@@ -207,8 +221,33 @@ fn a_folder_of_pictures_alone_is_told_apart_from_one_without_a_log() {
     for name in ["1.jpg", "2.JPG"] {
         fs::write(dir.path().join(name), "").unwrap();
     }
+    let near = || tempfile::tempdir().unwrap();
+    let error_of = |dir: &Path| DrivingLog::open(dir).unwrap_err().to_string();
+    let renamed = near();
+    fs::write(renamed.path().join("Driving_Log (1).csv"), "").unwrap();
+    let told = error_of(renamed.path());
+    assert!(told.ends_with("got a folder with \"Driving_Log (1).csv\": rename it"), "{told}");
+    let above = near();
+    for name in ["b", "a", "c"] {
+        fs::create_dir(above.path().join(name)).unwrap();
+    }
+    for name in ["b", "a"] {
+        fs::write(above.path().join(name).join(LOG_NAME), "").unwrap();
+    }
+    let told = error_of(above.path());
+    assert!(told.ends_with("got a folder without one, but with folders that have one: name a, b"), "{told}");
     let words = "got 2 pictures alone, and pictures contain neither speed nor steering: let lapwing serve record";
     assert!(error().contains(words), "{}", error());
+}
+
+#[test]
+fn a_picture_in_a_folder_below_is_found_by_its_path_where_there_is_none_beside_the_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let below = dir.path().join("s1/IMG");
+    fs::create_dir_all(&below).unwrap();
+    fs::write(below.join("c.jpg"), "").unwrap();
+    fs::write(dir.path().join(LOG_NAME), "s1/IMG/c.jpg,,,0,0,0,1").unwrap();
+    assert_eq!(DrivingLog::open(dir.path()).unwrap().rows[0].center, below.join("c.jpg"));
 }
 
 #[test]

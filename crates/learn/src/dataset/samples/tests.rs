@@ -7,8 +7,7 @@ use lapwing_core::{
     units::{Steering, Throttle},
 };
 
-/// A folder of this many rows, 67 ms apart by the names of its pictures, which are empty files; `log` writes the rest
-/// of each row.
+/// A folder of this many rows, 67 ms apart by the names of its pictures, all alike; `log` writes the rest of each row.
 fn folder(dir: &Path, rows: usize, steering: impl Fn(usize) -> f64) {
     folder_at(dir, (0..rows).map(|row| row * 67), steering);
 }
@@ -16,11 +15,11 @@ fn folder(dir: &Path, rows: usize, steering: impl Fn(usize) -> f64) {
 /// The same with rows at these milliseconds of a day's hour.
 fn folder_at(dir: &Path, times_ms: impl Iterator<Item = usize>, steering: impl Fn(usize) -> f64) {
     fs::create_dir_all(dir.join("IMG")).unwrap();
-    let mut log = String::new();
+    let (mut log, jpeg) = (String::new(), fixture::jpeg(0));
     for (row, ms) in times_ms.enumerate() {
         let time = format!("2024_05_17_12_{:02}_{:02}_{:03}.jpg", ms / 60_000, ms / 1000 % 60, ms % 1000);
         for camera in ["center", "left", "right"] {
-            fs::write(dir.join(format!("IMG/{camera}_{time}")), "").unwrap();
+            fs::write(dir.join(format!("IMG/{camera}_{time}")), &jpeg).unwrap();
             log += &format!("{camera}_{time},");
         }
         log += &format!("{},0.5,0,15\n", steering(row));
@@ -94,6 +93,48 @@ fn a_picture_that_is_not_there_is_no_sample_and_sequences_begin_anew_behind_it()
             assert!(sequence(&samples, row as usize).into_iter().all(|k| pictures(k).is_some()), "row {row}");
         }
     }
+}
+
+#[test]
+fn pictures_that_are_no_jpegs_are_left_out_and_those_of_several_sizes_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 20, |_| 0.1);
+    let log = Source::open(dir.path()).unwrap();
+    let of_row = |row: usize| match &log.rows[row].pictures[0] {
+        Some(lapwing_core::recording::Picture::File(path)) => path.clone(),
+        other => panic!("{other:?}"),
+    };
+    fs::write(of_row(6), "").unwrap();
+    fs::write(of_row(7), "\u{89}PNG").unwrap();
+    fs::write(of_row(8), &fixture::jpeg(0)[..300]).unwrap();
+    let samples = open(Selection::of(dir.path()), Set::Training).unwrap();
+    let center = samples.samples.iter().filter(|s| s.camera == CameraPosition::Center && (5..10).contains(&s.row));
+    assert_eq!(center.map(|s| s.row).collect::<Vec<_>>(), [5, 9]);
+    let found = Source::open(dir.path()).unwrap().forget_unusable();
+    assert_eq!((found.missing, found.broken, found.sizes[&(64, 32)].0), (0, 3, 57));
+
+    let mut other = vec![];
+    image::codecs::jpeg::JpegEncoder::new(&mut other)
+        .encode(&[0; 32 * 16 * 3], 32, 16, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    fs::write(of_row(6), other).unwrap();
+    let error = open(Selection::of(dir.path()), Set::Training).unwrap_err().to_string();
+    assert!(
+        error.contains("got 1 picture of 32x16 such as ") && error.contains(", 57 pictures of 64x32 such as "),
+        "{error}"
+    );
+}
+
+#[test]
+fn rows_that_repeat_a_picture_are_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 20, |_| 0.1);
+    let path = dir.path().join("driving_log.csv");
+    let log = fs::read_to_string(&path).unwrap();
+    assert_eq!(Source::open(dir.path()).unwrap().repeated(), 0);
+    fs::write(&path, log.clone() + &log).unwrap();
+    assert_eq!(Source::open(dir.path()).unwrap().repeated(), 20);
+    assert_eq!(fixture::looked_over(dir.path()).repeated, 20);
 }
 
 #[test]
@@ -180,8 +221,11 @@ fn a_selection_or_blocks_that_cannot_be_are_named() {
     assert_eq!(error(Selection { side_offset: f64::NAN, ..of() }), "side_offset: expected 0 to 1, got NaN");
     for (rows, what) in [((100, 200), "behind the end"), ((10, 15), "held out")] {
         let error = error(Selection { rows: Some(rows), ..of() });
-        assert!(error.contains("expected usable rows with a picture, got none of 20"), "{what}: {error}");
+        assert!(error.contains("expected rows with a picture to learn from, got none of 20"), "{what}: {error}");
+        assert!(error.contains("the first 5 of each 10 rows are held out"), "{what}: {error}");
     }
+    let none_held_out = open(Selection { rows: Some((5, 10)), ..of() }, Set::Validation).unwrap_err().to_string();
+    assert!(none_held_out.contains("expected rows with a picture to measure by, got none of 20"), "{none_held_out}");
     for (blocks, expected) in [
         (Blocks { size: 0, every: 5 }, "blocks.size: expected at least 1 row, got 0"),
         (Blocks { size: 5, every: 0 }, "blocks.every: expected at least 2 blocks, got 0"),
