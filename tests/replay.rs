@@ -207,7 +207,10 @@ async fn pictures_that_no_network_can_see_are_bad_frames_in_process_and_over_the
         for answered in answers {
             match &answered.response {
                 Response::Bad { why } if answered.frame % 4 == 1 => {
-                    assert_eq!(why, "image: expected a JPEG (ff d8 ff), got bytes that begin with 89 50 4e 47");
+                    assert_eq!(
+                        why,
+                        "image: expected a JPEG (ff d8 ff), got bytes that begin with 89 50 4e 47, as a PNG does"
+                    );
                 }
                 Response::Steer(_) if answered.frame % 4 != 1 => {}
                 other => panic!("frame {}: {other:?}", answered.frame),

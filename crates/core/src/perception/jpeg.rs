@@ -196,7 +196,7 @@ fn check_markers(bytes: &[u8], most: usize) -> Result<Option<(usize, usize)>, Im
     }
     if !bytes.starts_with(&[0xff, SOI]) || !matches!(bytes.get(2), None | Some(0xff)) {
         let head: Vec<String> = bytes.iter().take(4).map(|b| format!("{b:02x}")).collect();
-        let kind = if bytes.starts_with(b"\x89PNG") { ", as a PNG does: convert it" } else { "" };
+        let kind = if bytes.starts_with(b"\x89PNG") { ", as a PNG does" } else { "" };
         return Err(ImageError::NotJpeg(head.join(" ") + kind));
     }
     let (mut scans, mut size) = (0, None);

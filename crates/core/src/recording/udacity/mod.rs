@@ -38,7 +38,6 @@ use self::line::{Bad, Column, Columns};
 pub use self::writer::{DrivingLogWriter, NewRow};
 use super::{Break, CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture};
 use crate::{
-    perception::check_jpeg,
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
 };
@@ -178,10 +177,13 @@ impl Row {
     pub fn jpeg(&self) -> Result<Bytes, RecordingError> {
         let wrong = |why: String| RecordingError::Picture { path: self.center.clone(), why };
         let bytes = read_picture(&self.center).map_err(|e| wrong(e.to_string()))?;
-        if bytes.starts_with(b"\xff\xd8") {
-            return Ok(bytes);
-        }
-        Err(wrong(check_jpeg(&bytes).map_or_else(|why| why.to_string(), |_| "expected a JPEG".into())))
+        let got = match &bytes[..] {
+            [0xff, 0xd8, ..] => return Ok(bytes),
+            [] => "an empty file",
+            [0x89, b'P', b'N', b'G', ..] => "a PNG: convert it",
+            _ => "another kind of file",
+        };
+        Err(wrong(format!("expected a JPEG, got {got}")))
     }
 
     /// The row as telemetry, as a simulator would send it.
