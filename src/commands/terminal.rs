@@ -15,7 +15,29 @@ macro_rules! say {
 const INTERRUPTED: u8 = 130;
 
 pub(super) fn say_line(line: std::fmt::Arguments<'_>) {
-    let _ = Log.write(format!("{line}\n").as_bytes()); // never an error, see there
+    let _ = Log.write(format!("{}\n", legible(&line.to_string())).as_bytes()); // never an error, see there
+}
+
+/// Numbers of more digits than this are quoted by their beginning: `1e300` is written out otherwise.
+const MOST_DIGITS: usize = 40;
+
+/// A message as it may be shown: what it quotes, a file's name or its content, cannot steer the terminal or fill it.
+fn legible(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
+        let length = digits.max(first.len_utf8());
+        let (piece, after) = rest.split_at(length);
+        match first {
+            _ if digits > MOST_DIGITS => shown.push_str(&format!("{}... ({digits} digits)", &piece[..6])),
+            '\n' | '\t' => shown.push(first),
+            _ if first.is_control() => shown.extend(first.escape_default()),
+            _ => shown.push_str(piece),
+        }
+        rest = after;
+    }
+    shown
 }
 
 /// The log's destination: stderr, as far as it accepts it.
@@ -134,5 +156,19 @@ impl Asked {
     pub(super) async fn again(&mut self) {
         self.first().await;
         exit_at_once(INTERRUPTED);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::legible;
+
+    #[test]
+    fn what_is_quoted_cannot_steer_the_terminal_or_fill_it() {
+        assert_eq!(legible("a\u{1b}]0;x\u{7}b\r.mcap\n\tnext é"), "a\\u{1b}]0;x\\u{7}b\\r.mcap\n\tnext é");
+        let long = format!("got {}.5 mph", f64::MAX);
+        assert_eq!(legible(&long), "got 179769... (309 digits).5 mph");
+        let hash = "0123456789".repeat(4);
+        assert_eq!(legible(&hash), hash);
     }
 }
