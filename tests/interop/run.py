@@ -5,8 +5,8 @@
 
 Each check prints one line with what it measured. The last line is
 `N passed, N failed[, N skipped]`; the exit status is 1 if a check failed.
-Checks that measure no time and open no page run first, two at a time or as
-many as `--jobs` says; each of the others has the machine to itself.
+Checks that measure no time run first, two at a time or as many as `--jobs`
+says; each of the others has the machine to itself.
 
 Python 3.9 or newer and its standard library. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
@@ -70,7 +70,8 @@ CHECKS = [
 
 # Checks that install, compute or wait, and may take any time, in the order in which they are begun: those that compute
 # beside those that wait.
-BESIDE = ("keras", "python-socketio", "torch", "socket.io-client", "rerun", "schemas", "perception", "drive.py", "simulate", "report")
+BESIDE = ("torch", "live-drive", "keras", "python-socketio", "report", "foxglove", "schemas", "simulate", "drive.py", "lichtblick", "rerun",
+          "perception", "live-record", "socket.io-client")
 
 
 def outcome(check, needs_shared, quick):
