@@ -178,10 +178,10 @@ fn track_sha256(track: &str) -> Result<Option<String>, CourseError> {
     path.is_file().then(|| sha256_of(path)).transpose()
 }
 
-/// The hash of the file next to a TorchScript model that says how its frames are prepared.
+/// The hash of the file next to a model made elsewhere that says how its frames are prepared.
 fn beside(pilot: &Contestant) -> Result<Option<String>, CourseError> {
-    let script = pilot.model.as_ref().filter(|path| models::is_torchscript(path));
-    script.map(|path| sha256_of(&path.with_extension("toml"))).transpose()
+    let foreign = pilot.model.as_ref().filter(|path| models::is_foreign(path));
+    foreign.map(|path| sha256_of(&path.with_extension("toml"))).transpose()
 }
 
 fn sha256_of(path: &Path) -> Result<String, CourseError> {

@@ -101,10 +101,8 @@ pub fn examine(
         let folder = recordings.display();
         troubles.push(format!("runs cannot be recorded in {folder}: {error}; choose another folder with --recordings"));
     }
+    troubles.extend(scarce(&recordings));
     let free_mb = free_mb(&recordings);
-    if let Some(free) = free_mb.filter(|free| *free < SCARCE_MB) {
-        troubles.push(format!("{free} MB are free for {}, and a run takes some 13 MB a minute", recordings.display()));
-    }
     let address = SocketAddr::new(settings.bridge.bind, settings.bridge.port);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let bound = runtime.block_on(Listener::bind(address));
@@ -182,6 +180,12 @@ fn last_simulator(folder: &Path) -> Option<LastSimulator> {
 }
 
 /// What is free for a user in the nearest folder that is there.
+/// Says so if there is little room for runs in this folder.
+pub(crate) fn scarce(recordings: &Path) -> Option<String> {
+    let free = free_mb(recordings).filter(|free| *free < SCARCE_MB)?;
+    Some(format!("{free} MB are free for {}, and a run takes some 13 MB a minute", recordings.display()))
+}
+
 #[cfg(unix)]
 fn free_mb(folder: &Path) -> Option<u64> {
     use std::{ffi::CString, mem::MaybeUninit, os::unix::ffi::OsStrExt};

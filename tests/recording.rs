@@ -176,6 +176,22 @@ fn the_reader_says_where_and_how_a_file_ends_too_early() {
     assert_eq!(read(&path).unwrap().0.len(), 39);
 }
 
+#[test]
+fn a_run_that_is_deleted_while_it_is_recorded_is_not_recorded_whole() {
+    for delete in [false, true] {
+        let dir = tempfile::tempdir().unwrap();
+        let recorder = Recorder::create(dir.path(), header(), RecorderOptions::default()).unwrap();
+        recorder.record(Duration::ZERO, Item::Telemetry(telemetry(1)));
+        if delete {
+            fs::remove_file(recorder.path()).unwrap();
+        }
+        let error = recorder.finish().error.map(|error| error.to_string());
+        let told =
+            error.as_ref().is_some_and(|error| error.contains("it was deleted or moved away while it was recorded"));
+        assert_eq!(told, delete, "{error:?}");
+    }
+}
+
 /// Where the chunks of a run begin and end.
 fn chunks_of(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     let (mut at, mut chunks) = (mcap::MAGIC.len(), vec![]);

@@ -212,7 +212,7 @@ pub struct Replay {
     pub connect: Option<String>,
     /// Drive along the recording: the pilot steers a virtual car and sees the recorded pictures from its position
     #[cfg(feature = "simulator")]
-    #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads"])]
+    #[arg(long, conflicts_with_all = ["connect", "rate", "golden", "write_golden", "threads", "speed", "speed_law", "takeover"])]
     pub closed_loop: bool,
     /// Another road that the recording may have been driven on: random:SEED, random-lanes:SEED, or a track file (.toml)
     #[cfg(feature = "simulator")]

@@ -65,7 +65,7 @@ use std::{
     },
 };
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::{EnvFilter, filter::LevelFilter};
 
 #[cfg(all(feature = "networks", feature = "simulator"))]
 use model::suits_our_cameras;
@@ -100,7 +100,13 @@ enum Ended {
 /// Runs the verb, and returns the exit status: 0 passed, 1 failed, 2 wrong usage, 3 finished below a threshold.
 pub fn run(cli: Cli) -> u8 {
     terminal::outlive_full_files();
-    let log = EnvFilter::try_from_env("LAPWING_LOG").unwrap_or_else(|_| EnvFilter::new("lapwing=info,warn"));
+    let log = match log_filter(std::env::var("LAPWING_LOG").ok().as_deref()) {
+        Ok(log) => log,
+        Err(why) => {
+            say!("error: LAPWING_LOG: {why}");
+            return 2;
+        }
+    };
     tracing_subscriber::fmt()
         .with_env_filter(log)
         .with_writer(|| terminal::Log)
@@ -156,6 +162,21 @@ pub fn run(cli: Cli) -> u8 {
             say!("error: {}", told(&error));
             if outputs::is_usage(&error) { 2 } else { 1 }
         }
+    }
+}
+
+/// Which messages are logged: `LAPWING_LOG`, in the words of `tracing`.
+fn log_filter(told: Option<&str>) -> Result<EnvFilter, String> {
+    let Some(told) = told.filter(|told| !told.trim().is_empty()) else {
+        return Ok(EnvFilter::new("lapwing=info,warn"));
+    };
+    // A single word that is no level would be taken for the name of a part, and switch off all others.
+    let is_known = |word: &str| {
+        word.parse::<LevelFilter>().is_ok() || word.contains(['=', '[', ':']) || word.starts_with("lapwing")
+    };
+    match told.split(',').map(str::trim).find(|word| !word.is_empty() && !is_known(word)) {
+        Some(word) => Err(format!("expected off, error, warn, info, debug, trace or PART=LEVEL, got {word:?}")),
+        None => EnvFilter::try_new(told).map_err(|why| format!("{told:?}: {why}")),
     }
 }
 
@@ -337,4 +358,31 @@ fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
     }
     anyhow::ensure!(lost == 0, "{}: {} could not be recorded", report.path.display(), count(lost, "item"));
     Ok(())
+}
+
+#[cfg(test)]
+mod log_tests {
+    use super::log_filter;
+
+    #[test]
+    fn a_word_that_is_no_level_is_refused_and_not_taken_for_a_part() {
+        for known in [
+            None,
+            Some(""),
+            Some("warn"),
+            Some("ERROR"),
+            Some("off"),
+            Some("lapwing=debug,warn"),
+            Some("lapwing_core=trace"),
+        ] {
+            assert!(log_filter(known).is_ok(), "{known:?}");
+        }
+        for wrong in ["warning", "loud", "lapwing=loud", "lapwing=[[", "info,verbose"] {
+            assert!(log_filter(Some(wrong)).is_err(), "{wrong}");
+        }
+        assert_eq!(
+            log_filter(Some("warning")).unwrap_err(),
+            "expected off, error, warn, info, debug, trace or PART=LEVEL, got \"warning\""
+        );
+    }
 }

@@ -50,7 +50,7 @@ pub(super) struct Usage(pub(super) String);
 /// # Errors
 /// [`Unprinted`], also if the reader has closed the pipe.
 pub(super) fn print(text: &str) -> Result<(), Unprinted> {
-    let mut stdout = io::stdout().lock();
+    let (mut stdout, text) = (io::stdout().lock(), super::terminal::uncontrolled(text));
     writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Unprinted)
 }
 

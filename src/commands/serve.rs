@@ -17,9 +17,9 @@ use super::{
     outputs::{self, Unprinted},
     terminal::Asked,
 };
-use crate::cli;
+use crate::{cli, doctor};
 use lapwing_core::{
-    config::{ConfigError, Layers, Settings},
+    config::{ConfigError, Layers, Settings, Thresholds},
     pilot::Model,
 };
 use lapwing_learn::models::LoadedModel;
@@ -58,6 +58,12 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     if settings.recording.enabled {
         let help = "name another folder with --recordings, or use --no-recording";
         outputs::check_folder(&settings.recording.dir).map_err(|error| anyhow::anyhow!("{error:#}; {help}"))?;
+        if let Some(scarce) = doctor::scarce(&settings.recording.dir) {
+            tracing::warn!("{scarce}");
+        }
+    }
+    if settings.thresholds != Thresholds::default() {
+        tracing::warn!("[thresholds] are not applied by serve: lapwing score applies them to its runs");
     }
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot listen for Ctrl-C")?;

@@ -4,7 +4,10 @@
 //! ends `tee` first) or the file behind it is full, and a panic would leave a car with its last throttle. So all
 //! diagnostics, including the log, go through here, and whatever cannot be written is dropped.
 
-use std::io::{self, Write};
+use std::{
+    borrow::Cow,
+    io::{self, Write},
+};
 
 /// Prints a line to stderr, as `eprintln!` would.
 macro_rules! say {
@@ -23,21 +26,29 @@ const MOST_DIGITS: usize = 40;
 
 /// A message as it may be shown: what it quotes, a file's name or its content, cannot steer the terminal or fill it.
 fn legible(text: &str) -> String {
+    let text = uncontrolled(text);
     let mut shown = String::with_capacity(text.len());
-    let mut rest = text;
+    let mut rest = &text[..];
     while let Some(first) = rest.chars().next() {
         let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
-        let length = digits.max(first.len_utf8());
-        let (piece, after) = rest.split_at(length);
-        match first {
-            _ if digits > MOST_DIGITS => shown.push_str(&format!("{}... ({digits} digits)", &piece[..6])),
-            '\n' | '\t' => shown.push(first),
-            _ if first.is_control() => shown.extend(first.escape_default()),
-            _ => shown.push_str(piece),
+        let (piece, after) = rest.split_at(digits.max(first.len_utf8()));
+        match digits > MOST_DIGITS {
+            true => shown.push_str(&format!("{}... ({digits} digits)", &piece[..6])),
+            false => shown.push_str(piece),
         }
         rest = after;
     }
     shown
+}
+
+/// A text whose control characters, other than those that end lines and columns, are written out.
+pub(super) fn uncontrolled(text: &str) -> Cow<'_, str> {
+    let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(steers) {
+        return text.into();
+    }
+    let written = |c: char| if steers(c) { c.escape_default().to_string() } else { c.to_string() };
+    text.chars().map(written).collect::<String>().into()
 }
 
 /// The log's destination: stderr, as far as it accepts it.

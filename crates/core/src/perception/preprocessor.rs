@@ -1,6 +1,9 @@
 //! Preprocessing as a function: it prepares a picture for a network.
 
-use std::sync::Once;
+use std::{
+    collections::BTreeSet,
+    sync::{Mutex, PoisonError},
+};
 
 use fast_image_resize::{
     FilterType, ResizeAlg, ResizeOptions, Resizer,
@@ -112,8 +115,8 @@ impl Preprocessor {
         let (width, height) = (frame.width(), frame.height());
         let area = self.preprocess.area_of(width, height)?;
         if (width, height) != STOCK && self.preprocess.crop.is_some() {
-            static TOLD: Once = Once::new();
-            TOLD.call_once(|| {
+            static TOLD: Mutex<BTreeSet<(usize, usize)>> = Mutex::new(BTreeSet::new());
+            if TOLD.lock().unwrap_or_else(PoisonError::into_inner).insert((width, height)) {
                 let Area { top, bottom, .. } = area;
                 tracing::warn!(
                     "pictures are {width}x{height}, where the stock simulator's are {}x{}: this model keeps their rows \
@@ -121,7 +124,7 @@ impl Preprocessor {
                     STOCK.0,
                     STOCK.1
                 );
-            });
+            }
         }
         // Rows are contiguous, so their crop is a slice, and pixels beyond it cannot bleed in.
         let rows = &frame.rgb()[area.top * width * 3..area.bottom * width * 3];

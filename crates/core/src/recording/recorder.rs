@@ -94,6 +94,8 @@ impl RecordingReport {
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
+    /// Whether there is a file of that name, and not another sink.
+    is_file: bool,
     queue: Arc<RecordingQueue>,
     thread: Option<JoinHandle<Result<(), io::Error>>>,
 }
@@ -126,10 +128,14 @@ impl Recorder {
         header: &RunHeader,
         options: RecorderOptions,
     ) -> Result<Self, RecordingError> {
-        Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
+        let made = Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
             if let Err(error) = fs::remove_file(&path) {
                 tracing::warn!("{}: an empty run is left here: {error}", path.display());
             }
+        });
+        made.map(|mut recorder| {
+            recorder.is_file = true;
+            recorder
         })
     }
 
@@ -157,7 +163,7 @@ impl Recorder {
                 }
             })
             .map_err(RecordingError::io("start a thread to write", &path))?;
-        Ok(Self { path, queue, thread: Some(thread) })
+        Ok(Self { path, is_file: false, queue, thread: Some(thread) })
     }
 
     /// The run's file.
@@ -201,7 +207,10 @@ impl Recorder {
     /// Writes what still waits, ends the file and returns the result. Waits for a slow disk; a full one is tried one
     /// last time.
     pub fn finish(mut self) -> RecordingReport {
-        let error = self.close().err().map(|source| RecordingError::Write { path: self.path.clone(), source });
+        let gone = || io::Error::new(io::ErrorKind::NotFound, "it was deleted or moved away while it was recorded");
+        let is_gone = |recorder: &Self| recorder.is_file && !recorder.path.exists();
+        let closed = self.close().and_then(|()| if is_gone(&self) { Err(gone()) } else { Ok(()) });
+        let error = closed.err().map(|source| RecordingError::Write { path: self.path.clone(), source });
         let state = self.queue.lock();
         RecordingReport {
             path: self.path.clone(),

@@ -1,7 +1,7 @@
 //! A model is read once from its file; its pilots share it.
 
 use std::{
-    fs,
+    fs, io,
     path::Path,
     sync::{Arc, Mutex, PoisonError},
 };
@@ -57,6 +57,11 @@ pub fn is_torchscript(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "pt")
 }
 
+/// Whether the network was made elsewhere, so that a `.toml` beside it says how its frames are prepared.
+pub fn is_foreign(path: &Path) -> bool {
+    is_torchscript(path) || path.extension().is_some_and(|extension| extension == "onnx")
+}
+
 /// Reads a model: a checkpoint of this project (`.safetensors`, see
 /// [`Checkpoint`]), a TorchScript module (`.pt`, see [`torchscript`](super::torchscript)) or, with the feature `onnx`, an ONNX
 /// model (`.onnx`, see `onnx`).
@@ -71,7 +76,16 @@ pub fn is_torchscript(path: &Path) -> bool {
 /// [`ModelError`], naming the file.
 pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelError> {
     let path = path.as_ref();
-    let read = || fs::read(path).map_err(|source| ModelError::Read { path: path.to_owned(), source });
+    let read = || {
+        // Reading a pipe may take forever, and a device has no end.
+        match fs::metadata(path) {
+            Ok(there) if !there.is_file() && !there.is_dir() => {
+                Err(io::Error::other("expected a file, got a device or a pipe"))
+            }
+            _ => fs::read(path),
+        }
+        .map_err(|source| ModelError::Read { path: path.to_owned(), source })
+    };
     match path.extension().and_then(|e| e.to_str()) {
         Some("safetensors") => LoadedModel::of_checkpoint(path, &read()?, clock),
         Some(_) if is_torchscript(path) => {

@@ -21,6 +21,8 @@ pub(super) struct Account {
     dialect: Option<Dialect>,
     /// None if no file is wanted, or if it could not be made.
     recorder: Option<Recorder>,
+    /// Why it could not be made.
+    unrecorded: Option<String>,
     /// What viewers see of it.
     feed: Option<Feed>,
     scorer: Scorer,
@@ -36,16 +38,13 @@ impl Account {
         let recorder = settings.enabled.then(|| {
             Recorder::create(&settings.dir, header, RecorderOptions { queue: settings.queue, roads })
                 .inspect_err(|error| tracing::error!("{peer}: this drive is not recorded: {error}"))
-                .ok()
+                .map_err(|error| format!("this drive is not recorded: {error}"))
         });
-        Self {
-            dialect,
-            recorder: recorder.flatten(),
-            feed,
-            scorer: Scorer::live(bridge.roads()),
-            steers: 0,
-            manuals: 0,
-        }
+        let (recorder, unrecorded) = match recorder {
+            Some(Err(why)) => (None, Some(why)),
+            made => (made.and_then(Result::ok), None),
+        };
+        Self { dialect, recorder, unrecorded, feed, scorer: Scorer::live(bridge.roads()), steers: 0, manuals: 0 }
     }
 
     /// The score so far.
@@ -65,7 +64,9 @@ impl Account {
             }
         });
         let (telemetries, human_messages) = (self.steers, self.manuals);
-        Summary { simulator, dialect: self.dialect, telemetries, human_messages, card: self.scorer.finish(), run }
+        let mut card = self.scorer.finish();
+        card.notes.extend(self.unrecorded);
+        Summary { simulator, dialect: self.dialect, telemetries, human_messages, card, run }
     }
 }
 

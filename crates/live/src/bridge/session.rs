@@ -2,6 +2,7 @@
 //! both bring messages and take answers.
 
 use std::{
+    io::{self, IsTerminal},
     sync::Arc,
     sync::atomic::Ordering,
     time::{Duration, Instant},
@@ -459,10 +460,12 @@ fn tell(peer: &str, events: &[EventRecord], bad: &Throttled, now: Instant) {
     for event in events {
         match event {
             EventRecord::TakeoverBegan => tracing::info!("{peer}: a human drives"),
-            EventRecord::TakeoverEnded { duration_s } if is_off => tracing::warn!(
-                "{peer}: the human let go after {duration_s:.1} s; the pilot is off until it is armed: press Enter \
-                 here, or POST /arm"
-            ),
+            EventRecord::TakeoverEnded { duration_s } if is_off => {
+                let enter = if io::stdin().is_terminal() { "press Enter here, or " } else { "" };
+                tracing::warn!(
+                    "{peer}: the human let go after {duration_s:.1} s; the pilot is off until it is armed: {enter}POST /arm"
+                );
+            }
             EventRecord::TakeoverEnded { duration_s } => {
                 tracing::info!("{peer}: the pilot drives again after {duration_s:.1} s");
             }

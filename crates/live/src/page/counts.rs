@@ -17,7 +17,9 @@ pub(super) struct Counts {
     pub messages: u64,
     /// Telemetries or pictures that could not be used.
     pub bad_frames: u64,
-    /// Times that a human took over, or that the car was put back on the road.
+    /// Times that a human took over.
+    pub takeovers: u64,
+    /// Times that the car was put back on the road.
     pub interventions: u64,
     /// Times of the answers, by stage.
     pub stages: [Times; STAGES.len()],
@@ -69,7 +71,8 @@ impl Counts {
     pub fn event(&mut self, event: &EventRecord) {
         match event {
             EventRecord::BadFrame { .. } => self.bad_frames += 1,
-            EventRecord::TakeoverBegan | EventRecord::Reset { .. } => self.interventions += 1,
+            EventRecord::TakeoverBegan => self.takeovers += 1,
+            EventRecord::Reset { .. } => self.interventions += 1,
             _ => {}
         }
     }
@@ -78,6 +81,7 @@ impl Counts {
     pub fn add(&mut self, other: &Self) {
         self.messages += other.messages;
         self.bad_frames += other.bad_frames;
+        self.takeovers += other.takeovers;
         self.interventions += other.interventions;
         self.stages.iter_mut().zip(&other.stages).for_each(|(times, more)| times.add(more));
     }
@@ -104,6 +108,6 @@ mod tests {
         counts.event(&EventRecord::BadFrame { why: "no JPEG".into(), count_in_row: 1 });
         let mut all = counts;
         all.add(&counts);
-        assert_eq!((all.messages, all.bad_frames, all.interventions), (4, 2, 2));
+        assert_eq!((all.messages, all.bad_frames, all.takeovers, all.interventions), (4, 2, 2, 0));
     }
 }

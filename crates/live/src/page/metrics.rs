@@ -1,9 +1,6 @@
 //! `/metrics`: the numbers of all drives as Prometheus reads them (OpenMetrics text).
 
-use std::{
-    fmt,
-    sync::{Arc, PoisonError},
-};
+use std::{fmt, sync::Arc};
 
 use futures_util::future::join_all;
 use prometheus_client::{
@@ -25,11 +22,10 @@ pub(super) const TYPE: &str = "application/openmetrics-text; version=1.0.0; char
 
 /// The text.
 pub(super) async fn text(page: &Arc<Page>) -> Result<String, fmt::Error> {
-    let drives = page.drives();
-    let scorers = join_all(drives.iter().map(|drive| drive.scorer())).await;
+    let (ended, drives) = page.counted();
+    let scorers = join_all(drives.iter().map(|(drive, _)| drive.scorer())).await;
     let cards = scorers.into_iter().map(|scorer| scorer.map(|scorer| Scorer::clone(&scorer).finish()));
-    let drives = drives.iter().zip(cards).map(|(drive, card)| (drive.id.to_string(), drive.now(), card)).collect();
-    let ended = *page.ended.lock().unwrap_or_else(PoisonError::into_inner);
+    let drives = drives.into_iter().zip(cards).map(|((drive, now), card)| (drive.id.to_string(), now, card)).collect();
     let mut registry = Registry::with_prefix("lapwing");
     let pages = page.open.taken() as u64;
     registry.register_collector(Box::new(Scrape { drives, ended, pages }));
@@ -51,11 +47,12 @@ impl Collector for Scrape {
     fn encode(&self, mut encoder: DescriptorEncoder) -> fmt::Result {
         let mut all = self.ended;
         self.drives.iter().for_each(|(_, now, _)| all.add(&now.counts));
-        let Counts { messages, bad_frames, interventions, stages } = all;
+        let Counts { messages, bad_frames, takeovers, interventions, stages } = all;
         for (name, help, count) in [
-            ("messages", "Telemetries received", messages),
+            ("messages", "Telemetries received, those included that came while a human drove", messages),
             ("bad_frames", "Telemetries or pictures that could not be used", bad_frames),
-            ("interventions", "Times that a human took over or the car was put back", interventions),
+            ("takeovers", "Times that a human took over", takeovers),
+            ("interventions", "Times that the car was put back on the road", interventions),
         ] {
             let mut metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
             metric.encode_counter::<NoLabelSet, u64, u64>(&count, None)?;

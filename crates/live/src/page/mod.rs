@@ -71,7 +71,7 @@ use lapwing_core::{
     pilot::{Model, Pilot},
     recording::ModelId,
 };
-use moment::Status;
+use moment::{Moment, Status};
 use runs::Runs;
 use showing::Drive;
 
@@ -221,8 +221,16 @@ impl Page {
     }
 
     fn leaves(&self, drive: &Drive, counts: &Counts) {
+        // Both at once: who reads the counts would miss the drive, or count it twice.
+        let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
         self.drives.send_modify(|drives| drives.retain(|other| other.id != drive.id));
-        self.ended.lock().unwrap_or_else(PoisonError::into_inner).add(counts);
+        ended.add(counts);
+    }
+
+    /// The counts of the drives that are over, and the others with their moments.
+    fn counted(&self) -> (Counts, Vec<(Arc<Drive>, Arc<Moment>)>) {
+        let ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
+        (*ended, self.drives().into_iter().map(|drive| (drive.clone(), drive.now())).collect())
     }
 
     fn drives(&self) -> Vec<Arc<Drive>> {

@@ -1,7 +1,10 @@
 //! Checks a run against its thresholds.
 
 use super::{Figure, Scorecard};
-use lapwing_core::config::{Threshold, Thresholds};
+use lapwing_core::{
+    config::{Threshold, Thresholds},
+    drive::too_many_bad_frames,
+};
 
 /// A threshold checked against a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,7 +17,8 @@ pub struct Check {
     pub words: String,
 }
 
-/// Every threshold that is set, checked against a run; a damaged run is never known to reach them.
+/// Every threshold that is set, checked against a run; a damaged run is never known to reach them, and one with too many bad
+/// frames says too little.
 pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
     let check = |threshold: Threshold| {
         let limit = threshold.limit(thresholds)?;
@@ -32,6 +36,12 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
     if card.damaged && !checks.is_empty() {
         let words = "the run's file: expected a complete one, got a damaged one: the lost part may have been worse";
         checks.push(Check { name: "whole", passed: false, words: words.into() });
+    }
+    let frames =
+        card.value(Figure::FramesPerS).zip(card.value(Figure::TimeS)).map(|(rate, time_s)| (rate * time_s).round());
+    let bad = card.value(Figure::BadFrames).zip(frames).filter(|_| !checks.is_empty());
+    if let Some(words) = bad.and_then(|(bad, frames)| too_many_bad_frames(bad as u64, frames as u64)) {
+        checks.push(Check { name: "bad_frames", passed: false, words });
     }
     checks
 }
@@ -60,5 +70,25 @@ mod tests {
             let is_share = figure.unit() == Unit::Share;
             assert_eq!(is_share, threshold.unit == LimitUnit::Percent, "{}", threshold.key);
         }
+    }
+
+    #[test]
+    fn a_run_of_mostly_bad_frames_passes_no_threshold() {
+        let card = |bad: f64| {
+            let mut figures = crate::score::card::Figures::unknown("");
+            let told = [
+                (Figure::Collisions, 0.0),
+                (Figure::FramesPerS, 15.0),
+                (Figure::TimeS, 20.0),
+                (Figure::BadFrames, bad),
+            ];
+            told.into_iter().for_each(|(figure, value)| figures.told(figure, Some(value), ""));
+            figures.card()
+        };
+        let limits = Thresholds { max_collisions: Some(0), ..Thresholds::default() };
+        assert!(missed(&limits, &card(3.0)).is_empty());
+        let words = "expected at most 1 % bad frames, which no network sees, got 4 of 300";
+        assert_eq!(missed(&limits, &card(4.0)), [words]);
+        assert!(missed(&Thresholds::default(), &card(300.0)).is_empty());
     }
 }

@@ -5,6 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use lapwing_core::words::count;
+
 use super::{Cell, Done, Plan, Results, ResultsError, SuiteOutcome, drive::told_apart, groups};
 
 /// Parts that cannot be put together.
@@ -84,11 +86,18 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
         if !gathered.plan_of(&part) {
             gathered.unplanned.push(folder.clone());
         }
-        for done in gathered.readable(&part)? {
+        for mut done in gathered.readable(&part)? {
+            done.run = done.run.map(|_| Results::run_name(&done.cell));
             match target.get(&done.cell)? {
                 Some(other) if other.fingerprint != done.fingerprint => {
                     let (one, other) = (other.fingerprint, done.fingerprint);
                     return Err(MergeError::Differ { cell: done.cell.to_string(), one, other });
+                }
+                // The same drive, whose run only this part has kept.
+                Some(mut known) if known.run.is_none() && done.run.is_some() => {
+                    target.take_run(&part, &done)?;
+                    known.run.clone_from(&done.run);
+                    target.keep(&known)?;
                 }
                 Some(_) => {}
                 None => {
@@ -103,6 +112,14 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
     let plan = gathered.plan();
     if let Some(plan) = &plan {
         target.keep_plan(plan)?;
+    }
+    if let Some(plan) = plan.as_ref().filter(|_| gathered.unplanned.is_empty()) {
+        // Of a pilot that was withdrawn, or a network that was replaced, since then.
+        let all = done.len();
+        done.retain(|done| plan.has(&done.cell.id()));
+        if done.len() < all {
+            tracing::warn!("{} left out, which no part plans any more", count(all - done.len(), "result"));
+        }
     }
     let missing = gathered.missing(plan.as_ref(), &done);
     let without = plan.as_ref().map_or(0, |plan| plan.missing(&done).len());

@@ -103,6 +103,40 @@ fn merge_counts_a_file_that_cannot_be_read_as_missing_and_goes_on() {
 }
 
 #[test]
+fn what_no_part_plans_any_more_is_left_out() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    folders.part("one", &cells, Some(&Plan::new(&cells[..9])));
+    let (whole, suite) = folders.merge(&["one"], "merged");
+    assert_eq!((whole, &suite["planned"], &suite["missing"]), (true, &json!(9), &json!(0)));
+    let runs = |suite: &Value| {
+        let groups = suite["groups"].as_array().unwrap().iter();
+        groups.map(|group| group["figures"]["completion"]["runs"].as_u64().unwrap()).sum::<u64>()
+    };
+    assert_eq!(runs(&suite), 9);
+}
+
+#[test]
+fn a_run_that_only_one_part_kept_is_kept() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    let plan = Plan::new(&cells);
+    folders.part("without", &cells, Some(&plan));
+    let with = folders.part("with", &cells, Some(&plan));
+    let run = Results::run_name(&cells[0]);
+    fs::create_dir_all(with.file("runs")).unwrap();
+    fs::write(with.file(&run), "a run").unwrap();
+    let mut done = with.get(&cells[0]).unwrap().unwrap();
+    // What a result says of its run's place is not followed.
+    done.run = Some("../elsewhere".into());
+    with.keep(&done).unwrap();
+    for (parts, out) in [(["without", "with"], "one"), (["with", "without"], "other")] {
+        folders.merge(&parts, out);
+        assert_eq!(fs::read(folders.path(out).join(&run)).unwrap(), b"a run", "{out}");
+    }
+}
+
+#[test]
 fn the_same_drive_under_ten_seeds_counts_once() {
     // As it was driven before the other seeds were left out.
     let folders = Folders(tempfile::tempdir().unwrap());

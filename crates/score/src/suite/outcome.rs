@@ -90,11 +90,19 @@ pub struct Over {
 }
 
 /// Groups in the order of pilot, track, conditions and speed. If cells of the same name were driven with different
-/// models, laps or settings, the pilot's name tells them apart.
+/// models, laps or settings, the pilot's name tells them apart; if the name of a road or of conditions stood for different
+/// ones, the track's name does.
 pub fn groups(done: &[Done]) -> Vec<Group> {
     let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
+    // What the conditions of a name were, by seed, as they may depend on it.
+    let mut weather: BTreeMap<_, BTreeMap<u64, BTreeSet<String>>> = BTreeMap::new();
+    for Done { cell: Cell { conditions, seed, world, .. }, .. } in done {
+        weather.entry(conditions).or_default().entry(*seed).or_default().insert(world["conditions"].to_string());
+    }
+    let changed = |conditions: &String| weather[conditions].values().any(|known| known.len() > 1);
     for one in done {
-        let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, .. } = &one.cell;
+        let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, world, .. } =
+            &one.cell;
         let mut settings = settings.clone();
         // What the group's name already contains.
         for (section, said) in [("simulator", "track"), ("control", "speed_mph")] {
@@ -102,14 +110,23 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
         }
         let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
         // The bits of positive floats sort like the numbers.
-        by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others)).or_default().push(one);
+        let weather = changed(conditions).then(|| world["conditions"].to_string()).unwrap_or_default();
+        let world = format!("{} {weather}", world["track_sha256"]);
+        by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others, world)).or_default().push(one);
     }
     let several = |pilot: &str| {
         let others = by_key.keys().filter(|key| key.0 == pilot).map(|key| &key.4);
         others.collect::<BTreeSet<_>>().len() > 1
     };
-    let group = |(key, done): (&(&String, _, _, _, String), &Vec<&Done>)| {
-        let Cell { mut pilot, model_sha256, track, conditions, speed_mph, .. } = done[0].cell.clone();
+    let several_worlds = |track: &String, conditions: &String| {
+        let worlds = by_key.keys().filter(|key| key.1 == track && key.2 == conditions).map(|key| &key.5);
+        worlds.collect::<BTreeSet<_>>().len() > 1
+    };
+    let group = |(key, done): (&(&String, &String, &String, _, String, String), &Vec<&Done>)| {
+        let Cell { mut pilot, model_sha256, mut track, conditions, speed_mph, .. } = done[0].cell.clone();
+        if several_worlds(&track, &conditions) {
+            track = format!("{track} (world {})", &sha256(&key.5)[..6]);
+        }
         if several(&pilot) {
             pilot = format!("{pilot} (settings {})", &sha256(&key.4)[..6]);
         }

@@ -182,6 +182,9 @@ impl Suite {
         if let Some(speed) = suite.speeds_mph.iter().find(|speed| !(0.1..=1000.0).contains(*speed)) {
             return Err(wrong("speeds_mph", "speeds from 0.1 to 1000", speed.to_string()));
         }
+        if suite.conditions.iter().any(|name| name.trim().is_empty()) {
+            return Err(wrong("conditions", "names or conditions, such as fair", "an empty text".into()));
+        }
         if suite.laps == 0 {
             return Err(wrong("laps", "at least 1", "0".into()));
         }
@@ -189,8 +192,9 @@ impl Suite {
             return Err(wrong("longest_s", "1 to 1000000 seconds", suite.longest_s.to_string()));
         }
         for (i, pilot) in suite.pilots.iter().enumerate() {
-            if pilot.name.trim().is_empty() {
-                return Err(wrong("pilot", "a name", format!("{:?}", pilot.name)));
+            if pilot.name.is_empty() || pilot.name.trim() != pilot.name || pilot.name.contains(char::is_control) {
+                let expected = "a name on one line, without spaces around it";
+                return Err(wrong("pilot", expected, format!("{:?}", pilot.name)));
             }
             if suite.pilots[..i].iter().any(|other| other.name == pilot.name) {
                 return Err(wrong("pilot", "distinct names", format!("{:?} twice", pilot.name)));

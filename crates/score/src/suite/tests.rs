@@ -66,7 +66,7 @@ fn what_is_wrong_in_a_suite_is_said() {
     let twice = "tracks = [\"lake\"]\n[[pilot]]\nname = \"a\"\n[[pilot]]\nname = \"a\"";
     assert_eq!(error(twice), "suite: pilot: expected distinct names, got \"a\" twice");
     let unnamed = twice.replace("\"a\"", "\" \"");
-    assert_eq!(error(&unnamed), "suite: pilot: expected a name, got \" \"");
+    assert_eq!(error(&unnamed), "suite: pilot: expected a name on one line, without spaces around it, got \" \"");
     let fast = "tracks = [\"lake\"]\nspeeds_mph = [0]\n[[pilot]]\nname = \"a\"";
     assert_eq!(error(fast), "suite: speeds_mph: expected speeds from 0.1 to 1000, got 0");
     assert!(error("track = \"lake\"").contains("unknown field `track`"));
@@ -203,6 +203,27 @@ fn a_single_drive_has_no_interval() {
     assert_eq!((over.spread.runs, over.confidence), (1, None));
     let table = table(&groups);
     assert!(table.contains("20  1 ") && !table.contains('±'), "{table}");
+}
+
+#[test]
+fn drives_in_worlds_that_only_share_a_name_are_told_apart() {
+    let cell = |seed: u64, track: &str, haze: f64| {
+        let world = json!({"track_sha256": track, "conditions": {"haze": haze}});
+        Cell { seed, world, ..cells(SUITE).remove(0) }
+    };
+    let tracks = |all: &[Cell]| {
+        let all: Vec<_> = all.iter().map(|cell| done(cell, 1.0)).collect();
+        groups(&all).into_iter().map(|group| (group.track, group.figures["completion"].spread.runs)).collect::<Vec<_>>()
+    };
+    // Weather that depends on the seed is one group.
+    assert_eq!(tracks(&[cell(0, "a", 0.1), cell(1, "a", 0.7)]), [("lake".to_owned(), 2)]);
+    for others in [cell(0, "b", 0.1), cell(0, "a", 0.7)] {
+        let told = tracks(&[cell(0, "a", 0.1), others]);
+        assert!(
+            told.len() == 2 && told.iter().all(|(name, runs)| name.starts_with("lake (world ") && *runs == 1),
+            "{told:?}"
+        );
+    }
 }
 
 #[test]
