@@ -110,7 +110,7 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
         }
         let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
         // The bits of positive floats sort like the numbers.
-        let weather = changed(conditions).then(|| world["conditions"].to_string()).unwrap_or_default();
+        let weather = if changed(conditions) { world["conditions"].to_string() } else { String::new() };
         let world = format!("{} {weather}", world["track_sha256"]);
         by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others, world)).or_default().push(one);
     }
