@@ -179,13 +179,13 @@ fn last_simulator(folder: &Path) -> Option<LastSimulator> {
     })
 }
 
-/// What is free for a user in the nearest folder that is there.
 /// Says so if there is little room for runs in this folder.
 pub(crate) fn scarce(recordings: &Path) -> Option<String> {
     let free = free_mb(recordings).filter(|free| *free < SCARCE_MB)?;
     Some(format!("{free} MB are free for {}, and a run takes some 13 MB a minute", recordings.display()))
 }
 
+/// What is free for a user in the nearest folder that is there.
 #[cfg(unix)]
 fn free_mb(folder: &Path) -> Option<u64> {
     use std::{ffi::CString, mem::MaybeUninit, os::unix::ffi::OsStrExt};

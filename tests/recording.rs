@@ -243,6 +243,20 @@ fn of_a_run_with_damaged_chunks_the_others_are_read() {
     }
 }
 
+#[test]
+fn where_no_channel_is_known_nothing_is_made_of_what_follows() {
+    let (bytes, _) = short_run();
+    let first = chunks_of(bytes).remove(0);
+    let mut bytes = bytes[..bytes.len() - 3].to_vec(); // so that there is no summary to look them up in
+    bytes[(first.start + first.end) / 2] ^= 1;
+    let (_dir, path) = on_disk(&bytes);
+    let mut run = RunReader::open(&path).unwrap();
+    assert_eq!(run.by_ref().count(), 0);
+    let truncation = run.truncated().unwrap();
+    assert_eq!(truncation.at + truncation.unread, bytes.len() as u64);
+    assert!(truncation.why.contains("checksum"), "{truncation}");
+}
+
 /// The run as another tool would write it: other chunks, its own channel, our metadata last.
 fn rewritten(options: WriteOptions) -> Vec<u8> {
     let (bytes, _) = short_run();

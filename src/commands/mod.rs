@@ -170,10 +170,11 @@ fn log_filter(told: Option<&str>) -> Result<EnvFilter, String> {
     let Some(told) = told.filter(|told| !told.trim().is_empty()) else {
         return Ok(EnvFilter::new("lapwing=info,warn"));
     };
-    // A single word that is no level would be taken for the name of a part, and switch off all others.
-    let is_known = |word: &str| {
-        word.parse::<LevelFilter>().is_ok() || word.contains(['=', '[', ':']) || word.starts_with("lapwing")
+    let is_part = |word: &str| {
+        word.contains(['=', '[']) || word.contains("::") || word == "lapwing" || word.starts_with("lapwing_")
     };
+    // A single word that is no level would be taken for the name of a part, and switch off all others.
+    let is_known = |word: &str| word.parse::<LevelFilter>().is_ok() || is_part(word);
     match told.split(',').map(str::trim).find(|word| !word.is_empty() && !is_known(word)) {
         Some(word) => Err(format!("expected off, error, warn, info, debug, trace or PART=LEVEL, got {word:?}")),
         None => EnvFilter::try_new(told).map_err(|why| format!("{told:?}: {why}")),
@@ -377,7 +378,7 @@ mod log_tests {
         ] {
             assert!(log_filter(known).is_ok(), "{known:?}");
         }
-        for wrong in ["warning", "loud", "lapwing=loud", "lapwing=[[", "info,verbose"] {
+        for wrong in ["warning", "loud", "lapwing:debug", "lapwing=loud", "lapwing=[[", "info,verbose"] {
             assert!(log_filter(Some(wrong)).is_err(), "{wrong}");
         }
         assert_eq!(

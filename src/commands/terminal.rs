@@ -41,13 +41,13 @@ fn legible(text: &str) -> String {
     shown
 }
 
-/// A text whose control characters, other than those that end lines and columns, are written out.
+/// A text whose control characters, other than those that end lines and columns, are written out, as JSON and TOML read them.
 pub(super) fn uncontrolled(text: &str) -> Cow<'_, str> {
     let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     if !text.contains(steers) {
         return text.into();
     }
-    let written = |c: char| if steers(c) { c.escape_default().to_string() } else { c.to_string() };
+    let written = |c: char| if steers(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() };
     text.chars().map(written).collect::<String>().into()
 }
 
@@ -172,11 +172,14 @@ impl Asked {
 
 #[cfg(test)]
 mod tests {
-    use super::legible;
+    use super::{legible, uncontrolled};
 
     #[test]
     fn what_is_quoted_cannot_steer_the_terminal_or_fill_it() {
-        assert_eq!(legible("a\u{1b}]0;x\u{7}b\r.mcap\n\tnext é"), "a\\u{1b}]0;x\\u{7}b\\r.mcap\n\tnext é");
+        assert_eq!(legible("a\u{1b}]0;x\u{7}b\r.mcap\n\tnext é"), "a\\u001b]0;x\\u0007b\\u000d.mcap\n\tnext é");
+        let name = "a\u{85}\u{7f}b";
+        let json = serde_json::to_string(name).unwrap();
+        assert_eq!(serde_json::from_str::<String>(&uncontrolled(&json)).unwrap(), name);
         let long = format!("got {}.5 mph", f64::MAX);
         assert_eq!(legible(&long), "got 179769... (309 digits).5 mph");
         let hash = "0123456789".repeat(4);

@@ -207,7 +207,7 @@ impl Compared {
             let learnt = learnt_from(recipe, path)
                 .inspect_err(|gone| {
                     let (path, gone) = (path.display(), gone.display());
-                    tracing::info!("{path}: if the network learnt from it is unknown, as its recipe names {gone}, which is not there");
+                    tracing::info!("{path}: whether the network learnt from it is unknown: its recipe names {gone}, which is not there");
                 })
                 .ok()?;
             Some(samples.samples.iter().filter(|sample| learnt(sample.row as usize)).count())

@@ -119,10 +119,11 @@ impl Preprocessor {
             if TOLD.lock().unwrap_or_else(PoisonError::into_inner).insert((width, height)) {
                 let Area { top, bottom, .. } = area;
                 tracing::warn!(
-                    "pictures are {width}x{height}, where the stock simulator's are {}x{}: this model keeps their rows \
-                     {top} to {bottom}, and is of no use unless it has learnt from pictures of this size",
+                    "pictures are {width}x{height}, not {}x{} as in the stock simulator: of their rows a model is shown \
+                     {top} to {}, and is useless unless it was trained on pictures of this size",
                     STOCK.0,
-                    STOCK.1
+                    STOCK.1,
+                    bottom - 1
                 );
             }
         }

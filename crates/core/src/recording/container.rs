@@ -146,8 +146,8 @@ pub(super) struct Chunk {
 }
 
 impl Chunk {
-    /// Takes the body of a chunk record, which must unpack to exactly as many bytes as it says. They are taken off
-    /// `may_unpack`, and may not be more.
+    /// Takes the body of a chunk record, which must unpack to exactly as many bytes as it says, at most `may_unpack`. What
+    /// it unpacks to is taken off that.
     pub(super) fn new(body: &[u8], may_unpack: &mut u64) -> Result<Self, Broken> {
         let mut fields = BodyFields(body);
         let mut header = || {
@@ -163,14 +163,11 @@ impl Chunk {
         if unpacked > LIMIT as u64 {
             return damaged(format!("expected a chunk that unpacks to {LIMIT} bytes at most, got {unpacked}"));
         }
-        *may_unpack = match may_unpack.checked_sub(unpacked) {
-            Some(rest) => rest,
-            None => {
-                return damaged(format!(
-                    "expected chunks that unpack to {FREE} bytes and {RATIO} times the file's length at most, got more"
-                ));
-            }
-        };
+        if unpacked > *may_unpack {
+            return damaged(format!(
+                "expected chunks that unpack to {FREE} bytes and {RATIO} times the file's length at most, got more"
+            ));
+        }
         let records = match compression {
             "" => Ok(packed.to_owned()),
             "zstd" => unzstd(packed, unpacked),
@@ -181,6 +178,9 @@ impl Chunk {
                 ));
             }
         };
+        // What came, not what it claims: that may be damaged.
+        let came = records.as_ref().map_or(unpacked, |records| records.len() as u64);
+        *may_unpack = may_unpack.saturating_sub(came);
         let records = match records {
             Ok(records) => records,
             Err(why) => return damaged(format!("expected a chunk compressed with {compression}, got: {why}")),

@@ -207,7 +207,7 @@ impl RunReader {
             match opcode {
                 op::CHUNK if !in_chunk => match Chunk::new(body, may_unpack) {
                     Ok(chunk) => self.chunk = Some(chunk),
-                    Err(Broken::Damaged(why)) => self.leave_out(why),
+                    Err(Broken::Damaged(why)) => self.leave_out(why)?,
                     Err(error) => return Err(error),
                 },
                 op::CHANNEL => {
@@ -242,11 +242,14 @@ impl RunReader {
 }
 
 impl RunReader {
-    /// A chunk is damaged: what it declared stands once more at the file's end, if that is whole.
-    fn leave_out(&mut self, why: String) {
-        if self.truncation.is_none()
-            && let Some(summary) = self.summary()
-        {
+    /// A chunk is damaged: what it declared stands once more at the file's end. If that is damaged, too, and no channel is
+    /// known yet, nothing can be made of what follows.
+    fn leave_out(&mut self, why: String) -> Result<(), Broken> {
+        let summary = if self.truncation.is_none() { self.summary() } else { None };
+        if summary.is_none() && self.channels.is_empty() {
+            return Err(Broken::Damaged(why));
+        }
+        if let Some(summary) = summary {
             for channel in summary.channels.values() {
                 let known = || Channel::with_items(&channel.topic, &channel.message_encoding);
                 self.channels.entry(channel.id).or_insert_with(known);
@@ -254,6 +257,7 @@ impl RunReader {
         }
         self.left_out += 1;
         self.damaged(why, self.container.at() - self.at);
+        Ok(())
     }
 
     /// The first damage is told; how much could not be read is added up.

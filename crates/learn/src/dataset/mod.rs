@@ -203,7 +203,7 @@ pub enum DatasetError {
 fn told(blocks: Option<Blocks>) -> String {
     let how = |Blocks { size, every }| {
         format!(
-            " (to measure by, the first {size} of each {} rows are held out, unless there is validation data of its own)",
+            " (unless there is separate validation data, the first {size} of every {} rows are held out)",
             size * every
         )
     };

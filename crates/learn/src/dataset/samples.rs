@@ -1,6 +1,11 @@
 //! Selects rows and cameras, with their labels and weights.
 
-use std::{fs, path::PathBuf};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::PathBuf,
+    sync::{Mutex, PoisonError},
+};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -206,12 +211,18 @@ impl Set {
     }
 }
 
-/// Removes the pictures that cannot be used; they are told once, with the training set or with data of its own.
-fn usable(source: &mut Source, set: Set) -> PictureCheck {
+/// Removes the pictures that cannot be used, and logs how many, once for each data set: training and validation rows are
+/// usually of the same.
+fn usable(source: &mut Source, selection: &Selection, set: Set) -> PictureCheck {
+    static TOLD: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let repeated = source.repeated();
-    let found = source.forget_unusable();
-    if set == Set::Validation {
-        return found; // the same data as the training set's
+    let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
+    let cameras = if set == Set::Training { &selection.cameras[..] } else { &[CameraPosition::Center] };
+    let used =
+        |row: usize, camera: usize| (first..end).contains(&row) && cameras.iter().any(|of| *of as usize == camera);
+    let found = source.forget_unusable(used);
+    if !TOLD.lock().unwrap_or_else(PoisonError::into_inner).insert(source.path.clone()) {
+        return found;
     }
     let path = source.path.display();
     let are = |number: usize, what: &str| format!("{} {what}", count(number, "picture"));
@@ -226,8 +237,8 @@ fn usable(source: &mut Source, set: Set) -> PictureCheck {
     if repeated > 0 && set == Set::Training {
         let rows = count(repeated, "row");
         tracing::warn!(
-            "{path}: {rows} repeat the picture of an earlier row: what is held out may be learnt from all the same; \
-             leave them out of the log"
+            "{path}: {rows} repeat the picture of an earlier row: held-out rows may have been learnt from; remove the \
+             repeats from the log"
         );
     }
     found
@@ -270,7 +281,7 @@ impl Samples {
             if let Some(lane) = lane.as_ref().filter(|_| set == Set::Training) {
                 lane.tell(&source, selection.rows.unwrap_or((0, usize::MAX)));
             }
-            sizes = sizes.and(usable(&mut source, set));
+            sizes = sizes.and(usable(&mut source, selection, set));
             all.take(source, selection, lane.as_ref(), set, blocks, &mut steered);
             if set == Set::Training && all.samples.len() == before {
                 return Err(DatasetError::NoneLeft { path: selection.path.clone(), rows, aim: set.aim(), blocks });

@@ -2,6 +2,7 @@
 
 use std::{
     collections::{BTreeMap, HashSet},
+    fmt, io,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -11,7 +12,7 @@ use rayon::prelude::*;
 
 use super::{DatasetError, places::CarPlace};
 use lapwing_core::{
-    perception::{ImageError, check_jpeg},
+    perception::check_jpeg,
     recording::{Picture, Recording},
     units::{Mph, Steering},
 };
@@ -72,29 +73,33 @@ pub(super) struct PictureCheck {
     pub missing: usize,
     /// How many are no whole JPEG, and one of them with the reason.
     pub broken: usize,
-    pub example: Option<(String, ImageError)>,
+    pub example: Option<(String, String)>,
     /// How many have each size, columns and rows, and one of them.
     pub sizes: BTreeMap<(usize, usize), (usize, String)>,
 }
 
 impl PictureCheck {
     /// And that of this picture, which is removed if it cannot be used.
-    fn with(mut self, picture: &mut Option<Picture>) -> Self {
+    fn with(mut self, picture: &mut Option<Picture>, is_used: bool) -> Self {
         let Some(found) = picture else { return self };
-        let Ok(bytes) = found.read() else {
-            self.missing += 1;
-            *picture = None;
-            return self;
-        };
-        match check_jpeg(&bytes) {
-            Ok(size) => self.sizes.entry(size).or_insert_with(|| (0, found.to_string())).0 += 1,
-            Err(why) => {
-                self.broken += 1;
-                self.example.get_or_insert((found.to_string(), why));
-                *picture = None;
+        match found.read().map(|bytes| check_jpeg(&bytes)) {
+            Ok(Ok(size)) => {
+                if is_used {
+                    self.sizes.entry(size).or_insert_with(|| (0, found.to_string())).0 += 1;
+                }
+                return self;
             }
+            Err(why) if why.kind() == io::ErrorKind::NotFound => self.missing += 1,
+            Ok(Err(why)) => self.break_at(found, &why),
+            Err(why) => self.break_at(found, &why),
         }
+        *picture = None;
         self
+    }
+
+    fn break_at(&mut self, picture: &Picture, why: &dyn fmt::Display) {
+        self.broken += 1;
+        self.example.get_or_insert_with(|| (picture.to_string(), why.to_string()));
     }
 
     pub(super) fn and(mut self, other: Self) -> Self {
@@ -140,11 +145,14 @@ impl Source {
         Ok(source)
     }
 
-    /// Removes the pictures that are missing, and those that are no whole JPEG; they are not decoded.
-    pub(super) fn forget_unusable(&mut self) -> PictureCheck {
-        let check =
-            |checked: PictureCheck, row: &mut Labelled| row.pictures.iter_mut().fold(checked, PictureCheck::with);
-        let found = self.rows.par_iter_mut().fold(PictureCheck::default, check);
+    /// Removes the pictures that are missing, and those that are no whole JPEG; they are not decoded. Sizes are counted of
+    /// those that are `used`, by row and camera.
+    pub(super) fn forget_unusable(&mut self, used: impl Fn(usize, usize) -> bool + Sync) -> PictureCheck {
+        let check = |checked: PictureCheck, (i, row): (usize, &mut Labelled)| {
+            let pictures = row.pictures.iter_mut().enumerate();
+            pictures.fold(checked, |checked, (camera, picture)| checked.with(picture, used(i, camera)))
+        };
+        let found = self.rows.par_iter_mut().enumerate().fold(PictureCheck::default, check);
         let found = found.reduce(PictureCheck::default, PictureCheck::and);
         self.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
         found

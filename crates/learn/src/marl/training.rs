@@ -135,6 +135,7 @@ impl Training {
     /// # Errors
     /// [`MarlError`], if there is none, or one that is longer than `agent_steps`.
     pub fn resume(out: &Path, agent_steps: Option<u64>) -> Result<Self, MarlError> {
+        let lock = files::lock(out, false).map_err(MarlError::io("train in", out))?;
         let (path, state) = (out.join(SETTINGS), out.join(STATE));
         if !state.exists() {
             let why = "expected a training to resume, got none";
@@ -164,7 +165,6 @@ impl Training {
         let mut learner = algorithm.begin(settings.world)?;
         stored.copy_to(&learner.tensors())?;
         learner.go_on_at(position.counters);
-        let lock = files::lock(out, false).map_err(MarlError::io("train in", out))?;
         Ok(Self { out: out.to_owned(), _lock: lock, settings, learner, position })
     }
 

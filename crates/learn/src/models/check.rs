@@ -212,7 +212,7 @@ fn troubles(answers: &Answered) -> Vec<String> {
             "it steers to the other side (correlation {r:.2} with what was steered): negate its output"
         )),
         Some(r) if r < UNLIKE => troubles.push(format!(
-            "its answers have little to do with what was steered (correlation {r:.2}), unless that was a keyboard's strokes: {COMPARE}"
+            "its answers have little to do with what was steered (correlation {r:.2}), which is normal only if the driver used a keyboard: {COMPARE}"
         )),
         _ if mean.abs() > LEANING && farthest <= FARTHEST => troubles.push(format!(
             "it steers {mean:+.2} on the whole, to one side: was the data balanced, and the side cameras' correction right?"

@@ -96,7 +96,7 @@ pub enum TrainError {
     },
     /// The data is not what the training in that folder began with.
     #[error(
-        "{folder}: the data has changed since this training began: expected {expected} samples, got {got}: undo the change, or begin a new training in another folder",
+        "{folder}: the data has changed since this training began: expected samples: {expected}, got {got}: undo the change, or begin a new training in another folder",
         folder = folder.display()
     )]
     OtherData {

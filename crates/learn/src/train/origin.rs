@@ -104,7 +104,7 @@ mod tests {
             "{error}"
         );
         let error = origin().check_samples((400, 90), Path::new("out")).unwrap_err().to_string();
-        assert!(error.contains("expected 400 and 100 held out samples, got 400 and 90 held out: undo"), "{error}");
+        assert!(error.contains("expected samples: 400 and 100 held out, got 400 and 90 held out: undo"), "{error}");
     }
 
     #[test]

@@ -282,7 +282,7 @@ fn a_training_goes_on_by_its_own_recipe_and_on_its_own_data_only() {
     let log = fs::read_to_string(dir.path().join("driving_log.csv")).unwrap();
     fs::write(dir.path().join("driving_log.csv"), log.lines().take(39).collect::<Vec<_>>().join("\n")).unwrap();
     let error = refused(|_| ());
-    assert!(error.contains("expected 30 and 10 held out samples, got 29 and 10 held out: undo"), "{error}");
+    assert!(error.contains("expected samples: 30 and 10 held out, got 29 and 10 held out: undo"), "{error}");
 }
 
 #[test]

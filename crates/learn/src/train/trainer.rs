@@ -102,6 +102,9 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`].
     pub fn new(recipe: Recipe, out: &Path, resume: bool) -> Result<Self, TrainError> {
+        let hold = || files::lock(out, false).map_err(TrainError::io("train in it", out));
+        // Before its state is read; a new folder is not made until all is known to be right.
+        let held = hold()?;
         let (stored, architecture, design) = begun(&recipe, out, resume)?;
         let before = stored.as_ref().and_then(|stored| stored.origin.as_ref());
         let inputs = Inputs {
@@ -179,7 +182,7 @@ impl Trainer {
             trainer.stepper.steps = trainer.position.steps;
         }
         fs::create_dir_all(out).map_err(TrainError::io("make the training's folder", out))?;
-        trainer._lock = files::lock(out, false).map_err(TrainError::io("train in it", out))?;
+        trainer._lock = held.map_or_else(hold, |held| Ok(Some(held)))?;
         let path = out.join("recipe.toml");
         let text = toml::to_string(&trainer.recipe).map_err(|why| TrainError::Recipe(why.to_string()))?;
         files::write(&path, text.as_bytes()).map_err(TrainError::io("write the recipe", &path))?;

@@ -105,9 +105,10 @@ mod tests {
     fn counts_of_drives_add_up() {
         let mut counts = Counts { messages: 2, ..Counts::default() };
         counts.event(&EventRecord::TakeoverBegan);
+        counts.event(&EventRecord::Reset { waypoint: 3 });
         counts.event(&EventRecord::BadFrame { why: "no JPEG".into(), count_in_row: 1 });
         let mut all = counts;
         all.add(&counts);
-        assert_eq!((all.messages, all.bad_frames, all.takeovers, all.interventions), (4, 2, 2, 0));
+        assert_eq!((all.messages, all.bad_frames, all.takeovers, all.interventions), (4, 2, 2, 2));
     }
 }

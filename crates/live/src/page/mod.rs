@@ -75,6 +75,9 @@ use moment::{Moment, Status};
 use runs::Runs;
 use showing::Drive;
 
+/// A drive and its moment.
+type DriveNow = (Arc<Drive>, Arc<Moment>);
+
 /// Makes a pilot anew.
 type MakePilot = Box<dyn Fn() -> Box<dyn Pilot> + Send + Sync>;
 
@@ -228,7 +231,7 @@ impl Page {
     }
 
     /// The counts of the drives that are over, and the others with their moments.
-    fn counted(&self) -> (Counts, Vec<(Arc<Drive>, Arc<Moment>)>) {
+    fn counted(&self) -> (Counts, Vec<DriveNow>) {
         let ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
         (*ended, self.drives().into_iter().map(|drive| (drive.clone(), drive.now())).collect())
     }

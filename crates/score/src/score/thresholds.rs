@@ -37,8 +37,10 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
         let words = "the run's file: expected a complete one, got a damaged one: the lost part may have been worse";
         checks.push(Check { name: "whole", passed: false, words: words.into() });
     }
-    let frames =
-        card.value(Figure::FramesPerS).zip(card.value(Figure::TimeS)).map(|(rate, time_s)| (rate * time_s).round());
+    let frames = card
+        .value(Figure::FramesPerS)
+        .zip(card.value(Figure::TimeS))
+        .map(|(rate, time_s)| (rate * time_s).round() + 1.0);
     let bad = card.value(Figure::BadFrames).zip(frames).filter(|_| !checks.is_empty());
     if let Some(words) = bad.and_then(|(bad, frames)| too_many_bad_frames(bad as u64, frames as u64)) {
         checks.push(Check { name: "bad_frames", passed: false, words });
@@ -87,7 +89,7 @@ mod tests {
         };
         let limits = Thresholds { max_collisions: Some(0), ..Thresholds::default() };
         assert!(missed(&limits, &card(3.0)).is_empty());
-        let words = "expected at most 1 % bad frames, which no network sees, got 4 of 300";
+        let words = "expected at most 1 % bad frames, which no network sees, got 4 of 301";
         assert_eq!(missed(&limits, &card(4.0)), [words]);
         assert!(missed(&Thresholds::default(), &card(300.0)).is_empty());
     }

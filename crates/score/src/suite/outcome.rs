@@ -94,12 +94,6 @@ pub struct Over {
 /// ones, the track's name does.
 pub fn groups(done: &[Done]) -> Vec<Group> {
     let mut by_key: BTreeMap<_, Vec<&Done>> = BTreeMap::new();
-    // What the conditions of a name were, by seed, as they may depend on it.
-    let mut weather: BTreeMap<_, BTreeMap<u64, BTreeSet<String>>> = BTreeMap::new();
-    for Done { cell: Cell { conditions, seed, world, .. }, .. } in done {
-        weather.entry(conditions).or_default().entry(*seed).or_default().insert(world["conditions"].to_string());
-    }
-    let changed = |conditions: &String| weather[conditions].values().any(|known| known.len() > 1);
     for one in done {
         let Cell { pilot, model_sha256, track, conditions, speed_mph, laps, longest_s, settings, world, .. } =
             &one.cell;
@@ -110,7 +104,8 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
         }
         let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
         // The bits of positive floats sort like the numbers.
-        let weather = if changed(conditions) { world["conditions"].to_string() } else { String::new() };
+        // Only these are others for each seed.
+        let weather = if conditions == "random" { String::new() } else { world["conditions"].to_string() };
         let world = format!("{} {weather}", world["track_sha256"]);
         by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others, world)).or_default().push(one);
     }

@@ -207,17 +207,20 @@ fn a_single_drive_has_no_interval() {
 
 #[test]
 fn drives_in_worlds_that_only_share_a_name_are_told_apart() {
-    let cell = |seed: u64, track: &str, haze: f64| {
+    let cell_in = |conditions: &str, seed: u64, track: &str, haze: f64| {
         let world = json!({"track_sha256": track, "conditions": {"haze": haze}});
-        Cell { seed, world, ..cells(SUITE).remove(0) }
+        Cell { seed, world, conditions: conditions.to_owned(), ..cells(SUITE).remove(0) }
     };
+    let cell = |seed: u64, track: &str, haze: f64| cell_in("mine.toml", seed, track, haze);
     let tracks = |all: &[Cell]| {
         let all: Vec<_> = all.iter().map(|cell| done(cell, 1.0)).collect();
         groups(&all).into_iter().map(|group| (group.track, group.figures["completion"].spread.runs)).collect::<Vec<_>>()
     };
     // Weather that depends on the seed is one group.
-    assert_eq!(tracks(&[cell(0, "a", 0.1), cell(1, "a", 0.7)]), [("lake".to_owned(), 2)]);
-    for others in [cell(0, "b", 0.1), cell(0, "a", 0.7)] {
+    let by_chance = [cell_in("random", 0, "a", 0.1), cell_in("random", 1, "a", 0.7)];
+    assert_eq!(tracks(&by_chance), [("lake".to_owned(), 2)]);
+    assert_eq!(tracks(&[cell(0, "a", 0.1), cell(1, "a", 0.1)]), [("lake".to_owned(), 2)]);
+    for others in [cell(0, "b", 0.1), cell(0, "a", 0.7), cell(1, "a", 0.7)] {
         let told = tracks(&[cell(0, "a", 0.1), others]);
         assert!(
             told.len() == 2 && told.iter().all(|(name, runs)| name.starts_with("lake (world ") && *runs == 1),

@@ -4,8 +4,8 @@
 //! of the player's locale; people then move, join and edit it. All of that is read, each line on its own, so that logs
 //! joined from several sources read too:
 //!
-//! - with or without a header, also of each part of joined logs, whose names then say the order of the columns (`center`, `left`, `right`, `steering`,
-//!   `throttle`, `brake`, `speed`; others are ignored);
+//! - with or without a header, which then gives the order of the columns (`center`, `left`, `right`, `steering`,
+//!   `throttle`, `brake`, `speed`; others are ignored); each part of a joined log may have its own;
 //! - `,` or `, ` between the fields, with or without quotes; LF or CRLF; with
 //!   or without a byte order mark and a final newline;
 //! - any path of Windows, macOS or Linux, or none: only the file name counts, and it is looked up in `IMG` beside the
@@ -142,8 +142,8 @@ fn instead(folder: &Path) -> Option<String> {
         let name = name(path).to_lowercase();
         name.starts_with("driving_log") && name.ends_with(".csv")
     };
-    if let Some(like) = inside.iter().find(is_like) {
-        return Some(format!("a folder with {:?}: rename it", name(like)));
+    if let Some(like) = inside.iter().filter(is_like).min() {
+        return Some(format!("a folder with {:?}: rename it to {LOG_NAME}", name(like)));
     }
     let mut with_one: Vec<_> =
         inside.iter().filter(|path| path.join(LOG_NAME).is_file()).map(|path| name(path)).collect();

@@ -226,7 +226,7 @@ fn a_folder_of_pictures_alone_is_told_apart_from_one_without_a_log() {
     let renamed = near();
     fs::write(renamed.path().join("Driving_Log (1).csv"), "").unwrap();
     let told = error_of(renamed.path());
-    assert!(told.ends_with("got a folder with \"Driving_Log (1).csv\": rename it"), "{told}");
+    assert!(told.ends_with("got a folder with \"Driving_Log (1).csv\": rename it to driving_log.csv"), "{told}");
     let above = near();
     for name in ["b", "a", "c"] {
         fs::create_dir(above.path().join(name)).unwrap();
