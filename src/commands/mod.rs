@@ -362,7 +362,7 @@ fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
 }
 
 #[cfg(test)]
-mod log_tests {
+mod tests {
     use super::log_filter;
 
     #[test]

@@ -100,7 +100,9 @@ pub fn lock(folder: &Path, shared: bool) -> io::Result<Option<File>> {
     }
 }
 
-fn is_special(path: &Path) -> bool {
+/// Whether something else than a file or a folder is there: a pipe, whose reading may take forever, or a device, which may
+/// have no end.
+pub fn is_special(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 

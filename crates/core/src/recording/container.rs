@@ -1,8 +1,9 @@
 //! The records of an MCAP file from its beginning, as far as it is whole.
 //!
 //! The framing is read here and not by the crate `mcap`, because a run may be cut off or damaged anywhere: every length
-//! is checked against the actual data before memory is allocated for it, and the place of the damage is known. Chunks are unpacked here for the same reason: one that holds more than it says is damaged, and a small file
-//! cannot unpack to a large one. Source: <https://mcap.dev/spec>.
+//! is checked against the actual data before memory is allocated for it, and the place of the damage is known. Chunks
+//! are unpacked here for the same reason: one that holds more than it says is damaged, and a small file cannot unpack
+//! to a large one. Source: <https://mcap.dev/spec>.
 
 use std::{
     collections::BTreeMap,

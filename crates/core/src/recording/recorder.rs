@@ -128,15 +128,13 @@ impl Recorder {
         header: &RunHeader,
         options: RecorderOptions,
     ) -> Result<Self, RecordingError> {
-        let made = Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
+        let mut recorder = Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
             if let Err(error) = fs::remove_file(&path) {
                 tracing::warn!("{}: an empty run is left here: {error}", path.display());
             }
-        });
-        made.map(|mut recorder| {
-            recorder.is_file = true;
-            recorder
-        })
+        })?;
+        recorder.is_file = true;
+        Ok(recorder)
     }
 
     /// Records into any sink, which messages call `path`.
@@ -207,9 +205,10 @@ impl Recorder {
     /// Writes what still waits, ends the file and returns the result. Waits for a slow disk; a full one is tried one
     /// last time.
     pub fn finish(mut self) -> RecordingReport {
-        let gone = || io::Error::new(io::ErrorKind::NotFound, "it was deleted or moved away while it was recorded");
-        let is_gone = |recorder: &Self| recorder.is_file && !recorder.path.exists();
-        let closed = self.close().and_then(|()| if is_gone(&self) { Err(gone()) } else { Ok(()) });
+        let closed = self.close().and_then(|()| match self.is_file && !self.path.exists() {
+            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was deleted or moved away while it was recorded")),
+            false => Ok(()),
+        });
         let error = closed.err().map(|source| RecordingError::Write { path: self.path.clone(), source });
         let state = self.queue.lock();
         RecordingReport {

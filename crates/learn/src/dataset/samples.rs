@@ -215,7 +215,7 @@ impl Set {
 /// usually of the same.
 fn usable(source: &mut Source, selection: &Selection, set: Set) -> PictureCheck {
     static TOLD: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    let repeated = source.repeated();
+    let repeated = if set == Set::Training { source.repeated() } else { 0 };
     let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
     let cameras = if set == Set::Training { &selection.cameras[..] } else { &[CameraPosition::Center] };
     let used =
@@ -234,7 +234,7 @@ fn usable(source: &mut Source, selection: &Selection, set: Set) -> PictureCheck 
         let are = are(found.broken, if found.broken == 1 { "is" } else { "are" });
         tracing::warn!("{path}: {are} broken and left out, such as {picture}: {why}; see `lapwing dataset inspect`");
     }
-    if repeated > 0 && set == Set::Training {
+    if repeated > 0 {
         let rows = count(repeated, "row");
         tracing::warn!(
             "{path}: {rows} repeat the picture of an earlier row: held-out rows may have been learnt from; remove the \

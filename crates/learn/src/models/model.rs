@@ -13,6 +13,7 @@ use super::onnx;
 use super::{ModelError, elsewhere::ForeignPilot, foreign, network::NetworkPilot, torchscript::Script};
 use crate::nn::{Architecture, Checkpoint, Network, NnError, braking::BrakingArchitecture};
 use lapwing_core::{
+    files,
     hash::sha256,
     perception::Preprocess,
     pilot::{self, Pilot},
@@ -77,12 +78,9 @@ pub fn is_foreign(path: &Path) -> bool {
 pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelError> {
     let path = path.as_ref();
     let read = || {
-        // Reading a pipe may take forever, and a device has no end.
-        match fs::metadata(path) {
-            Ok(there) if !there.is_file() && !there.is_dir() => {
-                Err(io::Error::other("expected a file, got a device or a pipe"))
-            }
-            _ => fs::read(path),
+        match files::is_special(path) {
+            true => Err(io::Error::other("expected a file, got a device or a pipe")),
+            false => fs::read(path),
         }
         .map_err(|source| ModelError::Read { path: path.to_owned(), source })
     };

@@ -37,6 +37,7 @@ pub fn checks(thresholds: &Thresholds, card: &Scorecard) -> Vec<Check> {
         let words = "the run's file: expected a complete one, got a damaged one: the lost part may have been worse";
         checks.push(Check { name: "whole", passed: false, words: words.into() });
     }
+    // The rate is that of the intervals.
     let frames = card
         .value(Figure::FramesPerS)
         .zip(card.value(Figure::TimeS))

@@ -87,6 +87,7 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
             gathered.unplanned.push(folder.clone());
         }
         for mut done in gathered.readable(&part)? {
+            // Whatever the part says of its place.
             done.run = done.run.map(|_| Results::run_name(&done.cell));
             match target.get(&done.cell)? {
                 Some(other) if other.fingerprint != done.fingerprint => {

@@ -47,7 +47,7 @@
 //! | `cell.settings.lapwing` | string | the version of Lapwing that drove |
 //! | `cell.settings.control` | object | settings in force, with the keys of `[control]`: [`ControlSettings`](lapwing_core::config::ControlSettings) |
 //! | `cell.settings.simulator` | object | and with those of `[simulator]`: [`SimulatorSettings`](lapwing_core::config::SimulatorSettings) |
-//! | `cell.settings.beside_model_sha256` | string or null | SHA-256 of the `.toml` beside a TorchScript model; null for others |
+//! | `cell.settings.beside_model_sha256` | string or null | SHA-256 of the `.toml` beside a TorchScript or ONNX model; null for others |
 //! | `cell.world.conditions` | object | what `cell.conditions` means with this seed: `lapwing_sim::conditions::Conditions` has its keys and units |
 //! | `cell.world.track_sha256` | string or null | SHA-256 of the track's file; null for a track that comes with Lapwing |
 //! | `card` | object | the scorecard, `lapwing.scorecard/1`: [`Scorecard`](crate::score::Scorecard) |

@@ -103,10 +103,10 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
             settings.get_mut(section).and_then(Value::as_object_mut).and_then(|section| section.remove(said));
         }
         let others = format!("{model_sha256:?} {laps} {longest_s} {settings}");
-        // The bits of positive floats sort like the numbers.
         // Only these are others for each seed.
         let weather = if conditions == "random" { String::new() } else { world["conditions"].to_string() };
         let world = format!("{} {weather}", world["track_sha256"]);
+        // The bits of positive floats sort like the numbers.
         by_key.entry((pilot, track, conditions, speed_mph.to_bits(), others, world)).or_default().push(one);
     }
     let several = |pilot: &str| {

@@ -150,13 +150,10 @@ impl Results {
         }
     }
 
-    /// Copies the run of a result from another folder of results: whole or not at all. It is where this program keeps it,
-    /// whatever the result says.
+    /// Copies the run of a result from another folder of results: whole or not at all.
     pub(super) fn take_run(&self, from: &Self, done: &Done) -> Result<(), ResultsError> {
-        if done.run.is_none() {
-            return Ok(());
-        }
-        let (from, to) = (from.file(&Self::run_name(&done.cell)), self.room_for_run(&done.cell)?);
+        let Some(run) = &done.run else { return Ok(()) };
+        let (from, to) = (from.file(run), self.room_for_run(&done.cell)?);
         let part = files::partial(&to).map_err(ResultsError::io("write the run", &to))?;
         fs::copy(&from, part.path()).map_err(ResultsError::io("copy the run", &from))?;
         part.persist(&to).map_err(|error| ResultsError::io("write the run", &to)(error.error))?;
