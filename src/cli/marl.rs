@@ -247,6 +247,9 @@ pub struct MarlStudy {
     /// Run this training alone, named as its folder in cells/, and leave the table as it is
     #[arg(long, value_name = "CELL", conflicts_with_all = ["most", "jobs", "json"])]
     pub only: Option<String>,
+    /// End it as Ctrl-C does once standard input ends: how a study holds the trainings beside one another
+    #[arg(long, hide = true, requires = "only")]
+    pub held: bool,
     /// Print the result as JSON
     #[arg(long)]
     pub json: bool,

@@ -88,6 +88,16 @@ pub(super) fn load_model(settings: &Settings) -> anyhow::Result<LoadedModel> {
     Ok(model)
 }
 
+/// Refuses files that are not there, before anybody is asked to wait for what they hold.
+#[cfg(feature = "bridge")]
+pub(super) fn are_there(settings: &Settings, more: &[PathBuf]) -> Result<(), models::ModelError> {
+    let named = settings.model.path.iter().chain(more).chain(&settings.brake.model);
+    for path in named {
+        fs::metadata(path).map_err(|source| models::ModelError::Read { path: path.clone(), source })?;
+    }
+    Ok(())
+}
+
 /// The model that drives first, then those that a person at the page may switch to: the built-in one, these files, and the
 /// checkpoints that steer in these folders.
 #[cfg(feature = "bridge")]

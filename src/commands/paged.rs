@@ -238,7 +238,7 @@ impl Run<'_> {
         console.borrow_mut().run_begins(dialect, &settings.control);
         let recorder = header.map(|header| drive::record(settings, simulation.setup(), header)).transpose()?;
         let mut staged = Staged::new(simulation, console.clone());
-        let mut screen = Screen::new(console.clone());
+        let mut screen = Screen::new(console.clone(), recorder.as_ref());
         let began = Instant::now();
         let observers: &mut [&mut dyn Observer<_>] =
             &mut [&mut recorder.as_ref(), &mut screen, &mut feed, &mut interrupted];

@@ -13,7 +13,7 @@ use std::{
 use anyhow::Context;
 
 use super::{
-    Ended, guards,
+    Ended, guards, model,
     outputs::{self, Unprinted},
     terminal::Asked,
 };
@@ -65,6 +65,7 @@ async fn serve(settings: Settings, arguments: cli::Serve) -> anyhow::Result<Ende
     if settings.thresholds != Thresholds::default() {
         tracing::warn!("[thresholds] are not applied by serve: lapwing score applies them to its runs");
     }
+    model::are_there(&settings, &also)?;
     let listener = Listener::bind(SocketAddr::new(settings.bridge.bind, settings.bridge.port)).await?;
     let asked = Asked::listen().context("cannot listen for Ctrl-C")?;
     let lost = Arc::new(AtomicBool::new(false));

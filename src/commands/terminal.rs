@@ -7,6 +7,7 @@
 use std::{
     borrow::Cow,
     io::{self, Write},
+    path::Path,
 };
 
 /// Prints a line to stderr, as `eprintln!` would.
@@ -19,6 +20,13 @@ const INTERRUPTED: u8 = 130;
 
 pub(super) fn say_line(line: std::fmt::Arguments<'_>) {
     let _ = Log.write(format!("{}\n", legible(&line.to_string())).as_bytes()); // never an error, see there
+}
+
+/// A path as it is pasted into a shell.
+pub(super) fn pasted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |letter: char| letter.is_alphanumeric() || "/._-+,:@%".contains(letter);
+    if !text.is_empty() && text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
 }
 
 /// Numbers of more digits than this are quoted by their beginning: `1e300` is written out otherwise.
@@ -172,7 +180,14 @@ impl Asked {
 
 #[cfg(test)]
 mod tests {
-    use super::{legible, uncontrolled};
+    use super::{legible, pasted, uncontrolled};
+
+    #[test]
+    fn a_path_with_a_space_is_quoted_for_the_shell() {
+        for (path, expected) in [("runs/mine-2", "runs/mine-2"), ("my run", "'my run'"), ("it's", r"'it'\''s'")] {
+            assert_eq!(pasted(path.as_ref()), expected);
+        }
+    }
 
     #[test]
     fn what_is_quoted_cannot_steer_the_terminal_or_fill_it() {

@@ -25,10 +25,10 @@ use lapwing_core::{
     drive::{Eventful, Observer, ObserverError},
     driver::{Driver, Hands},
     protocol::{Answer, Dialect, Observation, World},
-    recording::RunKind,
+    recording::{Recorder, RunKind},
     turn::{EventRecord, Turn},
 };
-use lapwing_live::page::{Control, Offered, Showing, WeatherRange, WorldChoice};
+use lapwing_live::page::{Control, Offered, RunFile, Showing, WeatherRange, WorldChoice};
 use lapwing_score::score::Scorer;
 use lapwing_sim::{
     conditions::Conditions,
@@ -272,19 +272,20 @@ impl Eventful for Staged {
 }
 
 /// Shows the drive, with its score, and logs what is driven by hand.
-pub struct Screen {
+pub struct Screen<'a> {
     scorer: Scorer,
     console: Rc<RefCell<Console>>,
+    recorder: Option<&'a Recorder>,
 }
 
-impl Screen {
-    /// A screen of this console on which nothing was shown yet.
-    pub fn new(console: Rc<RefCell<Console>>) -> Self {
-        Self { scorer: Scorer::live(&[]), console }
+impl<'a> Screen<'a> {
+    /// A screen of this console on which nothing was shown yet. It shows how the recorder is doing, if there is one.
+    pub fn new(console: Rc<RefCell<Console>>, recorder: Option<&'a Recorder>) -> Self {
+        Self { scorer: Scorer::live(&[]), console, recorder }
     }
 }
 
-impl Observer<Staged> for Screen {
+impl Observer<Staged> for Screen<'_> {
     fn turn(&mut self, world: &Staged, turn: &Turn) -> Result<(), ObserverError> {
         self.scorer.turn(world, turn)?;
         let console = &mut *self.console.borrow_mut();
@@ -294,6 +295,7 @@ impl Observer<Staged> for Screen {
         console.tell_log();
         let now = Instant::now();
         console.showing.score(&self.scorer, now);
+        console.showing.is_written(now, || self.recorder.map(RunFile::from));
         console.showing.turn(turn, console.hands, now);
         Ok(())
     }

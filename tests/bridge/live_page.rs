@@ -315,6 +315,25 @@ async fn of_two_pages_that_drive_by_hand_the_second_is_told_and_waits_until_the_
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn whether_a_run_is_being_written_is_told_while_it_lasts() {
+    let dir = tempdir().unwrap();
+    std::fs::write(dir.path().join("file"), "where a folder is wanted").unwrap();
+    for (folder, is_written) in [("runs", true), ("file", false)] {
+        let running = Running::start(settings(&dir.path().join(folder))).await;
+        let mut simulator = Wire::simulator(running.address).await;
+        steer(&simulator.ask(&telemetry("4.0000")).await);
+        let (_, drive) = get(running.address, "/api/drives/1").await;
+        let file = &drive["status"]["file"];
+        assert_eq!(file["name"].as_str().is_some_and(|name| name.ends_with(".mcap")), is_written, "{drive}");
+        assert_eq!((file["trouble"].is_null(), &file["not_recorded"]), (is_written, &json!(0)), "{drive}");
+        let (_, _, metrics) = ask(running.address, "GET /metrics", "", "").await;
+        let line = format!("\nlapwing_recording{{drive=\"1\"}} {}.0\n", u8::from(is_written));
+        let metrics = String::from_utf8(metrics).unwrap();
+        assert!(metrics.contains(&line), "{metrics}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_run_ends_and_another_begins_while_the_simulator_stays() {
     let dir = tempdir().unwrap();
     let running = Running::start(settings(dir.path())).await;

@@ -1,13 +1,17 @@
 //! `lapwing marl study`: many trainings, and what they say.
 
 use std::{
-    fs,
     io::{self, IsTerminal},
     process::{Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::sleep,
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::{
     ThreadPoolBuilder,
@@ -20,11 +24,15 @@ use crate::{
     cli::{MarlStudy, TaskKind},
     commands::{Interrupted, interrupted, outputs},
 };
+use lapwing_core::config::ConfigError;
 use lapwing_learn::{
-    marl::study::{
-        Cell, CellResult, StudySettings, TASKS, Variant,
-        findings::{Estimate, Finding, Findings, Row, Verdict},
-        plan,
+    marl::{
+        MarlError,
+        study::{
+            Cell, CellResult, StudySettings, TASKS, Variant,
+            findings::{Estimate, Finding, Findings, Row, Verdict},
+            plan,
+        },
     },
     nn::runtime,
 };
@@ -34,6 +42,8 @@ use lapwing_score::{
 };
 use lapwing_sim::intersection::{CARS, Reward};
 
+/// How often it is looked whether a training beside others is over.
+const POLL: Duration = Duration::from_millis(50);
 /// Size of a chart, in pixels.
 const CHART: (u32, u32) = (960, 420);
 
@@ -59,7 +69,6 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
         every: arguments.every,
     };
     runtime::set_threads(1);
-    fs::create_dir_all(&arguments.out)?;
     let (cells, stop) = (plan(&study, &tasks(arguments)), interrupted());
     let bar = if io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     bar.set_style(ProgressStyle::with_template("{wide_bar} {msg}, {elapsed}")?);
@@ -67,13 +76,19 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     let mut done: Vec<CellResult> = Vec::new();
     if let Some(name) = &arguments.only {
         let names = || cells.iter().map(Cell::name).collect::<Vec<_>>().join(", ");
-        let cell = cells.iter().find(|cell| cell.name() == *name);
-        let cell = cell.with_context(|| format!("expected one of {}, got {name}", names()))?;
-        let result = cell.run(&study, &arguments.out, wall, || stop.is_pressed(), |_| ())?;
+        let Some(cell) = cells.iter().find(|cell| cell.name() == *name) else {
+            let why = format!("expected one of {}, got {name}", names());
+            return Err(ConfigError::Value { layer: "--only".into(), why }.into());
+        };
+        let let_go = arguments.held.then(let_go);
+        let is_stopped = || stop.is_pressed() || let_go.as_ref().is_some_and(|it| it.load(Ordering::Relaxed));
+        let result = cell.run(&study, &arguments.out, wall, is_stopped, |_| ())?;
         return Ok(if result.is_some() { Ended::Passed } else { Ended::Failed });
     }
     let (began, mut finished_now) = (Instant::now(), Vec::<u64>::new());
-    let done_before: Vec<bool> = cells.iter().map(|cell| cell.is_done(&arguments.out)).collect();
+    // Before anything is trained, those that are done are compared with what is asked for.
+    let done_before = cells.iter().map(|cell| Ok(cell.done(&study, &arguments.out)?.is_some()));
+    let done_before: Vec<bool> = done_before.collect::<Result<_, MarlError>>()?;
     if arguments.jobs > 1 {
         train_side_by_side(arguments, &cells, &stop)?;
     }
@@ -112,8 +127,22 @@ pub(super) fn run(arguments: &MarlStudy) -> anyhow::Result<Ended> {
     Ok(if finished || enough { Ended::Passed } else { Ended::Failed })
 }
 
+/// Set once whoever started this process lets go of its standard input, or is gone.
+fn let_go() -> Arc<AtomicBool> {
+    let ended = Arc::new(AtomicBool::new(false));
+    std::thread::spawn({
+        let ended = ended.clone();
+        move || {
+            // Nothing is sent: all that matters is when it ends.
+            let _ = io::copy(&mut io::stdin(), &mut io::sink());
+            ended.store(true, Ordering::Relaxed);
+        }
+    });
+    ended
+}
+
 /// Trains what is not done, each in a process of its own: libtorch's random numbers are a process's, and a training must be
-/// the same whatever is trained beside it.
+/// the same whatever is trained beside it. Each is held by its standard input, and so ends with this process.
 fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted) -> anyhow::Result<()> {
     let program = std::env::current_exe()?;
     let most = arguments.most.map_or(cells.len(), |most| most as usize);
@@ -123,13 +152,25 @@ fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted)
             return Ok(());
         }
         let MarlStudy { out, seeds, agent_steps, episodes, every, .. } = arguments;
-        let status = Command::new(&program)
-            .args(["marl", "study", "--only", &cell.name(), "--out"])
+        let mut process = Command::new(&program)
+            .args(["marl", "study", "--held", "--only", &cell.name(), "--out"])
             .arg(out)
             .args(["--seeds", &seeds.to_string(), "--agent-steps", &agent_steps.to_string()])
             .args(["--episodes", &episodes.to_string(), "--every", &every.to_string()])
+            .stdin(Stdio::piped())
             .stdout(Stdio::null())
-            .status()?;
+            .spawn()?;
+        let mut hold = process.stdin.take();
+        let status = loop {
+            if let Some(status) = process.try_wait()? {
+                break status;
+            }
+            if stop.is_pressed() {
+                hold = None;
+            }
+            sleep(POLL);
+        };
+        drop(hold);
         if !status.success() && !stop.is_pressed() {
             bail!("{}: its process ended with {status}", cell.name());
         }

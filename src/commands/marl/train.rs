@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::{Ended, print};
 use crate::{
     cli::{AlgorithmKind, AxesKind, CriticKind, MarlTrain, ObservationKind, ReplayKind, RewardKind},
-    commands::{interrupted, outputs},
+    commands::{interrupted, outputs, terminal},
 };
 use lapwing_core::config::ConfigError;
 use lapwing_learn::{
@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &MarlTrain) -> anyhow::Result<Ended> {
     let outcome = outcome?;
     print(&if arguments.json { crate::commands::sorted_json(&outcome)? } else { told(&outcome) })?;
     if !outcome.finished {
-        say!("stopped; to resume: lapwing marl train --resume --out {}", arguments.out.display());
+        say!("stopped; to resume: lapwing marl train --resume --out {}", terminal::pasted(&arguments.out));
     }
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })
 }
@@ -128,6 +128,10 @@ fn settings(arguments: &MarlTrain) -> anyhow::Result<TrainingSettings> {
         ObservationKind::Sectors => Sight::Sectors,
         ObservationKind::Routes => Sight::Routes,
     };
+    if (axes, sight) == (Axes::Car, Sight::Routes) {
+        let why = "expected --observation sectors with it, got routes, which are told from the car in any case";
+        return Err(ConfigError::Value { layer: "--axes car".into(), why: why.into() }.into());
+    }
     let learning = Settings { reward, axes, sight, ..Settings::default() };
     let world = World { intersection: arguments.intersection.settings(learning), mixed: arguments.mixed };
     let algorithm = match arguments.algorithm {

@@ -13,7 +13,7 @@ use std::{
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Ended, Interrupted, outputs, record, world};
+use super::{Ended, Interrupted, outputs, record, terminal, world};
 use crate::cli;
 use lapwing_core::{config::ConfigError, words::count};
 use lapwing_learn::{
@@ -45,7 +45,7 @@ pub(super) fn run(arguments: cli::Train, config: Option<&Path>) -> anyhow::Resul
         );
         super::print(&format!("{} ({kept})", outcome.model.display()))?;
         if !outcome.finished {
-            say!("stopped; to resume: lapwing train --resume --out {}", arguments.out.display());
+            say!("stopped; to resume: lapwing train --resume --out {}", terminal::pasted(&arguments.out));
         }
     }
     Ok(if outcome.finished { Ended::Passed } else { Ended::Failed })

@@ -245,8 +245,18 @@ fn check(layer: &str, table: &Table) -> Result<Settings, ConfigError> {
     if !(1.0..=50.0).contains(&settings.simulator.hz) {
         return Err(error(format!("simulator.hz: expected 1 to 50 a second, got {}", settings.simulator.hz)));
     }
-    if settings.recording.queue < 16 {
-        return Err(error(format!("recording.queue: expected at least 16, got {}", settings.recording.queue)));
+    let RecordingSettings { dir, queue, .. } = &settings.recording;
+    if !(16..=1_000_000).contains(queue) {
+        return Err(error(format!("recording.queue: expected 16 to 1000000, got {queue}")));
+    }
+    for (key, path) in [
+        ("recording.dir", Some(dir)),
+        ("model.path", settings.model.path.as_ref()),
+        ("brake.model", settings.brake.model.as_ref()),
+    ] {
+        if path.is_some_and(|path| path.as_os_str().is_empty()) {
+            return Err(error(format!("{key}: expected a path, got none")));
+        }
     }
     Ok(settings)
 }
@@ -291,6 +301,12 @@ mod tests {
         assert!(error("bridge.allow_hosts", list("car:4567")).contains("without a port"));
         assert!(error("brake.threshold", 0.into()).contains("above 0, got 0"));
         assert!(error("brake.guard", "model".into()).contains("brake.model to be the network's file, got none"));
+        assert!(
+            error("recording.queue", 100_000_000_000_i64.into()).contains("expected 16 to 1000000, got 100000000000")
+        );
+        for key in ["recording.dir", "model.path", "brake.model"] {
+            assert!(error(key, "".into()).contains(&format!("{key}: expected a path, got none")));
+        }
         assert!(error("control.takeover", "never".into()).contains("expected `resume` or `latch`"));
     }
 

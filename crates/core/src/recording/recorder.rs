@@ -53,6 +53,13 @@ pub struct RecorderStatus {
     pub failed: Option<String>,
 }
 
+impl RecorderStatus {
+    /// Frames and other items that were lost.
+    pub fn lost(&self) -> u64 {
+        self.frames_not_recorded + self.items_not_recorded
+    }
+}
+
 /// The result of recording a run.
 #[derive(Debug)]
 pub struct RecordingReport {

@@ -285,6 +285,18 @@ fn a_recipes_unknown_keys_are_refused() {
         let error = told.unwrap_err();
         assert!(error.contains("recipe.toml: ") && error.contains(expected), "{error}");
     }
+    let error = read("", "", "hidden = 8\nseed = -1").unwrap_err();
+    assert!(error.contains("line 9, column 8"), "where it is: {error}");
+    let error = read("", "", "[maddpg]").unwrap_err();
+    assert!(error.contains("expected one table, [ppo] or [maddpg], got both"), "{error}");
+    let usual = "[intersection]\nmissions = \"random\"\ncars = 12\nreward = \"corrected\"\naxes = \"world\"\n";
+    for (algorithm, expected) in
+        [("", "expected a table [ppo] or [maddpg], got neither"), ("[Ppo]", "did you mean \"ppo\"?")]
+    {
+        std::fs::write(&path, format!("{usual}{algorithm}\n")).unwrap();
+        let error = TrainingSettings::read(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 #[test]

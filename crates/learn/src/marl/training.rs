@@ -10,15 +10,15 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::{
-    MarlError, Policy, Update, file,
+    MaddpgSettings, MarlError, Policy, PpoSettings, Update, file,
     learner::{Algorithm, Counters, Learner, World},
     policy::{FORMAT, PolicyMetadata},
 };
 use crate::train::events::Events;
 use lapwing_core::{files, words::did_you_mean};
+use lapwing_sim::intersection::Settings;
 
 const POLICY: &str = "policy.safetensors";
 const STATE: &str = "state.safetensors";
@@ -54,22 +54,46 @@ impl TrainingSettings {
     pub fn read(path: &Path) -> Result<Self, MarlError> {
         let wrong = |why: String| MarlError::Recipe { path: path.to_owned(), why };
         let text = fs::read_to_string(path).map_err(MarlError::io("read", path))?;
-        let settings: Self = toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
-        // Serde cannot refuse unknown keys here, as the tables are flattened; those of an algorithm it has refused.
-        let told: Value = toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
-        let known = serde_json::to_value(&settings).map_err(|why| wrong(why.to_string()))?;
-        for (place, told, known) in
-            [("", &told, &known), ("intersection.", &told["intersection"], &known["intersection"])]
-        {
-            let (Some(told), Some(known)) = (told.as_object(), known.as_object()) else { continue };
-            if let Some(key) = told.keys().find(|key| !known.contains_key(*key)) {
-                let names: Vec<_> = known.keys().map(String::as_str).collect();
-                let meant = did_you_mean(key, names.iter().copied());
-                return Err(wrong(format!("expected one of {}, got {place}{key}{meant}", names.join(", "))));
+        let told: toml::Table = toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+        let known = serde_json::to_value(Settings::default()).map_err(|why| wrong(why.to_string()))?;
+        let known: Vec<_> = known.as_object().into_iter().flat_map(serde_json::Map::keys).map(String::as_str).collect();
+        // What Serde would say of these does not tell what was meant.
+        for (place, told, known) in [
+            ("", Some(&told), &["intersection", "mixed", "ppo", "maddpg"][..]),
+            ("intersection.", told.get("intersection").and_then(toml::Value::as_table), &known),
+        ] {
+            let mut keys = told.into_iter().flat_map(toml::Table::keys);
+            if let Some(key) = keys.find(|key| !known.contains(&key.as_str())) {
+                let meant = did_you_mean(key, known.iter().copied());
+                return Err(wrong(format!("expected one of {}, got {place}{key}{meant}", known.join(", "))));
             }
         }
-        Ok(settings)
+        let Recipe { intersection, mixed, ppo, maddpg } =
+            toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+        let algorithm = match (ppo, maddpg) {
+            (Some(ppo), None) => Algorithm::Ppo(ppo),
+            (None, Some(maddpg)) => Algorithm::Maddpg(maddpg),
+            (None, None) => return Err(wrong("expected a table [ppo] or [maddpg], got neither".into())),
+            (Some(_), Some(_)) => return Err(wrong("expected one table, [ppo] or [maddpg], got both".into())),
+        };
+        Ok(Self { world: World { intersection, mixed }, algorithm })
     }
+}
+
+/// A recipe as it is written. Without a flattened table Serde knows the line of what is wrong.
+#[derive(Deserialize)]
+struct Recipe {
+    intersection: Settings,
+    #[serde(default)]
+    mixed: bool,
+    ppo: Option<PpoSettings>,
+    maddpg: Option<MaddpgSettings>,
+}
+
+/// Holds a folder, which is made if it is not there, for one training alone.
+pub(super) fn hold(out: &Path) -> Result<Option<File>, MarlError> {
+    fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
+    files::lock(out, false).map_err(MarlError::io("train in", out))
 }
 
 /// Where a training is.
@@ -118,13 +142,18 @@ impl Training {
     /// # Errors
     /// [`MarlError`], if there is a training already, or the settings cannot be followed.
     pub fn new(out: &Path, settings: TrainingSettings) -> Result<Self, MarlError> {
+        // Before there is a folder.
+        settings.algorithm.clone().begin(settings.world)?;
+        Self::held(out, hold(out)?, settings)
+    }
+
+    /// The same in a folder that is [held](hold).
+    pub(super) fn held(out: &Path, lock: Option<File>, settings: TrainingSettings) -> Result<Self, MarlError> {
         if out.join(STATE).exists() {
             let why = "expected a new folder, got one with a training; add --resume to go on with it";
             return Err(MarlError::File { path: out.to_owned(), why: why.into() });
         }
         let learner = settings.algorithm.clone().begin(settings.world)?;
-        fs::create_dir_all(out).map_err(MarlError::io("create", out))?;
-        let lock = files::lock(out, false).map_err(MarlError::io("train in", out))?;
         Ok(Self { out: out.to_owned(), _lock: lock, settings, learner, position: Position::default() })
     }
 
@@ -138,7 +167,12 @@ impl Training {
         let lock = files::lock(out, false).map_err(MarlError::io("train in", out))?;
         let (path, state) = (out.join(SETTINGS), out.join(STATE));
         if !state.exists() {
-            let why = "expected a training to resume, got none";
+            let why = match path.exists() {
+                true => {
+                    "expected a training to resume, got one that had saved nothing yet: start it again without --resume"
+                }
+                false => "expected a training to resume, got none",
+            };
             return Err(MarlError::File { path: out.to_owned(), why: why.into() });
         }
         let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
@@ -269,7 +303,7 @@ impl Training {
     fn log(&self, update: &Update, pace: f64, share: Option<f64>) -> Result<(), MarlError> {
         let path = self.out.join(LOG);
         let mut text = String::new();
-        if update.number == 1 {
+        if update.number == 1 || !path.exists() {
             let names: Vec<_> = columns(update, share).map(|(name, _)| name).collect();
             text = format!("update,agent_steps,seconds,agent_steps_per_s,{}\n", names.join(","));
         }

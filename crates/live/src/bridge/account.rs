@@ -5,7 +5,7 @@ use std::{fmt, path::PathBuf, time::Duration};
 use serde::Serialize;
 
 use super::Bridge;
-use crate::viewers::Feed;
+use crate::{page::RunFile, viewers::Feed};
 use lapwing_core::{
     config::RecordingSettings,
     drive::{Elsewhere, Observer, ObserverError},
@@ -38,7 +38,7 @@ impl Account {
         let recorder = settings.enabled.then(|| {
             Recorder::create(&settings.dir, header, RecorderOptions { queue: settings.queue, roads })
                 .inspect_err(|error| tracing::error!("{peer}: this drive is not recorded: {error}"))
-                .map_err(|error| format!("this drive is not recorded: {error}"))
+                .map_err(|error| error.to_string())
         });
         let (recorder, unrecorded) = match recorder {
             Some(Err(why)) => (None, Some(why)),
@@ -50,6 +50,11 @@ impl Account {
     /// The score so far.
     pub fn scorer(&self) -> &Scorer {
         &self.scorer
+    }
+
+    /// How its file is doing; none where none is wanted.
+    pub fn file(&self) -> Option<RunFile> {
+        self.recorder.as_ref().map(RunFile::from).or_else(|| self.unrecorded.as_deref().map(RunFile::unmade))
     }
 
     /// Closes the file and returns the summary.
@@ -65,7 +70,7 @@ impl Account {
         });
         let (telemetries, human_messages) = (self.steers, self.manuals);
         let mut card = self.scorer.finish();
-        card.notes.extend(self.unrecorded);
+        card.notes.extend(self.unrecorded.map(|why| format!("this drive is not recorded: {why}")));
         Summary { simulator, dialect: self.dialect, telemetries, human_messages, card, run }
     }
 }

@@ -18,7 +18,7 @@ use lapwing_core::{
     driver::Driver,
     protocol::{Answer, Command, Dialect, Observation, Payload, Sight, TelemetryError, Undrivable},
     recording::{ModelId, RunHeader, RunKind},
-    turn::{EventRecord, Turn},
+    turn::{By, EventRecord, Turn},
     units::Throttle,
     words::count,
 };
@@ -57,6 +57,8 @@ struct SaidOnce {
     loading: bool,
     /// That the simulator cannot be driven.
     undrivable: bool,
+    /// That the car is being stopped because of bad frames.
+    stopping: bool,
 }
 
 /// A drive: from the first telemetry that identifies the simulator, once the model is loaded.
@@ -76,6 +78,7 @@ impl Underway {
         }
         if let Some(showing) = showing {
             showing.score(self.account.scorer(), now);
+            showing.is_written(now, || self.account.file());
             showing.turn(turn, self.driver.hands(), now);
         }
     }
@@ -262,6 +265,11 @@ impl Session {
         let Some((turn, drive)) = reply.turn.zip(self.drive.as_mut()) else { return };
         let turn = Turn { latency, ..turn };
         tell(&self.peer, &turn.trace.events, &self.bad, now);
+        if turn.trace.events.contains(&EventRecord::BrakingToStandstill) {
+            self.told.stopping = true;
+        } else if turn.trace.by == By::Pilot && std::mem::take(&mut self.told.stopping) {
+            tracing::info!("{}: frames are good again: the pilot drives", self.peer);
+        }
         drive.show(&turn, now, &mut self.showing);
     }
 
@@ -381,6 +389,9 @@ impl Session {
     fn close(&mut self) -> bool {
         let Some(Underway { account, .. }) = self.drive.take() else { return false };
         let summary = account.finish(self.peer.clone());
+        if let (Some(showing), Some(run)) = (&mut self.showing, &summary.run) {
+            showing.has_lost(run.not_recorded);
+        }
         (self.bridge().on_summary)(&summary);
         true
     }

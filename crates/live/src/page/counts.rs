@@ -21,6 +21,8 @@ pub(super) struct Counts {
     pub takeovers: u64,
     /// Times that the car was put back on the road.
     pub interventions: u64,
+    /// Frames and other items of runs that did not make it into their files.
+    pub not_recorded: u64,
     /// Times of the answers, by stage.
     pub stages: [Times; STAGES.len()],
 }
@@ -83,6 +85,7 @@ impl Counts {
         self.bad_frames += other.bad_frames;
         self.takeovers += other.takeovers;
         self.interventions += other.interventions;
+        self.not_recorded += other.not_recorded;
         self.stages.iter_mut().zip(&other.stages).for_each(|(times, more)| times.add(more));
     }
 }

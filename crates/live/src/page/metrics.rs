@@ -47,12 +47,13 @@ impl Collector for Scrape {
     fn encode(&self, mut encoder: DescriptorEncoder) -> fmt::Result {
         let mut all = self.ended;
         self.drives.iter().for_each(|(_, now, _)| all.add(&now.counts));
-        let Counts { messages, bad_frames, takeovers, interventions, stages } = all;
+        let Counts { messages, bad_frames, takeovers, interventions, not_recorded, stages } = all;
         for (name, help, count) in [
             ("messages", "Telemetries received, those included that came while a human drove", messages),
             ("bad_frames", "Telemetries or pictures that could not be used", bad_frames),
             ("takeovers", "Times that a human took over", takeovers),
             ("interventions", "Times that the car was put back on the road", interventions),
+            ("not_recorded", "Frames and other items of runs that did not make it into their files", not_recorded),
         ] {
             let mut metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
             metric.encode_counter::<NoLabelSet, u64, u64>(&count, None)?;
@@ -69,6 +70,9 @@ impl Collector for Scrape {
         }
         self.gauge(&mut encoder, "speed_mph", "Speed, in miles an hour", |now, _| now.turn?.speed_mph)?;
         self.gauge(&mut encoder, "telemetries_per_second", "Telemetries a second", |now, _| Some(now.turn?.hz))?;
+        let help = "1 while the drive's run is being written, 0 while it cannot be; absent where no run is wanted";
+        let written = |now: &Moment| now.status.file.as_ref().map(|file| f64::from(u8::from(file.trouble.is_none())));
+        self.gauge(&mut encoder, "recording", help, |now, _| written(now))?;
         for figure in Figure::ALL {
             let name = format!("score_{}", figure.key());
             self.gauge(&mut encoder, &name, figure.label(), |_, card| card?.value(figure))?;

@@ -13,6 +13,7 @@ use lapwing_core::{
     config::SpeedLaw,
     driver::Hands,
     protocol::{Answer, Dialect},
+    recording::Recorder,
     turn::{By, Turn},
 };
 use lapwing_score::score::Scorer;
@@ -63,11 +64,42 @@ pub(super) struct Status {
     /// Rows of training data kept so far; none if none are kept.
     pub recorded: Option<u64>,
     pub recording: bool,
+    /// The file of the run; none where none is wanted.
+    pub file: Option<RunFile>,
     /// The track's name, where it is told.
     pub track: Option<String>,
     pub scenario: Option<String>,
     pub can: Abilities,
     pub offered: Offered,
+}
+
+/// The file of a run while it is written, as pages are told.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct RunFile {
+    /// Its name; none if it could not be made.
+    pub name: Option<String>,
+    /// Frames and other items that did not make it into the file.
+    pub not_recorded: u64,
+    /// What is wrong at the moment; none while it is being written.
+    pub trouble: Option<String>,
+}
+
+impl RunFile {
+    /// One that could not be made.
+    pub fn unmade(why: &str) -> Self {
+        Self { name: None, not_recorded: 0, trouble: Some(why.to_owned()) }
+    }
+}
+
+impl From<&Recorder> for RunFile {
+    fn from(recorder: &Recorder) -> Self {
+        let status = recorder.status();
+        Self {
+            name: recorder.path().file_name().map(|name| name.to_string_lossy().into_owned()),
+            not_recorded: status.lost(),
+            trouble: status.failed,
+        }
+    }
 }
 
 /// A dialect as people call it.

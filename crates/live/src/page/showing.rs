@@ -20,7 +20,7 @@ use super::{
     course::Located,
     explained,
     minute::Minute,
-    moment::{Facts, Happened, Moment, Phase, Status, dialect, hands},
+    moment::{Facts, Happened, Moment, Phase, RunFile, Status, dialect, hands},
 };
 use lapwing_core::{
     config::ControlSettings,
@@ -35,6 +35,8 @@ use lapwing_score::score::Scorer;
 const EVENTS: usize = 60;
 /// Time between two looks at the score.
 const SCORE: Duration = Duration::from_secs(1);
+/// Time between two looks at the file of the run.
+const FILE: Duration = Duration::from_secs(1);
 /// A page that drives by hand and says nothing for this long has let go.
 const LET_GO: Duration = Duration::from_millis(500);
 /// How long a score is waited for that is not looked at all the time.
@@ -157,6 +159,10 @@ pub struct Showing {
     /// When turns were shown within the last second or so, for the frame rate.
     rate: (Instant, u64, f64),
     scored: Instant,
+    /// When it was last asked how its file is doing; never in this run if none.
+    filed: Option<Instant>,
+    /// What runs before this one lost.
+    lost_before: u64,
     wishes: Vec<Wish>,
     by_hand: Option<(Command, Instant)>,
     settings: Option<ControlSettings>,
@@ -187,6 +193,8 @@ impl Showing {
             turns: 0,
             rate: (began, 0, 0.0),
             scored: began,
+            filed: None,
+            lost_before: 0,
             wishes: vec![],
             by_hand: None,
             settings: None,
@@ -205,6 +213,7 @@ impl Showing {
         self.status.hands = "pilot";
         self.has_settings(settings);
         (self.now.turn, self.now.scorer) = (None, None);
+        (self.filed, self.lost_before) = (None, self.now.counts.not_recorded);
         self.publish();
     }
 
@@ -295,6 +304,20 @@ impl Showing {
             self.scored = now;
             self.now.scorer = Some(Arc::new(scorer.clone()));
         }
+    }
+
+    /// Asks once a second how the file of the run is doing; shown with the next turn.
+    pub fn is_written(&mut self, now: Instant, file: impl FnOnce() -> Option<RunFile>) {
+        if self.filed.is_none_or(|filed| now.saturating_duration_since(filed) >= FILE) {
+            self.filed = Some(now);
+            self.status.file = file();
+            self.has_lost(self.status.file.as_ref().map_or(0, |file| file.not_recorded));
+        }
+    }
+
+    /// The file of the run lacks so many frames and other items in all.
+    pub fn has_lost(&mut self, items: u64) {
+        self.now.counts.not_recorded = self.lost_before + items;
     }
 
     /// Keeps the score of a run that is over.

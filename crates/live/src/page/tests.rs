@@ -73,6 +73,24 @@ async fn a_drive_is_on_the_page_for_as_long_as_it_is_shown_and_its_counts_stay()
 }
 
 #[tokio::test]
+async fn what_several_runs_of_a_drive_lost_adds_up() {
+    let page = page();
+    let mut showing = page.show("a simulator", Abilities::of_a_connection());
+    let file = |not_recorded| Some(RunFile { name: Some("run.mcap".into()), not_recorded, trouble: None });
+    let now = Instant::now();
+    for (lost, lost_at_the_end) in [(3, 5), (0, 2)] {
+        showing.run_begins(Some(Dialect::Term1), &ControlSettings::default());
+        showing.is_written(now, || file(lost));
+        showing.is_written(now, || panic!("it is asked for once a second"));
+        showing.turn(&turn(0, b"jpeg"), Hands::Pilot, now);
+        showing.has_lost(lost_at_the_end);
+    }
+    drop(showing);
+    let text = metrics::text(&page).await.unwrap();
+    assert!(text.contains("lapwing_not_recorded_total 7\n"), "{text}");
+}
+
+#[tokio::test]
 async fn the_stages_of_a_network_are_counted_where_a_network_drove() {
     let page = page();
     let mut showing = page.show("a simulator", Abilities::of_a_connection());

@@ -134,11 +134,11 @@ pub fn render(report: &Report<'_>, runs: &[ShownRun<'_>], against: Option<&Compa
     worse.iter().for_each(|worse| text += &format!("- worse: {}\n", escaped(worse)));
     report.unscored.iter().for_each(|(name, why)| text += &format!("- {}: {}\n", escaped(name), escaped(why)));
     text += "\n";
-    let rows = report.rows();
+    let (rows, words) = report.rows();
     for (i, row) in rows.iter().enumerate() {
         text += &format!("| {} |\n", row.iter().map(|cell| escaped(cell)).collect::<Vec<_>>().join(" | "));
         if i == 0 {
-            text += &format!("|---|{}\n", "---:|".repeat(row.len() - 1));
+            text += &format!("|{}{}\n", "---|".repeat(words), "---:|".repeat(row.len() - words));
         }
     }
     text += "\n~ is an estimate, - not measurable, (2 runs) the mean of two runs.\n";

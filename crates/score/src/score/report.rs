@@ -117,6 +117,9 @@ pub struct Report<'a> {
     pub unscored: BTreeMap<&'a str, &'a str>,
 }
 
+/// A column of words: its name, and what it says of a run.
+type Told<'a> = (&'static str, for<'r> fn(&'r ScoredRun<'a>) -> &'r str);
+
 /// A run in a [`Report`].
 #[derive(Debug, Serialize)]
 pub struct ScoredRun<'a> {
@@ -164,14 +167,21 @@ impl<'a> Report<'a> {
 
     /// A line for each run, and their mean.
     pub fn table(&self) -> String {
-        aligned(&self.rows(), 1)
+        let (rows, words) = self.rows();
+        aligned(&rows, words)
             + "\n~ is an estimate, - not measurable, (2 runs) the mean of two runs; lapwing score RUN says more."
     }
 
-    /// The same as cells: names of figures, runs, and their mean.
-    pub(super) fn rows(&self) -> Vec<Vec<String>> {
+    /// The same as cells: names of figures, runs, and their mean; and how many columns are words. Models and settings are told
+    /// where they differ.
+    pub(super) fn rows(&self) -> (Vec<Vec<String>>, usize) {
+        let mut told: Vec<Told<'a>> = vec![("run", |run| &run.run)];
+        let differing: [Told<'a>; 2] = [("model", |run| run.model.unwrap_or("-")), ("setting", |run| &run.setting)];
+        let differs = |(_, of): &Told<'a>| self.runs.windows(2).any(|runs| of(&runs[0]) != of(&runs[1]));
+        told.extend(differing.into_iter().filter(differs));
         let mut rows: Vec<Vec<String>> = vec![];
-        rows.push(std::iter::once("run").chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
+        let names = told.iter().map(|(name, _)| *name);
+        rows.push(names.chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
         for run in &self.runs {
             let cell = |figure: Figure| match run.card.get(figure) {
                 Measure::Told(value) => figure.unit().show(value),
@@ -179,7 +189,9 @@ impl<'a> Report<'a> {
                 Measure::Unknown(_) => "-".to_owned(),
             };
             let damaged = if run.card.damaged { " (damaged)" } else { "" };
-            rows.push(std::iter::once(format!("{}{damaged}", run.run)).chain(COMPARED.map(cell)).collect());
+            let mut words: Vec<_> = told.iter().map(|(_, of)| of(run).to_owned()).collect();
+            words[0] += damaged;
+            rows.push(words.into_iter().chain(COMPARED.map(cell)).collect());
         }
         let mean = |figure: Figure| {
             let Some(spread) = self.summary.get(figure.key()) else { return "-".to_owned() };
@@ -190,8 +202,10 @@ impl<'a> Report<'a> {
                 if spread.runs < self.runs.len() { format!(" ({})", count(spread.runs, "run")) } else { String::new() };
             format!("{about}{}{of}", figure.unit().show_mean(spread.mean))
         };
-        rows.push(std::iter::once(format!("mean of {}", self.runs.len())).chain(COMPARED.map(mean)).collect());
-        rows
+        let mut words = vec![String::new(); told.len()];
+        words[0] = format!("mean of {}", self.runs.len());
+        rows.push(words.into_iter().chain(COMPARED.map(mean)).collect());
+        (rows, told.len())
     }
 }
 

@@ -13,13 +13,14 @@
 
 pub mod findings;
 
-use std::{fs, path::Path, time::Instant};
+use std::{fs, io, path::Path, time::Instant};
 
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Algorithm, MaddpgSettings, MarlError, Policy, PpoSettings, Training, World, priorities::Replay,
-    training::TrainingSettings,
+    Algorithm, MaddpgSettings, MarlError, Policy, PpoSettings, Training, World,
+    priorities::Replay,
+    training::{self, TrainingSettings},
 };
 use lapwing_core::files;
 use lapwing_sim::intersection::{
@@ -81,8 +82,10 @@ pub enum Variant {
     /// The same with priorities by rank.
     Rank,
     /// Batches of 64, as many gradient steps.
+    #[serde(rename = "batch-64", alias = "batch64")]
     Batch64,
     /// Batches of 64, as many samples: 16 times the gradient steps.
+    #[serde(rename = "batch-64-samples", alias = "batch64-samples")]
     Batch64Samples,
     /// Batches of 1024, one collector thread and two learner threads.
     Asynchronous,
@@ -210,11 +213,29 @@ impl Cell {
         out.join("cells").join(self.name()).join(RESULT).exists()
     }
 
+    /// What it came to, if it is done.
+    ///
+    /// # Errors
+    /// [`MarlError`], if its result cannot be read, or if it was done with other settings.
+    pub fn done(&self, study: &StudySettings, out: &Path) -> Result<Option<CellResult>, MarlError> {
+        let path = out.join("cells").join(self.name()).join(RESULT);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let wrong = |why: String| MarlError::File { path: path.clone(), why };
+        let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
+        let done: CellResult = serde_json::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+        match study.differ_from(&done.study) {
+            None => Ok(Some(done)),
+            Some(why) => Err(wrong(why)),
+        }
+    }
+
     /// Trains and judges it in its folder, if that is not done. None if it `is_stopped`, which is asked within updates,
     /// too; `told` is shown the share that is done after each.
     ///
     /// # Errors
-    /// [`MarlError`], also for a cell that was done with other settings.
+    /// [`MarlError`], also for a cell that was done with other settings, or that another process is training.
     pub fn run(
         &self,
         study: &StudySettings,
@@ -226,23 +247,19 @@ impl Cell {
         let folder = out.join("cells").join(self.name());
         let path = folder.join(RESULT);
         let wrong = |why: String| MarlError::File { path: path.clone(), why };
-        if path.exists() {
-            let text = fs::read_to_string(&path).map_err(MarlError::io("read", &path))?;
-            let done: CellResult = serde_json::from_str(&text).map_err(|why| wrong(why.to_string()))?;
-            return match study.differ_from(&done.study) {
-                None => Ok(Some(done)),
-                Some(why) => Err(wrong(why)),
-            };
+        // Held until the result is written, so that whoever comes next finds it.
+        let lock = training::hold(&folder)?;
+        if let Some(done) = self.done(study, out)? {
+            return Ok(Some(done));
         }
-        if folder.exists() {
-            fs::remove_dir_all(&folder).map_err(MarlError::io("remove", &folder))?;
-        }
+        empty(&folder).map_err(MarlError::io("empty", &folder))?;
         let (reward, cars) = (self.reward, self.cars);
         let intersection = Settings { reward, cars, sight: Sight::Routes, ..Settings::default() };
         let algorithm = self.variant.algorithm(study, self.seed);
         let settings = TrainingSettings { world: World { intersection, mixed: true }, algorithm };
         let (mut curve, began) = (Vec::new(), Instant::now());
-        let outcome = Training::new(&folder, settings)?.run(wall, is_stopped, |update, _, done| {
+        let mut training = Training::held(&folder, lock, settings)?;
+        let outcome = training.run(wall, is_stopped, |update, _, done| {
             if update.episodes > 0 {
                 curve.push(Point {
                     agent_steps: update.agent_steps,
@@ -277,9 +294,44 @@ impl Cell {
     }
 }
 
+/// Removes what an interrupted training left.
+fn empty(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn variants_have_the_same_name_in_json_as_in_tables() {
+        for variant in Variant::ALL {
+            assert_eq!(serde_json::to_value(variant).unwrap(), variant.name());
+        }
+        let before: [Variant; 2] = serde_json::from_str(r#"["batch64", "batch64-samples"]"#).unwrap();
+        assert_eq!(before, [Variant::Batch64, Variant::Batch64Samples], "as earlier versions wrote it");
+    }
+
+    #[test]
+    fn a_cell_is_trained_by_one_process_at_a_time_and_what_was_left_there_is_gone() {
+        crate::nn::runtime::set_threads(1);
+        let folder = tempfile::tempdir().unwrap();
+        let study = StudySettings { seeds: 1, agent_steps: 2000, episodes: 2, every: 100.0 };
+        let cell = Cell { variant: Variant::Ppo, reward: Reward::Corrected, cars: 0, seed: 0 };
+        let own = folder.path().join("cells").join(cell.name());
+        let held = training::hold(&own).unwrap();
+        fs::write(own.join("log.csv"), "left\n").unwrap();
+        let run = || cell.run(&study, folder.path(), || 0.0, || false, |_| ());
+        assert!(run().unwrap_err().to_string().contains("another lapwing is writing into this folder"));
+        assert_eq!(fs::read_to_string(own.join("log.csv")).unwrap(), "left\n");
+        drop(held);
+        assert!(run().unwrap().is_some());
+        assert!(fs::read_to_string(own.join("log.csv")).unwrap().starts_with("update,"));
+    }
 
     #[test]
     fn a_cell_that_is_done_is_kept_and_one_of_another_study_is_refused() {
