@@ -9,7 +9,7 @@ use std::{
 
 use lapwing::{
     known::Roads,
-    locating::{self, LocatedRecording, PartSummary, Placed, Summary},
+    locating::{self, LocatedRecording, On, PartSummary, Placed, Summary},
 };
 use lapwing_core::recording::{CameraPosition, Recording, released_at_once};
 use lapwing_learn::dataset;
@@ -155,6 +155,23 @@ fn a_short_piece_with_a_crash_is_not_taken_for_a_road_that_half_of_it_seems_to_s
     assert!(found.drives().is_empty());
     let [why] = &found.unknown()[..] else { panic!("{:?}", found.unknown()) };
     assert!(why.contains("lake, the other way round, but only "), "{why}");
+}
+
+/// The bends of each leave several roads, and its pictures agree well with the lake the wrong way round, at another place.
+#[test]
+fn a_short_piece_is_not_taken_for_the_same_road_the_other_way_round() {
+    let Some(folder) = shared("recordings") else { return };
+    for (of, first, count, reversed) in [
+        ("lake-high-graphics", 0, 233, false),
+        ("lake-high-graphics", 100, 110, false),
+        ("lake-clockwise", 0, 90, true),
+        ("lake-clockwise", 420, 70, true),
+    ] {
+        let dir = rows(&folder.join(of), first, count);
+        let found = located(dir.path(), CameraPosition::Center);
+        let is_right = |on: &On| (on.road(), on.reversed) == ("lake", reversed);
+        assert!(found.parts.iter().all(|part| part.on.as_ref().is_none_or(is_right)), "{of} {first}: {found:?}");
+    }
 }
 
 #[test]

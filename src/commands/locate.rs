@@ -16,7 +16,10 @@ use crate::{
     known::Roads,
     locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, truth_of},
 };
-use lapwing_core::{recording::CameraPosition, words::count};
+use lapwing_core::{
+    recording::{CameraPosition, Recording, RecordingError},
+    words::count,
+};
 #[cfg(feature = "networks")]
 use lapwing_learn::models::LaneModel;
 use lapwing_sim::track::Track;
@@ -28,6 +31,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     arguments.csv.as_deref().map_or(Ok(()), |csv| outputs::check_beside(csv, inputs))?;
     [&arguments.frames, &arguments.plot].into_iter().flatten().try_for_each(|path| outputs::check_drawing(path))?;
     let roads = Roads::with(&arguments.tracks);
+    warn_of_assumed_times(&arguments.recording)?;
     #[cfg(feature = "networks")]
     let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
     let truth = arguments.truth.as_ref().map(|path| truth_of(&arguments.recording, path, &roads)).transpose()?;
@@ -83,6 +87,20 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
         !seen && drive.on.as_ref().is_none_or(|on| on.located == 0.0)
     });
     Ok(if nothing { Ended::Failed } else { Ended::Passed })
+}
+
+/// Says so if the times of a recording's pictures are assumed, on which all depends that follows how the car moved.
+pub(super) fn warn_of_assumed_times(path: &Path) -> Result<(), RecordingError> {
+    let untimed = Recording::open(path)?.untimed();
+    if untimed > 0 {
+        let pictures = count(untimed, "picture");
+        say!(
+            "warning: {}: the names of {pictures} hold no time, so 15 a second are assumed: if it was another number, places and \
+             distances are wrong, and pictures may not be located; name them as the simulator does (center_YYYY_MM_DD_HH_MM_SS_mmm.jpg)",
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 /// Locates a recording, with a line of progress.

@@ -52,6 +52,7 @@ impl Recorded {
         let roads = Roads::with(&track.into_iter().map(str::to_owned).collect::<Vec<_>>());
         let mut drives = vec![];
         for (i, path) in recordings.iter().enumerate() {
+            super::locate::warn_of_assumed_times(path)?;
             if let Some(table) = lanes.get(i) {
                 let table = table_of(path, table, &roads)?;
                 if table.elsewhere > 0 {

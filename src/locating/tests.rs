@@ -71,9 +71,11 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
     let road = Arc::new(Road::new("bends".into(), 0.0, 100.0, None, vec![0.0, 1.0]));
     let tried = vec![Tried { road: road.clone(), fit: -3.1, behind: 0.0, explains: false }];
     let none = Found { tried, ..Found::default() };
-    let told = unknown(&none, false).unwrap();
+    let told = unknown(&none, 900.0, false).unwrap();
     assert!(told.starts_with("the nearest, bends, explains it by -3.1 each 10 m; "), "{told}");
     assert!(told.ends_with(": if it was on another road, name that with --track FILE.toml"), "{told}");
+    let short = unknown(&none, 368.0, false).unwrap();
+    assert!(short.ends_with("--track FILE.toml; if not, a longer recording may tell"), "{short}");
     let on = |road: Arc<Road>| Match {
         road,
         evidence: -9.0,
@@ -84,13 +86,22 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
         tried_m: 90.0,
     };
     let several = Found { likely: vec![on(road.clone()), on(Arc::new(road.reversed()))], ..Found::default() };
-    let told = unknown(&several, false).unwrap();
-    assert!(unknown(&several, true).unwrap().ends_with(UNREAD));
+    let told = unknown(&several, 900.0, false).unwrap();
+    assert!(unknown(&several, 900.0, true).unwrap().ends_with(UNREAD));
     assert!(
         told.starts_with("bends, or bends, the other way round: both explain it about as well, and its pic"),
         "{told}"
     );
-    assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }, false), None);
+    assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }, 900.0, false), None);
+}
+
+#[test]
+fn pictures_choose_a_road_only_if_they_agree_clearly_better_with_it_and_all_likelier_ones_were_seen() {
+    assert_eq!(chosen(&[Some(0.34), Some(0.38)]), Some(1));
+    assert_eq!(chosen(&[Some(0.38), None, Some(0.34)]), Some(0), "what is less likely need not be seen");
+    assert_eq!(chosen(&[Some(0.496), Some(0.504)]), None);
+    assert_eq!(chosen(&[None, Some(0.53)]), None);
+    assert_eq!((chosen(&[None, None]), chosen(&[])), (None, None));
 }
 
 #[test]

@@ -6,19 +6,19 @@ use std::{
     path::Path,
 };
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use indicatif::ProgressBar;
 
-use super::super::{Ended, guards, interrupted, outputs, print, undriven_layers};
+use super::super::{Ended, guards, interrupted, outputs, outputs::Usage, print, undriven_layers};
 use crate::{
     cli::BrakeTrial,
     film::{Film, FilmError},
 };
 use lapwing_core::{guard::GuardModel, perception::Frame, words::count};
-use lapwing_score::emergency::trial::{self, TrialDrive, TrialOutcome, TrialResult};
+use lapwing_score::emergency::trial::{self, TrialDrive, TrialGuard, TrialOutcome, TrialResult};
 use lapwing_sim::{
-    braking::{Braker, Case, Kind, Outcome, Places, Trial, TrialOptions, Tried, trials, try_all},
+    braking::{Braker, Case, Kind, Layer, Outcome, Places, Trial, TrialOptions, Tried, trials, try_all},
     camera::{Camera, Renderer},
 };
 
@@ -30,8 +30,11 @@ const FILM: (usize, usize) = (320, 180);
 const SHOWN: u32 = 2;
 const MOST_SHOWN: u32 = 300;
 
+/// The result, in its folder.
+const RESULT_NAME: &str = "trial.json";
+
 pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Result<Ended> {
-    arguments.out.as_deref().map_or(Ok(()), outputs::check_folder)?;
+    arguments.out.as_deref().map_or(Ok(()), check_new)?;
     let settings = guards::layers(undriven_layers(config)?, &arguments.guard)?.resolve()?;
     // Other numbers of threads round differently, and the drives are on all processors as it is.
     #[cfg(feature = "networks")]
@@ -48,6 +51,7 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
         laps: arguments.laps,
         part: arguments.part,
     };
+    check_layers(&options)?;
     let (planned, mut places) = (trials(&options), Places::default());
     let bar = if io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
     let tried = try_all(&planned, guard, &mut places, |done, of| {
@@ -59,21 +63,62 @@ pub(super) fn run(arguments: &BrakeTrial, config: Option<&Path>) -> anyhow::Resu
     let result = TrialResult {
         planned: planned.len(),
         interrupted: tried.len() < planned.len(),
-        ..TrialResult::of(
-            guard.map(|guard| guard.name().to_owned()),
-            arguments.part.name(),
-            tried.iter().map(driven).collect(),
-        )
+        ..TrialResult::of(guard.map(told_of), arguments.part.name(), tried.iter().map(driven).collect())
     };
     let json = serde_json::to_string_pretty(&result)?;
-    if let Some(folder) = &arguments.out {
+    // Of no drive there is nothing to keep.
+    if let Some(folder) = arguments.out.as_ref().filter(|_| !tried.is_empty()) {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        outputs::write(&folder.join("trial.json"), &json)?;
+        outputs::write(&folder.join(RESULT_NAME), &json)?;
         let films = films(&result, &tried, guard, &places, folder)?;
         outputs::write(&folder.join("trial.html"), &trial::render(&result, &films))?;
     }
     print(&if arguments.json { json } else { result.to_string() })?;
     Ok(if result.interrupted { Ended::Failed } else { Ended::Passed })
+}
+
+/// Whether a trial can be written into a folder, and none is there.
+fn check_new(folder: &Path) -> anyhow::Result<()> {
+    let result = folder.join(RESULT_NAME);
+    if result.symlink_metadata().is_ok() {
+        bail!("{} is the result of an earlier trial: nothing is overwritten, choose another folder", result.display());
+    }
+    outputs::check_folder(folder)
+}
+
+/// Says which cases are left out, as they have none of the layers; at least one must remain.
+fn check_layers(options: &TrialOptions) -> Result<(), Usage> {
+    let (left_out, layers) = (options.left_out(), listed(&options.layers));
+    if left_out.is_empty() {
+        return Ok(());
+    }
+    let named = listed(&left_out);
+    if left_out.len() == options.cases.len() {
+        let own: Vec<Layer> = Layer::ALL.into_iter().filter(|layer| plays(&left_out, *layer)).collect();
+        let own = listed(&own);
+        return Err(Usage(format!("--layers: expected layers of {named}, which are {own}, got {layers}")));
+    }
+    say!("left out, as they have no layer of {layers}: {named}");
+    Ok(())
+}
+
+/// Whether one of the cases has this layer.
+fn plays(cases: &[Case], layer: Layer) -> bool {
+    cases.iter().any(|case| case.layers().any(|own| own == layer))
+}
+
+/// Names, one after the other.
+fn listed(all: &[impl ToString]) -> String {
+    all.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
+}
+
+/// What a trial says about its guard.
+fn told_of(guard: &dyn GuardModel) -> TrialGuard {
+    TrialGuard {
+        name: guard.name().to_owned(),
+        threshold: guard.guard().limits().fires,
+        sha256: guard.sha256().map(str::to_owned),
+    }
 }
 
 /// What was asked for, each once: twice, the same drives would count twice. If nothing was, the default.

@@ -11,8 +11,9 @@ use std::{
 use jiff::{civil::DateTime, tz::TimeZone};
 
 use super::{
-    Break, Entries, Entry, EventRecord, Item, Moment, Picture, RecordingError, RunHeader, RunReader, Step, Truncation,
-    udacity::{DrivingLog, LOG_NAME, Row},
+    Break, Entries, Entry, EventRecord, Item, Moment, Picture, RecordingError, RunHeader, RunKind, RunReader, Step,
+    Truncation,
+    udacity::{DrivingLog, LOG_NAME, Row, UNTIMED},
 };
 use crate::{protocol::CameraImage, words::count};
 
@@ -133,6 +134,20 @@ impl Recording {
         match &self.source {
             OpenedFile::Run(_) => None,
             OpenedFile::Log(log) => Some(log),
+        }
+    }
+
+    /// How many of its moments have a time that is assumed, because the names of a driving log's pictures hold none: for them,
+    /// nothing that depends on how fast time passed (how far the car went, how long it took) can be told. 0 of any other
+    /// recording; a run made from such a log knows it, too.
+    pub fn untimed(&self) -> usize {
+        match &self.source {
+            OpenedFile::Log(log) => log.untimed(),
+            OpenedFile::Run(_) if self.header.kind == RunKind::DrivingLog => {
+                let told = self.header.config.get(UNTIMED).and_then(serde_json::Value::as_u64);
+                told.map_or(0, |untimed| usize::try_from(untimed).unwrap_or(usize::MAX))
+            }
+            OpenedFile::Run(_) => 0,
         }
     }
 

@@ -1,7 +1,11 @@
 //! Events in words, for pages and viewers.
 
 use super::{EventRecord, LimitEdge, MeasuredLine};
-use crate::{control::Release, words::count as counted};
+use crate::{
+    control::Release,
+    guard::{Guard, TimeToCollision},
+    words::count as counted,
+};
 
 /// How much an event matters to a person who watches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -54,6 +58,23 @@ impl EventRecord {
         }
     }
 
+    /// A guard's value, or a limit of it, as people read it: seconds of the one that brakes by the time to collision, whose own
+    /// scale is its inverse; three decimals of any other.
+    pub fn guard_value(guard: &str, value: f64) -> String {
+        if guard == TimeToCollision::default().name() {
+            format!("{:.2} s", value.recip())
+        } else {
+            format!("{value:.3}")
+        }
+    }
+
+    /// By which value a guard brakes, and where an emergency begins: `time to collision 1.30 s, from 1.40 s on`,
+    /// `brake-live: 0.810, from 0.725 on`.
+    pub fn guard_words(guard: &str, value: f64, fires: f64) -> String {
+        let colon = if guard == TimeToCollision::default().name() { "" } else { ":" };
+        format!("{guard}{colon} {}, from {} on", Self::guard_value(guard, value), Self::guard_value(guard, fires))
+    }
+
     /// What it says to people; none if a page has no use for it.
     pub fn in_words(&self) -> Option<String> {
         Some(match self {
@@ -62,7 +83,7 @@ impl EventRecord {
             Self::BadFrame { why, .. } => format!("bad frame: {why}"),
             Self::BrakingToStandstill => "too many bad frames: braking to a standstill".into(),
             Self::GuardBrakes { guard, value, fires, speed_mph } => {
-                format!("emergency brake at {speed_mph:.1} mph: {guard} {value:.2}, from {fires:.2} on")
+                format!("emergency brake at {speed_mph:.1} mph ({})", Self::guard_words(guard, *value, *fires))
             }
             Self::GuardReleases { after_s, why, speed_mph } => {
                 let why = match why {
@@ -108,5 +129,24 @@ impl EventRecord {
             Self::RunEnded { why } => format!("the run ended: {why}"),
             Self::Kick | Self::Simulator { .. } | Self::Course { .. } => return None,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_to_collision_is_told_in_seconds_and_a_networks_value_as_it_is() {
+        let words = |guard: &str, value: f64, fires: f64| {
+            let brakes = EventRecord::GuardBrakes { guard: guard.into(), value, fires, speed_mph: 12.0 };
+            brakes.in_words().unwrap()
+        };
+        let limits = TimeToCollision::default().limits();
+        assert_eq!(
+            words(TimeToCollision::default().name(), 1.3_f64.recip(), limits.fires),
+            "emergency brake at 12.0 mph (time to collision 1.30 s, from 1.40 s on)"
+        );
+        assert_eq!(words("brake-live", 0.81, 0.725), "emergency brake at 12.0 mph (brake-live: 0.810, from 0.725 on)");
     }
 }

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::Part;
 use crate::nn::braking::{BrakingArchitecture, HZ};
 use lapwing_core::{
+    hash::sha256,
     perception::{self, Frame, ImageError, Preprocess, PreprocessError, Preprocessor},
     protocol::Truth,
     recording::{Break, EventRecord, Picture, Recording, RecordingError},
@@ -95,7 +96,11 @@ enum Pictures {
 #[derive(Debug, thiserror::Error)]
 pub enum BrakingDataError {
     /// The table cannot be read.
-    #[error("{}: expected the table of a data set of lapwing brake record, got an error: {source}", path.display())]
+    #[error(
+        "{}: expected the table of a data set of lapwing brake record, got an error: {source}{}",
+        path.display(),
+        help(path, source)
+    )]
     Table {
         /// The table.
         path: PathBuf,
@@ -193,6 +198,23 @@ pub enum BrakingDataError {
         /// Its own.
         got: usize,
     },
+}
+
+/// What to do about a table that cannot be read.
+fn help(path: &Path, source: &io::Error) -> String {
+    match path.parent() {
+        Some(folder) if source.kind() == io::ErrorKind::NotFound => {
+            format!(": record one (lapwing brake record --out {})", folder.display())
+        }
+        _ => String::new(),
+    }
+}
+
+/// SHA-256 of the table of a data set's folder.
+pub(super) fn digest(folder: &Path) -> Result<String, BrakingDataError> {
+    let path = folder.join(EPISODES_NAME);
+    let bytes = fs::read(&path).map_err(|source| BrakingDataError::Table { path, source })?;
+    Ok(sha256(&bytes))
 }
 
 /// Reads the table of a data set's folder.

@@ -13,7 +13,7 @@ use tch::{Device, Kind, Reduction, Tensor, nn};
 use super::{
     BrakingRecipe, BrakingTrainError, Epoch, Part, SpeedFailure, episodes,
     episodes::{Drive, Reader},
-    state::{self, Position},
+    state::{self, Position, Stored},
     targets::{Wanted, wanted},
     windows::{Batch, Draw, Drawn, LEAST_WEIGHT, Windows, batch, length},
 };
@@ -31,6 +31,9 @@ const WARM_UP_STEPS: f64 = 10.0;
 
 /// PyTorch's bound on the logarithms of a cross-entropy.
 const LEAST_LOGARITHM: f64 = -100.0;
+
+/// What a state calls the losses of the windows of the two kinds.
+const LOSSES: [&str; 2] = ["losses.apart", "losses.others"];
 
 /// The loss of a window that was not seen yet, in a file.
 const UNSEEN: f64 = 1e6;
@@ -180,6 +183,7 @@ impl<'a> Learning<'a> {
                 steps: 0,
                 rate: recipe.learning_rate,
                 since_best: 0,
+                episodes: None,
             },
             network,
             mean,
@@ -283,14 +287,15 @@ impl<'a> Learning<'a> {
     fn tensors(&self) -> Result<Vec<(String, Tensor)>, tch::TchError> {
         let losses = self.draw.losses.each_ref().map(|losses| Tensor::f_from_slice(losses));
         let [apart, others] = losses;
-        let losses = [("losses.apart".to_owned(), apart?), ("losses.others".to_owned(), others?)];
+        let losses = [(LOSSES[0].to_owned(), apart?), (LOSSES[1].to_owned(), others?)];
         let best = self.best.iter().map(|(name, tensor)| (format!("best.{name}"), tensor.shallow_clone()));
         let mean = self.mean.tensors().into_iter().map(|(name, tensor)| (format!("mean.{name}"), tensor));
         let moments = self.stepper.state().map(|(name, tensor)| (name, tensor.shallow_clone()));
         Ok(self.network.tensors().into_iter().chain(mean).chain(best).chain(moments).chain(losses).collect())
     }
 
-    pub(super) fn save(&self, path: &Path) -> Result<(), BrakingTrainError> {
+    /// Its state, as a file holds it.
+    pub(super) fn encoded(&self) -> Result<Vec<u8>, BrakingTrainError> {
         let mut tensors = self.tensors()?;
         // What was not seen has no finite loss, and a file only finite numbers.
         for (name, tensor) in &mut tensors {
@@ -298,26 +303,42 @@ impl<'a> Learning<'a> {
                 *tensor = tensor.f_clamp_max(UNSEEN)?;
             }
         }
-        state::save(path, &self.position, tensors)
+        state::encode(&self.position, tensors)
     }
 
-    pub(super) fn resume(&mut self, path: &Path) -> Result<(), BrakingTrainError> {
-        let tensors = self.tensors()?;
-        let position = state::load(path, &tensors)?;
+    pub(super) fn save(&self, path: &Path) -> Result<(), BrakingTrainError> {
+        state::write(path, &self.encoded()?)
+    }
+
+    /// Goes on from a state of a training by the same recipe on the same episodes, which are those of `table`.
+    pub(super) fn resume(&mut self, path: &Path, table: &Path) -> Result<(), BrakingTrainError> {
+        let stored = Stored::read(path)?;
+        let position = &stored.position;
         // A longer training goes on from a shorter one, if its learning rate does not depend on its length.
         let epochs = if self.recipe.schedule == Schedule::Cosine { position.recipe.epochs } else { self.recipe.epochs };
         if (BrakingRecipe { epochs, ..position.recipe.clone() }) != *self.recipe {
             return Err(BrakingTrainError::OtherRecipe { path: path.to_owned() });
         }
+        let [own, its] = [&self.position.episodes, &position.episodes];
+        let mut is_other = own.is_some() && its.is_some() && own != its;
+        for (name, losses) in LOSSES.into_iter().zip(&self.draw.losses) {
+            is_other |= stored.shape(name)?.is_some_and(|shape| shape != [losses.len()]);
+        }
+        if is_other {
+            return Err(BrakingTrainError::OtherEpisodes { path: path.to_owned(), table: table.to_owned() });
+        }
+        let tensors = self.tensors()?;
+        stored.copy_to(&tensors)?;
         for (name, tensor) in &tensors {
             match name.as_str() {
-                "losses.apart" => self.draw.losses[0] = Vec::try_from(tensor)?,
-                "losses.others" => self.draw.losses[1] = Vec::try_from(tensor)?,
+                name if name == LOSSES[0] => self.draw.losses[0] = Vec::try_from(tensor)?,
+                name if name == LOSSES[1] => self.draw.losses[1] = Vec::try_from(tensor)?,
                 _ => {}
             }
         }
-        self.stepper.steps = position.steps;
-        self.position = position;
+        self.stepper.steps = stored.position.steps;
+        let episodes = self.position.episodes.take();
+        self.position = Position { episodes, ..stored.position };
         Ok(())
     }
 }
@@ -394,7 +415,7 @@ mod tests {
         before.judge(told).unwrap();
         before.save(&state).unwrap();
         let mut after = begun(&recipe, &drives);
-        after.resume(&state).unwrap();
+        after.resume(&state, Path::new("data/episodes.csv")).unwrap();
         assert_eq!((&after.position, after.stepper.steps), (&before.position, 2));
         for ((name, a), (_, b)) in before.tensors().unwrap().iter().zip(&after.tensors().unwrap()) {
             assert_eq!(a.clamp_max(UNSEEN), b.clamp_max(UNSEEN), "{name}");
@@ -406,9 +427,33 @@ mod tests {
             (batch.frames, batch.speeds, cards)
         };
         assert_eq!(next(&mut before), next(&mut after));
+    }
+
+    #[test]
+    fn a_training_by_another_recipe_or_on_other_episodes_is_not_resumed_and_the_error_says_which() {
+        let (drives, more) = ([drive()], [drive(), drive()]);
+        let recipe = recipe("");
+        let dir = tempfile::tempdir().unwrap();
+        let state = dir.path().join("brake.state.safetensors");
+        let mut before = begun(&recipe, &drives);
+        before.position.episodes = Some("00ff".into());
+        before.save(&state).unwrap();
+        let resumed = |recipe: &BrakingRecipe, drives: &[Drive], episodes: Option<&str>| {
+            let mut learning = begun(recipe, drives);
+            learning.position.episodes = episodes.map(str::to_owned);
+            learning.resume(&state, Path::new("data/episodes.csv")).map_err(|error| error.to_string())
+        };
         let other = BrakingRecipe { batch: 4, ..recipe.clone() };
-        let error = begun(&other, &drives).resume(&state).unwrap_err().to_string();
+        let error = resumed(&other, &more, Some("00ee")).unwrap_err();
         assert!(error.ends_with("expected the state of a training by this recipe, got that of another one"), "{error}");
+        let told = "the state is of a training on other episodes, expected those of data/episodes.csv";
+        for (drives, episodes) in [(&drives[..], Some("00ee")), (&more, Some("00ff")), (&more, None)] {
+            let error = resumed(&recipe, drives, episodes).unwrap_err();
+            assert!(error.contains(told), "{error}");
+        }
+        // As if one of the two were of an earlier version.
+        assert_eq!(resumed(&recipe, &drives, None), Ok(()));
+        assert_eq!(resumed(&recipe, &drives, Some("00ff")), Ok(()));
     }
 
     /// A file of a network of random weights.

@@ -20,7 +20,7 @@ use lapwing_core::files;
 /// The key of the position in the file's metadata.
 const POSITION: &str = "lapwing.braking";
 
-/// The position of a training, after a whole epoch.
+/// The position of a training, after a whole epoch or before the first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Position {
     /// By which recipe.
@@ -33,6 +33,9 @@ pub(super) struct Position {
     pub rate: f64,
     /// Epochs since the best one.
     pub since_best: usize,
+    /// SHA-256 of the table of the episodes; none in a state of an earlier version, which did not store it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub episodes: Option<String>,
 }
 
 /// The file beside a network that is being trained.
@@ -40,25 +43,56 @@ pub(super) fn path_of(network: &Path) -> PathBuf {
     network.with_extension("state.safetensors")
 }
 
-/// Writes a position and the tensors; a file of that name is replaced once the new one is whole.
-pub(super) fn save(path: &Path, position: &Position, tensors: Vec<(String, Tensor)>) -> Result<(), BrakingTrainError> {
+/// A position and the tensors, as a file holds them.
+pub(super) fn encode(position: &Position, tensors: Vec<(String, Tensor)>) -> Result<Vec<u8>, BrakingTrainError> {
     let text = serde_json::to_string(position).expect("a position is valid JSON");
-    let bytes = encode_tensors(BTreeMap::from([(POSITION, &*text)]), tensors, Precision::F32)?;
-    files::write(path, &bytes).map_err(|source| NnError::Write { path: path.to_owned(), source }.into())
+    Ok(encode_tensors(BTreeMap::from([(POSITION, &*text)]), tensors, Precision::F32)?)
 }
 
-/// Reads a position, and the tensors into those of the same names.
-pub(super) fn load(path: &Path, tensors: &[(String, Tensor)]) -> Result<Position, BrakingTrainError> {
-    let wrong = |why: String| BrakingTrainError::State { path: path.to_owned(), why };
-    let bytes = fs::read(path).map_err(|why| wrong(why.to_string()))?;
-    let file = SafeTensors::deserialize(&bytes).map_err(|why| wrong(why.to_string()))?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|why| wrong(why.to_string()))?;
-    let text = header.metadata().as_ref().and_then(|metadata| metadata.get(POSITION));
-    let position = json(POSITION, text.ok_or_else(|| wrong(format!("expected the key {POSITION}, got none")))?)?;
-    for (name, tensor) in tensors {
-        let view = file.tensor(name).map_err(|_| wrong(format!("expected the tensor {name}, got none")))?;
-        let stored = tensor_of(&view, name, &tensor.size())?;
-        no_grad(|| tensor.shallow_clone().f_copy_(&stored))?;
+/// Writes what was [encoded](encode); a file of that name is replaced once the new one is whole.
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), BrakingTrainError> {
+    files::write(path, bytes).map_err(|source| NnError::Write { path: path.to_owned(), source }.into())
+}
+
+/// A state that was read.
+pub(super) struct Stored {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    pub position: Position,
+}
+
+impl Stored {
+    pub(super) fn read(path: &Path) -> Result<Self, BrakingTrainError> {
+        let path = path.to_owned();
+        let bytes = fs::read(&path).map_err(|why| wrong(&path, why.to_string()))?;
+        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|why| wrong(&path, why.to_string()))?;
+        let text = header.metadata().as_ref().and_then(|metadata| metadata.get(POSITION));
+        let text = text.ok_or_else(|| wrong(&path, format!("expected the key {POSITION}, got none")))?;
+        let position = json(POSITION, text)?;
+        Ok(Self { path, bytes, position })
     }
-    Ok(position)
+
+    fn tensors(&self) -> Result<SafeTensors<'_>, BrakingTrainError> {
+        SafeTensors::deserialize(&self.bytes).map_err(|why| wrong(&self.path, why.to_string()))
+    }
+
+    /// The size of a tensor; none if it has none of that name.
+    pub(super) fn shape(&self, name: &str) -> Result<Option<Vec<usize>>, BrakingTrainError> {
+        Ok(self.tensors()?.tensor(name).ok().map(|view| view.shape().to_vec()))
+    }
+
+    /// Copies its tensors into those of the same names.
+    pub(super) fn copy_to(&self, tensors: &[(String, Tensor)]) -> Result<(), BrakingTrainError> {
+        let file = self.tensors()?;
+        for (name, tensor) in tensors {
+            let missing = |_| wrong(&self.path, format!("expected the tensor {name}, got none"));
+            let stored = tensor_of(&file.tensor(name).map_err(missing)?, name, &tensor.size())?;
+            no_grad(|| tensor.shallow_clone().f_copy_(&stored))?;
+        }
+        Ok(())
+    }
+}
+
+fn wrong(path: &Path, why: String) -> BrakingTrainError {
+    BrakingTrainError::State { path: path.to_owned(), why }
 }

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::{
     BrakingDataError, BrakingRecipe, Part, SpeedFailure, episodes,
-    episodes::{Drive, load, retell_all},
+    episodes::{Drive, digest, load, retell_all},
     learning::{Learning, Measured, pretrained},
     state,
 };
@@ -27,7 +27,7 @@ use lapwing_score::emergency::{
     CountingRule, Evaluation,
     evaluation::{LimitRule, chosen_limits},
 };
-use lapwing_sim::braking::Case;
+use lapwing_sim::braking::{Case, EPISODES_NAME};
 
 /// Below the upper limit of a guard, its lower one.
 const RELEASES: f64 = 0.5;
@@ -92,6 +92,19 @@ pub enum BrakingTrainError {
     OtherRecipe {
         /// The file.
         path: PathBuf,
+    },
+    /// Another data set's.
+    #[error(
+        "{}: the state is of a training on other episodes, expected those of {}: name the data set that it is of, or choose \
+         another file for the network",
+        path.display(),
+        table.display()
+    )]
+    OtherEpisodes {
+        /// The file.
+        path: PathBuf,
+        /// The table of the data set that was named.
+        table: PathBuf,
     },
     /// No episode is long enough.
     #[error("expected episodes of at least {frames} frames in the part {part}, got none")]
@@ -165,8 +178,8 @@ pub struct TrainOptions {
     pub threads: u16,
 }
 
-/// Trains a network on a data set and writes it to `path`, and its own state beside it after each epoch. `told` is told of each
-/// epoch.
+/// Trains a network on a data set and writes it to `path`, and its own state beside it after each whole epoch; if there is none,
+/// the state before the first. `told` is told of each epoch.
 ///
 /// # Errors
 /// [`BrakingTrainError`].
@@ -206,11 +219,13 @@ pub fn train(
     let mut learning = Learning::new(recipe, &drives, from.as_ref())?;
     let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
+    learning.position.episodes = Some(digest(data)?);
     if goes_on {
-        learning.resume(&state)?;
+        learning.resume(&state, &data.join(EPISODES_NAME))?;
     } else if recipe.pretrained.is_some() {
         learning.ask()?;
     }
+    let beginning = if goes_on || options.most.is_none() { None } else { Some(learning.encoded()?) };
     runtime::set_threads(options.threads);
     let before_s = learning.position.epochs.last().map_or(0.0, |epoch| epoch.seconds);
     let began = Instant::now();
@@ -238,6 +253,11 @@ pub fn train(
             learning.save(&state)?;
         }
     }
+    // So that what is written can be resumed in any case.
+    if let Some(beginning) = beginning.filter(|_| !state.exists()) {
+        state::write(&state, &beginning)?;
+    }
+    warn_if_cut_short(&learning.position.epochs, recipe);
     learning.take_best()?;
     // Episodes are judged side by side.
     runtime::set_threads(1);
@@ -272,9 +292,79 @@ pub fn train(
     Ok(Trained { path: path.to_owned(), sha256, epochs: epochs.clone(), limits, rule, validation })
 }
 
+/// Warns of a training that ended within an epoch, or before the first.
+fn warn_if_cut_short(epochs: &[Epoch], recipe: &BrakingRecipe) {
+    let whole = recipe.windows_per_epoch;
+    match epochs.last() {
+        None => {
+            tracing::warn!("the time was over before the first pass: the network has learnt nothing (--resume begins)")
+        }
+        Some(Epoch { epoch, windows, .. }) if *windows < whole => {
+            tracing::warn!("pass {epoch} was cut short, after {windows} of {whole} windows: --resume begins it again");
+        }
+        Some(_) => {}
+    }
+}
+
 /// Episodes and frames, in a checkpoint.
 fn told_of(drives: &[Drive]) -> serde_json::Value {
     let frames: usize = drives.iter().map(Drive::frames).sum();
     let emergencies: usize = drives.iter().map(|drive| drive.onsets.len()).sum();
     json!({ "episodes": drives.len(), "frames": frames, "emergencies": emergencies })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use lapwing_sim::braking::{DataOptions, record};
+
+    /// A data set of one hazard, to learn from and to choose by.
+    fn data() -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let options = DataOptions { hours: 0.001, seed: 3, ..DataOptions::default() };
+        record(folder.path(), options, |_, _| true).unwrap();
+        let table = folder.path().join(EPISODES_NAME);
+        let text = fs::read_to_string(&table).unwrap();
+        let (heading, row) = (text.lines().next().unwrap(), text.lines().nth(1).unwrap());
+        let [train, validation] = ["train", "validation"].map(|part| row.replacen(",train,", &format!(",{part},"), 1));
+        assert!(row.contains(",train,") && row.contains(",hazard,"), "{row}");
+        fs::write(table, format!("{heading}\n{train}\n{validation}\n")).unwrap();
+        folder
+    }
+
+    #[test]
+    fn a_training_that_ends_within_its_first_pass_begins_it_again_when_it_is_resumed() {
+        let data = data();
+        let text = "network = \"brake-live\"\nwindows_per_epoch = 100000\nbatch = 2\nvalidation_windows = 1";
+        let recipe = BrakingRecipe::read(text).unwrap();
+        let out = tempfile::tempdir().unwrap();
+        let path = out.path().join("brake.safetensors");
+        let run = |most: Duration, resume: bool| {
+            let (mut epochs, options) = (vec![], TrainOptions { most: Some(most), resume, threads: 1 });
+            train(&recipe, data.path(), &path, options, |epoch| epochs.push(epoch.epoch)).map(|_| epochs)
+        };
+        // Over before it begins.
+        assert_eq!(run(Duration::ZERO, false).unwrap(), [0; 0]);
+        let state = out.path().join("brake.state.safetensors");
+        let beginning = fs::read(&state).unwrap();
+        assert!(matches!(run(Duration::ZERO, false), Err(BrakingTrainError::StateThere(_))));
+        assert_eq!(run(Duration::from_secs(1), true).unwrap(), [1]);
+        assert!(fs::read(&state).unwrap() == beginning, "no pass is whole");
+        assert_eq!(run(Duration::from_secs(1), true).unwrap(), [1]);
+        // Likewise if the first part of it is learnt at once.
+        fs::remove_file(&state).unwrap();
+        fs::remove_file(&path).unwrap();
+        assert_eq!(run(Duration::from_secs(1), false).unwrap(), [1]);
+        assert!(fs::read(&state).unwrap() == beginning);
+    }
+
+    #[test]
+    fn a_folder_without_a_data_set_is_told_how_to_record_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = load(folder.path(), Part::Train, 1, BrakingArchitecture::Live).unwrap_err().to_string();
+        let told = format!("record one (lapwing brake record --out {})", folder.path().display());
+        assert!(error.ends_with(&told) && error.contains("expected the table of a data set"), "{error}");
+    }
 }

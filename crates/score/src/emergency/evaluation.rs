@@ -310,9 +310,11 @@ fn interval(mut values: Vec<f64>) -> Option<[f64; 2]> {
     Some([(1.0 - CERTAINTY) / 2.0, (1.0 + CERTAINTY) / 2.0].map(|share| quantile(&values, share)))
 }
 
-/// A quantile of sorted values, of which there is one.
+/// A quantile of sorted values, of which there is one: between two of them, by how near it is to each.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
-    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
+    let at = (sorted.len() - 1) as f64 * share;
+    let (below, above) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    below + (above - below) * at.fract()
 }
 
 impl Lead {

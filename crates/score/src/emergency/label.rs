@@ -17,6 +17,8 @@
 //! - **Neighbouring slopes above it** are one event, which begins with the first of them: a foot goes down once.
 //! - **Events closer together than a label is long** share one longer label.
 //! - **At the ends of a drive** the Gaussian's taps that are left are weighted up to a sum of 1.
+//! - **Where samples are missing** its taps lie on the straight line between the two samples on either side: smoothed over
+//!   fewer taps, a foot that goes down evenly would seem to slow down before the gap, and be two events.
 //! - **The Gaussian looks ahead** by half its taps, so a label begins two samples earlier than the pedal's own slope would have
 //!   it: three samples, a fifth of a second, before the foot.
 
@@ -96,7 +98,7 @@ pub struct Braked {
 pub fn labels(drive: &[Pressed], rule: LabelRule) -> Braked {
     let rule = rate_hz(drive).map_or(rule, |hz| rule.at(hz));
     let weights = rule.weights();
-    let smoothed: Vec<f64> = (0..drive.len()).map(|i| smoothed(drive, i, &weights)).collect();
+    let smoothed: Vec<f64> = (0..drive.len()).map(|i| smoothed(drive, i, &weights, rule.hz)).collect();
     let slope = |i: usize| {
         let dt_s = if i == 0 { 0.0 } else { drive[i].at_s - drive[i - 1].at_s };
         if dt_s > 0.0 { ((smoothed[i] - smoothed[i - 1]) / dt_s).max(0.0) } else { 0.0 }
@@ -128,15 +130,35 @@ fn rate_hz(drive: &[Pressed]) -> Option<f64> {
     (median_s > 0.0).then(|| timed as f64 / median_s)
 }
 
-fn smoothed(drive: &[Pressed], i: usize, weights: &[f64]) -> f64 {
-    let reach = weights.len() - 1;
+/// The pedal at a moment, smoothed.
+fn smoothed(drive: &[Pressed], i: usize, weights: &[f64], hz: f64) -> f64 {
+    let reach = weights.len() as isize - 1;
     let (mut sum, mut weight) = (0.0, 0.0);
-    for (k, pressed) in drive.iter().enumerate().take(i + reach + 1).skip(i.saturating_sub(reach)) {
-        let share = weights[k.abs_diff(i)];
-        sum += share * pressed.pedal;
+    for tap in -reach..=reach {
+        let Some(pedal) = pedal_at(drive, i, tap, hz) else { continue };
+        let share = weights[tap.unsigned_abs()];
+        sum += share * pedal;
         weight += share;
     }
     sum / weight
+}
+
+/// A sample that is less than this from its time, in samples, is taken as it is: clocks are coarse, but one that is
+/// missing puts the next a whole sample off.
+const LATE: f64 = 0.6;
+
+/// The pedal so many samples after a moment; none before the drive begins or after it ends.
+fn pedal_at(drive: &[Pressed], i: usize, tap: isize, hz: f64) -> Option<f64> {
+    let at_s = drive[i].at_s + tap as f64 / hz;
+    let counted = i.checked_add_signed(tap).and_then(|k| drive.get(k));
+    if let Some(pressed) = counted.filter(|pressed| (pressed.at_s - at_s).abs() * hz <= LATE) {
+        return Some(pressed.pedal);
+    }
+    let next = drive.partition_point(|pressed| pressed.at_s < at_s);
+    let (before, after) = (drive.get(next.checked_sub(1)?)?, drive.get(next)?);
+    let between_s = after.at_s - before.at_s;
+    let share = if between_s > 0.0 { ((at_s - before.at_s) / between_s).clamp(0.0, 1.0) } else { 0.0 };
+    Some(before.pedal + (after.pedal - before.pedal) * share)
 }
 
 #[cfg(test)]
@@ -210,6 +232,47 @@ mod tests {
         assert_eq!((two.events.len(), due(&two).len()), (2, 1), "{two:?}");
         let [(first, last)] = due(&two)[..] else { panic!("{two:?}") };
         assert_eq!((first, last), (two.events[0] - 1, two.events[1] + 8));
+    }
+
+    #[test]
+    fn a_press_in_which_samples_are_missing_is_one_event_as_it_would_be_with_them() {
+        for samples in 1..13 {
+            let full = drive(15.0, (0..60).map(|i| (f64::from((i - 20).max(0)) / f64::from(samples)).min(1.0)));
+            let events = labels(&full, LabelRule::default()).events.len();
+            for from in 10..45 {
+                let mut with_gap = full.clone();
+                with_gap.drain(from..from + 3);
+                let found = labels(&with_gap, LabelRule::default());
+                assert_eq!(found.events.len(), events, "{samples} samples, three missing from {from} on: {found:?}");
+            }
+        }
+    }
+
+    /// As it was before it was weighed by time.
+    fn smoothed_by_count(drive: &[Pressed], i: usize, weights: &[f64]) -> f64 {
+        let reach = weights.len() - 1;
+        let taps = || (i.saturating_sub(reach)..=i + reach).filter(|k| *k < drive.len());
+        let share = |k: usize| weights[k.abs_diff(i)];
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for k in taps() {
+            sum += share(k) * drive[k].pedal;
+            weight += share(k);
+        }
+        sum / weight
+    }
+
+    #[test]
+    fn where_none_is_missing_a_clock_that_is_coarse_changes_nothing() {
+        let pedal = |i: u32| f64::from(i * i % 17) / 16.0;
+        let steady = drive(15.0, (0..90).map(pedal));
+        let coarse: Vec<Pressed> =
+            (0..90).map(|i| Pressed { at_s: f64::from(i * 10 / 3) * 0.02, speed_kmh: 30.0, pedal: pedal(i) }).collect();
+        for drive in [steady, coarse, drive(30.0, (0..90).map(pedal))] {
+            let weights = LabelRule::default().at(rate_hz(&drive).unwrap()).weights();
+            for (i, label) in labels(&drive, LabelRule::default()).labels.iter().enumerate() {
+                assert_eq!(label.smoothed, smoothed_by_count(&drive, i, &weights), "{i}");
+            }
+        }
     }
 
     #[test]

@@ -5,9 +5,12 @@
 //!
 //! | one of | is |
 //! |---|---|
-//! | `time_s`, `time_ms` | time, ascending |
+//! | `time_s`, `time_ms` | time, ascending, from any moment on; 2 to 1000 rows a second |
 //! | `speed_kmh`, `speed_mps`, `speed_mph` | speed, 0 or more |
 //! | `brake`, `brake_percent` | the pedal, 0 to 1 or 0 to 100 |
+//!
+//! A line has as many fields as the heading, or fewer if those that are missing are none of these. Texts that hold commas
+//! stand in quotes.
 
 use std::{
     fs, io,
@@ -82,6 +85,34 @@ pub enum PedalError {
         got: String,
         /// What to do, if it is known.
         help: &'static str,
+    },
+    /// A line with more fields than the heading: it is not known which belong to which column.
+    #[error(
+        "{}: line {line}: expected {expected} fields, as in the heading, got {got}: write decimals with a point, and texts with \
+         commas in quotes",
+        path.display()
+    )]
+    Fields {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// How many the heading has.
+        expected: usize,
+        /// How many it has.
+        got: usize,
+    },
+    /// Moments too far apart, or too close, to show how fast a pedal goes down.
+    #[error("{}: {column}: expected 2 to 1000 rows a second, got one in {got}: {help}", path.display())]
+    Rate {
+        /// The file.
+        path: PathBuf,
+        /// The column of the time.
+        column: &'static str,
+        /// The time between two rows.
+        got: String,
+        /// What to do.
+        help: String,
     },
     /// Nothing in it.
     #[error("{}: expected moments of a drive, got none", path.display())]
@@ -169,20 +200,24 @@ type Unit = (&'static str, f64);
 /// The columns of a table.
 struct Column {
     units: &'static [Unit],
+    /// The least value that makes sense, in the unit used here.
+    least: f64,
     /// The largest value that makes sense, in the unit used here.
     most: f64,
     /// What may be wrong if a value is larger.
     help: &'static str,
 }
 
-const TIME: Column = Column { units: &[("time_s", 1.0), ("time_ms", 1e-3)], most: f64::MAX, help: "" };
+const TIME: Column = Column { units: &[("time_s", 1.0), ("time_ms", 1e-3)], least: f64::MIN, most: f64::MAX, help: "" };
 const SPEED: Column = Column {
     units: &[("speed_kmh", 1.0), ("speed_mps", MPS_PER_KMH.recip()), ("speed_mph", MPS_PER_MPH / MPS_PER_KMH)],
+    least: 0.0,
     most: 500.0,
     help: ": is the column's unit another one, or are columns swapped?",
 };
 const BRAKE: Column = Column {
     units: &[("brake", 1.0), ("brake_percent", 0.01)],
+    least: 0.0,
     most: 1.0,
     help: ": name the column brake_percent if it is in percent; a pressure must be divided by its largest value",
 };
@@ -207,7 +242,28 @@ fn text_of_table(path: &Path) -> Result<Option<String>, PedalError> {
 
 /// The names of a table's columns.
 fn heading(text: &str) -> Vec<&str> {
-    text.lines().next().unwrap_or_default().trim_start_matches('\u{feff}').split(',').map(str::trim).collect()
+    fields(text.lines().next().unwrap_or_default().trim_start_matches('\u{feff}'))
+}
+
+/// The fields of a line; a comma within quotes, which begin where a field does, belongs to it.
+fn fields(line: &str) -> Vec<&str> {
+    let (mut fields, mut from, mut quoted) = (vec![], 0, false);
+    for (i, letter) in line.char_indices() {
+        match letter {
+            '"' if quoted => quoted = false,
+            // A second one is a quote in the text.
+            '"' if line[from..].trim_start().starts_with('"') => {
+                quoted = line[from..i].trim_start().is_empty() || line[..i].ends_with('"');
+            }
+            ',' if !quoted => {
+                fields.push(line[from..i].trim());
+                from = i + 1;
+            }
+            _ => {}
+        }
+    }
+    fields.push(line[from..].trim());
+    fields
 }
 
 impl Column {
@@ -228,9 +284,14 @@ impl Column {
     /// A value in the unit used here.
     fn value(&self, text: &str, (name, times): Unit) -> Result<f64, (String, &'static str)> {
         let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
-        let value = number.ok_or((format!("a number for {name}"), ""))? * times;
-        if value < 0.0 {
-            return Err(("0 or more".into(), ""));
+        let help = match text {
+            "" => ": leave out rows without a value",
+            text if text.contains(['"', ',']) => ": write numbers without quotes, and decimals with a point",
+            _ => "",
+        };
+        let value = number.ok_or((format!("a number for {name}"), help))? * times;
+        if value < self.least {
+            return Err((format!("{} or more", self.least / times), ""));
         }
         if value > self.most {
             return Err((format!("at most {}", self.most / times), self.help));
@@ -250,9 +311,14 @@ fn table(path: &Path, text: &str) -> Result<Pedal, PedalError> {
     };
     let columns = [(&TIME, find(&TIME)?), (&SPEED, find(&SPEED)?), (&BRAKE, find(&BRAKE)?)];
     let mut pedal = Pedal::default();
-    let mut before: Option<f64> = None;
+    let (mut before, mut apart_s): (Option<f64>, _) = (None, vec![]);
     for (i, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let fields = fields(line);
+        // A comma at the end of a line is no field.
+        let got = fields.len() - usize::from(fields.len() > 1 && fields.last().is_some_and(|last| last.is_empty()));
+        if got > heading.len() {
+            return Err(PedalError::Fields { path: path.to_owned(), line: i + 1, expected: heading.len(), got });
+        }
         let wrong = |column: &'static str, got: &str, (expected, help): (String, &'static str)| PedalError::Field {
             path: path.to_owned(),
             line: i + 1,
@@ -270,11 +336,44 @@ fn table(path: &Path, text: &str) -> Result<Pedal, PedalError> {
             let after = format!("a time after {}", before / columns[0].1.1.1);
             return Err(wrong(columns[0].1.1.0, text, (after, ": are columns swapped?")));
         }
+        apart_s.extend(before.map(|before| at_s - before));
         let continues = before.is_some_and(|before| at_s - before <= LONGEST_GAP.as_secs_f64());
         pedal.add(Pressed { at_s, speed_kmh, pedal: brake }, continues);
         before = Some(at_s);
     }
+    check_rate(path, columns[0].1.1, apart_s)?;
     Ok(pedal)
+}
+
+/// Rows that lie within these times of each other, in seconds, tell how fast a pedal goes down.
+const APART_S: [f64; 2] = [1e-3, 0.5];
+/// Times are rounded.
+const ROUNDED: f64 = 0.01;
+
+/// Checks that most moments lie as far apart as they must: in another unit there would be no emergency, or one at each touch
+/// of the pedal. Of fewer than three, nothing is known.
+fn check_rate(path: &Path, (column, times): Unit, mut apart_s: Vec<f64>) -> Result<(), PedalError> {
+    apart_s.sort_by(f64::total_cmp);
+    let [lower, upper] = match apart_s.len() {
+        0 | 1 => return Ok(()),
+        count => [apart_s[(count - 1) / 2], apart_s[count / 2]],
+    };
+    let is_close = |apart_s: f64| apart_s < APART_S[0] * (1.0 - ROUNDED);
+    let is_far = |apart_s: f64| apart_s > APART_S[1] * (1.0 + ROUNDED);
+    let apart_s = match (is_close(upper), is_far(lower)) {
+        (false, false) => return Ok(()),
+        (true, _) => upper,
+        (_, true) => lower,
+    };
+    let fits = |unit: &&Unit| !is_close(apart_s / times * unit.1) && !is_far(apart_s / times * unit.1);
+    let help = match TIME.units.iter().find(fits) {
+        Some((name, _)) if *name == "time_ms" => format!("is the time in milliseconds ({name})?"),
+        Some((name, _)) => format!("is the time in seconds ({name})?"),
+        None => "it does not tell how fast a pedal goes down".to_owned(),
+    };
+    let rounded = |number: f64| (number * 1000.0).round() / 1000.0;
+    let got = if apart_s < 0.1 { format!("{} ms", rounded(apart_s * 1e3)) } else { format!("{} s", rounded(apart_s)) };
+    Err(PedalError::Rate { path: path.to_owned(), column, got, help })
 }
 
 #[cfg(test)]
@@ -350,7 +449,33 @@ mod tests {
                  columns swapped?",
             ),
             (format!("{header}\n0,30,-0.1\n"), "drive.csv: line 2: brake: expected 0 or more, got \"-0.1\""),
-            (format!("{header}\n0,30\n"), "drive.csv: line 2: brake: expected a number for brake, got \"\""),
+            (
+                format!("{header}\n0,30\n"),
+                "drive.csv: line 2: brake: expected a number for brake, got \"\": leave out rows without a value",
+            ),
+            (
+                format!("{header}\n\"0,050\",30,0\n"),
+                "drive.csv: line 2: time_s: expected a number for time_s, got \"\\\"0,050\\\"\": write numbers without quotes, \
+                 and decimals with a point",
+            ),
+            (
+                "time_ms,speed_kmh,brake_percent\n0,36,0\n50,36,25,0,0\n".into(),
+                "drive.csv: line 3: expected 3 fields, as in the heading, got 5: write decimals with a point, and texts with \
+                 commas in quotes",
+            ),
+            (
+                format!("{header}\n0,36,0\n67,36,0\n134,36,1\n"),
+                "drive.csv: time_s: expected 2 to 1000 rows a second, got one in 67 s: is the time in milliseconds (time_ms)?",
+            ),
+            (
+                "time_ms,speed_kmh,brake\n0,36,0\n0.067,36,0\n0.134,36,1\n".into(),
+                "drive.csv: time_ms: expected 2 to 1000 rows a second, got one in 0.067 ms: is the time in seconds (time_s)?",
+            ),
+            (
+                format!("{header}\n0,36,0\n0.8,36,0\n1.6,36,1\n"),
+                "drive.csv: time_s: expected 2 to 1000 rows a second, got one in 0.8 s: it does not tell how fast a pedal goes \
+                 down",
+            ),
             (
                 format!("{header}\n30,1,0\n29,2,0\n"),
                 "drive.csv: line 3: time_s: expected a time after 30, got \"29\": are columns swapped?",
@@ -358,6 +483,21 @@ mod tests {
             (format!("{header}\n"), "drive.csv: expected moments of a drive, got none"),
         ] {
             assert_eq!(opened(&text).unwrap_err(), expected);
+        }
+    }
+
+    #[test]
+    fn texts_with_commas_in_quotes_a_comma_at_the_end_and_missing_notes_are_no_other_columns() {
+        let rows = |text: &str| opened(text).map(|pedal| pedal.drives.concat());
+        let plain = rows("time_s,speed_kmh,brake\n-0.1,36,0\n0,18,0.5\n").unwrap();
+        assert_eq!(plain[0].at_s, -0.1, "a time may be told from any moment on");
+        for text in [
+            "note,time_s,speed_kmh,brake\n\"wet, cold\",-0.1,36,0\n\"a \"\"b, c\"\"\",0,18,0.5\n",
+            "time_s,speed_kmh,brake,note\n-0.1,36,0\n0,18,0.5,\"wet, cold\"\n",
+            "time_s,speed_kmh,brake,note,place\n-0.1,36,0,5\"\" pipe,x\n0,18,0.5,,\"\"\n",
+            "time_s,speed_kmh,brake\n-0.1,36,0,\n0,18,0.5,\n",
+        ] {
+            assert_eq!(rows(text), Ok(plain.clone()), "{text}");
         }
     }
 

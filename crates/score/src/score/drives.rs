@@ -7,6 +7,9 @@ use serde::Serialize;
 use super::Scorecard;
 use crate::odometry::words;
 
+/// A shorter drive went nowhere, in metres: it is what is left between rows that are out of order, or a car that stands.
+pub(super) const SCRAP_M: f64 = 5.0;
+
 /// How a car turned between two moments of a recording, by their pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turned {
@@ -33,8 +36,8 @@ impl fmt::Debug for Sight {
 pub struct DriveFound {
     /// Its first and its last telemetry, counted over the run from 0.
     pub moments: (usize, usize),
-    /// Metres driven, by speed and time.
-    pub way_m: f64,
+    /// Metres driven, by speed and time; `None` if its times are assumed.
+    pub way_m: Option<f64>,
     /// What its turning was told from: `steering`, or `pictures` where the steering did not tell the road well enough.
     pub turned_by: &'static str,
     /// Where it was; absent if that is unknown.
@@ -45,6 +48,13 @@ pub struct DriveFound {
     pub unknown: Option<String>,
     /// All roads that were tried, each both ways round, the best first.
     pub roads: Vec<RoadTried>,
+}
+
+impl DriveFound {
+    /// Whether it went nowhere, and so tells nothing.
+    pub(super) fn is_scrap(&self) -> bool {
+        self.way_m.is_some_and(|way_m| way_m < SCRAP_M)
+    }
 }
 
 /// The road that a drive was on.
@@ -133,7 +143,7 @@ mod tests {
         };
         let roads = vec![tried(-0.5, 0.0, true), tried(-1.5, 60.0, true), tried(-3.0, 200.0, false)];
         let known =
-            DriveFound { moments: (0, 9), way_m: 9.0, turned_by: "steering", on: Some(on), unknown: None, roads };
+            DriveFound { moments: (0, 9), way_m: Some(9.0), turned_by: "steering", on: Some(on), unknown: None, roads };
         assert_eq!(known.to_string(), "lake, the other way round, clockwise, 3.310 \u{b1} 0.012 laps");
         let said: Vec<String> = known.roads.iter().map(ToString::to_string).collect();
         assert_eq!(said[0], "lake: -0.50 each 10 m, 0 behind: explains it best, or about as well");

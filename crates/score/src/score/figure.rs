@@ -344,7 +344,7 @@ figures! {
     TimeS = "time_s", "time", Seconds, Neither,
         "From the first telemetry to the last, in seconds of the world: of a drive in Lapwing's own simulator, its telemetries at equal distances; otherwise the world's own clock if it sends one (sim_time), or else the recording's. A human's drive before the first or after the last counts.";
     DistanceM = "distance_m", "distance", Metres, Neither,
-        "Metres driven: as the world reports them, otherwise speed over time.";
+        "Metres driven: as the world reports them, otherwise speed over time, without the gaps of a driving log.";
     SurvivalS = "survival_s", "survived", Seconds, Higher,
         "Time to the first infraction (collision, leaving the road, being stuck, takeover, being put back), or to the end.";
     SurvivalM = "survival_m", "distance survived", Metres, Higher,

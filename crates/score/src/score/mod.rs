@@ -13,6 +13,7 @@
 //! | `told` | events from telemetry beyond the stock build's, as a judge would have reported them |
 //! | `blind` | estimates of what the stock build does not report |
 //! | `drives` | on which road each drive was, as it is told |
+//! | `breaks` | where a recording does not continue from the row before, as it is told |
 //! | `infractions`, `smoothness`, `latency`, `braking`, `guarded`, `offline` | the figures that need a formula |
 //! | `card`, `table` | the scorecard as JSON and for people |
 //! | [`files`], [`report`] | the runs that paths stand for, and the report on all of them |
@@ -24,6 +25,7 @@
 pub mod against;
 mod blind;
 mod braking;
+mod breaks;
 mod card;
 mod clock;
 mod drives;

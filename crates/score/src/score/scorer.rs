@@ -4,6 +4,7 @@ mod counted;
 mod judgement;
 mod offsets;
 mod recorded;
+mod untimed;
 mod within_run;
 
 use std::{sync::Arc, time::Duration};
@@ -22,7 +23,7 @@ use super::{
     smoothness::{GAP_S, Tick, Wheel},
     told::{News, Now, Told},
 };
-use crate::odometry::Road;
+use crate::odometry::{Road, joins};
 use lapwing_core::{
     protocol::Telemetry,
     recording::{Break, By, CommandRecord, EventRecord, Item, RunKind},
@@ -31,6 +32,7 @@ use lapwing_core::{
 };
 
 pub(super) use judgement::{NO_JUDGE, NO_PILOT, NO_TIME};
+pub(super) use untimed::UNTIMED_LOG;
 
 /// From one telemetry to the next a car comes no further along the road than this many times as far as it drives, besides so many
 /// metres: it may be put at the next waypoint but one, and the inside of a bend is shorter than the middle.
@@ -76,6 +78,11 @@ pub struct Scorer {
     was_put: bool,
     /// Whether there was a break since the last telemetry, whatever time has passed by the clock.
     is_cut: bool,
+    /// Whether the time of the next telemetry is assumed, and whether that between any two is.
+    is_untimed: bool,
+    assumes_time: bool,
+    /// Whether a drive goes on after a gap whose time the recording leaves out.
+    leaves_out: bool,
     /// How far it had driven when it reached the furthest point, in metres, and how many telemetries tell one farther away than that.
     progressed_m: f64,
     leaps: u64,
@@ -199,6 +206,10 @@ impl Scorer {
         let apart = self.last.map_or(0.0, |(before, _)| at - before);
         let is_cut = std::mem::take(&mut self.is_cut);
         let after_gap = is_cut || apart > GAP_S;
+        if std::mem::take(&mut self.is_untimed) {
+            self.assumes_time |= self.last.is_some() && !is_cut;
+            self.blind.untimed();
+        }
         // Nothing was driven between two drives.
         if let Some((_, was_mps)) = self.last.filter(|_| !is_cut) {
             self.has_way = true;
@@ -354,8 +365,10 @@ impl Scorer {
             }
             EventRecord::Reset { .. } => self.put(at),
             EventRecord::Break { .. } => {
+                let broken = Break::told(event).unwrap_or(Break::Joined);
                 self.is_cut = true;
-                self.blind.cut(Break::told(event).unwrap_or(Break::Joined));
+                self.leaves_out |= self.last.is_some() && !joins(broken);
+                self.blind.cut(broken);
             }
             EventRecord::Stuck => {
                 self.stuck += 1;
@@ -393,6 +406,11 @@ impl Scorer {
     /// Something about the run that anyone who reads its scorecard should know.
     pub fn note(&mut self, note: String) {
         self.notes.push(note);
+    }
+
+    /// The time of the next telemetry is assumed: nothing that is recorded tells it.
+    pub(super) fn untimed(&mut self) {
+        self.is_untimed = true;
     }
 
     /// Parts of the run cannot be read, for this reason.

@@ -2,14 +2,14 @@
 
 use std::fmt;
 
-use super::{DriveFound, Figure as F, Measure, RoadTried, STAGES, Scorecard, Unit, guarded::BLIND};
+use super::{DriveFound, Figure as F, Measure, RoadTried, STAGES, Scorecard, Unit, drives::SCRAP_M, guarded::BLIND};
 use lapwing_core::words::count as counted;
 
 /// Width of the names before the values.
 const NAMES: usize = 17;
 const UNKNOWN: &str = "not measurable: ";
 
-/// Drives of a joined recording that are named one by one: a log whose rows are out of order has as many as rows.
+/// Drives of a joined recording that are named one by one, of those that went anywhere.
 const MOST_DRIVES: usize = 20;
 
 impl Scorecard {
@@ -64,12 +64,23 @@ impl Scorecard {
             [drive] => rows.push(("road", drive.to_string())),
             drives => {
                 rows.push(("drives", drives.len().to_string()));
-                rows.extend(drives.iter().enumerate().take(MOST_DRIVES).map(|(i, drive)| {
+                let long: Vec<_> = drives.iter().enumerate().filter(|(_, drive)| !drive.is_scrap()).collect();
+                rows.extend(long.iter().take(MOST_DRIVES).map(|(i, drive)| {
                     let (first, last) = drive.moments;
-                    ("", format!("{}, telemetries {first} to {last}, {:.0} m: {drive}", i + 1, drive.way_m))
+                    let way = drive.way_m.map_or_else(String::new, |way_m| format!(", {way_m:.0} m"));
+                    ("", format!("{}, telemetries {first} to {last}{way}: {drive}", i + 1))
                 }));
-                let more = drives.len().saturating_sub(MOST_DRIVES);
+                let more = long.len().saturating_sub(MOST_DRIVES);
                 rows.extend((more > 0).then(|| ("", format!("and {more} more"))));
+                let scraps = match drives.len() - long.len() {
+                    0 => None,
+                    1 => Some(format!("one of them is shorter than {SCRAP_M} m, which tells nothing")),
+                    scraps if long.is_empty() => {
+                        Some(format!("all {scraps} are shorter than {SCRAP_M} m, which tells nothing"))
+                    }
+                    scraps => Some(format!("{scraps} of them are shorter than {SCRAP_M} m, which tells nothing")),
+                };
+                rows.extend(scraps.map(|scraps| ("", scraps)));
             }
         }
         let laps = match (self.value(F::Laps), self.laps_asked) {
@@ -195,8 +206,9 @@ impl Scorecard {
         }
         rows.push(("comfortable", self.words(F::Comfort)));
         rows.push(("jerk", self.together(&[(F::RmsJerk, " RMS")])));
-        let time = self.value(F::TimeS).map_or_else(String::new, |_| format!(" in {}", self.words(F::TimeS)));
-        rows.push(("distance", self.words(F::DistanceM) + &time));
+        let time = self.value(F::TimeS).map(|_| format!(" in {}", self.words(F::TimeS)));
+        let time = time.filter(|_| self.value(F::DistanceM).is_some());
+        rows.push(("distance", self.words(F::DistanceM) + &time.unwrap_or_default()));
         rows.push(("speed", self.together(&[(F::MeanMph, " mean"), (F::MaxMph, " maximum")])));
         if self.value(F::SurvivalS).zip(self.value(F::TimeS)).is_some_and(|(survived, time)| survived < time) {
             rows.push((
@@ -217,7 +229,8 @@ impl Scorecard {
         rows
     }
 
-    /// How well each road explains each drive, a line each; nothing if no road had to be found.
+    /// How well each road explains each drive, a line each; nothing if no road had to be found. Of several drives, those that went
+    /// nowhere are left out.
     pub fn roads_tried(&self) -> String {
         let several = self.drives.len() > 1;
         let of = |(i, drive): (usize, &DriveFound)| {
@@ -232,7 +245,12 @@ impl Scorecard {
                     .collect::<Vec<_>>(),
             )
         };
-        self.drives.iter().enumerate().map(of).collect::<Vec<_>>().join("\n")
+        let told = self
+            .drives
+            .iter()
+            .enumerate()
+            .filter(|(_, drive)| !(drive.roads.is_empty() || several && drive.is_scrap()));
+        told.map(of).collect::<Vec<_>>().join("\n")
     }
 
     fn latency_rows(&self) -> Option<(&'static str, String)> {

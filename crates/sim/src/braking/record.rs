@@ -15,7 +15,7 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    case::Kind,
+    case::{Kind, Part},
     human::Human,
     plan::{Episode, episodes},
     play::{Blind, Played, Shown, play},
@@ -29,7 +29,7 @@ use crate::{
 use lapwing_core::{
     drive, files,
     protocol::Dialect,
-    recording::{Item, RecordingError, RunFile, RunHeader, RunKind},
+    recording::{Item, RecordingError, RunFile, RunHeader, RunKind, RunReader},
 };
 
 /// The table of the episodes.
@@ -126,6 +126,20 @@ pub enum DataError {
         /// What it is.
         got: String,
     },
+    /// A run of another data set is in the folder, under the name of an episode.
+    #[error(
+        "{}: expected a run of {expected}, as this seed gives, got {got}: the folder holds runs of another seed or version of \
+         Lapwing; name another folder",
+        path.display()
+    )]
+    OtherRun {
+        /// The run.
+        path: PathBuf,
+        /// The episode as it is drawn, and its rate, as JSON.
+        expected: String,
+        /// What the run's header says.
+        got: String,
+    },
 }
 
 impl From<std::convert::Infallible> for DataError {
@@ -157,23 +171,31 @@ impl Places {
 }
 
 /// Records a data set into a folder, where episodes of the same data set that are whole are kept, and listed, even if they
-/// are more than this call asks for. `watch` is told how much is done and of how much, and says whether to go on: first of
+/// are more than this call asks for; what a recording that was killed left half written is removed. `watch` is told how much is done and of how much, and says whether to go on: first of
 /// the rehearsal, in telemetries, then of the episodes. If it ends the rehearsal, the folder's table stays as it is.
 ///
 /// # Errors
-/// [`DataError`]. What was recorded before it is kept. [`DataError::Other`] before anything is recorded.
+/// [`DataError`]. What was recorded before it is kept. [`DataError::Other`] and [`DataError::OtherRun`] before anything is
+/// recorded.
 pub fn record(
     folder: &Path,
     options: DataOptions,
     watch: impl Fn(usize, usize) -> bool + Sync,
 ) -> Result<DataReport, DataError> {
-    fs::create_dir_all(folder).map_err(|source| DataError::Write { path: folder.to_owned(), source })?;
+    let cannot = |source| DataError::Write { path: folder.to_owned(), source };
+    fs::create_dir_all(folder).map_err(cannot)?;
+    let held = files::lock(folder, false).map_err(cannot)?;
     let mut places = Places::default();
     let Some((mut report, drawn)) = rehearse(&mut places, options, &watch)? else {
         return Ok(DataReport { interrupted: true, ..DataReport::default() });
     };
     let more = rows_beyond(folder, &drawn)?;
     let path = |recorded: &Recorded| run_of(folder, &recorded.episode.name);
+    drawn.par_iter().try_for_each(|recorded| check_kept(&path(recorded), &recorded.episode, options))?;
+    // Nobody else is writing them.
+    if held.is_some() {
+        remove_partial(folder).map_err(cannot)?;
+    }
     let listed = || drawn.iter().filter(|recorded| path(recorded).is_file()).cloned().collect::<Vec<_>>();
     (report.kept, report.more) = (listed().len(), more.len());
     let (total, mut done) = (drawn.len(), 0);
@@ -218,8 +240,10 @@ fn rows_beyond(folder: &Path, drawn: &[Recorded]) -> Result<Vec<String>, DataErr
     let mut beyond = vec![];
     let ours = csv(drawn);
     let name = |row: &str| row.split(',').next().unwrap_or_default().to_owned();
+    // Names begin with their number in the data set.
+    let number = |name: &str| name.split('-').next().and_then(|number| number.parse::<u64>().ok());
     let rows: BTreeMap<String, &str> = ours.lines().map(|row| (name(row), row)).collect();
-    let last = drawn.last().map_or_else(String::new, |recorded| recorded.episode.name.clone());
+    let last = drawn.last().map_or("", |recorded| &*recorded.episode.name);
     for (i, got) in there.lines().enumerate() {
         // The heading is the first of both.
         let expected = if i == 0 { Some(HEADING) } else { rows.get(&name(got)).copied() };
@@ -227,8 +251,8 @@ fn rows_beyond(folder: &Path, drawn: &[Recorded]) -> Result<Vec<String>, DataErr
             Some(expected) if expected != got => {
                 return Err(DataError::Other { path, line: i + 1, expected: expected.to_owned(), got: got.to_owned() });
             }
-            // Names begin with their number in the data set: a row between ours is of another one.
-            None if !got.trim().is_empty() && name(got) <= last => {
+            // A row between ours is of another data set.
+            None if number(&name(got)).zip(number(last)).is_some_and(|(got, last)| got <= last) => {
                 let expected = format!("an episode after {last}");
                 return Err(DataError::Other { path, line: i + 1, expected, got: got.to_owned() });
             }
@@ -237,6 +261,48 @@ fn rows_beyond(folder: &Path, drawn: &[Recorded]) -> Result<Vec<String>, DataErr
         }
     }
     Ok(beyond)
+}
+
+/// Checks that a run, if there is one, is of this episode: the table does not list those that a killed recording left.
+fn check_kept(path: &Path, episode: &Episode, options: DataOptions) -> Result<(), DataError> {
+    if !path.is_file() {
+        return Ok(());
+    }
+    let header = RunReader::open(path)?.header().clone();
+    // As it is read back from a run.
+    let expected = config(episode, options).to_string();
+    let is_same = serde_json::from_str::<serde_json::Value>(&expected).is_ok_and(|expected| expected == header.config);
+    let got = || header.config.to_string();
+    if is_same { Ok(()) } else { Err(DataError::OtherRun { path: path.to_owned(), expected, got: got() }) }
+}
+
+/// Removes what a recording that was killed left half written: runs and tables under temporary names of [`files::partial`].
+fn remove_partial(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().to_str().is_some_and(is_partial) && entry.file_type()?.is_file() {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether a file of this name is such a one.
+fn is_partial(name: &str) -> bool {
+    let Some((whole, random)) = name.strip_suffix(".partial").and_then(|name| name.rsplit_once('.')) else {
+        return false;
+    };
+    let is_run = whole.strip_suffix(".mcap").and_then(|name| name.split_once('-')).is_some_and(|(number, rest)| {
+        let is_number = number.len() >= 4 && number.bytes().all(|byte| byte.is_ascii_digit());
+        is_number && Part::ALL.iter().any(|part| rest.starts_with(part.name()))
+    });
+    let is_random = !random.is_empty() && random.bytes().all(|byte| byte.is_ascii_alphanumeric());
+    is_random && (is_run || whole == EPISODES_NAME)
+}
+
+/// What a run's header holds of an episode.
+fn config(episode: &Episode, options: DataOptions) -> serde_json::Value {
+    serde_json::json!({ "brake": episode, "hz": options.hz })
 }
 
 fn at_once() -> usize {
@@ -306,7 +372,7 @@ fn is_of_use(kind: Kind, played: &Played) -> bool {
 fn write(places: &Places, episode: &Episode, options: DataOptions, path: &Path) -> Result<(), DataError> {
     // A fixed time, as the same seed gives the same bytes.
     let started = jiff::Timestamp::UNIX_EPOCH;
-    let config = serde_json::json!({ "brake": episode, "hz": options.hz });
+    let config = config(episode, options);
     let header = RunHeader {
         name_hint: Some(episode.name.clone()),
         dialect: Some(Dialect::SelfOracle),
@@ -356,4 +422,27 @@ fn csv(episodes: &[Recorded]) -> String {
             .expect("writing to a String cannot fail");
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_killed_recording_left_half_written_is_known_by_its_name() {
+        for ours in ["0007-held-out-cpla-low-sun.mcap.a8Xk2P.partial", "12345-train-lap-rain.mcap.0.partial"] {
+            assert!(is_partial(ours), "{ours}");
+        }
+        assert!(is_partial("episodes.csv.a8Xk2P.partial"));
+        for other in [
+            "0007-held-out-cpla-low-sun.mcap",
+            "0007-held-out-cpla-low-sun.mcap.partial",
+            "holiday.mcap.a8Xk2P.partial",
+            "2026-11-29-lake.mcap.a8Xk2P.partial",
+            "notes.csv.a8Xk2P.partial",
+            ".partial",
+        ] {
+            assert!(!is_partial(other), "{other}");
+        }
+    }
 }

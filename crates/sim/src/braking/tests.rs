@@ -262,6 +262,80 @@ fn a_shorter_data_set_leaves_a_longer_one_as_it_is_and_an_interrupted_rehearsal_
     assert_eq!(fs::read_to_string(&table).unwrap(), longer);
 }
 
+#[test]
+fn runs_that_a_killed_recording_left_are_kept_only_by_the_data_set_that_they_are_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = DataOptions { hours: 0.001, seed: 3, ..DataOptions::default() };
+    let first = record(folder.path(), options, |_, _| true).unwrap();
+    // Killed before the table was written, and while a run was.
+    fs::remove_file(folder.path().join(EPISODES_NAME)).unwrap();
+    let [half, other] = ["0001-train-lap-plain.mcap.a8Xk2P.partial", "mine.mcap.a8Xk2P.partial"];
+    for name in [half, other] {
+        fs::write(folder.path().join(name), "").unwrap();
+    }
+    let error = record(folder.path(), DataOptions { seed: 2, ..options }, |_, _| true).unwrap_err().to_string();
+    assert!(error.contains("0000-") && error.contains("runs of another seed or version of Lapwing"), "{error}");
+    assert!(folder.path().join(half).exists() && !folder.path().join(EPISODES_NAME).exists());
+    let again = record(folder.path(), options, |_, _| true).unwrap();
+    assert_eq!((again.kept, &again.episodes), (first.episodes.len(), &first.episodes));
+    assert!(!folder.path().join(half).exists() && folder.path().join(other).exists());
+}
+
+#[test]
+fn rows_beyond_the_ten_thousandth_episode_come_after_those_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = DataOptions { hours: 0.001, seed: 3, ..DataOptions::default() };
+    record(folder.path(), options, |_, _| true).unwrap();
+    let table = folder.path().join(EPISODES_NAME);
+    let shorter = fs::read_to_string(&table).unwrap();
+    // As text, 00001 comes before any of four digits, and 10000 after 1.
+    let row = |name: &str| format!("{name},train,ccrs,hazard,plain,1,lake,20,1,9,0\n");
+    let name = "10000-train-ccrs-plain";
+    fs::write(folder.path().join(format!("{name}.mcap")), "").unwrap();
+    fs::write(&table, shorter.clone() + &row(name)).unwrap();
+    assert_eq!(record(folder.path(), options, |_, _| true).unwrap().more, 1);
+    let between = "00000-train-ccrs-plain";
+    fs::write(&table, shorter + &row(between)).unwrap();
+    let error = record(folder.path(), options, |_, _| true).unwrap_err().to_string();
+    assert!(error.contains("expected \"an episode after 0"), "{error}");
+}
+
+#[test]
+fn the_drives_at_a_speed_are_the_same_whichever_others_are_driven() {
+    let at = |speeds_mph: &[f64]| {
+        let all = trials(&TrialOptions { speeds_mph: speeds_mph.to_vec(), laps: 0, ..TrialOptions::default() });
+        all.into_iter().filter(|trial| trial.speed_mph == 20.0).collect::<Vec<_>>()
+    };
+    assert!(!at(&[20.0]).is_empty());
+    assert_eq!(at(&[20.0]), at(&SPEEDS_MPH));
+    assert_eq!(at(&[20.0])[1].seed, (Case::Ccrs as u64) << 32 | 1, "as it always was at one speed");
+}
+
+#[test]
+fn a_seed_has_the_same_weather_at_every_speed() {
+    let places = lake();
+    for case in Case::ALL {
+        for layer in case.layers() {
+            let weather = |speed_mph| {
+                let staging = Staging { case, layer, part: Part::HeldOut, speed_mph, seed: 7 };
+                staging.setup(places.get("random:9").unwrap()).unwrap().conditions
+            };
+            assert_eq!(weather(10.0), weather(30.0), "{case} {layer}");
+        }
+    }
+}
+
+#[test]
+fn a_case_that_has_none_of_the_layers_is_left_out_and_named() {
+    let (cases, layers) = (vec![Case::Ccrs, Case::Parked], vec![Layer::Hidden]);
+    let options = TrialOptions { cases, layers, seeds: 2, laps: 0, ..TrialOptions::default() };
+    assert_eq!(options.left_out(), [Case::Parked]);
+    let planned = trials(&options);
+    assert!(planned.iter().all(|trial| (trial.case, trial.layer) == (Case::Ccrs, Layer::Hidden)), "{planned:?}");
+    assert_eq!(planned.len(), 2 * SPEEDS_MPH.len());
+    assert!(TrialOptions::default().left_out().is_empty());
+}
+
 /// Warns for nothing: of 50 s, it does so for five, which holds the car.
 struct Nervous;
 

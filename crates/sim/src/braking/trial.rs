@@ -63,7 +63,7 @@ const GUARDS: f64 = -0.99;
 pub struct TrialOptions {
     /// Which cases, of both kinds.
     pub cases: Vec<Case>,
-    /// The layers that the seeds take turns in; a case that has none of them is played plainly.
+    /// The layers that the seeds take turns in; a case that has none of them is [left out](Self::left_out).
     pub layers: Vec<Layer>,
     /// Speeds of our car, mph.
     pub speeds_mph: Vec<f64>,
@@ -85,6 +85,19 @@ impl Default for TrialOptions {
             laps: 10,
             part: Part::HeldOut,
         }
+    }
+}
+
+impl TrialOptions {
+    /// The layers in which a case is played.
+    fn layers_of(&self, case: Case) -> Vec<Layer> {
+        let own: Vec<Layer> = case.layers().collect();
+        self.layers.iter().copied().filter(|layer| own.contains(layer)).collect()
+    }
+
+    /// The cases that are not played, as they have none of the layers.
+    pub fn left_out(&self) -> Vec<Case> {
+        self.cases.iter().copied().filter(|case| self.layers_of(*case).is_empty()).collect()
     }
 }
 
@@ -164,22 +177,23 @@ pub enum TrialError {
     Observer(ObserverError),
 }
 
-/// All drives of a trial.
+/// All drives of a trial. At each speed, a seed of a case has the same road, look and weather.
 pub fn trials(options: &TrialOptions) -> Vec<Trial> {
     let part = options.part;
     let roads = tracks(part);
     let mut all = vec![];
     for case in &options.cases {
-        let own: Vec<Layer> = case.layers().collect();
-        let layers: Vec<Layer> = options.layers.iter().copied().filter(|layer| own.contains(layer)).collect();
-        let layers = if layers.is_empty() { &own[..1] } else { &layers[..] };
-        for (i, speed_mph) in options.speeds_mph.iter().enumerate() {
+        let layers = options.layers_of(*case);
+        if layers.is_empty() {
+            continue;
+        }
+        for speed_mph in &options.speeds_mph {
             all.extend((0..options.seeds).map(|seed| Trial {
                 case: *case,
                 layer: layers[seed as usize % layers.len()],
                 track: roads[(seed as usize / layers.len() + seed as usize) % roads.len()].to_owned(),
                 speed_mph: *speed_mph,
-                seed: (*case as u64) << 32 | (i as u64) << 24 | seed,
+                seed: (*case as u64) << 32 | seed,
                 laps: None,
                 part,
             }));

@@ -48,6 +48,9 @@ pub const LOG_NAME: &str = "driving_log.csv";
 /// Time between two rows whose picture names hold no time: the simulator records 15 times a second at most.
 pub const FALLBACK_INTERVAL: Duration = Duration::from_nanos(1_000_000_000 / 15);
 
+/// Key of a run's settings, where it was made from a log: how many of the rows were [untimed](DrivingLog::untimed).
+pub(super) const UNTIMED: &str = "untimed";
+
 /// The longest log that is read, in bytes: a week's driving.
 const MOST_LOG: u64 = 1 << 30;
 
@@ -154,10 +157,22 @@ fn instead(folder: &Path) -> Option<String> {
 }
 
 impl DrivingLog {
-    /// The header of a run made from it.
+    /// The header of a run made from it, which also says how many rows are [`untimed`](Self::untimed), if any.
     pub fn header(&self) -> RunHeader {
-        let config = serde_json::json!({ "converted_from": "driving_log.csv" });
+        let mut config = serde_json::json!({ "converted_from": LOG_NAME });
+        if let untimed @ 1.. = self.untimed() {
+            config[UNTIMED] = untimed.into();
+        }
         RunHeader::new(RunKind::DrivingLog, config, self.started())
+    }
+
+    /// How many rows have a time that is assumed: the names of their pictures hold none, and neither do those of the row before
+    /// or behind, so that [`FALLBACK_INTERVAL`] is taken to lie between. What depends on how fast time passed cannot be told of
+    /// them.
+    pub fn untimed(&self) -> usize {
+        // A row with a time and one without do not continue from one another.
+        let stretches = self.rows.chunk_by(|_, next| next.broken.is_none());
+        stretches.filter(|rows| rows.len() > 1 && rows[0].taken_at.is_none()).map(<[Row]>::len).sum()
     }
 
     /// When the first picture was taken, by its name in local time; otherwise, when the log was last written.

@@ -175,6 +175,23 @@ fn time_passes_by_the_names_and_by_a_fifteenth_second_without() {
     assert_eq!(at(["a_2020_13_01_00_00_00_000.jpg", "b.jpg", "c.jpg"])[2], FALLBACK_INTERVAL * 2);
 }
 
+#[test]
+fn a_log_counts_the_rows_whose_time_is_assumed_and_a_run_made_from_it_says_so() {
+    let untimed = |names: &[&str]| {
+        let text: String = names.iter().map(|name| format!("{name},,,0,0,0,1\n")).collect();
+        let log = DrivingLog { path: PathBuf::from("driving_log.csv"), rows: rows(&text) };
+        let told = log.header().config.get(UNTIMED).and_then(serde_json::Value::as_u64);
+        assert_eq!(told.unwrap_or(0), log.untimed() as u64, "{names:?}");
+        log.untimed()
+    };
+    let (timed, later) = ("center_2020_01_01_00_00_00_000.jpg", "center_2020_01_01_00_00_00_100.jpg");
+    assert_eq!(untimed(&["a.jpg", "b.jpg", "c.jpg"]), 3);
+    assert_eq!(untimed(&[timed, later]), 0);
+    assert_eq!(untimed(&[timed, later, "a.jpg", "b.jpg"]), 2);
+    assert_eq!(untimed(&[timed, "a.jpg", later]), 0, "it continues from no row, and none from it");
+    assert_eq!(untimed(&["a.jpg"]), 0);
+}
+
 #[cfg(unix)]
 #[test]
 fn a_log_that_is_a_device_is_an_error_at_once() {

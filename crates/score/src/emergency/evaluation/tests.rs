@@ -65,8 +65,8 @@ fn an_impact_is_foreseen_by_the_first_activation_that_may_be_for_it() {
     let hit = |predicted| Episode { impact_s: Some(10.4), ..episode(predicted, true) };
     let early = judged(&[hit(Some(135..150)), hit(Some(140..150)), hit(None)]).before_impact.unwrap();
     assert_eq!(early.count, 2);
-    assert!((early.median - (10.4 - 136.0 / 15.0)).abs() < 1e-9, "{early:?}");
-    assert!((early.tenth - (10.4 - 141.0 / 15.0)).abs() < 1e-9, "{early:?}");
+    assert!((early.median - (10.4 - 138.5 / 15.0)).abs() < 1e-9, "{early:?}");
+    assert!((early.tenth - (10.4 - 140.5 / 15.0)).abs() < 1e-9, "{early:?}");
     // Neither what comes after it nor what ended long before foresees anything, nor is there an impact in others.
     let none = judged(&[hit(Some(157..170)), hit(Some(30..40)), episode(Some(140..150), true)]);
     assert_eq!(none.before_impact, None);
@@ -121,6 +121,14 @@ fn which_rule_chose_a_guards_threshold_is_told() {
     let rule = |episodes: &[Episode]| chosen_limits(episodes, &[], 0.5).map(|(_, rule)| rule);
     assert_eq!(rule(std::slice::from_ref(&weak)), Some(LimitRule::NineOfTen));
     assert_eq!(rule(&[weak, noise]), Some(LimitRule::BestF1), "the noise is as strong wherever the other is found");
+}
+
+#[test]
+fn a_quantile_lies_between_the_two_values_on_either_side_of_it() {
+    let of = |values: &[f64], share| quantile(values, share);
+    assert_eq!((of(&[1.0, 2.0], 0.5), of(&[1.0, 2.0, 4.0, 8.0], 0.5), of(&[3.0], 0.1)), (1.5, 3.0, 3.0));
+    assert_eq!((of(&[1.0, 2.0, 3.0], 0.5), of(&[1.0, 2.0], 0.0), of(&[1.0, 2.0], 1.0)), (2.0, 1.0, 2.0));
+    assert!((of(&[0.0, 1.0, 2.0], 0.1) - 0.2).abs() < 1e-12);
 }
 
 #[test]

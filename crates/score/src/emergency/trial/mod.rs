@@ -15,7 +15,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use lapwing_core::words::count;
+use lapwing_core::{turn::EventRecord, words::count};
 
 pub use page::{Film, render};
 
@@ -106,18 +106,33 @@ pub struct HarmlessRow {
     pub hours: f64,
     /// Drives in which something was hit, without the guard.
     pub hit_without: usize,
-    /// How often the guard braked.
-    pub activations: u32,
+    /// How often the guard braked; none without a guard.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub activations: Option<u32>,
     /// The hardest deceleration then, in g.
-    pub hardest_g: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hardest_g: Option<f64>,
+}
+
+/// A guard that is tried.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrialGuard {
+    /// What it is and where it comes from.
+    #[serde(rename = "guard")]
+    pub name: String,
+    /// From which value on it brakes, on its own scale.
+    pub threshold: f64,
+    /// SHA-256 of its file in lower-case hexadecimal, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
 }
 
 /// The result of a trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrialResult {
     /// The guard, if there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub guard: Option<String>,
+    #[serde(flatten)]
+    pub guard: Option<TrialGuard>,
     /// The part of the data whose roads, looks and weather the trial used.
     pub part: String,
     /// How many drives were planned.
@@ -138,7 +153,7 @@ pub struct TrialResult {
 
 impl TrialResult {
     /// Counts drives in one part's roads, looks and weather. They keep their order; it is as if no others had been planned.
-    pub fn of(guard: Option<String>, part: &str, drives: Vec<TrialDrive>) -> Self {
+    pub fn of(guard: Option<TrialGuard>, part: &str, drives: Vec<TrialDrive>) -> Self {
         let (hazards, harmless): (Vec<_>, Vec<_>) = drives.iter().partition(|drive| drive.hazard);
         let by = |key: &dyn Fn(&TrialDrive) -> (String, Option<u64>)| {
             grouped(&hazards, key)
@@ -161,6 +176,13 @@ impl TrialResult {
             harmless: rows.into_iter().map(|((what, _), of)| HarmlessRow::of(what, &of)).collect(),
             drives,
         }
+    }
+
+    /// The guard and from which value on it brakes, in words.
+    fn guarded_by(&self) -> String {
+        self.guard.as_ref().map_or("none".into(), |TrialGuard { name, threshold, .. }| {
+            format!("{name}, threshold {}", EventRecord::guard_value(name, *threshold))
+        })
     }
 
     /// If it was interrupted, how far it got, in words.
@@ -251,19 +273,27 @@ impl HazardRow {
 impl HarmlessRow {
     fn of(what: String, drives: &[&TrialDrive]) -> Self {
         let outcomes: Vec<TrialOutcome> = drives.iter().map(|drive| drive.with.unwrap_or(drive.without)).collect();
+        let guarded = || drives.iter().filter_map(|drive| drive.with);
+        let has_guard = guarded().next().is_some();
         Self {
             what,
             drives: drives.len(),
             hours: outcomes.iter().map(|outcome| outcome.time_s).sum::<f64>() / 3600.0,
             hit_without: drives.iter().filter(|drive| drive.without.impact_mph.is_some()).count(),
-            activations: outcomes.iter().map(|outcome| outcome.activations).sum(),
-            hardest_g: outcomes.iter().map(|outcome| outcome.hardest_g).fold(0.0, f64::max),
+            activations: has_guard.then(|| guarded().map(|outcome| outcome.activations).sum()),
+            hardest_g: has_guard.then(|| guarded().map(|outcome| outcome.hardest_g).fold(0.0, f64::max)),
         }
     }
 
     fn cells(&self) -> [String; 4] {
-        let hardest = if self.activations > 0 { format!("{:.2} g", self.hardest_g) } else { "–".into() };
-        [self.drives.to_string(), format!("{:.2}", self.hours), self.activations.to_string(), hardest]
+        let none = || "–".to_owned();
+        let hardest = self.hardest_g.filter(|_| self.activations > Some(0));
+        [
+            self.drives.to_string(),
+            format!("{:.2}", self.hours),
+            self.activations.map_or_else(none, |times| times.to_string()),
+            hardest.map_or_else(none, |g| format!("{g:.2} g")),
+        ]
     }
 }
 
@@ -299,7 +329,7 @@ impl fmt::Display for TrialResult {
         if let Some(cut_short) = self.cut_short() {
             writeln!(f, "{cut_short}")?;
         }
-        let guard = self.guard.as_deref().unwrap_or("none");
+        let guard = self.guarded_by();
         write!(f, "guard: {guard}; roads, looks and weather: {}; speeds in mph", self.part)
     }
 }
@@ -340,7 +370,8 @@ mod tests {
             drive(true, 30.0, Some(30.0), true, Some(18.0)),
             drive(false, 30.0, None, false, None),
         ];
-        let result = TrialResult::of(Some("ttc".into()), "held-out", drives);
+        let guard = TrialGuard { name: "brake-live".into(), threshold: 0.725, sha256: Some("00ff".into()) };
+        let result = TrialResult::of(Some(guard), "held-out", drives);
         let [slow, fast] = &result.hazards[..] else { panic!("{result:?}") };
         assert_eq!((slow.drives, slow.hit_without, slow.avoidable), (3, 3, 2));
         assert_eq!((slow.hit_with, slow.avoided), (Some(1), Some(1)));
@@ -349,15 +380,31 @@ mod tests {
         let [all] = &result.by_hazard[..] else { panic!("{result:?}") };
         assert_eq!((all.drives, all.avoidable, all.avoided), (4, 3, Some(1)));
         let [harmless] = &result.harmless[..] else { panic!("{result:?}") };
-        assert_eq!((harmless.activations, harmless.hours), (1, 0.01));
+        assert_eq!((harmless.activations, harmless.hardest_g, harmless.hours), (Some(1), Some(0.7), 0.01));
         assert_eq!(result.worst("ccrs").map(|drive| drive.speed_mph), Some(30.0));
         let text = result.to_string();
         assert!(
             text.contains("ccrs")
                 && text.contains("50 %")
-                && text.ends_with("guard: ttc; roads, looks and weather: held-out; speeds in mph"),
+                && text
+                    .ends_with("guard: brake-live, threshold 0.725; roads, looks and weather: held-out; speeds in mph"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn which_guard_it_was_is_told_with_its_threshold_and_the_sum_of_its_file() {
+        let of = |name: &str, threshold, sha256: Option<&str>| {
+            let guard = TrialGuard { name: name.into(), threshold, sha256: sha256.map(str::to_owned) };
+            TrialResult::of(Some(guard), "train", vec![])
+        };
+        let network = of("brake-live", 0.725, Some("00ff"));
+        let json = serde_json::to_string(&network).unwrap();
+        assert!(json.starts_with(r#"{"guard":"brake-live","threshold":0.725,"sha256":"00ff","part""#), "{json}");
+        assert!(render(&network, &[]).contains("guard: brake-live, threshold 0.725;"));
+        let ttc = of("time to collision", 1.4_f64.recip(), None);
+        assert!(ttc.to_string().starts_with("guard: time to collision, threshold 1.40 s; "), "{ttc}");
+        assert!(!serde_json::to_string(&ttc).unwrap().contains("sha256"));
     }
 
     #[test]
@@ -373,9 +420,17 @@ mod tests {
 
     #[test]
     fn without_a_guard_nothing_is_told_of_one() {
-        let drives = vec![TrialDrive { with: None, ..drive(true, 20.0, Some(20.0), true, None) }];
+        let alone = |hazard| TrialDrive { with: None, ..drive(hazard, 20.0, Some(20.0), true, None) };
+        let drives = vec![alone(true), alone(false)];
         let result = TrialResult::of(None, "train", drives);
         assert_eq!((result.hazards[0].hit_with, result.hazards[0].avoided), (None, None));
-        assert!(!serde_json::to_string(&result).unwrap().contains("\"hit_with\""));
+        assert_eq!(result.harmless[0].cells()[2..], ["–", "–"]);
+        let json = serde_json::to_value(&result).unwrap();
+        let has = |row: &serde_json::Value, key: &str| row.as_object().unwrap().contains_key(key);
+        for key in ["guard", "threshold", "sha256"] {
+            assert!(!has(&json, key), "{key}");
+        }
+        assert!(!has(&json["hazards"][0], "hit_with") && has(&json["harmless"][0], "hours"));
+        assert!(!has(&json["harmless"][0], "activations") && !has(&json["harmless"][0], "hardest_g"));
     }
 }

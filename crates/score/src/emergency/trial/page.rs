@@ -20,7 +20,7 @@ pub struct Film {
 
 /// The page, as HTML, everything in it.
 pub fn render(result: &TrialResult, films: &[Film]) -> String {
-    let guard = result.guard.as_deref().unwrap_or("none");
+    let guard = result.guarded_by();
     let cut_short = result.cut_short().map(|cut_short| format!("<p>{cut_short}</p>")).unwrap_or_default();
     let hazards = |rows: &mut dyn Iterator<Item = &HazardRow>| {
         let rows = rows.map(|row| (row.what.clone(), row.cells().to_vec(), row.avoided.map(|n| (n, row.avoidable))));
@@ -46,7 +46,7 @@ pub fn render(result: &TrialResult, films: &[Film]) -> String {
     include_str!("page.html")
         .replace("/*COLOURS*/", COLOURS)
         .replace("/*SORTING*/", SORTING)
-        .replace("/*GUARD*/", &escaped(guard))
+        .replace("/*GUARD*/", &escaped(&guard))
         .replace("/*PART*/", &escaped(&result.part))
         .replace("/*INTERRUPTED*/", &cut_short)
         .replace("/*HAZARDS*/", &hazards(&mut each.into_iter()))
@@ -84,11 +84,12 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::TrialGuard, *};
 
     #[test]
     fn a_page_holds_its_films_and_no_markup_of_others() {
-        let result = TrialResult::of(Some("<b>x</b>".into()), "held-out", vec![]);
+        let guard = TrialGuard { name: "<b>x</b>".into(), threshold: 0.5, sha256: None };
+        let result = TrialResult::of(Some(guard), "held-out", vec![]);
         let film = Film { title: "a < b".into(), told: "hit".into(), media: "video/mp4", base64: "AAAA".into() };
         let page = render(&result, &[film]);
         assert!(page.contains("&lt;b&gt;x&lt;/b&gt;") && page.contains("a &lt; b"));

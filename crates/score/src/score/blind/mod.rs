@@ -49,9 +49,14 @@ const NOT_AROUND: &str =
     "the run does not report whether the car left the road, and it is not known to have driven all laps";
 const UNKNOWN_ROAD: &str = "the run reports no position and matches no known road: add yours with --track";
 const UNSURE_ROAD: &str = "the run reports no position, and it is not sure on which of the known roads it was";
+const NEARLY_KNOWN: &str = "the run reports no position, and no known road explains it well enough: a longer recording may tell, \
+                            or it was on another road: add that with --track";
 const NO_LAP: &str = "the run reports no position, matches no known road, and does not come back to where it began";
 const UNSURE_LAP: &str = "the run reports no position, it is not sure on which of the known roads it was, and it does \
                           not come back to where it began";
+
+const NEARLY_LAP: &str = "the run reports no position, no known road explains it well enough, and it does not come back to where \
+                          it began";
 
 /// Watches a run knowing the roads, but seeing only what the stock build reports.
 #[derive(Debug, Clone, Default)]
@@ -69,6 +74,8 @@ pub(super) struct Blind {
     last: Option<(f64, f64, f64)>,
     /// Why the next telemetry does not continue from the last.
     cut: Option<Break>,
+    /// Whether the time of the next is assumed.
+    is_untimed: bool,
     way_m: f64,
     clock: DistanceLog,
     /// When humans took over, in seconds.
@@ -121,7 +128,10 @@ impl Blind {
 
     /// Takes a telemetry, by its number in the run.
     pub fn telemetry(&mut self, number: usize, at: f64, mps: f64, steering_deg: f64) {
-        self.impacts.speed(at, mps);
+        let is_untimed = std::mem::take(&mut self.is_untimed);
+        if !is_untimed {
+            self.impacts.speed(at, mps);
+        }
         let curvature = motion::curvature(steering_deg);
         let cut = self.cut.take();
         let leg = self.last.map(|(before, was_mps, was_curvature)| {
@@ -141,6 +151,14 @@ impl Blind {
                 (Some(leg), Some(drive)) if !leg.broken.is_some_and(joins) => drive.leg(number, leg),
                 _ => self.drives.push(Drive::begin(at, self.way_m, number)),
             }
+            if let Some(drive) = self.drives.last_mut() {
+                drive.is_untimed |= is_untimed;
+            }
+            if let Some(Leg { broken: Some(broken @ Break::Gap(passed)), apart_s, .. }) = leg
+                && !joins(broken)
+            {
+                self.clock.leave_out(at, (passed.as_secs_f64() - apart_s).max(0.0));
+            }
             self.clock.note(at, self.way_m);
         }
         self.last = Some((at, mps, curvature));
@@ -150,6 +168,11 @@ impl Blind {
     pub fn cut(&mut self, broken: Break) {
         self.cut = Some(broken);
         self.impacts.cut();
+    }
+
+    /// The time of the next telemetry is assumed.
+    pub fn untimed(&mut self) {
+        self.is_untimed = true;
     }
 
     /// What the last telemetry suggests, once, if anybody asks.
@@ -223,7 +246,7 @@ impl Blind {
                 figures.suggest(F::Laps, estimate(laps.into(), found.laps_off(&self.roads), from))
             }
             _ if tells => {}
-            _ => figures.told(F::Laps, None, if found.is_unsure() { UNSURE_LAP } else { NO_LAP }),
+            _ => figures.told(F::Laps, None, found.why_unknown([UNSURE_LAP, NEARLY_LAP, NO_LAP])),
         }
         // A car that has certainly driven all laps has done so, wherever it went afterwards.
         let surely = found
@@ -240,7 +263,7 @@ impl Blind {
                 figures.suggest(F::Completion, estimate((driven / asked).min(1.0), unsure / asked, from));
             }
             _ if tells => {}
-            _ => figures.told(F::Completion, None, if found.is_unsure() { UNSURE_ROAD } else { UNKNOWN_ROAD }),
+            _ => figures.told(F::Completion, None, found.why_unknown([UNSURE_ROAD, NEARLY_KNOWN, UNKNOWN_ROAD])),
         }
         self.infractions(figures, drive, is_whole);
         let track = found.track();
@@ -324,9 +347,21 @@ impl Found {
     }
 
     /// Whether a known road explains the drive, but not for certain: the drive was too short, or several roads explain it.
-    pub(super) fn is_unsure(&self) -> bool {
+    fn is_unsure(&self) -> bool {
         let mut unknown = self.drives.iter().filter(|drive| drive.told.on.is_none());
         unknown.any(|drive| drive.told.roads.iter().any(|road| road.explains))
+    }
+
+    /// Which of these says why the road is unknown: several roads may be the one; the nearest may be, although it explains the
+    /// drive too badly; or none.
+    pub(super) fn why_unknown(&self, [unsure, nearly, other]: [&'static str; 3]) -> &'static str {
+        let unknown = self.drives.iter().filter(|drive| drive.told.on.is_none());
+        let longest = unknown.max_by(|a, b| a.told.way_m.unwrap_or(0.0).total_cmp(&b.told.way_m.unwrap_or(0.0)));
+        match longest {
+            _ if self.is_unsure() => unsure,
+            Some(drive) if drive.is_nearly_known() => nearly,
+            _ => other,
+        }
     }
 
     /// Length of a lap, in metres.
@@ -350,7 +385,8 @@ impl Found {
         let unsure = self.drives.iter().filter(|drive| drive.laps_unsure).count() as f64;
         let shortest_m = roads.iter().map(|road| road.length_m).reduce(f64::min);
         let uncounted = self.drives.iter().filter(|drive| drive.laps.is_none());
-        let most: f64 = uncounted.map(|drive| shortest_m.map_or(0.0, |lap_m| (drive.told.way_m / lap_m).floor())).sum();
+        let way_m = |drive: &Placed| drive.told.way_m.unwrap_or(0.0);
+        let most: f64 = uncounted.map(|drive| shortest_m.map_or(0.0, |lap_m| (way_m(drive) / lap_m).floor())).sum();
         unsure.max(1.0) + most
     }
 

@@ -184,3 +184,49 @@ fn of_a_run_that_did_not_drive_all_laps_nobody_knows_whether_it_left_the_road() 
     let card = crashed_after(400.0, &[road()], heading);
     assert_eq!(card.value(Figure::Autonomy), None, "{card}");
 }
+
+#[test]
+fn a_lap_takes_the_time_that_a_log_leaves_out_and_a_gap_of_moments_joins_no_drive() {
+    let (way, gap_s) = (MPS / 15.0, 5.0);
+    // In the middle of a lap, and where it ends.
+    for gap_from_m in [500.0, 980.0] {
+        let mut scorer = Scorer::on(&[road()], Some(2));
+        let (mut at_s, mut was_gap) = (0.0, false);
+        for i in 0..=(1500.0 / way) as u32 {
+            let s = way * f64::from(i);
+            if (gap_from_m..gap_from_m + gap_s * MPS).contains(&s) {
+                was_gap = true;
+                continue;
+            }
+            let at = Duration::from_secs_f64(at_s);
+            if std::mem::take(&mut was_gap) {
+                scorer.event(at, &EventRecord::Break { seconds: Some(gap_s) });
+            }
+            let curvature = (heading(s + way) - heading(s)) / way;
+            scorer.telemetry(at, &telemetry(motion::steering_deg(curvature), MPS));
+            at_s += 1.0 / 15.0;
+        }
+        let card = scorer.finish();
+        assert_eq!(card.drives.len(), 1, "{card}");
+        let ([lap_s], Some(off_s)) = (&card.lap_times_s[..], card.lap_times_off_s) else { panic!("{card}") };
+        let is_certain = gap_from_m + gap_s * MPS < LENGTH_M;
+        assert!((lap_s - LENGTH_M / MPS).abs() < off_s && (off_s < 3.0) == is_certain, "{card}");
+    }
+}
+
+#[test]
+fn a_short_drive_that_no_road_explains_may_be_on_one_all_the_same() {
+    let other = |s: f64| -s / 80.0 + 1.5 * (s / 30.0).sin();
+    let card = crashed_after(400.0, &[road()], other);
+    let both = "no known road explains it well enough: a longer recording may tell, or it was on another road: add that with --track";
+    assert!(card.words(Figure::Completion).ends_with(both), "{card}");
+    let unknown = card.drives[0].unknown.as_deref().unwrap();
+    assert!(unknown.starts_with("the nearest, ") && unknown.contains("a longer recording may tell"), "{unknown}");
+}
+
+#[test]
+fn of_a_drive_of_no_metres_it_is_said_that_they_are_too_few() {
+    let twin = Road::new("twin".into(), 0.0, LENGTH_M, None, (0..=500).map(|i| heading(f64::from(i) * 2.0)).collect());
+    let card = crashed_after(1.0, &[road(), Arc::new(twin)], heading);
+    assert_eq!(card.drives[0].unknown.as_deref(), Some("1 m tell too little, 250 m are needed"), "{card}");
+}

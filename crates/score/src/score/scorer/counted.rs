@@ -22,6 +22,8 @@ const NO_ROAD: &str =
     "the run does not report how much of the last lap was driven, and matches no known road: add yours with --track";
 const UNSURE_ROAD: &str =
     "the run does not report how much of the last lap was driven, and which of the known roads it was on is uncertain";
+const NEARLY_KNOWN: &str = "the run does not report how much of the last lap was driven, and no known road explains it well enough: \
+                            a longer recording may tell, or it was on another road: add that with --track";
 const AT_LINE: &str = "the run may end at the end of a lap: lapwing score checks the pictures";
 
 const LAST_LAP: &str = "reported waypoints: the run ends at the end of a lap";
@@ -125,8 +127,8 @@ impl Scorer {
         use Figure as F;
         let (no_laps, no_completion) = match found {
             _ if !self.told.tells => (NO_POSITION, NO_POSITION),
-            Some(found) if found.is_unsure() => (NO_LAPS, UNSURE_ROAD),
-            _ => (NO_LAPS, NO_ROAD),
+            Some(found) => (NO_LAPS, found.why_unknown([UNSURE_ROAD, NEARLY_KNOWN, NO_ROAD])),
+            None => (NO_LAPS, NO_ROAD),
         };
         let Some(laps) = self.told.laps.total() else {
             figures.told(F::Laps, None, no_laps);

@@ -7,7 +7,7 @@ use crate::{
     score::card::Figures,
     score::infractions::{autonomies, driving_scores},
     score::offline::not_replayed,
-    score::scorer::recorded,
+    score::scorer::{recorded, untimed},
     score::smoothness::Smoothness,
     score::{Figure, Measure, Scorecard},
 };
@@ -34,6 +34,8 @@ const LAP_TIMES_TOLD: &str = "the telemetries around the end of each lap";
 const LAP_TIMES_FOUND: &str = "where laps seem to have ended";
 const NO_ANSWERS: &str = "the run has no answers";
 pub(in crate::score) const NO_PILOT: &str = "no pilot drove";
+const SPEED: &str = "speed over time";
+const SPEED_BUT_GAPS: &str = "speed over time, gaps left out";
 const NO_CTE: &str = "the run reports no distance from the line to drive";
 const TOO_SHORT: &str = "the run has no half second without a gap in its telemetry";
 const LIVE: &str = "needs the whole run: use lapwing score";
@@ -63,7 +65,7 @@ impl Scorer {
             None => Measure::Estimate {
                 value: self.driven_m,
                 uncertainty: DISTANCE_OFF * self.driven_m + self.in_gaps_m / 2.0,
-                from: "speed over time",
+                from: if self.leaves_out { SPEED_BUT_GAPS } else { SPEED },
             },
         };
         let way = told_m.unwrap_or(self.driven_m);
@@ -142,7 +144,8 @@ impl Scorer {
             .chain(guarded)
             .chain(not_replayed())
             .for_each(|(figure, measure)| figures.set(figure, measure));
-        figures.told(F::FramesPerS, timed.then(|| (self.telemetries - 1) as f64 / told_s), NO_TIME);
+        let why = if is_apart { ALL_APART } else { NO_TIME };
+        figures.told(F::FramesPerS, (timed && !is_apart).then(|| (self.telemetries - 1) as f64 / told_s), why);
         let (why, answered) = if by_human { (NO_PILOT, false) } else { (NO_ANSWERS, self.answers.all > 0) };
         figures.told(F::MissedFrames, answered.then_some(self.missed_frames as f64), why);
         if !seen {
@@ -175,6 +178,9 @@ impl Scorer {
             let lap_m = road_m.or(self.told.waypoints.lap_m());
             span.open_ended(&mut figures, lap_m, laps_asked, (self.driven_m, self.all_laps));
             self.scores(&mut figures);
+        }
+        if self.assumes_time {
+            untimed::untell(&mut figures);
         }
         let (track, scenario) = self.course.map(|course| (course.track, course.scenario)).unzip();
         let (lap_times_s, lap_times_off_s, lap_times_from) = if judged {
