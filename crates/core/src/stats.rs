@@ -85,9 +85,23 @@ pub fn middle_95(found: &mut [f64]) -> Option<[f64; 2]> {
     Some([0.025, 0.975].map(|share| found[(last as f64 * share).round() as usize]))
 }
 
+/// A quantile of sorted values: between two of them, by how near it is to each. None if there are no values.
+pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let at = sorted.len().checked_sub(1)? as f64 * share;
+    let (below, above) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    Some(below + (above - below) * at.fract())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_quantile_lies_between_two_values() {
+        let sorted = [1.0, 2.0, 4.0, 8.0];
+        assert_eq!([0.0, 0.5, 0.75, 1.0].map(|share| quantile(&sorted, share)), [1.0, 3.0, 5.0, 8.0].map(Some));
+        assert_eq!(quantile(&[], 0.5), None);
+    }
 
     #[test]
     fn a_share_is_known_the_better_the_more_trials_there_are_and_never_for_certain() {

@@ -14,6 +14,7 @@ use super::DatasetError;
 use lapwing_core::{
     perception::{Frame, decode_jpeg},
     recording::{Break, By, LONGEST_GAP, Moment, Picture, Recording, RecordingError},
+    stats::quantile,
     units::Steering,
 };
 
@@ -190,9 +191,8 @@ impl Histogram {
 impl Intervals {
     fn of(mut ms: Vec<f64>) -> Option<Self> {
         ms.sort_by(f64::total_cmp);
-        let last = ms.len().checked_sub(1)?;
-        let quantile = |q: f64| ms[(q * last as f64).round() as usize];
-        Some(Self { median: quantile(0.5), p95: quantile(0.95), max: quantile(1.0) })
+        let of = |share| quantile(&ms, share);
+        Some(Self { median: of(0.5)?, p95: of(0.95)?, max: of(1.0)? })
     }
 }
 

@@ -488,8 +488,9 @@ fn tell(peer: &str, events: &[EventRecord], bad: &Throttled, now: Instant) {
             EventRecord::BrakingToStandstill => {
                 tracing::error!("{peer}: too many bad frames in a row: stopping the car");
             }
-            EventRecord::GuardBrakes { guard, value, speed_mph, .. } => {
-                tracing::warn!("{peer}: emergency brake at {speed_mph:.1} mph ({guard}: {value:.2})");
+            EventRecord::GuardBrakes { guard, value, fires, speed_mph } => {
+                let why = EventRecord::guard_words(guard, *value, *fires);
+                tracing::warn!("{peer}: emergency brake at {speed_mph:.1} mph ({why})");
             }
             EventRecord::GuardReleases { after_s, .. } => {
                 tracing::info!("{peer}: the emergency brake lets go after {after_s:.1} s");

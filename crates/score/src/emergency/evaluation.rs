@@ -20,6 +20,7 @@ use serde::Serialize;
 use super::counting::{CountingRule, Counts, runs};
 use lapwing_core::{
     control::{BrakeChange, BrakeLimits, EmergencyBrake, Warned},
+    stats::quantile,
     units::Mph,
 };
 
@@ -307,23 +308,13 @@ fn interval(mut values: Vec<f64>) -> Option<[f64; 2]> {
         return None;
     }
     values.sort_by(f64::total_cmp);
-    Some([(1.0 - CERTAINTY) / 2.0, (1.0 + CERTAINTY) / 2.0].map(|share| quantile(&values, share)))
-}
-
-/// A quantile of sorted values, of which there is one: between two of them, by how near it is to each.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let at = (sorted.len() - 1) as f64 * share;
-    let (below, above) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
-    below + (above - below) * at.fract()
+    let bound = |share| quantile(&values, share);
+    Some([bound((1.0 - CERTAINTY) / 2.0)?, bound((1.0 + CERTAINTY) / 2.0)?])
 }
 
 impl Lead {
     fn of(mut leads: Vec<f64>) -> Option<Self> {
         leads.sort_by(f64::total_cmp);
-        (!leads.is_empty()).then(|| Self {
-            count: leads.len(),
-            median: quantile(&leads, 0.5),
-            tenth: quantile(&leads, 0.1),
-        })
+        Some(Self { count: leads.len(), median: quantile(&leads, 0.5)?, tenth: quantile(&leads, 0.1)? })
     }
 }

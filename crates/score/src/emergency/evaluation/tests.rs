@@ -124,14 +124,6 @@ fn which_rule_chose_a_guards_threshold_is_told() {
 }
 
 #[test]
-fn a_quantile_lies_between_the_two_values_on_either_side_of_it() {
-    let of = |values: &[f64], share| quantile(values, share);
-    assert_eq!((of(&[1.0, 2.0], 0.5), of(&[1.0, 2.0, 4.0, 8.0], 0.5), of(&[3.0], 0.1)), (1.5, 3.0, 3.0));
-    assert_eq!((of(&[1.0, 2.0, 3.0], 0.5), of(&[1.0, 2.0], 0.0), of(&[1.0, 2.0], 1.0)), (2.0, 1.0, 2.0));
-    assert!((of(&[0.0, 1.0, 2.0], 0.1) - 0.2).abs() < 1e-12);
-}
-
-#[test]
 fn no_episodes_have_no_rates() {
     let nothing = judged(&[]);
     assert_eq!((nothing.recall.value, nothing.false_alarms_per_h.value, nothing.hours), (None, None, 0.0));
