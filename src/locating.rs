@@ -52,7 +52,7 @@ use lapwing_core::{
     recording::{CameraPosition, RecordingError},
 };
 use lapwing_score::{
-    odometry::{self, BENDS_M, Leg, Road},
+    odometry::{self, BENDS_M, Leg, Road, is_nearly},
     score::Turned,
 };
 use lapwing_sim::{
@@ -78,9 +78,6 @@ const PLAUSIBLE_WAY: std::ops::RangeInclusive<f64> = 0.92..=1.08;
 
 /// What to do about a road that is not known.
 const ANOTHER_ROAD: &str = "if it was on another road, name that with --track FILE.toml";
-
-/// A drive that is longer than this says by its bends on which road it was: of 368 m of the real jungle the bends alone do not.
-const LONG_M: f64 = 800.0;
 
 /// Why nothing is located of a recording whose pictures are lost.
 const UNREAD: &str = "none of its pictures could be read";
@@ -393,7 +390,9 @@ fn unknown(likely: &odometry::Found, way_m: f64, is_lost: bool) -> Option<String
     let why = likely.road().err()?;
     Some(match &likely.likely[..] {
         _ if is_lost => format!("{why}, and {UNREAD}"),
-        [] if way_m < LONG_M => format!("{why}: {ANOTHER_ROAD}; if not, a longer recording may tell"),
+        [] if likely.tried.first().is_some_and(|nearest| is_nearly(way_m, nearest.fit)) => {
+            format!("{why}: {ANOTHER_ROAD}; if not, a longer recording may tell")
+        }
         [] => format!("{why}: {ANOTHER_ROAD}"),
         _ => format!("{why}, and its pictures do not show which it was: a longer recording may tell"),
     })
@@ -435,10 +434,13 @@ fn shown(
         let most: usize = looked_at.iter().map(|stretch| stretch.kept.len()).sum();
         let jobs = looked_at.into_iter().map(|stretch| (stretch, scene.clone()));
         let agreements = Pictures::open(path, CameraPosition::Center, jobs)?.par_bridge().map(|job| {
-            let places = follow(rows, job?, |_| (), &|| ()).1;
-            Ok(places.iter().flatten().map(|located| located.fit.agreement).collect::<Vec<_>>())
+            let (of, places) = follow(rows, job?, |_| (), &|| ());
+            Ok((of.start, places.iter().flatten().map(|located| located.fit.agreement).collect::<Vec<_>>()))
         });
-        let agreements: Vec<f64> = agreements.collect::<Result<Vec<_>, RecordingError>>()?.concat();
+        let mut agreements = agreements.collect::<Result<Vec<_>, RecordingError>>()?;
+        // In their order, so that their sum is the same each time.
+        agreements.sort_by_key(|(start, _)| *start);
+        let agreements: Vec<f64> = agreements.into_iter().flat_map(|(_, agreements)| agreements).collect();
         let agreement = agreements.iter().sum::<f64>() / most.max(1) as f64;
         tracing::debug!(
             "{}: evidence {:.2}, {} of {most} agree by {agreement:.4}",
@@ -453,8 +455,8 @@ fn shown(
 }
 
 /// Of roads, the likeliest by the bends first, the one that the pictures show, by how well each agrees with them: not if another
-/// agrees about as well, or if a likelier one could not be seen in them. Where the bends do not tell the place, a road is not looked for
-/// in the right one, and any other agrees somehow.
+/// agrees about as well, or if a likelier one could not be seen in them. Where the bends do not tell the place, the right road is
+/// searched in the wrong place, and another one may agree by chance.
 fn chosen(agreements: &[Option<f64>]) -> Option<usize> {
     let seen = |i: &usize| agreements[*i].unwrap_or(f64::NEG_INFINITY);
     let best = (0..agreements.len()).max_by(|a, b| seen(a).total_cmp(&seen(b)))?;

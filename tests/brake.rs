@@ -302,6 +302,15 @@ fn a_trial_tells_what_a_guard_avoids_in_a_table_a_file_and_a_page_with_films() {
     let page = fs::read_to_string(folder.path().join("runs/trial.html")).unwrap();
     assert_eq!(page.matches("data:video/mp4;base64,").count(), 2);
     assert!(folder.path().join("runs/films/ccrs.mp4").is_file());
+    assert!((result["threshold"].as_f64().unwrap() - 1.0 / 1.4).abs() < 1e-9, "{}", result["threshold"]);
+    let (status, _, err) = trial(&["--out", "runs"]);
+    assert!(status == 1 && err.contains("trial.json") && err.contains("choose another folder"), "{status}: {err}");
+    let (status, out, err) = trial(&["--layers", "hidden", "--json"]);
+    assert!(status == 0 && err.contains("steel-plate"), "it has no such layer: {err}");
+    let hidden: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert!(hidden["drives"].as_array().unwrap().iter().all(|drive| drive["layer"] == "hidden"), "{out}");
+    let (status, _, err) = run(&["brake", "trial", "--cases", "steel-plate", "--layers", "hidden"]);
+    assert_eq!(status, 2, "{err}");
     let (status, out, err) = trial(&["--part", "train", "--json"]);
     assert_eq!(status, 0, "{err}");
     let learnt: serde_json::Value = serde_json::from_str(&out).unwrap();

@@ -161,17 +161,27 @@ fn a_short_piece_with_a_crash_is_not_taken_for_a_road_that_half_of_it_seems_to_s
 #[test]
 fn a_short_piece_is_not_taken_for_the_same_road_the_other_way_round() {
     let Some(folder) = shared("recordings") else { return };
-    for (of, first, count, reversed) in [
-        ("lake-high-graphics", 0, 233, false),
-        ("lake-high-graphics", 100, 110, false),
-        ("lake-clockwise", 0, 90, true),
-        ("lake-clockwise", 420, 70, true),
+    for (of, first, count, reversed, is_found) in [
+        ("lake-high-graphics", 0, 233, false, false),
+        ("lake-high-graphics", 100, 110, false, false),
+        ("lake-clockwise", 0, 90, true, false),
+        ("lake-clockwise", 420, 70, true, false),
+        // The bends of this one tell the road.
+        ("lake-high-graphics", 276, 160, false, true),
     ] {
         let dir = rows(&folder.join(of), first, count);
         let found = located(dir.path(), CameraPosition::Center);
         let is_right = |on: &On| (on.road(), on.reversed) == ("lake", reversed);
         assert!(found.parts.iter().all(|part| part.on.as_ref().is_none_or(is_right)), "{of} {first}: {found:?}");
+        assert_eq!(found.parts.iter().any(|part| part.on.is_some()), is_found, "{of} {first}");
     }
+}
+
+#[test]
+fn pictures_whose_names_hold_no_time_are_warned_of() {
+    let folder = crate::program::folder(20, |row| crate::support::jpeg(row as u8));
+    let (_, _, err) = lapwing_in(folder.path(), "", &["locate", "."]);
+    assert!(err.contains("warning: .: the names of 20 pictures hold no time, so 15 a second are assumed"), "{err}");
 }
 
 #[test]

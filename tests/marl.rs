@@ -154,6 +154,22 @@ fn a_study_of_no_steps_is_wrong_usage_and_makes_no_folder() {
 }
 
 #[test]
+fn a_training_of_a_study_ends_with_whoever_holds_it() {
+    let folder = tempdir().unwrap();
+    let only = |cell: &str| {
+        let study = ["marl", "study", "--out", "study", "--agent-steps", "50000000", "--held", "--only", cell];
+        lapwing_in(folder.path(), "", &study)
+    };
+    let (status, _, err) = only("ppo");
+    assert!(status == 2 && err.contains("--only: expected one of ppo-smarts-0-0, "), "{err}");
+    assert!(!folder.path().join("study").exists());
+    // Its standard input is at its end from the beginning.
+    let (status, _, err) = only("ppo-smarts-0-0");
+    assert_eq!(status, 1, "{err}");
+    assert!(!folder.path().join("study/cells/ppo-smarts-0-0/cell.json").exists());
+}
+
+#[test]
 fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let folder = tempdir().unwrap();
     let run = |more: &[&str]| {
@@ -198,6 +214,11 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     let (status, out, err) = run(&["--tasks", "smarts", "--most", "2"]);
     assert!(status == 0 && out.contains("\nThis call finished no training in "), "{out}{err}");
     assert_eq!(fs::read_to_string(folder.path().join("study/study.csv")).unwrap(), rows);
+    let cells = || fs::read_dir(folder.path().join("study/cells")).unwrap().count();
+    let before = cells();
+    let (status, _, err) = run(&["--episodes", "12", "--seeds", "2", "--jobs", "2"]);
+    assert!(status == 1 && err.contains("expected a training with --episodes 12, got 10"), "{err}");
+    assert_eq!(cells(), before, "nothing is trained that could not stand in one table");
     let parts = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CALL", "CURVES"];
     assert_eq!(parts.map(|part| page.contains(&format!("/*{part}*/"))), [false; 6], "{page}");
 }

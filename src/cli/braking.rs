@@ -139,7 +139,8 @@ pub struct BrakeTrial {
     /// What to play, such as ccrs,cpna,parked [default: all hazards and all that is harmless]
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = case)]
     pub cases: Vec<Case>,
-    /// The layers that the seeds take turns in: plain, hidden, rain, low-sun, night [default: all]
+    /// The layers that the seeds take turns in: plain, hidden, rain, low-sun, night; what is played in none of them is left out
+    /// [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = layer)]
     pub layers: Vec<Layer>,
     /// Speeds of the car, in mph [default: 10,15,20,25,30]
@@ -154,7 +155,7 @@ pub struct BrakeTrial {
     /// Part of the data whose roads, looks and weather to use: train to learn from, validation to choose by, held-out to judge by
     #[arg(long, default_value = "held-out", value_parser = part())]
     pub part: Part,
-    /// Folder for trial.json, trial.html, and films/ of the worst drive of each
+    /// Folder without a trial.json, for trial.json, trial.html, and films/ of the worst drive of each
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the result as JSON

@@ -67,10 +67,10 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     } else {
         // To locate takes minutes: what cannot be driven along is told before.
         open(None)?;
+        super::locate::warn_of_assumed_times(&arguments.source)?;
         located(arguments)?
     };
     let gearing = located.as_ref().map_or(Ok(1.0), |drive| locating::gearing(&arguments.source, drive))?;
-    super::locate::warn_of_assumed_times(&arguments.source)?;
     let mut world = open(located)?.by(protocol).geared(gearing);
     if arguments.limit == Some(Limit::Road) && !world.knows_the_lane_somewhere() {
         let why = "expected a number of metres, as the lane is not known in any row (lapwing locate says more), \

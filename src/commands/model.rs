@@ -9,6 +9,8 @@ use anyhow::Context;
 
 use super::{layers, own_settings};
 use crate::cli::{Driving, Thinking, Trust};
+#[cfg(feature = "bridge")]
+use lapwing_core::config::Guarding;
 use lapwing_core::config::{ConfigError, Layers, Settings};
 #[cfg(feature = "bridge")]
 use lapwing_core::{perception::Frame, units::Mph};
@@ -91,9 +93,13 @@ pub(super) fn load_model(settings: &Settings) -> anyhow::Result<LoadedModel> {
 /// Refuses files that are not there, before anybody is asked to wait for what they hold.
 #[cfg(feature = "bridge")]
 pub(super) fn are_there(settings: &Settings, more: &[PathBuf]) -> Result<(), models::ModelError> {
-    let named = settings.model.path.iter().chain(more).chain(&settings.brake.model);
+    let guard = match settings.brake.guarding() {
+        Guarding::Network(path, _) => Some(path),
+        Guarding::Nobody | Guarding::TimeToCollision => None,
+    };
+    let named = settings.model.path.as_deref().into_iter().chain(more.iter().map(PathBuf::as_path)).chain(guard);
     for path in named {
-        fs::metadata(path).map_err(|source| models::ModelError::Read { path: path.clone(), source })?;
+        fs::metadata(path).map_err(|source| models::ModelError::Read { path: path.to_owned(), source })?;
     }
     Ok(())
 }

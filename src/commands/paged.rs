@@ -246,6 +246,9 @@ impl Run<'_> {
         let wall = began.elapsed();
         // Whatever happened, the run is closed and can be read.
         let report = recorder.and_then(super::close);
+        if let Some(report) = &report {
+            console.borrow_mut().has_lost(report.lost());
+        }
         let Judged { card, driven } = judged?;
         let missed = score::missed(&settings.thresholds, &card);
         let setup = staged.simulation().setup();

@@ -28,7 +28,7 @@ use lapwing_core::{
     recording::{Recorder, RunKind},
     turn::{EventRecord, Turn},
 };
-use lapwing_live::page::{Control, Offered, RunFile, Showing, WeatherRange, WorldChoice};
+use lapwing_live::page::{Control, Offered, RunFileStatus, Showing, WeatherRange, WorldChoice};
 use lapwing_score::score::Scorer;
 use lapwing_sim::{
     conditions::Conditions,
@@ -117,6 +117,11 @@ impl Console {
     /// What is offered at the page.
     pub fn offers(&mut self, offered: Offered) {
         self.showing.offers(offered);
+    }
+
+    /// The file of the run that is over lacks so many frames and other items.
+    pub fn has_lost(&mut self, items: u64) {
+        self.showing.has_lost(items);
     }
 
     /// A run begins.
@@ -295,7 +300,7 @@ impl Observer<Staged> for Screen<'_> {
         console.tell_log();
         let now = Instant::now();
         console.showing.score(&self.scorer, now);
-        console.showing.is_written(now, || self.recorder.map(RunFile::from));
+        console.showing.is_written(now, || self.recorder.map(RunFileStatus::from));
         console.showing.turn(turn, console.hands, now);
         Ok(())
     }

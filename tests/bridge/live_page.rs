@@ -321,13 +321,16 @@ async fn whether_a_run_is_being_written_is_told_while_it_lasts() {
     for (folder, is_written) in [("runs", true), ("file", false)] {
         let running = Running::start(settings(&dir.path().join(folder))).await;
         let mut simulator = Wire::simulator(running.address).await;
-        steer(&simulator.ask(&telemetry("4.0000")).await);
+        // A turn is shown once its answer is out: the first one for certain before the second answer.
+        for _ in 0..2 {
+            steer(&simulator.ask(&telemetry("4.0000")).await);
+        }
         let (_, drive) = get(running.address, "/api/drives/1").await;
         let file = &drive["status"]["file"];
         assert_eq!(file["name"].as_str().is_some_and(|name| name.ends_with(".mcap")), is_written, "{drive}");
         assert_eq!((file["trouble"].is_null(), &file["not_recorded"]), (is_written, &json!(0)), "{drive}");
         let (_, _, metrics) = ask(running.address, "GET /metrics", "", "").await;
-        let line = format!("\nlapwing_recording{{drive=\"1\"}} {}.0\n", u8::from(is_written));
+        let line = format!("\nlapwing_run_being_written{{drive=\"1\"}} {}.0\n", u8::from(is_written));
         let metrics = String::from_utf8(metrics).unwrap();
         assert!(metrics.contains(&line), "{metrics}");
     }

@@ -89,7 +89,8 @@ pub fn middle_95(found: &mut [f64]) -> Option<[f64; 2]> {
 pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let at = sorted.len().checked_sub(1)? as f64 * share;
     let (below, above) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
-    Some(below + (above - below) * at.fract())
+    // Also between infinite ones.
+    Some(if below == above { below } else { below + (above - below) * at.fract() })
 }
 
 #[cfg(test)]

@@ -98,7 +98,7 @@ fn check_layers(options: &TrialOptions) -> Result<(), Usage> {
         let own = listed(&own);
         return Err(Usage(format!("--layers: expected layers of {named}, which are {own}, got {layers}")));
     }
-    say!("left out, as they have no layer of {layers}: {named}");
+    say!("left out, because they have none of the layers {layers}: {named}");
     Ok(())
 }
 

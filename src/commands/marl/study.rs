@@ -147,8 +147,10 @@ fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted)
     let program = std::env::current_exe()?;
     let most = arguments.most.map_or(cells.len(), |most| most as usize);
     let waiting: Vec<&Cell> = cells.iter().filter(|cell| !cell.is_done(&arguments.out)).take(most).collect();
+    let failed = AtomicBool::new(false);
+    let ends = || stop.is_pressed() || failed.load(Ordering::Relaxed);
     let train = |(i, cell): (usize, &&Cell)| {
-        if stop.is_pressed() {
+        if ends() {
             return Ok(());
         }
         let MarlStudy { out, seeds, agent_steps, episodes, every, .. } = arguments;
@@ -165,13 +167,14 @@ fn train_side_by_side(arguments: &MarlStudy, cells: &[Cell], stop: &Interrupted)
             if let Some(status) = process.try_wait()? {
                 break status;
             }
-            if stop.is_pressed() {
+            if ends() {
                 hold = None;
             }
             sleep(POLL);
         };
         drop(hold);
-        if !status.success() && !stop.is_pressed() {
+        if !status.success() && !ends() {
+            failed.store(true, Ordering::Relaxed);
             bail!("{}: its process ended with {status}", cell.name());
         }
         if status.success() {

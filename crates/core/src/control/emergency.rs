@@ -33,6 +33,9 @@ pub const HELD_S: f64 = 30.0;
 /// A car slower than this is not braked anew: its brake would be the reverse gear, and the pilot must be able to leave.
 pub const SLOWEST: Mph = Mph::constant(1.5);
 
+/// Name of the guard whose value is the inverse of the time to collision, per second.
+pub const TIME_TO_COLLISION: &str = "time to collision";
+
 /// Between which values a guard brakes and rests.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BrakeLimits {

@@ -7,7 +7,7 @@ mod speed;
 mod standstill;
 mod warned;
 
-pub use emergency::{BrakeChange, BrakeLimits, EmergencyBrake, HELD_S, Release, TO_FIRE};
+pub use emergency::{BrakeChange, BrakeLimits, EmergencyBrake, HELD_S, Release, TIME_TO_COLLISION, TO_FIRE};
 pub use handover::{Handover, HandoverChange};
 pub use speed::{Pi, PiGains, Quadratic, SpeedController, ThrottleOutput};
 pub use standstill::{KnownSpeed, Standstill};

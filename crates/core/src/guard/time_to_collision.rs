@@ -1,7 +1,7 @@
 //! The guard that needs no network: it brakes by the time to collision that this project's own worlds report.
 
 use super::{Guard, GuardError, GuardModel, Watched};
-use crate::control::BrakeLimits;
+use crate::control::{BrakeLimits, TIME_TO_COLLISION};
 
 /// It brakes where a collision is this near, in seconds. At the car's top speed of 30 mph full brake on a dry road (7.1 m/s²)
 /// takes 0.95 s of that, the two frames that make an emergency and the car's answer to them 0.2 s; the rest is margin.
@@ -26,11 +26,9 @@ pub struct TimeToCollision {
     warned: bool,
 }
 
-const NAME: &str = "time to collision";
-
 impl Guard for TimeToCollision {
     fn name(&self) -> &str {
-        NAME
+        TIME_TO_COLLISION
     }
 
     fn limits(&self) -> BrakeLimits {
@@ -59,7 +57,7 @@ impl Guard for TimeToCollision {
 
 impl GuardModel for TimeToCollision {
     fn name(&self) -> &str {
-        NAME
+        TIME_TO_COLLISION
     }
 
     fn sha256(&self) -> Option<&str> {

@@ -2,8 +2,7 @@
 
 use super::{EventRecord, LimitEdge, MeasuredLine};
 use crate::{
-    control::Release,
-    guard::{Guard, TimeToCollision},
+    control::{Release, TIME_TO_COLLISION},
     words::count as counted,
 };
 
@@ -61,18 +60,17 @@ impl EventRecord {
     /// A guard's value, or a limit of it, as people read it: seconds of the one that brakes by the time to collision, whose own
     /// scale is its inverse; three decimals of any other.
     pub fn guard_value(guard: &str, value: f64) -> String {
-        if guard == TimeToCollision::default().name() {
-            format!("{:.2} s", value.recip())
-        } else {
-            format!("{value:.3}")
-        }
+        if guard == TIME_TO_COLLISION { format!("{:.2} s", value.recip()) } else { format!("{value:.3}") }
     }
 
-    /// By which value a guard brakes, and where an emergency begins: `time to collision 1.30 s, from 1.40 s on`,
+    /// By which value a guard brakes, and where an emergency begins: `time to collision 1.30 s, brakes at 1.40 s or less`,
     /// `brake-live: 0.810, from 0.725 on`.
     pub fn guard_words(guard: &str, value: f64, fires: f64) -> String {
-        let colon = if guard == TimeToCollision::default().name() { "" } else { ":" };
-        format!("{guard}{colon} {}, from {} on", Self::guard_value(guard, value), Self::guard_value(guard, fires))
+        let (value, fires) = (Self::guard_value(guard, value), Self::guard_value(guard, fires));
+        match guard == TIME_TO_COLLISION {
+            true => format!("{guard} {value}, brakes at {fires} or less"),
+            false => format!("{guard}: {value}, from {fires} on"),
+        }
     }
 
     /// What it says to people; none if a page has no use for it.
@@ -101,7 +99,7 @@ impl EventRecord {
             Self::SpeedSet { mph } => format!("set speed {mph} mph"),
             Self::SpeedLawSet { law } => format!("speed law {law}"),
             Self::PilotSet { name, .. } => format!("pilot {name}"),
-            Self::Break { .. } => "another drive begins here".into(),
+            Self::Break { .. } => "what comes next does not continue from what came before".into(),
             Self::Lap { number, time_s } => format!("lap {number} in {time_s:.1} s"),
             Self::Collision { with, speed_mph, .. } => format!("collision with {with} at {speed_mph:.1} mph"),
             Self::MeasuredFrom { line, edge, left_m, right_m } => {
@@ -142,10 +140,9 @@ mod tests {
             let brakes = EventRecord::GuardBrakes { guard: guard.into(), value, fires, speed_mph: 12.0 };
             brakes.in_words().unwrap()
         };
-        let limits = TimeToCollision::default().limits();
         assert_eq!(
-            words(TimeToCollision::default().name(), 1.3_f64.recip(), limits.fires),
-            "emergency brake at 12.0 mph (time to collision 1.30 s, from 1.40 s on)"
+            words(TIME_TO_COLLISION, 1.3_f64.recip(), 1.4_f64.recip()),
+            "emergency brake at 12.0 mph (time to collision 1.30 s, brakes at 1.40 s or less)"
         );
         assert_eq!(words("brake-live", 0.81, 0.725), "emergency brake at 12.0 mph (brake-live: 0.810, from 0.725 on)");
     }

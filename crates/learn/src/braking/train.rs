@@ -297,10 +297,12 @@ fn warn_if_cut_short(epochs: &[Epoch], recipe: &BrakingRecipe) {
     let whole = recipe.windows_per_epoch;
     match epochs.last() {
         None => {
-            tracing::warn!("the time was over before the first pass: the network has learnt nothing (--resume begins)")
+            tracing::warn!(
+                "time limit reached before the first pass: the network has learnt nothing; --resume starts the first pass"
+            )
         }
         Some(Epoch { epoch, windows, .. }) if *windows < whole => {
-            tracing::warn!("pass {epoch} was cut short, after {windows} of {whole} windows: --resume begins it again");
+            tracing::warn!("pass {epoch} was cut short, after {windows} of {whole} windows: --resume starts it again");
         }
         Some(_) => {}
     }

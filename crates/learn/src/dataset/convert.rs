@@ -138,7 +138,9 @@ fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<C
     let kind = run.header().kind;
     let began = run.header().started.to_zoned(TimeZone::system()).datetime();
     let was_there = target.exists();
-    let result = DrivingLogWriter::create(target, began).map_err(DatasetError::from).and_then(|mut log| {
+    let is_untimed = total.is_some_and(|total| total > 0 && run.untimed() as u64 >= total);
+    let result = DrivingLogWriter::create(target, began).map_err(DatasetError::from).and_then(|log| {
+        let mut log = if is_untimed { log.without_times() } else { log };
         let mut converted = Converted::default();
         let mut last = Duration::ZERO;
         for moment in run.by_ref() {

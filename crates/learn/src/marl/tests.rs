@@ -286,7 +286,7 @@ fn a_recipes_unknown_keys_are_refused() {
         assert!(error.contains("recipe.toml: ") && error.contains(expected), "{error}");
     }
     let error = read("", "", "hidden = 8\nseed = -1").unwrap_err();
-    assert!(error.contains("line 9, column 8"), "where it is: {error}");
+    assert!(error.contains("line 10, column 8"), "where it is: {error}");
     let error = read("", "", "[maddpg]").unwrap_err();
     assert!(error.contains("expected one table, [ppo] or [maddpg], got both"), "{error}");
     let usual = "[intersection]\nmissions = \"random\"\ncars = 12\nreward = \"corrected\"\naxes = \"world\"\n";

@@ -18,7 +18,7 @@ use super::{
 };
 use crate::train::events::Events;
 use lapwing_core::{files, words::did_you_mean};
-use lapwing_sim::intersection::Settings;
+use lapwing_sim::intersection::{Axes, Settings, Sight};
 
 const POLICY: &str = "policy.safetensors";
 const STATE: &str = "state.safetensors";
@@ -57,7 +57,7 @@ impl TrainingSettings {
         let told: toml::Table = toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
         let known = serde_json::to_value(Settings::default()).map_err(|why| wrong(why.to_string()))?;
         let known: Vec<_> = known.as_object().into_iter().flat_map(serde_json::Map::keys).map(String::as_str).collect();
-        // What Serde would say of these does not tell what was meant.
+        // Serde's own message would not suggest the right key.
         for (place, told, known) in [
             ("", Some(&told), &["intersection", "mixed", "ppo", "maddpg"][..]),
             ("intersection.", told.get("intersection").and_then(toml::Value::as_table), &known),
@@ -70,6 +70,10 @@ impl TrainingSettings {
         }
         let Recipe { intersection, mixed, ppo, maddpg } =
             toml::from_str(&text).map_err(|why| wrong(why.to_string()))?;
+        if (intersection.axes, intersection.sight) == (Axes::Car, Sight::Routes) {
+            let why = "intersection.axes: expected world beside sight = \"routes\", which is told from the car in any case, got car";
+            return Err(wrong(why.into()));
+        }
         let algorithm = match (ppo, maddpg) {
             (Some(ppo), None) => Algorithm::Ppo(ppo),
             (None, Some(maddpg)) => Algorithm::Maddpg(maddpg),

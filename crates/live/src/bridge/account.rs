@@ -5,7 +5,7 @@ use std::{fmt, path::PathBuf, time::Duration};
 use serde::Serialize;
 
 use super::Bridge;
-use crate::{page::RunFile, viewers::Feed};
+use crate::{page::RunFileStatus, viewers::Feed};
 use lapwing_core::{
     config::RecordingSettings,
     drive::{Elsewhere, Observer, ObserverError},
@@ -53,8 +53,11 @@ impl Account {
     }
 
     /// How its file is doing; none where none is wanted.
-    pub fn file(&self) -> Option<RunFile> {
-        self.recorder.as_ref().map(RunFile::from).or_else(|| self.unrecorded.as_deref().map(RunFile::unmade))
+    pub fn file(&self) -> Option<RunFileStatus> {
+        self.recorder
+            .as_ref()
+            .map(RunFileStatus::from)
+            .or_else(|| self.unrecorded.as_deref().map(RunFileStatus::unmade))
     }
 
     /// Closes the file and returns the summary.

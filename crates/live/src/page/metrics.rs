@@ -72,7 +72,7 @@ impl Collector for Scrape {
         self.gauge(&mut encoder, "telemetries_per_second", "Telemetries a second", |now, _| Some(now.turn?.hz))?;
         let help = "1 while the drive's run is being written, 0 while it cannot be; absent where no run is wanted";
         let written = |now: &Moment| now.status.file.as_ref().map(|file| f64::from(u8::from(file.trouble.is_none())));
-        self.gauge(&mut encoder, "recording", help, |now, _| written(now))?;
+        self.gauge(&mut encoder, "run_being_written", help, |now, _| written(now))?;
         for figure in Figure::ALL {
             let name = format!("score_{}", figure.key());
             self.gauge(&mut encoder, &name, figure.label(), |_, card| card?.value(figure))?;

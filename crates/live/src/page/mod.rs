@@ -57,7 +57,7 @@ use tokio::sync::watch;
 pub use control::{Abilities, Control, FASTEST_MPH, Offered, Refused, WeatherRange, WorldChoice};
 pub use course::Course;
 pub use explained::{Explaining, Explains, Layer, Looks};
-pub use moment::RunFile;
+pub use moment::RunFileStatus;
 pub use routes::GREETING;
 pub use showing::Showing;
 pub use token::{NoToken, Token};

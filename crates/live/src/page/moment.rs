@@ -65,7 +65,7 @@ pub(super) struct Status {
     pub recorded: Option<u64>,
     pub recording: bool,
     /// The file of the run; none where none is wanted.
-    pub file: Option<RunFile>,
+    pub file: Option<RunFileStatus>,
     /// The track's name, where it is told.
     pub track: Option<String>,
     pub scenario: Option<String>,
@@ -75,7 +75,7 @@ pub(super) struct Status {
 
 /// The file of a run while it is written, as pages are told.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct RunFile {
+pub struct RunFileStatus {
     /// Its name; none if it could not be made.
     pub name: Option<String>,
     /// Frames and other items that did not make it into the file.
@@ -84,14 +84,14 @@ pub struct RunFile {
     pub trouble: Option<String>,
 }
 
-impl RunFile {
+impl RunFileStatus {
     /// One that could not be made.
     pub fn unmade(why: &str) -> Self {
         Self { name: None, not_recorded: 0, trouble: Some(why.to_owned()) }
     }
 }
 
-impl From<&Recorder> for RunFile {
+impl From<&Recorder> for RunFileStatus {
     fn from(recorder: &Recorder) -> Self {
         let status = recorder.status();
         Self {

@@ -20,7 +20,7 @@ use super::{
     course::Located,
     explained,
     minute::Minute,
-    moment::{Facts, Happened, Moment, Phase, RunFile, Status, dialect, hands},
+    moment::{Facts, Happened, Moment, Phase, RunFileStatus, Status, dialect, hands},
 };
 use lapwing_core::{
     config::ControlSettings,
@@ -214,12 +214,14 @@ impl Showing {
         self.has_settings(settings);
         (self.now.turn, self.now.scorer) = (None, None);
         (self.filed, self.lost_before) = (None, self.now.counts.not_recorded);
+        self.status.file = None;
         self.publish();
     }
 
     /// A person ended the run.
     pub fn run_ended(&mut self) {
         self.status.phase = Phase::Ended;
+        self.status.file = None;
         self.publish();
     }
 
@@ -307,7 +309,7 @@ impl Showing {
     }
 
     /// Asks once a second how the file of the run is doing; shown with the next turn.
-    pub fn is_written(&mut self, now: Instant, file: impl FnOnce() -> Option<RunFile>) {
+    pub fn is_written(&mut self, now: Instant, file: impl FnOnce() -> Option<RunFileStatus>) {
         if self.filed.is_none_or(|filed| now.saturating_duration_since(filed) >= FILE) {
             self.filed = Some(now);
             self.status.file = file();

@@ -76,7 +76,7 @@ async fn a_drive_is_on_the_page_for_as_long_as_it_is_shown_and_its_counts_stay()
 async fn what_several_runs_of_a_drive_lost_adds_up() {
     let page = page();
     let mut showing = page.show("a simulator", Abilities::of_a_connection());
-    let file = |not_recorded| Some(RunFile { name: Some("run.mcap".into()), not_recorded, trouble: None });
+    let file = |not_recorded| Some(RunFileStatus { name: Some("run.mcap".into()), not_recorded, trouble: None });
     let now = Instant::now();
     for (lost, lost_at_the_end) in [(3, 5), (0, 2)] {
         showing.run_begins(Some(Dialect::Term1), &ControlSettings::default());
@@ -84,7 +84,10 @@ async fn what_several_runs_of_a_drive_lost_adds_up() {
         showing.is_written(now, || panic!("it is asked for once a second"));
         showing.turn(&turn(0, b"jpeg"), Hands::Pilot, now);
         showing.has_lost(lost_at_the_end);
+        assert!(metrics::text(&page).await.unwrap().contains("lapwing_run_being_written{drive=\"1\"} 1.0\n"));
     }
+    showing.run_ended();
+    assert!(!metrics::text(&page).await.unwrap().contains("lapwing_run_being_written"), "there is no run");
     drop(showing);
     let text = metrics::text(&page).await.unwrap();
     assert!(text.contains("lapwing_not_recorded_total 7\n"), "{text}");

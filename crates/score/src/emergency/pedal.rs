@@ -103,7 +103,7 @@ pub enum PedalError {
         got: usize,
     },
     /// Moments too far apart, or too close, to show how fast a pedal goes down.
-    #[error("{}: {column}: expected 2 to 1000 rows a second, got one in {got}: {help}", path.display())]
+    #[error("{}: {column}: expected 2 to 1000 rows a second, got one every {got}: {help}", path.display())]
     Rate {
         /// The file.
         path: PathBuf,
@@ -369,7 +369,7 @@ fn check_rate(path: &Path, (column, times): Unit, mut apart_s: Vec<f64>) -> Resu
     let help = match TIME.units.iter().find(fits) {
         Some((name, _)) if *name == "time_ms" => format!("is the time in milliseconds ({name})?"),
         Some((name, _)) => format!("is the time in seconds ({name})?"),
-        None => "it does not tell how fast a pedal goes down".to_owned(),
+        None => "rows this far apart do not show how fast the pedal goes down".to_owned(),
     };
     let rounded = |number: f64| (number * 1000.0).round() / 1000.0;
     let got = if apart_s < 0.1 { format!("{} ms", rounded(apart_s * 1e3)) } else { format!("{} s", rounded(apart_s)) };

@@ -222,3 +222,31 @@ pub fn explained() -> String {
     let sources = SOURCES.map(|(name, what)| format!("{name}: {what}")).join("\n");
     format!("{}\n\nSources:\n{sources}", Figure::ALL.map(line).join("\n"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lapwing_core::recording::{ModelId, RunKind};
+
+    #[test]
+    fn a_table_names_models_and_settings_where_they_differ() {
+        let run = |model: &str, mph: f64| {
+            let config = serde_json::json!({ "settings": { "control": { "speed_mph": mph } } });
+            let model = Some(ModelId { name: model.into(), sha256: String::new() });
+            let began = "2026-11-26T12:00:00Z".parse().unwrap();
+            let header = RunHeader { model, ..RunHeader::new(RunKind::Driven, config, began) };
+            JudgedRun { path: "run.mcap".into(), header, card: Scorer::default().finish(), checks: vec![] }
+        };
+        let words = |runs: [JudgedRun; 2]| {
+            let runs: Vec<_> = runs.iter().collect();
+            let (rows, words) = Report::new(&runs, &[], None).rows();
+            assert!(rows.iter().all(|row| row.len() == rows[0].len()));
+            rows.into_iter().map(|row| row[..words].join(", ")).collect::<Vec<_>>()
+        };
+        assert_eq!(words([run("a", 9.0), run("a", 9.0)]), ["run", "run.mcap", "run.mcap", "mean of 2"]);
+        assert_eq!(words([run("a", 9.0), run("b", 9.0)])[..3], ["run, model", "run.mcap, a", "run.mcap, b"]);
+        let [heads, first, ..] = &words([run("a", 9.0), run("b", 20.0)])[..] else { panic!() };
+        assert_eq!(heads, "run, model, setting");
+        assert!(first.starts_with("run.mcap, a, ") && first.ends_with("9 mph"), "{first}");
+    }
+}

@@ -10,10 +10,8 @@ use lapwing_core::{
 
 /// The note on a driving log whose pictures' names hold no time.
 fn untimed(n: usize) -> String {
-    let names =
-        if n == 1 { "1 picture has a name".to_owned() } else { format!("{} have names", count(n as u64, "picture")) };
     format!(
-        "{names} without a time: 15 rows a second are assumed, and what depends on that is not measurable; name the pictures as \
+        "{n} pictures have names without a time: 15 rows a second are assumed, and what depends on that is not measurable; name the pictures as \
          the simulator does, center_2026_11_22_10_00_59_999.jpg, from year to millisecond"
     )
 }

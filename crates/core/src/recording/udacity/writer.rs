@@ -60,6 +60,8 @@ pub struct DrivingLogWriter {
     /// See [`DrivingLogWriter::at`].
     at: Duration,
     rows: u64,
+    /// Whether pictures are numbered, as nobody knows their times.
+    is_untimed: bool,
 }
 
 impl DrivingLogWriter {
@@ -86,7 +88,13 @@ impl DrivingLogWriter {
             cut: Duration::ZERO,
             at: Duration::ZERO,
             rows: 0,
+            is_untimed: false,
         })
+    }
+
+    /// Numbers the pictures, so that nobody takes times for known that were assumed.
+    pub fn without_times(self) -> Self {
+        Self { is_untimed: true, ..self }
     }
 
     /// Makes the folder. Returns the paths of the log and of the pictures' folder, and the latter as the log writes it.
@@ -133,7 +141,10 @@ impl DrivingLogWriter {
                 line.push(',');
                 continue;
             };
-            let name = picture_name(camera, taken);
+            let name = match self.is_untimed {
+                true => format!("{camera}_{:06}.jpg", self.rows),
+                false => picture_name(camera, taken),
+            };
             let path = self.images.join(&name);
             File::create_new(&path)
                 .and_then(|mut file| file.write_all(jpeg))

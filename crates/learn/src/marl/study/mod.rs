@@ -13,7 +13,11 @@
 
 pub mod findings;
 
-use std::{fs, io, path::Path, time::Instant};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use serde::{Deserialize, Serialize};
 
@@ -208,9 +212,13 @@ impl Cell {
         format!("{}-{reward}-{}-{}", self.variant.name(), self.cars, self.seed)
     }
 
+    fn result_in(&self, out: &Path) -> PathBuf {
+        out.join("cells").join(self.name()).join(RESULT)
+    }
+
     /// Whether it is done.
     pub fn is_done(&self, out: &Path) -> bool {
-        out.join("cells").join(self.name()).join(RESULT).exists()
+        self.result_in(out).exists()
     }
 
     /// What it came to, if it is done.
@@ -218,7 +226,7 @@ impl Cell {
     /// # Errors
     /// [`MarlError`], if its result cannot be read, or if it was done with other settings.
     pub fn done(&self, study: &StudySettings, out: &Path) -> Result<Option<CellResult>, MarlError> {
-        let path = out.join("cells").join(self.name()).join(RESULT);
+        let path = self.result_in(out);
         if !path.exists() {
             return Ok(None);
         }
@@ -247,6 +255,9 @@ impl Cell {
         let folder = out.join("cells").join(self.name());
         let path = folder.join(RESULT);
         let wrong = |why: String| MarlError::File { path: path.clone(), why };
+        if let Some(done) = self.done(study, out)? {
+            return Ok(Some(done));
+        }
         // Held until the result is written, so that whoever comes next finds it.
         let lock = training::hold(&folder)?;
         if let Some(done) = self.done(study, out)? {

@@ -47,13 +47,6 @@ function options(select, names, values = names) {
   select.replaceChildren(...names.map((name, i) => el("option", { value: values[i] }, name)));
 }
 
-// What is wrong with the file of the run, and what is missing in it.
-function unwritten(file) {
-  if (!file) return "";
-  const lost = file.not_recorded ? `${file.not_recorded} frames and other items of this run are not recorded` : "";
-  return [file.trouble && `this run is not being written: ${file.trouble}`, lost].filter(Boolean).join("; ");
-}
-
 function showControls(drive, status, pilots) {
   [wants.drive, wants.status] = [drive, status];
   const can = status?.can ?? {}, running = status?.phase === "driving";
@@ -68,7 +61,9 @@ function showControls(drive, status, pilots) {
   say($("world-why"), world ?? "");
   $("world-why").hidden = world === null;
   say($("run-why"), (status && can["start-run"]) ?? "");
-  say($("unwritten"), running ? unwritten(status.file) : "");
+  const file = running ? status.file : null, lost = file?.not_recorded ?? 0;
+  say($("unwritten"), file?.trouble ? `this run is not being written: ${file.trouble}` : "");
+  say($("lost"), lost ? `not recorded of this run: ${lost} frame${lost > 1 ? "s and other items" : " or other item"}` : "");
   $("record").hidden = Boolean(can.record);
   if (!status) return;
   put("mph", +status.set_speed_mph.toFixed(1));

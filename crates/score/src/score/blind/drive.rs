@@ -6,7 +6,7 @@ use bytes::Bytes;
 
 use super::passage::{DistanceLog, way_to};
 use crate::{
-    odometry::{BEGINNING_M, BENDS_M, EVERY_M, EXPLAINED, Found, Leg, Look, Match, Road, SURE, Tried, find, laps},
+    odometry::{BEGINNING_M, BENDS_M, EVERY_M, Found, Leg, Look, Match, Road, SURE, Tried, find, is_nearly, laps},
     score::{
         drives::{DriveFound, OnRoad, RoadTried, Turned},
         scorer::UNTIMED_LOG,
@@ -27,11 +27,6 @@ const SEARCH_M: (f64, f64) = (30.0, 80.0);
 
 /// How much longer or shorter one lap of an unknown road may be than another, as a share.
 const UNEVEN: f64 = 0.08;
-
-/// Where a drive is shorter than this, in metres, or the best road falls short of explaining it by no more than this, that road may
-/// be the one: clean pieces of known roads of up to 370 m were explained by -2.7, roads that nobody knows by -2.6 at best.
-const SHORT_M: f64 = 2.0 * BENDS_M;
-const NEARLY: f64 = 0.5;
 
 const BENDS: &str = "bends driven, matched with known roads";
 const SEEN_AGAIN: &str = "pictures of the drive's beginning, seen again";
@@ -307,11 +302,6 @@ impl Placed {
         let nearest = roads.first().filter(|_| on.is_none() && !roads.iter().any(|road| road.explains));
         nearest.zip(*way_m).is_some_and(|(nearest, way_m)| is_nearly(way_m, nearest.fit))
     }
-}
-
-/// Whether a road that explains a drive of this length only so well may be the one all the same.
-fn is_nearly(way_m: f64, fit: f64) -> bool {
-    way_m < SHORT_M || fit > EXPLAINED - NEARLY
 }
 
 /// Length of a lap as measured by the reported speeds.
