@@ -146,7 +146,8 @@ fn a_piece_whose_bends_fit_a_road_and_whose_pictures_are_not_found_there_says_wh
     assert!(code == 1 && err.contains(&format!("expected a drive on a known road, got none: {why}")), "{code}: {err}");
 }
 
-/// Its bends alone do not tell the lake from the lake the other way round, and after the crash its pictures look like the latter.
+/// Its bends leave several roads and do not tell the place on the likeliest; after the crash its pictures look like the lake the other
+/// way round.
 #[test]
 fn a_short_piece_with_a_crash_is_not_taken_for_a_road_that_half_of_it_seems_to_show() {
     let Some(folder) = shared("recordings/lake") else { return };
@@ -154,7 +155,7 @@ fn a_short_piece_with_a_crash_is_not_taken_for_a_road_that_half_of_it_seems_to_s
     let found = located(dir.path(), CameraPosition::Center);
     assert!(found.drives().is_empty());
     let [why] = &found.unknown()[..] else { panic!("{:?}", found.unknown()) };
-    assert!(why.contains("lake, the other way round, but only "), "{why}");
+    assert!(why.ends_with("its pictures do not show which it was: a longer recording may tell"), "{why}");
 }
 
 /// The bends of each leave several roads, and its pictures agree well with the lake the wrong way round, at another place.

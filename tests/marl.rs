@@ -216,7 +216,9 @@ fn a_study_can_be_stopped_and_goes_on_and_says_what_it_knows() {
     assert_eq!(fs::read_to_string(folder.path().join("study/study.csv")).unwrap(), rows);
     let cells = || fs::read_dir(folder.path().join("study/cells")).unwrap().count();
     let before = cells();
-    let (status, _, err) = run(&["--episodes", "12", "--seeds", "2", "--jobs", "2"]);
+    let study =
+        ["marl", "study", "--out", "study", "--seeds", "2", "--agent-steps", "1000", "--episodes", "12", "--jobs", "2"];
+    let (status, _, err) = lapwing_in(folder.path(), "", &study);
     assert!(status == 1 && err.contains("expected a training with --episodes 12, got 10"), "{err}");
     assert_eq!(cells(), before, "nothing is trained that could not stand in one table");
     let parts = ["COLOURS", "SORTING", "CLAIMS", "ROWS", "CALL", "CURVES"];

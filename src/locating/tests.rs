@@ -49,7 +49,7 @@ fn a_place_that_is_far_off_is_told_as_far_off() {
 }
 
 #[test]
-fn a_road_on_which_the_car_would_have_gone_too_far_is_not_believed_even_if_only_its_bends_fit() {
+fn a_road_on_which_the_car_would_have_gone_too_far_or_that_too_few_pictures_show_is_not_believed() {
     let mut found = recording(&[(Some("lake"), 200)]);
     let mut on = found.parts.remove(0).on.unwrap();
     let mut gone = |metres_a_row: f64| {
@@ -64,6 +64,11 @@ fn a_road_on_which_the_car_would_have_gone_too_far_is_not_believed_even_if_only_
     let [sure, chosen] = gone(1.0).map(Option::unwrap);
     assert!(sure.starts_with("its bends fit lake, but there the car would have gone 2.0"), "{sure}");
     assert!(chosen.contains("most like lake, but there the car would have gone 2.0"), "{chosen}");
+    gone(0.5);
+    on.drive.places[..80].fill(None);
+    assert_eq!(implausible(&on, true, &found.rows, 0), None, "its bends tell the road");
+    let few = implausible(&on, false, &found.rows, 0).unwrap();
+    assert!(few.contains("most like lake, but only 60.0 % of them show it: "), "{few}");
 }
 
 #[test]

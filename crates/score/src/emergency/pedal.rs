@@ -465,16 +465,16 @@ mod tests {
             ),
             (
                 format!("{header}\n0,36,0\n67,36,0\n134,36,1\n"),
-                "drive.csv: time_s: expected 2 to 1000 rows a second, got one in 67 s: is the time in milliseconds (time_ms)?",
+                "drive.csv: time_s: expected 2 to 1000 rows a second, got one every 67 s: is the time in milliseconds (time_ms)?",
             ),
             (
                 "time_ms,speed_kmh,brake\n0,36,0\n0.067,36,0\n0.134,36,1\n".into(),
-                "drive.csv: time_ms: expected 2 to 1000 rows a second, got one in 0.067 ms: is the time in seconds (time_s)?",
+                "drive.csv: time_ms: expected 2 to 1000 rows a second, got one every 0.067 ms: is the time in seconds (time_s)?",
             ),
             (
                 format!("{header}\n0,36,0\n0.8,36,0\n1.6,36,1\n"),
-                "drive.csv: time_s: expected 2 to 1000 rows a second, got one in 0.8 s: it does not tell how fast a pedal goes \
-                 down",
+                "drive.csv: time_s: expected 2 to 1000 rows a second, got one every 0.8 s: rows this far apart do not show how \
+                 fast the pedal goes down",
             ),
             (
                 format!("{header}\n30,1,0\n29,2,0\n"),
