@@ -147,17 +147,26 @@ impl Training {
     /// [`MarlError`], if there is a training already, or the settings cannot be followed.
     pub fn new(out: &Path, settings: TrainingSettings) -> Result<Self, MarlError> {
         // Before there is a folder.
-        settings.algorithm.clone().begin(settings.world)?;
-        Self::held(out, hold(out)?, settings)
+        let learner = settings.algorithm.clone().begin(settings.world)?;
+        Self::begun(out, hold(out)?, settings, learner)
     }
 
     /// The same in a folder that is [held](hold).
     pub(super) fn held(out: &Path, lock: Option<File>, settings: TrainingSettings) -> Result<Self, MarlError> {
+        let learner = settings.algorithm.clone().begin(settings.world)?;
+        Self::begun(out, lock, settings, learner)
+    }
+
+    fn begun(
+        out: &Path,
+        lock: Option<File>,
+        settings: TrainingSettings,
+        learner: Box<dyn Learner>,
+    ) -> Result<Self, MarlError> {
         if out.join(STATE).exists() {
             let why = "expected a new folder, got one with a training; add --resume to go on with it";
             return Err(MarlError::File { path: out.to_owned(), why: why.into() });
         }
-        let learner = settings.algorithm.clone().begin(settings.world)?;
         Ok(Self { out: out.to_owned(), _lock: lock, settings, learner, position: Position::default() })
     }
 

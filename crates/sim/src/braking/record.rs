@@ -172,7 +172,8 @@ impl Places {
 
 /// Records a data set into a folder, where episodes of the same data set that are whole are kept, and listed, even if they
 /// are more than this call asks for; what a recording that was killed left half written is removed. `watch` is told how much is
-/// done and of how much, and says whether to go on: first of the rehearsal, in telemetries, then of the episodes. If it ends the rehearsal, the folder's table stays as it is.
+/// done and of how much, and says whether to go on: first of the rehearsal, in telemetries, then of the episodes. If it ends
+/// the rehearsal, the folder's table stays as it is.
 ///
 /// # Errors
 /// [`DataError`]. What was recorded before it is kept. [`DataError::Other`] and [`DataError::OtherRun`] before anything is
