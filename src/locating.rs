@@ -8,6 +8,9 @@
 //! pictures ─▶ network::look ─▶ ByNetwork: what a network sees in each, on any road
 //! pictures of one place in different laps ─▶ again::look ─▶ Laps: whether they say the same of one another
 //! ```
+//! Where the bends leave several roads, or several places on one, `shown` looks at a few pictures from each of those places, and
+//! follows the drive from the few that are left.
+//!
 //! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
 //! were taken. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
 //! length, so that a drive that is lost is found again, several processors share the work, and memory stays bounded.
@@ -18,6 +21,7 @@ pub mod drawn;
 pub mod network;
 mod pictures;
 mod rows;
+mod shown;
 mod stretch;
 mod summary;
 mod table;
@@ -26,9 +30,9 @@ mod tests;
 
 use std::{
     cmp::Reverse,
-    collections::HashMap,
+    collections::{BTreeMap, HashMap},
     ops::Range,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Arc, Mutex},
 };
 
@@ -42,9 +46,10 @@ pub use self::{
 };
 use self::{
     network::ByNetwork,
-    pictures::{Job, Pictures, decoded},
+    pictures::{Job, Pictures, Scene, decoded},
     rows::Rows,
-    stretch::{OnRoad, Stretch, continuous, cut, parts_of},
+    shown::{Shown, shown},
+    stretch::{Stretch, continuous, cut, parts_of},
 };
 use crate::known::Roads;
 use lapwing_core::{
@@ -61,16 +66,6 @@ use lapwing_sim::{
     locate::{FOUND, LaneTable, LaneTableError, Located, LocatedDrive, Overlay, Pose, seen},
     track::{Track, TrackError},
 };
-
-/// Rows of each road that are looked at if several explain a drive about as well.
-const SAMPLE: usize = 80;
-
-/// Of parts of no more rows than this, all are.
-const WHOLE: usize = 320;
-
-/// By how much pictures must agree better with a road than with the next. The right one and the wrong one of 142 m of the real lake: 0.504
-/// and 0.496.
-const AGREES_BETTER: f64 = 0.02;
 
 /// A road is not believed if the car would have gone more or less than this many times as far there as its speed says. Real recordings
 /// that are found by their bends went 0.99 to 1.01; 656 m of a road that nobody knew, on the lake, 2.01.
@@ -102,7 +97,7 @@ pub enum LocateError {
     #[error("{}: expected a recording with pictures, got {moments} moments without one", path.display())]
     NoPictures {
         /// The recording.
-        path: std::path::PathBuf,
+        path: PathBuf,
         /// How many moments it has.
         moments: usize,
     },
@@ -240,82 +235,120 @@ pub fn locate(
     roads: &Roads,
     looked_at: impl Fn() + Sync,
 ) -> Result<LocatedRecording, LocateError> {
-    let Rows { rows, looks, unreadable: lost, moments, released_at_once } = Rows::read(path)?;
-    if rows.is_empty() {
-        return Err(LocateError::NoPictures { path: path.to_owned(), moments });
+    Driven::find(path, roads)?.locate(camera, looked_at)
+}
+
+/// A recording of which it is known on which roads it was driven, and where, up to some metres: enough to locate the pictures of each
+/// of its cameras.
+pub struct Driven {
+    path: PathBuf,
+    rows: Vec<Row>,
+    parts: Vec<Sought>,
+    released_at_once: Vec<Range<usize>>,
+    /// The rows whose picture of the centre camera could not be looked at, and why not.
+    lost: BTreeMap<usize, String>,
+}
+
+impl Driven {
+    /// Looks where a recording was driven, on these roads: by how the car moved and, where that does not tell, by what its centre camera
+    /// shows.
+    ///
+    /// # Errors
+    /// [`LocateError`]: what cannot be read.
+    pub fn find(path: &Path, roads: &Roads) -> Result<Self, LocateError> {
+        let Rows { rows, looks, unreadable: lost, moments, released_at_once } = Rows::read(path)?;
+        if rows.is_empty() {
+            return Err(LocateError::NoPictures { path: path.to_owned(), moments });
+        }
+        let mut parts = vec![];
+        let mut scenes = Scenes { roads, tracks: HashMap::new() };
+        for part in parts_of(&rows) {
+            // The sum of nothing is -0.
+            let way_m = rows[part.clone()].iter().skip(1).fold(0.0, |way_m, row| way_m + row.motion.way_m);
+            let look = looks.get(&part.start);
+            let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
+            let likely = odometry::find(&legs, look, &roads.both_ways()?);
+            let (by_start, is_sure) = (likely.by_start, likely.sure().is_some());
+            let is_lost = lost.range(part.clone()).count() == part.len();
+            let why = unknown(&likely, way_m, is_lost);
+            let shown = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
+            let not_there = |Shown { on, .. }: &Shown| match is_lost {
+                true => UNREAD.to_owned(),
+                false => nowhere(&on.road, way_m, by_start),
+            };
+            let why = shown.as_ref().map(not_there).or(why);
+            let found = shown.map(|shown| Ok::<_, TrackError>((scenes.of(&shown.on.road.name)?, shown))).transpose()?;
+            parts.push(Sought { rows: part, way_m, found, why, is_sure });
+        }
+        Ok(Self { path: path.to_owned(), rows, parts, released_at_once, lost })
     }
-    let mut stretches = vec![];
-    let mut parts = vec![];
-    let mut scenes = Scenes { roads, tracks: HashMap::new() };
-    for part in parts_of(&rows) {
-        // The sum of nothing is -0.
-        let way_m = rows[part.clone()].iter().skip(1).fold(0.0, |way_m, row| way_m + row.motion.way_m);
-        let look = looks.get(&part.start);
-        let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
-        let likely = odometry::find(&legs, look, &roads.both_ways()?);
-        let (by_start, is_sure) = (likely.by_start, likely.sure().is_some());
-        let is_lost = lost.range(part.clone()).count() == part.len();
-        let why = unknown(&likely, way_m, is_lost);
-        let found = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
-        if let Some(found) = &found {
-            let scene = scenes.of(&found.road.name)?;
-            for run in continuous(&rows, part.clone()) {
-                let cut = cut(&run, &part, &rows, found, &scene.0);
+
+    /// Locates the pictures of one of the cameras. `looked_at` is called for each picture that was.
+    ///
+    /// # Errors
+    /// [`LocateError`]: what cannot be read. A single picture that cannot is counted.
+    pub fn locate(&self, camera: CameraPosition, looked_at: impl Fn() + Sync) -> Result<LocatedRecording, LocateError> {
+        let Self { path, rows, parts, lost, .. } = self;
+        let is_centre = camera == CameraPosition::Center;
+        let mut stretches = vec![];
+        let mut located: Laid = vec![];
+        // Of the centre camera those pictures that were looked at to find the road.
+        let mut seen = vec![];
+        for part in parts {
+            let Some((scene, Shown { on, laid })) = &part.found else {
+                seen.extend(is_centre.then(|| part.rows.clone()));
+                continue;
+            };
+            if let Some(laid) = laid.as_ref().filter(|_| is_centre) {
+                located.extend_from_slice(laid);
+                seen.push(part.rows.clone());
+                part.rows.clone().for_each(|_| looked_at());
+                continue;
+            }
+            for run in continuous(rows, part.rows.clone()) {
+                let cut = cut(&run, &part.rows, rows, on, &scene.0);
                 stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
             }
         }
-        let not_there =
-            |found: &OnRoad| if is_lost { UNREAD.to_owned() } else { nowhere(&found.road, way_m, by_start) };
-        let why = found.as_ref().map(not_there).or(why);
-        parts.push(Sought { rows: part, way_m, found, why, is_sure });
-    }
-    let unreadable = Mutex::new((0, None));
-    let pictures = Pictures::open(path, camera, stretches)?;
-    let located: Vec<(Range<usize>, Vec<Option<Located>>)> = pictures
-        .par_bridge()
-        .map(|job| {
-            let job = job?;
-            let tell = |why: String| {
-                let mut unreadable = unreadable.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-                unreadable.0 += 1;
-                unreadable.1.get_or_insert(why);
-            };
-            Ok(follow(&rows, job, tell, &looked_at))
-        })
-        .collect::<Result<_, RecordingError>>()?;
-    let mut places: Vec<Option<Located>> = vec![None; rows.len()];
-    for (of, located) in located {
-        places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
-    }
-    let mut unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let wanted: usize = parts.iter().filter(|part| part.found.is_some()).map(|part| part.rows.len()).sum();
-    let none_is_read = unreadable.0 == wanted;
-    // Where no road was found, only the centre camera's pictures were looked at.
-    let unfound = parts.iter().filter(|part| part.found.is_none() && camera == CameraPosition::Center);
-    for Sought { rows, .. } in unfound {
-        let mut whys = lost.range(rows.clone()).map(|(_, why)| why);
-        unreadable.1 = unreadable.1.or(whys.next().cloned());
-        unreadable.0 += lost.range(rows.clone()).count();
-    }
-    let parts = parts
-        .into_iter()
-        .map(|Sought { rows: of, way_m, found, why, is_sure }| {
-            let unread = (found.is_some() && none_is_read).then(|| UNREAD.to_owned());
-            let on = found
-                .map(|found| {
-                    let track = scenes.of(&found.road.name)?.0;
-                    let drive = LocatedDrive { track, places: places[of.clone()].to_vec() };
-                    Ok::<_, TrackError>(On { reversed: found.road.reversed, drive })
-                })
-                .transpose()?;
-            let doubt =
-                on.as_ref().and_then(|on| implausible(on, is_sure, &rows[of.clone()], lost.range(of.clone()).count()));
+        let unreadable = Mutex::new(BTreeMap::new());
+        let pictures = Pictures::open(path, camera, stretches)?;
+        let followed: Laid = pictures
+            .par_bridge()
+            .map(|job| {
+                let tell = |row: usize, why: String| {
+                    unreadable.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).insert(row, why);
+                };
+                Ok(follow(rows, job?, tell, &looked_at))
+            })
+            .collect::<Result<_, RecordingError>>()?;
+        located.extend(followed);
+        let mut unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        for rows in seen {
+            unreadable.extend(lost.range(rows).map(|(row, why)| (*row, why.clone())));
+        }
+        let mut places: Vec<Option<Located>> = vec![None; rows.len()];
+        for (of, located) in located {
+            places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
+        }
+        let of = |part: &Sought| {
+            let Sought { rows: of, way_m, found, why, is_sure } = part;
+            let unread = unreadable.range(of.clone()).count();
+            let on = found.as_ref().map(|(scene, shown)| {
+                let drive = LocatedDrive { track: scene.0.clone(), places: places[of.clone()].to_vec() };
+                On { reversed: shown.on.road.reversed, drive }
+            });
+            let is_unread = on.is_some() && unread == of.len();
+            let doubt = on.as_ref().and_then(|on| implausible(on, *is_sure, &rows[of.clone()], unread));
             let on = on.filter(|_| doubt.is_none());
             let is_located = on.iter().flat_map(|on| &on.drive.places).any(Option::is_some);
-            Ok(Part { rows: of, way_m, on, unknown: unread.or(doubt).or(why).filter(|_| !is_located) })
-        })
-        .collect::<Result<_, TrackError>>()?;
-    Ok(LocatedRecording { parts, rows, released_at_once, network: None, laps: None, unreadable })
+            let unknown = is_unread.then(|| UNREAD.to_owned()).or(doubt).or_else(|| why.clone());
+            Part { rows: of.clone(), way_m: *way_m, on, unknown: unknown.filter(|_| !is_located) }
+        };
+        let parts = parts.iter().map(of).collect();
+        let unreadable = (unreadable.len(), unreadable.into_values().next());
+        let released_at_once = self.released_at_once.clone();
+        Ok(LocatedRecording { parts, rows: rows.clone(), released_at_once, network: None, laps: None, unreadable })
+    }
 }
 
 /// How the car turned from each picture of a recording to the next, by what they show; where they show nothing, and across a
@@ -333,12 +366,15 @@ pub fn turns(path: &Path) -> Result<Vec<Turned>, RecordingError> {
     Ok(rows.windows(2).filter_map(turned).collect())
 }
 
+/// Where the pictures of some stretches were taken.
+type Laid = Vec<(Range<usize>, Vec<Option<Located>>)>;
+
 /// A part of a recording whose pictures are still to be laid over its road.
 struct Sought {
     rows: Range<usize>,
     way_m: f64,
     /// Where it seems to have been.
-    found: Option<OnRoad>,
+    found: Option<(Scene, Shown)>,
     /// Why its places are unknown, if no picture tells them.
     why: Option<String>,
     /// Whether the bends alone tell the road.
@@ -348,11 +384,11 @@ struct Sought {
 /// Tracks, and what stands beside them, made on first use.
 struct Scenes<'a> {
     roads: &'a Roads,
-    tracks: HashMap<String, (Arc<Track>, Arc<Scenery>)>,
+    tracks: HashMap<String, Scene>,
 }
 
 impl Scenes<'_> {
-    fn of(&mut self, road: &str) -> Result<(Arc<Track>, Arc<Scenery>), TrackError> {
+    fn of(&mut self, road: &str) -> Result<Scene, TrackError> {
         if let Some(scene) = self.tracks.get(road) {
             return Ok(scene.clone());
         }
@@ -400,76 +436,18 @@ fn unknown(likely: &odometry::Found, way_m: f64, is_lost: bool) -> Option<String
 
 /// Why none of a drive's pictures is located, although its road is known by its bends, and what helps.
 fn nowhere(road: &Road, way_m: f64, by_start: bool) -> String {
-    let helps = if by_start || way_m > BENDS_M { ANOTHER_ROAD } else { "a longer recording may tell" };
-    format!("its bends fit {}, but its pictures do not show it there: {helps}", road.words())
-}
-
-/// Of roads that explain a drive about as well, the one that its pictures show.
-fn shown(
-    path: &Path,
-    rows: &[Row],
-    part: &Range<usize>,
-    (likely, legs): (odometry::Found, &[Leg]),
-    scenes: &mut Scenes,
-) -> Result<Option<OnRoad>, LocateError> {
-    if let Some(on) = likely.sure() {
-        return Ok(Some(OnRoad::new(on, legs)));
-    }
-    let mut laid: Vec<(OnRoad, Option<f64>)> = vec![];
-    for on in &likely.likely {
-        let found = OnRoad::new(on, legs);
-        let scene = scenes.of(&found.road.name)?;
-        let runs = continuous(rows, part.clone());
-        let cuts = runs.iter().flat_map(|run| cut(run, part, rows, &found, &scene.0));
-        let surest = |stretch: &Stretch| {
-            stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min)
-        };
-        let looked_at: Vec<Stretch> = match part.len() <= WHOLE {
-            true => cuts.collect(),
-            false => {
-                let best = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b)));
-                best.map(|stretch| stretch.around_surest(SAMPLE)).into_iter().collect()
-            }
-        };
-        let most: usize = looked_at.iter().map(|stretch| stretch.kept.len()).sum();
-        let jobs = looked_at.into_iter().map(|stretch| (stretch, scene.clone()));
-        let agreements = Pictures::open(path, CameraPosition::Center, jobs)?.par_bridge().map(|job| {
-            let (of, places) = follow(rows, job?, |_| (), &|| ());
-            Ok((of.start, places.iter().flatten().map(|located| located.fit.agreement).collect::<Vec<_>>()))
-        });
-        let mut agreements = agreements.collect::<Result<Vec<_>, RecordingError>>()?;
-        // In their order, so that their sum is the same each time.
-        agreements.sort_by_key(|(start, _)| *start);
-        let agreements: Vec<f64> = agreements.into_iter().flat_map(|(_, agreements)| agreements).collect();
-        let agreement = agreements.iter().sum::<f64>() / most.max(1) as f64;
-        tracing::debug!(
-            "{}: evidence {:.2}, {} of {most} agree by {agreement:.4}",
-            found.road.words(),
-            on.evidence,
-            agreements.len()
-        );
-        laid.push((found, (agreements.len() * 2 > most).then_some(agreement)));
-    }
-    let agreements: Vec<_> = laid.iter().map(|(_, agreement)| *agreement).collect();
-    Ok(chosen(&agreements).map(|i| laid.swap_remove(i).0))
-}
-
-/// Of roads, the likeliest by the bends first, the one that the pictures show, by how well each agrees with them: not if another
-/// agrees about as well, or if a likelier one could not be seen in them. Where the bends do not tell the place, the right road is
-/// searched in the wrong place, and another one may agree by chance.
-fn chosen(agreements: &[Option<f64>]) -> Option<usize> {
-    let seen = |i: &usize| agreements[*i].unwrap_or(f64::NEG_INFINITY);
-    let best = (0..agreements.len()).max_by(|a, b| seen(a).total_cmp(&seen(b)))?;
-    let others = (0..agreements.len()).filter(|i| *i != best);
-    let next = others.map(|i| seen(&i)).fold(f64::NEG_INFINITY, f64::max);
-    (agreements[..=best].iter().all(Option::is_some) && seen(&best) - next >= AGREES_BETTER).then_some(best)
+    let (shown, helps) = match by_start || way_m > BENDS_M {
+        true => ("it there", ANOTHER_ROAD),
+        false => ("where", "a longer recording may tell"),
+    };
+    format!("its bends fit {}, but its pictures do not show {shown}: {helps}", road.words())
 }
 
 /// Follows a stretch, and says where its own rows are.
 fn follow(
     rows: &[Row],
     job: Job,
-    unreadable: impl Fn(String),
+    unreadable: impl Fn(usize, String),
     looked_at: &impl Fn(),
 ) -> (Range<usize>, Vec<Option<Located>>) {
     let Job { stretch: Stretch { shown: window, kept, known }, scene: (track, scenery), pictures } = job;
@@ -481,7 +459,7 @@ fn follow(
         if let Err(why) = decoded(pictures[i].as_ref(), frame) {
             *frame = Frame::default();
             if first && kept.contains(&(window.start + i)) {
-                unreadable(why);
+                unreadable(window.start + i, why);
             }
         }
         if first {

@@ -26,7 +26,7 @@ use lapwing_core::{
     driver::Driver,
     perception::Frame,
     protocol::Dialect,
-    recording::{CameraPosition, ModelId, Recorder, RecorderOptions, RunHeader},
+    recording::{ModelId, Recorder, RecorderOptions, RunHeader},
     turn::Turn,
     words::count,
 };
@@ -72,6 +72,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     };
     let gearing = located.as_ref().map_or(Ok(1.0), |drive| locating::gearing(&arguments.source, drive))?;
     let mut world = open(located)?.by(protocol).geared(gearing);
+    if arguments.from_path {
+        super::locate::warn_of_assumed_times(&arguments.source)?;
+    }
     if arguments.limit == Some(Limit::Road) && !world.knows_the_lane_somewhere() {
         let why = "expected a number of metres, as the lane is not known in any row (lapwing locate says more), \
                    got road: give metres, such as 1, or name the road with --track FILE.toml";
@@ -205,7 +208,7 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     let roads = Roads::with(&arguments.tracks);
     let drives = match &arguments.lane {
         Some(table) => locating::table_of(&arguments.source, table, &roads)?.drives(),
-        None => match super::locate::located(&arguments.source, CameraPosition::Center, &roads) {
+        None => match super::locate::centre(&arguments.source, &roads) {
             Ok(found) => found.drives(),
             // The world says the same, in the words of a drive along a recording.
             Err(LocateError::NoPictures { .. } | LocateError::Recording(_)) => vec![],

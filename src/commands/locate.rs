@@ -14,7 +14,7 @@ use crate::locating::network::look;
 use crate::{
     cli,
     known::Roads,
-    locating::{LocateError, LocatedRecording, Summary, again, drawn, locate, truth_of},
+    locating::{Driven, LocateError, LocatedRecording, Summary, again, drawn, truth_of},
 };
 use lapwing_core::{
     recording::{CameraPosition, Recording, RecordingError},
@@ -35,8 +35,9 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     #[cfg(feature = "networks")]
     let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
     let truth = arguments.truth.as_ref().map(|path| truth_of(&arguments.recording, path, &roads)).transpose()?;
+    let driven = Driven::find(&arguments.recording, &roads)?;
     let of = |name: &str, camera: CameraPosition| -> anyhow::Result<LocatedRecording> {
-        let mut found = located(&arguments.recording, camera, &roads)?;
+        let mut found = located(&driven, camera)?;
         #[cfg(feature = "networks")]
         if let Some(model) = &network {
             let bar = bar();
@@ -103,10 +104,15 @@ pub(super) fn warn_of_assumed_times(path: &Path) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Locates a recording, with a line of progress.
-pub(super) fn located(path: &Path, camera: CameraPosition, roads: &Roads) -> Result<LocatedRecording, LocateError> {
+/// Locates a recording by its centre camera, with a line of progress.
+pub(super) fn centre(path: &Path, roads: &Roads) -> Result<LocatedRecording, LocateError> {
+    located(&Driven::find(path, roads)?, CameraPosition::Center)
+}
+
+/// Locates the pictures of a camera, with a line of progress.
+fn located(driven: &Driven, camera: CameraPosition) -> Result<LocatedRecording, LocateError> {
     let bar = bar();
-    let found = locate(path, camera, roads, || bar.inc(1));
+    let found = driven.locate(camera, || bar.inc(1));
     bar.finish_and_clear();
     found
 }

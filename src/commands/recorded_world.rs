@@ -9,7 +9,7 @@ use anyhow::bail;
 use serde_json::json;
 
 use crate::{known::Roads, locating::table_of};
-use lapwing_core::{config::ConfigError, recording::CameraPosition, words::count};
+use lapwing_core::{config::ConfigError, words::count};
 use lapwing_score::{odometry::words, results::Seen};
 use lapwing_sim::{
     along::{Sights, Views},
@@ -62,7 +62,7 @@ impl Recorded {
                 drives.extend(table.drives().into_iter().map(|drive| (path.clone(), drive)));
                 continue;
             }
-            let found = super::locate::located(path, CameraPosition::Center, &roads)?;
+            let found = super::locate::centre(path, &roads)?;
             let located = found.drives();
             if located.is_empty() {
                 let why = found.unknown().join("; ");

@@ -27,6 +27,11 @@ impl OnRoad {
     pub fn new(on: &Match, legs: &[Leg]) -> Self {
         Self { road: on.road.clone(), stones: both_ways(on, legs) }
     }
+
+    /// Where it was, told otherwise.
+    pub fn at(road: Arc<Road>, stones: Vec<Milestone>) -> Self {
+        Self { road, stones: [stones, vec![], vec![]] }
+    }
 }
 
 /// The drives of a recording: where one is joined to another, nothing that is known of one says anything of the other.
@@ -118,7 +123,7 @@ pub(super) fn cut(
 
 /// The pose of a car on the line to drive, so many metres along the road that it drives. The other way round, the car keeps to its
 /// own right, which is the road's left.
-fn pose(track: &Track, road: &Road, s_m: f64) -> Pose {
+pub(super) fn pose(track: &Track, road: &Road, s_m: f64) -> Pose {
     let point = track.on_driving_line(road.on_track(s_m));
     let s_m = track.locate(point.position, None).station.s;
     let (offset_m, heading_rad) =

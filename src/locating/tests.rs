@@ -1,4 +1,4 @@
-use super::*;
+use super::{shown::best, *};
 use lapwing_core::motion::Motion;
 use lapwing_score::odometry::{Found, Match, Tried, Whereabouts};
 use lapwing_sim::locate::table;
@@ -102,18 +102,18 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
 
 #[test]
 fn pictures_choose_a_road_only_if_they_agree_clearly_better_with_it_and_all_likelier_ones_were_seen() {
-    assert_eq!(chosen(&[Some(0.34), Some(0.38)]), Some(1));
-    assert_eq!(chosen(&[Some(0.38), None, Some(0.34)]), Some(0), "what is less likely need not be seen");
-    assert_eq!(chosen(&[Some(0.496), Some(0.504)]), None);
-    assert_eq!(chosen(&[None, Some(0.53)]), None);
-    assert_eq!((chosen(&[None, None]), chosen(&[])), (None, None));
+    assert_eq!(best(&[Some(0.34), Some(0.39)]), Some(1));
+    assert_eq!(best(&[Some(0.38), None, Some(0.33)]), Some(0), "what is less likely need not be seen");
+    assert_eq!(best(&[Some(0.506), Some(0.531)]), None);
+    assert_eq!(best(&[None, Some(0.53)]), None);
+    assert_eq!((best(&[None, None]), best(&[])), (None, None));
 }
 
 #[test]
 fn a_drive_of_which_no_picture_is_located_has_a_reason_and_no_uncertainty() {
     let road = Road::new("lake".into(), 0.0, 100.0, None, vec![0.0, 1.0]);
     let (short, long) = (nowhere(&road, 151.0, false), nowhere(&road, 900.0, false));
-    assert!(short.ends_with("do not show it there: a longer recording may tell"), "{short}");
+    assert!(short.ends_with("do not show where: a longer recording may tell"), "{short}");
     assert!(long.ends_with("there: if it was on another road, name that with --track FILE.toml"), "{long}");
     let mut found = recording(&[(Some("lake"), 3)]);
     found.parts[0].on.as_mut().unwrap().drive.places.fill(None);

@@ -41,6 +41,9 @@ const LOST_WITHIN_M: f64 = 20.0;
 pub const EXPLAINED: f64 = -2.3;
 /// Metres between two checks of where the car is and how far it has certainly come.
 const SURE_EVERY_M: f64 = 20.0;
+/// Places closer together than this, in metres, are one; and the share of what is believed that may be left out.
+const PLACE_M: f64 = 10.0;
+const UNLIKELY: f64 = 1e-3;
 /// Standard deviation, in metres, above which the car's place counts as unknown.
 pub(super) const VAGUE_M: f64 = 15.0;
 /// What is unknown about the car, as standard deviations: the scale of a reported metre, the gain of a reported radian
@@ -338,6 +341,36 @@ impl Filter {
         let s_m = (y.atan2(x) * metres).rem_euclid(self.road.length_m);
         let deviation_m = (-2.0 * x.hypot(y).clamp(1e-6, 1.0).ln()).sqrt() * metres;
         Whereabouts { s_m, deviation_m, progress_m: weighted(&|p| p.progress_m) / sum }
+    }
+
+    /// Where the car may be, the likeliest place first: in each [`PLACE_M`] of the road the mean, as far as they are needed to hold
+    /// all but [`UNLIKELY`] of what is believed.
+    pub fn places(&self) -> Vec<Milestone> {
+        // Of each the weight, and the weighted sums of place and progress.
+        let mut bins = vec![[0.0; 3]; (self.road.length_m / PLACE_M).ceil().max(1.0) as usize];
+        for particle in &self.particles {
+            let weight = particle.log_weight.exp();
+            let last = bins.len() - 1;
+            let bin = &mut bins[((particle.s / PLACE_M) as usize).min(last)];
+            for (sum, value) in bin.iter_mut().zip([1.0, particle.s, particle.progress_m]) {
+                *sum += weight * value;
+            }
+        }
+        bins.sort_by(|a, b| b[0].total_cmp(&a[0]));
+        let mut left: f64 = bins.iter().map(|[weight, ..]| weight).sum();
+        let enough = UNLIKELY * left;
+        let needed = bins.into_iter().take_while(|[weight, ..]| {
+            let is_needed = left > enough && *weight > 0.0;
+            left -= weight;
+            is_needed
+        });
+        let place = |[weight, s_m, progress_m]: [f64; 3]| Milestone {
+            way_m: self.way_m,
+            s_m: s_m / weight,
+            progress_m: progress_m / weight,
+            deviation_m: PLACE_M,
+        };
+        needed.map(place).collect()
     }
 
     /// The place as one of the trail, if it is known well enough.

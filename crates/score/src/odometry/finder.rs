@@ -176,6 +176,13 @@ pub fn both_ways(on: &Match, legs: &[Leg]) -> [Vec<Milestone>; 3] {
     [surest(&on.trail, &behind, length_m), on.trail.clone(), behind]
 }
 
+/// Where a drive may have ended, if it was on this road: by its bends alone, the likeliest place first.
+pub fn ends(road: &Arc<Road>, legs: &[Leg]) -> Vec<Milestone> {
+    let mut matcher = Matcher::new([road.clone()], SEED);
+    follow(&mut matcher, legs.iter().map(|leg| (leg, false)));
+    matcher.places().pop().unwrap_or_default()
+}
+
 /// How far legs go in all, in metres.
 fn way_m(legs: &[Leg]) -> f64 {
     legs.iter().map(|leg| leg.motion.way_m).sum()
@@ -229,6 +236,11 @@ impl Match {
 
 /// Follows legs, each forwards or backwards.
 fn followed<'a>(mut matcher: Matcher, legs: impl Iterator<Item = (&'a Leg, bool)>) -> Vec<Match> {
+    follow(&mut matcher, legs);
+    matcher.matches()
+}
+
+fn follow<'a>(matcher: &mut Matcher, legs: impl Iterator<Item = (&'a Leg, bool)>) {
     for (leg, backwards) in legs {
         let Motion { way_m, turn_rad } = leg.motion;
         let unseen_m = UNSEEN_MPS * leg.apart_s;
@@ -244,7 +256,6 @@ fn followed<'a>(mut matcher: Matcher, legs: impl Iterator<Item = (&'a Leg, bool)
             Some(_) => matcher.skip(way_m, unseen_m),
         }
     }
-    matcher.matches()
 }
 
 /// Of the places that the bends before and those behind tell, the surer one; none where they contradict one another. They may

@@ -89,6 +89,12 @@ impl Matcher {
             .for_each(|filter| filter.step(motion));
     }
 
+    /// On each road, in the order in which they were given, where the car may be: see [`Filter::places`].
+    pub fn places(&mut self) -> Vec<Vec<Milestone>> {
+        self.flush();
+        self.filters.iter().map(Filter::places).collect()
+    }
+
     /// All roads, the one that explains the drive so far best first.
     pub fn matches(&mut self) -> Vec<Match> {
         self.flush();

@@ -147,3 +147,20 @@ fn a_drive_that_only_looks_as_if_it_began_at_the_start_is_found_by_its_bends() {
         assert!(off.abs() < 15.0, "from {from}: {s_m}");
     }
 }
+
+#[test]
+fn a_drive_ends_wherever_the_road_bends_as_it_did_and_nowhere_else() {
+    let ends = |road: &Arc<Road>| {
+        let mut legs = vec![];
+        drive(road, 100.0, 200.0, |motion| legs.push(Leg { motion, apart_s: 0.05, broken: None }));
+        ends(road, &legs)
+    };
+    let beside = |ends: &[Milestone], s_m: f64| ends.iter().filter(|end| (end.s_m - s_m).abs() < 25.0).count();
+    let once = ends(&bends("once", 1000.0, 0.3));
+    assert!(!once.is_empty() && beside(&once, 300.0) == once.len(), "{once:?}");
+    let twice = ends(&road("twice", 1000.0, |share| {
+        TAU * share + 0.8 * (6.0 * TAU * share).sin() + 0.5 * (2.0 * TAU * share).cos()
+    }));
+    let (here, there) = (beside(&twice, 300.0), beside(&twice, 800.0));
+    assert!(here > 0 && there > 0 && here + there == twice.len(), "{twice:?}");
+}

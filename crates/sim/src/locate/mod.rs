@@ -40,7 +40,7 @@ use glam::DVec3;
 
 pub use follow::{Deviation, FOUND, Known, Located, seen};
 pub use lane::{InLane, LocatedDrive};
-pub use overlay::{Fit, Overlay};
+pub use overlay::{Fit, Glimpse, Overlay};
 pub use table::{LaneTable, LaneTableError};
 
 /// Where a car is on a road, and how it stands there.

@@ -56,6 +56,17 @@ pub struct Fit {
     pub sharpness: DMat3,
 }
 
+/// A picture, blurred, for a first look.
+#[derive(Debug)]
+pub struct Glimpse(Field);
+
+impl Glimpse {
+    /// Of a picture of as many pixels as the overlay's camera takes.
+    pub fn new(picture: &Frame) -> Self {
+        Self(Field::new(picture).blurred(COARSE_BLUR))
+    }
+}
+
 /// A track, ready to be laid over pictures of the stock simulator's camera.
 #[derive(Debug)]
 pub struct Overlay {
@@ -93,6 +104,13 @@ impl Overlay {
         let contours = self.visible(&blurred[2], best);
         let agreement = self.agreement(&contours, &blurred[2], best);
         Fit { pose: best, agreement, sharpness: self.sharpness(&contours, &blurred[1], best) }
+    }
+
+    /// How well a picture agrees with the best pose within `reach` of another, by a coarse search: many times as fast as
+    /// [`Overlay::lay`], and enough to tell the few places along a road that a picture may show from all others.
+    pub fn glance(&mut self, Glimpse(field): &Glimpse, from: Pose, reach: DVec3) -> f64 {
+        let best = self.search(field, from, reach);
+        self.redrawn(field, best)
     }
 
     /// How well the track as it is seen from a pose agrees with a picture.
