@@ -8,11 +8,11 @@
 //! pictures ─▶ network::look ─▶ ByNetwork: what a network sees in each, on any road
 //! pictures of one place in different laps ─▶ again::look ─▶ Laps: whether they say the same of one another
 //! ```
-//! Where the bends leave several roads, or several places on one, `shown` looks at a few pictures from each of those places, and
-//! follows the drive from the few that are left.
+//! Where the bends of a short drive fit several roads, or several places on one, `shown` looks at a few of its pictures from each of
+//! those places, and follows it from the few that are left; of a longer one whose bends fit several roads, it looks at a sample.
 //!
 //! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
-//! were taken. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
+//! were taken; and again for drives that `shown` looks for. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
 //! length, so that a drive that is lost is found again, several processors share the work, and memory stays bounded.
 
 pub mod again;
@@ -48,8 +48,8 @@ use self::{
     network::ByNetwork,
     pictures::{Job, Pictures, Scene, decoded},
     rows::Rows,
-    shown::{Shown, shown},
-    stretch::{Stretch, continuous, cut, parts_of},
+    shown::{Drive, Shown, Sight, is_short},
+    stretch::{OnRoad, Stretch, continuous, cut, parts_of},
 };
 use crate::known::Roads;
 use lapwing_core::{
@@ -235,7 +235,7 @@ pub fn locate(
     roads: &Roads,
     looked_at: impl Fn() + Sync,
 ) -> Result<LocatedRecording, LocateError> {
-    Driven::find(path, roads)?.locate(camera, looked_at)
+    Driven::find(path, roads, &looked_at)?.locate(camera, looked_at)
 }
 
 /// A recording of which it is known on which roads it was driven, and where, up to some metres: enough to locate the pictures of each
@@ -251,34 +251,50 @@ pub struct Driven {
 
 impl Driven {
     /// Looks where a recording was driven, on these roads: by how the car moved and, where that does not tell, by what its centre camera
-    /// shows.
+    /// shows. `looked_at` is called for each picture that is located on the way.
     ///
     /// # Errors
     /// [`LocateError`]: what cannot be read.
-    pub fn find(path: &Path, roads: &Roads) -> Result<Self, LocateError> {
+    pub fn find(path: &Path, roads: &Roads, looked_at: impl Fn() + Sync) -> Result<Self, LocateError> {
         let Rows { rows, looks, unreadable: lost, moments, released_at_once } = Rows::read(path)?;
         if rows.is_empty() {
             return Err(LocateError::NoPictures { path: path.to_owned(), moments });
         }
-        let mut parts = vec![];
         let mut scenes = Scenes { roads, tracks: HashMap::new() };
+        let both_ways = roads.both_ways()?;
+        let mut drives: Vec<(Range<usize>, Vec<Leg>, odometry::Found)> = vec![];
+        // Of short drives on roads that are known, so that all are looked at in one go.
+        let mut stretches = vec![];
         for part in parts_of(&rows) {
-            // The sum of nothing is -0.
-            let way_m = rows[part.clone()].iter().skip(1).fold(0.0, |way_m, row| way_m + row.motion.way_m);
-            let look = looks.get(&part.start);
             let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
-            let likely = odometry::find(&legs, look, &roads.both_ways()?);
-            let (by_start, is_sure) = (likely.by_start, likely.sure().is_some());
+            let likely = odometry::find(&legs, looks.get(&part.start), &both_ways);
+            if let Some(on) = likely.sure().filter(|_| is_short(&rows, &part)) {
+                let scene = scenes.of(&on.road.name)?;
+                let cut = cut(&part, &part, &rows, &OnRoad::new(on, &legs), &scene.0);
+                stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
+            }
+            drives.push((part, legs, likely));
+        }
+        let laid = followed(path, &rows, CameraPosition::Center, stretches, |_, _| (), &looked_at)?;
+        let mut parts = vec![];
+        for (part, legs, likely) in drives {
+            // The sum of nothing is -0.
+            let way_m = legs.iter().fold(0.0, |way_m, leg| way_m + leg.motion.way_m);
             let is_lost = lost.range(part.clone()).count() == part.len();
-            let why = unknown(&likely, way_m, is_lost);
-            let shown = shown(path, &rows, &part, (likely, &legs), &mut scenes)?;
-            let not_there = |Shown { on, .. }: &Shown| match is_lost {
-                true => UNREAD.to_owned(),
-                false => nowhere(&on.road, way_m, by_start),
+            let drive = Drive { path, rows: &rows, part: part.clone(), legs: &legs, lost: &lost };
+            let Sight { shown, is_vague } = match likely.sure() {
+                Some(on) => {
+                    let here = laid.iter().filter(|(of, _)| part.contains(&of.start));
+                    drive.on(on, here.cloned().collect(), &mut scenes)?
+                }
+                None => drive.among(&likely.likely, &mut scenes)?,
             };
-            let why = shown.as_ref().map(not_there).or(why);
-            let found = shown.map(|shown| Ok::<_, TrackError>((scenes.of(&shown.on.road.name)?, shown))).transpose()?;
-            parts.push(Sought { rows: part, way_m, found, why, is_sure });
+            let why = match &shown {
+                Some(_) if is_lost => Some(UNREAD.to_owned()),
+                Some(Shown { on, .. }) => Some(nowhere(&on.road, way_m, likely.by_start, is_vague)),
+                None => unknown(&likely, way_m, is_lost, is_vague),
+            };
+            parts.push(Sought { rows: part, way_m, found: shown, why, is_sure: likely.sure().is_some() });
         }
         Ok(Self { path: path.to_owned(), rows, parts, released_at_once, lost })
     }
@@ -292,17 +308,16 @@ impl Driven {
         let is_centre = camera == CameraPosition::Center;
         let mut stretches = vec![];
         let mut located: Laid = vec![];
-        // Of the centre camera those pictures that were looked at to find the road.
-        let mut seen = vec![];
+        // The rows whose pictures of the centre camera were looked at before, in search of their road and place.
+        let mut seen_before = vec![];
         for part in parts {
-            let Some((scene, Shown { on, laid })) = &part.found else {
-                seen.extend(is_centre.then(|| part.rows.clone()));
+            let Some(Shown { on, scene, laid }) = &part.found else {
+                seen_before.extend(is_centre.then(|| part.rows.clone()));
                 continue;
             };
             if let Some(laid) = laid.as_ref().filter(|_| is_centre) {
                 located.extend_from_slice(laid);
-                seen.push(part.rows.clone());
-                part.rows.clone().for_each(|_| looked_at());
+                seen_before.push(part.rows.clone());
                 continue;
             }
             for run in continuous(rows, part.rows.clone()) {
@@ -311,19 +326,12 @@ impl Driven {
             }
         }
         let unreadable = Mutex::new(BTreeMap::new());
-        let pictures = Pictures::open(path, camera, stretches)?;
-        let followed: Laid = pictures
-            .par_bridge()
-            .map(|job| {
-                let tell = |row: usize, why: String| {
-                    unreadable.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).insert(row, why);
-                };
-                Ok(follow(rows, job?, tell, &looked_at))
-            })
-            .collect::<Result<_, RecordingError>>()?;
-        located.extend(followed);
+        let tell = |row: usize, why: String| {
+            unreadable.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).insert(row, why);
+        };
+        located.extend(followed(path, rows, camera, stretches, tell, &looked_at)?);
         let mut unreadable = unreadable.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-        for rows in seen {
+        for rows in seen_before {
             unreadable.extend(lost.range(rows).map(|(row, why)| (*row, why.clone())));
         }
         let mut places: Vec<Option<Located>> = vec![None; rows.len()];
@@ -333,9 +341,9 @@ impl Driven {
         let of = |part: &Sought| {
             let Sought { rows: of, way_m, found, why, is_sure } = part;
             let unread = unreadable.range(of.clone()).count();
-            let on = found.as_ref().map(|(scene, shown)| {
+            let on = found.as_ref().map(|Shown { on, scene, .. }| {
                 let drive = LocatedDrive { track: scene.0.clone(), places: places[of.clone()].to_vec() };
-                On { reversed: shown.on.road.reversed, drive }
+                On { reversed: on.road.reversed, drive }
             });
             let is_unread = on.is_some() && unread == of.len();
             let doubt = on.as_ref().and_then(|on| implausible(on, *is_sure, &rows[of.clone()], unread));
@@ -374,7 +382,7 @@ struct Sought {
     rows: Range<usize>,
     way_m: f64,
     /// Where it seems to have been.
-    found: Option<(Scene, Shown)>,
+    found: Option<Shown>,
     /// Why its places are unknown, if no picture tells them.
     why: Option<String>,
     /// Whether the bends alone tell the road.
@@ -421,8 +429,9 @@ fn implausible(on: &On, is_sure: bool, rows: &[Row], unread: usize) -> Option<St
     })
 }
 
-/// Why the road of a drive is unknown, if its pictures do not show it either (`is_lost`: none could be read), and what helps.
-fn unknown(likely: &odometry::Found, way_m: f64, is_lost: bool) -> Option<String> {
+/// Why the road of a drive is unknown, if its pictures do not show it either (`is_lost`: none could be read; `is_vague`: they were not
+/// looked at, as its bends fit too many places), and what helps.
+fn unknown(likely: &odometry::Found, way_m: f64, is_lost: bool, is_vague: bool) -> Option<String> {
     let why = likely.road().err()?;
     Some(match &likely.likely[..] {
         _ if is_lost => format!("{why}, and {UNREAD}"),
@@ -430,17 +439,37 @@ fn unknown(likely: &odometry::Found, way_m: f64, is_lost: bool) -> Option<String
             format!("{why}: {ANOTHER_ROAD}; if not, a longer recording may tell")
         }
         [] => format!("{why}: {ANOTHER_ROAD}"),
+        _ if is_vague => {
+            format!("{why}, in too many places to look for it in its pictures: a longer recording may tell")
+        }
         _ => format!("{why}, and its pictures do not show which it was: a longer recording may tell"),
     })
 }
 
 /// Why none of a drive's pictures is located, although its road is known by its bends, and what helps.
-fn nowhere(road: &Road, way_m: f64, by_start: bool) -> String {
-    let (shown, helps) = match by_start || way_m > BENDS_M {
-        true => ("it there", ANOTHER_ROAD),
-        false => ("where", "a longer recording may tell"),
+fn nowhere(road: &Road, way_m: f64, by_start: bool, is_vague: bool) -> String {
+    let (but, helps) = match by_start || way_m > BENDS_M {
+        true => ("but its pictures do not show it there", ANOTHER_ROAD),
+        false if is_vague => ("in too many places to look for it in its pictures", "a longer recording may tell"),
+        false => ("but its pictures do not show where", "a longer recording may tell"),
     };
-    format!("its bends fit {}, but its pictures do not show {shown}: {helps}", road.words())
+    format!("its bends fit {}, {but}: {helps}", road.words())
+}
+
+/// Follows stretches, in the order in which they are recorded, and says where their own rows are.
+fn followed(
+    path: &Path,
+    rows: &[Row],
+    camera: CameraPosition,
+    stretches: impl IntoIterator<Item = (Stretch, Scene)>,
+    unreadable: impl Fn(usize, String) + Sync,
+    looked_at: &(impl Fn() + Sync),
+) -> Result<Laid, RecordingError> {
+    let pictures = Pictures::open(path, camera, stretches)?.par_bridge();
+    let mut laid = pictures.map(|job| Ok(follow(rows, job?, &unreadable, looked_at))).collect::<Result<Laid, _>>()?;
+    // In their order, so that sums are the same each time.
+    laid.sort_by_key(|(of, _)| of.start);
+    Ok(laid)
 }
 
 /// Follows a stretch, and says where its own rows are.

@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     #[cfg(feature = "networks")]
     let network = arguments.network.as_ref().map(LaneModel::load).transpose()?;
     let truth = arguments.truth.as_ref().map(|path| truth_of(&arguments.recording, path, &roads)).transpose()?;
-    let driven = Driven::find(&arguments.recording, &roads)?;
+    let driven = found(&arguments.recording, &roads)?;
     let of = |name: &str, camera: CameraPosition| -> anyhow::Result<LocatedRecording> {
         let mut found = located(&driven, camera)?;
         #[cfg(feature = "networks")]
@@ -106,7 +106,15 @@ pub(super) fn warn_of_assumed_times(path: &Path) -> Result<(), RecordingError> {
 
 /// Locates a recording by its centre camera, with a line of progress.
 pub(super) fn centre(path: &Path, roads: &Roads) -> Result<LocatedRecording, LocateError> {
-    located(&Driven::find(path, roads)?, CameraPosition::Center)
+    located(&found(path, roads)?, CameraPosition::Center)
+}
+
+/// Looks where a recording was driven, with a line of progress.
+fn found(path: &Path, roads: &Roads) -> Result<Driven, LocateError> {
+    let bar = bar();
+    let found = Driven::find(path, roads, || bar.inc(1));
+    bar.finish_and_clear();
+    found
 }
 
 /// Locates the pictures of a camera, with a line of progress.

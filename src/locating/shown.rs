@@ -1,28 +1,28 @@
 //! On which road a drive was, and where, by its pictures: where its bends leave several roads, or several places on one.
 
-use std::{ops::Range, path::Path, sync::Arc};
+use std::{collections::BTreeMap, ops::Range, path::Path, sync::Arc};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    FOUND, Laid, LocateError, Row, Scenes, follow,
-    pictures::{Pictures, Scene, decoded},
+    FOUND, Laid, LocateError, Row, Scenes, follow, followed,
+    pictures::{Job, Pictures, Scene, decoded},
     stretch::{OnRoad, Stretch, continuous, cut, pose},
 };
 use lapwing_core::{
     motion::around,
     perception::Frame,
-    recording::{CameraPosition, RecordingError},
+    recording::{CameraPosition, Picture, RecordingError},
 };
-use lapwing_score::odometry::{self, Leg, Match, Milestone};
+use lapwing_score::odometry::{self, Leg, Match, Milestone, NEAR_M};
 use lapwing_sim::{
     along::SIZE,
     locate::{Glimpse, Located, Overlay},
 };
 
-/// Rows of each road that are looked at if several explain a drive about as well; of drives of no more rows than the second, all are,
-/// and from several places.
+/// Rows that are looked at on each road if several explain a drive about as well; of drives in one piece of no more rows than the
+/// second, all are, and from several places.
 const SAMPLE: usize = 80;
 const WHOLE: usize = 320;
 
@@ -47,54 +47,148 @@ const PLACES: usize = 6;
 /// A road that a drive was on, and where.
 pub(super) struct Shown {
     pub on: OnRoad,
+    pub scene: Scene,
     /// Where each picture of the centre camera was taken, if all were looked at to find out.
     pub laid: Option<Laid>,
 }
 
-/// Of the roads that explain a drive about as well, and of the places there, the one that its pictures show. If the bends leave only
-/// one road, it is that in any case.
-pub(super) fn shown(
-    path: &Path,
-    rows: &[Row],
-    part: &Range<usize>,
-    (likely, legs): (odometry::Found, &[Leg]),
-    scenes: &mut Scenes,
-) -> Result<Option<Shown>, LocateError> {
-    let is_short = part.len() <= WHOLE;
-    let sure = likely.sure();
-    if let Some(on) = sure.filter(|_| !is_short) {
-        return Ok(Some(Shown { on: OnRoad::new(on, legs), laid: None }));
-    }
-    let mut looked = vec![];
-    if let Some(on) = sure {
-        let by_bends = Looked::over(path, rows, part, (OnRoad::new(on, legs), scenes.of(&on.road.name)?))?;
+/// What its pictures show of where a drive was.
+#[derive(Default)]
+pub(super) struct Sight {
+    pub shown: Option<Shown>,
+    /// Whether its bends fit too many places to look for it.
+    pub is_vague: bool,
+}
+
+/// Whether a drive that its bends do not place is looked for wherever they may have led: a short one, driven in one piece.
+pub(super) fn is_short(rows: &[Row], part: &Range<usize>) -> bool {
+    part.len() <= WHOLE && continuous(rows, part.clone()).len() == 1
+}
+
+/// A drive of a recording.
+pub(super) struct Drive<'a> {
+    pub path: &'a Path,
+    /// All rows of the recording, and those of the drive.
+    pub rows: &'a [Row],
+    pub part: Range<usize>,
+    pub legs: &'a [Leg],
+    /// The rows whose picture of the centre camera cannot be read.
+    pub lost: &'a BTreeMap<usize, String>,
+}
+
+impl Drive<'_> {
+    /// If its bends leave one road, that one; with the place that its pictures show if it is short, and was followed from the place
+    /// that the bends tell in vain.
+    pub fn on(&self, on: &Match, laid: Laid, scenes: &mut Scenes) -> Result<Sight, LocateError> {
+        let (road, scene) = (OnRoad::new(on, self.legs), scenes.of(&on.road.name)?);
+        if !is_short(self.rows, &self.part) {
+            return Ok(Sight { shown: Some(Shown { on: road, scene, laid: None }), is_vague: false });
+        }
+        let by_bends = Looked { on: road, scene, laid, is_whole: true };
         if by_bends.share() >= FOUND {
-            return Ok(Some(by_bends.shown()));
+            return Ok(Sight { shown: Some(by_bends.shown()), is_vague: false });
         }
-        for from in places(path, rows, part, (&[on], legs), scenes)? {
-            looked.push(Looked::over(path, rows, part, from)?);
-        }
-        let by_pictures = chosen(looked).filter(|looked| looked.share() >= FOUND);
-        return Ok(Some(by_pictures.unwrap_or(by_bends).shown()));
+        let (mut looked, is_vague) = self.from_places(&[on], scenes)?;
+        looked.retain(|looked| looked.share() >= FOUND && looked.mean() >= by_bends.mean() + AGREES_BETTER);
+        Ok(Sight { shown: Some(chosen(looked).unwrap_or(by_bends).shown()), is_vague })
     }
-    let likely: Vec<&Match> = likely.likely.iter().collect();
-    if is_short {
-        for from in places(path, rows, part, (&likely, legs), scenes)? {
-            looked.push(Looked::over(path, rows, part, from)?);
-        }
-    } else {
-        for on in likely {
-            looked.push(Looked::over(path, rows, part, (OnRoad::new(on, legs), scenes.of(&on.road.name)?))?);
-        }
+
+    /// Of the roads that explain it about as well, and of the places there, the one that its pictures show.
+    pub fn among(&self, likely: &[Match], scenes: &mut Scenes) -> Result<Sight, LocateError> {
+        let (looked, is_vague) = if is_short(self.rows, &self.part) {
+            self.from_places(&likely.iter().collect::<Vec<_>>(), scenes)?
+        } else {
+            let sampled = |on: &Match| Looked::sample(self, OnRoad::new(on, self.legs), scenes.of(&on.road.name)?);
+            (likely.iter().map(sampled).collect::<Result<_, _>>()?, false)
+        };
+        Ok(Sight { shown: chosen(looked).map(Looked::shown), is_vague })
     }
-    Ok(chosen(looked).map(Looked::shown))
+
+    /// Follows a short drive from each of the places that some of its pictures leave, and says whether there were too many to look at.
+    fn from_places(&self, likely: &[&Match], scenes: &mut Scenes) -> Result<(Vec<Looked>, bool), LocateError> {
+        let Some(first) = likely.first() else { return Ok((vec![], false)) };
+        let ends: Vec<(&Match, Vec<f64>)> =
+            likely.iter().map(|on| (*on, odometry::ends(&on.road, self.legs))).collect();
+        let number: usize = ends.iter().map(|(_, ends)| ends.len()).sum();
+        if number > SEARCHED {
+            tracing::debug!("the bends fit {number} places: too many to look at");
+            return Ok((vec![], true));
+        }
+        let pictures = self.pictures(scenes.of(&first.road.name)?)?;
+        let glances = self.glances(&pictures);
+        if glances.is_empty() {
+            return Ok((vec![], false));
+        }
+        let mut seen = vec![];
+        for (on, ends) in ends {
+            let scene = scenes.of(&on.road.name)?;
+            let look = |end_m: f64| {
+                let mut overlay = Overlay::new(scene.0.clone(), scene.1.clone(), SIZE);
+                let agrees = |glance: &Glance| {
+                    let from = pose(&scene.0, &on.road, end_m - glance.before_m);
+                    overlay.glance(&glance.glimpse, from, AROUND)
+                };
+                let agreement = glances.iter().map(agrees).sum::<f64>() / glances.len() as f64;
+                Place { on, scene: scene.clone(), end_m, agreement }
+            };
+            seen.extend(ends.into_par_iter().map(look).collect::<Vec<_>>());
+        }
+        let best = best_of(seen);
+        let told = |place: &Place| format!("{} at {:.0} m: {:.4}", place.on.road.words(), place.end_m, place.agreement);
+        tracing::debug!("pictures leave of {number} places: {}", best.iter().map(told).collect::<Vec<_>>().join("; "));
+        if best.len() > PLACES {
+            return Ok((vec![], false));
+        }
+        let way_m: f64 = self.legs.iter().map(|leg| leg.motion.way_m).sum();
+        let at = |Place { on, scene, end_m, .. }: Place| {
+            let stone = |glance: &Glance| {
+                let way_m = way_m - glance.before_m;
+                let s_m = (end_m - glance.before_m).rem_euclid(on.road.length_m);
+                Milestone { way_m, s_m, progress_m: way_m, deviation_m: NEAR_M }
+            };
+            let on = OnRoad::at(on.road.clone(), glances.iter().map(stone).collect());
+            Looked::all(self, &pictures, on, scene)
+        };
+        Ok((best.into_iter().map(at).collect(), false))
+    }
+
+    /// What its centre camera took.
+    fn pictures(&self, scene: Scene) -> Result<Vec<Option<Picture>>, RecordingError> {
+        let stretch = Stretch { shown: self.part.clone(), kept: self.part.clone(), known: vec![] };
+        let job = Pictures::open(self.path, CameraPosition::Center, [(stretch, scene)])?.next().transpose()?;
+        Ok(job.map_or_else(Vec::new, |job| job.pictures))
+    }
+
+    /// Some of its pictures, evenly spaced over its way.
+    fn glances(&self, pictures: &[Option<Picture>]) -> Vec<Glance> {
+        let mut before_m = 0.0;
+        let mut readable = vec![];
+        for (i, picture) in self.part.clone().zip(pictures).rev() {
+            readable
+                .extend(picture.as_ref().filter(|_| !self.lost.contains_key(&i)).map(|picture| (before_m, picture)));
+            // How the car came to the first row was not on this drive.
+            before_m += if i > self.part.start { self.rows[i].motion.way_m } else { 0.0 };
+        }
+        let mut frame = Frame::default();
+        let mut glances: Vec<Glance> = vec![];
+        for i in 0..GLANCES {
+            let at_m = before_m * (i as f64 + 0.5) / GLANCES as f64;
+            let off_m = |(before_m, _): &&(f64, &Picture)| (before_m - at_m).abs();
+            let Some((before_m, picture)) = readable.iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b))) else { break };
+            let is_new = glances.iter().all(|glance| glance.before_m != *before_m);
+            if is_new && decoded(Some(picture), &mut frame).is_ok() {
+                glances.push(Glance { glimpse: Glimpse::new(&frame), before_m: *before_m });
+            }
+        }
+        glances
+    }
 }
 
 /// Where a short drive may have ended.
 struct Place<'a> {
     on: &'a Match,
     scene: Scene,
-    end: Milestone,
+    end_m: f64,
     /// How well some pictures agree with the road as it is seen from there.
     agreement: f64,
 }
@@ -102,7 +196,7 @@ struct Place<'a> {
 impl Place<'_> {
     fn is_near(&self, other: &Place) -> bool {
         let length_m = self.on.road.length_m;
-        Arc::ptr_eq(&self.on.road, &other.on.road) && around(self.end.s_m - other.end.s_m, length_m).abs() < APART_M
+        Arc::ptr_eq(&self.on.road, &other.on.road) && around(self.end_m - other.end_m, length_m).abs() < APART_M
     }
 }
 
@@ -125,111 +219,44 @@ struct Glance {
     before_m: f64,
 }
 
-/// Pictures evenly spaced over what was driven in one piece before a drive's end.
-fn glimpses(path: &Path, rows: &[Row], part: &Range<usize>, scene: &Scene) -> Result<Vec<Glance>, RecordingError> {
-    let Some(run) = continuous(rows, part.clone()).pop() else { return Ok(vec![]) };
-    let stretch = Stretch { shown: run.clone(), kept: run.clone(), known: vec![] };
-    let Some(job) = Pictures::open(path, CameraPosition::Center, [(stretch, scene.clone())])?.next() else {
-        return Ok(vec![]);
-    };
-    let pictures = job?.pictures;
-    let mut before_m = 0.0;
-    let mut readable = vec![];
-    for (row, picture) in rows[run].iter().zip(pictures).rev() {
-        readable.extend(picture.map(|picture| (before_m, picture)));
-        before_m += row.motion.way_m;
-    }
-    let mut frame = Frame::default();
-    let chosen = (0..GLANCES).filter_map(|i| {
-        let at_m = before_m * (i as f64 + 0.5) / GLANCES as f64;
-        let nearest = readable.iter().min_by(|a, b| (a.0 - at_m).abs().total_cmp(&(b.0 - at_m).abs()))?;
-        decoded(Some(&nearest.1), &mut frame).ok()?;
-        Some(Glance { glimpse: Glimpse::new(&frame), before_m: nearest.0 })
-    });
-    Ok(chosen.collect())
-}
-
-/// Where a short drive may have been, the place first from which its pictures agree best with the road; none if they show too many
-/// places alike.
-fn places(
-    path: &Path,
-    rows: &[Row],
-    part: &Range<usize>,
-    (likely, legs): (&[&Match], &[Leg]),
-    scenes: &mut Scenes,
-) -> Result<Vec<(OnRoad, Scene)>, LocateError> {
-    let Some(first) = likely.first() else { return Ok(vec![]) };
-    let ends: Vec<(&Match, Vec<Milestone>)> = likely.iter().map(|on| (*on, odometry::ends(&on.road, legs))).collect();
-    let number: usize = ends.iter().map(|(_, ends)| ends.len()).sum();
-    if number > SEARCHED {
-        tracing::debug!("the bends leave {number} places: too many to look at");
-        return Ok(vec![]);
-    }
-    let glances = glimpses(path, rows, part, &scenes.of(&first.road.name)?)?;
-    if glances.is_empty() {
-        return Ok(vec![]);
-    }
-    let mut seen = vec![];
-    for (on, ends) in ends {
-        let scene = scenes.of(&on.road.name)?;
-        let look = |end: Milestone| {
-            let mut overlay = Overlay::new(scene.0.clone(), scene.1.clone(), SIZE);
-            let agrees = |glance: &Glance| {
-                let from = pose(&scene.0, &on.road, end.s_m - glance.before_m);
-                overlay.glance(&glance.glimpse, from, AROUND)
-            };
-            let agreement = glances.iter().map(agrees).sum::<f64>() / glances.len() as f64;
-            Place { on, scene: scene.clone(), end, agreement }
-        };
-        seen.extend(ends.into_par_iter().map(look).collect::<Vec<_>>());
-    }
-    let best = best_of(seen);
-    let told = |place: &Place| format!("{} at {:.0} m: {:.4}", place.on.road.words(), place.end.s_m, place.agreement);
-    tracing::debug!("places that pictures leave of {number}: {}", best.iter().map(told).collect::<Vec<_>>().join("; "));
-    if best.len() > PLACES {
-        return Ok(vec![]);
-    }
-    let at = |Place { on, scene, end, .. }: Place| {
-        let stone = |glance: &Glance| Milestone {
-            way_m: end.way_m - glance.before_m,
-            s_m: (end.s_m - glance.before_m).rem_euclid(on.road.length_m),
-            ..end
-        };
-        (OnRoad::at(on.road.clone(), glances.iter().map(stone).collect()), scene)
-    };
-    Ok(best.into_iter().map(at).collect())
-}
-
-/// A road that was laid over the pictures of a drive, or over [`SAMPLE`] of them if there are more than [`WHOLE`].
+/// A road that was laid over the pictures of a drive, or over [`SAMPLE`] of them.
 struct Looked {
     on: OnRoad,
+    scene: Scene,
     laid: Laid,
     is_whole: bool,
 }
 
 impl Looked {
-    fn over(path: &Path, rows: &[Row], part: &Range<usize>, (on, scene): (OnRoad, Scene)) -> Result<Self, LocateError> {
-        let runs = continuous(rows, part.clone());
-        let cuts = runs.iter().flat_map(|run| cut(run, part, rows, &on, &scene.0));
+    /// Over all.
+    fn all(drive: &Drive, pictures: &[Option<Picture>], on: OnRoad, scene: Scene) -> Self {
+        let part = &drive.part;
+        let job = |stretch: Stretch| {
+            let of = |row: usize| pictures.get(row - part.start).cloned().flatten();
+            let pictures = stretch.shown.clone().map(of).collect();
+            follow(drive.rows, Job { stretch, scene: scene.clone(), pictures }, |_, _| (), &|| ())
+        };
+        let cuts = cut(part, part, drive.rows, &on, &scene.0);
+        let laid = cuts.into_par_iter().map(job).collect();
+        Self { on, scene, laid, is_whole: true }.told()
+    }
+
+    /// Over some, around the one whose place is known best.
+    fn sample(drive: &Drive, on: OnRoad, scene: Scene) -> Result<Self, LocateError> {
+        let runs = continuous(drive.rows, drive.part.clone());
+        let cuts = runs.iter().flat_map(|run| cut(run, &drive.part, drive.rows, &on, &scene.0));
         let surest = |stretch: &Stretch| {
             stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min)
         };
-        let is_whole = part.len() <= WHOLE;
-        let looked_at: Vec<Stretch> = if is_whole {
-            cuts.collect()
-        } else {
-            let best = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b)));
-            best.map(|stretch| stretch.around_surest(SAMPLE)).into_iter().collect()
-        };
-        let jobs = looked_at.into_iter().map(|stretch| (stretch, scene.clone()));
-        let pictures = Pictures::open(path, CameraPosition::Center, jobs)?.par_bridge();
-        let mut laid: Laid =
-            pictures.map(|job| Ok(follow(rows, job?, |_, _| (), &|| ()))).collect::<Result<_, RecordingError>>()?;
-        // In their order, so that sums are the same each time.
-        laid.sort_by_key(|(of, _)| of.start);
-        let looked = Self { on, laid, is_whole };
-        tracing::debug!("{}: {:.2} located, agreement {:.4}", looked.on.road.words(), looked.share(), looked.mean());
-        Ok(looked)
+        let best = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b))).map(|stretch| stretch.around_surest(SAMPLE));
+        let stretches = best.into_iter().map(|stretch| (stretch, scene.clone()));
+        let laid = followed(drive.path, drive.rows, CameraPosition::Center, stretches, |_, _| (), &|| ())?;
+        Ok(Self { on, scene, laid, is_whole: false }.told())
+    }
+
+    fn told(self) -> Self {
+        tracing::debug!("{}: {:.2} located, agreement {:.4}", self.on.road.words(), self.share(), self.mean());
+        self
     }
 
     fn pictures(&self) -> f64 {
@@ -256,7 +283,7 @@ impl Looked {
     }
 
     fn shown(self) -> Shown {
-        Shown { on: self.on, laid: self.is_whole.then_some(self.laid) }
+        Shown { on: self.on, scene: self.scene, laid: self.is_whole.then_some(self.laid) }
     }
 }
 

@@ -76,10 +76,10 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
     let road = Arc::new(Road::new("bends".into(), 0.0, 100.0, None, vec![0.0, 1.0]));
     let tried = vec![Tried { road: road.clone(), fit: -3.1, behind: 0.0, explains: false }];
     let none = Found { tried, ..Found::default() };
-    let told = unknown(&none, 900.0, false).unwrap();
+    let told = unknown(&none, 900.0, false, false).unwrap();
     assert!(told.starts_with("the nearest, bends, explains it by -3.1 each 10 m; "), "{told}");
     assert!(told.ends_with(": if it was on another road, name that with --track FILE.toml"), "{told}");
-    let short = unknown(&none, 368.0, false).unwrap();
+    let short = unknown(&none, 368.0, false, false).unwrap();
     assert!(short.ends_with("--track FILE.toml; if not, a longer recording may tell"), "{short}");
     let on = |road: Arc<Road>| Match {
         road,
@@ -91,13 +91,18 @@ fn a_road_that_is_unknown_is_told_with_the_reason_and_with_what_helps() {
         tried_m: 90.0,
     };
     let several = Found { likely: vec![on(road.clone()), on(Arc::new(road.reversed()))], ..Found::default() };
-    let told = unknown(&several, 900.0, false).unwrap();
-    assert!(unknown(&several, 900.0, true).unwrap().ends_with(UNREAD));
+    let told = unknown(&several, 900.0, false, false).unwrap();
+    assert!(unknown(&several, 900.0, true, false).unwrap().ends_with(UNREAD));
+    let vague = unknown(&several, 9.0, false, true).unwrap();
+    assert!(
+        vague.ends_with("in too many places to look for it in its pictures: a longer recording may tell"),
+        "{vague}"
+    );
     assert!(
         told.starts_with("bends, or bends, the other way round: both explain it about as well, and its pic"),
         "{told}"
     );
-    assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }, 900.0, false), None);
+    assert_eq!(unknown(&Found { likely: vec![on(road)], ..Found::default() }, 900.0, false, false), None);
 }
 
 #[test]
@@ -112,7 +117,7 @@ fn pictures_choose_a_road_only_if_they_agree_clearly_better_with_it_and_all_like
 #[test]
 fn a_drive_of_which_no_picture_is_located_has_a_reason_and_no_uncertainty() {
     let road = Road::new("lake".into(), 0.0, 100.0, None, vec![0.0, 1.0]);
-    let (short, long) = (nowhere(&road, 151.0, false), nowhere(&road, 900.0, false));
+    let (short, long) = (nowhere(&road, 151.0, false, false), nowhere(&road, 900.0, false, false));
     assert!(short.ends_with("do not show where: a longer recording may tell"), "{short}");
     assert!(long.ends_with("there: if it was on another road, name that with --track FILE.toml"), "{long}");
     let mut found = recording(&[(Some("lake"), 3)]);

@@ -41,7 +41,7 @@ const LOST_WITHIN_M: f64 = 20.0;
 pub const EXPLAINED: f64 = -2.3;
 /// Metres between two checks of where the car is and how far it has certainly come.
 const SURE_EVERY_M: f64 = 20.0;
-/// Places closer together than this, in metres, are one; and the share of what is believed that may be left out.
+/// Places are told apart by this, in metres; and the share of what is believed that may be left out.
 const PLACE_M: f64 = 10.0;
 const UNLIKELY: f64 = 1e-3;
 /// Standard deviation, in metres, above which the car's place counts as unknown.
@@ -343,34 +343,25 @@ impl Filter {
         Whereabouts { s_m, deviation_m, progress_m: weighted(&|p| p.progress_m) / sum }
     }
 
-    /// Where the car may be, the likeliest place first: in each [`PLACE_M`] of the road the mean, as far as they are needed to hold
-    /// all but [`UNLIKELY`] of what is believed.
-    pub fn places(&self) -> Vec<Milestone> {
-        // Of each the weight, and the weighted sums of place and progress.
-        let mut bins = vec![[0.0; 3]; (self.road.length_m / PLACE_M).ceil().max(1.0) as usize];
+    /// Where the car may be, in metres along the road, the likeliest place first: the mean in each [`PLACE_M`] of the road, of as many
+    /// as are needed to hold all but [`UNLIKELY`] of what is believed.
+    pub(super) fn places(&self) -> Vec<f64> {
+        // Of each the weight, and the weighted sum of the places.
+        let mut bins = vec![(0.0, 0.0); (self.road.length_m / PLACE_M).ceil().max(1.0) as usize];
         for particle in &self.particles {
-            let weight = particle.log_weight.exp();
-            let last = bins.len() - 1;
-            let bin = &mut bins[((particle.s / PLACE_M) as usize).min(last)];
-            for (sum, value) in bin.iter_mut().zip([1.0, particle.s, particle.progress_m]) {
-                *sum += weight * value;
-            }
+            let (weight, last) = (particle.log_weight.exp(), bins.len() - 1);
+            let (sum, s_m) = &mut bins[((particle.s / PLACE_M) as usize).min(last)];
+            (*sum, *s_m) = (*sum + weight, *s_m + weight * particle.s);
         }
-        bins.sort_by(|a, b| b[0].total_cmp(&a[0]));
-        let mut left: f64 = bins.iter().map(|[weight, ..]| weight).sum();
+        bins.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut left: f64 = bins.iter().map(|(weight, _)| weight).sum();
         let enough = UNLIKELY * left;
-        let needed = bins.into_iter().take_while(|[weight, ..]| {
+        let needed = bins.into_iter().take_while(|(weight, _)| {
             let is_needed = left > enough && *weight > 0.0;
             left -= weight;
             is_needed
         });
-        let place = |[weight, s_m, progress_m]: [f64; 3]| Milestone {
-            way_m: self.way_m,
-            s_m: s_m / weight,
-            progress_m: progress_m / weight,
-            deviation_m: PLACE_M,
-        };
-        needed.map(place).collect()
+        needed.map(|(weight, s_m)| s_m / weight).collect()
     }
 
     /// The place as one of the trail, if it is known well enough.

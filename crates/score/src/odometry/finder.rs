@@ -176,8 +176,9 @@ pub fn both_ways(on: &Match, legs: &[Leg]) -> [Vec<Milestone>; 3] {
     [surest(&on.trail, &behind, length_m), on.trail.clone(), behind]
 }
 
-/// Where a drive may have ended, if it was on this road: by its bends alone, the likeliest place first.
-pub fn ends(road: &Arc<Road>, legs: &[Leg]) -> Vec<Milestone> {
+/// Where a drive may have ended, in metres along this road, if it was there: by its bends alone, the likeliest place first, and some 10 m
+/// apart.
+pub fn ends(road: &Arc<Road>, legs: &[Leg]) -> Vec<f64> {
     let mut matcher = Matcher::new([road.clone()], SEED);
     follow(&mut matcher, legs.iter().map(|leg| (leg, false)));
     matcher.places().pop().unwrap_or_default()

@@ -89,8 +89,8 @@ impl Matcher {
             .for_each(|filter| filter.step(motion));
     }
 
-    /// On each road, in the order in which they were given, where the car may be: see [`Filter::places`].
-    pub fn places(&mut self) -> Vec<Vec<Milestone>> {
+    /// On each road, in the order in which they were given, where the car may be: see `Filter::places`.
+    pub(super) fn places(&mut self) -> Vec<Vec<f64>> {
         self.flush();
         self.filters.iter().map(Filter::places).collect()
     }

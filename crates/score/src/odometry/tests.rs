@@ -155,7 +155,7 @@ fn a_drive_ends_wherever_the_road_bends_as_it_did_and_nowhere_else() {
         drive(road, 100.0, 200.0, |motion| legs.push(Leg { motion, apart_s: 0.05, broken: None }));
         ends(road, &legs)
     };
-    let beside = |ends: &[Milestone], s_m: f64| ends.iter().filter(|end| (end.s_m - s_m).abs() < 25.0).count();
+    let beside = |ends: &[f64], s_m: f64| ends.iter().filter(|end| (*end - s_m).abs() < 25.0).count();
     let once = ends(&bends("once", 1000.0, 0.3));
     assert!(!once.is_empty() && beside(&once, 300.0) == once.len(), "{once:?}");
     let twice = ends(&road("twice", 1000.0, |share| {
