@@ -35,8 +35,9 @@ const AGREES_BETTER: f64 = 0.04;
 /// road and across it, radians.
 const GLANCES: usize = 5;
 const AROUND: DVec3 = DVec3::new(5.0, 2.0, 0.16);
-/// Of more places than this the bends tell too little.
-const SEARCHED: usize = 250;
+/// If the bends fit more places than this, one of them may look like the right one by chance: of 72 in the jungle, which all look
+/// much alike, one in the wrong direction agreed by 0.40.
+const SEARCHED: usize = 50;
 /// Places so close together, in metres, are one.
 const APART_M: f64 = 25.0;
 /// A place from which these agree worse than from the best by more than this is none. If more than so many are left, the pictures do
@@ -88,7 +89,7 @@ impl Drive<'_> {
         if by_bends.share() >= FOUND {
             return Ok(Sight { shown: Some(by_bends.shown()), is_vague: false });
         }
-        let (mut looked, is_vague) = self.from_places(&[on], scenes)?;
+        let (mut looked, is_vague) = self.look_from_places(&[on], scenes)?;
         looked.retain(|looked| looked.share() >= FOUND && looked.mean() >= by_bends.mean() + AGREES_BETTER);
         Ok(Sight { shown: Some(chosen(looked).unwrap_or(by_bends).shown()), is_vague })
     }
@@ -96,7 +97,7 @@ impl Drive<'_> {
     /// Of the roads that explain it about as well, and of the places there, the one that its pictures show.
     pub fn among(&self, likely: &[Match], scenes: &mut Scenes) -> Result<Sight, LocateError> {
         let (looked, is_vague) = if is_short(self.rows, &self.part) {
-            self.from_places(&likely.iter().collect::<Vec<_>>(), scenes)?
+            self.look_from_places(&likely.iter().collect::<Vec<_>>(), scenes)?
         } else {
             let sampled = |on: &Match| Looked::sample(self, OnRoad::new(on, self.legs), scenes.of(&on.road.name)?);
             (likely.iter().map(sampled).collect::<Result<_, _>>()?, false)
@@ -105,7 +106,7 @@ impl Drive<'_> {
     }
 
     /// Follows a short drive from each of the places that some of its pictures leave, and says whether there were too many to look at.
-    fn from_places(&self, likely: &[&Match], scenes: &mut Scenes) -> Result<(Vec<Looked>, bool), LocateError> {
+    fn look_from_places(&self, likely: &[&Match], scenes: &mut Scenes) -> Result<(Vec<Looked>, bool), LocateError> {
         let Some(first) = likely.first() else { return Ok((vec![], false)) };
         let ends: Vec<(&Match, Vec<f64>)> =
             likely.iter().map(|on| (*on, odometry::ends(&on.road, self.legs))).collect();
