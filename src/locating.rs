@@ -49,7 +49,7 @@ use self::{
     pictures::{Job, Pictures, Scene, decoded},
     rows::Rows,
     shown::{Drive, Shown, Sight, is_short},
-    stretch::{OnRoad, Stretch, continuous, cut, parts_of},
+    stretch::{OnRoad, Stretch, cuts, parts_of},
 };
 use crate::known::Roads;
 use lapwing_core::{
@@ -262,30 +262,32 @@ impl Driven {
         }
         let mut scenes = Scenes { roads, tracks: HashMap::new() };
         let both_ways = roads.both_ways()?;
-        let mut drives: Vec<(Range<usize>, Vec<Leg>, odometry::Found)> = vec![];
+        let mut drives = vec![];
         // Of short drives on roads that are known, so that all are looked at in one go.
         let mut stretches = vec![];
         for part in parts_of(&rows) {
             let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
             let likely = odometry::find(&legs, looks.get(&part.start), &both_ways);
-            if let Some(on) = likely.sure().filter(|_| is_short(&rows, &part)) {
+            let sure = likely.sure().map(|on| OnRoad::new(on, &legs));
+            if let Some(on) = sure.as_ref().filter(|_| is_short(&rows, &part)) {
                 let scene = scenes.of(&on.road.name)?;
-                let cut = cut(&part, &part, &rows, &OnRoad::new(on, &legs), &scene.0);
-                stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
+                stretches.extend(cuts(&part, &rows, on, &scene.0).into_iter().map(|it| (it, scene.clone())));
             }
-            drives.push((part, legs, likely));
+            drives.push((part, legs, likely, sure));
         }
         let laid = followed(path, &rows, CameraPosition::Center, stretches, |_, _| (), &looked_at)?;
+        let mut laid = laid.into_iter().peekable();
         let mut parts = vec![];
-        for (part, legs, likely) in drives {
+        for (part, legs, likely, sure) in drives {
             // The sum of nothing is -0.
             let way_m = legs.iter().fold(0.0, |way_m, leg| way_m + leg.motion.way_m);
             let is_lost = lost.range(part.clone()).count() == part.len();
             let drive = Drive { path, rows: &rows, part: part.clone(), legs: &legs, lost: &lost };
-            let Sight { shown, is_vague } = match likely.sure() {
+            let is_sure = sure.is_some();
+            let Sight { shown, is_vague } = match sure {
                 Some(on) => {
-                    let here = laid.iter().filter(|(of, _)| part.contains(&of.start));
-                    drive.on(on, here.cloned().collect(), &mut scenes)?
+                    let here = std::iter::from_fn(|| laid.next_if(|(of, _)| of.start < part.end)).collect();
+                    drive.on(on, here, &mut scenes)?
                 }
                 None => drive.among(&likely.likely, &mut scenes)?,
             };
@@ -294,7 +296,7 @@ impl Driven {
                 Some(Shown { on, .. }) => Some(nowhere(&on.road, way_m, likely.by_start, is_vague)),
                 None => unknown(&likely, way_m, is_lost, is_vague),
             };
-            parts.push(Sought { rows: part, way_m, found: shown, why, is_sure: likely.sure().is_some() });
+            parts.push(Sought { rows: part, way_m, found: shown, why, is_sure });
         }
         Ok(Self { path: path.to_owned(), rows, parts, released_at_once, lost })
     }
@@ -320,10 +322,7 @@ impl Driven {
                 seen_before.push(part.rows.clone());
                 continue;
             }
-            for run in continuous(rows, part.rows.clone()) {
-                let cut = cut(&run, &part.rows, rows, on, &scene.0);
-                stretches.extend(cut.into_iter().map(|stretch| (stretch, scene.clone())));
-            }
+            stretches.extend(cuts(&part.rows, rows, on, &scene.0).into_iter().map(|it| (it, scene.clone())));
         }
         let unreadable = Mutex::new(BTreeMap::new());
         let tell = |row: usize, why: String| {

@@ -1,6 +1,6 @@
 //! The pictures of a recording, stretch by stretch, in the order in which they are recorded.
 
-use std::{collections::VecDeque, path::Path, sync::Arc};
+use std::{collections::VecDeque, ops::Range, path::Path, sync::Arc};
 
 use super::Stretch;
 use lapwing_core::{
@@ -41,23 +41,23 @@ impl Pictures {
         Ok(Self { again: Recording::open(path)?, camera, stretches, read: VecDeque::new(), first: 0 })
     }
 
-    fn job(&mut self, stretch: Stretch, scene: Scene) -> Result<Job, RecordingError> {
-        while self.first < stretch.shown.start && self.read.pop_front().is_some() {
+    /// Those of some rows, none of them before those that were read last.
+    pub(super) fn read(&mut self, rows: &Range<usize>) -> Result<Vec<Option<Picture>>, RecordingError> {
+        while self.first < rows.start && self.read.pop_front().is_some() {
             self.first += 1;
         }
-        while self.first + self.read.len() < stretch.shown.end {
+        while self.first + self.read.len() < rows.end {
             let Some(mut moment) = self.again.next().transpose()? else { break };
             if moment.is_seen() {
                 self.read.push_back(moment.pictures[self.camera as usize].take());
             }
-            if self.first < stretch.shown.start && self.read.pop_front().is_some() {
+            if self.first < rows.start && self.read.pop_front().is_some() {
                 self.first += 1;
             }
         }
         // If the recording has become shorter since, the rest of its pictures cannot be read.
         let picture = |i: usize| self.read.get(i).cloned().flatten();
-        let pictures = (0..stretch.shown.len()).map(picture).collect();
-        Ok(Job { stretch, scene, pictures })
+        Ok((0..rows.len()).map(picture).collect())
     }
 }
 
@@ -66,7 +66,7 @@ impl Iterator for Pictures {
 
     fn next(&mut self) -> Option<Self::Item> {
         let (stretch, scene) = self.stretches.pop_front()?;
-        Some(self.job(stretch, scene))
+        Some(self.read(&stretch.shown).map(|pictures| Job { stretch, scene, pictures }))
     }
 }
 

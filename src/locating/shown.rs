@@ -8,14 +8,14 @@ use rayon::prelude::*;
 use super::{
     FOUND, Laid, LocateError, Row, Scenes, follow, followed,
     pictures::{Job, Pictures, Scene, decoded},
-    stretch::{OnRoad, Stretch, continuous, cut, pose},
+    stretch::{OnRoad, Stretch, continuous, cuts, pose},
 };
 use lapwing_core::{
     motion::around,
     perception::Frame,
-    recording::{CameraPosition, Picture, RecordingError},
+    recording::{CameraPosition, Picture},
 };
-use lapwing_score::odometry::{self, Leg, Match, Milestone, NEAR_M};
+use lapwing_score::odometry::{self, Leg, Match, Milestone, NEAR_M, Road};
 use lapwing_sim::{
     along::SIZE,
     locate::{Glimpse, Located, Overlay},
@@ -54,7 +54,6 @@ pub(super) struct Shown {
 }
 
 /// What its pictures show of where a drive was.
-#[derive(Default)]
 pub(super) struct Sight {
     pub shown: Option<Shown>,
     /// Whether its bends fit too many places to look for it.
@@ -80,24 +79,25 @@ pub(super) struct Drive<'a> {
 impl Drive<'_> {
     /// If its bends leave one road, that one; with the place that its pictures show if it is short, and was followed from the place
     /// that the bends tell in vain.
-    pub fn on(&self, on: &Match, laid: Laid, scenes: &mut Scenes) -> Result<Sight, LocateError> {
-        let (road, scene) = (OnRoad::new(on, self.legs), scenes.of(&on.road.name)?);
+    pub fn on(&self, on: OnRoad, laid: Laid, scenes: &mut Scenes) -> Result<Sight, LocateError> {
+        let scene = scenes.of(&on.road.name)?;
         if !is_short(self.rows, &self.part) {
-            return Ok(Sight { shown: Some(Shown { on: road, scene, laid: None }), is_vague: false });
+            return Ok(Sight { shown: Some(Shown { on, scene, laid: None }), is_vague: false });
         }
-        let by_bends = Looked { on: road, scene, laid, is_whole: true };
+        let by_bends = Looked { on, scene, laid, is_whole: true };
         if by_bends.share() >= FOUND {
             return Ok(Sight { shown: Some(by_bends.shown()), is_vague: false });
         }
-        let (mut looked, is_vague) = self.look_from_places(&[on], scenes)?;
-        looked.retain(|looked| looked.share() >= FOUND && looked.mean() >= by_bends.mean() + AGREES_BETTER);
-        Ok(Sight { shown: Some(chosen(looked).unwrap_or(by_bends).shown()), is_vague })
+        let (looked, is_vague) = self.look_from_places(&[&by_bends.on.road], scenes)?;
+        let is_better = |it: &Looked| it.share() >= FOUND && it.mean() >= by_bends.mean() + AGREES_BETTER;
+        let by_pictures = chosen(looked).filter(is_better);
+        Ok(Sight { shown: Some(by_pictures.unwrap_or(by_bends).shown()), is_vague })
     }
 
     /// Of the roads that explain it about as well, and of the places there, the one that its pictures show.
     pub fn among(&self, likely: &[Match], scenes: &mut Scenes) -> Result<Sight, LocateError> {
         let (looked, is_vague) = if is_short(self.rows, &self.part) {
-            self.look_from_places(&likely.iter().collect::<Vec<_>>(), scenes)?
+            self.look_from_places(&likely.iter().map(|on| &on.road).collect::<Vec<_>>(), scenes)?
         } else {
             let sampled = |on: &Match| Looked::sample(self, OnRoad::new(on, self.legs), scenes.of(&on.road.name)?);
             (likely.iter().map(sampled).collect::<Result<_, _>>()?, false)
@@ -106,58 +106,53 @@ impl Drive<'_> {
     }
 
     /// Follows a short drive from each of the places that some of its pictures leave, and says whether there were too many to look at.
-    fn look_from_places(&self, likely: &[&Match], scenes: &mut Scenes) -> Result<(Vec<Looked>, bool), LocateError> {
-        let Some(first) = likely.first() else { return Ok((vec![], false)) };
-        let ends: Vec<(&Match, Vec<f64>)> =
-            likely.iter().map(|on| (*on, odometry::ends(&on.road, self.legs))).collect();
+    fn look_from_places(&self, roads: &[&Arc<Road>], scenes: &mut Scenes) -> Result<(Vec<Looked>, bool), LocateError> {
+        let ends: Vec<(&Arc<Road>, Vec<f64>)> =
+            roads.iter().map(|road| (*road, odometry::ends(road, self.legs))).collect();
         let number: usize = ends.iter().map(|(_, ends)| ends.len()).sum();
+        if number == 0 {
+            return Ok((vec![], false));
+        }
         if number > SEARCHED {
             tracing::debug!("the bends fit {number} places: too many to look at");
             return Ok((vec![], true));
         }
-        let pictures = self.pictures(scenes.of(&first.road.name)?)?;
+        let pictures = Pictures::open(self.path, CameraPosition::Center, [])?.read(&self.part)?;
         let glances = self.glances(&pictures);
         if glances.is_empty() {
             return Ok((vec![], false));
         }
         let mut seen = vec![];
-        for (on, ends) in ends {
-            let scene = scenes.of(&on.road.name)?;
+        for (road, ends) in ends {
+            let scene = scenes.of(&road.name)?;
             let look = |end_m: f64| {
                 let mut overlay = Overlay::new(scene.0.clone(), scene.1.clone(), SIZE);
                 let agrees = |glance: &Glance| {
-                    let from = pose(&scene.0, &on.road, end_m - glance.before_m);
+                    let from = pose(&scene.0, road, end_m - glance.before_m);
                     overlay.glance(&glance.glimpse, from, AROUND)
                 };
                 let agreement = glances.iter().map(agrees).sum::<f64>() / glances.len() as f64;
-                Place { on, scene: scene.clone(), end_m, agreement }
+                Place { road, scene: scene.clone(), end_m, agreement }
             };
             seen.extend(ends.into_par_iter().map(look).collect::<Vec<_>>());
         }
         let best = best_of(seen);
-        let told = |place: &Place| format!("{} at {:.0} m: {:.4}", place.on.road.words(), place.end_m, place.agreement);
+        let told = |place: &Place| format!("{} at {:.0} m: {:.4}", place.road.words(), place.end_m, place.agreement);
         tracing::debug!("pictures leave of {number} places: {}", best.iter().map(told).collect::<Vec<_>>().join("; "));
         if best.len() > PLACES {
             return Ok((vec![], false));
         }
         let way_m: f64 = self.legs.iter().map(|leg| leg.motion.way_m).sum();
-        let at = |Place { on, scene, end_m, .. }: Place| {
+        let at = |Place { road, scene, end_m, .. }: Place| {
             let stone = |glance: &Glance| {
                 let way_m = way_m - glance.before_m;
-                let s_m = (end_m - glance.before_m).rem_euclid(on.road.length_m);
+                let s_m = (end_m - glance.before_m).rem_euclid(road.length_m);
                 Milestone { way_m, s_m, progress_m: way_m, deviation_m: NEAR_M }
             };
-            let on = OnRoad::at(on.road.clone(), glances.iter().map(stone).collect());
+            let on = OnRoad::at(road.clone(), glances.iter().map(stone).collect());
             Looked::all(self, &pictures, on, scene)
         };
         Ok((best.into_iter().map(at).collect(), false))
-    }
-
-    /// What its centre camera took.
-    fn pictures(&self, scene: Scene) -> Result<Vec<Option<Picture>>, RecordingError> {
-        let stretch = Stretch { shown: self.part.clone(), kept: self.part.clone(), known: vec![] };
-        let job = Pictures::open(self.path, CameraPosition::Center, [(stretch, scene)])?.next().transpose()?;
-        Ok(job.map_or_else(Vec::new, |job| job.pictures))
     }
 
     /// Some of its pictures, evenly spaced over its way.
@@ -187,7 +182,7 @@ impl Drive<'_> {
 
 /// Where a short drive may have ended.
 struct Place<'a> {
-    on: &'a Match,
+    road: &'a Arc<Road>,
     scene: Scene,
     end_m: f64,
     /// How well some pictures agree with the road as it is seen from there.
@@ -196,8 +191,8 @@ struct Place<'a> {
 
 impl Place<'_> {
     fn is_near(&self, other: &Place) -> bool {
-        let length_m = self.on.road.length_m;
-        Arc::ptr_eq(&self.on.road, &other.on.road) && around(self.end_m - other.end_m, length_m).abs() < APART_M
+        let length_m = self.road.length_m;
+        Arc::ptr_eq(self.road, other.road) && around(self.end_m - other.end_m, length_m).abs() < APART_M
     }
 }
 
@@ -237,15 +232,13 @@ impl Looked {
             let pictures = stretch.shown.clone().map(of).collect();
             follow(drive.rows, Job { stretch, scene: scene.clone(), pictures }, |_, _| (), &|| ())
         };
-        let cuts = cut(part, part, drive.rows, &on, &scene.0);
-        let laid = cuts.into_par_iter().map(job).collect();
+        let laid = cuts(part, drive.rows, &on, &scene.0).into_par_iter().map(job).collect();
         Self { on, scene, laid, is_whole: true }.told()
     }
 
     /// Over some, around the one whose place is known best.
     fn sample(drive: &Drive, on: OnRoad, scene: Scene) -> Result<Self, LocateError> {
-        let runs = continuous(drive.rows, drive.part.clone());
-        let cuts = runs.iter().flat_map(|run| cut(run, &drive.part, drive.rows, &on, &scene.0));
+        let cuts = cuts(&drive.part, drive.rows, &on, &scene.0).into_iter();
         let surest = |stretch: &Stretch| {
             stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min)
         };

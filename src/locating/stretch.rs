@@ -79,14 +79,13 @@ impl Stretch {
     }
 }
 
+/// Cuts a drive into stretches, none of which goes over a break.
+pub(super) fn cuts(part: &Range<usize>, rows: &[Row], found: &OnRoad, track: &Track) -> Vec<Stretch> {
+    continuous(rows, part.clone()).iter().flat_map(|run| cut(run, part, rows, found, track)).collect()
+}
+
 /// Cuts a run of rows into stretches.
-pub(super) fn cut(
-    run: &Range<usize>,
-    part: &Range<usize>,
-    rows: &[Row],
-    found: &OnRoad,
-    track: &Track,
-) -> Vec<Stretch> {
+fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &OnRoad, track: &Track) -> Vec<Stretch> {
     let count = run.len().div_ceil(STRETCH).max(1);
     let bound = |i: usize| run.start + run.len() * i / count;
     let mut way_m = 0.0;
