@@ -89,6 +89,43 @@ fn the_steps_of_the_action_drive_score_report_and_comment() {
 }
 
 #[test]
+fn a_drive_that_fails_does_not_keep_the_others_from_being_driven_and_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    // Each track is named by the exit status of its drive; the drive of 01 leaves no run.
+    let lapwing = "#!/bin/sh\n[ \"$3\" = 01 ] || touch \"$5/$3.mcap\"\nexit \"$3\"\n";
+    executable(dir.path(), "lapwing", lapwing);
+    for (tracks, ended, runs, is_reported) in [
+        ("1 3 0", 1, 3, true),
+        ("3 1 0", 1, 3, true),
+        ("0 3", 3, 2, true),
+        ("01 01", 1, 0, false),
+        ("0 2 1", 2, 2, false),
+    ] {
+        let (out, output) = (format!("out {tracks}"), format!("output {tracks}"));
+        let variables = [("LAPWING_TRACKS", tracks), ("LAPWING_OUT", &*out), ("GITHUB_OUTPUT", &*output)];
+        assert_eq!(said(&script("drive.sh", dir.path(), &variables)).0, ended, "{tracks}");
+        assert_eq!(fs::read_dir(dir.path().join(&out).join("runs")).unwrap().count(), runs, "{tracks}");
+        assert_eq!(dir.path().join(&output).exists(), is_reported, "{tracks}");
+    }
+}
+
+#[test]
+fn a_run_that_cannot_be_read_is_reported_beside_the_others_and_fails_the_step() {
+    let dir = tempfile::tempdir().unwrap();
+    tools(dir.path());
+    let out = dir.path().join("lapwing-out");
+    fs::create_dir_all(out.join("runs")).unwrap();
+    fs::copy(Path::new(ROOT).join("recordings/lake.mcap"), out.join("runs/lake.mcap")).unwrap();
+    fs::write(out.join("runs/broken.mcap"), "no run").unwrap();
+    let (code, _, err) = said(&script("score.sh", dir.path(), &[("GITHUB_STEP_SUMMARY", "job.md")]));
+    assert_eq!(code, 1, "{err}");
+    let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    assert!(read("score.xml").contains("<error") && read("score.xml").contains("lake.mcap"), "{}", read("score.xml"));
+    assert!(read("score.json").starts_with('{') && read("score.html").contains("<html"));
+    assert!(read("summary.md").contains("lake.mcap") && !fs::read(dir.path().join("job.md")).unwrap().is_empty());
+}
+
+#[test]
 fn the_action_builds_once_for_each_state_of_the_sources_and_of_the_network() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);

@@ -1,11 +1,11 @@
 #!/bin/sh
-# A step of action.yml: drives each track, and leaves the runs in $LAPWING_OUT/runs. Exit status 3, after the last track, if a drive
-# missed a threshold.
+# A step of action.yml: drives each track, and leaves the runs in $LAPWING_OUT/runs. Exit status, after the last track: 1 if a drive
+# failed, for example by too many bad frames, otherwise 3 if one missed a threshold. If there are runs, the next step reports them.
 # LAPWING_MODEL (empty: the built-in one), LAPWING_TRACKS and LAPWING_FLAGS, separated by spaces.
 set -eu
 : "${LAPWING_OUT:=lapwing-out}" "${LAPWING_TRACKS:=lake}" "${LAPWING_FLAGS:=}"
 mkdir -p "$LAPWING_OUT/runs"
-missed=0
+ended=0
 for track in $LAPWING_TRACKS; do
     set -- drive --track "$track" --recordings "$LAPWING_OUT/runs"
     [ -z "${LAPWING_MODEL:-}" ] || set -- "$@" --model "$LAPWING_MODEL"
@@ -13,9 +13,13 @@ for track in $LAPWING_TRACKS; do
     # shellcheck disable=SC2086
     lapwing "$@" $LAPWING_FLAGS || {
         status=$?
-        [ "$status" -eq 3 ] || exit "$status"
-        missed=3
+        case "$status" in
+            1) ended=1 ;;
+            3) [ "$ended" -ne 0 ] || ended=3 ;;
+            *) exit "$status" ;;
+        esac
     }
 done
-[ -z "${GITHUB_OUTPUT:-}" ] || echo "driven=true" >> "$GITHUB_OUTPUT"
-exit "$missed"
+set -- "$LAPWING_OUT"/runs/*.mcap
+if [ -n "${GITHUB_OUTPUT:-}" ] && [ -e "$1" ]; then echo "driven=true" >> "$GITHUB_OUTPUT"; fi
+exit "$ended"

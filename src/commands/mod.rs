@@ -85,7 +85,7 @@ use lapwing_core::{
     perception,
     recording::{Recorder, RecordingReport},
     turn::Turn,
-    words::count,
+    words::{count, suggesting},
 };
 
 /// How a verb ended, as shown by the exit status.
@@ -186,11 +186,11 @@ fn is_plain() -> bool {
     std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
 }
 
-/// An error with its causes, except those that its own message contains.
+/// An error with its causes, except those that its own message contains, all in the words of [`suggesting`].
 fn told(error: &anyhow::Error) -> String {
-    error.chain().skip(1).map(ToString::to_string).fold(error.to_string(), |told, cause| {
-        if told.contains(cause.trim_end()) { told } else { format!("{told}: {cause}") }
-    })
+    let said = |cause: &(dyn std::error::Error + 'static)| suggesting(&cause.to_string());
+    let add = |told: String, cause: String| if told.contains(&cause) { told } else { format!("{told}: {cause}") };
+    error.chain().skip(1).map(said).fold(suggesting(&error.to_string()), add)
 }
 
 /// Ctrl-C, SIGTERM or a terminal that was closed, for a loop that must end in an orderly way.
@@ -363,7 +363,24 @@ fn whole(report: Option<RecordingReport>) -> anyhow::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::log_filter;
+    use lapwing_score::suite::Suite;
+
+    use super::{log_filter, told};
+
+    #[test]
+    fn a_wrong_value_in_a_file_is_told_once_and_without_names_of_types() {
+        for (text, expected) in [
+            ("laps = 1.5", "expected a whole number of at least 0"),
+            ("lap = 1", "; did you mean \"laps\"?"),
+            ("conditions = [3]", "expected "),
+        ] {
+            let wrong = Suite::parse(text).map(drop).unwrap_err();
+            let said = told(&anyhow::Error::new(wrong).context("suite.toml"));
+            assert!(said.starts_with("suite.toml: suite: TOML parse error at line 1"), "{said}");
+            assert_eq!((said.matches("TOML parse error").count(), said.matches(expected).count()), (1, 1), "{said}");
+            assert!(!said.contains("u32") && !said.contains("struct"), "{said}");
+        }
+    }
 
     #[test]
     fn a_word_that_is_no_level_is_refused_and_not_taken_for_a_part() {

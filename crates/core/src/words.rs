@@ -32,14 +32,15 @@ pub fn did_you_mean<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> 
         .map_or_else(String::new, |name| format!("; did you mean {name:?}?"))
 }
 
-/// A message of serde's in one line and without Rust's names for numbers. If it is about an unknown name, the expected name
-/// that was likely meant is added.
+/// A message of serde's in one line and without Rust's names for numbers and tables. If it is about an unknown name, the expected name
+/// that was likely meant is added. Other messages stay as they are, and so does one that came from here.
 pub fn suggesting(message: &str) -> String {
     let types = [
         ("f64", "a number"),
         ("u16", "a whole number from 0 to 65535"),
-        ("u32", "a whole number"),
-        ("u64", "a whole number"),
+        ("u32", "a whole number of at least 0"),
+        ("u64", "a whole number of at least 0"),
+        ("usize", "a whole number of at least 0"),
     ];
     let plain = |message: String, (rust, words): &(&str, &str)| match message.split_once(&format!("expected {rust}")) {
         Some((before, after)) if !after.starts_with(char::is_alphanumeric) => {
@@ -47,11 +48,25 @@ pub fn suggesting(message: &str) -> String {
         }
         _ => message,
     };
-    let message = types.iter().fold(message.trim_end().replace("\nin `", ", in `"), plain);
+    let message = table(types.iter().fold(message.trim_end().replace("\nin `", ", in `"), plain));
     let named: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     match (message.contains("unknown field `") || message.contains("unknown variant `"), named.split_first()) {
-        (true, Some((got, known))) => message.clone() + &did_you_mean(got, known.iter().copied()),
+        (true, Some((got, known))) => {
+            let meant = did_you_mean(got, known.iter().copied());
+            if message.ends_with(&meant) { message } else { message.clone() + &meant }
+        }
         _ => message,
+    }
+}
+
+/// A message of serde's without the name that Rust has for a table.
+fn table(message: String) -> String {
+    match message.split_once("expected struct ") {
+        Some((before, after)) => {
+            let rest = after.trim_start_matches(|c: char| c.is_alphanumeric() || c == '_');
+            format!("{before}expected a table{rest}")
+        }
+        None => message,
     }
 }
 
@@ -89,6 +104,30 @@ mod tests {
         let message = "invalid type: string \"fast\", expected f64\nin `control.speed_mph`\n";
         let expected = "invalid type: string \"fast\", expected a number, in `control.speed_mph`";
         assert_eq!(suggesting(message), expected);
+    }
+
+    #[test]
+    fn no_name_that_only_rust_has_for_a_type_is_left() {
+        for (message, expected) in [
+            ("invalid type: floating point `1.5`, expected usize", "a whole number of at least 0"),
+            ("invalid type: integer `3`, expected struct Rules\nin `simulator.rules`", "a table, in `simulator.rules`"),
+        ] {
+            let said = suggesting(message);
+            assert!(said.ends_with(&format!(", expected {expected}")), "{said}");
+        }
+    }
+
+    #[test]
+    fn what_was_said_in_words_stays_as_it_is() {
+        for message in [
+            "unknown field `sped_mph`, expected one of `speed_law`, `speed_mph`",
+            "invalid type: string \"fast\", expected f64\nin `control.speed_mph`",
+            "invalid value: integer `-1`, expected usize",
+            "cannot read a.toml: no such file",
+        ] {
+            let said = suggesting(message);
+            assert_eq!(suggesting(&said), said);
+        }
     }
 
     #[test]

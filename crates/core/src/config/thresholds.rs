@@ -3,6 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// How much of a limit rounding may cost: as a percentage it is not always the share that it was made of. Messages show 12 digits.
+const ROUNDING: f64 = 1e-9;
+
 /// The side of its limit on which a figure must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bound {
@@ -13,11 +16,12 @@ pub enum Bound {
 }
 
 impl Bound {
-    /// Whether a figure's value is on the right side.
+    /// Whether a figure's value is on the right side, as far as rounding lets it be known.
     pub fn holds(self, value: f64, limit: f64) -> bool {
+        let margin = ROUNDING * limit.abs();
         match self {
-            Self::AtLeast => value >= limit,
-            Self::AtMost => value <= limit,
+            Self::AtLeast => value >= limit - margin,
+            Self::AtMost => value <= limit + margin,
         }
     }
 
@@ -173,6 +177,26 @@ mod tests {
             let expected = if threshold.unit == LimitUnit::Percent { 0.5 } else { 50.0 };
             assert_eq!(threshold.limit(&set), Some(expected), "{}", threshold.key);
             assert_eq!(Thresholds::ALL.iter().filter(|other| other.limit(&set).is_some()).count(), 1);
+        }
+    }
+
+    #[test]
+    fn a_figure_exactly_at_its_limit_holds_and_one_a_little_beyond_does_not() {
+        let completion = 0.089_887_640_449_438_2;
+        let limit =
+            |percent| Thresholds::ALL[0].limit(&Thresholds { min_completion: percent, ..Thresholds::default() });
+        for (value, percent) in
+            [(completion, 8.988_764_044_943_82), (1.0 - 6.0 / 1000.0, 99.4), (0.0, 0.0), (1.0, 100.0)]
+        {
+            let limit = limit(Some(percent)).unwrap();
+            assert!(Bound::AtLeast.holds(value, limit) && Bound::AtMost.holds(value, limit), "{percent} %");
+            assert!(
+                !Bound::AtLeast.holds(value - 1e-8, limit) && !Bound::AtMost.holds(value + 1e-8, limit),
+                "{percent} %"
+            );
+        }
+        for bound in [Bound::AtLeast, Bound::AtMost] {
+            assert!(!bound.holds(f64::NAN, 1.0));
         }
     }
 

@@ -100,6 +100,9 @@ pub use crate::turn::{By, CommandRecord, EventRecord};
 /// The longest picture that is read, in bytes, from a file or a run. The stock simulator's take about 12 kB.
 pub const MOST_PICTURE: usize = 16 << 20;
 
+/// What happened to a run that is not there any more.
+const GONE: &str = "it was deleted or moved away while it was recorded";
+
 /// Why a run or a data set cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -120,6 +123,12 @@ pub enum RecordingError {
         path: PathBuf,
         /// What the system says.
         source: io::Error,
+    },
+    /// There is no file of the run's name any more.
+    #[error("{}: the run is gone: {GONE}", path.display())]
+    Gone {
+        /// The file that there was.
+        path: PathBuf,
     },
     /// Not an MCAP file at all.
     #[error("{}: expected a run (an MCAP file), got {got}", path.display())]

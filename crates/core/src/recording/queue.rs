@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{EventRecord, Item};
+use super::{EventRecord, GONE, Item};
 
 /// How often a full disk is tried again.
 const RETRY_EVERY: Duration = Duration::from_secs(1);
@@ -72,10 +72,14 @@ pub(super) struct QueueState {
     /// The writer is gone for good.
     dead: bool,
     pub(super) failed: Option<String>,
-    pub(super) written: Counts,
+    /// The sink is a file of the queue's path.
+    pub(super) is_file: bool,
+    /// There is no file of that name any more. It is written to all the same: perhaps it was only moved.
+    pub(super) gone: bool,
+    written: Counts,
     /// In the chunk in memory.
     unflushed: Counts,
-    pub(super) lost: Counts,
+    lost: Counts,
     /// Frames lost since the last one that was kept.
     gap: u64,
     warned: Option<Duration>,
@@ -132,6 +136,21 @@ impl QueueState {
         }
     }
 
+    /// What is in the file of the run's name, and what is not: all of it, if there is none.
+    pub(super) fn written_and_lost(&self) -> (Counts, Counts) {
+        if !self.gone {
+            return (self.written, self.lost);
+        }
+        let mut lost = self.lost;
+        lost.add_all(self.written);
+        (Counts::default(), lost)
+    }
+
+    /// What is wrong at the moment, in words.
+    pub(super) fn trouble(&self) -> Option<String> {
+        if self.gone { Some(GONE.to_owned()) } else { self.failed.clone() }
+    }
+
     pub(super) fn summary(&self) -> BTreeMap<String, String> {
         [
             ("telemetries", self.written.telemetries),
@@ -157,6 +176,8 @@ impl RecordingQueue {
             closing: true,
             dead: false,
             failed: None,
+            is_file: false,
+            gone: false,
             written: Counts::default(),
             unflushed: Counts::default(),
             lost: Counts::default(),
@@ -229,6 +250,26 @@ impl RecordingQueue {
         let mut state = self.lock();
         let unflushed = std::mem::take(&mut state.unflushed);
         state.written.add_all(unflushed);
+    }
+
+    /// Looks whether the file is still there under its name, and says so if that changed. The lock is not held while the disk is asked.
+    pub(super) fn look(&self) {
+        let gone = self.is_gone();
+        let was = std::mem::replace(&mut self.lock().gone, gone);
+        match (was, gone) {
+            (false, true) => tracing::error!(
+                run = %self.path.display(),
+                "the run is gone: {GONE}. Everything else continues; a file that was only moved is still being written: move it back"
+            ),
+            (true, false) => tracing::info!(run = %self.path.display(), "the run is there again"),
+            _ => {}
+        }
+    }
+
+    /// Whether there is no file of the run's name any more. A disk that does not answer tells nothing.
+    pub(super) fn is_gone(&self) -> bool {
+        let is_file = self.lock().is_file;
+        is_file && matches!(self.path.try_exists(), Ok(false))
     }
 
     /// The writer ends here: all that it holds and all that will come is lost.

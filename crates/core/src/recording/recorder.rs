@@ -49,7 +49,7 @@ pub struct RecorderStatus {
     pub frames_not_recorded: u64,
     /// Telemetries, commands and events likewise.
     pub items_not_recorded: u64,
-    /// What is wrong at the moment, in words; cleared once a full disk has room again.
+    /// What is wrong at the moment, in words; cleared once a full disk has room again, or a file that was moved away is back.
     pub failed: Option<String>,
 }
 
@@ -96,13 +96,14 @@ impl RecordingReport {
 /// somebody frees space the recording continues, with no gap except for what the queue could not hold. Any other error
 /// ends the recording, not the drive. The file then stays readable up to the last whole chunk.
 ///
+/// With each chunk it looks whether the file is still there. While it is not, all of the run counts as lost, but is still written: a
+/// file that was only moved away becomes whole where it is.
+///
 /// Chunks go to the operating system at least every second, where they survive a crash of this program, but perhaps not
 /// one of the machine (nothing is synced).
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
-    /// Whether there is a file of that name, and not another sink.
-    is_file: bool,
     queue: Arc<RecordingQueue>,
     thread: Option<JoinHandle<Result<(), io::Error>>>,
 }
@@ -135,12 +136,12 @@ impl Recorder {
         header: &RunHeader,
         options: RecorderOptions,
     ) -> Result<Self, RecordingError> {
-        let mut recorder = Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
+        let recorder = Self::with_sink(file, path.clone(), header, options).inspect_err(|_| {
             if let Err(error) = fs::remove_file(&path) {
                 tracing::warn!("{}: an empty run is left here: {error}", path.display());
             }
         })?;
-        recorder.is_file = true;
+        recorder.queue.lock().is_file = true;
         Ok(recorder)
     }
 
@@ -168,7 +169,7 @@ impl Recorder {
                 }
             })
             .map_err(RecordingError::io("start a thread to write", &path))?;
-        Ok(Self { path, is_file: false, queue, thread: Some(thread) })
+        Ok(Self { path, queue, thread: Some(thread) })
     }
 
     /// The run's file.
@@ -201,30 +202,34 @@ impl Recorder {
     /// The status of the recording. Cheap.
     pub fn status(&self) -> RecorderStatus {
         let state = self.queue.lock();
+        let (written, lost) = state.written_and_lost();
         RecorderStatus {
-            items_written: state.written.frames + state.written.others(),
-            frames_not_recorded: state.lost.frames,
-            items_not_recorded: state.lost.others(),
-            failed: state.failed.clone(),
+            items_written: written.frames + written.others(),
+            frames_not_recorded: lost.frames,
+            items_not_recorded: lost.others(),
+            failed: state.trouble(),
         }
     }
 
     /// Writes what still waits, ends the file and returns the result. Waits for a slow disk; a full one is tried one
     /// last time.
     pub fn finish(mut self) -> RecordingReport {
-        let closed = self.close().and_then(|()| match self.is_file && !self.path.exists() {
-            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was deleted or moved away while it was recorded")),
-            false => Ok(()),
-        });
-        let error = closed.err().map(|source| RecordingError::Write { path: self.path.clone(), source });
-        let state = self.queue.lock();
+        let (closed, path) = (self.close(), self.path.clone());
+        let gone = self.queue.is_gone();
+        let error = match closed {
+            _ if gone => Some(RecordingError::Gone { path }),
+            closed => closed.err().map(|source| RecordingError::Write { path, source }),
+        };
+        let mut state = self.queue.lock();
+        state.gone = gone;
+        let (written, lost) = state.written_and_lost();
         RecordingReport {
             path: self.path.clone(),
             bytes: fs::metadata(&self.path).map_or(0, |m| m.len()),
-            telemetries: state.written.telemetries,
-            frames: state.written.frames,
-            frames_not_recorded: state.lost.frames,
-            items_not_recorded: state.lost.others(),
+            telemetries: written.telemetries,
+            frames: written.frames,
+            frames_not_recorded: lost.frames,
+            items_not_recorded: lost.others(),
             error,
         }
     }
@@ -281,6 +286,7 @@ fn write_all<W: Write + Seek>(mut writer: RunWriter<W>, queue: &RecordingQueue) 
         if writer.unflushed() >= CHUNK_BYTES || due.is_some_and(|due| due <= Instant::now()) {
             writer.flush()?;
             queue.flushed();
+            queue.look();
             due = None;
         }
     }

@@ -248,3 +248,41 @@ fn runs_of_the_same_second_get_files_of_their_own() {
     assert_eq!(report.bytes, fs::metadata(&report.path).unwrap().len());
     assert!(report.bytes > 0);
 }
+
+#[test]
+fn of_a_run_that_is_deleted_or_moved_away_nothing_is_told_to_be_recorded_until_it_is_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, elsewhere) = (dir.path().join("run.mcap"), dir.path().join("moved.mcap"));
+    let recorder = Recorder::create_file(&path, header(), RecorderOptions::default()).unwrap();
+    let told = || (recorder.status().items_written, recorder.status().lost(), recorder.status().failed);
+    recorder.record(Duration::ZERO, large());
+    until(|| told() == (1, 0, None));
+    fs::rename(&path, &elsewhere).unwrap();
+    recorder.record(Duration::ZERO, large());
+    until(|| told() == (0, 2, Some("it was deleted or moved away while it was recorded".into())));
+    fs::rename(&elsewhere, &path).unwrap();
+    recorder.record(Duration::ZERO, large());
+    until(|| told() == (3, 0, None));
+    fs::remove_file(&path).unwrap();
+    recorder.record(Duration::ZERO, large());
+    until(|| told().1 == 4);
+    let report = recorder.finish();
+    assert_eq!((report.frames, report.frames_not_recorded, report.bytes), (0, 4, 0));
+    let expected = format!("{}: the run is gone: it was deleted or moved away while it was recorded", path.display());
+    assert_eq!(report.error.unwrap().to_string(), expected);
+}
+
+#[test]
+fn a_run_that_is_moved_away_is_whole_where_it_is() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, elsewhere) = (dir.path().join("run.mcap"), dir.path().join("moved.mcap"));
+    let recorder = Recorder::create_file(&path, header(), RecorderOptions::default()).unwrap();
+    fs::rename(&path, &elsewhere).unwrap();
+    for _ in 0..3 {
+        recorder.record(Duration::ZERO, large());
+    }
+    until(|| recorder.status().lost() == 3);
+    assert!(matches!(recorder.finish().error, Some(RecordingError::Gone { .. })));
+    let mut run = RunReader::open(&elsewhere).unwrap();
+    assert_eq!((run.by_ref().count(), run.truncated().is_none()), (3, true));
+}
