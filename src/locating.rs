@@ -12,8 +12,9 @@
 //! those places, and follows it from the few that are left; of a longer one whose bends fit several roads, it looks at a sample.
 //!
 //! A recording is read twice: first for how the car moved and turned, by numbers and pictures, then for where its pictures
-//! were taken; and again for drives that `shown` looks for. Drives that are joined in one recording are parts of their own. Each part is followed in stretches of bounded
-//! length, so that a drive that is lost is found again, several processors share the work, and memory stays bounded.
+//! were taken; and again for drives that `shown` looks for. Drives that are joined in one recording are parts of their own. Each part is
+//! followed in stretches of bounded length, so that a drive that is lost is found again, several processors share the work, and memory
+//! stays bounded.
 
 pub mod again;
 mod car;
@@ -53,11 +54,12 @@ use self::{
 };
 use crate::known::Roads;
 use lapwing_core::{
+    motion::Motion,
     perception::Frame,
     recording::{CameraPosition, RecordingError},
 };
 use lapwing_score::{
-    odometry::{self, BENDS_M, Leg, Road, is_nearly},
+    odometry::{self, BENDS_M, Leg, Look, Road, is_nearly},
     score::Turned,
 };
 use lapwing_sim::{
@@ -266,24 +268,27 @@ impl Driven {
         // Of short drives on roads that are known, so that all are looked at in one go.
         let mut stretches = vec![];
         for part in parts_of(&rows) {
-            let legs: Vec<Leg> = rows[part.clone()].iter().skip(1).map(Row::leg).collect();
-            let likely = odometry::find(&legs, looks.get(&part.start), &both_ways);
+            let (legs, likely, by_steering) = by_bends(&rows[part.clone()], looks.get(&part.start), &both_ways);
             let sure = likely.sure().map(|on| OnRoad::new(on, &legs));
             if let Some(on) = sure.as_ref().filter(|_| is_short(&rows, &part)) {
                 let scene = scenes.of(&on.road.name)?;
                 stretches.extend(cuts(&part, &rows, on, &scene.0).into_iter().map(|it| (it, scene.clone())));
             }
-            drives.push((part, legs, likely, sure));
+            drives.push((part, legs, likely, by_steering, sure));
         }
         let laid = followed(path, &rows, CameraPosition::Center, stretches, |_, _| (), &looked_at)?;
         let mut laid = laid.into_iter().peekable();
         let mut parts = vec![];
-        for (part, legs, likely, sure) in drives {
+        for (part, legs, likely, by_steering, sure) in drives {
             // The sum of nothing is -0.
             let way_m = legs.iter().fold(0.0, |way_m, leg| way_m + leg.motion.way_m);
             let is_lost = lost.range(part.clone()).count() == part.len();
             let drive = Drive { path, rows: &rows, part: part.clone(), legs: &legs, lost: &lost };
-            let is_sure = sure.is_some();
+            let told = match sure {
+                Some(_) if by_steering => Told::Steering,
+                Some(_) => Told::Bends,
+                None => Told::Pictures,
+            };
             let Sight { shown, is_vague } = match sure {
                 Some(on) => {
                     let here = std::iter::from_fn(|| laid.next_if(|(of, _)| of.start < part.end)).collect();
@@ -291,12 +296,19 @@ impl Driven {
                 }
                 None => drive.among(&likely.likely, &mut scenes)?,
             };
+            let likeliest = likely.likely.first().filter(|_| !likely.by_start && !is_lost);
+            let mirrored = match (&shown, likeliest) {
+                (Some(shown), Some(likeliest)) => drive.is_mirrored(shown, likeliest, &both_ways, &mut scenes)?,
+                _ => None,
+            };
+            let shown = shown.filter(|_| mirrored.is_none());
             let why = match &shown {
+                _ if let Some(road) = &mirrored => Some(flipped(road)),
                 Some(_) if is_lost => Some(UNREAD.to_owned()),
                 Some(Shown { on, .. }) => Some(nowhere(&on.road, way_m, likely.by_start, is_vague)),
                 None => unknown(&likely, way_m, is_lost, is_vague),
             };
-            parts.push(Sought { rows: part, way_m, found: shown, why, is_sure });
+            parts.push(Sought { rows: part, way_m, found: shown, why, told });
         }
         Ok(Self { path: path.to_owned(), rows, parts, released_at_once, lost })
     }
@@ -338,14 +350,14 @@ impl Driven {
             places[of].iter_mut().zip(located).for_each(|(place, located)| *place = located);
         }
         let of = |part: &Sought| {
-            let Sought { rows: of, way_m, found, why, is_sure } = part;
+            let Sought { rows: of, way_m, found, why, told } = part;
             let unread = unreadable.range(of.clone()).count();
             let on = found.as_ref().map(|Shown { on, scene, .. }| {
                 let drive = LocatedDrive { track: scene.0.clone(), places: places[of.clone()].to_vec() };
                 On { reversed: on.road.reversed, drive }
             });
             let is_unread = on.is_some() && unread == of.len();
-            let doubt = on.as_ref().and_then(|on| implausible(on, *is_sure, &rows[of.clone()], unread));
+            let doubt = on.as_ref().and_then(|on| implausible(on, *told, &rows[of.clone()], unread));
             let on = on.filter(|_| doubt.is_none());
             let is_located = on.iter().flat_map(|on| &on.drive.places).any(Option::is_some);
             let unknown = is_unread.then(|| UNREAD.to_owned()).or(doubt).or_else(|| why.clone());
@@ -384,8 +396,35 @@ struct Sought {
     found: Option<Shown>,
     /// Why its places are unknown, if no picture tells them.
     why: Option<String>,
-    /// Whether the bends alone tell the road.
-    is_sure: bool,
+    told: Told,
+}
+
+/// What tells the road of a drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Told {
+    /// Its bends, by how its pictures show it to have turned.
+    Bends,
+    /// Its bends, by how it was steered: by how its pictures show it to have turned, the same road explains it nearly.
+    Steering,
+    /// Its pictures, as its bends fit several.
+    Pictures,
+}
+
+/// How a drive came from row to row, the roads that explain that, and whether it is by how it was steered: if no road explains how the
+/// pictures show it to have turned, but the one that comes nearest nearly does, and alone explains the steering. In pictures that are
+/// darker by a tenth, turning is seen less well.
+fn by_bends(rows: &[Row], first: Option<&Look>, roads: &[Arc<Road>]) -> (Vec<Leg>, odometry::Found, bool) {
+    let legs: Vec<Leg> = rows.iter().skip(1).map(Row::leg).collect();
+    let found = odometry::find(&legs, first, roads);
+    let nearest = found.tried.first().filter(|nearest| found.likely.is_empty() && odometry::is_near(nearest.fit));
+    if let Some(nearest) = nearest {
+        let steered: Vec<Leg> = rows.iter().skip(1).map(Row::leg_as_steered).collect();
+        let by_steering = odometry::find(&steered, None, roads);
+        if by_steering.sure().is_some_and(|on| Arc::ptr_eq(&on.road, &nearest.road)) {
+            return (steered, by_steering, true);
+        }
+    }
+    (legs, found, false)
 }
 
 /// Tracks, and what stands beside them, made on first use.
@@ -407,24 +446,40 @@ impl Scenes<'_> {
     }
 }
 
-/// Why a road is not believed on which a drive was located: the car would have gone too far or not far enough there or, if only the
-/// pictures chose it among several (not `is_sure`), too few of those that could be read show it. Of 196 m of the lake with a crash
-/// in them, 55 % seem to show the lake the other way round.
-fn implausible(on: &On, is_sure: bool, rows: &[Row], unread: usize) -> Option<String> {
+/// Why the place of a drive is unknown whose pictures show this road if they are flipped left to right.
+fn flipped(road: &Road) -> String {
+    let road = road.words();
+    format!(
+        "its pictures seem to be flipped left to right: so flipped, they show {road}: record or convert them as they were taken"
+    )
+}
+
+/// Why a road is not believed on which a drive was located: the car would have gone too far or not far enough there or, if its bends
+/// alone do not tell it, too few of those that could be read show it. Of 196 m of the lake with a crash in them, 55 % seem to show the
+/// lake the other way round.
+fn implausible(on: &On, told: Told, rows: &[Row], unread: usize) -> Option<String> {
     let places = &on.drive.places;
     let share = places.iter().flatten().count() as f64 / (places.len() - unread).max(1) as f64;
     let way = Car::of(&on.drive, rows).map(|car| car.way).filter(|way| !PLAUSIBLE_WAY.contains(way));
     let but = match way {
         Some(way) => format!("there the car would have gone {way:.2} times as far as its speed says"),
-        None if !is_sure && share < FOUND && share > 0.0 => format!("only {:.1} % of them show it", 100.0 * share),
+        None if told != Told::Bends && share < FOUND && share > 0.0 => {
+            format!("only {:.1} % of them show it", 100.0 * share)
+        }
         None => return None,
     };
     let road = odometry::words(&on.drive.track.file().name, on.reversed);
-    Some(if is_sure {
-        format!("its bends fit {road}, but {but}: {ANOTHER_ROAD}; if not, a longer recording may tell")
-    } else {
-        let known = "several roads explain it about as well, and its pictures are most like";
-        format!("{known} {road}, but {but}: a longer recording may tell")
+    Some(match told {
+        Told::Bends => format!("its bends fit {road}, but {but}: {ANOTHER_ROAD}; if not, a longer recording may tell"),
+        Told::Steering => {
+            format!(
+                "as it was steered, its bends fit {road}, but {but}: {ANOTHER_ROAD}; if not, a longer recording may tell"
+            )
+        }
+        Told::Pictures => {
+            let known = "several roads explain it about as well, and its pictures are most like";
+            format!("{known} {road}, but {but}: a longer recording may tell")
+        }
     })
 }
 
@@ -471,6 +526,14 @@ fn followed(
     Ok(laid)
 }
 
+/// Flips a picture left to right.
+fn flip(frame: &mut Frame) {
+    let width = frame.width();
+    for row in frame.rgb_mut().chunks_exact_mut(3 * width.max(1)) {
+        row.as_chunks_mut::<3>().0.reverse();
+    }
+}
+
 /// Follows a stretch, and says where its own rows are.
 fn follow(
     rows: &[Row],
@@ -478,9 +541,13 @@ fn follow(
     unreadable: impl Fn(usize, String),
     looked_at: &impl Fn(),
 ) -> (Range<usize>, Vec<Option<Located>>) {
-    let Job { stretch: Stretch { shown: window, kept, known }, scene: (track, scenery), pictures } = job;
+    let Job { stretch: Stretch { shown: window, kept, known, is_flipped }, scene: (track, scenery), pictures } = job;
     let mut overlay = Overlay::new(track, scenery, SIZE);
-    let motions: Vec<_> = rows[window.clone()].iter().map(|row| row.motion).collect();
+    let motion = |row: &Row| match is_flipped {
+        true => Motion { turn_rad: -row.motion.turn_rad, ..row.motion },
+        false => row.motion,
+    };
+    let motions: Vec<_> = rows[window.clone()].iter().map(motion).collect();
     let mut shown = vec![false; motions.len()];
     let mut show = |i: usize, frame: &mut Frame| {
         let first = !std::mem::replace(&mut shown[i], true);
@@ -489,6 +556,9 @@ fn follow(
             if first && kept.contains(&(window.start + i)) {
                 unreadable(window.start + i, why);
             }
+        }
+        if is_flipped {
+            flip(frame);
         }
         if first {
             looked_at();

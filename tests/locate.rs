@@ -13,10 +13,12 @@ use lapwing::{
 };
 use lapwing_core::{
     motion::around,
+    perception::{Frame, decode_jpeg},
     recording::{CameraPosition, Recording, released_at_once},
 };
 use lapwing_learn::dataset;
 use lapwing_score::odometry::joins;
+use lapwing_sim::camera::encode_jpeg;
 use tempfile::{TempDir, tempdir};
 
 use crate::{
@@ -187,6 +189,67 @@ fn of_a_short_piece_road_and_place_are_found_or_not_told() {
         let off_m = around(last.pose.s_m - at_m, on.drive.track.length());
         assert!(off_m.abs() < 15.0, "{of} {first}: {off_m} m off");
     }
+}
+
+/// The same rows with their centre pictures changed, alone.
+fn changed(of: &Path, first: usize, count: usize, steering: f64, change: impl Fn(&mut Frame)) -> TempDir {
+    let dir = tempdir().unwrap();
+    fs::create_dir(dir.path().join("IMG")).unwrap();
+    let (mut log, mut frame) = (String::new(), Frame::default());
+    for line in fs::read_to_string(of.join("driving_log.csv")).unwrap().lines().skip(first).take(count) {
+        let mut fields: Vec<String> = line.split(',').map(|field| field.trim().to_owned()).collect();
+        let name = fields[0].rsplit(['/', '\\']).next().unwrap().to_owned();
+        decode_jpeg(&fs::read(of.join("IMG").join(&name)).unwrap(), &mut frame).unwrap();
+        change(&mut frame);
+        fs::write(dir.path().join("IMG").join(&name), encode_jpeg(&frame, 90)).unwrap();
+        fields[3] = (steering * fields[3].parse::<f64>().unwrap()).to_string();
+        log += &format!("{name},,,{}\n", fields[3..].join(","));
+    }
+    fs::write(dir.path().join("driving_log.csv"), log).unwrap();
+    dir
+}
+
+/// Its bends fit the lake the other way round, and half of its pictures seem to show that.
+#[test]
+fn a_drive_whose_pictures_are_flipped_is_located_nowhere_and_says_so() {
+    let Some(folder) = shared("recordings/lake") else { return };
+    let dir = changed(&folder, 1500, 400, -1.0, |frame| {
+        let row = 3 * frame.width();
+        frame.rgb_mut().chunks_exact_mut(row).for_each(|row| row.as_chunks_mut::<3>().0.reverse());
+    });
+    let found = located(dir.path(), CameraPosition::Center);
+    assert!(found.drives().is_empty());
+    let [why] = &found.unknown()[..] else { panic!("{:?}", found.unknown()) };
+    assert!(why.starts_with("its pictures seem to be flipped left to right: so flipped, they show lake: "), "{why}");
+}
+
+/// In darker pictures less turning is seen, and by that no road explains the drive; the steering tells it, and the pictures show it.
+#[test]
+fn a_drive_in_darker_pictures_is_located_by_its_steering_as_it_is_in_brighter_ones() {
+    let Some(folder) = shared("recordings/jungle") else { return };
+    let dir = changed(&folder, 300, 300, 1.0, |frame| {
+        frame.rgb_mut().iter_mut().for_each(|byte| *byte = (f32::from(*byte) * 0.9) as u8);
+    });
+    let [part] = &located(dir.path(), CameraPosition::Center).parts[..] else { panic!("one drive") };
+    let on = part.on.as_ref().unwrap_or_else(|| panic!("{:?}", part.unknown));
+    assert_eq!((on.road(), on.reversed), ("jungle", false));
+    assert!(on.drive.places.iter().flatten().count() > 290);
+}
+
+#[test]
+fn why_the_lane_is_not_known_is_told_of_a_drive_along_the_path_in_its_words_and_its_json() {
+    let Some(folder) = shared("recordings/lake") else { return };
+    // Of the straight road.
+    let dir = rows(&folder, 126, 120);
+    let path = dir.path().to_str().unwrap();
+    let why = "the lane is not known: its bends fit lake, but its pictures do not show where: a longer recording may tell; there, \
+               offsets are from the recorded path";
+    let (code, out, err) = lapwing_in(dir.path(), "", &["replay", path, "--closed-loop", "--json"]);
+    assert!(code == 0 && err.contains(why), "{code}: {err}");
+    let told: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&told["notes"], &told["limit"]), (&serde_json::json!([why]), &"metres".into()), "{told}");
+    let (code, _, err) = lapwing_in(dir.path(), "", &["replay", path, "--closed-loop", "--limit", "road"]);
+    assert!(code == 2 && err.contains(why), "{code}: {err}");
 }
 
 #[test]

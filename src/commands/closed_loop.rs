@@ -62,22 +62,19 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
         RecordedWorld::within(&arguments.source, rows, limit, yaw, located).map_err(by_flag)
     };
-    let located = if arguments.from_path {
-        None
-    } else {
-        // To locate takes minutes: what cannot be driven along is told before.
-        open(None)?;
-        super::locate::warn_of_assumed_times(&arguments.source)?;
-        located(arguments)?
-    };
+    // To locate takes minutes: what cannot be driven along is told before.
+    open(None)?;
+    let mut notes = Vec::from_iter(super::locate::assumed_times(&arguments.source)?);
+    let (located, of_lane) = if arguments.from_path { (None, vec![]) } else { located(arguments)? };
+    notes.extend(of_lane);
+    for note in &notes {
+        say!("warning: {source}: {note}");
+    }
     let gearing = located.as_ref().map_or(Ok(1.0), |drive| locating::gearing(&arguments.source, drive))?;
     let mut world = open(located)?.by(protocol).geared(gearing);
-    if arguments.from_path {
-        super::locate::warn_of_assumed_times(&arguments.source)?;
-    }
     if arguments.limit == Some(Limit::Road) && !world.knows_the_lane_somewhere() {
-        let why = "expected a number of metres, as the lane is not known in any row (lapwing locate says more), \
-                   got road: give metres, such as 1, or name the road with --track FILE.toml";
+        let why = "expected a number of metres, as the lane is not known in any row, got road: give metres, such as 1, or name the \
+                   road with --track FILE.toml";
         return Err(ConfigError::Value { layer: "--limit".into(), why: why.into() }.into());
     }
     let limit = world.limit();
@@ -137,6 +134,7 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             filled_most,
             fingerprint,
             times_real_time: card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9),
+            notes: &notes,
             run,
         };
         let (limit, limit_m) = (limit.key(), limit.metres());
@@ -155,6 +153,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
         let or_path = match limit {
             Limit::Road if !world.knows_the_lane() => {
                 format!(", or {} m from the recorded path where the lane is not known", limit.metres())
+            }
+            Limit::Metres(_) if arguments.limit.is_none() && protocol == Protocol::Dave2 => {
+                " from the recorded path, as the lane is not known".to_owned()
             }
             _ => String::new(),
         };
@@ -202,14 +203,22 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     }
 }
 
-/// Where the recording was driven, if it was on a known road: of several, on the one that most of the rows show.
-fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
+/// Where the recording was driven, if it was on a known road: of several, on the one that most of the rows show; and why the lane is
+/// not known elsewhere.
+fn located(arguments: &cli::Replay) -> anyhow::Result<(Option<LocatedDrive>, Vec<String>)> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let roads = Roads::with(&arguments.tracks);
+    let from_path = "there, offsets are from the recorded path";
+    let mut notes = vec![];
     let drives = match &arguments.lane {
         Some(table) => locating::table_of(&arguments.source, table, &roads)?.drives(),
         None => match super::locate::centre(&arguments.source, &roads) {
-            Ok(found) => found.drives(),
+            Ok(found) => {
+                notes.extend(
+                    found.unknown().into_iter().map(|why| format!("the lane is not known: {why}; {from_path}")),
+                );
+                found.drives()
+            }
             // The world says the same, in the words of a drive along a recording.
             Err(LocateError::NoPictures { .. } | LocateError::Recording(_)) => vec![],
             Err(error) => return Err(error.into()),
@@ -222,13 +231,13 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<Option<LocatedDrive>> {
     };
     let all: usize = drives.iter().map(known).sum();
     // `max_by_key` takes the last of several that are equal: reversed, that is the first road.
-    let Some(most) = drives.into_iter().rev().max_by_key(known) else { return Ok(None) };
+    let Some(most) = drives.into_iter().rev().max_by_key(known) else { return Ok((None, notes)) };
     if known(&most) < all {
         let elsewhere = count(all - known(&most), "located picture");
         let road = &most.track.file().name;
-        say!("{elsewhere} taken on another road than {road}: there, offsets are from the recorded path; see --rows");
+        notes.push(format!("{elsewhere} taken on another road than {road}: {from_path}; see --rows"));
     }
-    Ok(Some(most))
+    Ok((Some(most), notes))
 }
 
 /// The flag that an error is about, if it is about one.

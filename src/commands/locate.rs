@@ -90,18 +90,24 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     Ok(if nothing { Ended::Failed } else { Ended::Passed })
 }
 
-/// Says so if the times of a recording's pictures are assumed, on which all depends that follows how the car moved.
+/// Says so if the times of a recording's pictures are assumed.
 pub(super) fn warn_of_assumed_times(path: &Path) -> Result<(), RecordingError> {
-    let untimed = Recording::open(path)?.untimed();
-    if untimed > 0 {
-        let pictures = count(untimed, "picture");
-        say!(
-            "warning: {}: the names of {pictures} hold no time, so 15 a second are assumed: if it was another number, places and \
-             distances are wrong, and pictures may not be located; name them as the simulator does (center_YYYY_MM_DD_HH_MM_SS_mmm.jpg)",
-            path.display()
-        );
+    if let Some(note) = assumed_times(path)? {
+        say!("warning: {}: {note}", path.display());
     }
     Ok(())
+}
+
+/// What to say if the times of a recording's pictures are assumed, on which all depends that follows how the car moved.
+pub(super) fn assumed_times(path: &Path) -> Result<Option<String>, RecordingError> {
+    let untimed = Recording::open(path)?.untimed();
+    let pictures = count(untimed, "picture");
+    Ok((untimed > 0).then(|| {
+        format!(
+            "the names of {pictures} hold no time, so 15 a second are assumed: if it was another number, places and distances are \
+             wrong, and pictures may not be located; name them as the simulator does (center_YYYY_MM_DD_HH_MM_SS_mmm.jpg)"
+        )
+    }))
 }
 
 /// Locates a recording by its centre camera, with a line of progress.

@@ -48,6 +48,12 @@ impl Row {
     pub(super) fn leg(&self) -> Leg {
         Leg { motion: self.motion, apart_s: self.apart_s, broken: self.broken }
     }
+
+    /// The same, as it was steered.
+    pub(super) fn leg_as_steered(&self) -> Leg {
+        let turn_rad = self.steered_rad;
+        Leg { motion: Motion { turn_rad, ..self.motion }, ..self.leg() }
+    }
 }
 
 /// Where the car was, by a simulator that tells it.

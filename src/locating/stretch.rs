@@ -16,6 +16,7 @@ const BESIDE: usize = 40;
 const ALIKE: f64 = 2.0;
 
 /// A road that a drive may have been on.
+#[derive(Clone)]
 pub(super) struct OnRoad {
     pub road: Arc<Road>,
     /// Where the car was on the way: by the bends before and behind each place, where they agree; by those before it; and by
@@ -61,6 +62,8 @@ pub(super) struct Stretch {
     /// Where the car was now and then, by its bends: what is believed first, and what may be true instead. Pictures are
     /// counted from the first that is looked at.
     pub known: Vec<Vec<Known>>,
+    /// Whether its pictures are flipped left to right, and its turns with them.
+    pub is_flipped: bool,
 }
 
 impl Stretch {
@@ -75,7 +78,7 @@ impl Stretch {
             Some(Known { picture, ..*known })
         };
         let known = self.known.iter().map(|known| known.iter().filter_map(within).collect());
-        Self { known: known.collect(), kept: rows.clone(), shown: rows }
+        Self { known: known.collect(), kept: rows.clone(), shown: rows, ..*self }
     }
 }
 
@@ -115,7 +118,7 @@ fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &OnRoad, tr
         };
         let mut places: Vec<Vec<Known>> = found.stones.iter().map(of).collect();
         places.dedup();
-        Stretch { shown, kept, known: places }
+        Stretch { shown, kept, known: places, is_flipped: false }
     };
     (0..count).map(stretch).collect()
 }

@@ -58,7 +58,7 @@ fn a_road_on_which_the_car_would_have_gone_too_far_or_that_too_few_pictures_show
             let s_m = 20.0 + metres_a_row * i as f64;
             *place = Some(Located::known(Pose::from_lane(&on.drive.track, s_m, false, 0.0, 0.0)));
         }
-        [true, false].map(|is_sure| implausible(&on, is_sure, &found.rows, 0))
+        [Told::Bends, Told::Pictures].map(|told| implausible(&on, told, &found.rows, 0))
     };
     assert_eq!(gone(0.5), [None, None]);
     let [sure, chosen] = gone(1.0).map(Option::unwrap);
@@ -66,8 +66,8 @@ fn a_road_on_which_the_car_would_have_gone_too_far_or_that_too_few_pictures_show
     assert!(chosen.contains("most like lake, but there the car would have gone 2.0"), "{chosen}");
     gone(0.5);
     on.drive.places[..80].fill(None);
-    assert_eq!(implausible(&on, true, &found.rows, 0), None, "its bends tell the road");
-    let few = implausible(&on, false, &found.rows, 0).unwrap();
+    assert_eq!(implausible(&on, Told::Bends, &found.rows, 0), None, "its bends tell the road");
+    let few = implausible(&on, Told::Pictures, &found.rows, 0).unwrap();
     assert!(few.contains("most like lake, but only 60.0 % of them show it: "), "{few}");
 }
 

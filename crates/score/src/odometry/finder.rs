@@ -19,7 +19,7 @@ pub const SURE: f64 = 5.0;
 pub const BENDS_M: f64 = 250.0;
 /// Roads that explain a drive worse than the best by less than this, as a log likelihood, may be the one. By as much the
 /// bends must speak for another road, or another place, before they outweigh what the start looks like.
-const LIKELY: f64 = 15.0;
+pub const LIKELY: f64 = 15.0;
 /// Places told from before and behind are compared if they are no farther apart than this, in metres driven.
 const COMPARED_M: f64 = 150.0;
 /// They contradict one another if they are this many standard deviations apart, besides …
@@ -66,7 +66,12 @@ const NEARLY: f64 = 0.5;
 
 /// Whether a road that explains a drive of this length only so well may be the one all the same.
 pub fn is_nearly(way_m: f64, fit: f64) -> bool {
-    way_m < SHORT_M || fit > EXPLAINED - NEARLY
+    way_m < SHORT_M || is_near(fit)
+}
+
+/// Whether a road that explains a drive only so well nearly explains it.
+pub fn is_near(fit: f64) -> bool {
+    fit > EXPLAINED - NEARLY
 }
 
 /// Whether another drive begins after this break: nothing that is known of the one says anything of the other.

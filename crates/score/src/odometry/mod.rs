@@ -23,7 +23,9 @@ use std::f64::consts::PI;
 use lapwing_core::motion::turn;
 
 pub use filter::{EXPLAINED, Filter, Milestone, Whereabouts};
-pub use finder::{ASTRAY, BENDS_M, Found, Leg, NEAR_M, SURE, Tried, both_ways, ends, find, is_nearly, joins};
+pub use finder::{
+    ASTRAY, BENDS_M, Found, LIKELY, Leg, NEAR_M, SURE, Tried, both_ways, ends, find, is_near, is_nearly, joins,
+};
 pub use lapwing_core::words::road as words;
 pub use look::Look;
 pub use matcher::{Match, Matcher, STEP_M};

@@ -101,16 +101,29 @@ pub(super) enum Line {
     Path {
         /// Metres that the recorded car is to the right of it.
         offset_m: f64,
+        /// Where the road's edges are that the limit goes over into, in metres to the right of the line, each weighed by how near it is.
+        edges: [Edges; 2],
     },
+}
+
+/// Where the road's edges are known nearby, and how much they count, 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Edges {
+    edges_m: (f64, f64),
+    weight: f64,
+}
+
+impl Line {
+    /// The recorded path, with nothing to join.
+    pub(super) const PATH: Self = Self::Path { offset_m: 0.0, edges: [Edges { edges_m: (0.0, 0.0), weight: 0.0 }; 2] };
 }
 
 /// The line of each row. Where the lane is not known, it is the recorded path, and goes over into the lane's middle before
 /// and behind: a car in the middle of its lane is on the line when the lane is lost, and when it is found again.
 pub(super) fn lines(rows: &[PathRow], in_lane: impl Fn(&PathRow) -> Option<InLane>) -> Vec<Line> {
-    let mut lines: Vec<Line> =
-        rows.iter().map(|row| in_lane(row).map_or(Line::Path { offset_m: 0.0 }, Line::Lane)).collect();
-    let offset_m = |line: &Line| match line {
-        Line::Lane(lane) => Some(lane.offset_m),
+    let mut lines: Vec<Line> = rows.iter().map(|row| in_lane(row).map_or(Line::PATH, Line::Lane)).collect();
+    let lane_of = |line: &Line| match line {
+        Line::Lane(lane) => Some(*lane),
         Line::Path { .. } => None,
     };
     // How far along the recorded path each row is.
@@ -120,12 +133,12 @@ pub(super) fn lines(rows: &[PathRow], in_lane: impl Fn(&PathRow) -> Option<InLan
         Some(*along_m)
     }));
     let mut begin = 0;
-    while let Some(lost) = lines[begin..].iter().position(|line| offset_m(line).is_none()) {
+    while let Some(lost) = lines[begin..].iter().position(|line| lane_of(line).is_none()) {
         let first = begin + lost;
         // Up to where the lane is found again, or a new stretch begins.
-        let is_over = |i: &usize| rows[*i].cut.is_some() || offset_m(&lines[*i]).is_some();
+        let is_over = |i: &usize| rows[*i].cut.is_some() || lane_of(&lines[*i]).is_some();
         let end = (first + 1..rows.len()).find(is_over).unwrap_or(rows.len());
-        let known = |lane: Option<usize>| lane.and_then(|i| Some((offset_m(&lines[i])?, along_m[i])));
+        let known = |lane: Option<usize>| lane.and_then(|i| Some((lane_of(&lines[i])?, along_m[i])));
         let before = known(first.checked_sub(1).filter(|_| rows[first].cut.is_none()));
         let behind = known(Some(end).filter(|end| rows.get(*end).is_some_and(|row| row.cut.is_none())));
         // Between two lanes the one is joined where the other is left, if they are near.
@@ -133,11 +146,14 @@ pub(super) fn lines(rows: &[PathRow], in_lane: impl Fn(&PathRow) -> Option<InLan
             (Some((_, left_m)), Some((_, found_m))) => JOINS_M.min(found_m - left_m).max(1e-3),
             _ => JOINS_M,
         };
-        let joined = |lane: Option<(f64, f64)>, here_m: f64| {
-            lane.map_or(0.0, |(offset_m, at_m)| offset_m * (1.0 - (here_m - at_m).abs() / over_m).max(0.0))
-        };
         for i in first..end {
-            lines[i] = Line::Path { offset_m: joined(before, along_m[i]) + joined(behind, along_m[i]) };
+            let joined = |lane: Option<(InLane, f64)>| {
+                let (lane, at_m) = lane?;
+                let weight = (1.0 - (along_m[i] - at_m).abs() / over_m).max(0.0);
+                Some((lane.offset_m * weight, Edges { edges_m: lane.edges_m, weight }))
+            };
+            let [(before_m, left), (behind_m, right)] = [before, behind].map(|lane| joined(lane).unwrap_or_default());
+            lines[i] = Line::Path { offset_m: before_m + behind_m, edges: [left, right] };
         }
         begin = end;
     }
@@ -166,8 +182,16 @@ impl Measured {
         let Beside { offset_m, heading_rad, .. } = beside;
         let lane = match line {
             Line::Lane(lane) => lane,
-            Line::Path { offset_m: recorded_m } => {
-                let (edge, limits_m) = metres(limit.metres());
+            Line::Path { offset_m: recorded_m, edges } => {
+                let (edge, mut limits_m) = metres(limit.metres());
+                if limit == Limit::Road {
+                    // As the line goes over into the lane's middle, so does the limit into the road's edges.
+                    let plain_m = limits_m;
+                    for Edges { edges_m, weight } in edges {
+                        limits_m.0 += weight * (edges_m.0 - plain_m.0).min(0.0);
+                        limits_m.1 += weight * (edges_m.1 - plain_m.1).max(0.0);
+                    }
+                }
                 let offset_m = recorded_m + offset_m;
                 return Self { line: MeasuredLine::RecordedPath, edge, limits_m, offset_m, heading_rad };
             }
@@ -201,7 +225,7 @@ pub(super) fn on_the_line(recorded: Line) -> Beside {
             heading_rad: -lane.heading_rad,
             ..Beside::default()
         },
-        Line::Path { offset_m } => Beside { offset_m: 0.0 - offset_m, ..Beside::default() },
+        Line::Path { offset_m, .. } => Beside { offset_m: 0.0 - offset_m, ..Beside::default() },
     }
 }
 
@@ -212,7 +236,6 @@ mod tests {
     use lapwing_core::units::{Mph, Steering, Throttle};
 
     const LANE: InLane = InLane { offset_m: 0.8, heading_rad: -0.1, curvature: 0.02, edges_m: (-6.0, 2.0) };
-    const PATH: Line = Line::Path { offset_m: 0.0 };
 
     /// Rows a metre apart, of which it is known where in its lane the car is at some, and its offset there; new stretches
     /// begin at `cuts`.
@@ -232,7 +255,7 @@ mod tests {
         };
         let offset = |line: Line| match line {
             Line::Lane(lane) => lane.offset_m,
-            Line::Path { offset_m } => offset_m,
+            Line::Path { offset_m, .. } => offset_m,
         };
         lines(&rows, known).into_iter().map(offset).collect()
     }
@@ -251,6 +274,19 @@ mod tests {
     }
 
     #[test]
+    fn as_the_path_goes_over_into_the_lane_the_limit_goes_over_into_the_edges_of_the_road() {
+        let near = |weight: f64| Edges { edges_m: (-6.0, 0.5), weight };
+        let limits = |limit: Limit, edges: [Edges; 2]| {
+            Measured::new(limit, Line::Path { offset_m: 0.0, edges }, Beside::default()).limits_m
+        };
+        let none = Edges::default();
+        assert_eq!(limits(Limit::Road, [none, none]), (-1.0, 1.0));
+        assert_eq!(limits(Limit::Road, [near(0.5), none]), (-3.5, 1.0), "never closer than a metre");
+        assert_eq!(limits(Limit::Road, [near(0.25), near(0.75)]), (-6.0, 1.0));
+        assert_eq!(limits(Limit::Metres(2.0), [near(0.5), none]), (-2.0, 2.0));
+    }
+
+    #[test]
     fn a_new_stretch_has_nothing_to_go_over_from() {
         let cut = offsets(6, &[(0, 0.8), (5, 0.4)], &[3]);
         assert!(close(&cut, &[0.8, 0.76, 0.72, 0.36, 0.38, 0.4]), "{cut:?}");
@@ -259,18 +295,18 @@ mod tests {
 
     #[test]
     fn a_car_on_the_line_is_in_the_lanes_middle_wherever_the_recorded_one_is() {
-        for line in [Line::Lane(LANE), Line::Path { offset_m: 0.4 }] {
+        for line in [Line::Lane(LANE), Line::Path { offset_m: 0.4, edges: Default::default() }] {
             let measured = Measured::new(Limit::Road, line, on_the_line(line));
             assert!(measured.offset_m.abs() < 1e-12 && measured.heading_rad.abs() < 1e-12, "{measured:?}");
         }
-        assert_eq!(on_the_line(PATH), Beside::default());
+        assert_eq!(on_the_line(Line::PATH), Beside::default());
     }
 
     #[test]
     fn the_roads_edge_is_the_limit_where_it_is_known_and_metres_are_where_it_is_not() {
         let beyond = |limit: Limit, lane: Option<InLane>, offset_m: f64| {
             let beside = Beside { offset_m, ..Beside::default() };
-            Measured::new(limit, lane.map_or(PATH, Line::Lane), beside).is_beyond()
+            Measured::new(limit, lane.map_or(Line::PATH, Line::Lane), beside).is_beyond()
         };
         // The lane's middle is 0.8 m to the recorded car's left.
         assert!(!beyond(Limit::Road, Some(LANE), -6.7) && beyond(Limit::Road, Some(LANE), -6.9));
@@ -279,7 +315,7 @@ mod tests {
         assert!(!beyond(Limit::Road, None, 0.9) && beyond(Limit::Road, None, -1.1));
         assert!(!beyond(Limit::Metres(2.0), None, 1.9) && beyond(Limit::Metres(2.0), None, 2.1));
         let askew = Beside { offset_m: 0.0, heading_rad: 0.8, ..Beside::default() };
-        assert!(Measured::new(Limit::Road, PATH, askew).is_beyond(), "it faces elsewhere");
+        assert!(Measured::new(Limit::Road, Line::PATH, askew).is_beyond(), "it faces elsewhere");
     }
 
     #[test]

@@ -205,7 +205,7 @@ impl RecordedWorld {
 
     /// What the place is measured from.
     fn line(&self) -> Line {
-        self.lines.get(self.row).copied().unwrap_or(Line::Path { offset_m: 0.0 })
+        self.lines.get(self.row).copied().unwrap_or(Line::PATH)
     }
 
     /// The picture that was shown last, as the pilot saw it before JPEG.
