@@ -98,7 +98,7 @@ impl SimulatedCourse {
         let spec = WorldSpec {
             track: Some(cell.track.clone()),
             seed: cell.seed,
-            conditions: (cell.conditions != "fair").then(|| cell.conditions.clone()),
+            conditions: Some(cell.conditions.clone()),
             scenario: None,
             laps: Some(cell.laps),
             longest_s: Some(cell.longest_s),
@@ -119,7 +119,8 @@ impl suite::Course for SimulatedCourse {
     fn resolve(&self, cell: &mut Cell) -> Result<(), CourseError> {
         let (spec, settings) = self.resolved(cell)?;
         cell.settings = json!({
-            "lapwing": env!("CARGO_PKG_VERSION"), "control": settings.control, "simulator": settings.simulator,
+            "lapwing": concat!(env!("CARGO_PKG_VERSION"), "+", env!("LAPWING_SOURCES")),
+            "control": settings.control, "perception": settings.perception, "simulator": settings.simulator,
             "beside_model_sha256": self.beside.get(&cell.pilot),
         });
         cell.world = json!({ "conditions": spec.conditions()?, "track_sha256": self.tracks.get(&cell.track) });

@@ -2,8 +2,8 @@
 
 use std::{
     fmt,
+    io::{self, Write},
     panic::{self, PanicHookInfo},
-    process::ExitCode,
 };
 
 use lapwing::{allocator::Allocator, cli::Cli, commands};
@@ -25,19 +25,20 @@ impl fmt::Display for Mistake<'_> {
     }
 }
 
-fn main() -> ExitCode {
+fn main() {
     panic::set_hook(Box::new(|panic| eprintln!("{}", Mistake(panic))));
     #[cfg(feature = "networks")]
     lapwing_learn::nn::runtime::keep_tensor_memory();
-    match Cli::read(std::env::args_os()) {
-        Ok(cli) => commands::exit_at_once(commands::run(cli)),
+    let status = match Cli::read(std::env::args_os()) {
+        Ok(cli) => commands::run(cli),
         // Wrong usage; or requested help, which is a result.
-        Err(told) => match (told.print(), told.use_stderr()) {
-            (_, true) => ExitCode::from(2),
-            (Ok(()), false) => ExitCode::SUCCESS,
-            (Err(_), false) => ExitCode::FAILURE,
+        Err(told) => match (told.print().and_then(|()| io::stdout().flush()), told.use_stderr()) {
+            (_, true) => 2,
+            (Ok(()), false) => 0,
+            (Err(_), false) => 1,
         },
-    }
+    };
+    commands::exit_at_once(status);
 }
 
 #[cfg(test)]

@@ -328,7 +328,8 @@ fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
     let text = "tracks = [\"lake\", \"mountain\"]\nlongest_s = 2.0\n[[pilot]]\nname = \"expert\"\nexpert = true\n";
     std::fs::write(&suite, text).unwrap();
     for (shard, part) in ["1/2", "2/2"].into_iter().zip(&parts) {
-        let (code, out, err) = said(&lapwing(&["suite", &suite, "--out", part, "--shard", shard]));
+        let (code, out, err) =
+            said(&lapwing(&["suite", &suite, "--out", part, "--shard", shard, "--keep-runs", "none"]));
         assert_eq!((code, out.lines().count()), (0, 2), "{out}{err}");
         assert!(err.contains("1 cell, 0 of them already driven"), "{err}");
     }
@@ -342,9 +343,16 @@ fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
     }
     roads.sort();
     assert_eq!(roads, ["lake", "mountain"]);
-    let (code, _, err) = said(&lapwing(&["suite", &suite, "--out", &whole]));
-    assert_eq!(code, 0);
-    assert!(err.contains("2 cells, 2 of them already driven"), "{err}");
+    let mut suite = Command::new(env!("CARGO_BIN_EXE_lapwing"));
+    suite.args(["suite", &path("suite.toml"), "--out", &whole, "--keep-runs", "all"]);
+    let (code, _, err) = said(&suite.output().unwrap());
+    assert!(code == 0 && err.contains("2 cells, 2 of them already driven"), "{code} {err}");
+    assert!(err.contains("2 of those already driven have no run, and are not driven again"), "{err}");
+    // Other settings, other drives.
+    suite.envs([("LAPWING_PERCEPTION__MAX_PIXELS", "51200"), ("LAPWING_MODEL__PATH", "nowhere.safetensors")]);
+    let (code, _, err) = said(&suite.output().unwrap());
+    assert!(code == 0 && err.contains("2 cells, 0 of them already driven"), "{code} {err}");
+    assert!(err.contains("model.path is not applied to a suite"), "{err}");
 }
 
 #[test]

@@ -294,6 +294,13 @@ fn what_cannot_be_finished_is_not_begun_and_leaves_nothing() {
         ("locate driven --csv driven/driving_log.csv", 1, "driving_log.csv: cannot be written: it is"),
         ("replay {run} --write-golden drive.mcap", 1, "drive.mcap: cannot be written: it is a recording"),
         ("suite {desk}/suite.toml --out s --html {desk}/suite.toml", 1, "cannot be written: it is also an input"),
+        (
+            "merge {desk}/part --out m --html {desk}/part/plan.json",
+            1,
+            "plan.json: cannot be written: it is also an input",
+        ),
+        ("score {run} --html {desk}/training/model.safetensors", 1, "cannot be written: it is a network"),
+        ("replay {run} --write-golden weights.toml", 1, "weights.toml: cannot be written: it is a TOML file"),
         ("score {run} --against no.json --html x.html", 1, "no.json: cannot be read"),
         ("suite {desk}/suite.toml --out s --html no/x.html", 1, "no/x.html: cannot be written"),
         ("suite {desk}/suite.toml --out file/s", 1, "file/s: cannot be written"),

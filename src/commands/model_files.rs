@@ -76,7 +76,7 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
         };
         bail!("{}: expected PyTorch's tensors, a file ending in .safetensors; {todo}", input.display());
     }
-    outputs::check_beside(out, [input.as_path()])?;
+    outputs::check_network(out, [input.as_path()])?;
     if out.extension().is_none_or(|extension| extension != "safetensors") {
         bail!(Usage(format!("--out: expected a file ending in .safetensors, got {}", out.display())));
     }

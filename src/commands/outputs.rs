@@ -5,6 +5,7 @@
 
 use std::{
     error::Error,
+    ffi::OsStr,
     fs,
     io::{self, Write},
     path::{Path, PathBuf},
@@ -60,21 +61,47 @@ pub(super) fn sorted_json(result: &impl Serialize) -> Result<String, serde_json:
     serde_json::to_string_pretty(&serde_json::to_value(result)?)
 }
 
-/// Whether a file could be written at the end of the work. No recording is ever overwritten.
+/// Whether a result could be written into a file at the end of the work. It never overwrites a recording, a network, or settings,
+/// a recipe or a road in TOML.
 pub(super) fn check(path: &Path) -> anyhow::Result<()> {
+    let what = match path.extension().and_then(OsStr::to_str) {
+        Some("safetensors" | "onnx" | "pt") => Some("a network"),
+        Some("toml") => Some("a TOML file"),
+        _ => None,
+    };
+    if let Some(what) = what.filter(|_| path.is_file()) {
+        bail!("{}: it is {what}, which would be lost; name another file", cannot(path));
+    }
+    check_any(path)
+}
+
+/// Whether a file could be written. No recording is ever overwritten.
+fn check_any(path: &Path) -> anyhow::Result<()> {
     if is_recording(path) {
         bail!("{}: it is a recording, which would be lost; name another file", cannot(path));
     }
     files::check(path).with_context(|| cannot(path))
 }
 
-/// Whether a file could be written that is none of those from which the work begins.
+/// Whether a result could be written into a file that is none of those from which the work begins.
 pub(super) fn check_beside<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    check_is_no_input(path, inputs)?;
+    check(path)
+}
+
+/// Whether a network could be, which may replace another one.
+#[cfg(feature = "networks")]
+pub(super) fn check_network<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    check_is_no_input(path, inputs)?;
+    check_any(path)
+}
+
+fn check_is_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
     let place = fs::canonicalize(path).ok();
     if place.is_some() && inputs.into_iter().any(|input| fs::canonicalize(input).ok() == place) {
         bail!("{}: it is also an input, which would be lost; name another file", cannot(path));
     }
-    check(path)
+    Ok(())
 }
 
 /// Whether each of these results has a file of its own: the last one written would replace the others.

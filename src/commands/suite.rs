@@ -2,8 +2,9 @@
 
 use std::{
     collections::BTreeMap,
+    fs,
     io::{self, IsTerminal},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 use anyhow::{Context, bail};
@@ -23,7 +24,7 @@ use lapwing_core::{
 };
 use lapwing_learn::nn::runtime;
 use lapwing_score::suite::{
-    self, Cell, Done, Group, GroupDrive, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table,
+    self, Cell, Done, Group, GroupDrive, Keep, Merged, Plan, Planned, Results, Suite, SuiteOutcome, render, table,
 };
 
 /// How many missing cells are named.
@@ -35,7 +36,8 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     tell_unused(&settings);
     let named = || arguments.suite.display().to_string();
     let suite = Suite::parse(&text_of(&arguments.suite)?).with_context(named)?;
-    arguments.html.as_deref().map_or(Ok(()), |html| outputs::check_beside(html, [arguments.suite.as_path()]))?;
+    let inputs = suite.pilots.iter().filter_map(|pilot| pilot.model.as_deref()).chain([arguments.suite.as_path()]);
+    check_page(arguments.html.as_deref(), inputs, [&arguments.out])?;
     outputs::check_folder(&arguments.out)?;
     let mut models = BTreeMap::new();
     for pilot in &suite.pilots {
@@ -58,7 +60,12 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     let _lock = results.lock(arguments.shard.is_some())?;
     results.keep_plan(&planned.plan())?;
     let (open, driven) = planned.open(arguments.shard, &results)?;
-    tracing::info!("{}, {driven} of them already driven", count(driven + open.len(), "cell"));
+    tracing::info!("{}, {} of them already driven", count(driven.len() + open.len(), "cell"), driven.len());
+    if let without @ 1.. = driven.iter().filter(|done| arguments.keep_runs == Keep::All && done.run.is_none()).count() {
+        tracing::warn!(
+            "{without} of those already driven have no run, and are not driven again: --out a new folder to keep all runs"
+        );
+    }
     // Each drive uses one thread, so that it gives the same bytes on every machine.
     runtime::set_threads(1);
     let interrupted = super::interrupted();
@@ -83,7 +90,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
 
 pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
     suite::check_parts(&arguments.folders)?;
-    arguments.html.as_deref().map_or(Ok(()), outputs::check)?;
+    check_page(arguments.html.as_deref(), [], arguments.folders.iter().chain([&arguments.out]))?;
     outputs::check_folder(&arguments.out)?;
     let merged = suite::merge(&arguments.folders, &arguments.out, course::left_to_chance)?;
     tell(&merged);
@@ -92,6 +99,22 @@ pub(super) fn merge(arguments: &cli::Merge) -> anyhow::Result<Ended> {
     report(&merged.outcome, &results, (&arguments.out, arguments.html.as_deref()), arguments.json)?;
     let has_bad = tell_bad_frames(&merged.outcome);
     Ok(if merged.is_whole() && !has_bad { Ended::Passed } else { Ended::Failed })
+}
+
+/// Whether the page has a place of its own: neither an input nor what these folders hold besides it would be lost.
+fn check_page<'a>(
+    page: Option<&Path>,
+    inputs: impl IntoIterator<Item = &'a Path>,
+    folders: impl IntoIterator<Item = &'a PathBuf>,
+) -> anyhow::Result<()> {
+    let Some(page) = page else { return Ok(()) };
+    let mut kept: Vec<_> = inputs.into_iter().map(Path::to_owned).collect();
+    for folder in folders {
+        kept.extend(["plan.json", "suite.json"].map(|name| folder.join(name)));
+        let cells = fs::read_dir(folder.join("cells")).into_iter().flatten();
+        kept.extend(cells.flatten().map(|entry| entry.path()));
+    }
+    outputs::check_beside(page, kept.iter().map(PathBuf::as_path))
 }
 
 /// Writes the outcome of the results and the reports of the runs that were kept, and prints the outcome.
@@ -131,6 +154,11 @@ fn tell_unused(settings: &Settings) {
     if settings.thresholds != Thresholds::default() {
         tracing::warn!(
             "[thresholds] are not applied to a suite: with --keep-runs all, lapwing score --against compares its runs with a baseline"
+        );
+    }
+    if settings.model.path.is_some() {
+        tracing::warn!(
+            "model.path is not applied to a suite: a [[pilot]] without a model is the built-in PilotNet; name its model there"
         );
     }
     if settings.brake != BrakeSettings::default() {

@@ -37,7 +37,7 @@ pub enum SpecError {
     #[error(transparent)]
     Track(#[from] TrackError),
     /// No such conditions.
-    #[error("--conditions {given}")]
+    #[error("conditions {given:?}")]
     Conditions {
         /// What was asked for.
         given: String,
@@ -45,7 +45,7 @@ pub enum SpecError {
         source: ConditionsError,
     },
     /// The file of the conditions cannot be read.
-    #[error("--conditions {path}")]
+    #[error("conditions {path:?}")]
     ConditionsFile {
         /// The file.
         path: String,
@@ -101,7 +101,8 @@ impl WorldSpec {
     pub fn conditions(&self) -> Result<Conditions, SpecError> {
         let Some(given) = self.conditions.as_deref() else { return Ok(Conditions::default()) };
         let wrong = |source| SpecError::Conditions { given: given.into(), source };
-        match given {
+        match given.trim() {
+            "fair" => Ok(Conditions::default()),
             "random" => Ok(Conditions::random(self.seed)),
             path if path.ends_with(".toml") => {
                 let unreadable = |source| SpecError::ConditionsFile { path: path.into(), source };

@@ -23,7 +23,7 @@ pub(super) fn run(arguments: &BrakeTrain) -> anyhow::Result<Ended> {
     }
     let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
     let mut recipe = BrakingRecipe::read(&text).with_context(|| file.display().to_string())?;
-    outputs::check_beside(out, [file.as_path()].into_iter().chain(recipe.pretrained.as_deref()))?;
+    outputs::check_network(out, [file.as_path()].into_iter().chain(recipe.pretrained.as_deref()))?;
     recipe.epochs = epochs.unwrap_or(recipe.epochs);
     recipe.seed = seed.unwrap_or(recipe.seed);
     let most = minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes));

@@ -79,15 +79,15 @@ impl Planned {
         Plan::new(&self.cells)
     }
 
-    /// The cells of a part, or of all, that have no result yet, in order, and how many have one.
+    /// The cells of a part, or of all, that have no result yet, in order, and the results of the others.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
-    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(Vec<Cell>, usize), ResultsError> {
-        let (mut open, mut driven) = (Vec::new(), 0);
+    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(Vec<Cell>, Vec<Done>), ResultsError> {
+        let (mut open, mut driven) = (vec![], vec![]);
         for (_, cell) in self.cells.iter().enumerate().filter(|(i, _)| shard.is_none_or(|shard| shard.has(*i))) {
             match results.get(cell)? {
-                Some(_) => driven += 1,
+                Some(done) => driven.push(done),
                 None => open.push(cell.clone()),
             }
         }
@@ -201,7 +201,14 @@ fn drive_one<C: Course>(
     watch.begins(&cell);
     let (name, began) = (cell.to_string(), Instant::now());
     let failed = |source| DriveError::Results { cell: name.clone(), source };
-    let run = (keep != Keep::None).then(|| results.room_for_run(&cell)).transpose().map_err(failed)?;
+    let run = match keep {
+        Keep::Failed | Keep::All => Some(results.room_for_run(&cell).map_err(failed)?),
+        Keep::None => {
+            // What a drive that was killed left there belongs to no result.
+            results.drop_run(&cell).map_err(failed)?;
+            None
+        }
+    };
     let driven = course.drive(&cell, run.as_deref(), stop);
     let Ok(Some(Judged { card, driven })) = driven else {
         // What there is of the run belongs to no result.

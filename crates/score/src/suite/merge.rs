@@ -1,7 +1,7 @@
 //! Merges the results of a suite's parts into one folder, and reports what is missing.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -18,15 +18,21 @@ pub enum MergeError {
     /// A folder or a file in it.
     #[error(transparent)]
     Results(#[from] ResultsError),
-    /// Two parts have different results of one cell.
-    #[error("{cell}: driven twice, with different frames: {one} and {other}")]
+    /// Two folders have different results of one cell.
+    #[error(
+        "{cell}: expected the same frames of the same drive, got others in {one} than in {other}, as from another kind of processor \
+         or another libtorch: delete cells/{id}.json in one of them",
+        one = one.display(), other = other.display()
+    )]
     Differ {
         /// The cell, by its name for people.
         cell: String,
-        /// A fingerprint.
-        one: String,
+        /// Its id.
+        id: String,
+        /// A folder.
+        one: PathBuf,
         /// The other.
-        other: String,
+        other: PathBuf,
     },
 }
 
@@ -47,7 +53,7 @@ pub struct Merged {
     pub unplanned: Vec<PathBuf>,
     /// Whether the parts plan different cells.
     pub plans_differ: bool,
-    /// Whether any file could not be read; each was warned of.
+    /// Whether a plan, or the file of a cell that may be planned, could not be read; each was warned of.
     pub corrupt: bool,
     /// Results that repeat another, because a different seed would not change their drives.
     pub left_out: usize,
@@ -81,19 +87,21 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
     let target = Results::open(out)?;
     let mut gathered = Gathered::default();
     gathered.plan_of(&target);
+    let mut parts = vec![];
     for folder in folders {
         let part = Results::open(folder)?;
         if !gathered.plan_of(&part) {
             gathered.unplanned.push(folder.clone());
         }
-        for mut done in gathered.readable(&part)? {
-            // Whatever the part says of its place.
-            done.run = done.run.map(|_| Results::run_name(&done.cell));
+        let readable = gathered.readable(&part)?;
+        parts.push((folder, part, readable));
+    }
+    let there = target.all()?.into_iter().flatten().collect::<Vec<_>>();
+    // Before anything is copied.
+    check_same(parts.iter().map(|(folder, _, done)| (folder.as_path(), done)).chain([(out, &there)]))?;
+    for (_, part, readable) in parts {
+        for done in readable {
             match target.get(&done.cell)? {
-                Some(other) if other.fingerprint != done.fingerprint => {
-                    let (one, other) = (other.fingerprint, done.fingerprint);
-                    return Err(MergeError::Differ { cell: done.cell.to_string(), one, other });
-                }
                 // The same drive, whose run only this part has kept.
                 Some(mut known) if known.run.is_none() && done.run.is_some() => {
                     target.take_run(&part, &done)?;
@@ -122,6 +130,9 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
             tracing::warn!("{} left out, which no part plans any more", count(all - done.len(), "result"));
         }
     }
+    if let Some(plan) = plan.as_ref().filter(|_| gathered.unplanned.is_empty() && !gathered.corrupt) {
+        gathered.unreadable.retain(|id| plan.has(id));
+    }
     let missing = gathered.missing(plan.as_ref(), &done);
     let without = plan.as_ref().map_or(0, |plan| plan.missing(&done).len());
     let present = done.len();
@@ -135,9 +146,23 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
         missing,
         plans_differ: gathered.plans.len() > 1,
         unplanned: gathered.unplanned,
-        corrupt: gathered.corrupt,
+        corrupt: gathered.corrupt || !gathered.unreadable.is_empty(),
         left_out: present - done.len(),
     })
+}
+
+/// Whether the folders that have a result of the same cell have the same one.
+fn check_same<'a>(folders: impl Iterator<Item = (&'a Path, &'a Vec<Done>)>) -> Result<(), MergeError> {
+    let mut known = BTreeMap::new();
+    for (folder, done) in folders.flat_map(|(folder, all)| all.iter().map(move |done| (folder, done))) {
+        let id = done.cell.id();
+        let (first, fingerprint) = *known.entry(id.clone()).or_insert((folder, &done.fingerprint));
+        if *fingerprint != done.fingerprint {
+            let (one, other) = (first.to_owned(), folder.to_owned());
+            return Err(MergeError::Differ { cell: done.cell.to_string(), id, one, other });
+        }
+    }
+    Ok(())
 }
 
 /// The contents of the folders.
@@ -149,7 +174,7 @@ struct Gathered {
     unplanned: Vec<PathBuf>,
     /// Ids of cells whose files cannot be read.
     unreadable: BTreeSet<String>,
-    /// Whether any file could not be read.
+    /// Whether a plan could not be read.
     corrupt: bool,
 }
 
@@ -160,7 +185,10 @@ impl Gathered {
             Ok(None) => return false,
             Ok(Some(plan)) if self.plans.contains(&plan) => {}
             Ok(Some(plan)) => self.plans.push(plan),
-            Err(error) => self.warn(&error),
+            Err(error) => {
+                tracing::warn!("{error}");
+                self.corrupt = true;
+            }
         }
         true
     }
@@ -172,17 +200,12 @@ impl Gathered {
             match one {
                 Ok(done) => readable.push(done),
                 Err((id, error)) => {
-                    self.warn(&error);
+                    tracing::warn!("{error}");
                     self.unreadable.insert(id);
                 }
             }
         }
         Ok(readable)
-    }
-
-    fn warn(&mut self, error: &ResultsError) {
-        tracing::warn!("{error}");
-        self.corrupt = true;
     }
 
     /// All plans in one.

@@ -137,6 +137,47 @@ fn a_run_that_only_one_part_kept_is_kept() {
 }
 
 #[test]
+fn a_result_whose_run_was_deleted_is_merged_without_it() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    let part = folders.part("one", &cells, Some(&Plan::new(&cells)));
+    let mut done = part.get(&cells[0]).unwrap().unwrap();
+    done.run = Some(Results::run_name(&cells[0]));
+    part.keep(&done).unwrap();
+    assert!(folders.merge(&["one"], "merged").0);
+    let merged = Results::open(&folders.path("merged")).unwrap();
+    assert_eq!(merged.get(&cells[0]).unwrap().unwrap().run, None);
+}
+
+#[test]
+fn parts_that_drove_a_cell_differently_are_named_and_nothing_is_copied() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    folders.part("one", &cells[..5], None);
+    let other = folders.part("other", &cells[4..], None);
+    let mut done = other.get(&cells[4]).unwrap().unwrap();
+    done.fingerprint = "ab".into();
+    other.keep(&done).unwrap();
+    let parts = ["one", "other"].map(|part| folders.path(part));
+    let error = merge(&parts, &folders.path("merged"), left_to_chance).unwrap_err().to_string();
+    for part in &parts {
+        assert!(error.contains(&part.display().to_string()), "{error}");
+    }
+    assert!(error.contains(&format!("delete cells/{}.json in one of them", cells[4].id())), "{error}");
+    assert_eq!(fs::read_dir(folders.path("merged/cells")).unwrap().count(), 0);
+}
+
+#[test]
+fn a_result_that_no_part_plans_any_more_need_not_be_readable() {
+    let folders = Folders(tempfile::tempdir().unwrap());
+    let cells = cells();
+    let part = folders.part("one", &cells, Some(&Plan::new(&cells[..9])));
+    fs::write(part.file(&format!("cells/{}.json", cells[10].id())), "{").unwrap();
+    let (whole, suite) = folders.merge(&["one"], "merged");
+    assert_eq!((whole, &suite["planned"], &suite["missing"]), (true, &json!(9), &json!(0)));
+}
+
+#[test]
 fn the_same_drive_under_ten_seeds_counts_once() {
     // As it was driven before the other seeds were left out.
     let folders = Folders(tempfile::tempdir().unwrap());

@@ -30,7 +30,7 @@ pub struct Done {
     pub bad_frames: Option<String>,
     /// How long it took, in seconds of real time.
     pub took_s: f64,
-    /// Its run, if it was kept: the path from the folder of the results, such as `runs/ID.mcap`.
+    /// Its run, if it was kept and is still there: the path from the folder of the results, such as `runs/ID.mcap`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
 }
@@ -174,7 +174,7 @@ impl Results {
         if !path.exists() {
             return Ok(None);
         }
-        match read_cell(&path) {
+        match self.read_cell(&path) {
             Ok(done) => Ok(Some(done)),
             Err(error @ ResultsError::Content { .. }) => {
                 tracing::warn!("{error}; the cell counts as not driven");
@@ -207,7 +207,21 @@ impl Results {
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "json"));
         paths.sort();
         let id = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(paths.iter().map(|path| read_cell(path).map_err(|error| (id(path), error))).collect())
+        Ok(paths.iter().map(|path| self.read_cell(path).map_err(|error| (id(path), error))).collect())
+    }
+
+    fn read_cell(&self, path: &Path) -> Result<Done, ResultsError> {
+        let mut done = read(path, "the result of a cell", SCHEMA, |done: &Done| &done.schema)?;
+        if let Some(got) = wrong_figure(|key| done.card.get(key)) {
+            return Err(ResultsError::Content {
+                path: path.to_owned(),
+                expected: format!("the result of a cell ({SCHEMA})"),
+                got: format!("a scorecard with a wrong figure: {got}"),
+            });
+        }
+        // Whatever the file says of its run's place; and whoever needs the room deletes runs.
+        done.run = done.run.map(|_| Self::run_name(&done.cell)).filter(|run| self.file(run).is_file());
+        Ok(done)
     }
 
     fn plan_path(&self) -> PathBuf {
@@ -245,18 +259,6 @@ impl Results {
 fn write(what: &'static str, path: &Path, content: &impl Serialize) -> Result<(), ResultsError> {
     let written = serde_json::to_vec_pretty(content).map_err(io::Error::from);
     written.and_then(|bytes| files::write(path, &bytes)).map_err(ResultsError::io(what, path))
-}
-
-fn read_cell(path: &Path) -> Result<Done, ResultsError> {
-    let done = read(path, "the result of a cell", SCHEMA, |done: &Done| &done.schema)?;
-    match wrong_figure(|key| done.card.get(key)) {
-        None => Ok(done),
-        Some(got) => Err(ResultsError::Content {
-            path: path.to_owned(),
-            expected: format!("the result of a cell ({SCHEMA})"),
-            got: format!("a scorecard with a wrong figure: {got}"),
-        }),
-    }
 }
 
 /// Reads a file that names its own schema.

@@ -154,7 +154,8 @@ impl Suite {
     /// # Errors
     /// [`SuiteError`], with what was expected and what came.
     pub fn parse(text: &str) -> Result<Self, SuiteError> {
-        let suite: Self = toml::from_str(text)?;
+        let mut suite: Self = toml::from_str(text)?;
+        suite.conditions.iter_mut().for_each(|name| *name = name.trim().to_owned());
         let wrong = |what: &str, expected, got: String| SuiteError::Value { what: what.into(), expected, got };
         let seeds = match &suite.seeds {
             Seeds::Count(count) => usize::try_from(*count).unwrap_or(usize::MAX),
@@ -182,7 +183,7 @@ impl Suite {
         if let Some(speed) = suite.speeds_mph.iter().find(|speed| !(0.1..=1000.0).contains(*speed)) {
             return Err(wrong("speeds_mph", "speeds from 0.1 to 1000", speed.to_string()));
         }
-        if suite.conditions.iter().any(|name| name.trim().is_empty()) {
+        if suite.conditions.iter().any(String::is_empty) {
             return Err(wrong("conditions", "names or conditions, such as fair", "an empty text".into()));
         }
         if suite.laps == 0 {

@@ -375,3 +375,14 @@ fn the_runs_of_failed_drives_are_kept_and_the_page_leads_to_them() {
     assert_eq!(runs_in(Keep::All, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 24);
     assert_eq!(runs_in(Keep::None, &|| false).0.iter().filter(|one| one.run.is_some()).count(), 0);
 }
+
+#[test]
+fn what_a_drive_that_was_killed_left_is_gone_once_its_cell_is_driven_whatever_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let results = Results::open(dir.path()).unwrap();
+    let cell = cells(SUITE).remove(0);
+    let left = results.room_for_run(&cell).unwrap();
+    fs::write(&left, "half a run").unwrap();
+    drive_all(&Paper, vec![cell], (&results, Keep::None), Some(1), &|| false, &Nobody).unwrap();
+    assert!(!left.exists());
+}
