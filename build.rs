@@ -7,18 +7,17 @@
 
 use std::{
     env, fs,
-    hash::{DefaultHasher, Hasher},
-    io,
     path::{Path, PathBuf},
 };
 
-/// What the program is built from, as far as it is in this package or beside it.
+/// What the program is built from, as far as it is in this package or beside it; `scripts/ci/key.sh` has a list, too.
 const SOURCES: [&str; 4] = ["Cargo.lock", "Cargo.toml", "crates", "src"];
+/// Endings of the files that belong to it: editors leave others beside them.
+const ENDINGS: [&str; 9] = ["css", "html", "jpg", "js", "json", "lock", "pt", "rs", "toml"];
 
 fn main() {
     if env::var("CARGO_PKG_NAME").is_ok_and(|name| name == "lapwing") {
-        let sources = hash_of_sources().expect("the sources of the program can be read");
-        println!("cargo:rustc-env=LAPWING_SOURCES={sources:016x}");
+        println!("cargo:rustc-env=LAPWING_SOURCES={:016x}", hash_of_sources());
     }
     // Set by torch-sys (`links = "tch"`), which is therefore a direct dependency.
     println!("cargo:rerun-if-env-changed=DEP_TCH_LIBTORCH_LIB");
@@ -40,26 +39,34 @@ fn main() {
     }
 }
 
-/// A hash of the paths and bytes of all sources.
-fn hash_of_sources() -> io::Result<u64> {
+/// A hash (FNV-1a) of the paths and lines of all sources, whatever the system they lie on.
+fn hash_of_sources() -> u64 {
     let mut files = vec![];
     for source in SOURCES.map(Path::new).into_iter().filter(|source| source.exists()) {
         println!("cargo:rerun-if-changed={}", source.display());
-        collect(source, &mut files)?;
+        collect(source, &mut files);
     }
     files.sort();
-    let mut hasher = DefaultHasher::new();
+    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+    let mut add = |bytes: &[u8]| {
+        for byte in bytes.iter().filter(|byte| **byte != b'\r') {
+            hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    };
     for file in files {
-        hasher.write(file.as_os_str().as_encoded_bytes());
-        hasher.write(&fs::read(&file)?);
+        let Ok(bytes) = fs::read(&file) else { continue };
+        file.iter().for_each(|name| add(&[name.as_encoded_bytes(), b"/"].concat()));
+        add(&bytes);
     }
-    Ok(hasher.finish())
+    hash
 }
 
-fn collect(path: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
-    if !path.is_dir() {
+/// Adds the sources of a folder, or the file itself; links are not followed.
+fn collect(path: &Path, files: &mut Vec<PathBuf>) {
+    let Ok(kind) = path.symlink_metadata() else { return };
+    if kind.is_dir() {
+        fs::read_dir(path).into_iter().flatten().flatten().for_each(|entry| collect(&entry.path(), files));
+    } else if kind.is_file() && path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known)) {
         files.push(path.to_owned());
-        return Ok(());
     }
-    fs::read_dir(path)?.try_for_each(|entry| collect(&entry?.path(), files))
 }

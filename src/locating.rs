@@ -298,12 +298,12 @@ impl Driven {
             };
             let likeliest = likely.likely.first().filter(|_| !likely.by_start && !is_lost);
             let mirrored = match (&shown, likeliest) {
-                (Some(shown), Some(likeliest)) => drive.is_mirrored(shown, likeliest, &both_ways, &mut scenes)?,
+                (Some(shown), Some(likeliest)) => drive.mirrored_on(shown, likeliest, &both_ways, &mut scenes)?,
                 _ => None,
             };
             let shown = shown.filter(|_| mirrored.is_none());
             let why = match &shown {
-                _ if let Some(road) = &mirrored => Some(flipped(road)),
+                _ if let Some(road) = &mirrored => Some(mirrored_pictures(road)),
                 Some(_) if is_lost => Some(UNREAD.to_owned()),
                 Some(Shown { on, .. }) => Some(nowhere(&on.road, way_m, likely.by_start, is_vague)),
                 None => unknown(&likely, way_m, is_lost, is_vague),
@@ -410,13 +410,14 @@ enum Told {
     Pictures,
 }
 
-/// How a drive came from row to row, the roads that explain that, and whether it is by how it was steered: if no road explains how the
-/// pictures show it to have turned, but the one that comes nearest nearly does, and alone explains the steering. In pictures that are
-/// darker by a tenth, turning is seen less well.
+/// How the car moved from row to row, which roads explain that, and whether the steering was used. It is used if no road explains the
+/// turning seen in the pictures, but the nearest one almost does and is the only one that explains the steering. In pictures that are
+/// darker by a tenth, turning is measured less well.
 fn by_bends(rows: &[Row], first: Option<&Look>, roads: &[Arc<Road>]) -> (Vec<Leg>, odometry::Found, bool) {
     let legs: Vec<Leg> = rows.iter().skip(1).map(Row::leg).collect();
     let found = odometry::find(&legs, first, roads);
-    let nearest = found.tried.first().filter(|nearest| found.likely.is_empty() && odometry::is_near(nearest.fit));
+    let nearest =
+        found.tried.first().filter(|nearest| found.likely.is_empty() && odometry::nearly_explains(nearest.fit));
     if let Some(nearest) = nearest {
         let steered: Vec<Leg> = rows.iter().skip(1).map(Row::leg_as_steered).collect();
         let by_steering = odometry::find(&steered, None, roads);
@@ -446,12 +447,10 @@ impl Scenes<'_> {
     }
 }
 
-/// Why the place of a drive is unknown whose pictures show this road if they are flipped left to right.
-fn flipped(road: &Road) -> String {
+/// Why the place of a drive is unknown whose pictures show this road once they are mirrored.
+fn mirrored_pictures(road: &Road) -> String {
     let road = road.words();
-    format!(
-        "its pictures seem to be flipped left to right: so flipped, they show {road}: record or convert them as they were taken"
-    )
+    format!("its pictures seem to be mirrored: flipped back, they show {road}; use the pictures as they were recorded")
 }
 
 /// Why a road is not believed on which a drive was located: the car would have gone too far or not far enough there or, if its bends
@@ -473,7 +472,7 @@ fn implausible(on: &On, told: Told, rows: &[Row], unread: usize) -> Option<Strin
         Told::Bends => format!("its bends fit {road}, but {but}: {ANOTHER_ROAD}; if not, a longer recording may tell"),
         Told::Steering => {
             format!(
-                "as it was steered, its bends fit {road}, but {but}: {ANOTHER_ROAD}; if not, a longer recording may tell"
+                "judging by its steering, it was on {road}, but {but}: {ANOTHER_ROAD}; if not, a longer recording may tell"
             )
         }
         Told::Pictures => {
@@ -526,8 +525,8 @@ fn followed(
     Ok(laid)
 }
 
-/// Flips a picture left to right.
-fn flip(frame: &mut Frame) {
+/// Mirrors a picture, left to right.
+fn mirror(frame: &mut Frame) {
     let width = frame.width();
     for row in frame.rgb_mut().chunks_exact_mut(3 * width.max(1)) {
         row.as_chunks_mut::<3>().0.reverse();
@@ -541,9 +540,9 @@ fn follow(
     unreadable: impl Fn(usize, String),
     looked_at: &impl Fn(),
 ) -> (Range<usize>, Vec<Option<Located>>) {
-    let Job { stretch: Stretch { shown: window, kept, known, is_flipped }, scene: (track, scenery), pictures } = job;
+    let Job { stretch: Stretch { shown: window, kept, known, is_mirrored }, scene: (track, scenery), pictures } = job;
     let mut overlay = Overlay::new(track, scenery, SIZE);
-    let motion = |row: &Row| match is_flipped {
+    let motion = |row: &Row| match is_mirrored {
         true => Motion { turn_rad: -row.motion.turn_rad, ..row.motion },
         false => row.motion,
     };
@@ -557,8 +556,8 @@ fn follow(
                 unreadable(window.start + i, why);
             }
         }
-        if is_flipped {
-            flip(frame);
+        if is_mirrored {
+            mirror(frame);
         }
         if first {
             looked_at();
@@ -580,7 +579,7 @@ fn follow(
     }
     // A picture tells the place along a straight road no better than the bends before it do.
     for located in places.iter_mut().flatten() {
-        located.deviation.s_m = located.deviation.s_m.hypot(odometry::NEAR_M);
+        located.deviation = located.deviation.with_place(odometry::NEAR_M);
     }
     (kept, places)
 }

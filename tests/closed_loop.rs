@@ -242,7 +242,7 @@ fn flags_that_do_not_suit_the_recording_are_wrong_usage() {
         (&["--rows", "30..40"][..], "--rows: expected rows of 0 to 20, got 30..40"),
         (&["--rows", "10..40"], "--rows: expected rows of 0 to 20, got 10..40"),
         (&["--from-path", "--limit", "road"], "--limit: expected a number of metres with --from-path"),
-        (&["--limit", "road"], "--limit: expected a number of metres, as the lane is not known in any row"),
+        (&["--limit", "road"], "--limit: road needs a known lane, and the lane is not known in any row"),
         (&["--limit", "road", "--protocol", "rally-estonia"], "1 or 2 with --protocol rally-estonia, got road"),
         (&["--limit", "3", "--protocol", "rally-estonia"], "1 or 2 with --protocol rally-estonia, got 3"),
         (&["--limit", "-1"], "expected road, or a number of metres above 0"),

@@ -347,12 +347,12 @@ fn a_suite_drives_each_cell_on_its_own_road_and_none_twice() {
     suite.args(["suite", &path("suite.toml"), "--out", &whole, "--keep-runs", "all"]);
     let (code, _, err) = said(&suite.output().unwrap());
     assert!(code == 0 && err.contains("2 cells, 2 of them already driven"), "{code} {err}");
-    assert!(err.contains("2 of those already driven have no run, and are not driven again"), "{err}");
+    assert!(err.contains("2 of the cells already driven have no run and will not be driven again"), "{err}");
     // Other settings, other drives.
     suite.envs([("LAPWING_PERCEPTION__MAX_PIXELS", "51200"), ("LAPWING_MODEL__PATH", "nowhere.safetensors")]);
     let (code, _, err) = said(&suite.output().unwrap());
     assert!(code == 0 && err.contains("2 cells, 0 of them already driven"), "{code} {err}");
-    assert!(err.contains("model.path is not applied to a suite"), "{err}");
+    assert!(err.contains("model.path does not apply to suites"), "{err}");
 }
 
 #[test]

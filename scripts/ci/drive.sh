@@ -1,6 +1,7 @@
 #!/bin/sh
-# A step of action.yml: drives each track, and leaves the runs in $LAPWING_OUT/runs. Exit status, after the last track: 1 if a drive
-# failed, for example by too many bad frames, otherwise 3 if one missed a threshold. If there are runs, the next step reports them.
+# A step of action.yml: drives each track, and leaves the runs in $LAPWING_OUT/runs. Exit status 2 at once after wrong usage; otherwise, after
+# the last track, 1 if a drive failed, for example with too many bad frames, or 3 if one missed a threshold. If there are runs, the next
+# step reports them.
 # LAPWING_MODEL (empty: the built-in one), LAPWING_TRACKS and LAPWING_FLAGS, separated by spaces.
 set -eu
 : "${LAPWING_OUT:=lapwing-out}" "${LAPWING_TRACKS:=lake}" "${LAPWING_FLAGS:=}"
@@ -14,9 +15,9 @@ for track in $LAPWING_TRACKS; do
     lapwing "$@" $LAPWING_FLAGS || {
         status=$?
         case "$status" in
-            1) ended=1 ;;
+            2) exit 2 ;;
             3) [ "$ended" -ne 0 ] || ended=3 ;;
-            *) exit "$status" ;;
+            *) ended=1 ;;
         esac
     }
 done

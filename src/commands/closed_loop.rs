@@ -18,7 +18,7 @@ use crate::{
     cli,
     film::Film,
     known::Roads,
-    locating::{self, LocateError},
+    locating::{self, LocateError, Part},
 };
 use lapwing_core::{
     config::ConfigError,
@@ -73,8 +73,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let gearing = located.as_ref().map_or(Ok(1.0), |drive| locating::gearing(&arguments.source, drive))?;
     let mut world = open(located)?.by(protocol).geared(gearing);
     if arguments.limit == Some(Limit::Road) && !world.knows_the_lane_somewhere() {
-        let why = "expected a number of metres, as the lane is not known in any row, got road: give metres, such as 1, or name the \
-                   road with --track FILE.toml";
+        let why = "road needs a known lane, and the lane is not known in any row: give a number of metres, such as 1, or name the road \
+                   with --track FILE.toml";
         return Err(ConfigError::Value { layer: "--limit".into(), why: why.into() }.into());
     }
     let limit = world.limit();
@@ -109,7 +109,8 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
     let judged = judged::run(&mut world, &mut driver, observers);
     let wall = began.elapsed();
     let report = recorder.and_then(super::close);
-    let Judged { card, driven } = judged.with_context(|| source.clone())?;
+    let Judged { mut card, driven } = judged.with_context(|| source.clone())?;
+    card.notes.extend(notes);
     let DriveDigest { fingerprint, frames, bad_frames, .. } = &driven;
     let filmed = film.map(|film| film.film.finish()).transpose();
     let missed = score::missed(&settings.thresholds, &card);
@@ -134,7 +135,6 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             filled_most,
             fingerprint,
             times_real_time: card.value(Figure::TimeS).unwrap_or(0.0) / wall.as_secs_f64().max(1e-9),
-            notes: &notes,
             run,
         };
         let (limit, limit_m) = (limit.key(), limit.metres());
@@ -154,8 +154,9 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
             Limit::Road if !world.knows_the_lane() => {
                 format!(", or {} m from the recorded path where the lane is not known", limit.metres())
             }
-            Limit::Metres(_) if arguments.limit.is_none() && protocol == Protocol::Dave2 => {
-                " from the recorded path, as the lane is not known".to_owned()
+            Limit::Metres(_) if arguments.limit.is_none() && protocol == Protocol::Dave2 && !arguments.from_path => {
+                let known = if world.knows_the_lane_somewhere() { "along most of the way" } else { "anywhere" };
+                format!(", as the lane is not known {known}")
             }
             _ => String::new(),
         };
@@ -208,15 +209,18 @@ pub(super) fn run(arguments: &cli::Replay, config: Option<&Path>) -> anyhow::Res
 fn located(arguments: &cli::Replay) -> anyhow::Result<(Option<LocatedDrive>, Vec<String>)> {
     arguments.tracks.iter().try_for_each(|name| Track::open(name).map(drop))?;
     let roads = Roads::with(&arguments.tracks);
+    let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
     let from_path = "there, offsets are from the recorded path";
     let mut notes = vec![];
     let drives = match &arguments.lane {
         Some(table) => locating::table_of(&arguments.source, table, &roads)?.drives(),
         None => match super::locate::centre(&arguments.source, &roads) {
             Ok(found) => {
-                notes.extend(
-                    found.unknown().into_iter().map(|why| format!("the lane is not known: {why}; {from_path}")),
-                );
+                let is_driven = |part: &&Part| part.rows.start < rows.end && rows.start < part.rows.end;
+                notes.extend(found.parts.iter().filter(is_driven).filter_map(|part| {
+                    let (why, first, last) = (part.unknown.as_ref()?, part.rows.start, part.rows.end - 1);
+                    Some(format!("the lane is not known in moments {first} to {last}: {why}; {from_path}"))
+                }));
                 found.drives()
             }
             // The world says the same, in the words of a drive along a recording.
@@ -224,7 +228,6 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<(Option<LocatedDrive>, Vec
             Err(error) => return Err(error.into()),
         },
     };
-    let rows = arguments.rows.clone().unwrap_or(0..usize::MAX);
     let known = |drive: &LocatedDrive| {
         let places = drive.places.iter().enumerate();
         places.filter(|(row, place)| place.is_some() && rows.contains(row)).count()

@@ -315,7 +315,8 @@ fn bridge_address(text: &str) -> Result<String, ConfigError> {
     if let Ok(ip) = bare.parse::<IpAddr>() {
         return Ok(SocketAddr::new(ip, port).to_string());
     }
-    let is_host = |host: &str| !host.is_empty() && !host.contains(['/', ':', ' ']);
+    // A number alone is a port that lacks its host, and would be taken for an address.
+    let is_host = |host: &str| !host.contains(['/', ':', ' ']) && host.contains(|c: char| !c.is_ascii_digit());
     match text.rsplit_once(':') {
         None if is_host(text) => Ok(format!("{text}:{port}")),
         Some((host, port))

@@ -97,8 +97,8 @@ pub(super) fn check_network<'a>(path: &Path, inputs: impl IntoIterator<Item = &'
 }
 
 fn check_is_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
-    let place = fs::canonicalize(path).ok();
-    if place.is_some() && inputs.into_iter().any(|input| fs::canonicalize(input).ok() == place) {
+    let own = place(path);
+    if own.is_some() && inputs.into_iter().any(|input| place(input) == own) {
         bail!("{}: it is also an input, which would be lost; name another file", cannot(path));
     }
     Ok(())
@@ -106,11 +106,6 @@ fn check_is_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>
 
 /// Whether each of these results has a file of its own: the last one written would replace the others.
 pub(super) fn check_apart<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
-    let place = |path: &Path| {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let new = || Some(fs::canonicalize(folder).ok()?.join(path.file_name()?));
-        fs::canonicalize(path).ok().or_else(new)
-    };
     let mut places = vec![];
     // Of what is no file, such as a terminal, nothing is replaced.
     for path in paths.into_iter().filter(|path| !path.exists() || path.is_file()) {
@@ -122,6 +117,13 @@ pub(super) fn check_apart<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> R
         places.push(own);
     }
     Ok(())
+}
+
+/// Where a file is, or would be; `None` if there is no such folder.
+pub(super) fn place(path: &Path) -> Option<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let new = || Some(fs::canonicalize(folder).ok()?.join(path.file_name()?));
+    fs::canonicalize(path).ok().or_else(new)
 }
 
 /// Whether a file is there that is called as recordings are; a link is what it leads to.

@@ -2,7 +2,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     io::{self, IsTerminal},
     path::{Path, PathBuf},
 };
@@ -63,7 +62,7 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     tracing::info!("{}, {} of them already driven", count(driven.len() + open.len(), "cell"), driven.len());
     if let without @ 1.. = driven.iter().filter(|done| arguments.keep_runs == Keep::All && done.run.is_none()).count() {
         tracing::warn!(
-            "{without} of those already driven have no run, and are not driven again: --out a new folder to keep all runs"
+            "{without} of the cells already driven have no run and will not be driven again; use a new --out folder to keep all runs"
         );
     }
     // Each drive uses one thread, so that it gives the same bytes on every machine.
@@ -108,11 +107,13 @@ fn check_page<'a>(
     folders: impl IntoIterator<Item = &'a PathBuf>,
 ) -> anyhow::Result<()> {
     let Some(page) = page else { return Ok(()) };
-    let mut kept: Vec<_> = inputs.into_iter().map(Path::to_owned).collect();
+    let (own, mut kept) = (outputs::place(page), Vec::from_iter(inputs.into_iter().map(Path::to_owned)));
     for folder in folders {
         kept.extend(["plan.json", "suite.json"].map(|name| folder.join(name)));
-        let cells = fs::read_dir(folder.join("cells")).into_iter().flatten();
-        kept.extend(cells.flatten().map(|entry| entry.path()));
+        let cells = outputs::place(&folder.join("cells"));
+        if own.as_deref().and_then(Path::parent).is_some_and(|own| Some(own) == cells.as_deref()) {
+            bail!("{}: cannot be written: results of drives are in this folder; name another file", page.display());
+        }
     }
     outputs::check_beside(page, kept.iter().map(PathBuf::as_path))
 }
@@ -158,7 +159,7 @@ fn tell_unused(settings: &Settings) {
     }
     if settings.model.path.is_some() {
         tracing::warn!(
-            "model.path is not applied to a suite: a [[pilot]] without a model is the built-in PilotNet; name its model there"
+            "model.path does not apply to suites: a [[pilot]] without a model uses the built-in PilotNet; set `model` in that [[pilot]]"
         );
     }
     if settings.brake != BrakeSettings::default() {
@@ -214,9 +215,7 @@ fn tell(merged: &Merged) {
         say!("missing: {more} more");
     }
     if merged.plans_differ && !missing.is_empty() {
-        say!(
-            "the parts plan different cells: were they driven with different settings, models or versions of Lapwing?"
-        );
+        say!("the parts plan different cells: were they driven with different settings, models or builds of Lapwing?");
     }
 }
 

@@ -130,7 +130,7 @@ impl Asked {
 }
 
 /// Ends the program with this exit status, whatever its threads do. An ordinary exit runs the destructors of libtorch's
-/// statics, which takes a sixth of a second, and crashes if a thread is at work with a network just then: one that drives when
+/// statics, which takes time, and crashes if a thread is at work with a network just then: one that drives when
 /// Ctrl-C is pressed a second time, or one that is still loading. Results are flushed as they are printed, so none is lost.
 #[cfg(unix)]
 pub fn exit_at_once(status: u8) -> ! {

@@ -43,7 +43,8 @@ impl Stills {
         files::check_folder(&self.folder).map_err(FilmError::io("create pictures in the folder", &self.folder))?;
         let first = self.path(1);
         if first.exists() {
-            return Err(FilmError::io("create the picture", &first)(io::ErrorKind::AlreadyExists.into()));
+            let why = "there are pictures already, and none is overwritten: name another folder";
+            return Err(FilmError::io("create the picture", &first)(io::Error::new(io::ErrorKind::AlreadyExists, why)));
         }
         Ok(())
     }

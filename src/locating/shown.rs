@@ -31,9 +31,9 @@ const WHOLE: usize = 320;
 /// the edges of any straight road, and by 0.506 with the next.
 const AGREES_BETTER: f64 = 0.04;
 
-/// By how much pictures must agree better if they are flipped left to right. Of four flipped drives of 400 m on the real lake by 0.03 to
+/// By how much pictures must agree better if they are mirrored. Of four mirrored drives of 400 m on the real lake by 0.03 to
 /// 0.17, of three others, darker ones and fewer a second among them, worse by 0.03 to 0.12.
-const FLIPPED_BETTER: f64 = 0.02;
+const MIRRORED_BETTER: f64 = 0.02;
 
 /// So many pictures of a short drive are looked at from every place where its bends may have led, this far around: metres along the
 /// road and across it, radians.
@@ -103,39 +103,40 @@ impl Drive<'_> {
         let (looked, is_vague) = if is_short(self.rows, &self.part) {
             self.look_from_places(&likely.iter().map(|on| &on.road).collect::<Vec<_>>(), scenes)?
         } else {
-            let sampled = |on: &Match| {
-                Looked::sample(self, OnRoad::new(on, self.legs), scenes.of(&on.road.name)?, (SAMPLE, false))
-            };
+            let sampled = |on: &Match| Looked::sample(self, OnRoad::new(on, self.legs), scenes.of(&on.road.name)?);
             (likely.iter().map(sampled).collect::<Result<_, _>>()?, false)
         };
         Ok(Sight { shown: chosen(looked).map(Looked::shown), is_vague })
     }
 
-    /// The road that its pictures show if they are flipped left to right, if they show `shown` as they are, but clearly less well. A drive of a few hundred
-    /// metres may have its bends on either hand; a longer one turns too far on one, all in all.
-    pub fn is_mirrored(
+    /// The road that the pictures show once they are mirrored, if they match it clearly better than they match `shown` unmirrored. Over a
+    /// few hundred metres, bends and mirrored bends may both fit a road; a longer drive around a loop turns too far one way.
+    pub fn mirrored_on(
         &self,
         shown: &Shown,
         likely: &Match,
         roads: &[Arc<Road>],
         scenes: &mut Scenes,
     ) -> Result<Option<Arc<Road>>, LocateError> {
-        let flip = |leg: &Leg| Leg { motion: Motion { turn_rad: -leg.motion.turn_rad, ..leg.motion }, ..*leg };
-        let legs: Vec<Leg> = self.legs.iter().map(flip).collect();
+        let mirror = |leg: &Leg| Leg { motion: Motion { turn_rad: -leg.motion.turn_rad, ..leg.motion }, ..*leg };
+        let legs: Vec<Leg> = self.legs.iter().map(mirror).collect();
         let found = odometry::find(&legs, None, roads);
         let Some(on) = found.likely.first().filter(|on| on.evidence > likely.evidence - odometry::LIKELY) else {
             return Ok(None);
         };
-        let plain = match &shown.laid {
-            Some(laid) => {
-                Looked { on: shown.on.clone(), scene: shown.scene.clone(), laid: laid.clone(), is_whole: true }
-            }
-            None => Looked::sample(self, shown.on.clone(), shown.scene.clone(), (WHOLE, false))?,
-        };
-        let Some(as_they_are) = plain.agreement() else { return Ok(None) };
-        let flipped = Looked::sample(self, OnRoad::new(on, &legs), scenes.of(&on.road.name)?, (WHOLE, true))?;
-        let is_mirrored = flipped.share() >= FOUND && flipped.mean() >= as_they_are + FLIPPED_BETTER;
-        Ok(is_mirrored.then(|| on.road.clone()))
+        let Some(window) = surest(self, &shown.on, &shown.scene, WHOLE) else { return Ok(None) };
+        let follow = |on: OnRoad, scene: Scene, stretch: Stretch| Looked::over(self, on, scene, Some(stretch));
+        let rows = window.shown.clone();
+        let plain = follow(shown.on.clone(), shown.scene.clone(), window)?;
+        let Some(unmirrored) = plain.agreement() else { return Ok(None) };
+        // The same rows, so that what no road explains is in both.
+        let scene = scenes.of(&on.road.name)?;
+        let mirrored_on = OnRoad::new(on, &legs);
+        let stretches = cuts(&self.part, self.rows, &mirrored_on, &scene.0);
+        let Some(same) = stretches.iter().find_map(|stretch| stretch.only(rows.clone())) else { return Ok(None) };
+        let mirrored = follow(mirrored_on, scene, Stretch { is_mirrored: true, ..same })?;
+        let is_better = mirrored.share() >= FOUND && mirrored.mean() >= unmirrored + MIRRORED_BETTER;
+        Ok(is_better.then(|| on.road.clone()))
     }
 
     /// Follows a short drive from each of the places that some of its pictures leave, and says whether there were too many to look at.
@@ -242,6 +243,15 @@ fn best_of(mut places: Vec<Place>) -> Vec<Place> {
     apart
 }
 
+/// At most so many of a drive's rows, in one stretch, around the one whose place on a road is known best.
+fn surest(drive: &Drive, on: &OnRoad, scene: &Scene, most: usize) -> Option<Stretch> {
+    let deviation_m =
+        |stretch: &Stretch| stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min);
+    let stretches = cuts(&drive.part, drive.rows, on, &scene.0).into_iter();
+    let best = stretches.min_by(|a, b| deviation_m(a).total_cmp(&deviation_m(b)));
+    best.map(|stretch| stretch.around_surest(most))
+}
+
 /// A picture, and how far before the drive's end it was taken, in metres driven.
 struct Glance {
     glimpse: Glimpse,
@@ -269,14 +279,14 @@ impl Looked {
         Self { on, scene, laid, is_whole: true }.told()
     }
 
-    /// Over at most so many, around the one whose place is known best; they may be flipped left to right.
-    fn sample(drive: &Drive, on: OnRoad, scene: Scene, (most, is_flipped): (usize, bool)) -> Result<Self, LocateError> {
-        let cuts = cuts(&drive.part, drive.rows, &on, &scene.0).into_iter();
-        let surest = |stretch: &Stretch| {
-            stretch.known.iter().flatten().map(|known| known.deviation_m).fold(f64::INFINITY, f64::min)
-        };
-        let best = cuts.min_by(|a, b| surest(a).total_cmp(&surest(b)));
-        let stretch = best.map(|stretch| Stretch { is_flipped, ..stretch.around_surest(most) });
+    /// Over some, around the one whose place is known best.
+    fn sample(drive: &Drive, on: OnRoad, scene: Scene) -> Result<Self, LocateError> {
+        let stretch = surest(drive, &on, &scene, SAMPLE);
+        Self::over(drive, on, scene, stretch)
+    }
+
+    /// Over those of a stretch.
+    fn over(drive: &Drive, on: OnRoad, scene: Scene, stretch: Option<Stretch>) -> Result<Self, LocateError> {
         let stretches = stretch.into_iter().map(|stretch| (stretch, scene.clone()));
         let laid = followed(drive.path, drive.rows, CameraPosition::Center, stretches, |_, _| (), &|| ())?;
         Ok(Self { on, scene, laid, is_whole: false }.told())

@@ -62,8 +62,8 @@ pub(super) struct Stretch {
     /// Where the car was now and then, by its bends: what is believed first, and what may be true instead. Pictures are
     /// counted from the first that is looked at.
     pub known: Vec<Vec<Known>>,
-    /// Whether its pictures are flipped left to right, and its turns with them.
-    pub is_flipped: bool,
+    /// Whether its pictures are mirrored before they are looked at, and its turns with them.
+    pub is_mirrored: bool,
 }
 
 impl Stretch {
@@ -72,10 +72,18 @@ impl Stretch {
         let surest = self.known.iter().flatten().min_by(|a, b| a.deviation_m.total_cmp(&b.deviation_m));
         let middle = self.shown.start + surest.map_or(0, |known| known.picture);
         let start = middle.saturating_sub(most / 2).max(self.shown.start);
-        let rows = start..(start + most).min(self.shown.end);
+        self.cut_to(start..(start + most).min(self.shown.end))
+    }
+
+    /// These rows alone, if it shows all of them.
+    pub fn only(&self, rows: Range<usize>) -> Option<Self> {
+        (self.shown.start <= rows.start && rows.end <= self.shown.end).then(|| self.cut_to(rows))
+    }
+
+    fn cut_to(&self, rows: Range<usize>) -> Self {
         let within = |known: &Known| {
-            let picture = (self.shown.start + known.picture).checked_sub(start)?;
-            Some(Known { picture, ..*known })
+            let picture = (self.shown.start + known.picture).checked_sub(rows.start)?;
+            (picture < rows.len()).then_some(Known { picture, ..*known })
         };
         let known = self.known.iter().map(|known| known.iter().filter_map(within).collect());
         Self { known: known.collect(), kept: rows.clone(), shown: rows, ..*self }
@@ -118,7 +126,7 @@ fn cut(run: &Range<usize>, part: &Range<usize>, rows: &[Row], found: &OnRoad, tr
         };
         let mut places: Vec<Vec<Known>> = found.stones.iter().map(of).collect();
         places.dedup();
-        Stretch { shown, kept, known: places, is_flipped: false }
+        Stretch { shown, kept, known: places, is_mirrored: false }
     };
     (0..count).map(stretch).collect()
 }

@@ -126,8 +126,6 @@ pub struct AlongRows<'a> {
     pub fingerprint: &'a str,
     /// Seconds driven per second of real time.
     pub times_real_time: f64,
-    /// What limits what the figures say: where the lane is not known and why, and whether times are assumed.
-    pub notes: &'a [String],
     /// The run's file, if one was recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
@@ -199,7 +197,6 @@ mod tests {
             filled_most: 0.0,
             fingerprint,
             times_real_time,
-            notes: &[],
             run,
         };
         let who = Along { pilot: "p", source: "s", limit: "metres", limit_m: 1.0, protocol: "dave2" };

@@ -64,8 +64,8 @@ pub struct Ahead {
     ahead: Frame,
     /// What was answered, and when, the oldest first.
     sent: VecDeque<(Duration, Steering)>,
-    /// How long ago the command in effect had been sent, in seconds: the latest measurements.
-    ages: VecDeque<f64>,
+    /// How long ago the command in effect had been sent, in seconds: the latest measurements; `None` where it was none of ours.
+    ages: VecDeque<Option<f64>>,
     /// The car, moved by the steering and speed that are reported.
     car: Car,
     last: Option<Duration>,
@@ -109,8 +109,9 @@ impl Ahead {
         // A command that was given several times tells nothing, and neither does zero: keys that nobody presses give it, too.
         let is_it = |(_, sent): &&(Duration, Steering)| (sent.degrees().get() - steering.get()).abs() <= SAME_DEG;
         let mut of_it = self.sent.iter().filter(is_it);
-        if let (Some((sent, _)), None, true) = (of_it.next(), of_it.next(), steering.get().abs() > SAME_DEG) {
-            self.ages.push_back(age_s(sent));
+        let (first, next) = (of_it.next(), of_it.next());
+        if next.is_none() && steering.get().abs() > SAME_DEG {
+            self.ages.push_back(first.map(|(sent, _)| age_s(sent)));
             if self.ages.len() > AGES {
                 self.ages.pop_front();
             }
@@ -119,10 +120,10 @@ impl Ahead {
 
     /// How late the next command will take effect, in seconds; `None` if that is unknown or too short to matter.
     fn late_s(&self) -> Option<f64> {
-        let mut ages: Vec<f64> = self.ages.iter().copied().collect();
+        let mut ages: Vec<f64> = self.ages.iter().flatten().copied().collect();
         ages.sort_by(f64::total_cmp);
         let median = *ages.get(ages.len() / 2)?;
-        // Where somebody else drives, what is reported equals one of our commands now and then, by chance.
+        // Where somebody else drives, as in a replay, what is reported equals one of our commands now and then, by chance.
         let agree = ages.iter().filter(|age| (*age - median).abs() <= PERIOD_S).count();
         let late_s = median - PERIOD_S;
         (agree > AGES / 2 && late_s >= LEAST_S).then_some(late_s.min(MOST_S))

@@ -75,7 +75,7 @@ impl Default for Conditions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConditionsError {
     /// A piece that is not `name=number`.
-    #[error("conditions: expected fair or random alone, name=number (such as rain=0.5) or a file ending in .toml, got {got:?}{}", did_you_mean(got, NAMES.into_iter().chain(["fair", "random"])))]
+    #[error("conditions: expected fair, random, name=number pairs (such as rain=0.5) or a file ending in .toml, got {got:?}{}", did_you_mean(got, NAMES.into_iter().chain(["fair", "random"])))]
     Form {
         /// The piece.
         got: String,
@@ -302,7 +302,7 @@ mod tests {
         for (text, message) in [
             (
                 "rain",
-                "conditions: expected fair or random alone, name=number (such as rain=0.5) or a file ending in .toml, got \"rain\"",
+                "conditions: expected fair, random, name=number pairs (such as rain=0.5) or a file ending in .toml, got \"rain\"",
             ),
             ("rain=2", "conditions: rain: expected 0 to 1, got 2.0"),
             ("grain=2.5", "conditions: grain: expected 0 to 2, got 2.5"),

@@ -37,7 +37,7 @@ pub enum SpecError {
     #[error(transparent)]
     Track(#[from] TrackError),
     /// No such conditions.
-    #[error("conditions {given:?}")]
+    #[error("{given}")]
     Conditions {
         /// What was asked for.
         given: String,
@@ -45,7 +45,7 @@ pub enum SpecError {
         source: ConditionsError,
     },
     /// The file of the conditions cannot be read.
-    #[error("conditions {path:?}")]
+    #[error("{path}")]
     ConditionsFile {
         /// The file.
         path: String,
@@ -149,7 +149,7 @@ mod tests {
             let spec = WorldSpec { conditions: Some(conditions.into()), ..WorldSpec::default() };
             spec.conditions().unwrap_err().to_string()
         };
-        assert_eq!(error("fog=1"), "--conditions fog=1");
-        assert_eq!(error("/nowhere.toml"), "--conditions /nowhere.toml");
+        assert_eq!(error("fog=1"), "fog=1");
+        assert_eq!(error("/nowhere.toml"), "/nowhere.toml");
     }
 }

@@ -17,7 +17,7 @@ pub enum PilotError {
     #[error(transparent)]
     Network(Box<dyn std::error::Error + Send + Sync>),
     /// The network answers more or fewer numbers than declared.
-    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}", expected = count(.outputs.len(), "number"), names = .outputs.join(", "))]
+    #[error("expected {expected} from the network for its outputs {names}, got a tensor of shape {got:?}: name all of its numbers in outputs", expected = count(.outputs.len(), "number"), names = .outputs.join(", "))]
     OutputShape {
         /// What each number should be.
         outputs: Vec<String>,

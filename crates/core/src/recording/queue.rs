@@ -76,10 +76,10 @@ pub(super) struct QueueState {
     pub(super) is_file: bool,
     /// There is no file of that name any more. It is written to all the same: perhaps it was only moved.
     pub(super) gone: bool,
-    written: Counts,
+    pub(super) written: Counts,
     /// In the chunk in memory.
     unflushed: Counts,
-    lost: Counts,
+    pub(super) lost: Counts,
     /// Frames lost since the last one that was kept.
     gap: u64,
     warned: Option<Duration>,
@@ -259,7 +259,7 @@ impl RecordingQueue {
         match (was, gone) {
             (false, true) => tracing::error!(
                 run = %self.path.display(),
-                "the run is gone: {GONE}. Everything else continues; a file that was only moved is still being written: move it back"
+                "the run's file is gone: {GONE}. The drive continues. If the file was only moved, it is still being written; move it back"
             ),
             (true, false) => tracing::info!(run = %self.path.display(), "the run is there again"),
             _ => {}

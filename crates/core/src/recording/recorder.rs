@@ -96,8 +96,8 @@ impl RecordingReport {
 /// somebody frees space the recording continues, with no gap except for what the queue could not hold. Any other error
 /// ends the recording, not the drive. The file then stays readable up to the last whole chunk.
 ///
-/// With each chunk it looks whether the file is still there. While it is not, all of the run counts as lost, but is still written: a
-/// file that was only moved away becomes whole where it is.
+/// With each chunk it looks whether the file is still there. While it is not, the [status](Recorder::status) says so, but the file is
+/// still written: one that was only moved away becomes whole where it is. If it is not there in the end, all of the run counts as lost.
 ///
 /// Chunks go to the operating system at least every second, where they survive a crash of this program, but perhaps not
 /// one of the machine (nothing is synced).
@@ -202,11 +202,10 @@ impl Recorder {
     /// The status of the recording. Cheap.
     pub fn status(&self) -> RecorderStatus {
         let state = self.queue.lock();
-        let (written, lost) = state.written_and_lost();
         RecorderStatus {
-            items_written: written.frames + written.others(),
-            frames_not_recorded: lost.frames,
-            items_not_recorded: lost.others(),
+            items_written: state.written.frames + state.written.others(),
+            frames_not_recorded: state.lost.frames,
+            items_not_recorded: state.lost.others(),
             failed: state.trouble(),
         }
     }

@@ -21,6 +21,8 @@ const FRAME_MS: f64 = 1000.0 / 15.0;
 const FARTHEST: f64 = 1.5;
 /// Answers that deviate less than this from their mean do not come from the picture.
 const STILL: f64 = 1e-3;
+/// Nor do those that deviate by less than this share of what was steered.
+const LITTLE: f64 = 0.1;
 /// Below this correlation with the recorded steering, a network sees something other than it was trained on. On recordings/lake.mcap
 /// the shipped PilotNet has 0.92; given RGB for YUV 0.51, BGR 0.33 (2026-11-28). A human's strokes have little to do with the
 /// picture: on the real lake it has 0.57.
@@ -193,7 +195,8 @@ fn troubles(answers: &Answered) -> Vec<String> {
         ));
     }
     let farthest = most.max(-least);
-    if *deviation < STILL {
+    let hardly = *recorded_deviation > VARIES && *deviation < LITTLE * recorded_deviation;
+    if *deviation < STILL || hardly {
         troubles.push(format!(
             "the answers hardly change from picture to picture (deviation {deviation:.5}): the network is not trained, or scale \
              is not what it was trained with: try \"none\" if it normalises itself, \"x/127.5-1\" or \"x/255\" if it does not"

@@ -99,7 +99,7 @@ pub enum ModelError {
     },
     /// A TorchScript model does not say what it was trained on; a file beside it must.
     #[error(
-        "expected {side} next to {model} to name the preprocessing, and cannot read it: {source}",
+        "expected {side} next to {model} to name the preprocessing (docs/how-to/own-network.md shows one), and cannot read it: {source}",
         side = side.display(), model = model.display()
     )]
     NoSideFile {

@@ -206,11 +206,11 @@ mod tests {
         };
         assert_eq!(
             error(&["steering"], &[1, 3]).unwrap_err(),
-            "expected 1 number from the network for its outputs steering, got a tensor of shape [1, 3]"
+            "expected 1 number from the network for its outputs steering, got a tensor of shape [1, 3]: name all of its numbers in outputs"
         );
         assert_eq!(
             error(&["steering", "acceleration"], &[1, 1]).unwrap_err(),
-            "expected 2 numbers from the network for its outputs steering, acceleration, got a tensor of shape [1, 1]"
+            "expected 2 numbers from the network for its outputs steering, acceleration, got a tensor of shape [1, 1]: name all of its numbers in outputs"
         );
         assert!(error(&["steering"], &[1, 0]).unwrap_err().ends_with("got a tensor of shape [1, 0]"));
         assert_eq!(error(&["steering", "acceleration"], &[1, 2]), Ok(0.0));

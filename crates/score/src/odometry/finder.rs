@@ -66,11 +66,11 @@ const NEARLY: f64 = 0.5;
 
 /// Whether a road that explains a drive of this length only so well may be the one all the same.
 pub fn is_nearly(way_m: f64, fit: f64) -> bool {
-    way_m < SHORT_M || is_near(fit)
+    way_m < SHORT_M || nearly_explains(fit)
 }
 
 /// Whether a road that explains a drive only so well nearly explains it.
-pub fn is_near(fit: f64) -> bool {
+pub fn nearly_explains(fit: f64) -> bool {
     fit > EXPLAINED - NEARLY
 }
 

@@ -203,8 +203,10 @@ impl<'a> Report<'a> {
             format!("{about}{}{of}", figure.unit().show_mean(spread.mean))
         };
         let mut words = vec![String::new(); told.len()];
-        words[0] = format!("mean of {}", self.runs.len());
-        rows.push(words.into_iter().chain(COMPARED.map(mean)).collect());
+        if !self.runs.is_empty() {
+            words[0] = format!("mean of {}", self.runs.len());
+            rows.push(words.into_iter().chain(COMPARED.map(mean)).collect());
+        }
         (rows, told.len())
     }
 }
@@ -244,6 +246,7 @@ mod tests {
             rows.into_iter().map(|row| row[..words].join(", ")).collect::<Vec<_>>()
         };
         assert_eq!(words([run("a", 9.0), run("a", 9.0)]), ["run", "run.mcap", "run.mcap", "mean of 2"]);
+        assert_eq!(Report::new(&[], &[], None).rows().0.len(), 1, "of nothing there is no mean");
         assert_eq!(words([run("a", 9.0), run("b", 9.0)])[..3], ["run, model", "run.mcap, a", "run.mcap, b"]);
         let [heads, first, ..] = &words([run("a", 9.0), run("b", 20.0)])[..] else { panic!() };
         assert_eq!(heads, "run, model, setting");

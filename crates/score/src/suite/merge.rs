@@ -20,9 +20,10 @@ pub enum MergeError {
     Results(#[from] ResultsError),
     /// Two folders have different results of one cell.
     #[error(
-        "{cell}: expected the same frames of the same drive, got others in {one} than in {other}, as from another kind of processor \
-         or another libtorch: delete cells/{id}.json in one of them",
-        one = one.display(), other = other.display()
+        "{cell}: expected the same frames in both folders, got different ones in {one} and {other} (a different processor or libtorch?): \
+         delete cells/{id}.json in one of them{more}",
+        one = one.display(), other = other.display(),
+        more = if *more == 0 { String::new() } else { format!("; likewise {}, so better leave one of the folders out", count(*more, "more cell")) }
     )]
     Differ {
         /// The cell, by its name for people.
@@ -33,6 +34,8 @@ pub enum MergeError {
         one: PathBuf,
         /// The other.
         other: PathBuf,
+        /// How many more cells differ.
+        more: usize,
     },
 }
 
@@ -153,16 +156,18 @@ pub fn merge(folders: &[PathBuf], out: &Path, left_to_chance: impl Fn(&Cell) -> 
 
 /// Whether the folders that have a result of the same cell have the same one.
 fn check_same<'a>(folders: impl Iterator<Item = (&'a Path, &'a Vec<Done>)>) -> Result<(), MergeError> {
-    let mut known = BTreeMap::new();
+    let (mut known, mut differing) = (BTreeMap::new(), BTreeMap::new());
     for (folder, done) in folders.flat_map(|(folder, all)| all.iter().map(move |done| (folder, done))) {
         let id = done.cell.id();
         let (first, fingerprint) = *known.entry(id.clone()).or_insert((folder, &done.fingerprint));
         if *fingerprint != done.fingerprint {
-            let (one, other) = (first.to_owned(), folder.to_owned());
-            return Err(MergeError::Differ { cell: done.cell.to_string(), id, one, other });
+            differing.insert(id, (done.cell.to_string(), first, folder));
         }
     }
-    Ok(())
+    let more = differing.len().saturating_sub(1);
+    differing.pop_first().map_or(Ok(()), |(id, (cell, one, other))| {
+        Err(MergeError::Differ { cell, id, one: one.to_owned(), other: other.to_owned(), more })
+    })
 }
 
 /// The contents of the folders.

@@ -44,8 +44,9 @@
 //! | `cell.seed` | integer | the seed |
 //! | `cell.laps` | integer | laps asked for |
 //! | `cell.longest_s` | number, s | simulated time after which the drive ends |
-//! | `cell.settings.lapwing` | string | the version of Lapwing that drove |
+//! | `cell.settings.lapwing` | string | the version of Lapwing that drove, and a hash of the sources that it was built from: `0.1.0+0123456789abcdef` |
 //! | `cell.settings.control` | object | settings in force, with the keys of `[control]`: [`ControlSettings`](lapwing_core::config::ControlSettings) |
+//! | `cell.settings.perception` | object | with those of `[perception]`: [`PerceptionSettings`](lapwing_core::config::PerceptionSettings) |
 //! | `cell.settings.simulator` | object | and with those of `[simulator]`: [`SimulatorSettings`](lapwing_core::config::SimulatorSettings) |
 //! | `cell.settings.beside_model_sha256` | string or null | SHA-256 of the `.toml` beside a TorchScript or ONNX model; null for others |
 //! | `cell.world.conditions` | object | what `cell.conditions` means with this seed: `lapwing_sim::conditions::Conditions` has its keys and units |

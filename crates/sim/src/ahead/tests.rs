@@ -122,6 +122,21 @@ fn commands_that_somebody_elses_steering_equals_by_chance_tell_no_delay() {
     }
 }
 
+/// As in a replay that comes as fast as it is answered: many of our commands lie close together, and now and then one is equal.
+#[test]
+fn commands_that_are_equal_by_chance_and_as_old_as_one_another_tell_no_delay_among_others_that_are_not() {
+    let mut ahead = Ahead::of(Box::new(Turning(0.0)), Instant::now);
+    for i in 0..200_u32 {
+        let at = Duration::from_millis(u64::from(20 * i));
+        ahead.sent.push_back((at, Degrees::saturating(f64::from(i % 97) / 10.0 + 0.05).steering()));
+        // One of four is what was sent a fifth of a second before.
+        let ours = ahead.sent.iter().rev().nth(10).filter(|_| i % 4 == 0).map(|(_, sent)| sent.degrees());
+        let steering = ours.unwrap_or(Degrees::saturating(-f64::from(i % 89) / 10.0 - 0.03));
+        ahead.told(InEffect { at, steering }, Mph::saturating(20.0));
+        assert_eq!(ahead.late_s(), None, "{i}");
+    }
+}
+
 #[test]
 fn after_a_long_pause_the_car_begins_anew_at_rest() {
     let mut ahead = Ahead::of(Box::new(ConstantPilot::new(Steering::ZERO)), Instant::now);

@@ -17,7 +17,8 @@ pub const FURTHEST_HEADING_DEG: f64 = 45.0;
 /// Where the virtual car is put back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Limit {
-    /// Where its middle passes the road's edge; [`DEFAULT_LIMIT_M`] from the recorded path where the road is not known.
+    /// Where its middle passes the road's edge; where the road is not known, [`DEFAULT_LIMIT_M`] from the recorded path, or beyond that path
+    /// and the middle of a lane that is known nearby.
     Road,
     /// This far from the line, in metres.
     Metres(f64),
@@ -101,21 +102,14 @@ pub(super) enum Line {
     Path {
         /// Metres that the recorded car is to the right of it.
         offset_m: f64,
-        /// Where the road's edges are that the limit goes over into, in metres to the right of the line, each weighed by how near it is.
-        edges: [Edges; 2],
+        /// From where to where the recorded path, and the middle of the lanes that it joins, lie: in metres to the right of it.
+        between_m: (f64, f64),
     },
-}
-
-/// Where the road's edges are known nearby, and how much they count, 0 to 1.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Edges {
-    edges_m: (f64, f64),
-    weight: f64,
 }
 
 impl Line {
     /// The recorded path, with nothing to join.
-    pub(super) const PATH: Self = Self::Path { offset_m: 0.0, edges: [Edges { edges_m: (0.0, 0.0), weight: 0.0 }; 2] };
+    pub(super) const PATH: Self = Self::Path { offset_m: 0.0, between_m: (0.0, 0.0) };
 }
 
 /// The line of each row. Where the lane is not known, it is the recorded path, and goes over into the lane's middle before
@@ -147,13 +141,19 @@ pub(super) fn lines(rows: &[PathRow], in_lane: impl Fn(&PathRow) -> Option<InLan
             _ => JOINS_M,
         };
         for i in first..end {
-            let joined = |lane: Option<(InLane, f64)>| {
-                let (lane, at_m) = lane?;
-                let weight = (1.0 - (along_m[i] - at_m).abs() / over_m).max(0.0);
-                Some((lane.offset_m * weight, Edges { edges_m: lane.edges_m, weight }))
-            };
-            let [(before_m, left), (behind_m, right)] = [before, behind].map(|lane| joined(lane).unwrap_or_default());
-            lines[i] = Line::Path { offset_m: before_m + behind_m, edges: [left, right] };
+            // Of the lanes that are joined here: how far to their right the recorded car was, and how much that counts.
+            let joined: Vec<(f64, f64)> = [before, behind]
+                .into_iter()
+                .flatten()
+                .map(|(lane, at_m)| (lane.offset_m, 1.0 - (along_m[i] - at_m).abs() / over_m))
+                .filter(|(_, weight)| *weight > 0.0)
+                .collect();
+            let offset_m: f64 = joined.iter().map(|(offset_m, weight)| offset_m * weight).sum();
+            let middles = joined.iter().map(|(lane_m, _)| offset_m - lane_m);
+            let between_m = middles.fold((offset_m.min(0.0), offset_m.max(0.0)), |(left_m, right_m), middle_m| {
+                (left_m.min(middle_m), right_m.max(middle_m))
+            });
+            lines[i] = Line::Path { offset_m, between_m };
         }
         begin = end;
     }
@@ -182,15 +182,11 @@ impl Measured {
         let Beside { offset_m, heading_rad, .. } = beside;
         let lane = match line {
             Line::Lane(lane) => lane,
-            Line::Path { offset_m: recorded_m, edges } => {
+            Line::Path { offset_m: recorded_m, between_m } => {
                 let (edge, mut limits_m) = metres(limit.metres());
                 if limit == Limit::Road {
-                    // As the line goes over into the lane's middle, so does the limit into the road's edges.
-                    let plain_m = limits_m;
-                    for Edges { edges_m, weight } in edges {
-                        limits_m.0 += weight * (edges_m.0 - plain_m.0).min(0.0);
-                        limits_m.1 += weight * (edges_m.1 - plain_m.1).max(0.0);
-                    }
+                    // Neither a car in the lane's middle nor one on the recorded path is put back where the line is in between.
+                    limits_m = (limits_m.0 + between_m.0, limits_m.1 + between_m.1);
                 }
                 let offset_m = recorded_m + offset_m;
                 return Self { line: MeasuredLine::RecordedPath, edge, limits_m, offset_m, heading_rad };
@@ -240,6 +236,14 @@ mod tests {
     /// Rows a metre apart, of which it is known where in its lane the car is at some, and its offset there; new stretches
     /// begin at `cuts`.
     fn offsets(rows: usize, known: &[(usize, f64)], cuts: &[usize]) -> Vec<f64> {
+        let offset = |line: Line| match line {
+            Line::Lane(lane) => lane.offset_m,
+            Line::Path { offset_m, .. } => offset_m,
+        };
+        lines_of(rows, known, cuts).into_iter().map(offset).collect()
+    }
+
+    fn lines_of(rows: usize, known: &[(usize, f64)], cuts: &[usize]) -> Vec<Line> {
         let row = |index: usize| PathRow {
             at_s: index as f64,
             speed: Mph::saturating(1.0 / 0.44704),
@@ -253,11 +257,7 @@ mod tests {
             let (_, offset_m) = known.iter().find(|(index, _)| *index == row.index)?;
             Some(InLane { offset_m: *offset_m, ..LANE })
         };
-        let offset = |line: Line| match line {
-            Line::Lane(lane) => lane.offset_m,
-            Line::Path { offset_m, .. } => offset_m,
-        };
-        lines(&rows, known).into_iter().map(offset).collect()
+        lines(&rows, known)
     }
 
     fn close(got: &[f64], expected: &[f64]) -> bool {
@@ -274,16 +274,18 @@ mod tests {
     }
 
     #[test]
-    fn as_the_path_goes_over_into_the_lane_the_limit_goes_over_into_the_edges_of_the_road() {
-        let near = |weight: f64| Edges { edges_m: (-6.0, 0.5), weight };
-        let limits = |limit: Limit, edges: [Edges; 2]| {
-            Measured::new(limit, Line::Path { offset_m: 0.0, edges }, Beside::default()).limits_m
+    fn where_the_path_goes_over_into_the_lane_a_car_may_be_on_either_and_a_metre_beside() {
+        let limits = |known: &[(usize, f64)], row: usize, limit: Limit| {
+            let line = lines_of(41, known, &[])[row];
+            let (left_m, right_m) = Measured::new(limit, line, Beside::default()).limits_m;
+            [left_m, right_m].map(|metres| (metres * 100.0).round() / 100.0)
         };
-        let none = Edges::default();
-        assert_eq!(limits(Limit::Road, [none, none]), (-1.0, 1.0));
-        assert_eq!(limits(Limit::Road, [near(0.5), none]), (-3.5, 1.0), "never closer than a metre");
-        assert_eq!(limits(Limit::Road, [near(0.25), near(0.75)]), (-6.0, 1.0));
-        assert_eq!(limits(Limit::Metres(2.0), [near(0.5), none]), (-2.0, 2.0));
+        // The recorded car is 2.4 m to the right of the middle at the end: half-way along the last 20 m the line lies between both.
+        assert_eq!(limits(&[(40, 2.4)], 30, Limit::Road), [-2.2, 2.2]);
+        assert_eq!(limits(&[(40, 2.4)], 25, Limit::Road), [-2.8, 1.6]);
+        assert_eq!(limits(&[(40, 2.4)], 20, Limit::Road), [-1.0, 1.0], "too far away");
+        assert_eq!(limits(&[(40, 2.4)], 30, Limit::Metres(2.0)), [-2.0, 2.0]);
+        assert_eq!(limits(&[(25, -1.0), (35, 3.0)], 30, Limit::Road), [-3.0, 3.0]);
     }
 
     #[test]
@@ -295,7 +297,7 @@ mod tests {
 
     #[test]
     fn a_car_on_the_line_is_in_the_lanes_middle_wherever_the_recorded_one_is() {
-        for line in [Line::Lane(LANE), Line::Path { offset_m: 0.4, edges: Default::default() }] {
+        for line in [Line::Lane(LANE), Line::Path { offset_m: 0.4, between_m: (0.0, 0.4) }] {
             let measured = Measured::new(Limit::Road, line, on_the_line(line));
             assert!(measured.offset_m.abs() < 1e-12 && measured.heading_rad.abs() < 1e-12, "{measured:?}");
         }

@@ -364,7 +364,11 @@ impl RecordedWorld {
 
     /// Says what the car's place is measured from, if that has changed.
     fn announce(&mut self) {
-        let Measured { line, edge, limits_m, .. } = self.measured();
+        let Measured { line, edge, mut limits_m, .. } = self.measured();
+        if line == MeasuredLine::RecordedPath {
+            // Where it goes over into a lane, the limits are others at each row.
+            limits_m = (-self.limit.metres(), self.limit.metres());
+        }
         if self.announced.replace((line, edge, limits_m)) != Some((line, edge, limits_m)) {
             let (left_m, right_m) = limits_m;
             self.events.push((self.at(), EventRecord::MeasuredFrom { line, edge, left_m, right_m }));

@@ -84,6 +84,22 @@ pub struct Deviation {
     pub offset_m: f64,
     /// Radians.
     pub heading_rad: f64,
+    /// How far off the offset is, in metres, and the heading, in radians, for each metre that the place along the road is off: what a picture
+    /// of a bend shows may be a car here, or one that is further on and more aside.
+    pub per_metre: [f64; 2],
+}
+
+impl Deviation {
+    /// The same, if the place along the road is not known better than this, in metres.
+    pub fn with_place(self, deviation_m: f64) -> Self {
+        let [offset, heading] = self.per_metre.map(|per_metre| per_metre * deviation_m);
+        Self {
+            s_m: self.s_m.hypot(deviation_m),
+            offset_m: self.offset_m.hypot(offset),
+            heading_rad: self.heading_rad.hypot(heading),
+            ..self
+        }
+    }
 }
 
 /// Where the car was in a picture.
@@ -416,7 +432,8 @@ fn smoothed(drive: &Drive, began: Pose, fits: &[Fit]) -> Vec<Located> {
         }
         later = Some((smoothed, expected, jacobian));
         let [s_m, offset_m, heading_rad] = smoothed.deviations().to_array();
-        let deviation = Deviation { s_m, offset_m, heading_rad };
+        let with_place = smoothed.covariance.x_axis / smoothed.covariance.x_axis.x.max(f64::MIN_POSITIVE);
+        let deviation = Deviation { s_m, offset_m, heading_rad, per_metre: [with_place.y, with_place.z] };
         Located { pose: fit.pose.at(smoothed.mean), deviation, fit: *fit }
     });
     let mut located: Vec<_> = back.collect();

@@ -54,7 +54,7 @@ pub struct InLane {
 impl Located {
     /// A place that is known, as it is in a simulation.
     pub fn known(pose: Pose) -> Self {
-        let deviation = Deviation { s_m: 0.0, offset_m: 0.0, heading_rad: 0.0 };
+        let deviation = Deviation { s_m: 0.0, offset_m: 0.0, heading_rad: 0.0, per_metre: [0.0; 2] };
         Self { pose, deviation, fit: Fit { pose, agreement: 1.0, sharpness: DMat3::ZERO } }
     }
 }

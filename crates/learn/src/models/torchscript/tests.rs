@@ -61,7 +61,7 @@ fn a_torchscript_module_without_a_side_file_names_the_file_it_wants() {
     assert_eq!(
         error(&path),
         format!(
-            "expected {at}/mean.toml next to {at}/mean.pt to name the preprocessing, and cannot read it: No such file or directory (os error 2)"
+            "expected {at}/mean.toml next to {at}/mean.pt to name the preprocessing (docs/how-to/own-network.md shows one), and cannot read it: No such file or directory (os error 2)"
         )
     );
 }
@@ -157,7 +157,9 @@ fn a_torchscript_module_that_answers_another_shape_than_its_outputs_or_no_number
     let named = format!("{}: expected ", three.display());
     assert_eq!(
         error(&three),
-        format!("{named}1 number from the network for its outputs steering, got a tensor of shape [1, 3]")
+        format!(
+            "{named}1 number from the network for its outputs steering, got a tensor of shape [1, 3]: name all of its numbers in outputs"
+        )
     );
     let nan = traced(folder.path(), |x| (x.mean(Kind::Float) * 0.0 - 1.0).sqrt());
     assert_eq!(error(&nan), format!("{named}a finite steering from the network, got NaN"));
