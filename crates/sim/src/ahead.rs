@@ -69,6 +69,8 @@ pub struct Ahead {
     /// The car, moved by the steering and speed that are reported.
     car: Car,
     last: Option<Duration>,
+    /// How far apart telemetries come, in seconds: a running mean.
+    apart_s: f64,
 }
 
 impl Ahead {
@@ -83,6 +85,7 @@ impl Ahead {
             ages: VecDeque::new(),
             car: Car::default(),
             last: None,
+            apart_s: PERIOD_S,
         }
     }
 
@@ -91,12 +94,14 @@ impl Ahead {
         self.ages.clear();
         self.car = Car::default();
         self.last = None;
+        self.apart_s = PERIOD_S;
     }
 
     /// Takes note of what is reported.
     fn told(&mut self, InEffect { at, steering }: InEffect, speed: Mph) {
         let gone_s = self.last.map_or(0.0, |last| at.as_secs_f64() - last.as_secs_f64());
         if (0.0..=FORGOTTEN_S).contains(&gone_s) {
+            self.apart_s += (gone_s - self.apart_s) / AGES as f64;
             for _ in 0..(gone_s / STEP_S).round() as usize {
                 self.car.step_at(speed.metres_per_second().get(), steering.steering());
             }
@@ -124,7 +129,9 @@ impl Ahead {
         ages.sort_by(f64::total_cmp);
         let median = *ages.get(ages.len() / 2)?;
         // Where somebody else drives, as in a replay, what is reported equals one of our commands now and then, by chance.
-        let agree = ages.iter().filter(|age| (*age - median).abs() <= PERIOD_S).count();
+        // In a replay that is as fast as we answer, they lie close together: so must those that agree.
+        let near_s = (2.0 * self.apart_s).min(PERIOD_S);
+        let agree = ages.iter().filter(|age| (*age - median).abs() <= near_s).count();
         let late_s = median - PERIOD_S;
         (agree > AGES / 2 && late_s >= LEAST_S).then_some(late_s.min(MOST_S))
     }

@@ -212,7 +212,7 @@ mod tests {
             error(&["steering", "acceleration"], &[1, 1]).unwrap_err(),
             "expected 2 numbers from the network for its outputs steering, acceleration, got a tensor of shape [1, 1]: name all of its numbers in outputs"
         );
-        assert!(error(&["steering"], &[1, 0]).unwrap_err().ends_with("got a tensor of shape [1, 0]"));
+        assert!(error(&["steering"], &[1, 0]).unwrap_err().contains("got a tensor of shape [1, 0]"));
         assert_eq!(error(&["steering", "acceleration"], &[1, 2]), Ok(0.0));
     }
 
