@@ -268,27 +268,23 @@ impl Driven {
         // Of short drives on roads that are known, so that all are looked at in one go.
         let mut stretches = vec![];
         for part in parts_of(&rows) {
-            let (legs, likely, by_steering) = by_bends(&rows[part.clone()], looks.get(&part.start), &both_ways);
+            let (legs, likely, told) = by_bends(&rows[part.clone()], looks.get(&part.start), &both_ways);
             let sure = likely.sure().map(|on| OnRoad::new(on, &legs));
             if let Some(on) = sure.as_ref().filter(|_| is_short(&rows, &part)) {
                 let scene = scenes.of(&on.road.name)?;
                 stretches.extend(cuts(&part, &rows, on, &scene.0).into_iter().map(|it| (it, scene.clone())));
             }
-            drives.push((part, legs, likely, by_steering, sure));
+            drives.push((part, legs, likely, told, sure));
         }
         let laid = followed(path, &rows, CameraPosition::Center, stretches, |_, _| (), &looked_at)?;
         let mut laid = laid.into_iter().peekable();
         let mut parts = vec![];
-        for (part, legs, likely, by_steering, sure) in drives {
+        for (part, legs, likely, told, sure) in drives {
             // The sum of nothing is -0.
             let way_m = legs.iter().fold(0.0, |way_m, leg| way_m + leg.motion.way_m);
             let is_lost = lost.range(part.clone()).count() == part.len();
             let drive = Drive { path, rows: &rows, part: part.clone(), legs: &legs, lost: &lost };
-            let told = match sure {
-                Some(_) if by_steering => Told::Steering,
-                Some(_) => Told::Bends,
-                None => Told::Pictures,
-            };
+            let told = if sure.is_some() { told } else { Told::Pictures };
             let Sight { shown, is_vague } = match sure {
                 Some(on) => {
                     let here = std::iter::from_fn(|| laid.next_if(|(of, _)| of.start < part.end)).collect();
@@ -410,10 +406,10 @@ enum Told {
     Pictures,
 }
 
-/// How the car moved from row to row, which roads explain that, and whether the steering was used. It is used if no road explains the
+/// How the car moved from row to row, which roads explain that, and by what: [`Told::Bends`], or the steering. It is used if no road explains the
 /// turning seen in the pictures, but the nearest one almost does and is the only one that explains the steering. In pictures that are
 /// darker by a tenth, turning is measured less well.
-fn by_bends(rows: &[Row], first: Option<&Look>, roads: &[Arc<Road>]) -> (Vec<Leg>, odometry::Found, bool) {
+fn by_bends(rows: &[Row], first: Option<&Look>, roads: &[Arc<Road>]) -> (Vec<Leg>, odometry::Found, Told) {
     let legs: Vec<Leg> = rows.iter().skip(1).map(Row::leg).collect();
     let found = odometry::find(&legs, first, roads);
     let nearest =
@@ -422,10 +418,10 @@ fn by_bends(rows: &[Row], first: Option<&Look>, roads: &[Arc<Road>]) -> (Vec<Leg
         let steered: Vec<Leg> = rows.iter().skip(1).map(Row::leg_as_steered).collect();
         let by_steering = odometry::find(&steered, None, roads);
         if by_steering.sure().is_some_and(|on| Arc::ptr_eq(&on.road, &nearest.road)) {
-            return (steered, by_steering, true);
+            return (steered, by_steering, Told::Steering);
         }
     }
-    (legs, found, false)
+    (legs, found, Told::Bends)
 }
 
 /// Tracks, and what stands beside them, made on first use.
@@ -525,6 +521,11 @@ fn followed(
     Ok(laid)
 }
 
+/// How a car moves that turns as far to the other side.
+fn mirrored(motion: Motion) -> Motion {
+    Motion { turn_rad: -motion.turn_rad, ..motion }
+}
+
 /// Mirrors a picture, left to right.
 fn mirror(frame: &mut Frame) {
     let width = frame.width();
@@ -542,10 +543,7 @@ fn follow(
 ) -> (Range<usize>, Vec<Option<Located>>) {
     let Job { stretch: Stretch { shown: window, kept, known, is_mirrored }, scene: (track, scenery), pictures } = job;
     let mut overlay = Overlay::new(track, scenery, SIZE);
-    let motion = |row: &Row| match is_mirrored {
-        true => Motion { turn_rad: -row.motion.turn_rad, ..row.motion },
-        false => row.motion,
-    };
+    let motion = |row: &Row| if is_mirrored { mirrored(row.motion) } else { row.motion };
     let motions: Vec<_> = rows[window.clone()].iter().map(motion).collect();
     let mut shown = vec![false; motions.len()];
     let mut show = |i: usize, frame: &mut Frame| {

@@ -218,7 +218,8 @@ fn located(arguments: &cli::Replay) -> anyhow::Result<(Option<LocatedDrive>, Vec
             Ok(found) => {
                 let is_driven = |part: &&Part| part.rows.start < rows.end && rows.start < part.rows.end;
                 notes.extend(found.parts.iter().filter(is_driven).filter_map(|part| {
-                    let (why, first, last) = (part.unknown.as_ref()?, part.rows.start, part.rows.end - 1);
+                    let why = part.unknown.as_ref()?;
+                    let [first, last] = [part.rows.start, part.rows.end - 1].map(|row| found.rows[row].moment);
                     Some(format!("the lane is not known in moments {first} to {last}: {why}; {from_path}"))
                 }));
                 found.drives()

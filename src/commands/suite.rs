@@ -59,10 +59,11 @@ pub(super) fn run(arguments: &cli::Suite, config: Option<&Path>) -> anyhow::Resu
     let _lock = results.lock(arguments.shard.is_some())?;
     results.keep_plan(&planned.plan())?;
     let (open, driven) = planned.open(arguments.shard, &results)?;
-    tracing::info!("{}, {} of them already driven", count(driven.len() + open.len(), "cell"), driven.len());
-    if let without @ 1.. = driven.iter().filter(|done| arguments.keep_runs == Keep::All && done.run.is_none()).count() {
+    tracing::info!("{}, {} of them already driven", count(driven.cells + open.len(), "cell"), driven.cells);
+    if arguments.keep_runs == Keep::All && driven.without_run > 0 {
         tracing::warn!(
-            "{without} of the cells already driven have no run and will not be driven again; use a new --out folder to keep all runs"
+            "{} of the cells already driven have no run and will not be driven again; use a new --out folder to keep all runs",
+            driven.without_run
         );
     }
     // Each drive uses one thread, so that it gives the same bytes on every machine.

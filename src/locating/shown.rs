@@ -6,12 +6,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    FOUND, Laid, LocateError, Row, Scenes, follow, followed,
+    FOUND, Laid, LocateError, Row, Scenes, follow, followed, mirrored,
     pictures::{Job, Pictures, Scene, decoded},
     stretch::{OnRoad, Stretch, continuous, cuts, pose},
 };
 use lapwing_core::{
-    motion::{Motion, around},
+    motion::around,
     perception::Frame,
     recording::{CameraPosition, Picture},
 };
@@ -118,8 +118,7 @@ impl Drive<'_> {
         roads: &[Arc<Road>],
         scenes: &mut Scenes,
     ) -> Result<Option<Arc<Road>>, LocateError> {
-        let mirror = |leg: &Leg| Leg { motion: Motion { turn_rad: -leg.motion.turn_rad, ..leg.motion }, ..*leg };
-        let legs: Vec<Leg> = self.legs.iter().map(mirror).collect();
+        let legs: Vec<Leg> = self.legs.iter().map(|leg| Leg { motion: mirrored(leg.motion), ..*leg }).collect();
         let found = odometry::find(&legs, None, roads);
         let Some(on) = found.likely.first().filter(|on| on.evidence > likely.evidence - odometry::LIKELY) else {
             return Ok(None);
@@ -134,8 +133,8 @@ impl Drive<'_> {
         let mirrored_on = OnRoad::new(on, &legs);
         let stretches = cuts(&self.part, self.rows, &mirrored_on, &scene.0);
         let Some(same) = stretches.iter().find_map(|stretch| stretch.only(rows.clone())) else { return Ok(None) };
-        let mirrored = follow(mirrored_on, scene, Stretch { is_mirrored: true, ..same })?;
-        let is_better = mirrored.share() >= FOUND && mirrored.mean() >= unmirrored + MIRRORED_BETTER;
+        let flipped = follow(mirrored_on, scene, Stretch { is_mirrored: true, ..same })?;
+        let is_better = flipped.share() >= FOUND && flipped.mean() >= unmirrored + MIRRORED_BETTER;
         Ok(is_better.then(|| on.road.clone()))
     }
 

@@ -79,15 +79,18 @@ impl Planned {
         Plan::new(&self.cells)
     }
 
-    /// The cells of a part, or of all, that have no result yet, in order, and the results of the others.
+    /// The cells of a part, or of all, that have no result yet, in order, and how many have one.
     ///
     /// # Errors
     /// [`ResultsError::Io`].
-    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(Vec<Cell>, Vec<Done>), ResultsError> {
-        let (mut open, mut driven) = (vec![], vec![]);
+    pub fn open(&self, shard: Option<Shard>, results: &Results) -> Result<(Vec<Cell>, Driven), ResultsError> {
+        let (mut open, mut driven) = (vec![], Driven::default());
         for (_, cell) in self.cells.iter().enumerate().filter(|(i, _)| shard.is_none_or(|shard| shard.has(*i))) {
             match results.get(cell)? {
-                Some(done) => driven.push(done),
+                Some(done) => {
+                    driven.cells += 1;
+                    driven.without_run += usize::from(done.run.is_none());
+                }
                 None => open.push(cell.clone()),
             }
         }
@@ -104,6 +107,15 @@ impl Planned {
         let missing = self.plan().missing(&done).len();
         Ok(SuiteOutcome::new(groups(&done), Some(self.cells.len()), missing))
     }
+}
+
+/// How many cells have a result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Driven {
+    /// All of them.
+    pub cells: usize,
+    /// Those whose run was not kept, or is gone.
+    pub without_run: usize,
 }
 
 /// Those, in order, that do not repeat an earlier drive under another seed.

@@ -103,7 +103,7 @@ mod plan;
 mod results;
 mod spec;
 
-pub use drive::{Course, DriveError, Keep, Planned, Stop, Watch, drive_all};
+pub use drive::{Course, DriveError, Driven, Keep, Planned, Stop, Watch, drive_all};
 pub use merge::{MergeError, Merged, check_parts, merge};
 pub use outcome::{Group, GroupDrive, Over, SuiteOutcome, groups, table};
 pub use page::render;
