@@ -8,7 +8,7 @@ Each check prints one line with what it measured. The last line is
 Checks that measure no time run first, two at a time or as many as `--jobs`
 says; each of the others has the machine to itself.
 
-Python 3.9 or newer and its standard library. Stock packages go into virtual
+Python 3.9 or newer, its standard library, and pip 22.3 or newer. Stock packages go into virtual
 environments and a node_modules under `target/interop/`, made once. Checks by
 the stand-in simulator need the shared folder (LAPWING_SHARED, by default
 `shared` beside the checkout) and are skipped without it, those of the
