@@ -1,6 +1,12 @@
 //! Tracks as scoring needs them: known roads on which drives are located, and their outlines on a page.
 
-use std::{cell::OnceCell, sync::Arc};
+use std::{
+    cell::OnceCell,
+    collections::{HashMap, HashSet},
+    fs,
+    path::PathBuf,
+    sync::Arc,
+};
 
 use glam::DVec3;
 
@@ -28,9 +34,14 @@ impl Roads {
     /// The roads that come with Lapwing, and more, named as for [`Track::open`]. None is known twice: it would explain a drive as well
     /// as itself.
     pub fn with(more: &[String]) -> Self {
-        let mut others: Vec<String> = vec![];
+        let (mut others, mut seen): (Vec<String>, HashSet<PathBuf>) = Default::default();
         for name in more.iter().filter(|name| !Track::NAMES.contains(&name.as_str())) {
-            if !others.contains(name) {
+            let same = match name.as_str() {
+                "random" => "random:0".into(),
+                "random-lanes" => "random-lanes:0".into(),
+                path => fs::canonicalize(path).unwrap_or_else(|_| path.into()),
+            };
+            if seen.insert(same) {
                 others.push(name.clone());
             }
         }
@@ -40,7 +51,7 @@ impl Roads {
     /// All of them.
     ///
     /// # Errors
-    /// Those of [`Track::open`].
+    /// Those of [`Track::open`]; [`TrackError::SameName`].
     pub fn known(&self) -> Result<Vec<Arc<Road>>, TrackError> {
         Ok(self.ways()?.iter().map(|[road, _]| road.clone()).collect())
     }
@@ -48,7 +59,7 @@ impl Roads {
     /// All of them, each in its own direction and the other way round.
     ///
     /// # Errors
-    /// Those of [`Track::open`].
+    /// As [`Roads::known`].
     pub fn both_ways(&self) -> Result<Vec<Arc<Road>>, TrackError> {
         Ok(self.ways()?.concat())
     }
@@ -57,7 +68,17 @@ impl Roads {
         if let Some(known) = self.known.get() {
             return Ok(known);
         }
-        let known = self.names().map(|name| Ok(known_road(name)?.map(Arc::new))).collect::<Result<_, TrackError>>()?;
+        let known = self
+            .names()
+            .map(|name| Ok(known_road(Track::open(name)?)?.map(Arc::new)))
+            .collect::<Result<Vec<_>, TrackError>>()?;
+        let mut called = HashMap::new();
+        for ([road, _], second) in known.iter().zip(self.names()) {
+            if let Some(first) = called.insert(&road.name, second) {
+                let (first, second) = (first.to_owned(), second.to_owned());
+                return Err(TrackError::SameName { first, second, name: road.name.clone() });
+            }
+        }
         Ok(self.known.get_or_init(|| known))
     }
 
@@ -121,13 +142,13 @@ fn from_above(point: DVec3) -> [f32; 2] {
     [point.x as f32, point.z as f32]
 }
 
-/// The road of a track, named as for [`Track::open`], by its driving line, with the look of its start; and the same road the other
+/// The road of a track, by its driving line, with the look of its start; and the same road the other
 /// way round, by the line there, with what is seen at the start if the car is turned round.
 ///
 /// # Errors
-/// Those of [`Track::open`].
-pub fn known_road(name: &str) -> Result<[Road; 2], TrackError> {
-    let KnownRoad { name, line, back: (back, places), starts } = KnownRoad::of(name)?;
+/// Those of [`Track::reversed`].
+pub fn known_road(track: Track) -> Result<[Road; 2], TrackError> {
+    let KnownRoad { name, line, back: (back, places), starts } = KnownRoad::of(track)?;
     let [there, away] = starts.each_ref().map(Look::of);
     let road = |Line { start_m, length_m, headings }, look| Road::new(name.clone(), start_m, length_m, look, headings);
     Ok([road(line, there), road(back, away).against(places)])
@@ -154,6 +175,25 @@ mod tests {
     fn no_road_is_known_twice() {
         let more = ["lake", "random:3", "jungle", "random:3"].map(str::to_owned);
         assert_eq!(Roads::with(&more).names().collect::<Vec<_>>(), ["lake", "jungle", "mountain", "random:3"]);
+        let more = ["random:0", "random"].map(str::to_owned);
+        assert_eq!(Roads::with(&more).names().count(), 4);
+    }
+
+    #[test]
+    fn two_roads_of_one_name_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let files = [1, 2].map(|seed| {
+            let mut file = Track::open(&format!("random:{seed}")).unwrap().file().clone();
+            file.name = "mine".into();
+            let path = dir.path().join(format!("{seed}.toml"));
+            fs::write(&path, toml::to_string(&file).unwrap()).unwrap();
+            path.display().to_string()
+        });
+        let error = Roads::with(&files).known().unwrap_err().to_string();
+        let [first, second] = &files;
+        let expected =
+            format!("--track {first}, --track {second}: expected roads of different names, got \"mine\" in both");
+        assert!(error.starts_with(&expected), "{error}");
     }
 
     #[test]
@@ -161,7 +201,7 @@ mod tests {
         for name in ["jungle", "lake"] {
             let track = Track::named(name).unwrap();
             let line = track.driving_line().to_vec();
-            let [road, _] = known_road(name).unwrap().map(Arc::new);
+            let [road, _] = known_road(Track::open(name).unwrap()).unwrap().map(Arc::new);
             let first = line.iter().position(|point| point.travelled >= road.start_m).unwrap();
             let mut filter = Filter::at_start(road.clone(), rand_chacha::ChaCha8Rng::seed_from_u64(3));
             let mut driven = 0.0;
@@ -199,7 +239,9 @@ mod tests {
         for name in Track::NAMES {
             let track = Track::named(name).unwrap();
             let back = track.reversed().unwrap();
-            for (road, frame) in known_road(name).unwrap().into_iter().zip(see_starts(track, back)) {
+            for (road, frame) in
+                known_road(Track::open(name).unwrap()).unwrap().into_iter().zip(see_starts(track, back))
+            {
                 let (agrees, words) = (road.start.as_ref().unwrap().agrees(&Look::of(&frame).unwrap()), road.words());
                 assert!(
                     agrees > 0.95,
@@ -212,7 +254,7 @@ mod tests {
     #[test]
     fn who_drives_the_other_way_round_goes_back_along_the_road_lap_by_lap() {
         for name in Track::NAMES {
-            let [there, back] = known_road(name).unwrap();
+            let [there, back] = known_road(Track::open(name).unwrap()).unwrap();
             let steps: Vec<f64> = (0..100).map(|i| back.length_m * f64::from(i) / 100.0).collect();
             let places: Vec<f64> = steps.iter().map(|s_m| back.on_track(*s_m)).collect();
             assert!(places.windows(2).all(|two| two[1] < two[0]), "{name}: {places:.0?}");
@@ -227,7 +269,8 @@ mod tests {
 
     #[test]
     fn in_any_weather_a_start_looks_most_like_itself() {
-        let ways: Vec<Road> = Track::NAMES.iter().flat_map(|name| known_road(name).unwrap()).collect();
+        let ways: Vec<Road> =
+            Track::NAMES.iter().flat_map(|name| known_road(Track::open(name).unwrap()).unwrap()).collect();
         for (i, name) in Track::NAMES.iter().enumerate() {
             let track = Track::named(name).unwrap();
             let (scenery, back) = (Arc::new(Scenery::new(&track)), track.reversed().unwrap());

@@ -59,7 +59,7 @@ use lapwing_core::{
     recording::{CameraPosition, RecordingError},
 };
 use lapwing_score::{
-    odometry::{self, BENDS_M, Leg, Look, Road, is_nearly},
+    odometry::{self, BENDS_M, Leg, Look, PLAUSIBLE_WAY, Road, is_nearly},
     score::Turned,
 };
 use lapwing_sim::{
@@ -68,10 +68,6 @@ use lapwing_sim::{
     locate::{FOUND, LaneTable, LaneTableError, Located, LocatedDrive, Overlay, Pose, seen},
     track::{Track, TrackError},
 };
-
-/// A road is not believed if the car would have gone more or less than this many times as far there as its speed says. Real recordings
-/// that are found by their bends went 0.99 to 1.01; 656 m of a road that nobody knew, on the lake, 2.01.
-const PLAUSIBLE_WAY: std::ops::RangeInclusive<f64> = 0.92..=1.08;
 
 /// What to do about a road that is not known.
 const ANOTHER_ROAD: &str = "if it was on another road, name that with --track FILE.toml";

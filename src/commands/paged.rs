@@ -174,7 +174,7 @@ impl Stage {
             let mut courses = shipped.clone();
             let track = &setup.track;
             if !courses.iter().any(|course| course.name == track.file().name) {
-                let ways = known::known_road(spec.track.as_deref().unwrap_or(&settings.simulator.track))?;
+                let ways = known::known_road((**track).clone())?;
                 courses.push(known::course(track, ways.map(Arc::new)));
             }
             page.has_courses(courses);

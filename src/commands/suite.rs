@@ -4,6 +4,7 @@ use std::{
     collections::BTreeMap,
     io::{self, IsTerminal},
     path::{Path, PathBuf},
+    slice,
 };
 
 use anyhow::{Context, bail};
@@ -140,11 +141,12 @@ fn report(
 
 /// A report beside each run that was kept and has none yet.
 fn reports(outcome: &SuiteOutcome, results: &Results) -> anyhow::Result<()> {
-    let roads = Roads::default();
-    for run in outcome.groups.iter().flat_map(|group| &group.drives).filter_map(|drive| drive.run.as_ref()) {
+    for drive in outcome.groups.iter().flat_map(|group| &group.drives) {
+        let Some(run) = &drive.run else { continue };
         let run = results.file(run);
         let page = run.with_extension("html");
         if run.exists() && !page.exists() {
+            let roads = Roads::with(slice::from_ref(&drive.track));
             outputs::write(&page, &score::report(run, &roads)?)?;
         }
     }

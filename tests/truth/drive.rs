@@ -93,7 +93,7 @@ pub fn loop_road(dir: &Path) -> ((Arc<Track>, Arc<Scenery>), Arc<Road>) {
     let path = path.to_str().unwrap();
     let track = Track::open(path).unwrap();
     let scenery = Arc::new(Scenery::new(&track));
-    let [road, _] = known_road(path).unwrap().map(Arc::new);
+    let [road, _] = known_road(track.clone()).unwrap().map(Arc::new);
     ((Arc::new(track), scenery), road)
 }
 

@@ -74,12 +74,11 @@ fn travelled(track: &Track, point: DVec3) -> f64 {
 }
 
 impl KnownRoad {
-    /// The known road of a track, named as for [`Track::open`].
+    /// The known road of a track.
     ///
     /// # Errors
-    /// Those of [`Track::open`].
-    pub fn of(name: &str) -> Result<Self, TrackError> {
-        let track = Track::open(name)?;
+    /// Those of [`Track::reversed`].
+    pub fn of(track: Track) -> Result<Self, TrackError> {
         let (line, other) = (Line::of(&track), track.reversed()?);
         let back = Line::of(&other);
         // Neighbouring places are far less than half a lap apart, so the shorter way around is the right one.
@@ -90,7 +89,8 @@ impl KnownRoad {
             last
         };
         let places = spaced(back.length_m).map(place).collect();
-        let name_of_its_own = track.file().name.clone();
+        // No road of one's own may be called as one of those.
+        let name = track.file().name.clone();
         let starts = match Track::NAMES.iter().position(|shipped| *shipped == name) {
             Some(i) => STARTS[i].map(|jpeg| {
                 let mut frame = Frame::default();
@@ -99,7 +99,7 @@ impl KnownRoad {
             }),
             None => see_starts(track, other),
         };
-        Ok(Self { name: name_of_its_own, line, back: (back, places), starts })
+        Ok(Self { name, line, back: (back, places), starts })
     }
 }
 
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn a_road_is_as_long_as_its_line_and_is_headed_as_it_at_both_ends() {
-        let road = KnownRoad::of("lake").unwrap();
+        let road = KnownRoad::of(Track::named("lake").unwrap()).unwrap();
         let track = Track::named("lake").unwrap();
         assert_eq!((road.name.as_str(), road.line.length_m), ("lake", track.driving_line_length()));
         let [first, .., last] = road.line.headings[..] else { panic!("{road:?}") };
@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn the_way_back_is_that_of_the_lane_there_beside_the_same_places_of_the_road() {
         for name in Track::NAMES {
-            let KnownRoad { line, back: (back, places), .. } = KnownRoad::of(name).unwrap();
+            let KnownRoad { line, back: (back, places), .. } = KnownRoad::of(Track::open(name).unwrap()).unwrap();
             let track = Track::named(name).unwrap();
             assert_eq!(places.len(), back.headings.len(), "{name}");
             let around_m = places[0] - places[places.len() - 1];

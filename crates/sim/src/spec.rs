@@ -36,6 +36,14 @@ pub enum SpecError {
     /// No such track.
     #[error(transparent)]
     Track(#[from] TrackError),
+    /// No such track as the scenario names.
+    #[error("{scenario}: track: {source}")]
+    ScenarioTrack {
+        /// The scenario that was asked for.
+        scenario: String,
+        /// What is wrong with its track.
+        source: Box<TrackError>,
+    },
     /// No such conditions.
     #[error("{given}")]
     Conditions {
@@ -76,8 +84,14 @@ impl WorldSpec {
     pub fn setup(&self, settings: &SimulatorSettings) -> Result<Setup, SpecError> {
         // Settled here, so that its speeds are known before the drive.
         let scenario = self.scenario.as_deref().map(scenario).transpose()?.map(|s| s.settle(self.seed));
-        let of_scenario = || scenario.as_ref().and_then(|scenario| scenario.track.as_deref());
-        let track = Track::open(self.track.as_deref().or_else(of_scenario).unwrap_or(&settings.track))?;
+        let of_scenario = scenario.as_ref().and_then(|scenario| scenario.track.as_deref());
+        let track = match (&self.track, of_scenario) {
+            (None, Some(name)) => Track::open(name).map_err(|source| SpecError::ScenarioTrack {
+                scenario: self.scenario.clone().unwrap_or_default(),
+                source: Box::new(source),
+            })?,
+            (given, _) => Track::open(given.as_deref().unwrap_or(&settings.track))?,
+        };
         let longest_s = self.longest_s.or(scenario.as_ref().map(|s| s.duration_s));
         let scenery = Arc::new(Scenery::new(&track));
         Ok(Setup {
@@ -117,7 +131,9 @@ fn scenario(name: &str) -> Result<Scenario, SpecError> {
     let path = Path::new(name);
     if path.extension().is_some_and(|extension| extension == "toml") {
         let text = config::text_of(path).map_err(SpecError::Read)?;
-        return Scenario::parse(&text).map_err(|source| SpecError::ScenarioFile { path: name.into(), source });
+        return Scenario::parse(&text)
+            .and_then(Scenario::with_name_of_its_own)
+            .map_err(|source| SpecError::ScenarioFile { path: name.into(), source });
     }
     Scenario::named(name).map_err(SpecError::Scenario)
 }
@@ -132,6 +148,18 @@ mod tests {
         let track = |spec: WorldSpec| spec.setup(&settings).unwrap().track.file().name.clone();
         assert_eq!(track(WorldSpec::default()), "jungle");
         assert_eq!(track(WorldSpec { track: Some("lake".into()), ..WorldSpec::default() }), "lake");
+    }
+
+    #[test]
+    fn a_track_that_is_not_there_is_said_to_be_the_scenarios() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("mine.toml");
+        let mine = Scenario { name: "mine".into(), track: Some("laek".into()), ..Scenario::named("ccrs").unwrap() };
+        std::fs::write(&path, toml::to_string(&mine).unwrap()).unwrap();
+        let path = path.display().to_string();
+        let spec = WorldSpec { scenario: Some(path.clone()), ..WorldSpec::default() };
+        let error = spec.setup(&SimulatorSettings::default()).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("{path}: track: unknown track")), "{error}");
     }
 
     #[test]

@@ -24,7 +24,8 @@ use lapwing_core::motion::turn;
 
 pub use filter::{EXPLAINED, Filter, Milestone, Whereabouts};
 pub use finder::{
-    ASTRAY, BENDS_M, Found, LIKELY, Leg, NEAR_M, SURE, Tried, both_ways, ends, find, is_nearly, joins, nearly_explains,
+    ASTRAY, BENDS_M, Found, LIKELY, Leg, NEAR_M, PLAUSIBLE_WAY, SURE, Tried, both_ways, ends, find, is_nearly, joins,
+    nearly_explains,
 };
 pub use lapwing_core::words::road as words;
 pub use look::Look;

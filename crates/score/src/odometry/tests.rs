@@ -149,6 +149,27 @@ fn a_drive_that_only_looks_as_if_it_began_at_the_start_is_found_by_its_bends() {
 }
 
 #[test]
+fn a_start_that_looks_alike_names_no_road_that_bends_otherwise_and_none_of_two_that_bend_alike() {
+    let rgb = (0..320 * 160).flat_map(|i: usize| [(i % 320 / 2) as u8, (i / 320) as u8, (i % 97) as u8]).collect();
+    let look = Look::of(&Frame::new(320, 160, rgb).unwrap()).unwrap();
+    let beginning = |name: &str, like: &Road| {
+        Arc::new(Road::new(name.into(), 0.0, 1000.0, Some(look.clone()), like.headings.clone()))
+    };
+    let driven = bends("a", 1000.0, 0.3);
+    let other = road("b", 1000.0, |share| -TAU * share + 1.5 * (15.0 * TAU * share).sin());
+    let mut legs = vec![Leg { motion: Motion::default(), apart_s: 2.0, broken: None }];
+    drive(&driven, 0.0, 600.0, |motion| legs.push(Leg { motion, apart_s: 0.067, broken: None }));
+    let names = |roads: &[Arc<Road>]| {
+        let found = find(&legs, Some(&look), roads);
+        (found.sure().map(|on| on.road.name.clone()), found.by_start)
+    };
+    assert_eq!(names(&[beginning("b", &other)]), (None, false));
+    assert_eq!(names(&[beginning("b", &other), beginning("a", &driven)]), (Some("a".into()), true));
+    assert_eq!(names(&[beginning("a", &driven), beginning("b", &other)]), (Some("a".into()), true));
+    assert_eq!(names(&[beginning("a", &driven), beginning("copy", &driven)]), (None, true));
+}
+
+#[test]
 fn a_drive_ends_wherever_the_road_bends_as_it_did_and_nowhere_else() {
     let ends = |road: &Arc<Road>| {
         let mut legs = vec![];

@@ -67,6 +67,9 @@ pub struct Group {
 /// A drive of a group, by itself.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GroupDrive {
+    /// Its track, as the suite names it.
+    #[serde(skip)]
+    pub track: String,
     /// Its seed.
     pub seed: u64,
     /// What went wrong, in words; none if all went well.
@@ -133,6 +136,7 @@ pub fn groups(done: &[Done]) -> Vec<Group> {
         };
         let figures = Figure::ALL.into_iter().filter_map(over).collect();
         let alone = |one: &&Done| GroupDrive {
+            track: one.cell.track.clone(),
             seed: one.cell.seed,
             failed: one.failed(),
             bad_frames: one.bad_frames.clone(),

@@ -43,7 +43,7 @@ pub struct Scenario {
     pub name: String,
     /// What happens, and which protocol it follows.
     pub description: String,
-    /// On which track; any if absent.
+    /// On which track, looked for from the current folder if it is a file; any if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub track: Option<String>,
     /// Our car.
@@ -305,6 +305,17 @@ impl Scenario {
         let scenario: Self = toml::from_str(text)?;
         scenario.check()?;
         Ok(scenario)
+    }
+
+    /// The same, unless it is called as one that comes with Lapwing and is another: drives are compared by the scenario's name.
+    pub(crate) fn with_name_of_its_own(self) -> Result<Self, ScenarioError> {
+        if Self::named(&self.name).is_ok_and(|known| known != self) {
+            let (name, got) = (self.name.clone(), format!("{:?}", self.name));
+            let expected =
+                "a name of its own, as drives are compared by it and this one comes with Lapwing: rename it".to_owned();
+            return Err(ScenarioError::Value { name, what: "name".into(), expected, got });
+        }
+        Ok(self)
     }
 }
 

@@ -131,6 +131,16 @@ fn what_is_no_scenario_is_refused_with_its_place() {
 }
 
 #[test]
+fn only_the_scenario_that_comes_with_lapwing_may_be_called_as_it() {
+    let ccrs = Scenario::named("ccrs").unwrap();
+    assert_eq!(ccrs.clone().with_name_of_its_own().unwrap(), ccrs);
+    let other = Scenario { duration_s: ccrs.duration_s + 1.0, ..ccrs };
+    let error = other.clone().with_name_of_its_own().unwrap_err().to_string();
+    assert!(error.starts_with("scenario ccrs: name: expected a name of its own"), "{error}");
+    Scenario { name: "mine".into(), ..other }.with_name_of_its_own().unwrap();
+}
+
+#[test]
 fn a_scenario_is_written_as_it_is_read() {
     for name in Scenario::NAMES {
         let scenario = Scenario::named(name).unwrap();

@@ -204,6 +204,18 @@ pub enum TrackError {
         /// The name in the file.
         got: String,
     },
+    /// Two roads that recordings cannot tell apart.
+    #[error(
+        "--track {first}, --track {second}: expected roads of different names, got {name:?} in both: rename one of them"
+    )]
+    SameName {
+        /// How one was asked for.
+        first: String,
+        /// And the other.
+        second: String,
+        /// What both call themselves.
+        name: String,
+    },
     /// Not the TOML of a track.
     #[error("track file: {}", suggesting(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
@@ -278,8 +290,9 @@ impl TrackFile {
             let next = self.control_points[(i + 1) % self.control_points.len()];
             let apart = (point[0] - next[0]).hypot(point[2] - next[2]);
             if !point.iter().all(|x| x.abs() < 1e5) || !(0.5..=200.0).contains(&apart) {
-                let expected = "finite metres, 0.5 to 200 m from the next";
-                return wrong(format!("control point {i}"), expected, format!("{point:?}"));
+                let expected =
+                    "finite metres, 0.5 to 200 m from the next (after the last comes the first: it is not repeated)";
+                return wrong(format!("control point {i}"), expected, format!("{point:?}, {apart:.1} m from {next:?}"));
             }
             around_m += apart;
         }

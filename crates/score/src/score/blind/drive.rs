@@ -6,13 +6,18 @@ use bytes::Bytes;
 
 use super::passage::{DistanceLog, way_to};
 use crate::{
-    odometry::{BEGINNING_M, BENDS_M, EVERY_M, Found, Leg, Look, Match, Road, SURE, Tried, find, is_nearly, laps},
+    odometry::{
+        BEGINNING_M, BENDS_M, EVERY_M, Found, Leg, Look, Match, PLAUSIBLE_WAY, Road, SURE, Tried, find, is_nearly, laps,
+    },
     score::{
         drives::{DriveFound, OnRoad, RoadTried, Turned},
         scorer::UNTIMED_LOG,
     },
 };
-use lapwing_core::perception::{Frame, decode_jpeg};
+use lapwing_core::{
+    perception::{Frame, decode_jpeg},
+    recording::Break,
+};
 
 /// Steering that explains a drive this well, as a log likelihood for each 10 m, is as good as pictures: steering that is geared
 /// 0.7 to 1.4 times as ours named a wrong road on real recordings, each time with -1.2 or less.
@@ -24,6 +29,9 @@ const WEAVING_M: f64 = 6.0;
 /// laps are looked for, at least and at most.
 const SURELY_M: f64 = 20.0;
 const SEARCH_M: (f64, f64) = (30.0, 80.0);
+
+/// So many standard deviations the way along a road may be off besides.
+const DEVIATIONS: f64 = 2.0;
 
 /// How much longer or shorter one lap of an unknown road may be than another, as a share.
 const UNEVEN: f64 = 0.08;
@@ -168,7 +176,19 @@ impl Drive {
         })?;
         let legs: Vec<Leg> = self.legs.iter().map(|(_, leg)| *leg).collect();
         let best = best.clone().counted_from_its_start(found.by_start, &legs);
-        if found.by_start || best.fit() > STEERED {
+        // Across a gap the car goes on, and its speed is not known.
+        let is_whole = legs.iter().all(|leg| leg.broken.is_none_or(|broken| matches!(broken, Break::Unseen(_))));
+        let (gone_m, off_m) = (best.place.progress_m, DEVIATIONS * best.place.deviation_m);
+        let is_plausible =
+            gone_m + off_m >= PLAUSIBLE_WAY.start() * way_m && gone_m - off_m <= PLAUSIBLE_WAY.end() * way_m;
+        if is_whole && way_m > BENDS_M && !is_plausible {
+            let (road, times) = (best.road.words(), gone_m / way_m);
+            return Err(format!(
+                "its bends fit {road}, but there it would have gone {times:.2} times as far as its speed says: if it was on another \
+                 road, add that with --track"
+            ));
+        }
+        if best.fit() > STEERED {
             return Ok(best);
         }
         // Bends that are alike are not enough: the way around a road is as long as the road.

@@ -123,6 +123,16 @@ fn on_a_road_that_nobody_knows_neither_track_nor_completion_is_made_up() {
 }
 
 #[test]
+fn a_road_on_which_the_car_would_have_gone_too_far_is_not_believed() {
+    let headings = (0..=500).map(|i| heading(f64::from(i) * 2.0)).collect();
+    let wide = Road::new("wide".into(), 0.0, 1.15 * LENGTH_M, None, headings);
+    let card = crashed_after(1500.0, &[Arc::new(wide)], heading);
+    assert_eq!(card.track, None, "{card}");
+    let told = card.to_string();
+    assert!(told.contains("its bends fit wide") && told.contains("times as far as its speed says"), "{told}");
+}
+
+#[test]
 fn a_drive_that_is_too_short_to_tell_its_road_is_not_told_to_match_none() {
     let twin = Road::new("twin".into(), 0.0, LENGTH_M, None, (0..=500).map(|i| heading(f64::from(i) * 2.0)).collect());
     for roads in [vec![road()], vec![road(), Arc::new(twin)]] {
